@@ -15,12 +15,12 @@ import vdfmu
 from benchmarks.report import Report, Table
 from benchmarks.system import packed
 from benchmarks.timing import processor_time
-from vdfmu.analysis.gains import GROWTH
-from vdfmu.analysis.margins import ArmLoops
-from vdfmu.analysis.modes import natural_modes
-from vdfmu.analysis.reach import reach_scenario
-from vdfmu.kernel.cache import COMPILER, cache_folder
-from vdfmu.model import Robot, load_robot, robot_names
+from vdfmu.arm.robot import Robot, load_robot, robot_names
+from vdfmu.compiler.functions.cache import COMPILER, cache_folder
+from vdfmu.study.analysis.gains import GROWTH
+from vdfmu.study.analysis.margins import ArmLoops
+from vdfmu.study.analysis.modes import natural_modes
+from vdfmu.study.analysis.reach import reach_scenario
 
 TITLE = "The shipped arms"
 

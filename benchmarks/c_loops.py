@@ -21,11 +21,11 @@ from matplotlib.figure import Figure
 from benchmarks.chains import random_motion, repeated_link
 from benchmarks.compiled import write_library
 from benchmarks.report import COLOURS, Report, Table, machine, new_figure, tidy
-from vdfmu.errors import FmuError
-from vdfmu.fmu.native.compile import compiler_version, native_available
-from vdfmu.kernel import Kernel
-from vdfmu.kernel.cache import cache_folder, load, store
-from vdfmu.model import Robot, load_robot
+from vdfmu.arm.robot import Robot, load_robot
+from vdfmu.base.errors import FmuError
+from vdfmu.compiler.c.compile import compiler_version, native_available
+from vdfmu.compiler.functions import Kernel
+from vdfmu.compiler.functions.cache import cache_folder, load, store
 
 TITLE = "Generated rigid-body dynamics against Pinocchio, from loops of compiled code"
 ALGORITHMS = {"inverse_dynamics": ("rnea",), "forward_dynamics": ("aba_local", "aba_world")}

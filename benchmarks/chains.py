@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 
 from benchmarks.counting import Counter
-from vdfmu.model import Robot, load_robot
-from vdfmu.model.parameters import PARAMETERS
+from vdfmu.arm.robot import Robot, load_robot
+from vdfmu.arm.robot.parameters import PARAMETERS
 
 _RIGID = ("rotation", "offset", "mass", "centroid", "inertia")
 

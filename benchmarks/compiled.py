@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.fmu.native.compile import compile_library
-from vdfmu.fmu.native.kernels import kernel_source
-from vdfmu.fmu.native.platforms import PLATFORMS, this_platform
-from vdfmu.kernel.functions import Functions
+from vdfmu.compiler.c.compile import compile_library
+from vdfmu.compiler.c.files import kernel_source
+from vdfmu.compiler.c.platforms import PLATFORMS, this_platform
+from vdfmu.compiler.functions.functions import Functions
 
 
 def write_library(

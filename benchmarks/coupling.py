@@ -18,15 +18,15 @@ from benchmarks.fit import Exponent, fit_exponent
 from benchmarks.order import EXPECTED, triangle
 from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
 from benchmarks.system import Clock, least, packed, quiet_run
-from vdfmu.engine.cosim import Results
-from vdfmu.engine.cosim.continuous import ContinuousStepper
-from vdfmu.engine.cosim.results import Signal
-from vdfmu.fmu.native.compile import native_available
-from vdfmu.model import Robot
-from vdfmu.scenario import Scenario, load_scenario
-from vdfmu.ssp.description import SystemDescription
-from vdfmu.study.reference import reference
-from vdfmu.study.summary import power_bond
+from vdfmu.arm.robot import Robot
+from vdfmu.compiler.c.compile import native_available
+from vdfmu.engine.masters.continuous import ContinuousStepper
+from vdfmu.engine.results.results import Signal
+from vdfmu.engine.run import Results
+from vdfmu.study.run.summary import power_bond
+from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.reference.reference import reference
+from vdfmu.system.scenario import Scenario, load_scenario
 
 TITLE = "Work and precision: the coupled system"
 STEPS = {

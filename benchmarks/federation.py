@@ -13,11 +13,11 @@ from pythonfmu.builder import FmuBuilder
 import vdfmu
 from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
 from benchmarks.system import Clock, least, median, packed, quiet
+from vdfmu.base.files import pack_zip
+from vdfmu.compiler.c.compile import native_available
 from vdfmu.engine.federation import CORES
-from vdfmu.engine.ssp.structure import Component, Connection, Connector, System
-from vdfmu.files import pack_zip
-from vdfmu.fmu.native.compile import native_available
-from vdfmu.scenario import load_scenario
+from vdfmu.engine.package.system import Component, Connection, Connector, System
+from vdfmu.system.scenario import load_scenario
 
 TITLE = "Federates"
 SPLITS: dict[str, Sequence[str]] = {"2": ["plant"], "4": ["plant", "feedforward", "controller"]}

@@ -25,10 +25,10 @@ from benchmarks.fit import fit_exponent
 from benchmarks.report import Report, Table
 from benchmarks.rigid import pinocchio_model
 from benchmarks.timing import Case, measure
-from vdfmu.equations.plant import equilibrium_torque
-from vdfmu.fmu import build_fmus
-from vdfmu.kernel.cache import COMPILER, cache_folder
-from vdfmu.model import Robot
+from vdfmu.arm.equations.plant import equilibrium_torque
+from vdfmu.arm.robot import Robot
+from vdfmu.compiler.fmu import build_fmus
+from vdfmu.compiler.functions.cache import COMPILER, cache_folder
 
 TITLE = "Growth of the FMUs with the number of joints"
 _UNITS = ("trajectory", "feedforward", "controller", "plant")

@@ -13,16 +13,16 @@ import numpy as np
 
 from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
 from benchmarks.system import packed
-from vdfmu.engine.cosim import Simulator
-from vdfmu.fmu.native.kernels import kernel_source
-from vdfmu.fmu.native.loaded import SHOWN, loaded
-from vdfmu.kernel.c_code import c_prototype
-from vdfmu.kernel.structure import values
-from vdfmu.kernel.trace import traced_function
-from vdfmu.model import Robot
-from vdfmu.scenario import load_scenario
-from vdfmu.unit.interface import Interface
-from vdfmu.units.plant import Plant
+from vdfmu.arm.robot import Robot
+from vdfmu.arm.robot.structure import values
+from vdfmu.arm.robot.traced import traced_function
+from vdfmu.arm.units.plant import Plant
+from vdfmu.compiler.c.files import kernel_source
+from vdfmu.compiler.c.functions import c_prototype
+from vdfmu.compiler.c.loaded import SHOWN, loaded
+from vdfmu.compiler.unit.interface import Interface
+from vdfmu.engine.run import Simulator
+from vdfmu.system.scenario import load_scenario
 
 TITLE = "One gradient of a cost by 12 gains: differences and the adjoint"
 MASS = 1.1

@@ -17,12 +17,12 @@ from benchmarks.fit import Exponent, Polynomial, exact_polynomial, fit_exponent,
 from benchmarks.lagrange import lagrange_inverse_dynamics
 from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
 from benchmarks.timing import Case, measure
-from vdfmu.equations.inverse_dynamics import inverse_dynamics
-from vdfmu.equations.newton_euler import newton_euler
-from vdfmu.kernel import KernelFunction
-from vdfmu.kernel.structure import symbolic_robot, values
-from vdfmu.model import Robot
-from vdfmu.scalar.symbol import from_sx, to_sx
+from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
+from vdfmu.arm.equations.newton_euler import newton_euler
+from vdfmu.arm.robot import Robot
+from vdfmu.arm.robot.structure import symbolic_robot, values
+from vdfmu.compiler.functions import KernelFunction
+from vdfmu.compiler.scalar.symbol import from_sx, to_sx
 
 TITLE = "Growth of inverse dynamics with the number of joints"
 FORMULATIONS: dict[str, Callable[..., np.ndarray]] = {

@@ -19,12 +19,12 @@ from matplotlib.figure import Figure
 from benchmarks.importer_worker import MARK
 from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
 from benchmarks.system import Clock, container_run, least, median, quiet_run, write_emptied
-from vdfmu.engine.cosim.container import write_container
-from vdfmu.fmu import build_fmus
-from vdfmu.fmu.native.compile import native_available
-from vdfmu.scenario import Scenario, load_scenario
-from vdfmu.scenario.values import system_values
-from vdfmu.ssp.write import write_ssp
+from vdfmu.compiler.c.compile import native_available
+from vdfmu.compiler.fmu import build_fmus
+from vdfmu.engine.container import write_container
+from vdfmu.system.package.write import write_ssp
+from vdfmu.system.scenario import Scenario, load_scenario
+from vdfmu.system.scenario.values import system_values
 
 TITLE = "Native FMUs in other importers"
 PACKAGES = {"ecos": ("ecospy", "tbb"), "libcosim": ("libcosimpy",)}

@@ -19,18 +19,18 @@ import numpy as np
 from benchmarks import importers
 from benchmarks.importers import ImporterError, ask, ask_rows
 from benchmarks.report import Report, Table
-from vdfmu.engine.cosim.container import write_container
-from vdfmu.engine.cosim.master import simulate
-from vdfmu.engine.ssp.read import load_ssp
-from vdfmu.errors import VdfmuError
-from vdfmu.fmu import build_fmus
-from vdfmu.scenario import Scenario, load_scenario
-from vdfmu.scenario.values import system_values
-from vdfmu.ssp.description import SystemDescription
-from vdfmu.ssp.osp import write_osp
-from vdfmu.ssp.write import write_ssp
-from vdfmu.study.reference import reference
-from vdfmu.units import shipped_units
+from vdfmu.arm.units import shipped_units
+from vdfmu.base.errors import VdfmuError
+from vdfmu.compiler.fmu import build_fmus
+from vdfmu.engine.container import write_container
+from vdfmu.engine.package.read import load_ssp
+from vdfmu.engine.run.master import simulate
+from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.package.osp import write_osp
+from vdfmu.system.package.write import write_ssp
+from vdfmu.system.reference.reference import reference
+from vdfmu.system.scenario import Scenario, load_scenario
+from vdfmu.system.scenario.values import system_values
 
 TITLE = "The system in other importers"
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.equations.rigid_body import link_body
-from vdfmu.scalar.generic import zeros
+from vdfmu.arm.equations.rigid_body import link_body
+from vdfmu.compiler.scalar.generic import zeros
 
 
 def _cross(a: Any, b: Any) -> np.ndarray:

@@ -10,10 +10,10 @@ import time
 import vdfmu
 from benchmarks.report import Report, Table
 from benchmarks.system import packed
-from vdfmu.engine.cosim.observer import Observer
-from vdfmu.fmu.native.compile import native_available
-from vdfmu.report.content import arm_of
-from vdfmu.scenario import load_scenario
+from vdfmu.compiler.c.compile import native_available
+from vdfmu.engine.masters.observer import Observer
+from vdfmu.study.report.content import arm_of
+from vdfmu.system.scenario import load_scenario
 
 TITLE = "What a live view costs the run that it shows"
 _CLIENT = """

@@ -14,17 +14,17 @@ from matplotlib.figure import Figure
 from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
 from benchmarks.system import packed, quiet_run
 from benchmarks.timing import Case, Stopwatch, measure, stopwatch_cost
-from vdfmu.engine.cosim import Results
-from vdfmu.engine.cosim.bank import Call
-from vdfmu.engine.cosim.component import Slave
-from vdfmu.engine.cosim.exchange import Exchange, SampledStepper
-from vdfmu.kernel import KernelFunction
-from vdfmu.kernel.structure import values
-from vdfmu.scenario import Scenario, load_scenario
-from vdfmu.scenario.values import group_value
-from vdfmu.unit.integrator import Integrator
-from vdfmu.unit.interface import Interface
-from vdfmu.units import shipped_units
+from vdfmu.arm.robot.structure import values
+from vdfmu.arm.units import shipped_units
+from vdfmu.compiler.functions import KernelFunction
+from vdfmu.compiler.unit.integrator import Integrator
+from vdfmu.compiler.unit.interface import Interface
+from vdfmu.engine.fmu.component import Slave
+from vdfmu.engine.masters.bank import Call
+from vdfmu.engine.masters.exchange import Exchange, SampledStepper
+from vdfmu.engine.run import Results
+from vdfmu.system.scenario import Scenario, load_scenario
+from vdfmu.system.scenario.values import group_value
 
 TITLE = "Where the time of one master step goes"
 UNITS = ("trajectory", "feedforward", "controller", "plant")

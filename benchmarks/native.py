@@ -14,11 +14,11 @@ from matplotlib.figure import Figure
 from benchmarks.native_plan import Plan, interpreter_parts, ready
 from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
 from benchmarks.system import Clock, container_run, least, median, packed, quiet_run, write_emptied
-from vdfmu.engine.cosim import Results
-from vdfmu.engine.cosim.container import write_container
-from vdfmu.fmu.native.compile import native_available
-from vdfmu.scenario import Scenario, load_scenario
-from vdfmu.scenario.replace import with_units
+from vdfmu.compiler.c.compile import native_available
+from vdfmu.engine.container import write_container
+from vdfmu.engine.run import Results
+from vdfmu.system.scenario import Scenario, load_scenario
+from vdfmu.system.scenario.replace import with_units
 
 TITLE = "Native FMUs: real-time factor and where the time of a step goes"
 UNITS = ("trajectory", "feedforward", "controller", "plant")

@@ -16,16 +16,16 @@ import numpy as np
 
 from benchmarks.system import quiet
 from benchmarks.timing import Case, measure
-from vdfmu.engine.cosim.check import check_system
-from vdfmu.engine.cosim.component import Slave
-from vdfmu.engine.cosim.exchange import Call, Exchange, SampledStepper
-from vdfmu.engine.cosim.isolated import Limits
-from vdfmu.engine.cosim.run import Run
-from vdfmu.engine.ssp.read import load_ssp
-from vdfmu.engine.ssp.structure import Component, System
-from vdfmu.files import pack_zip
-from vdfmu.fmu.native.compile import compile_library
-from vdfmu.fmu.native.platforms import PLATFORMS, this_platform
+from vdfmu.base.files import pack_zip
+from vdfmu.compiler.c.compile import compile_library
+from vdfmu.compiler.c.platforms import PLATFORMS, this_platform
+from vdfmu.engine.fmu.component import Slave
+from vdfmu.engine.masters.exchange import Call, Exchange, SampledStepper
+from vdfmu.engine.package.read import load_ssp
+from vdfmu.engine.package.system import Component, System
+from vdfmu.engine.plan.check import check_system
+from vdfmu.engine.run.isolated import Limits
+from vdfmu.engine.run.session import Run
 
 _COPY, _TRANSFER, _DO_STEP = range(3)
 

@@ -12,10 +12,10 @@ from matplotlib.figure import Figure
 from benchmarks.fit import Exponent, fit_exponent
 from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
 from benchmarks.system import packed, quiet_run
-from vdfmu.fmu.native.compile import native_available
-from vdfmu.scenario import Scenario, load_scenario
-from vdfmu.ssp.description import SystemDescription
-from vdfmu.study.reference import reference
+from vdfmu.compiler.c.compile import native_available
+from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.reference.reference import reference
+from vdfmu.system.scenario import Scenario, load_scenario
 
 TITLE = "Order in the communication step"
 ALGORITHMS = ("gauss-seidel", "jacobi", "extrapolated", "iterative")

@@ -24,16 +24,16 @@ import vdfmu
 from benchmarks.report import Report, Table
 from benchmarks.system import packed
 from benchmarks.timing import processor_time
-from vdfmu.batch.engine import Engine
-from vdfmu.batch.program import LANES
-from vdfmu.engine.cosim.container import write_container
-from vdfmu.fmu.native.compile import native_available
-from vdfmu.scenario import load_scenario
-from vdfmu.sweeps.axes import read_axes
-from vdfmu.sweeps.job import Bench, Job, Row
-from vdfmu.sweeps.ledger import Ledger
-from vdfmu.sweeps.measures import measured
-from vdfmu.sweeps.plan import Plan, make_plan
+from vdfmu.compiler.c.compile import native_available
+from vdfmu.engine.container import write_container
+from vdfmu.study.batch.engine import Engine
+from vdfmu.study.batch.program import LANES
+from vdfmu.study.sweeps.axes import read_axes
+from vdfmu.study.sweeps.job import Bench, Job, Row
+from vdfmu.study.sweeps.ledger import Ledger
+from vdfmu.study.sweeps.measures import measured
+from vdfmu.study.sweeps.plan import Plan, make_plan
+from vdfmu.system.scenario import load_scenario
 
 TITLE = "Parameter studies"
 AXIS, MEASURE = "controller.K_v[2]", "rms(trajectory.q_d - plant.q)"

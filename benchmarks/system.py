@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from vdfmu.engine.cosim import LogMessage, Results, simulate
-from vdfmu.engine.ssp.structure import Component, System
-from vdfmu.files import pack_zip
-from vdfmu.fmu.native.compile import compile_library
-from vdfmu.fmu.native.platforms import this_platform
-from vdfmu.scenario import Scenario
-from vdfmu.scenario.parts import build_parts
-from vdfmu.ssp.write import write_ssp
+from vdfmu.base.files import pack_zip
+from vdfmu.compiler.c.compile import compile_library
+from vdfmu.compiler.c.platforms import this_platform
+from vdfmu.engine.package.system import Component, System
+from vdfmu.engine.run import LogMessage, Results, simulate
+from vdfmu.system.package.write import write_ssp
+from vdfmu.system.scenario import Scenario
+from vdfmu.system.scenario.parts import build_parts
 
 
 @contextmanager
@@ -80,7 +80,7 @@ def quiet_run(
     tolerance : float, optional
         Of the plant's solver, in place of the package's.
     adaptive, convergence, progress, isolate : optional
-        See :func:`vdfmu.engine.cosim.simulate`.
+        See :func:`vdfmu.engine.run.simulate`.
     """
     parameters = None if tolerance is None else {"plant.tolerance": tolerance}
     return simulate(

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.analysis.system import packaged
-from vdfmu.engine.cosim import Simulator
-from vdfmu.engine.loops import GROWTH, Poses
-from vdfmu.errors import CosimError
-from vdfmu.scenario import load_scenario
-from vdfmu.scenario.values import group_value
+from vdfmu.base.errors import CosimError
+from vdfmu.engine.inspect.loops import GROWTH, Poses
+from vdfmu.engine.run import Simulator
+from vdfmu.study.analysis.system import packaged
+from vdfmu.system.scenario import load_scenario
+from vdfmu.system.scenario.values import group_value
 
 NUDGE = 1e-3
 """In rad/s, of all joints."""

@@ -17,7 +17,7 @@ import vdfmu
 from benchmarks.report import Report, Table
 from benchmarks.system import packed
 from benchmarks.timing import Case, measure
-from vdfmu.scenario import load_scenario
+from vdfmu.system.scenario import load_scenario
 
 TITLE = "Whole commands and calls"
 _LARGE = 60_000

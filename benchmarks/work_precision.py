@@ -22,12 +22,12 @@ from benchmarks.compiled import CompiledFunction, write_library
 from benchmarks.native_plan import loop_library
 from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
 from benchmarks.timing import Case, measure
-from vdfmu.fmu import build_fmus
-from vdfmu.fmu.native.compile import native_available
-from vdfmu.kernel.structure import values
-from vdfmu.model import Robot, load_robot
-from vdfmu.unit.interface import Interface
-from vdfmu.units.plant import Plant
+from vdfmu.arm.robot import Robot, load_robot
+from vdfmu.arm.robot.structure import values
+from vdfmu.arm.units.plant import Plant
+from vdfmu.compiler.c.compile import native_available
+from vdfmu.compiler.fmu import build_fmus
+from vdfmu.compiler.unit.interface import Interface
 
 TITLE = "Work and precision: the plant alone"
 COSIM, CVODE = "FMU, co-simulation", "FMU, model exchange, CVODE"

@@ -8,7 +8,7 @@ from typing import Any
 
 import griffe
 
-from vdfmu.model import Robot
+from vdfmu.arm.robot import Robot
 
 _TYPE = re.compile(r"^ *[\w*, ]+ : .*$", re.MULTILINE)
 _GROUP = re.compile(r"^((?:\w+,\s)+\w+)\n((?: +.*\n)+)", re.MULTILINE)

@@ -6,14 +6,14 @@ from itertools import groupby
 from typing import Any
 from xml.etree.ElementTree import Element
 
-from vdfmu.fmu.description import model_description
-from vdfmu.fmu.description3 import model_description_3
-from vdfmu.model import load_robot
-from vdfmu.model.parameters import JOINT_OPTIONS, PARAMETERS
-from vdfmu.model.read import POSITIVE
-from vdfmu.unit.interface import Array, Interface, general_description
-from vdfmu.unit.variable import Variable
-from vdfmu.units import package_units, shipped_units
+from vdfmu.arm.robot import load_robot
+from vdfmu.arm.robot.parameters import JOINT_OPTIONS, PARAMETERS
+from vdfmu.arm.units import package_units, shipped_units
+from vdfmu.base.toml_tables import POSITIVE
+from vdfmu.compiler.fmu.description import model_description
+from vdfmu.compiler.fmu.description3 import model_description_3
+from vdfmu.compiler.unit.interface import Array, Interface, general_description
+from vdfmu.compiler.unit.variable import Variable
 
 
 def interface_page() -> str:
@@ -182,7 +182,7 @@ hide: [toc]
 # FMU interface
 
 All variables of the FMUs: names, units, start values, bounds, dependencies. The page is made from the declarations of
-the units, `vdfmu/units/`, from which the FMUs, their model descriptions and the SSP come too.
+the units, `vdfmu/arm/units/`, from which the FMUs, their model descriptions and the SSP come too.
 
 It shows the interface for the paper's arm, `manipulator_6dof`. Another robot has the same groups with its own number
 of joints. Names count from 1. Start values of the robot's parameters are those of its file. What is zero by
@@ -206,7 +206,7 @@ hide: [toc]
 # Robot file
 
 Every key of a robot file, with its unit, bounds and default. The page is made from the table of a robot's parameters,
-`vdfmu/model/parameters.py`, by which files are checked and FMUs get their parameters.
+`vdfmu/arm/robot/parameters.py`, by which files are checked and FMUs get their parameters.
 
 A robot is one TOML file: [Write a robot](tutorials/own_robot.md#write-a-robot) has an example,
 [`vdfmu robot import`](importing.md) writes one from a URDF or MJCF. Every problem of a file is reported at once. Beside

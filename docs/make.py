@@ -12,7 +12,7 @@ from interface_pages import interface_page, robot_file_page
 from notebook_pages import NOTEBOOKS, page
 from reference_pages import command_line_page, scenario_file_page
 
-from vdfmu.files import write_whole
+from vdfmu.base.files import write_whole
 
 DOCS = Path(__file__).resolve().parent
 PAGES = {

@@ -11,8 +11,8 @@ import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
-from vdfmu.equations.kinematics import joint_placements  # noqa: E402
-from vdfmu.model import load_robot  # noqa: E402
+from vdfmu.arm.equations.kinematics import joint_placements  # noqa: E402
+from vdfmu.arm.robot import load_robot  # noqa: E402
 
 _STYLE = """
 svg { font: 15px system-ui, "DejaVu Sans", Arial, sans-serif; color: #24292f; --card: #fff; --part: #d5dbe3;

@@ -8,9 +8,9 @@ from typing import Any
 
 import typer.main
 
+from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.cli.commands import app
-from vdfmu.model.parameters import PARAMETERS
-from vdfmu.scenario.schema import scenario_schema
+from vdfmu.system.scenario.schema import scenario_schema
 
 
 def command_line_page() -> str:

@@ -11,17 +11,17 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from vdfmu.equations.plant import state_names
-from vdfmu.kernel import Kernel
-from vdfmu.kernel.cache import cache_folder
-from vdfmu.kernel.structure import values
-from vdfmu.model import Robot, check_robot, load_robot, robot_from_dict
-from vdfmu.model.parameters import JOINT_OPTIONS, section
-from vdfmu.unit.evaluate import Traced
-from vdfmu.unit.integrator import Integrator
-from vdfmu.unit.interface import Interface
-from vdfmu.unit.program import UnitFunctions
-from vdfmu.units import shipped_units
+from vdfmu.arm.equations.plant import state_names
+from vdfmu.arm.robot import Robot, check_robot, load_robot, robot_from_dict
+from vdfmu.arm.robot.parameters import JOINT_OPTIONS, section
+from vdfmu.arm.robot.structure import values
+from vdfmu.arm.units import shipped_units
+from vdfmu.compiler.functions import Kernel
+from vdfmu.compiler.functions.cache import cache_folder
+from vdfmu.compiler.unit.evaluate import Traced
+from vdfmu.compiler.unit.integrator import Integrator
+from vdfmu.compiler.unit.interface import Interface
+from vdfmu.compiler.unit.program import UnitFunctions
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell starts what it runs in the background
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -3,8 +3,8 @@
 Run as ``python tests/prepare.py``; what it makes stays in the cache, where the tests look.
 """
 
-from vdfmu.fmu.native import PLATFORMS
-from vdfmu.fmu.native.compile import Job, compile_libraries
+from vdfmu.compiler.c import PLATFORMS
+from vdfmu.compiler.c.compile import Job, compile_libraries
 
 SOURCE = b'#include <math.h>\n#include <stdio.h>\nint prepare(double x) { return printf("%g", sin(x)); }\n'
 

@@ -1,4 +1,4 @@
-"""A unit that misbehaves when it is told to: the FMU of ``tests/cosim/wild.c``."""
+"""A unit that misbehaves when it is told to: the FMU of ``tests/engine/wild.c``."""
 
 from __future__ import annotations
 

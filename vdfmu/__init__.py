@@ -37,12 +37,10 @@ Python API
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+from vdfmu.base.version import __version__
 
 if TYPE_CHECKING:
-    from vdfmu.analysis.modes import Modes, natural_modes
-    from vdfmu.analysis.space import linearize
-    from vdfmu.dynamics import (
+    from vdfmu.arm.dynamics import (
         forward_dynamics,
         forward_kinematics,
         gravity_torque,
@@ -50,55 +48,57 @@ if TYPE_CHECKING:
         jacobian,
         mass_matrix,
     )
-    from vdfmu.engine.cosim import Results, Simulator, simulate
-    from vdfmu.engine.cosim.container import write_container
+    from vdfmu.arm.imports import robot_from_mjcf, robot_from_urdf
+    from vdfmu.arm.motion.read import load_motion
+    from vdfmu.arm.robot import Robot, load_robot, robot_names
+    from vdfmu.base.errors import VdfmuError
+    from vdfmu.base.state_space import StateSpace
+    from vdfmu.compiler.fmu import build_fmus
+    from vdfmu.engine.container import write_container
     from vdfmu.engine.federation import federate
-    from vdfmu.engine.space import StateSpace
-    from vdfmu.engine.ssp import load_ssp
-    from vdfmu.engine.ssp.limits import package_limit
-    from vdfmu.errors import VdfmuError
-    from vdfmu.fmu import build_fmus
-    from vdfmu.model import Robot, load_robot, robot_names
-    from vdfmu.motion.read import load_motion
-    from vdfmu.report.animation import Animation, animate
-    from vdfmu.robots import robot_from_mjcf, robot_from_urdf
-    from vdfmu.scenario import Scenario, load_scenario, scenario_names
-    from vdfmu.ssp.osp import write_osp
-    from vdfmu.ssp.write import write_ssp
-    from vdfmu.study.run import run
-    from vdfmu.sweeps.run import sweep
-    from vdfmu.sweeps.table import Sweep
-    from vdfmu.tuning.run import tune
-    from vdfmu.view.live import LiveView
-    from vdfmu.view.robot import RobotView
+    from vdfmu.engine.package import load_ssp
+    from vdfmu.engine.package.limits import package_limit
+    from vdfmu.engine.run import Results, Simulator, simulate
+    from vdfmu.study.analysis.arm_space import linearize
+    from vdfmu.study.analysis.modes import Modes, natural_modes
+    from vdfmu.study.report.animation import Animation, animate
+    from vdfmu.study.run.first_run import run
+    from vdfmu.study.sweeps.sweep import sweep
+    from vdfmu.study.sweeps.table import Sweep
+    from vdfmu.study.tuning.tune import tune
+    from vdfmu.study.view.live import LiveView
+    from vdfmu.study.view.robot import RobotView
+    from vdfmu.system.package.osp import write_osp
+    from vdfmu.system.package.write import write_ssp
+    from vdfmu.system.scenario import Scenario, load_scenario, scenario_names
 
 _NAMES = {
-    "vdfmu.analysis.modes": ("Modes", "natural_modes"),
-    "vdfmu.analysis.space": ("linearize",),
-    "vdfmu.analysis.run": ("run",),
-    "vdfmu.dynamics": (
+    "vdfmu.study.analysis.modes": ("Modes", "natural_modes"),
+    "vdfmu.study.analysis.arm_space": ("linearize",),
+    "vdfmu.study.run.first_run": ("run",),
+    "vdfmu.arm.dynamics": (
         "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics", "jacobian", "mass_matrix",
     ),
-    "vdfmu.engine.cosim": ("Results", "Simulator", "simulate"),
-    "vdfmu.engine.cosim.container": ("write_container",),
+    "vdfmu.engine.run": ("Results", "Simulator", "simulate"),
+    "vdfmu.engine.container": ("write_container",),
     "vdfmu.engine.federation": ("federate",),
-    "vdfmu.engine.space": ("StateSpace",),
-    "vdfmu.engine.ssp": ("load_ssp",),
-    "vdfmu.engine.ssp.limits": ("package_limit",),
-    "vdfmu.errors": ("VdfmuError",),
-    "vdfmu.fmu": ("build_fmus",),
-    "vdfmu.model": ("Robot", "load_robot", "robot_names"),
-    "vdfmu.motion.read": ("load_motion",),
-    "vdfmu.report.animation": ("Animation", "animate"),
-    "vdfmu.robots": ("robot_from_mjcf", "robot_from_urdf"),
-    "vdfmu.scenario": ("Scenario", "load_scenario", "scenario_names"),
-    "vdfmu.ssp.osp": ("write_osp",),
-    "vdfmu.ssp.write": ("write_ssp",),
-    "vdfmu.sweeps.run": ("sweep",),
-    "vdfmu.sweeps.table": ("Sweep",),
-    "vdfmu.tuning.run": ("tune",),
-    "vdfmu.view.live": ("LiveView",),
-    "vdfmu.view.robot": ("RobotView",),
+    "vdfmu.base.state_space": ("StateSpace",),
+    "vdfmu.engine.package": ("load_ssp",),
+    "vdfmu.engine.package.limits": ("package_limit",),
+    "vdfmu.base.errors": ("VdfmuError",),
+    "vdfmu.compiler.fmu": ("build_fmus",),
+    "vdfmu.arm.robot": ("Robot", "load_robot", "robot_names"),
+    "vdfmu.arm.motion.read": ("load_motion",),
+    "vdfmu.study.report.animation": ("Animation", "animate"),
+    "vdfmu.arm.imports": ("robot_from_mjcf", "robot_from_urdf"),
+    "vdfmu.system.scenario": ("Scenario", "load_scenario", "scenario_names"),
+    "vdfmu.system.package.osp": ("write_osp",),
+    "vdfmu.system.package.write": ("write_ssp",),
+    "vdfmu.study.sweeps.sweep": ("sweep",),
+    "vdfmu.study.sweeps.table": ("Sweep",),
+    "vdfmu.study.tuning.tune": ("tune",),
+    "vdfmu.study.view.live": ("LiveView",),
+    "vdfmu.study.view.robot": ("RobotView",),
 }  # fmt: skip
 _WHERE = {name: module for module, names in _NAMES.items() for name in names}
 

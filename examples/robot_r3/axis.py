@@ -1,7 +1,7 @@
 """Cascade controllers of the axes and their motors with current control, of the Modelica Standard Library's r3."""
 
-from vdfmu.equations.flexible_joint import rotor_position
-from vdfmu.equations.plant import equilibrium_torque
+from vdfmu.arm.equations.flexible_joint import rotor_position
+from vdfmu.arm.equations.plant import equilibrium_torque
 from vdfmu.unit import JOINTS, Derivative, Input, Output, Parameter, RobotParameters, State, Unit
 
 R_A = 250.0

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from vdfmu.equations.flexible_joint import rotor_position, spring_rate
-from vdfmu.equations.plant import plant_derivative
+from vdfmu.arm.equations.flexible_joint import rotor_position, spring_rate
+from vdfmu.arm.equations.plant import plant_derivative
+from vdfmu.arm.units.plant import Plant
 from vdfmu.unit import JOINTS, Parameter, Unit
-from vdfmu.units.plant import Plant
 
 
 class DampedPlant(Plant):

@@ -1,6 +1,6 @@
 """Computed torque control of the arm."""
 
-from vdfmu.equations.inverse_dynamics import inverse_dynamics
+from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.unit import JOINTS, Input, Output, Parameter, RobotParameters, Unit
 
 

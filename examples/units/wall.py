@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from vdfmu.equations.kinematics import end_effector_pose
-from vdfmu.equations.mapping import jacobian
+from vdfmu.arm.equations.kinematics import end_effector_pose
+from vdfmu.arm.equations.mapping import jacobian
 from vdfmu.unit import JOINTS, Input, Output, Parameter, RobotParameters, Unit, maximum, where
 
 

@@ -4,7 +4,7 @@
  * it was. What is compared gives a `mask`; `a < b ? c : d` chooses lane by lane. Lanes do not meet: each has the bits that it
  * has beside any others.
  *
- * The functions are below 3 units in the last place of their values (tests/batch/test_lanes.py): Taylor polynomials on
+ * The functions are below 3 units in the last place of their values (tests/study/batch/test_lanes.py): Taylor polynomials on
  * short intervals, to which arguments are reduced exactly or with the rest kept. Those that no shipped unit calls in a step
  * are the C library's, lane by lane.
  */

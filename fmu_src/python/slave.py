@@ -3,12 +3,12 @@
 import logging
 
 try:
-    from vdfmu.fmu.python.slave import slave_class
-    from vdfmu.fmu.python.wrapper import hold_globals
+    from vdfmu.compiler.fmu.python.slave import slave_class
+    from vdfmu.compiler.fmu.python.wrapper import hold_globals
 except ImportError as error:
     text = f"this FMU needs the package vdfmu in the Python that imports it (pip install vdfmu): {error}"
     # to stderr, if nobody takes it: many importers say no more than that the instantiation failed
-    logging.getLogger("vdfmu.fmu").error("%s", text)
+    logging.getLogger("vdfmu.compiler.fmu").error("%s", text)
     raise ImportError(text.replace("%", " percent")) from error  # importers use it as a format of printf
 
 

@@ -40,15 +40,15 @@ from benchmarks.fit import exact_polynomial, fit_exponent, upper_half
 from benchmarks.report import Report, Table
 from benchmarks.system import Clock, least, median
 from benchmarks.timing import Case, Stopwatch, measure
-from vdfmu.engine.cosim.continuous import ContinuousStepper
-from vdfmu.engine.cosim.exchange import Exchange, SampledStepper
-from vdfmu.equations.rigid_body import net_force
-from vdfmu.fmu.native.compile import native_available
-from vdfmu.kernel import KernelFunction
-from vdfmu.kernel.structure import values
-from vdfmu.model import Robot, check_robot, load_robot
-from vdfmu.scenario import load_scenario
-from vdfmu.unit.integrator import Integrator
+from vdfmu.arm.equations.rigid_body import net_force
+from vdfmu.arm.robot import Robot, check_robot, load_robot
+from vdfmu.arm.robot.structure import values
+from vdfmu.compiler.c.compile import native_available
+from vdfmu.compiler.functions import KernelFunction
+from vdfmu.compiler.unit.integrator import Integrator
+from vdfmu.engine.masters.continuous import ContinuousStepper
+from vdfmu.engine.masters.exchange import Exchange, SampledStepper
+from vdfmu.system.scenario import load_scenario
 
 needs_compiler = pytest.mark.skipif(
     not native_available(), reason="the compiler of native FMUs is not installed"

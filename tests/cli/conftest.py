@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from vdfmu import interrupt
-from vdfmu.interrupt import listening
+from vdfmu.base import interrupt
+from vdfmu.base.interrupt import listening
 
 
 @pytest.fixture

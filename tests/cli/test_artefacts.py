@@ -4,7 +4,7 @@ import pytest
 from typer.testing import CliRunner
 
 from vdfmu.cli.commands import app
-from vdfmu.engine.check.inspect import inspect_file
+from vdfmu.engine.inspect.inspection import inspect_file
 
 WRITERS = [
     ("build planar_tracking --backend python", 4),

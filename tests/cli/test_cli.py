@@ -164,7 +164,7 @@ def test_wrong_usage_ends_with_code_2_and_the_way_out(tmp_path, arguments, words
 
 def test_a_broken_robot_file_reports_every_problem_at_once(tmp_path):
     import vdfmu as package
-    from vdfmu.data import data_path
+    from vdfmu.base.data import data_path
 
     text = (data_path("models") / "robots" / "planar_2dof.toml").read_text()
     broken = text.replace("mass = ", "mass = -", 1).replace("eps = ", "epsilon = ", 1)

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from vdfmu import __version__
+from vdfmu.base.json_text import to_json
 from vdfmu.engine.algorithms import ALGORITHMS
-from vdfmu.engine.json_text import to_json
 
 ROOT = Path(__file__).parents[2]
 

@@ -11,9 +11,9 @@ import time
 
 import pytest
 
-from vdfmu.fmu import build_fmus
-from vdfmu.model import load_robot
-from vdfmu.progress import showing
+from vdfmu.arm.robot import load_robot
+from vdfmu.base.progress import showing
+from vdfmu.compiler.fmu import build_fmus
 
 
 def test_each_traced_function_and_each_compiled_file_counts(tmp_path, monkeypatch):
@@ -84,7 +84,7 @@ def _read(end: int) -> bytes:
 def test_the_rate_is_shown(monkeypatch):
     from rich.console import Console
 
-    from vdfmu import bars as module
+    from vdfmu.base import bars as module
 
     shown = Console(file=io.StringIO(), force_terminal=True, width=120)
     monkeypatch.setattr(module, "errors", shown)

@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from vdfmu.cli.commands import app
-from vdfmu.engine.cosim import simulate
+from vdfmu.engine.run import simulate
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 import typer
 
+from vdfmu.base.interrupt import Stopped
 from vdfmu.cli import main
-from vdfmu.interrupt import Stopped
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals for a process")
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from vdfmu.interrupt import listening
-from vdfmu.temporary import temporary_folder
+from vdfmu.base.interrupt import listening
+from vdfmu.base.temporary import temporary_folder
 
 
 def use_a_folder() -> None:
@@ -31,7 +31,7 @@ def interrupted_at(event: int, monkeypatch: pytest.MonkeyPatch) -> bool:
             sent = True
             signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr("vdfmu.interrupt._last", -1e9)  # the last one was long ago
+    monkeypatch.setattr("vdfmu.base.interrupt._last", -1e9)  # the last one was long ago
     try:
         sys.setprofile(profile)  # what it raises ends it too
         use_a_folder()

@@ -3,9 +3,9 @@
 import pytest
 
 from vdfmu import cli
+from vdfmu.base.errors import UsageError
+from vdfmu.base.text import FEW, elided, error_text, first_few
 from vdfmu.cli import commands
-from vdfmu.errors import UsageError
-from vdfmu.text import FEW, elided, error_text, first_few
 
 
 def test_a_long_name_a_long_line_and_many_lines_lose_their_middle():

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 
 import vdfmu
-from vdfmu.equations.flexible_joint import rotor_transform
-from vdfmu.equations.mapping import jacobian, joint_space_mass_matrix, velocity_mapping
-from vdfmu.equations.plant import equilibrium_torque
-from vdfmu.kernel.rodas import ALPHA, GAMMA, GAMMA_I
-from vdfmu.kernel.structure import values as parameter_values
-from vdfmu.scalar.elimination import factorize, solve
-from vdfmu.scenario import load_scenario
-from vdfmu.scenario.parts import cached_fmus
-from vdfmu.scenario.values import group_value, system_values
-from vdfmu.ssp.write import write_ssp
-from vdfmu.unit.interface import Interface
-from vdfmu.units import shipped_units
+from vdfmu.arm.equations.flexible_joint import rotor_transform
+from vdfmu.arm.equations.mapping import jacobian, joint_space_mass_matrix, velocity_mapping
+from vdfmu.arm.equations.plant import equilibrium_torque
+from vdfmu.arm.robot.structure import values as parameter_values
+from vdfmu.arm.units import shipped_units
+from vdfmu.compiler.functions.rodas import ALPHA, GAMMA, GAMMA_I
+from vdfmu.compiler.scalar.elimination import factorize, solve
+from vdfmu.compiler.unit.interface import Interface
+from vdfmu.system.package.write import write_ssp
+from vdfmu.system.scenario import load_scenario
+from vdfmu.system.scenario.parts import cached_fmus
+from vdfmu.system.scenario.values import group_value, system_values
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -35,12 +35,12 @@ def test_named_tests_exist(page):
             rf"^def {name}\(", (ROOT / path).read_text(encoding="utf-8"), re.MULTILINE
         ), name
     for name in re.findall(r"`(test_\w+)`", text):
-        assert f"def {name}(" in (ROOT / "tests/paper/test_errata.py").read_text(encoding="utf-8"), name
+        assert f"def {name}(" in (ROOT / "tests/arm/paper/test_errata.py").read_text(encoding="utf-8"), name
 
 
 def test_every_erratum_test_is_documented():
     page = (ROOT / "docs/model.md").read_text(encoding="utf-8")
-    for path in sorted((ROOT / "tests/paper").glob("*.py")):
+    for path in sorted((ROOT / "tests/arm/paper").glob("*.py")):
         for name in re.findall(r"^def (test_erratum_\w+)\(", path.read_text(encoding="utf-8"), re.MULTILINE):
             assert name in page
 

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import vdfmu.equations
-from vdfmu.model import Robot, load_robot
-from vdfmu.model.parameters import OPTIONAL, PARAMETERS
-from vdfmu.model.robot import ENDS
-from vdfmu.scenario.scenario import Scenario
-from vdfmu.unit.interface import Interface
-from vdfmu.units import shipped_units
+import vdfmu.arm.equations
+from vdfmu.arm.robot import Robot, load_robot
+from vdfmu.arm.robot.parameters import OPTIONAL, PARAMETERS
+from vdfmu.arm.robot.robot import ENDS
+from vdfmu.arm.units import shipped_units
+from vdfmu.compiler.unit.interface import Interface
+from vdfmu.system.scenario.scenario import Scenario
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 COLUMNS = ("symbol", "code", "fmi", "unit", "shape", "equation", "meaning")
@@ -58,7 +58,7 @@ def groups():
 
 @pytest.fixture(scope="module")
 def identifiers():
-    folder = Path(vdfmu.equations.__file__).parent
+    folder = Path(vdfmu.arm.equations.__file__).parent
     words = set()
     for path in folder.glob("*.py"):
         words |= set(re.findall(r"[A-Za-z_]\w*", path.read_text(encoding="utf-8")))

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 import vdfmu
-from tests.page.browser import Browser
-from vdfmu import dynamics
+from tests.study.page.browser import Browser
+from vdfmu.arm import dynamics
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENTED = [vdfmu.Robot, vdfmu.Results, *(f for f in vars(dynamics).values() if inspect.isfunction(f)),

@@ -11,8 +11,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from .corpora import CORPORA
-from .table import Row, replaced, table, tried
+from tests.hostile.corpora import CORPORA
+from tests.hostile.table import Row, replaced, table, tried
 
 
 def main() -> int:

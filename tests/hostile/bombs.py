@@ -9,10 +9,9 @@ import zlib
 from functools import lru_cache
 from pathlib import Path
 
-from vdfmu.errors import SspError
-
-from .packages import _SPACES, pack
-from .table import Corpus
+from tests.hostile.packages import _SPACES, pack
+from tests.hostile.table import Corpus
+from vdfmu.base.errors import SspError
 
 MEMORY = 2**30
 """Address space of the process [byte]; Python and lxml take a third of it, the largest XML in memory the next."""

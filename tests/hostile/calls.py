@@ -9,11 +9,10 @@ import zipfile
 from functools import cache
 from pathlib import Path
 
-from vdfmu.fmu import build_fmus
-from vdfmu.model import load_robot
-
-from ..native.conftest import fuzz_program, run, sanitized_objects
-from .table import Corpus
+from tests.compiler.native.conftest import fuzz_program, run, sanitized_objects
+from tests.hostile.table import Corpus
+from vdfmu.arm.robot import load_robot
+from vdfmu.compiler.fmu import build_fmus
 
 CALLS = 25_000
 UNITS = (

@@ -1,6 +1,18 @@
 """All corpora: each module of this folder that has some is named here."""
 
-from . import bombs, calls, disk, faults, models, packages, results, runs, signals, studies, surroundings
+from tests.hostile import (
+    bombs,
+    calls,
+    disk,
+    faults,
+    models,
+    packages,
+    results,
+    runs,
+    signals,
+    studies,
+    surroundings,
+)
 
 CORPORA = [
     corpus

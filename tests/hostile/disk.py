@@ -22,12 +22,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from vdfmu.errors import VdfmuError
-from vdfmu.kernel.cache import COMPILER, cache_folder
-
-from .commands import PATIENCE, workshop
-from .jobs import JOBS, begin, differing, files, require_nothing_left, require_whole
-from .table import Corpus
+from tests.hostile.commands import PATIENCE, workshop
+from tests.hostile.jobs import JOBS, begin, differing, files, require_nothing_left, require_whole
+from tests.hostile.table import Corpus
+from vdfmu.base.errors import VdfmuError
+from vdfmu.compiler.functions.cache import COMPILER, cache_folder
 
 _PLAN = struct.Struct("=qqqiii4096s4096s")
 """As ``struct plan`` of `disk.c`."""

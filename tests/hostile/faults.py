@@ -8,10 +8,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from vdfmu.errors import VdfmuError
-
-from .commands import BUILD, OTHER, PATIENCE, RUN, SIMULATE, SSP, Process, begun, results
-from .table import Corpus
+from tests.hostile.commands import BUILD, OTHER, PATIENCE, RUN, SIMULATE, SSP, Process, begun, results
+from tests.hostile.table import Corpus
+from vdfmu.base.errors import VdfmuError
 
 _SSP = (*SSP, "out/arm.ssp")
 _ROOT = os.geteuid() == 0

@@ -9,20 +9,19 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.hostile.table import Corpus
 from vdfmu import forward_dynamics, inverse_dynamics
-from vdfmu.data import data_path
-from vdfmu.engine.cosim import simulate
-from vdfmu.fmu.build import build_notes
-from vdfmu.model import Robot, load_robot
-from vdfmu.model.parameters import PARAMETERS
-from vdfmu.scenario import Scenario, load_scenario
-from vdfmu.scenario.check import model_notes
-from vdfmu.scenario.parts import cached_fmus
-from vdfmu.scenario.values import system_values
-from vdfmu.ssp.write import write_ssp
-from vdfmu.study.contrast import contrast
-
-from .table import Corpus
+from vdfmu.arm.robot import Robot, load_robot
+from vdfmu.arm.robot.parameters import PARAMETERS
+from vdfmu.base.data import data_path
+from vdfmu.compiler.fmu.build import build_notes
+from vdfmu.engine.run import simulate
+from vdfmu.study.run.contrast import contrast
+from vdfmu.system.package.write import write_ssp
+from vdfmu.system.scenario import Scenario, load_scenario
+from vdfmu.system.scenario.check import model_notes
+from vdfmu.system.scenario.parts import cached_fmus
+from vdfmu.system.scenario.values import system_values
 
 _NUMBER = re.compile(r"(?<![\w.\"])-?\d+\.?\d*(?:e-?\d+)?(?![\w.\"])")
 _TEXT = re.compile(r'(?<== )"[^"\n]*"')

@@ -8,11 +8,10 @@ import re
 import zipfile
 from pathlib import Path
 
-from vdfmu.engine.check.inspect import check_file
-from vdfmu.engine.ssp import load_ssp
-from vdfmu.engine.ssp.parse import NAMESPACES
-
-from .table import Corpus
+from tests.hostile.table import Corpus
+from vdfmu.engine.inspect.inspection import check_file
+from vdfmu.engine.package import load_ssp
+from vdfmu.engine.package.parse import NAMESPACES
 
 _SPACES = " ".join(f'xmlns:{prefix}="{space}"' for prefix, space in NAMESPACES.items())
 _SSD = (

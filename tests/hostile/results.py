@@ -16,12 +16,11 @@ from typing import Any
 import numpy as np
 
 import vdfmu
-from vdfmu.identify.log import read_log
-from vdfmu.report.page import read_run, report_page
-from vdfmu.report.sheets import sheets
-from vdfmu.report.tables import run_panel, sheet_table, verdict_table
-
-from .table import Corpus
+from tests.hostile.table import Corpus
+from vdfmu.study.identify.log import read_log
+from vdfmu.study.report.page import read_run, report_page
+from vdfmu.study.report.sheets import sheets
+from vdfmu.study.report.tables import run_panel, sheet_table, verdict_table
 
 _VALUES: tuple[Any, ...] = (
     None, True, -1, 0, 3.5, 1e308, "nan", "", "x" * 300, [], [None], [[]], {}, {"a": 1}, "\u202e<script>", 10**30,

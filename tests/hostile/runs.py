@@ -11,12 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from vdfmu.engine.cosim import Results, simulate
-from vdfmu.scenario import load_scenario
-from vdfmu.scenario.parts import cached_fmus
-from vdfmu.ssp.write import write_ssp
-
-from .table import Corpus
+from tests.hostile.table import Corpus
+from vdfmu.engine.run import Results, simulate
+from vdfmu.system.package.write import write_ssp
+from vdfmu.system.scenario import load_scenario
+from vdfmu.system.scenario.parts import cached_fmus
 
 THREADS = 8
 STOP = 0.02

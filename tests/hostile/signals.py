@@ -11,11 +11,10 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from vdfmu.errors import VdfmuError
-
-from .commands import BUILD, OTHER, PATIENCE, RUN, SIGNALS, SSP, Process, done, workshop
-from .jobs import JOBS, Job, begin, files, require_nothing_left, require_whole
-from .table import Corpus
+from tests.hostile.commands import BUILD, OTHER, PATIENCE, RUN, SIGNALS, SSP, Process, done, workshop
+from tests.hostile.jobs import JOBS, Job, begin, files, require_nothing_left, require_whole
+from tests.hostile.table import Corpus
+from vdfmu.base.errors import VdfmuError
 
 _CONTAINER = ("container", "planar_tracking", "--out", "out/arm.fmu")
 _PACKAGE = (*SSP, "arm.ssp")

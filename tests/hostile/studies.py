@@ -14,11 +14,10 @@ from typing import Any
 import pyarrow.parquet as parquet
 
 import vdfmu
-from vdfmu.errors import VdfmuError
-from vdfmu.sweeps.table import Sweep
-
-from .results import changed
-from .table import Corpus
+from tests.hostile.results import changed
+from tests.hostile.table import Corpus
+from vdfmu.base.errors import VdfmuError
+from vdfmu.study.sweeps.table import Sweep
 
 
 def _sweep(folder: Path) -> Sweep:

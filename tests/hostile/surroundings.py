@@ -9,12 +9,11 @@ import signal
 import time
 from pathlib import Path
 
-from vdfmu.errors import VdfmuError
-
-from .commands import PATIENCE, Process
-from .jobs import JOBS, Job, files, require_nothing_left, require_whole
-from .signals import known
-from .table import Corpus
+from tests.hostile.commands import PATIENCE, Process
+from tests.hostile.jobs import JOBS, Job, files, require_nothing_left, require_whole
+from tests.hostile.signals import known
+from tests.hostile.table import Corpus
+from vdfmu.base.errors import VdfmuError
 
 _NAMES = list(JOBS)
 _OUT = "out\udcff"  # the byte 0xff, which is not UTF-8
@@ -77,8 +76,8 @@ def short_of_memory(number: int, folder: Path) -> None:
 
 _FLED = """
 import os, sys, time
-if "vdfmu.engine.cosim.isolated_server" in sys.orig_argv:
-    import vdfmu.engine.cosim.components as c
+if "vdfmu.engine.run.isolated_server" in sys.orig_argv:
+    import vdfmu.engine.masters.components as c
     plain = c.Components.initialize
     def initialize(self, *a):
         if os.fork() == 0:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from vdfmu.errors import VdfmuError
+from vdfmu.base.errors import VdfmuError
 
 _SHOWN = 5
 """Most failures of a corpus that are kept in full."""

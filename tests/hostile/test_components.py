@@ -11,15 +11,15 @@ from pathlib import Path
 import fmpy
 import pytest
 
-from vdfmu.engine.check import run as check_run
-from vdfmu.engine.check.findings import Findings
-from vdfmu.engine.check.inspect import inspect_file
-from vdfmu.engine.cosim.messages import MessageBox, boxes, on_message
-from vdfmu.files import pack_zip
-from vdfmu.fmu import build_fmus
-from vdfmu.model import Robot
-from vdfmu.process import KEPT
-from vdfmu.text import shown
+from vdfmu.arm.robot import Robot
+from vdfmu.base.files import pack_zip
+from vdfmu.base.process import KEPT
+from vdfmu.base.text import shown
+from vdfmu.compiler.fmu import build_fmus
+from vdfmu.engine.fmu.messages import MessageBox, boxes, on_message
+from vdfmu.engine.inspect import trial as check_run
+from vdfmu.engine.inspect.findings import Findings
+from vdfmu.engine.inspect.inspection import inspect_file
 
 XML = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="Bad" guid="{bad}">

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from vdfmu.errors import SspError
-
-from .corpora import CORPORA
-from .table import Corpus, Row, replaced, table, tried
+from tests.hostile.corpora import CORPORA
+from tests.hostile.table import Corpus, Row, replaced, table, tried
+from vdfmu.base.errors import SspError
 
 
 def marked(corpus: Corpus):

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from vdfmu.errors import VdfmuError
-
-from .disk import failed as fail
-from .disk import known
+from tests.hostile.disk import failed as fail
+from tests.hostile.disk import known
+from vdfmu.base.errors import VdfmuError
 
 _QUICK = ("robot import",)
 """A command that compiles nothing."""

@@ -6,9 +6,9 @@ import os
 
 import pytest
 
-from vdfmu.engine.ssp import load_ssp
-from vdfmu.errors import SspError, StorageError
-from vdfmu.fmu import build_fmus
+from vdfmu.base.errors import SspError, StorageError
+from vdfmu.compiler.fmu import build_fmus
+from vdfmu.engine.package import load_ssp
 
 
 def test_a_package_that_is_no_regular_file_is_refused(tmp_path):

@@ -7,7 +7,7 @@ import os
 
 import pytest
 
-from . import runs
+from tests.hostile import runs
 
 
 def test_a_few_runs_in_eight_threads_are_the_same(tmp_path):

@@ -13,10 +13,10 @@ import pytest
 from benchmarks import interop
 from benchmarks.importers import ask_rows
 from benchmarks.interop import CASES, EXACT_STEP, Case, drive, examine
-from vdfmu.engine.cosim.container import write_container
-from vdfmu.fmu import build_fmus
-from vdfmu.ssp.osp import write_osp
-from vdfmu.ssp.write import write_ssp
+from vdfmu.compiler.fmu import build_fmus
+from vdfmu.engine.container import write_container
+from vdfmu.system.package.osp import write_osp
+from vdfmu.system.package.write import write_ssp
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "importers.md"
 # Not the OSP folder of Python FMUs: it takes 10 s to show what two other cases show

@@ -11,9 +11,9 @@ import signal
 import sys
 from contextlib import suppress
 
-from vdfmu import __version__
-from vdfmu.interrupt import command_begins, command_ended
-from vdfmu.text import error_text, shown
+from vdfmu.base.interrupt import command_begins, command_ended
+from vdfmu.base.text import error_text, shown
+from vdfmu.base.version import __version__
 
 __all__ = ["main"]
 

@@ -12,10 +12,10 @@ from typing import Annotated, Any
 
 import typer
 
-from vdfmu import __version__
-from vdfmu.bars import Bars, errors
+from vdfmu.base.bars import Bars, errors
+from vdfmu.base.progress import LOG, showing
+from vdfmu.base.version import __version__
 from vdfmu.cli.terminal import console
-from vdfmu.progress import LOG, showing
 
 _Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 QuietOption = Annotated[

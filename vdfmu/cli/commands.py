@@ -11,7 +11,9 @@ from typing import Annotated
 
 import typer
 
-from vdfmu import __version__
+from vdfmu.base.errors import ModelError, SspError, UsageError, VdfmuError
+from vdfmu.base.once import one_job
+from vdfmu.base.version import __version__
 from vdfmu.cli import (
     cache,
     doctor,
@@ -30,8 +32,6 @@ from vdfmu.cli import (
 )
 from vdfmu.cli.app import App, QuietOption, VerboseOption, look, look_anew
 from vdfmu.cli.terminal import console, fail
-from vdfmu.errors import ModelError, SspError, UsageError, VdfmuError
-from vdfmu.once import one_job
 
 app = App(
     no_args_is_help=True,
@@ -91,7 +91,7 @@ def _options(
 def command() -> None:
     """Run a command and turn errors into a message and an exit code."""
     # Units in this process say what they say through FMI; their own logger would say it again.
-    for speaks in ("vdfmu.fmu", "matplotlib"):
+    for speaks in ("vdfmu.compiler.fmu", "matplotlib"):
         logging.getLogger(speaks).addHandler(logging.NullHandler())
         logging.getLogger(speaks).propagate = False
     if not sys.warnoptions:  # what libraries warn their programmers of is no message of a command

@@ -26,12 +26,12 @@ _REQUIREMENT = re.compile(r"([\w.-]+)(?:\[([\w,.-]+)\])?(.*)")
 
 def doctor() -> None:
     """Say what is installed, what a missing compiler or extra costs, and where the cache is."""
-    from vdfmu import __version__
+    from vdfmu.base.errors import FmuError
+    from vdfmu.base.version import __version__
     from vdfmu.cli.cache import say_cache
     from vdfmu.cli.terminal import say
-    from vdfmu.errors import FmuError
-    from vdfmu.fmu.native.compile import compiler_version, native_available
-    from vdfmu.fmu.native.platforms import this_platform
+    from vdfmu.compiler.c.compile import compiler_version, native_available
+    from vdfmu.compiler.c.platforms import this_platform
 
     try:
         here = this_platform()

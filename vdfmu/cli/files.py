@@ -11,6 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from vdfmu.base.errors import StorageError
+from vdfmu.base.files import require_ours
+from vdfmu.base.text import first_few
 from vdfmu.cli.terminal import (
     BackendOption,
     RobotOption,
@@ -26,12 +29,9 @@ from vdfmu.cli.terminal import (
     say_notes,
 )
 from vdfmu.engine.rules import Finding
-from vdfmu.errors import StorageError
-from vdfmu.files import require_ours
-from vdfmu.text import first_few
 
 if TYPE_CHECKING:
-    from vdfmu.scenario import Scenario
+    from vdfmu.system.scenario import Scenario
 
 
 def build(
@@ -57,12 +57,12 @@ def build(
 ) -> None:
     """Build the FMUs of a scenario's system, with the scenario's values as start values, or the FMU of a unit."""
     chosen = None if scenario.partition(":")[0].endswith(".py") else load(scenario, robot, settings)
-    from vdfmu.fmu import build_fmus
-    from vdfmu.model import load_robot
-    from vdfmu.scenario.parts import build_parts
-    from vdfmu.scenario.values import start_values
-    from vdfmu.unit.base import unit_name
-    from vdfmu.units import find_unit
+    from vdfmu.arm.robot import load_robot
+    from vdfmu.arm.units import find_unit
+    from vdfmu.compiler.fmu import build_fmus
+    from vdfmu.compiler.unit.base import unit_name
+    from vdfmu.system.scenario.parts import build_parts
+    from vdfmu.system.scenario.values import start_values
 
     if chosen is None:
         unit = find_unit(scenario)
@@ -86,9 +86,9 @@ def build(
 
 def _values(scenario: Scenario, backend: str | None, settings: list[str] | None) -> dict[str, dict[str, Any]]:
     """Say what is odd about a scenario that is to be built, and return the values of its components."""
-    from vdfmu.fmu.build import build_notes
-    from vdfmu.scenario.check import model_notes
-    from vdfmu.scenario.values import system_values
+    from vdfmu.compiler.fmu.build import build_notes
+    from vdfmu.system.scenario.check import model_notes
+    from vdfmu.system.scenario.values import system_values
 
     say_notes([*model_notes(scenario), *build_notes(scenario.robot, backend)])
     return system_values(scenario, parse_settings(settings))
@@ -103,11 +103,11 @@ def container(
 ) -> None:
     """Fold the system of a scenario into one native FMU that steps its units without a master."""
     chosen = load(scenario, robot, settings)
-    from vdfmu.engine.cosim.container import write_container
-    from vdfmu.scenario.parts import cached_fmus
-    from vdfmu.ssp.write import write_ssp
-    from vdfmu.study.run import prepare
-    from vdfmu.temporary import temporary_folder
+    from vdfmu.base.temporary import temporary_folder
+    from vdfmu.engine.container import write_container
+    from vdfmu.study.run.scenario_run import prepare
+    from vdfmu.system.package.write import write_ssp
+    from vdfmu.system.scenario.parts import cached_fmus
 
     chosen = prepare(chosen, step=step)
     values = _values(chosen, "native", settings)
@@ -145,11 +145,11 @@ def ssp(
     The FMUs have the scenario's values as start values too, for importers that do not apply all parameter sets.
     """
     chosen = load(scenario, robot, settings)
-    from vdfmu.scenario.parts import build_parts
-    from vdfmu.ssp.osp import write_osp
-    from vdfmu.ssp.versions import fmi_of_format
-    from vdfmu.ssp.write import write_ssp
-    from vdfmu.temporary import temporary_folder
+    from vdfmu.base.temporary import temporary_folder
+    from vdfmu.system.package.osp import write_osp
+    from vdfmu.system.package.versions import fmi_of_format
+    from vdfmu.system.package.write import write_ssp
+    from vdfmu.system.scenario.parts import build_parts
 
     fmi_version = fmi_of_format(form, backend)
     name = chosen.name if form == "1.0" else f"{chosen.name}_{form}"
@@ -174,9 +174,9 @@ def reference(
 ) -> None:
     """Write a folder for other tools: the system as SSP 1.0 and 2.0, its results, a script that compares."""
     chosen = load(scenario, robot, settings)
-    from vdfmu.scenario.values import system_values
-    from vdfmu.ssp.versions import fmi_of_format
-    from vdfmu.study.package import write_reference
+    from vdfmu.study.run.package import write_reference
+    from vdfmu.system.package.versions import fmi_of_format
+    from vdfmu.system.scenario.values import system_values
 
     fmi_of_format("2.0", None)
     written = write_reference(chosen, out, system_values(chosen, parse_settings(settings)))
@@ -205,8 +205,8 @@ def check(
 
     Steps run code of the file, in a process of its own that is limited in time and memory; not with --no-run.
     """
-    from vdfmu.engine.check.inspect import inspect_file
-    from vdfmu.engine.ssp.limits import package_limit
+    from vdfmu.engine.inspect.inspection import inspect_file
+    from vdfmu.engine.package.limits import package_limit
 
     def say_runs(what: str) -> None:
         errors.print(
@@ -221,7 +221,7 @@ def check(
     try:
         with package_limit(unpack_limit):
             if source:
-                from vdfmu.ssp.check import inspect_source
+                from vdfmu.system.package.check import inspect_source
 
                 report = inspect_source(file, robot, run=not no_run, say=say_runs)
             else:
@@ -229,7 +229,7 @@ def check(
     except StorageError as error:
         fail(error, 2)
     if as_json or as_sarif:
-        from vdfmu.engine.check.sarif import to_sarif
+        from vdfmu.engine.inspect.sarif import to_sarif
 
         if sys.stdout is None:
             fail("the findings cannot be written: the standard output is closed", 2)

@@ -11,7 +11,7 @@ from vdfmu.cli.robots import OverwriteOption, target_file
 from vdfmu.cli.terminal import console, parse_settings, say, say_notes
 
 if TYPE_CHECKING:
-    from vdfmu.identify.fit import Identified
+    from vdfmu.study.identify.fit import Identified
 
 
 def identify(
@@ -44,9 +44,9 @@ def identify(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Estimate drives, friction, springs and base parameters of an arm from a log of its motion."""
-    from vdfmu.identify.fit import identify as estimate
-    from vdfmu.identify.log import read_log
-    from vdfmu.model import load_robot
+    from vdfmu.arm.robot import load_robot
+    from vdfmu.study.identify.fit import identify as estimate
+    from vdfmu.study.identify.log import read_log
 
     arm = load_robot(robot)
     true = load_robot(truth) if truth is not None else None
@@ -58,16 +58,16 @@ def identify(
     say_notes([f"not identified, kept: {name}: {why}" for name, why in found.held.items()])
     say_notes(found.advice)
     if plot is not None:
-        from vdfmu.report.identify import draw_torques
-        from vdfmu.style import save
+        from vdfmu.base.style import save
+        from vdfmu.study.report.identify import draw_torques
 
         title = f"Identification of {arm.name} from {log.name}"
         units = tuple("N" if kind == "prismatic" else "N.m" for kind in arm.joint_types)
         save(draw_torques(title, found.t, found.torque, found.torque_error, units), targets[plot])
         say(f"{plot}: torques, and what the model leaves of them")
     if out is not None:
-        from vdfmu.files import write_whole
-        from vdfmu.identify.robot import identified_robot, robot_text
+        from vdfmu.base.files import write_whole
+        from vdfmu.study.identify.robot import identified_robot, robot_text
 
         made, notes = identified_robot(found, arm, log.name)
         say_notes(notes)

@@ -49,8 +49,8 @@ def margins(
     """
     from rich.table import Table
 
-    from vdfmu.analysis.system import margins_along
-    from vdfmu.errors import UsageError
+    from vdfmu.base.errors import UsageError
+    from vdfmu.study.analysis.system import margins_along
 
     package = system.lower().endswith(".ssp")
     if package and robot is not None:

@@ -19,8 +19,8 @@ def list_models() -> None:
     """List the robots and scenarios that travel with the package."""
     from rich.table import Table
 
-    from vdfmu.model import load_robot, robot_names
-    from vdfmu.scenario import load_scenario, scenario_names
+    from vdfmu.arm.robot import load_robot, robot_names
+    from vdfmu.system.scenario import load_scenario, scenario_names
 
     for title, names, load in (
         ("Robots", robot_names(), load_robot),
@@ -39,10 +39,10 @@ def show_model(
     """Show a robot's parameters with their sources, or a scenario's file."""
     import numpy as np
 
-    from vdfmu.data import data_path
-    from vdfmu.model import load_robot
-    from vdfmu.model.parameters import OPTIONAL, PARAMETERS, section
-    from vdfmu.scenario import scenario_names
+    from vdfmu.arm.robot import load_robot
+    from vdfmu.arm.robot.parameters import OPTIONAL, PARAMETERS, section
+    from vdfmu.base.data import data_path
+    from vdfmu.system.scenario import scenario_names
 
     if name in scenario_names():
         say((data_path("models") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8"))
@@ -91,8 +91,8 @@ def show_schema(
     """Print the JSON schema of a TOML file, for editors: "#:schema robot.schema.json" in its first line."""
     import json
 
-    from vdfmu.errors import UsageError
-    from vdfmu.scenario import schema
+    from vdfmu.base.errors import UsageError
+    from vdfmu.system.scenario import schema
 
     known = {
         "robot": schema.robot_schema,

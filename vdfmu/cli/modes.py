@@ -11,8 +11,8 @@ from vdfmu.cli.robots import OverwriteOption, target_file
 from vdfmu.cli.terminal import console, load, say
 
 if TYPE_CHECKING:
-    from vdfmu.analysis.modes import Modes
-    from vdfmu.model import Robot
+    from vdfmu.arm.robot import Robot
+    from vdfmu.study.analysis.modes import Modes
 
 
 def modes(
@@ -50,7 +50,7 @@ def modes(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Print natural frequencies, damping and shapes of the modes of an arm at rest, with motors free and held."""
-    from vdfmu.errors import UsageError
+    from vdfmu.base.errors import UsageError
 
     if path is not None:
         if pose is not None or bode is not None:
@@ -62,8 +62,8 @@ def modes(
         raise UsageError(
             "modes: --out is for the picture of --path SCENARIO or --bode JOINT; neither is given."
         )
-    from vdfmu.analysis.modes import MOTORS, natural_modes
-    from vdfmu.model import load_robot
+    from vdfmu.arm.robot import load_robot
+    from vdfmu.study.analysis.modes import MOTORS, natural_modes
 
     arm = load_robot(robot)
     if bode is not None and not 1 <= bode <= arm.n:
@@ -77,10 +77,10 @@ def modes(
 
 
 def _pose(robot: Robot, text: str | None) -> list[float]:
-    from vdfmu.errors import UsageError
+    from vdfmu.base.errors import UsageError
 
     if text is None:
-        from vdfmu.analysis.modes import middle_pose
+        from vdfmu.study.analysis.modes import middle_pose
 
         return middle_pose(robot)
     try:
@@ -112,10 +112,10 @@ def _print(motors: str, q: list[float], found: Modes) -> None:
 
 
 def _draw_bode(robot: Robot, q: list[float], joint: int, dry: bool, target: Path) -> None:
-    from vdfmu.analysis.bode import joint_bode
-    from vdfmu.analysis.space import linearize
-    from vdfmu.report.modes import draw_bode
-    from vdfmu.style import save
+    from vdfmu.base.style import save
+    from vdfmu.study.analysis.arm_space import linearize
+    from vdfmu.study.analysis.bode import joint_bode
+    from vdfmu.study.report.modes import draw_bode
 
     system = linearize(robot, q, dry=dry)
     found = joint_bode(system, joint)
@@ -140,9 +140,9 @@ def _over_path(robot: str, path: str, dry: bool, out: Path | None, overwrite: bo
 
     scenario = load(path, robot)
     target = target_file(out, f"{scenario.name}_modes.png", overwrite)
-    from vdfmu.analysis.modes import MOTORS, modes_along, ranges
-    from vdfmu.report.modes import draw_modes
-    from vdfmu.style import save
+    from vdfmu.base.style import save
+    from vdfmu.study.analysis.modes import MOTORS, modes_along, ranges
+    from vdfmu.study.report.modes import draw_modes
 
     times, along = modes_along(scenario, dry=dry)
     n = scenario.arm.n

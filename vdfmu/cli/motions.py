@@ -26,12 +26,12 @@ def motion(
     import numpy as np
     from rich.table import Table
 
-    from vdfmu.dynamics import inverse_dynamics
-    from vdfmu.errors import UsageError
-    from vdfmu.model import load_robot
-    from vdfmu.model.load import locate
-    from vdfmu.model.toml_file import read_toml
-    from vdfmu.motion import load_motion
+    from vdfmu.arm.dynamics import inverse_dynamics
+    from vdfmu.arm.motion import load_motion
+    from vdfmu.arm.robot import load_robot
+    from vdfmu.arm.robot.load import locate
+    from vdfmu.base.errors import UsageError
+    from vdfmu.base.toml_file import read_toml
 
     place: str | Path | None = robot
     path = Path(file) if file.lower().endswith(".csv") else locate(file, "scenarios")
@@ -58,8 +58,8 @@ def motion(
     closed = ", and ends where it starts" if found.closed else ""
     say(f"{found.duration:.6g} s in {len(found.knots) - 1} pieces{closed}; rad or m, s, N.m or N, link-side")
     if target is not None:
-        from vdfmu.report.motion import draw_motion
-        from vdfmu.style import save
+        from vdfmu.base.style import save
+        from vdfmu.study.report.motion import draw_motion
 
         save(draw_motion(f"Motion: {path.stem}, {arm.name}", arm, t, q), target)
         say(f"Written to {target}")

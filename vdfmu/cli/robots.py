@@ -49,9 +49,9 @@ def import_file(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Write a robot file from a URDF or a MuJoCo file. It says where each number is from."""
-    from vdfmu.files import write_whole
-    from vdfmu.model.robot import joint_free
-    from vdfmu.robots import import_robot
+    from vdfmu.arm.imports import import_robot
+    from vdfmu.arm.robot.robot import joint_free
+    from vdfmu.base.files import write_whole
 
     target = target_file(out, f"{file.stem}.toml", overwrite)
     robot, text, notes = import_robot(file, base, tip, drives, density, out=target)
@@ -76,9 +76,9 @@ def reach(
     """Write the scenario of a first motion, with gains by one rule, and print the margins of the arm's loops."""
     from rich.table import Table
 
-    from vdfmu.analysis.reach import write_reach
-    from vdfmu.model import load_robot
-    from vdfmu.model.toml_file import locate
+    from vdfmu.arm.robot import load_robot
+    from vdfmu.base.toml_file import locate
+    from vdfmu.study.analysis.reach import write_reach
 
     target = target_file(out, f"{locate(robot, 'robots').stem}_reach.toml", overwrite)
     found = write_reach(robot, target)
@@ -108,10 +108,10 @@ def list_drives(
     """List the gears and motors that a joint's gear = ".." and motor = ".." can name."""
     from rich.table import Table
 
-    from vdfmu.equations.drive_fit import catalogue_torsion, fit_spring
-    from vdfmu.errors import UsageError
-    from vdfmu.model.catalogue import catalogue
-    from vdfmu.model.read import nearest
+    from vdfmu.arm.drive.fit import catalogue_torsion, fit_spring
+    from vdfmu.arm.robot.catalogue import catalogue
+    from vdfmu.base.errors import UsageError
+    from vdfmu.base.toml_tables import nearest
 
     gears, motors, texts = (catalogue()[key] for key in ("gears", "motors", "sources"))
     if name is not None:
@@ -146,7 +146,7 @@ def list_drives(
 
 def target_file(out: Path | None, name: str, overwrite: bool) -> Path:
     """Return the file to write; UsageError for one that is there, unless it may be replaced."""
-    from vdfmu.errors import UsageError
+    from vdfmu.base.errors import UsageError
 
     target = out if out is not None else Path(name)
     if target.exists() and not overwrite:

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from vdfmu.base.errors import UsageError
 from vdfmu.cli.terminal import (
     BackendOption,
     RobotOption,
@@ -24,7 +25,6 @@ from vdfmu.cli.terminal import (
     unit_messages,
 )
 from vdfmu.cli.view import LiveOption, PortOption, SpeedOption, live_view
-from vdfmu.errors import UsageError
 
 StepOption = Annotated[float | None, typer.Option(help="Communication step in seconds.")]
 StopOption = Annotated[float | None, typer.Option(help="End of the run in seconds.")]
@@ -160,7 +160,7 @@ def run(
             raise UsageError("row, by: expected --from with a parameter study, of which they choose a point.")
         given["scenario"] = load(scenario, robot)
     else:
-        from vdfmu.sweeps.table import Sweep
+        from vdfmu.study.sweeps.table import Sweep
 
         source = context.get_parameter_source("scenario")
         if source is not None and source.name == "COMMANDLINE":
@@ -174,10 +174,10 @@ def run(
         given = point | chosen | {"units": {**point.get("units", {}), **given["units"]}}
         given["settings"] = point["settings"] | parse_settings(settings)
         given["robot"] = robot or point.get("robot")
-    from vdfmu.report import tables
-    from vdfmu.report.sheets import sheets
-    from vdfmu.study.run import RUN_OUTPUTS
-    from vdfmu.study.run import run as run_study
+    from vdfmu.study.report import tables
+    from vdfmu.study.report.sheets import sheets
+    from vdfmu.study.run.scenario_run import RUN_OUTPUTS
+    from vdfmu.study.run.scenario_run import run as run_study
 
     with live_view(live, port, speed) as observer:
         with unit_messages() as log:
@@ -350,7 +350,7 @@ def report(
     ] = True,
 ) -> None:
     """Write the page of a run, or of several beside each other: one file, which any browser opens."""
-    from vdfmu.report.page import NAME, newest_run, read_run, write_report
+    from vdfmu.study.report.page import NAME, newest_run, read_run, write_report
 
     folders = folders or [newest_run(Path("results"))]
     runs = [read_run(folder) for folder in folders]
@@ -368,10 +368,10 @@ def _run_package(
     **options: Any,
 ) -> None:
     """Run a package with what a command line says, and print what the run was."""
-    from vdfmu.engine.folder import SYSTEM_OUTPUTS
+    from vdfmu.engine.package.limits import package_limit
+    from vdfmu.engine.results.folder import SYSTEM_OUTPUTS
     from vdfmu.engine.simulate import default_folder, run_system
-    from vdfmu.engine.ssp.limits import package_limit
-    from vdfmu.report import tables
+    from vdfmu.study.report import tables
 
     with unit_messages() as log, package_limit(unpack_limit):
         results = run_system(
@@ -383,6 +383,6 @@ def _run_package(
 
 
 def _say_written(folder: Path, outputs: Sequence[str]) -> None:
-    from vdfmu.engine.folder import written
+    from vdfmu.engine.results.folder import written
 
     say(f"Written to {folder}: {', '.join(written(folder, outputs))}")

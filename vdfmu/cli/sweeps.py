@@ -122,7 +122,7 @@ def run(
 
     What is done stays done: after Ctrl-C or a kill the same command goes on where it was.
     """
-    from vdfmu.sweeps.run import default_folder, sweep
+    from vdfmu.study.sweeps.sweep import default_folder, sweep
 
     folder = default_folder(scenario) if out is None else out
     try:
@@ -159,7 +159,7 @@ def plot(
     out: Annotated[Path | None, typer.Option(help="Folder; default that of the study.")] = None,
 ) -> None:
     """Draw a measure of a study over its axes."""
-    from vdfmu.sweeps.table import Sweep
+    from vdfmu.study.sweeps.table import Sweep
 
     for path in Sweep(study).plot(kind, measure, out):
         say(f"Written: {path}")
@@ -170,8 +170,8 @@ def indices(study: StudyArgument, measure: MeasureOption = None) -> None:
     """Print Sobol or Morris indices of a study with --sample saltelli or morris."""
     from rich.table import Table
 
-    from vdfmu.sweeps.indices import CONFIDENCE
-    from vdfmu.sweeps.table import Sweep
+    from vdfmu.study.sweeps.indices import CONFIDENCE
+    from vdfmu.study.sweeps.table import Sweep
 
     found = Sweep(study).indices(measure)
     table = Table("axis", *found.values, box=None)
@@ -187,7 +187,7 @@ def report(
     out: Annotated[Path | None, typer.Option(help="File; default report.html in the folder.")] = None,
 ) -> None:
     """Write a page of a study: its measures, failed points and figures."""
-    from vdfmu.sweeps.table import Sweep
+    from vdfmu.study.sweeps.table import Sweep
 
     say(f"Written: {Sweep(study).report(out)}")
 

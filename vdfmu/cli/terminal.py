@@ -14,17 +14,17 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 from rich.markup import escape
 
-from vdfmu.bars import Bars, Terminal, errors
-from vdfmu.errors import UsageError
-from vdfmu.progress import LOG
-from vdfmu.text import elided, error_text, first_few
+from vdfmu.base.bars import Bars, Terminal, errors
+from vdfmu.base.errors import UsageError
+from vdfmu.base.progress import LOG
+from vdfmu.base.text import elided, error_text, first_few
 
 if TYPE_CHECKING:
     from rich.panel import Panel
     from rich.table import Table
 
-    from vdfmu.engine.cosim import LogMessage
-    from vdfmu.scenario import Scenario
+    from vdfmu.engine.run import LogMessage
+    from vdfmu.system.scenario import Scenario
 
 
 class _Results(Terminal):
@@ -54,14 +54,14 @@ console = _Results(highlight=False)
 
 def complete_scenario(incomplete: str) -> list[str]:
     """Complete the name of a scenario in the shell."""
-    from vdfmu.scenario.load import scenario_names
+    from vdfmu.system.scenario.load import scenario_names
 
     return [name for name in (*scenario_names(), "reach") if name.startswith(incomplete)]
 
 
 def complete_robot(incomplete: str) -> list[str]:
     """Complete the name of a robot in the shell."""
-    from vdfmu.model import robot_names
+    from vdfmu.arm.robot import robot_names
 
     return [name for name in robot_names() if name.startswith(incomplete)]
 
@@ -138,19 +138,19 @@ def say_notes(notes: Sequence[str]) -> None:
 
 def load(scenario: str, robot: str | None, settings: list[str] | None = None) -> Scenario:
     """Load a scenario for settings; what does not exist is named before what takes longer to import than that."""
-    from vdfmu.model.toml_file import locate
+    from vdfmu.base.toml_file import locate
 
     if scenario == "reach" and not Path(scenario).exists():
         if robot is not None:
             locate(robot, "robots")
-        from vdfmu.analysis.reach import reach_scenario
+        from vdfmu.study.analysis.reach import reach_scenario
 
         return reach_scenario(robot)
     locate(scenario, "scenarios")
     if robot is not None:
         locate(robot, "robots")
-    from vdfmu.scenario.load import load_scenario
-    from vdfmu.scenario.replace import with_payload
+    from vdfmu.system.scenario.load import load_scenario
+    from vdfmu.system.scenario.replace import with_payload
 
     return with_payload(load_scenario(scenario, robot), parse_settings(settings))
 

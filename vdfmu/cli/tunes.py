@@ -90,8 +90,8 @@ def tune(
     """
     from rich.table import Table
 
-    from vdfmu.sweeps.table import Sweep
-    from vdfmu.tuning.run import tune as run_tune
+    from vdfmu.study.sweeps.table import Sweep
+    from vdfmu.study.tuning.tune import tune as run_tune
 
     found = run_tune(
             scenario, vary, cost, limit=limit or (), spread=spread or (), spread_n=spread_n, over=over,

@@ -24,7 +24,7 @@ def new(
     out: Annotated[Path | None, typer.Option(help="File to write; default my_filter.py.")] = None,
 ) -> None:
     """Write a first file of a unit, which builds, and a test beside it, which passes."""
-    from vdfmu.unit.new import new_unit
+    from vdfmu.compiler.unit.new import new_unit
 
     path, test = new_unit(name, out)
     say(f"{path}: build it with 'vdfmu build {path}'")
@@ -36,7 +36,7 @@ def examples(
     folder: Annotated[Path, typer.Argument(help="Folder to write them to.")] = Path("units"),
 ) -> None:
     """Write the example units, with a system and a scenario of them."""
-    from vdfmu.unit.new import copy_examples
+    from vdfmu.compiler.unit.new import copy_examples
 
     for file in copy_examples(folder):
         say(f"{file}: run it with 'vdfmu run {file}'" if file.name == "scenario.toml" else str(file))

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from vdfmu.base.errors import UsageError
 from vdfmu.cli.terminal import complete_robot, console, say, say_error, say_notes
-from vdfmu.errors import UsageError
 
 if TYPE_CHECKING:
-    from vdfmu.view.live import LiveView
+    from vdfmu.study.view.live import LiveView
 
 PortOption = Annotated[
     int | None,
@@ -52,22 +52,22 @@ def view(
     port: PortOption = None,
 ) -> None:
     """Show a robot in a browser: sliders of its joints, frames, masses, ellipsoids of inertia, and modes that move."""
-    from vdfmu.interrupt import InterruptGuard
+    from vdfmu.base.interrupt import InterruptGuard
 
     path = Path(robot)
     if path.suffix.lower() in (".urdf", ".xml", ".mjcf"):
-        from vdfmu.robots import import_robot
+        from vdfmu.arm.imports import import_robot
 
         arm, _, notes = import_robot(path, base, tip)
         folder = path.parent
     else:
         if base is not None or tip is not None:
             raise UsageError("base, tip: expected a URDF or MJCF, of which they choose the arm.")
-        from vdfmu.model import load_robot
-        from vdfmu.model.toml_file import locate
+        from vdfmu.arm.robot import load_robot
+        from vdfmu.base.toml_file import locate
 
         arm, notes, folder = load_robot(robot), [], locate(robot, "robots").parent
-    from vdfmu.view.robot import RobotView
+    from vdfmu.study.view.robot import RobotView
 
     shown = RobotView(arm, folder, port)
     say_notes([*notes, *shown.notes])
@@ -90,13 +90,13 @@ def live_view(
             raise UsageError(f"{', '.join(given)}: expected --live, which it is for.")
         yield None
         return
-    from vdfmu.errors import CosimError
-    from vdfmu.view.live import LiveView
+    from vdfmu.base.errors import CosimError
+    from vdfmu.study.view.live import LiveView
 
     arm: dict[str, Any] | None = None
     if robot is not None:
-        from vdfmu.model import load_robot
-        from vdfmu.report.content import arm_of
+        from vdfmu.arm.robot import load_robot
+        from vdfmu.study.report.content import arm_of
 
         arm = arm_of(load_robot(robot), {})
 

@@ -2,7 +2,7 @@
 
 import math
 
-from vdfmu.errors import UsageError
+from vdfmu.base.errors import UsageError
 
 ALGORITHMS = ("gauss-seidel", "jacobi", "extrapolated", "iterative")
 CONTINUOUS = ("extrapolated", "iterative")

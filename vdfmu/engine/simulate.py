@@ -8,15 +8,22 @@ from functools import partial as bound
 from pathlib import Path
 from typing import Any
 
-from vdfmu import __version__
-from vdfmu.engine.cosim import Interrupted, LogMessage, Results, simulate
-from vdfmu.engine.cosim.inputs import Inputs, read_inputs
-from vdfmu.engine.cosim.observer import Observer
+from vdfmu.base.errors import CosimError, UsageError, VdfmuError
+from vdfmu.base.progress import Shown, doing, report, with_progress
+from vdfmu.base.version import __version__
 from vdfmu.engine.federation import Federation
-from vdfmu.engine.folder import DRAWN, SYSTEM_OUTPUTS, keep, known_formats, replacing_results, write_summary
-from vdfmu.engine.ssp.read import DEFAULT, load_ssp
-from vdfmu.errors import CosimError, UsageError, VdfmuError
-from vdfmu.progress import Shown, doing, report, with_progress
+from vdfmu.engine.masters.observer import Observer
+from vdfmu.engine.package.read import DEFAULT, load_ssp
+from vdfmu.engine.plan.inputs import Inputs, read_inputs
+from vdfmu.engine.results.folder import (
+    DRAWN,
+    SYSTEM_OUTPUTS,
+    keep,
+    known_formats,
+    replacing_results,
+    write_summary,
+)
+from vdfmu.engine.run import Interrupted, LogMessage, Results, simulate
 
 
 def default_folder(package: str | os.PathLike[str]) -> Path:
@@ -63,9 +70,9 @@ def run_system(
     start, stop, step : float, optional [s]
         Simulated time and communication step; default those of the package's default experiment and its annotations.
     master, adaptive, tolerance, record, ignore_unmatched, isolate, time_limit, memory_limit, federation : optional
-        As ``algorithm`` and the others of these names of :func:`vdfmu.engine.cosim.simulate`.
+        As ``algorithm`` and the others of these names of :func:`vdfmu.engine.run.simulate`.
     settings : mapping of str to value, optional
-        Values of ``component.variable``, as ``parameters`` of :func:`vdfmu.engine.cosim.simulate`.
+        Values of ``component.variable``, as ``parameters`` of :func:`vdfmu.engine.run.simulate`.
     out : path, optional
         Folder for the files; default :func:`default_folder`. Files of an earlier run in it are replaced once
         this one is complete.
@@ -74,7 +81,7 @@ def run_system(
     formats : sequence of "csv" and "parquet"
         Of ``results.csv`` and ``results.parquet``, those to write; Parquet needs pyarrow.
     inputs, input_hold : optional
-        Signals for inputs that nothing is connected to, as of :func:`vdfmu.engine.cosim.simulate`.
+        Signals for inputs that nothing is connected to, as of :func:`vdfmu.engine.run.simulate`.
     progress : callable or bool, optional
         Called with stage, done, total; True shows bars, on the terminal or in the notebook.
     log : callable, optional
@@ -82,7 +89,7 @@ def run_system(
     plot : bool, optional
         Whether to draw the signals, but for those that copy others: ``signals.png``.
     observer : Observer, optional
-        As of :func:`vdfmu.engine.cosim.simulate`.
+        As of :func:`vdfmu.engine.run.simulate`.
 
     Returns
     -------
@@ -93,7 +100,7 @@ def run_system(
     ------
     UsageError, SspError
         Before the run, for what is wrong with the package or the options.
-    CosimError, vdfmu.engine.cosim.Interrupted
+    CosimError, vdfmu.engine.run.Interrupted
         A unit failed, or the user stopped the run. The rows so far are in ``partial`` of the folder.
     """
     package = Path(package)
@@ -129,7 +136,7 @@ def run_system(
         copies = {".".join(connection.end) for connection in system.connections}
         try:
             if plot:
-                from vdfmu.engine.picture import signals_figure  # takes long to import
+                from vdfmu.engine.results.picture import signals_figure  # takes long to import
 
                 with doing("picture"):
                     signals_figure(results.thinned(DRAWN), partial, () if record else copies)

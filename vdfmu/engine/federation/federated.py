@@ -1,6 +1,6 @@
 """The federates of one run that are processes of this machine.
 
-Each is a process as of `vdfmu.engine.cosim.isolated`: it has its components, shares the memory of their values with
+Each is a process as of `vdfmu.engine.run.isolated`: it has its components, shares the memory of their values with
 this one, and steps them when it is told to. What its components read of those of others it gets from these themselves,
 by HELICS; this process only reads the values of all, row by row. A federate that has failed tells the others, wherever
 they are; one that has died is missed by this process at once, and by other machines after some seconds.
@@ -18,14 +18,14 @@ from typing import Any
 
 from numpy import array, intp
 
-from vdfmu.engine.cosim.access import TEXTS
-from vdfmu.engine.cosim.checked import Checked
-from vdfmu.engine.cosim.exchange import Exchange
-from vdfmu.engine.cosim.isolated import REQUEST, Isolated, Limits
-from vdfmu.engine.cosim.messages import MessageBox
+from vdfmu.base.errors import CosimError, VdfmuError
+from vdfmu.base.process import end_group
 from vdfmu.engine.federation.plan import Plan, share
-from vdfmu.errors import CosimError, VdfmuError
-from vdfmu.process import end_group
+from vdfmu.engine.fmu.access import TEXTS
+from vdfmu.engine.fmu.messages import MessageBox
+from vdfmu.engine.masters.exchange import Exchange
+from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.run.isolated import REQUEST, Isolated, Limits
 
 
 class _Federate(Isolated):

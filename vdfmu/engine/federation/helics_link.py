@@ -13,7 +13,7 @@ from random import randrange
 from time import perf_counter
 from typing import Any, NamedTuple
 
-from vdfmu.errors import CosimError
+from vdfmu.base.errors import CosimError
 
 if sys.platform == "linux":
     # HELICS shows all the C++ library that it brings to libraries that are loaded later, of which those of Python FMUs

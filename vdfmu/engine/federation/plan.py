@@ -11,15 +11,15 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from vdfmu.engine.cosim.checked import Checked
-from vdfmu.engine.cosim.description import Description, Variable
-from vdfmu.engine.cosim.feed import Feed
-from vdfmu.engine.cosim.link import SOURCE, Link, Port
-from vdfmu.engine.cosim.results import Results
-from vdfmu.engine.cosim.schedule import topological, variable_graph
-from vdfmu.engine.ssp.structure import System
-from vdfmu.errors import UsageError, VdfmuError
-from vdfmu.text import close_to
+from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.base.text import close_to
+from vdfmu.engine.fmu.description import Description, Variable
+from vdfmu.engine.package.system import System
+from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.feed import Feed
+from vdfmu.engine.plan.link import SOURCE, Link, Port
+from vdfmu.engine.plan.schedule import topological, variable_graph
+from vdfmu.engine.results.results import Results
 
 if TYPE_CHECKING:
     from vdfmu.engine.federation.federated import Federated
@@ -232,6 +232,6 @@ def federate(
     CosimError
         A component failed, a federate has ended, here or elsewhere, or cannot be reached; `results` holds the rows.
     """
-    from vdfmu.engine.cosim.master import simulate
+    from vdfmu.engine.run.master import simulate
 
     return simulate(system, federation=Federation(split, only, broker, core), **options)

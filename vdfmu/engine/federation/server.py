@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.engine.cosim.access import held, shown
-from vdfmu.engine.cosim.bank import Bank
-from vdfmu.engine.cosim.components import Components
-from vdfmu.engine.cosim.description import Value
-from vdfmu.engine.cosim.exchange import Exchange
-from vdfmu.engine.cosim.isolated_server import Server, serve
-from vdfmu.engine.cosim.link import SOURCE, Link, Port
+from vdfmu.base.errors import CosimError
 from vdfmu.engine.federation.helics_link import HelicsLink, end_broker, start_broker
 from vdfmu.engine.federation.plan import Plan
-from vdfmu.errors import CosimError
+from vdfmu.engine.fmu.access import held, shown
+from vdfmu.engine.fmu.description import Value
+from vdfmu.engine.masters.bank import Bank
+from vdfmu.engine.masters.components import Components
+from vdfmu.engine.masters.exchange import Exchange
+from vdfmu.engine.plan.link import SOURCE, Link, Port
+from vdfmu.engine.run.isolated_server import Server, serve
 
 
 class _Exchange(Exchange):

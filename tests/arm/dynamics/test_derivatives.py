@@ -1,0 +1,170 @@
+"""Directional and adjoint derivatives of the traced functions, and the C text of traced functions."""
+
+import ctypes
+import re
+import subprocess
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vdfmu.arm.robot import check_robot
+from vdfmu.arm.robot.requirements import margins, requirements
+from vdfmu.arm.robot.structure import parameters, set_parameters, values
+from vdfmu.base.errors import KernelError, ModelError
+from vdfmu.compiler.c import functions as c_code
+from vdfmu.compiler.c.functions import c_prototype, c_texts
+from vdfmu.compiler.c.operations import c_table
+
+NAMES = (
+    "trajectory_outputs", "feedforward_outputs_inverse", "feedforward_outputs_vdc", "controller_outputs_kappa_dot",
+    "plant_start_equilibrium", "plant_outputs", "plant_derivatives",
+)  # fmt: skip
+
+
+def owner(name, robot, kernel_of, functions_of):
+    """Return what has the traced function: a unit, or the kernel."""
+    return kernel_of(robot) if name == "margins" else functions_of(name.split("_")[0], robot)
+
+
+def nominal(function, p, rng):
+    """Return smooth arguments: time inside the motion, positive gains and wide limits, the robot's parameters."""
+    found = {name: rng.uniform(0.2, 0.9, function.size1_in(name)) for name in function.name_in()}
+    if "T" in found:
+        found |= {"t": np.array([3.0]), "T": np.array([10.0]), "t_start": np.array([0.0])}
+    if "tau_max" in found:
+        found["tau_max"] += 1e6
+    if "p" in found:
+        found["p"] = p
+    return list(found.values())
+
+
+def flat(columns):
+    return np.concatenate(
+        [np.ravel(c.full()) for c in (columns if isinstance(columns, tuple) else (columns,))]
+    )
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_forward_is_the_slope_along_the_direction(robot, functions_of, name):
+    functions, rng = owner(name, robot, None, functions_of), np.random.default_rng(75)
+    function, forward = functions.casadi_function(name), functions.casadi_function(f"{name}_forward")
+    assert forward.name_in() == [*function.name_in(), *(f"d_{a}" for a in function.name_in())]
+    assert forward.name_out() == [f"d_{r}" for r in function.name_out()]
+    start = nominal(function, values(robot), rng)
+    direction = [rng.uniform(-1.0, 1.0, a.shape) * np.maximum(np.abs(a), 1e-3) for a in start]
+    tangent = flat(forward(*start, *direction))
+
+    def slope(step):
+        ahead, behind = ([a + s * d for a, d in zip(start, direction, strict=True)] for s in (step, -step))
+        return (flat(function(*ahead)) - flat(function(*behind))) / (2 * step)
+
+    # Richardson's extrapolation of central differences: error of order step^4 + rounding / step.
+    found = (4.0 * slope(5e-5) - slope(1e-4)) / 3.0
+    scale = np.abs(flat(function(*start))).max() + np.abs(tangent).max()
+    np.testing.assert_allclose(tangent, found, rtol=0, atol=1e-9 * scale)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_reverse_is_the_transpose_of_forward(robot, functions_of, name):
+    functions, rng = owner(name, robot, None, functions_of), np.random.default_rng(76)
+    function = functions.casadi_function(name)
+    forward, reverse = (functions.casadi_function(f"{name}_{end}") for end in ("forward", "reverse"))
+    start = nominal(function, values(robot), rng)
+    direction = [rng.uniform(-1.0, 1.0, a.shape) for a in start]
+    weights = [rng.uniform(-1.0, 1.0, function.size1_out(i)) for i in range(function.n_out())]
+    tangent, adjoint = flat(forward(*start, *direction)), flat(reverse(*start, *weights))
+    left, right = np.concatenate(weights) * tangent, adjoint * np.concatenate(direction)
+    # Both sums are the same number; each term carries some hundred roundings.
+    assert left.sum() == pytest.approx(right.sum(), abs=1e-12 * (np.abs(left).sum() + np.abs(right).sum()))
+
+
+@pytest.mark.parametrize("form", ["whole", "in parts", "table"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "plant_derivatives",
+        "feedforward_outputs_vdc",
+        "trajectory_outputs",
+        "controller_outputs_mixed",
+        "margins",
+    ],
+)
+def test_c_text_computes_what_the_trace_computes(
+    robot, kernel_of, functions_of, name, form, tmp_path, monkeypatch
+):
+    if form == "in parts":
+        monkeypatch.setattr(c_code, "_WHOLE", 37)
+        monkeypatch.setattr(c_code, "_PART", 37)
+    function = owner(name, robot, kernel_of, functions_of).casadi_function(name)
+    text = c_table(function) if form == "table" else "\n".join(c_texts(function))
+    check_c_text(text, function, values(robot), tmp_path)
+
+
+@pytest.mark.parametrize("form", ["function", "in parts"])
+def test_c_text_of_the_step_calls_what_all_stages_share(robot, functions_of, form, tmp_path, monkeypatch):
+    if form == "in parts":
+        monkeypatch.setattr(c_code, "_WHOLE", 37)
+        monkeypatch.setattr(c_code, "_PART", 37)
+    function = functions_of("plant", robot).casadi_function("plant_step")
+    text = "\n".join(c_texts(function))
+    # the first stage is at the start of the step, where the forces are in balance
+    for name, calls in (("plant_step_balance", 5), ("plant_step_solve", 6)):
+        called = re.findall(rf"^    {name}\(", text, re.MULTILINE)
+        defined = re.findall(rf"^void {name}\(.*\)\n{{", text, re.MULTILINE)
+        assert (len(called), len(defined)) == (calls, 1)
+    check_c_text(text, function, values(robot), tmp_path)
+    # beside functions that have files of their own it is shorter by these
+    apart = "\n".join(c_texts(function, apart=["plant_step_balance"]))
+    assert "void plant_step_balance_part" not in apart
+    assert len(apart) < len(text)
+
+
+def check_c_text(text, function, p, tmp_path):
+    """Compile a text and compare its results with those of the trace."""
+    rng = np.random.default_rng(77)
+    source, library = tmp_path / "kernel.c", tmp_path / "kernel.so"
+    source.write_text(f"#include <math.h>\n#include <stdint.h>\n{c_prototype(function)};\n{text}")
+    warnings = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
+    subprocess.run(["cc", *warnings, "-O1", "-shared", "-fPIC", "-o", library, source, "-lm"], check=True)
+    arguments = [np.ascontiguousarray(a) for a in nominal(function, p, rng)]
+    results = [np.full(function.size1_out(i), np.nan) for i in range(function.n_out())]
+    pointers = [a.ctypes.data_as(ctypes.c_void_p) for a in (*arguments, *results)]
+    ctypes.CDLL(str(library))[function.name()](*pointers)
+    expected = flat(function(*arguments))
+    # The same operations in the same order; only the mathematical library may round elsewhere.
+    np.testing.assert_allclose(np.concatenate(results), expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+def test_an_operation_without_c_text_is_refused():
+    x = ca.SX.sym("x")
+    with pytest.raises(KernelError, match="erf: operation"):
+        c_texts(ca.Function("erf", [x], [ca.erf(x)]))
+    with pytest.raises(KernelError, match="erf: operation"):
+        c_table(ca.Function("erf", [x], [ca.erf(x)]))
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(0, 3))
+def test_margins_accept_what_the_robot_check_accepts(arm, seed, kind):
+    rng = np.random.default_rng(seed)
+    listed = parameters(arm)
+    p = np.array([getattr(arm, q.field)[q.index] for q in listed], dtype=float)
+    for k, q in enumerate(listed):
+        if q.field == "inertia" and kind & 1:
+            p[k] *= rng.uniform(-0.1, 3.0)
+        if q.field in ("f_s", "f_c") and kind & 2:
+            p[k] *= rng.uniform(0.5, 2.0)
+    changed = set_parameters(arm, p)
+    found = requirements(arm)
+    broken = {r.expected for r, m in zip(found, margins(changed, found), strict=True) if not m >= 0}
+    try:
+        check_robot(changed)
+        problems = ""
+    except ModelError as error:
+        problems = str(error)
+    assert bool(broken) == bool(problems)
+    assert ("f_s >= f_c" in broken) == ("f_s >= f_c" in problems)
+    assert ("a positive definite inertia matrix" in broken) == ("positive definite" in problems)

@@ -1,0 +1,86 @@
+"""The public functions of positions, one state and batches: against Pinocchio, the equations, and each other."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import vdfmu
+from vdfmu.arm.equations.kinematics import end_effector_pose
+from vdfmu.arm.equations.mapping import jacobian, joint_space_mass_matrix
+from vdfmu.arm.equations.plant import equilibrium_torque
+from vdfmu.base.errors import KernelError, UsageError
+
+FUNCTIONS = (vdfmu.gravity_torque, vdfmu.mass_matrix, vdfmu.jacobian, vdfmu.forward_kinematics)
+
+
+def positions(chain, draw, seed):
+    return np.array([state.q for state in draw(chain, 20, seed=seed)])
+
+
+def test_batches_agree_with_pinocchio(chain, draw, pinocchio_model):
+    model = pinocchio_model(chain)
+    data = model.createData()
+    tool = pin.SE3(chain.tool_rotation, chain.tool_offset)
+    q = positions(chain, draw, seed=80)
+    p_O, R_O = vdfmu.forward_kinematics(chain, q)
+    results = zip(q, vdfmu.gravity_torque(chain, q), vdfmu.mass_matrix(chain, q), vdfmu.jacobian(chain, q),
+                  p_O, R_O, strict=True)  # fmt: skip
+    for q_k, G, M, J_q, p, R in results:
+        theirs = pin.computeGeneralizedGravity(model, data, q_k)
+        # 1e-12 of the largest entry, some 5000 roundings, as the inverse dynamics; gravity without torque rounds too.
+        np.testing.assert_allclose(G, theirs, rtol=0, atol=1e-12 * max(np.abs(theirs).max(), 1.0))
+        theirs = pin.crba(model, data, q_k)
+        theirs = np.triu(theirs) + np.triu(theirs, 1).T
+        np.testing.assert_allclose(M, theirs, rtol=0, atol=1e-12 * np.abs(theirs).max())
+        theirs = tool.toActionMatrixInverse() @ pin.computeJointJacobian(model, data, q_k, chain.n)
+        # Some 20 n products; prismatic joints reach up to pi m.
+        np.testing.assert_allclose(J_q, theirs, rtol=0, atol=1e-13)
+        pin.forwardKinematics(model, data, q_k)
+        pose = data.oMi[chain.n].act(tool)
+        np.testing.assert_allclose(p, pose.translation, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(R, pose.rotation, rtol=0, atol=1e-14)  # of size 1, else as above
+
+
+def test_one_state_is_that_of_the_equations_and_a_row_of_the_batch(chain, draw):
+    q = positions(chain, draw, seed=81)
+    p_O, R_O = end_effector_pose(chain, q[0])
+    expected = (equilibrium_torque(chain, q[0]), joint_space_mass_matrix(chain, q[0]), jacobian(chain, q[0]))
+    p, R = vdfmu.forward_kinematics(chain, q[0])
+    found = [function(chain, q[0]) for function in FUNCTIONS[:3]]
+    for a, b in zip([*found, p, R], [*expected, p_O, R_O], strict=True):
+        assert a.shape == b.shape
+        # The same operations in an order that CasADi may change: as in test_trace.
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-12 * max(np.abs(b).max(), 1.0))
+    for function, one in zip(FUNCTIONS, [*found, (p, R)], strict=True):
+        batch = function(chain, q)
+        pairs = zip(batch, one, strict=True) if isinstance(one, tuple) else [(batch, one)]
+        for rows, row in pairs:
+            assert rows.shape == (len(q), *row.shape)
+            np.testing.assert_array_equal(rows[0], row)
+
+
+def test_gravity_torque_and_mass_matrix_make_up_the_inverse_dynamics(chain, draw):
+    state = draw(chain, 1, seed=82)[0]
+    tau = vdfmu.inverse_dynamics(chain, state.q, np.zeros(chain.n), state.q_ddot, state.F_e)
+    parts = (
+        vdfmu.mass_matrix(chain, state.q) @ state.q_ddot
+        + vdfmu.gravity_torque(chain, state.q)
+        + vdfmu.jacobian(chain, state.q).T @ state.F_e
+    )
+    # n products more than the inverse dynamics, whose bound is 1e-12.
+    np.testing.assert_allclose(parts, tau, rtol=0, atol=1e-12 * np.abs(tau).max())
+
+
+def test_pose_of_no_position_is_empty(planar):
+    p_O, R_O = vdfmu.forward_kinematics(planar, np.empty((0, 2)))
+    assert p_O.shape == (0, 3) and R_O.shape == (0, 3, 3)
+
+
+@pytest.mark.parametrize("function", FUNCTIONS, ids=lambda function: function.__name__)
+def test_wrong_arguments_are_named(planar, function):
+    with pytest.raises(KernelError, match=r"q: expected shape \(2,\) or \(m, 2\), got \(3,\)"):
+        function(planar, np.zeros(3))
+    with pytest.raises(KernelError, match=r"q\[1\]: expected a finite number, got nan"):
+        function(planar, [0.0, np.nan])
+    with pytest.raises(UsageError, match="expected a Robot, got str .planar_2dof"):
+        function("planar_2dof", [0.0, 0.0])

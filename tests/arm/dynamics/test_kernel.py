@@ -1,0 +1,415 @@
+"""The kernel's cache, its calls and their errors, and the symbols that trace."""
+
+import os
+import subprocess
+import sys
+
+import casadi as ca
+import numpy as np
+import platformdirs
+import pytest
+
+from vdfmu.base.errors import KernelError, UsageError
+from vdfmu.compiler.functions import Kernel, cache
+from vdfmu.compiler.functions.cache import cache_folder
+from vdfmu.compiler.functions.functions import KernelFunction
+from vdfmu.compiler.functions.sources import imported
+from vdfmu.compiler.scalar.generic import clip, piecewise_hold, sgn, zeros
+from vdfmu.compiler.scalar.jet import Jet
+from vdfmu.compiler.scalar.symbol import Symbol, from_sx, to_sx
+
+SIZES = [2, 2, 2, 6]
+
+
+def arguments():
+    return [np.array([0.1, 0.2]), np.array([0.3, -0.4]), np.array([1.0, 2.0]), np.arange(6.0)]
+
+
+def torque(kernel):
+    return kernel.rows("inverse_dynamics", arguments(), SIZES)
+
+
+def refuse_to_trace(monkeypatch):
+    def fail(*_):
+        raise AssertionError("traced, where the cache has the function")
+
+    monkeypatch.setattr(Kernel, "_made", fail)
+
+
+def test_second_start_does_not_trace(planar, tmp_path, monkeypatch):
+    first = torque(Kernel(planar, tmp_path))
+    refuse_to_trace(monkeypatch)
+    np.testing.assert_array_equal(torque(Kernel(planar, tmp_path)), first)
+    # Other values of the same structure use the same functions.
+    heavy = torque(Kernel(planar.with_parameters(mass=5.0), tmp_path))
+    assert (np.abs(heavy - first) > 1.0).all()
+    with pytest.raises(AssertionError, match="traced"):
+        torque(Kernel(planar.with_parameters(tool_offset=0.0), tmp_path))
+
+
+def test_cache_folder_is_taken_from_the_environment(planar, tmp_path, monkeypatch):
+    monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path))
+    assert cache_folder() == tmp_path
+    torque(Kernel(planar))
+    assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["inverse_dynamics.casadi"]
+    monkeypatch.delenv("VDFMU_CACHE_DIR")
+    assert cache_folder() == platformdirs.user_cache_path("vdfmu", appauthor=False)
+
+
+@pytest.mark.parametrize(
+    ("roots", "code"),
+    [
+        (["kernel"], "import vdfmu.arm.robot.traced"),
+        (["unit", "units"], "import vdfmu.arm.units; vdfmu.arm.units.shipped_units()"),
+        (
+            ["units", "fmu", "fmu.native"],
+            "import vdfmu.compiler.fmu.native; import vdfmu.compiler.fmu.documentation",
+        ),
+        (["study.reference"], "import vdfmu.system.reference.reference"),
+    ],
+)
+def test_the_digest_of_the_sources_covers_all_that_is_loaded(roots, code):
+    """Else a change there would leave functions of before in the cache."""
+    code = f"import sys; {code}; print(*(name for name in sys.modules if name.startswith('vdfmu.')))"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = {name.removeprefix("vdfmu.") for name in run.stdout.split()}
+    assert "measure" in loaded
+    assert loaded <= set(imported(*roots))
+
+
+@pytest.mark.parametrize("content", [b"", b"not a function", "truncated"])
+def test_corrupt_cache_file_is_replaced(planar, tmp_path, monkeypatch, content):
+    expected = torque(Kernel(planar, tmp_path))
+    (path,) = tmp_path.rglob("*.casadi")
+    good = path.read_bytes()
+    path.write_bytes(good[: len(good) // 2] if content == "truncated" else content)
+    np.testing.assert_array_equal(torque(Kernel(planar, tmp_path)), expected)
+    assert len(path.read_bytes()) == len(good)
+    refuse_to_trace(monkeypatch)
+    np.testing.assert_array_equal(torque(Kernel(planar, tmp_path)), expected)
+
+
+@pytest.mark.parametrize("place", [70, 0.3, 0.5, 0.7, -2])
+def test_one_changed_letter_in_a_cache_file_changes_no_result(planar, tmp_path, place):
+    first = torque(Kernel(planar, tmp_path))
+    (path,) = tmp_path.rglob("*.casadi")
+    good = path.read_bytes()
+    at = int(place * len(good)) if isinstance(place, float) else place
+    damaged = bytearray(good)
+    damaged[at] = ord("x") if damaged[at] != ord("x") else ord("y")
+    path.write_bytes(bytes(damaged))
+    np.testing.assert_array_equal(torque(Kernel(planar, tmp_path)), first)
+    assert path.read_bytes() == good  # traced anew and replaced
+
+
+def test_file_of_another_function_is_replaced(planar, tmp_path):
+    expected = torque(Kernel(planar, tmp_path))
+    (path,) = tmp_path.rglob("*.casadi")
+    ca.Function("other", [ca.SX.sym("x")], [ca.SX(1.0)]).save(str(path))
+    np.testing.assert_array_equal(torque(Kernel(planar, tmp_path)), expected)
+
+
+def test_cache_folder_that_cannot_be_written_only_costs_time(planar, tmp_path):
+    file = tmp_path / "file"
+    file.write_text("in the way of a folder")
+    expected = torque(Kernel(planar, None))
+    np.testing.assert_array_equal(torque(Kernel(planar, file / "cache")), expected)
+    assert os.listdir(tmp_path) == ["file"]
+
+
+def test_cache_folder_that_may_not_be_searched_only_costs_time(planar, tmp_path, monkeypatch):
+    def refuse(*_, **__):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(os, "stat", refuse)  # what a folder of another user does, also for the superuser
+    monkeypatch.setattr(cache.Path, "mkdir", refuse)
+    function = Kernel(planar, tmp_path).casadi_function("inverse_dynamics")
+    assert function.name() == "inverse_dynamics"
+
+
+def test_full_disk_leaves_no_half_file(planar, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(cache.os, "replace", full)
+    torque(Kernel(planar, tmp_path))
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+
+
+def fill(folder, names, size):
+    """Store files of `size` bytes, the first used longest ago."""
+    for age, name in enumerate(reversed(names)):
+        cache.store(folder / name, name.encode().ljust(size))
+        os.utime(folder / name, (1e9 - age, 1e9 - age))
+
+
+def stored(folder):
+    return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+
+
+def test_beyond_its_size_the_cache_forgets_what_was_not_used_for_longest(tmp_path, monkeypatch):
+    monkeypatch.setenv("VDFMU_CACHE_MB", str(10_000 / 2**20))
+    (tmp_path / cache.COMPILER).mkdir()
+    (tmp_path / cache.COMPILER / "huge").write_bytes(bytes(50_000))  # is not ours
+    fill(
+        tmp_path, ["a/1", "a/2", "b/3", "b/4", "b/5"], 1_900
+    )  # and 65 bytes each for the digest: below the limit
+    assert stored(tmp_path) == ["a/1", "a/2", "b/3", "b/4", "b/5", f"{cache.COMPILER}/huge"]
+    assert cache.load(tmp_path / "a/1") is not None  # used now
+    cache.store(tmp_path / "c/6", bytes(1_900))
+    # 6 times 1965 bytes are too many: three quarters of the limit hold 3 files
+    assert stored(tmp_path) == ["a/1", "b/5", "c/6", f"{cache.COMPILER}/huge"]
+    cache.store(tmp_path / "c/7", bytes(9_000))  # one that fills the cache stays alone; empty folders go
+    assert stored(tmp_path) == ["c/7", f"{cache.COMPILER}/huge"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["c", cache.COMPILER]
+
+
+def test_a_folder_that_holds_other_files_too_keeps_them(tmp_path, monkeypatch):
+    """Such as ``VDFMU_CACHE_DIR=$HOME``."""
+    monkeypatch.setenv("VDFMU_CACHE_MB", "0")
+    (tmp_path / "letters").mkdir()
+    (tmp_path / "letters" / "long").write_bytes(bytes(20_000))
+    fill(tmp_path, ["a/1", "letters/2"], 100)
+    assert stored(tmp_path) == ["a/1", "letters/long"]  # of the entries the last that was stored
+    assert [entry.path.name for entry in cache.clear(tmp_path)] == ["1"]
+    assert stored(tmp_path) == ["letters/long"]
+
+
+@pytest.mark.parametrize("given", ["much", "-1", "nan"])
+def test_a_limit_that_is_not_a_size_is_refused(tmp_path, monkeypatch, given):
+    monkeypatch.setenv("VDFMU_CACHE_MB", given)
+    with pytest.raises(UsageError, match=f"VDFMU_CACHE_MB: expected .* a number >= 0 in MB, got '{given}'"):
+        cache.store(tmp_path / "a" / "1", b"")
+    with pytest.raises(UsageError, match="VDFMU_CACHE_MB"):  # before any work that would then be lost
+        cache_folder()
+
+
+def test_below_its_size_no_entry_is_opened_to_store_another(tmp_path, monkeypatch):
+    cache.store(tmp_path / "a" / "1", b"one")
+    monkeypatch.setattr(cache, "entries", None)
+    cache.store(tmp_path / "a" / "2", b"two")
+    assert cache.load(tmp_path / "a" / "2") == b"two"
+
+
+CROWD = """
+import sys
+from pathlib import Path
+from vdfmu.compiler.functions import cache
+folder, seed = Path(sys.argv[1]), int(sys.argv[2])
+for k in range(300):
+    name = f"{(seed * k) % 3}/{(7 * k + seed) % 40}"
+    expected = name.encode().ljust(1_000)
+    found = cache.load(folder / name)
+    assert found in (None, expected), name
+    if found is None:
+        cache.store(folder / name, expected)
+"""
+
+
+def test_processes_share_a_cache_that_each_of_them_empties(tmp_path):
+    crowd = [
+        subprocess.Popen(
+            [sys.executable, "-c", CROWD, tmp_path, str(seed)],
+            stderr=subprocess.PIPE,
+            text=True,
+            env=os.environ | {"VDFMU_CACHE_MB": str(20_000 / 2**20)},
+        )
+        for seed in (1, 2, 5)
+    ]
+    for process in crowd:
+        _, errors = process.communicate(timeout=120)
+        assert process.returncode == 0, errors
+    files = stored(tmp_path)
+    assert files and not [name for name in files if name.endswith(".tmp")]
+    # the last file of each process may come after the last look of the others
+    assert sum((tmp_path / name).stat().st_size for name in files) <= 20_000 + 3 * 1_065
+
+
+def test_unknown_function_lists_the_known_ones(planar):
+    with pytest.raises(
+        KernelError, match=r"no traced function 'inverse'. There are: inverse_dynamics, .*margins"
+    ):
+        Kernel(planar, None).function("inverse")
+
+
+def test_call_checks_count_and_sizes(planar, kernel_of):
+    function = kernel_of(planar).function("inverse_dynamics")
+    p, rest = kernel_of(planar).p, np.zeros(2)
+    with pytest.raises(
+        KernelError, match=r"inverse_dynamics: expected 5 arguments \(q, q_dot, q_ddot, F_e, p\), got 1"
+    ):
+        function([0.0, 0.0])
+    with pytest.raises(KernelError, match=r"inverse_dynamics: q: expected 2 numbers, got 3"):
+        function([0.0, 0.0, 0.0], rest, rest, np.zeros(6), p)
+    tau = function([0.0, 0.0], rest, rest, np.zeros(6), p)
+    # At q = 0 the arm is horizontal: (2 kg * 0.25 m + 1 kg * (0.5 m + 0.2 m)) g and 1 kg * 0.2 m * g; a few
+    # roundings.
+    np.testing.assert_allclose(tau, [1.2 * 9.81, 0.2 * 9.81], rtol=1e-15 * 4)
+
+
+def test_two_functions_of_one_kernel_have_buffers_of_their_own(planar, kernel_of):
+    a, b = (kernel_of(planar).function("inverse_dynamics") for _ in range(2))
+    a.args["q"][:] = 1.0
+    assert not b.args["q"].any()
+    p = kernel_of(planar).p
+    rest, F_e = np.zeros(2), np.zeros(6)
+    first = a([0.0, 0.0], rest, rest, F_e, p)
+    a([1.0, 1.0], rest, rest, F_e, p)
+    np.testing.assert_array_equal(first, b([0.0, 0.0], rest, rest, F_e, p))  # results of a call are copies
+
+
+def test_rows_take_single_arrays_and_batches(planar, kernel_of):
+    kernel = kernel_of(planar)
+    q, q_dot, q_ddot, F_e = arguments()
+    one = torque(kernel)
+    assert one.shape == (2,)
+    batch = kernel.rows(
+        "inverse_dynamics", [np.stack([q, 2 * q, q]), q_dot, np.stack([q_ddot] * 3), F_e], SIZES
+    )
+    assert batch.shape == (3, 2)
+    np.testing.assert_array_equal(batch[[0, 2]], [one, one])
+    assert (batch[1] != one).all()
+    assert kernel.rows("inverse_dynamics", [np.empty((0, 2)), q_dot, q_ddot, F_e], SIZES).shape == (0, 2)
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ([0.0], r"inverse_dynamics: q: expected shape \(2,\) or \(m, 2\), got \(1,\)"),
+        (0.0, r"q: expected shape \(2,\) or \(m, 2\), got \(\)"),
+        (np.zeros((2, 2, 2)), r"q: expected shape .*, got \(2, 2, 2\)"),
+        ([0.0, np.nan], r"q\[1\]: expected a finite number, got nan"),
+        ([[0.0, 0.0], [np.inf, 0.0]], r"q\[1, 0\]: expected a finite number, got inf"),
+        (["a", "b"], r"q: expected numbers of shape \(2,\) or \(m, 2\)"),
+        ([[0.0, 0.0], [0.0]], r"q: expected numbers of shape \(2,\) or \(m, 2\)"),
+    ],
+)
+def test_rows_refuse_what_is_no_array_of_finite_numbers(planar, kernel_of, value, message):
+    with pytest.raises(KernelError, match=message):
+        kernel_of(planar).rows("inverse_dynamics", [value, *arguments()[1:]], SIZES)
+
+
+def test_rows_refuse_batches_of_different_lengths(planar, kernel_of):
+    q, q_dot, q_ddot, F_e = arguments()
+    with pytest.raises(KernelError, match=r"batches of different lengths \[2, 3\]: expected one length"):
+        kernel_of(planar).rows(
+            "inverse_dynamics", [np.stack([q] * 2), np.stack([q_dot] * 3), q_ddot, F_e], SIZES
+        )
+
+
+def test_given_buffers_are_used_in_place_and_checked(planar, kernel_of):
+    q = np.array([0.3, 0.4])
+    function = kernel_of(planar).function("inverse_dynamics", q=q)
+    assert function.args["q"] is q
+    for wrong in (np.zeros(3), np.zeros(2, dtype=np.float32), np.zeros(4)[::2]):
+        with pytest.raises(
+            KernelError, match=r"buffer of q: expected a contiguous float array of shape \(2,\)"
+        ):
+            kernel_of(planar).function("inverse_dynamics", q=wrong)
+
+
+def symbol(name="s"):
+    return Symbol(ca.SX.sym(name))
+
+
+def test_symbol_refuses_to_become_a_float():
+    with pytest.raises(KernelError, match=r"Symbol\(s\) has no value while equations are traced"):
+        float(symbol())
+    with pytest.raises(
+        KernelError, match=r"an array to put it into is zeros\(shape, \*like\) of vdfmu\.unit"
+    ):
+        np.zeros(2)[0] = symbol()
+    assert float(Symbol(2.5)) == 2.5
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda s: bool(s),
+        lambda s: s == 0.0,
+        lambda s: s != 0.0,
+        lambda s: s in [0.0],
+        lambda s: np.array([s, s]) == 0.0,
+        lambda s: 1.0 if s else 0.0,
+    ],
+)
+def test_symbol_refuses_to_be_true_or_false(ask):
+    with pytest.raises(KernelError, match="a condition on a value is not known while equations are traced"):
+        ask(symbol())
+
+
+def test_symbol_has_no_order_and_no_hash():
+    with pytest.raises(KernelError, match=r"where\(condition, a, b\), clip, minimum, maximum or sgn"):
+        sorted([symbol("a"), symbol("b")])
+    with pytest.raises(TypeError, match="unhashable"):
+        {symbol()}
+
+
+def test_symbols_compute_as_floats_do():
+    x = ca.SX.sym("x", 2)
+    s = from_sx(x)
+    value = np.array([0.7, -1.3])
+
+    def f(u):
+        a, b = u[0], u[1]
+        return [
+            a + 1 - b, 1 - a, 2.0 * a / b, 3.0 / a, -a, abs(b), a**2, a**b,
+            np.float64(2.0) * a, a * np.float64(2.0), sgn(b), *np.sin(u), *np.cos(u), *np.tanh(u), *np.exp(u),
+            *np.expm1(u), *np.arctan(u), *np.log1p(u * u), *np.sqrt(u * u), *clip(u, -1.0, 0.5), *sgn(u),
+        ]  # fmt: skip
+
+    results = ca.Function("f", [x], [to_sx(f(s))])(value).full().ravel()
+    # One rounding of each library's own functions, on values up to 4.
+    np.testing.assert_allclose(results, np.array(f(value), dtype=float), rtol=0, atol=4e-15)
+
+
+def test_symbols_mix_with_arrays_and_jets():
+    s = symbol()
+    row = s * np.array([1.0, 2.0])
+    assert row.dtype == object and all(isinstance(v, Symbol) for v in row)
+    assert (
+        isinstance(s * Jet(1.0, 2.0), Jet)
+        and isinstance(Jet(1.0, 2.0) - s, Jet)
+        and isinstance(s - Jet(1.0), Jet)
+    )
+    assert Symbol(0.0).is_zero() and not s.is_zero()
+    assert (s * 0.0).is_zero()
+    assert zeros((2,), row).dtype == object and zeros((2,), np.zeros(3)).dtype == float
+    assert repr(s) == "Symbol(s)" and len(repr(sum([s] * 100, s))) < 75
+
+
+def test_jets_times_arrays_are_arrays_of_jets():
+    jet, array = Jet(1.0, 2.0, 3.0), np.array([2.0, 3.0])
+    for product in (
+        jet * array,
+        array * jet,
+        jet + array,
+        array - jet,
+        jet - array,
+        jet / array,
+        array / jet,
+    ):
+        assert isinstance(product, np.ndarray) and all(isinstance(v, Jet) for v in product)
+
+
+def test_hold_splits_value_and_interval():
+    for s, expected in (
+        (-0.5, (0.0, 0.0)),
+        (0.0, (0.0, 1.0)),
+        (0.4, (0.4, 1.0)),
+        (1.0, (1.0, 1.0)),
+        (1.5, (1.0, 0.0)),
+    ):
+        assert piecewise_hold(s) == expected
+        x = ca.SX.sym("x")
+        traced = ca.Function("hold", [x], [to_sx(list(piecewise_hold(Symbol(x))))])
+        np.testing.assert_array_equal(traced(s).full().ravel(), expected)
+
+
+def test_arrays_of_symbols_are_laid_out_row_by_row_as_in_fmi():
+    matrix = ca.SX.sym("m", 2, 3)
+    assert from_sx(matrix).shape == (2, 3)
+    function = KernelFunction(ca.Function("f", [matrix], [to_sx(from_sx(matrix))], ["m"], ["out"]))
+    values = np.arange(6.0).reshape(2, 3)
+    # CasADi's own arguments lie column by column
+    np.testing.assert_array_equal(function(values.ravel(order="F")), values.ravel())

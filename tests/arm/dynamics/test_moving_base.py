@@ -1,0 +1,295 @@
+"""An arm on a moving base, and under a load with a mass: against Pinocchio with a free joint as root, and by laws."""
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.spatial.transform import Rotation
+
+from tests.arm.dynamics.test_rotor_bodies import RotorBodies
+from tests.conftest import random_inertia, random_rotation
+from vdfmu.arm.equations.feedforward import Gains, desired_drive_motion, feedforward_inverse, feedforward_vdc
+from vdfmu.arm.equations.forward_dynamics import apparent_load, forward_dynamics
+from vdfmu.arm.equations.friction import joint_friction
+from vdfmu.arm.equations.inverse_dynamics import gravity_in_links, inverse_dynamics, link_motion
+from vdfmu.arm.equations.kinematics import tool_transform
+from vdfmu.arm.equations.plant import (
+    BasePose,
+    balance,
+    base_load,
+    plant_derivative,
+    plant_outputs,
+    split_state,
+    tool_motion,
+)
+from vdfmu.arm.equations.rigid_body import coriolis_force, gravity_force, mass_matrix
+from vdfmu.arm.equations.spatial import skew
+from vdfmu.arm.equations.trajectory import desired_motion
+from vdfmu.arm.robot.parameters import PARAMETERS
+from vdfmu.arm.world.attachment import Ends, moving_base, point_acceleration
+from vdfmu.compiler.scalar.jet import derivative, jets
+
+# Of the largest: some 5000 roundings on either side, and solutions with mass matrices of a condition up to 1e4.
+CLOSE = 1e-10
+EPS = np.finfo(float).eps
+
+
+class Ride(NamedTuple):
+    """Motion of a base: rotation in {I}, velocity in {S}, acceleration as of a point and angular, in {S}."""
+
+    R_S: np.ndarray
+    V_S: np.ndarray
+    A_S: np.ndarray
+
+    def base(self, robot):
+        """Return it as the equations take it."""
+        return moving_base(robot, self.R_S, self.V_S[3:], self.A_S)
+
+
+def rides(count, seed):
+    random = np.random.default_rng(seed)
+    return [
+        Ride(random_rotation(random), random.normal(size=6), 3.0 * random.normal(size=6))
+        for _ in range(count)
+    ]
+
+
+def close(found, expected, share=CLOSE):
+    np.testing.assert_allclose(found, expected, rtol=0, atol=share * np.abs(expected).max())
+
+
+class Flying:
+    """A Pinocchio model behind a free joint, whose motion is prescribed."""
+
+    def __init__(self, model, robot):
+        root = pin.Model()
+        root.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "base")
+        root.addFrame(pin.Frame("mount", 1, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+        self.model = pin.appendModel(root, model, root.getFrameId("mount"), pin.SE3.Identity())
+        self.model.gravity = model.gravity  # which that does not take over
+        self.data = self.model.createData()
+        self.tool, self.robot = max(i for i, n in enumerate(self.model.names) if "joint" in n), robot
+
+    def solve(self, ride, q, q_dot, tau, F_e):
+        """Accelerations of the joints, and the wrench of the base on the arm."""
+        place = np.concatenate([np.zeros(3), pin.Quaternion(ride.R_S).coeffs(), q])
+        v = np.concatenate([ride.V_S, q_dot])
+        turning = point_acceleration(ride.V_S, np.zeros(6))
+        a = np.concatenate([ride.A_S - turning, np.zeros(len(q))])  # its own is the derivative of coordinates
+        forces = [pin.Force.Zero() for _ in range(self.model.njoints)]
+        tool = pin.SE3(np.array(self.robot.tool_rotation), np.array(self.robot.tool_offset))
+        forces[self.tool] = tool.act(pin.Force(-F_e[:3], -F_e[3:]))
+        held = pin.rnea(self.model, self.data, place, v, a, forces)
+        M = pin.crba(self.model, self.data, place)
+        M = np.triu(M) + np.triu(M, 1).T
+        q_ddot = np.linalg.solve(M[6:, 6:], tau - held[6:])
+        return q_ddot, held[:6] + M[:6, 6:] @ q_ddot
+
+
+def test_links_on_a_moving_base_agree_with_a_free_root(chain, draw, pinocchio_model):
+    flying = Flying(pinocchio_model(chain), chain)
+    for state, ride in zip(draw(chain, 20, seed=11), rides(20, 12), strict=True):
+        q_ddot, F_S = flying.solve(ride, state.q, state.q_dot, state.tau_s, state.F_e)
+        ends = Ends(ride.base(chain))
+        close(forward_dynamics(chain, state.q, state.q_dot, state.tau_s, state.F_e, ends=ends), q_ddot)
+        tau = inverse_dynamics(chain, state.q, state.q_dot, q_ddot, state.F_e, base=ends.base)
+        close(tau, state.tau_s, CLOSE * 10)  # the torque of one joint is the difference of larger ones
+        M_S, F_S0 = apparent_load(chain, state.q, state.q_dot, state.tau_s, state.F_e, ends=ends)
+        close(M_S @ ride.A_S + F_S0, F_S)
+        close(M_S, M_S.T, 1e-13)  # of sums of symmetric matrices
+
+
+def test_rotors_on_a_moving_base_agree_with_bodies_on_a_free_root(chain, draw):
+    robot = dataclasses.replace(chain, rotor_coupling=True)
+    n, bodies = robot.n, RotorBodies(robot)
+    flying = Flying(bodies.model, robot)
+    flying.tool = bodies.tool + 1
+    for state, ride in zip(draw(robot, 20, seed=13), rides(20, 14), strict=True):
+        xi_l, xi_m = joint_friction(robot, state.q_dot, state.kappa_dot)
+        accelerations, F_S = flying.solve(
+            ride,
+            bodies.vector(state.q, 17.0 * state.kappa_dot),
+            bodies.vector(state.q_dot, robot.ell * state.kappa_dot),
+            bodies.vector(state.tau_s - xi_l, state.tau - state.tau_s / robot.ell - xi_m),
+            state.F_e,
+        )
+        ends = Ends(ride.base(robot))
+        x_dot = plant_derivative(robot, state.x, state.tau, state.F_e, ends)
+        close(x_dot[n : 2 * n], accelerations[bodies.links])
+        close(x_dot[2 * n : 3 * n], accelerations[bodies.rotors] / robot.ell)
+        M_S, F_S0 = base_load(robot, state.x, state.tau, state.F_e, ends)
+        close(M_S @ ride.A_S + F_S0, F_S)
+
+
+def test_the_balance_of_forces_is_that_of_the_derivative(chain, draw):
+    random = np.random.default_rng(15)
+    for state, ride in zip(draw(chain, 5, seed=16), rides(5, 17), strict=True):
+        M_e = mass_matrix(2.0, random.normal(size=3), random_inertia(random, 0.3))
+        ends = Ends(ride.base(chain), M_e)
+        x_dot = plant_derivative(chain, state.x, state.tau, state.F_e, ends)
+        _, q_ddot, kappa_ddot, _ = np.split(x_dot, 4)
+        links, rotors = balance(chain, state.x, q_ddot, state.tau, state.F_e, ends=ends)
+        # the torques that cancel: those of the joints, and what accelerations of 1e3 rad/s2 make of the inertia
+        np.testing.assert_allclose(links, 0.0, atol=CLOSE * np.abs(q_ddot).max())
+        close(rotors, kappa_ddot)
+
+
+def test_gravity_is_an_acceleration_of_the_base(chain, draw):
+    floating = dataclasses.replace(chain, gravity=np.zeros(3))
+    for state, ride in zip(draw(chain, 5, seed=18), rides(5, 19), strict=True):
+        upward = np.concatenate([ride.R_S.T @ chain.gravity, np.zeros(3)])
+        lifted = moving_base(floating, ride.R_S, np.zeros(3), upward)
+        tilted = moving_base(chain, ride.R_S, np.zeros(3), np.zeros(6))
+        motion = state.q, state.q_dot, state.q_ddot, state.F_e
+        close(
+            inverse_dynamics(floating, *motion, base=lifted),
+            inverse_dynamics(chain, *motion, base=tilted),
+            1e-13,  # the same sums in another order
+        )
+
+
+def turned(robot, angle, rate, acceleration):
+    """Pose of a base that turns about the axis of joint 1, and its ride."""
+    axis, place = robot.rotation[0][:, 2], np.array(robot.offset[0])
+    R_S = Rotation.from_rotvec(angle * axis).as_matrix()
+    omega, alpha = rate * axis, acceleration * axis
+    v = np.cross(omega, -place)
+    a = np.cross(alpha, -place) + np.cross(omega, v)
+    V_S = np.concatenate([v, omega])
+    return BasePose(place - R_S @ place, R_S, V_S), Ride(R_S, V_S, np.concatenate([a, alpha]))
+
+
+def test_a_base_that_turns_about_the_axis_of_joint_1_is_joint_1(chain, draw):
+    for state in draw(chain, 5, seed=20):
+        pose, ride = turned(chain, 0.7, 1.3, -2.1)
+        first = np.eye(chain.n)[0]
+        found = inverse_dynamics(chain, state.q, state.q_dot, state.q_ddot, state.F_e, base=ride.base(chain))
+        moved = state.q + 0.7 * first, state.q_dot + 1.3 * first, state.q_ddot - 2.1 * first
+        close(found, inverse_dynamics(chain, *moved, state.F_e), 1e-12)
+        shown = plant_outputs(dataclasses.replace(chain, rotor_coupling=False), state.x, pose)
+        other = np.concatenate([moved[0], moved[1], state.kappa_dot, state.tau_s])
+        expected = plant_outputs(dataclasses.replace(chain, rotor_coupling=False), other)
+        for name in ("p_O", "R_O", "E_kin", "E_pot"):
+            close(getattr(shown, name), getattr(expected, name), 1e-12)
+
+
+def test_a_load_with_the_mass_of_a_body_is_a_payload(chain, draw):
+    bare = dataclasses.replace(chain, payload=False)
+    random = np.random.default_rng(21)
+    body = 1.7, random.normal(scale=0.1, size=3), 1.7 * random_inertia(random, 0.1)
+    loaded = dataclasses.replace(chain, payload=True).with_parameters(
+        payload_mass=body[0], payload_centroid=body[1], payload_inertia=body[2]
+    )
+    for state, ride in zip(draw(chain, 5, seed=22), rides(5, 23), strict=True):
+        ends = Ends(ride.base(chain))
+        motion = link_motion(bare, state.q, state.q_dot, np.zeros(chain.n), base=ends.base)
+        omega_O = (tool_transform(bare).T @ motion.V_B[-1])[3:]
+        g_O = bare.tool_rotation.T @ gravity_in_links(bare, motion.U_AB, base=ends.base)[-1]
+        turning = coriolis_force(*body, np.concatenate([np.zeros(3), omega_O]))
+        F_e = state.F_e + turning + gravity_force(*body[:2], g_O)
+        close(
+            plant_derivative(bare, state.x, state.tau, F_e, Ends(ends.base, mass_matrix(*body))),
+            plant_derivative(loaded, state.x, state.tau, state.F_e, ends),
+        )
+
+
+def part(robot, joints, **fields):
+    arrays = {name: getattr(robot, name)[joints] for name, row in PARAMETERS.items() if row.per_joint}
+    return dataclasses.replace(robot, joint_types=robot.joint_types[joints], **arrays | fields)
+
+
+@pytest.mark.parametrize("coupled", [False, True])
+def test_two_arms_accelerate_as_the_arm_of_all_their_joints(chain, draw, coupled):
+    """One arm cut after its first joint: no iteration, the parts hand on motion, apparent mass and wrench."""
+    whole = dataclasses.replace(chain, rotor_coupling=coupled)
+    n = whole.n
+    tool = np.array([0.1, -0.2, 0.05])  # anywhere: the second arm is placed from there
+    R = Rotation.from_rotvec([0.4, -0.7, 1.1]).as_matrix()
+    offset, rotation = whole.offset[1:].copy(), whole.rotation[1:].copy()
+    offset[0], rotation[0] = R.T @ (offset[0] - tool), R.T @ rotation[0]
+    one = part(whole, slice(0, 1), tool_offset=tool, tool_rotation=R, payload=False)
+    two = part(whole, slice(1, n), offset=offset, rotation=rotation)
+    for state, ride in zip(draw(whole, 10, seed=24), rides(10, 25), strict=True):
+        x, base = split_state(whole, state.x)[:4], ride.base(whole)
+        x_1, x_2 = (np.concatenate([s[joints] for s in x]) for joints in (slice(0, 1), slice(1, n)))
+        R_O = ride.R_S @ plant_outputs(one, x_1).R_O
+        V_O, _ = tool_motion(one, x_1, state.tau[:1], np.zeros(6), Ends(base))
+        carried = Ends(moving_base(two, R_O, V_O[3:], np.zeros(6)))
+        M_S, F_S0 = base_load(two, x_2, state.tau[1:], state.F_e, carried)
+        loaded = Ends(base, M_S)
+        found_1 = plant_derivative(one, x_1, state.tau[:1], F_S0, loaded)
+        _, A_O = tool_motion(one, x_1, state.tau[:1], F_S0, loaded)
+        found_2 = plant_derivative(
+            two, x_2, state.tau[1:], state.F_e, Ends(moving_base(two, R_O, V_O[3:], A_O))
+        )
+        found = [
+            np.concatenate(pair) for pair in zip(np.split(found_1, 4), np.split(found_2, 4), strict=True)
+        ]
+        expected = np.split(plant_derivative(whole, state.x, state.tau, state.F_e, Ends(base)), 4)
+        for a, b in zip(found, expected, strict=True):
+            close(a, b)
+
+
+def test_energy_changes_by_the_power_of_motors_tool_and_base(chain, draw):
+    """Without friction: dE/dt = tau ell kappa_dot - F_e V_O + F_S V_S."""
+    robot = dataclasses.replace(chain, rotor_coupling=True).with_parameters(
+        f_c=0, f_s=0, f_v=0, f_ck=0, theta_err_amplitude=0
+    )
+    for state, ride in zip(draw(robot, 5, seed=26), rides(5, 27), strict=True):
+        ends = Ends(ride.base(robot))
+        x_dot = plant_derivative(robot, state.x, state.tau, state.F_e, ends)
+        V_S_dot = ride.A_S - point_acceleration(ride.V_S, np.zeros(6))
+        pose = BasePose(
+            jets(np.zeros(3), ride.R_S @ ride.V_S[:3], 0.0),
+            jets(ride.R_S, ride.R_S @ skew(ride.V_S[3:]), 0.0),
+            jets(ride.V_S, V_S_dot, 0.0),
+        )
+        out = plant_outputs(robot, jets(state.x, x_dot, 0.0), pose)
+        rates = [float(derivative(E, 1)) for E in (out.E_kin, out.E_pot, out.E_spring)]
+        M_S, F_S0 = base_load(robot, state.x, state.tau, state.F_e, ends)
+        V_O, _ = tool_motion(robot, state.x, state.tau, state.F_e, ends)
+        V_O = V_O + np.concatenate([derivative(out.R_O, 0).T @ (ride.R_S @ ride.V_S[:3]), np.zeros(3)])
+        powers = [
+            state.tau @ (robot.ell * state.kappa_dot), -state.F_e @ V_O, (M_S @ ride.A_S + F_S0) @ ride.V_S
+        ]  # fmt: skip
+        # some 1000 products of the size of the powers that flow, springs among them
+        flow = np.abs(rates).sum() + np.abs(state.tau_s) @ (np.abs(state.kappa_dot) + np.abs(state.q_dot))
+        np.testing.assert_allclose(sum(rates), sum(powers), rtol=0, atol=1000 * EPS * flow)
+
+
+def test_the_feedforward_of_a_base_that_turns_steadily_is_the_exact_inverse(chain):
+    chain = chain.with_parameters(theta_err_amplitude=0)  # too quick for the differences
+    n = chain.n
+    ride = rides(1, 28)[0]
+    omega, A_S = ride.V_S[3:], np.concatenate([ride.A_S[:3], np.zeros(3)])
+
+    def base(t):
+        return moving_base(chain, ride.R_S @ Rotation.from_rotvec(t * omega).as_matrix(), omega, A_S)
+
+    def desired(t):
+        return desired_motion(t, -0.3 * np.ones(n), 0.4 + 0.1 * np.arange(n), 2.0, 0.0)
+
+    def drives(t):
+        return desired_drive_motion(chain, desired(t), None, base(t))
+
+    t, h = 0.83, 1e-4
+    found = drives(t)
+    for rate, values in ((found.kappa_dot, "kappa"), (found.kappa_ddot, "kappa_dot")):
+        one, two = ((getattr(drives(t + k * h), values) - getattr(drives(t - k * h), values)) / (2 * k * h)
+                    for k in (1, 2))  # fmt: skip
+        difference = (4.0 * one - two) / 3.0
+        # of order 4 in h: 1e-16 of derivatives below 1e4, and rounding, 1e-16 / h of values near 1
+        np.testing.assert_allclose(rate, difference, rtol=0, atol=1e-10 * max(1.0, np.abs(rate).max()))
+    torques = feedforward_inverse(chain, desired(t), np.zeros(6), base(t))
+    motion = desired(t)
+    x = np.concatenate([motion.q_d, motion.q_d_dot, torques.kappa_dot_d, torques.tau_s])
+    x_dot = split_state(chain, plant_derivative(chain, x, torques.tau_m, np.zeros(6), Ends(base(t))))
+    # of a coupled rotor's torque the feedforward leaves out D' I_m D_ddot, see `desired_drive_motion`
+    close(x_dot.q_dot, motion.q_d_ddot, 1e-9)
+    gains = Gains(*(np.zeros(n) for _ in range(4)))
+    vdc = feedforward_vdc(
+        chain, gains, motion, motion.q_d, motion.q_d_dot, torques.kappa_dot_d, None, base(t)
+    )
+    close(vdc.tau_m, torques.tau_m, 1e-9)

@@ -1,0 +1,349 @@
+"""Traced functions against the numpy equations they come from, for every name and every robot."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from tests.conftest import TYPICAL
+from vdfmu.arm.equations.feedforward import Gains, feedforward_inverse, feedforward_vdc
+from vdfmu.arm.equations.flexible_joint import rotor_position
+from vdfmu.arm.equations.forward_dynamics import forward_dynamics
+from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
+from vdfmu.arm.equations.kinematics import end_effector_pose
+from vdfmu.arm.equations.mapping import jacobian, joint_space_mass_matrix
+from vdfmu.arm.equations.newton_euler import newton_euler
+from vdfmu.arm.equations.pd import pd_control
+from vdfmu.arm.equations.plant import balance, equilibrium_torque, plant_derivative, plant_outputs
+from vdfmu.arm.equations.trajectory import Desired, desired_motion
+from vdfmu.arm.robot import Robot, load_robot
+from vdfmu.arm.robot.parameters import PARAMETERS, SPRING_KEYS
+from vdfmu.arm.robot.requirements import margins, requirements
+from vdfmu.arm.robot.structure import set_parameters, structure_key, values
+from vdfmu.arm.robot.traced import FUNCTIONS
+from vdfmu.arm.units import shipped_units
+from vdfmu.arm.units._estimator import torque_estimates
+from vdfmu.compiler.functions import Kernel, parameters
+from vdfmu.compiler.functions.rodas import ALPHA, GAMMA, GAMMA_I, A, C
+from vdfmu.compiler.scalar.jet import derivative, jets
+from vdfmu.compiler.unit.program import UnitFunctions
+
+PLANAR = load_robot("planar_2dof")
+NAMES = [
+    *FUNCTIONS,
+    *(name for unit in shipped_units().values() for name in UnitFunctions(unit, PLANAR, None).names()),
+]
+"""Traced functions of the kernel and of the units."""
+
+
+@pytest.fixture(scope="module", params=[*TYPICAL, "general", "single"])
+def traced_robot(request, general):
+    """Return each shipped robot, the general chain, and an arm of one joint."""
+    if request.param == "general":
+        return general
+    if request.param == "single":
+        return first_joint(general)
+    return load_robot(request.param)
+
+
+def first_joint(robot: Robot) -> Robot:
+    """Return the arm that ends after the first joint."""
+    arrays = {name: getattr(robot, name)[:1] for name, row in PARAMETERS.items() if row.per_joint}
+    return dataclasses.replace(robot, name="single", joint_types=robot.joint_types[:1], **arrays)
+
+
+def plant_jacobian(robot, x, tau, F_e):
+    """Return the Jacobian of the plant's right-hand side by jets, column by column: exact to rounding."""
+    columns = [derivative(plant_derivative(robot, jets(x, row, 0.0), tau, F_e), 1) for row in np.eye(len(x))]
+    return np.array(columns, dtype=float).T
+
+
+def plant_step(robot, x, tau, F_e, rate_tau, rate_F_e, h, tolerance):
+    """Return one step of the plant by the stage equations of docs/solver.md, with numpy's solver."""
+
+    def residual(x, x_dot, t):
+        now = tau + t * rate_tau, F_e + t * rate_F_e
+        explicit = plant_derivative(robot, x, *now)
+        explicit[n : 3 * n] = np.concatenate(balance(robot, x, x_dot[n : 2 * n], *now))
+        return explicit - x_dot * np.repeat([1.0, 0.0, 1.0, 1.0], n)
+
+    n, zero = robot.n, np.zeros(len(x))
+    J = plant_jacobian(robot, x, tau, F_e)
+    W = np.eye(len(x)) / (h * GAMMA) - J
+    # the balance is affine in x_dot, tau and F_e: a difference is the derivative but for rounding
+    E = np.array([residual(x, zero, 0.0) - residual(x, unit, 0.0) for unit in np.eye(len(x))]).T
+    f = plant_derivative(robot, x, tau, F_e)
+    f_t = plant_derivative(robot, x, tau + rate_tau, F_e + rate_F_e) - f
+    u: list[np.ndarray] = []
+    w: list[np.ndarray] = []
+    for a, c, alpha, gamma in zip(A, C, ALPHA, GAMMA_I, strict=True):
+        x_i = x + sum((k * v for k, v in zip(a, u, strict=True)), zero)
+        y_i = f + sum((k * v for k, v in zip(a, w, strict=True)), zero)
+        slope = y_i + sum((k * v for k, v in zip(c, u, strict=True)), zero) / h
+        unbalanced = np.linalg.solve(E, residual(x_i, y_i, alpha * h))
+        u.append(np.linalg.solve(W, slope + unbalanced + gamma * h * f_t))
+        w.append(u[-1] / (h * GAMMA) - slope)
+    x_new = x_i + u[-1]
+    ratio = u[-1] / (tolerance * (1.0 + np.maximum(np.abs(x), np.abs(x_new))))
+    return {"x_new": x_new, "norm": np.sqrt(np.mean(ratio**2)), "ratio": ratio}
+
+
+def case(name, robot, state):
+    """Return arguments by name and the numpy equations' results by name."""
+    n = robot.n
+    motion = desired_motion(3.0, state.q - 1.0, state.q + 1.0, 10.0)
+    desired = motion._asdict()
+    gains = dict(zip(Gains._fields, np.random.default_rng(70).uniform(0.1, 5.0, (4, n)), strict=True))
+    q, q_dot, q_ddot, tau, F_e = state.q, state.q_dot, state.q_ddot, state.tau, state.F_e
+    x = state.x
+    match name:
+        case "inverse_dynamics" | "newton_euler":
+            method = inverse_dynamics if name == "inverse_dynamics" else newton_euler
+            return dict(q=q, q_dot=q_dot, q_ddot=q_ddot, F_e=F_e), dict(
+                tau=method(robot, q, q_dot, q_ddot, F_e)
+            )
+        case "forward_dynamics":
+            return dict(q=q, q_dot=q_dot, tau=state.tau_s, F_e=F_e), dict(
+                q_ddot=forward_dynamics(robot, q, q_dot, state.tau_s, F_e)
+            )
+        case "forward_kinematics":
+            p_O, R_O = end_effector_pose(robot, q)
+            return dict(q=q), dict(pose=np.concatenate([p_O, R_O.ravel()]))
+        case "jacobian":
+            return dict(q=q), dict(J_q=jacobian(robot, q))
+        case "mass_matrix":
+            return dict(q=q), dict(M=joint_space_mass_matrix(robot, q))
+        case "plant_derivatives":
+            return dict(x=x, tau=tau, F_e=F_e), dict(x_dot=plant_derivative(robot, x, tau, F_e))
+        case "plant_jacobian":
+            return dict(x=x, tau=tau, F_e=F_e), dict(J=plant_jacobian(robot, x, tau, F_e))
+        case "plant_step":
+            h, tolerance = 1e-4, 1e-6
+            inputs = dict(tau=tau, F_e=F_e, rate_tau=30.0 * tau, rate_F_e=-20.0 * F_e)
+            return dict(x=x, **inputs, h=h, tolerance=tolerance), plant_step(
+                robot, x, **inputs, h=h, tolerance=tolerance
+            )
+        case "plant_outputs":
+            return dict(x=x), plant_outputs(robot, x)._asdict()
+        case "margins":
+            return {}, dict(margin=margins(robot, requirements(robot)))
+        case "plant_start_equilibrium":
+            tau_s = equilibrium_torque(robot, q, F_e)
+            return dict(q_0=q, q_dot_0=q_dot, F_e=F_e), dict(x=np.concatenate([q, q_dot, q_dot, tau_s]))
+        case "plant_start_not_equilibrium":
+            parts = dict(q_0=q, q_dot_0=q_dot, kappa_dot_0=state.kappa_dot, tau_s_0=state.tau_s)
+            return parts, dict(x=np.concatenate(list(parts.values())))
+        case "feedforward_outputs_inverse":
+            return desired | dict(F_e_d=F_e), feedforward_inverse(robot, motion, F_e)._asdict()
+        case "feedforward_outputs_vdc":
+            measured = dict(q=q, q_dot=q_dot, kappa_dot=state.kappa_dot, F_e_d=F_e)
+            torques = feedforward_vdc(robot, Gains(**gains), motion, **measured)
+            return desired | measured | gains, torques._asdict()
+        case "trajectory_outputs":
+            times = dict(t=3.0, T=10.0, t_start=0.5)
+            ends = dict(q_start=q, q_end=q + 1.0)
+            return times | ends, desired_motion(3.0, q, q + 1.0, 10.0, 0.5)._asdict()
+        case "controller_outputs_kappa_dot" | "controller_outputs_q_dot" | "controller_outputs_mixed":
+            pair = {
+                "kappa_dot": ("kappa_dot_d", "kappa_dot"), "q_dot": ("q_d_dot", "q_dot"),
+                "mixed": ("q_d_dot", "kappa_dot"),
+            }[name.removeprefix("controller_outputs_")]  # fmt: skip
+            inputs = dict(
+                K_p=gains["Lambda"] * 100, K_v=gains["K_V"], ell=robot.ell, tau_max=np.full(n, 1.0), q_d=q + 0.1, q=q,
+                tau_m=tau,
+            )  # fmt: skip
+            velocities = dict(zip(pair, (q_dot, state.kappa_dot), strict=True))
+            command = pd_control(**inputs, velocity_d=q_dot, velocity=state.kappa_dot)
+            return inputs | velocities, command._asdict()
+        case "estimator_outputs":
+            inputs = dict(
+                q=q, kappa=rotor_position(robot, q, state.tau_s), tau=tau, tau_hat_max=100.0 / robot.c_f
+            )
+            springs = {key: getattr(robot, key) for key in SPRING_KEYS}
+            return inputs | springs, torque_estimates(robot, **inputs)._asdict()
+    raise AssertionError(f"no case for {name}: add one")
+
+
+def call(function, arguments, p):
+    """Fill the buffers by name, run, and return copies of the results by name."""
+    assert set(function.args) - {"p"} == set(arguments)
+    for key, value in arguments.items():
+        function.args[key][:] = value
+    if "p" in function.args:
+        function.args["p"][:] = p
+    function.run()
+    return {key: value.copy() for key, value in function.results.items()}
+
+
+@pytest.fixture(scope="module")
+def function_of(kernel_of, functions_of):
+    """Return ``function_of(robot, name)``: a traced function of the kernel or of a unit."""
+
+    def function(robot, name):
+        owner = kernel_of(robot) if name in FUNCTIONS else functions_of(name.split("_")[0], robot)
+        return owner.function(name)
+
+    return function
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_traced_function_equals_the_numpy_equations(traced_robot, draw, function_of, name):
+    p, function = values(traced_robot), function_of(traced_robot, name)
+    for state in draw(traced_robot, 3, seed=71):
+        arguments, expected = case(name, traced_robot, state)
+        results = call(function, arguments, p)
+        assert set(results) == set(expected)
+        # The same operations, in an order that CasADi may change: 1e-12 of the largest entry is some 5000
+        # roundings. A step solves a linear system of condition up to 1e4 besides, and its error is a
+        # difference of stages.
+        bound = 1e-9 if name == "plant_step" else 1e-12
+        for key, value in expected.items():
+            value = np.asarray(value, dtype=float).ravel(order="F" if key == "J" else "C")
+            scale = np.abs(value).max()
+            if name == "plant_step" and key != "x_new":
+                scale = max(scale, np.abs(expected["ratio"]).max(), 1e-16 / 1e-6 / bound)
+            np.testing.assert_allclose(results[key], value, rtol=0, atol=bound * scale, err_msg=key)
+
+
+WITHOUT_ROBOT = ("trajectory_outputs", "estimator_outputs", "plant_start_not_equilibrium")
+"""Functions that do not take all of the robot's parameters."""
+
+
+@pytest.mark.parametrize(
+    "name", [n for n in NAMES if n not in WITHOUT_ROBOT and not n.startswith("controller")]
+)
+def test_parameters_at_run_time_equal_the_equations_of_the_changed_robot(
+    traced_robot, draw, function_of, name
+):
+    random = np.random.default_rng(72)
+    p = values(traced_robot)
+    p = p * random.uniform(0.9, 1.1, len(p))
+    changed = set_parameters(traced_robot, p)
+    np.testing.assert_array_equal(values(changed), p)
+    assert structure_key(changed) == structure_key(traced_robot)
+    state = draw(traced_robot, 1, seed=73)[0]
+    arguments, expected = case(name, changed, state)
+    results = call(function_of(traced_robot, name), arguments, p)
+    _, before = case(name, traced_robot, state)
+    moved = False
+    for key, value in expected.items():
+        value = np.asarray(value, dtype=float).ravel(order="F" if key == "J" else "C")
+        # As above.
+        bound = 1e-9 if name == "plant_step" else 1e-12
+        scale = max(
+            np.abs(value).max(), 1e-16 / 1e-6 / bound if name == "plant_step" and key != "x_new" else 0.0
+        )
+        np.testing.assert_allclose(results[key], value, rtol=0, atol=bound * scale, err_msg=key)
+        moved |= (
+            np.abs(value - np.asarray(before[key], dtype=float).ravel(order="F" if key == "J" else "C")).max()
+            > 1e-6 * scale
+        )
+    assert moved
+
+
+@pytest.mark.parametrize("t", [-1.0, 0.0, 0.25, 0.5, 3.0, 10.5, 11.0])
+def test_traced_trajectory_holds_before_and_after(planar, function_of, t):
+    function = function_of(planar, "trajectory_outputs")
+    q_start, q_end = np.array([0.1, 0.2]), np.array([1.0, -1.0])
+    results = call(function, dict(t=t, T=10.0, t_start=0.5, q_start=q_start, q_end=q_end), None)
+    for key, value in desired_motion(t, q_start, q_end, 10.0, 0.5)._asdict().items():
+        # A few roundings of (2 pi)^3.
+        np.testing.assert_allclose(results[key], value, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("infinite", [True, False])
+def test_traced_limit_of_the_motor_torque(planar, function_of, infinite):
+    function = function_of(planar, "controller_outputs_kappa_dot")
+    limit = np.inf if infinite else 0.5
+    zero, one = np.zeros(2), np.ones(2)
+    inputs = dict(
+        K_p=zero, K_v=zero, ell=one, tau_max=limit * one, q_d=zero, kappa_dot_d=zero, q=zero, kappa_dot=zero
+    )
+    for torque in (-3.0, -0.4, 0.0, 0.4, 3.0):
+        results = call(function, inputs | dict(tau_m=torque), None)
+        np.testing.assert_array_equal(results["tau"], np.clip(torque, -limit, limit) * one)
+
+
+def test_plant_jacobian_agrees_with_central_differences(traced_robot, draw, plant_function):
+    robot = traced_robot.with_parameters(eps=0.5)  # a friction step as wide as the differences can resolve
+    derivative_of, jacobian_of = (plant_function(robot, name) for name in ("derivatives", "jacobian"))
+    for state in draw(robot, 2, seed=74):
+        m = 4 * robot.n
+        J = jacobian_of(state.x, state.tau, state.F_e)
+        h = 1e-5
+        for j in range(m):
+            step = h * np.eye(m)[j]
+            high, low = (derivative_of(state.x + s * step, state.tau, state.F_e) for s in (1, -1))
+            # Rounding 1e-16 / 1e-5 of the rates, truncation h^2/6 f''': third derivatives exceed the first by
+            # at most 1 / v_s^2 = 1e3, and by (2 ell)^2 = 4e4 (1.4e6 for a slide) in the kinematic error's
+            # phase. h^2 of that.
+            scale = 1e-10 * np.abs(low).max() + 1e-4 * np.abs(J[:, j]).max()
+            np.testing.assert_allclose(J[:, j], (high - low) / (2 * h), rtol=0, atol=scale)
+
+
+def test_every_number_is_a_parameter_or_a_structural_constant(traced_robot):
+    names = [p.name for p in parameters(traced_robot)]
+    assert len(set(names)) == len(names)
+    for i in range(1, traced_robot.n + 1):
+        for field in ("mass", "ell", "I_m", "K_f0", "c_f", "K_w0", "c_w", "f_c", "f_s", "f_v", "v_s", "eps"):
+            assert f"{field}[{i}]" in names
+        for k in (1, 2, 3):
+            assert f"inertia[{i},{k},{k}]" in names
+            # A zero is folded, and so may not be offered.
+            assert (f"centroid[{i},{k}]" in names) == (traced_robot.centroid[i - 1, k - 1] != 0.0)
+            assert (f"offset[{i},{k}]" in names) == (traced_robot.offset[i - 1, k - 1] != 0.0)
+        assert (f"f_ck[{i}]" in names) == (traced_robot.friction == "split")
+        assert (f"theta_err_phase[{i}]" in names) == (traced_robot.theta_err_amplitude[i - 1] != 0.0)
+
+
+def test_structure_decides_the_key_and_values_do_not(arm):
+    key = structure_key(arm)
+    assert structure_key(arm.with_parameters(mass=9.0, ell=50.0)) == key
+    turned = arm.rotation.copy()
+    turned[1] = np.eye(3)
+    others = [
+        arm.with_parameters(tool_offset=[0.1, 0.0, 0.0]),
+        arm.with_parameters(theta_err_amplitude=1e-4),
+        arm.with_parameters(rotation=turned),
+        dataclasses.replace(arm, friction="split"),
+        dataclasses.replace(arm, joint_types=("prismatic", *arm.joint_types[1:])),
+    ]
+    assert len({key, *map(structure_key, others)}) == 6
+
+
+@pytest.mark.parametrize("row", PARAMETERS.values(), ids=PARAMETERS)
+@pytest.mark.parametrize("kind", ["plain", "lumped", "split"])
+def test_the_key_has_every_value_that_is_folded(row, kind, planar, with_options):
+    robot = planar if kind == "plain" else dataclasses.replace(with_options(), friction=kind)
+    key, array = structure_key(robot), np.array(getattr(robot, row.name))
+    for index in np.ndindex(array.shape):
+        changed = array.copy()
+        changed[index] += 0.125
+        mirrored = (*index[:-2], index[-1], index[-2]) if row.fold == "inertia" else index
+        changed[mirrored] = changed[index]
+        other = dataclasses.replace(robot, **{row.name: changed})
+        free = any(row.is_free(robot, i) and row.is_free(other, i) for i in (index, mirrored))
+        assert (structure_key(other) == key) == free, f"{row.name}{index}"
+
+
+def test_arms_that_differ_in_the_axes_of_the_tool_have_traces_of_their_own(planar, tmp_path):
+    turned = planar.with_parameters(tool_rotation=[[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    q = [0.3, -0.5]
+    for robot in (planar, turned):  # the second finds the traces of the first
+        pose = Kernel(robot, cache=tmp_path).rows("forward_kinematics", [q], [2])
+        p, R = end_effector_pose(robot, np.array(q))
+        # Some ten products of numbers of at most 1.
+        np.testing.assert_allclose(pose, [*p, *np.ravel(R)], rtol=0, atol=1e-14)
+
+
+def test_kernel_without_cache_traces_the_same(planar, draw):
+    state = draw(planar, 1, seed=75)[0]
+    kernel = Kernel(planar, cache=None)
+    tau = kernel.rows("inverse_dynamics", [state.q, state.q_dot, state.q_ddot, state.F_e], [2, 2, 2, 6])
+    # As above.
+    expected = inverse_dynamics(planar, state.q, state.q_dot, state.q_ddot, state.F_e)
+    np.testing.assert_allclose(tau, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+def test_desired_fields_are_the_inputs_of_the_feedforward(planar, function_of):
+    assert set(function_of(planar, "feedforward_outputs_inverse").args) == {*Desired._fields, "F_e_d", "p"}

@@ -1,0 +1,97 @@
+"""The robots of example-robot-data, imported arm by arm and held against Pinocchio: a table of the documentation.
+
+``python -m tests.arm.imports.table`` writes it into docs/importing.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib.metadata import distribution
+from pathlib import Path
+from typing import NamedTuple
+
+import vdfmu
+from tests.arm.imports.conftest import differences, pinocchio_arm
+from vdfmu.arm.imports import import_robot
+from vdfmu.arm.imports.chain import tips
+from vdfmu.arm.imports.imported import parse_file
+from vdfmu.arm.imports.urdf import read_urdf
+from vdfmu.base.toml_tables import Problems
+
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "importing.md"
+BEGIN, END = "<!-- begin: made by tests/arm/imports/table.py -->\n", "<!-- end -->\n"
+BOUND = 1e-10
+"""Largest relative difference that is allowed: inverse dynamics agree to some 1e-15, forward ones to that times the
+condition number of the mass matrix, up to 1e4 where a heavy arm carries a light finger."""
+
+
+class Row(NamedTuple):
+    """A file: its arms with their joints, and tips that are refused with the reason."""
+
+    file: str
+    arms: list[tuple[str, int]]
+    refused: list[tuple[str, str]]
+
+
+def folder() -> Path:
+    """Folder of the robots."""
+    data = distribution("example-robot-data").locate_file("cmeel.prefix/share/example-robot-data/robots")
+    return Path(str(data))
+
+
+def rows() -> Iterator[Row]:
+    """Import all arms of all files, and hold each against Pinocchio."""
+    for path in sorted(folder().rglob("*.urdf"), key=lambda path: (path.name, str(path))):
+        row = Row(f"{path.parents[1].name}/{path.name}", [], [])
+        tree = read_urdf(parse_file(path), path, Problems(""))
+        carried = {joint.child for joint in tree.joints}
+        root = next((link for link in tree.links if link not in carried), "")
+        ends = [tip for _, tip in tips(tree, root)] if root else []
+        for tip in ends or [None]:
+            try:
+                found = import_robot(path, tip=tip)
+            except vdfmu.VdfmuError as error:
+                problems = error.problems  # type: ignore[attr-defined]
+                first = problems[0].removeprefix(f"{path}: ").partition(". ")[0]
+                more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+                row.refused.append((tip or "", first + more))
+                continue
+            joints = [
+                line.partition(": ")[2].partition(", ")[0]
+                for line in found.text.splitlines()
+                if line.startswith("# Joint ")
+            ]
+            inverse, forward = differences(found.robot, pinocchio_arm(path, joints), 5)
+            assert max(inverse, forward) < BOUND, (path.name, tip, inverse, forward)
+            row.arms.append((tip or "", found.robot.n))
+        yield row
+
+
+def table() -> str:
+    """Return the table in markdown, and what it adds up to."""
+    found = list(rows())
+    arms, refused = sum(len(row.arms) for row in found), sum(len(row.refused) for row in found)
+    lines = [
+        f"{len(found)} files, {arms} arms imported, {refused} refused.",
+        "",
+        "| file | arms: tip and joints | refused |",
+        "| --- | --- | --- |",
+    ]
+    for row in found:
+        imported = ", ".join(f"{tip} {n}" for tip, n in row.arms)
+        reasons = "; ".join(f"{tip}: {reason}" if tip else reason for tip, reason in row.refused)
+        lines.append(f"| {row.file} | {imported} | {reasons.replace('<', '&lt;')} |")
+    return "\n".join(lines) + "\n"
+
+
+def parts() -> tuple[str, str, str]:
+    """Return what the page has before, in and after the table."""
+    before, begin, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
+    inside, end, after = rest.partition(END)
+    assert begin and end
+    return before + begin, inside, end + after
+
+
+if __name__ == "__main__":
+    before, _, after = parts()
+    PAGE.write_text(before + table() + after, encoding="utf-8")

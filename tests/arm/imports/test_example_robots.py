@@ -1,0 +1,47 @@
+"""Robots as they are published: every URDF of example-robot-data."""
+
+from pathlib import Path
+
+import mujoco
+import pytest
+from lxml import etree
+
+from tests.arm.imports.table import folder, parts, table
+from tests.arm.imports.test_mjcf import largest_difference
+from vdfmu.arm.imports import import_robot
+
+
+@pytest.mark.heavy
+def test_every_arm_agrees_with_pinocchio_or_is_refused_with_a_reason_as_the_page_says() -> None:
+    assert table() == parts()[1], "python -m tests.arm.imports.table writes the table anew"
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize(
+    ("file", "tip"),
+    [
+        ("ur_description/urdf/ur5_robot.urdf", None),
+        ("panda_description/urdf/panda.urdf", None),
+        ("xarm_description/urdf/xarm7.urdf", None),
+        ("z1_description/urdf/z1.urdf", None),
+        ("so_arm_description/urdf/so101.urdf", None),
+        ("talos_data/robots/talos_reduced.urdf", "arm_left_7_link"),
+    ],
+)
+def test_the_same_robots_as_mjcf_agree_with_mujoco(tmp_path: Path, file: str, tip: str | None) -> None:
+    root = etree.parse(folder() / file).getroot()
+    for link in root.findall("link"):  # MuJoCo does not read all meshes
+        for shape in (*link.findall("visual"), *link.findall("collision")):
+            link.remove(shape)
+    options = {"fusestatic": "false", "boundmass": "0", "boundinertia": "0", "balanceinertia": "true"}
+    etree.SubElement(etree.SubElement(root, "mujoco"), "compiler", options)
+    path = tmp_path / "robot.xml"
+    mujoco.mj_saveLastXML(str(path), mujoco.MjModel.from_xml_string(etree.tostring(root).decode()))
+    found = import_robot(path, tip=tip)
+    joints = [
+        line.partition(": ")[2].partition(", ")[0]
+        for line in found.text.splitlines()
+        if line.startswith("# Joint ")
+    ]
+    assert len(joints) >= 6
+    assert largest_difference(path, found.robot, joints) < 1e-12  # some 100 n roundings

@@ -1,0 +1,134 @@
+"""An arm of a MuJoCo file is that of MuJoCo."""
+
+import sys
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import vdfmu
+from vdfmu.arm.imports import import_robot
+
+ARM = """<mujoco model="arm"><compiler angle="radian"/><option gravity="1 2 -9"/>
+<default><joint damping="0.3" armature="0.01"/></default>
+<worldbody><geom type="plane" size="1 1 1"/><geom type="box" size="0.1 0.1 0.1"/>
+<body name="one" pos="0.1 0.2 0.3" euler="0.1 0.2 0.3">
+ <joint name="turn" axis="1 2 3" pos="0.1 0 0.2" ref="0.4" range="-1 1" frictionloss="0.2"/>
+ <geom type="box" size="0.1 0.2 0.3" pos="0.1 0.1 0" rgba="1 0 0 1"/>
+ <body name="two" pos="0.3 0 0" quat="0.5 0.1 0.2 0.3">
+  <joint name="slide" type="slide" axis="1 0 1" ref="0.2" damping="0"/>
+  <geom type="capsule" size="0.05" fromto="0 0 0 0.1 0.2 0.3"/>
+  <body name="cap" pos="0 0.1 0"><geom size="0.1" group="3"/></body>
+  <body name="three" pos="0 0 0.3"><joint name="last" axis="0 0 -1"/><geom size="0.1" pos="0.1 0 0"/></body>
+ </body>
+</body></worldbody>
+<actuator><motor joint="turn" gear="20" ctrlrange="-3 2"/></actuator></mujoco>"""
+PAIR = '<body name="{0}"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>{1}</body>'
+
+
+@pytest.fixture
+def mjcf(tmp_path: Path):
+    """Return the function that writes a MuJoCo file."""
+
+    def write(text: str) -> Path:
+        path = tmp_path / "arm.xml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def largest_difference(path: Path, robot: vdfmu.Robot, joints: list[str], states: int = 20) -> float:
+    """Return the largest relative difference of inverse dynamics to those of MuJoCo, all other joints at 0."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    for own in (model.dof_damping, model.dof_armature, model.dof_frictionloss, model.jnt_stiffness):
+        own[:] = 0  # of the drives, which a robot of vdfmu has beside its links
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    places = [model.joint(name) for name in joints]
+    worst, random = 0.0, np.random.default_rng(2)
+    for q, q_dot, q_ddot in random.uniform(-1, 1, (states, 3, robot.n)):
+        data.qpos[:] = 0.0
+        data.qvel[:] = 0.0
+        data.qacc[:] = 0.0
+        for place, *values in zip(places, q, q_dot, q_ddot, strict=True):
+            data.qpos[place.qposadr], data.qvel[place.dofadr], data.qacc[place.dofadr] = values
+        mujoco.mj_inverse(model, data)
+        theirs = np.array([data.qfrc_inverse[place.dofadr[0]] for place in places])
+        ours = vdfmu.inverse_dynamics(robot, q, q_dot, q_ddot)
+        worst = max(worst, float(np.abs(ours - theirs).max() / np.abs(theirs).max()))
+    return worst
+
+
+def test_inverse_dynamics_are_those_of_mujoco(mjcf) -> None:
+    path = mjcf(ARM)
+    robot = vdfmu.robot_from_mjcf(path)
+    assert robot.joint_types == ("revolute", "prismatic", "revolute")
+    assert largest_difference(path, robot, ["turn", "slide", "last"]) < 1e-12  # some 100 n roundings
+
+
+def test_a_base_and_a_tip_are_bodies(mjcf) -> None:
+    path = mjcf(ARM)
+    found = import_robot(path, tip="two")
+    assert largest_difference(path, found.robot, ["turn", "slide"]) < 1e-12  # as above
+    assert "held at 0, beside the arm: last." in found.notes
+
+
+def test_what_the_file_says_of_drives_is_taken_over(mjcf) -> None:
+    robot = vdfmu.robot_from_mjcf(mjcf(ARM))
+    first, second, _ = robot.to_dict()["joints"]
+    assert (first["limits"]["q_min"], first["limits"]["q_max"]) == (-1.0, 1.0)
+    assert first["limits"]["tau_stall"] == 3 * 20 / 100  # motor-side
+    assert (first["friction"]["f_v"], first["friction"]["f_c"]) == (0.3, 0.2)
+    assert first["drive"]["I_m"] == 0.01 / 100  # armature is that of the rotor times ell^2, I_m times ell
+    assert robot.source_of("joints[1].drive.I_m") == "arm.xml: armature of the joint"
+    assert str(robot.source_of("joints[2].friction.f_v")).startswith(
+        "Assumed"
+    )  # 0 is what MuJoCo has without one
+    assert robot.gravity.tolist() == [-1.0, -2.0, 9.0]
+    assert second["limits"]["q_max"] == 1e6
+
+
+def test_shapes_are_kept_where_mujoco_shows_them(mjcf) -> None:
+    robot = vdfmu.robot_from_mjcf(mjcf(ARM))
+    looks = [(visual.joint, visual.shape, visual.size.tolist()) for visual in robot.visuals]
+    assert looks[:2] == [(0, "box", [0.2, 0.2, 0.2]), (1, "box", [0.2, 0.4, 0.6])]
+    assert [shape for _, shape, _ in looks[2:]] == ["capsule", "sphere"]
+    assert robot.visuals[1].color.tolist() == [1.0, 0.0, 0.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("inside", "further", "expected"),
+    [
+        (PAIR.format("a", "<freejoint/>"), "", "joint joint 1 of a: expected one of revolute, continuous, prismatic"),
+        (PAIR.format("a", '<joint type="ball"/>'), "", "got ball. Choose a base above which it lies, --base a"),
+        (
+            PAIR.format("a", '<joint name="j"/><joint name="k" axis="1 0 0"/>'), "",
+            "joint j: expected a link with mass, which it moves, got no <inertial> with a mass in a at j.",
+        ),
+        (
+            PAIR.format("a", '<joint name="j"/>' + PAIR.format("b", '<joint name="k"/>')),
+            '<equality><joint joint1="k" joint2="j"/></equality>',
+            "joint k: expected a joint with a drive of its own, got one that mimics j.",
+        ),
+        (
+            PAIR.format("a", '<joint name="j"/>' + PAIR.format("b", '<joint name="k"/>')),
+            '<equality><connect name="bar" body1="b" body2="world" anchor="0 0 0"/></equality>',
+            "bar: expected links of one chain, got what joins b to world beside the joints. That closes a chain",
+        ),
+        ("<body/><nonsense/>", "", "expected a model that MuJoCo compiles, got: XML Error"),
+    ],
+)  # fmt: skip
+def test_what_is_no_arm_is_refused(mjcf, inside: str, further: str, expected: str) -> None:
+    path = mjcf(f"<mujoco><worldbody>{inside}</worldbody>{further}</mujoco>")
+    with pytest.raises(vdfmu.VdfmuError) as error:
+        tip = "b" if 'name="b"' in inside else None
+        vdfmu.robot_from_mjcf(path, tip=tip)
+    assert expected in str(error.value)
+
+
+def test_without_mujoco_the_package_is_named(mjcf, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(vdfmu.VdfmuError, match=r"Install it: pip install 'vdfmu\[robots\]'"):
+        vdfmu.robot_from_mjcf(mjcf(ARM))

@@ -1,0 +1,303 @@
+"""Laws of rigid bodies and chains: definiteness, skew symmetry, momentum, virtual power, inversion."""
+
+import numpy as np
+import pytest
+
+from vdfmu.arm.equations.forward_dynamics import forward_dynamics, forward_dynamics_by_mapping
+from vdfmu.arm.equations.inverse_dynamics import (
+    gravity_in_links,
+    inverse_dynamics,
+    joint_torques,
+    link_forces,
+    link_motion,
+)
+from vdfmu.arm.equations.kinematics import end_effector_pose, tool_transform
+from vdfmu.arm.equations.mapping import (
+    extended_jacobian,
+    jacobian,
+    joint_space_jacobian,
+    joint_space_mass_matrix,
+    velocity_mapping,
+)
+from vdfmu.arm.equations.rigid_body import (
+    coriolis_force,
+    coriolis_matrix,
+    gravity_force,
+    link_body,
+    mass_matrix,
+    net_force,
+)
+from vdfmu.arm.equations.spatial import cross_motion, force_transform, homogeneous_transform, joint_axis, skew
+from vdfmu.compiler.scalar.jet import derivative, jets
+
+EPS = np.finfo(float).eps
+
+
+def test_body_mass_matrix_is_symmetric_positive_definite(chain):
+    for i in range(chain.n):
+        M_B = mass_matrix(*link_body(chain, i))
+        # The two halves are the same products in another order: one rounding of the largest entry.
+        np.testing.assert_allclose(M_B, M_B.T, rtol=0, atol=EPS * np.abs(M_B).max())
+        assert np.linalg.eigvalsh(M_B).min() > 0
+
+
+def test_body_mass_matrix_gives_the_kinetic_energy_of_its_points():
+    # A body of eight points: its kinetic energy is the sum over the points, whatever frame (60) uses.
+    random = np.random.default_rng(1)
+    points, m = random.normal(size=(8, 3)), random.uniform(0.1, 1.0, 8)
+    r = m @ points / m.sum()
+    I_B = sum(
+        k * (np.dot(p - r, p - r) * np.eye(3) - np.outer(p - r, p - r))
+        for k, p in zip(m, points, strict=True)
+    )
+    V_B = random.normal(size=6)
+    energy = sum(
+        0.5 * k * np.sum((V_B[:3] + np.cross(V_B[3:], p)) ** 2) for k, p in zip(m, points, strict=True)
+    )
+    # A sum of about 100 products of order 1: 100 roundings.
+    np.testing.assert_allclose(0.5 * V_B @ mass_matrix(m.sum(), r, I_B) @ V_B, energy, rtol=100 * EPS)
+
+
+def test_coriolis_force_is_the_product_with_the_coriolis_matrix(chain, draw):
+    for state in draw(chain, 20, seed=12):
+        V_B = state.F_e
+        for i in range(chain.n):
+            body = link_body(chain, i)
+            C_B = coriolis_matrix(*body, V_B[3:])
+            # Both are sums of at most 100 products below max|C_B| max|V_B|: 100 roundings.
+            bound = 100 * EPS * np.abs(C_B).max() * np.abs(V_B).max()
+            np.testing.assert_allclose(coriolis_force(*body, V_B), C_B @ V_B, rtol=0, atol=bound)
+
+
+def test_coriolis_matrix_is_skew_symmetric(chain, draw):
+    for state in draw(chain, 20, seed=2):
+        omega = state.F_e[3:]
+        for i in range(chain.n):
+            C_B = coriolis_matrix(*link_body(chain, i), omega)
+            # Every entry is a sum of at most 18 products below max|C_B|: 20 roundings.
+            np.testing.assert_allclose(C_B, -C_B.T, rtol=0, atol=20 * EPS * np.abs(C_B).max())
+
+
+def test_net_force_is_the_rate_of_momentum_plus_weight():
+    # Newton and Euler in {I}: d/dt (U M_B V_B) for a body that moves freely, by jets of its pose.
+    random = np.random.default_rng(3)
+    m, r = 1.7, random.normal(size=3)
+    points = random.normal(size=(6, 3))
+    points -= points.mean(axis=0)
+    I_B = sum(np.dot(p, p) * np.eye(3) - np.outer(p, p) for p in points)
+    R, _ = np.linalg.qr(random.normal(size=(3, 3)))
+    R *= np.linalg.det(R)
+    p, V, V_dot = random.normal(size=3), random.normal(size=6), random.normal(size=6)
+    # R_dot = R (w x), p_dot = R v: a jet of first order of the transform (32) and of V
+    R_jet = jets(R, R @ skew(V[3:]), 0.0)
+    p_jet = jets(p, R @ V[:3], 0.0)
+    U = force_transform(R_jet, p_jet)
+    momentum = U @ (mass_matrix(m, r, I_B) @ jets(V, V_dot, 0.0))
+    g = np.array([0.0, 0.0, 9.81])
+    F = force_transform(R, p) @ net_force(m, r, I_B, R.T @ g, V, V_dot)
+    weight = np.concatenate([m * g, np.cross(p + R @ r, m * g)])
+    # Sums of some 100 products; 1e-12 of the largest entry is 5000 roundings.
+    np.testing.assert_allclose(F, derivative(momentum, 1) + weight, rtol=0, atol=1e-12 * np.abs(F).max())
+
+
+def test_force_and_velocity_transforms_keep_power():
+    # F_A = U_AB F_B and V_B = U_AB.T V_A: the power of a wrench is the same in every frame.
+    random = np.random.default_rng(4)
+    Q, _ = np.linalg.qr(random.normal(size=(3, 3)))
+    U_AB = force_transform(Q * np.linalg.det(Q), random.normal(size=3))
+    V_A, F_B = random.normal(size=6), random.normal(size=6)
+    # 42 products of order 1: 50 roundings.
+    np.testing.assert_allclose(V_A @ (U_AB @ F_B), (U_AB.T @ V_A) @ F_B, rtol=0, atol=50 * EPS * 10)
+
+
+def test_chained_transforms_follow_the_chained_poses(chain, draw):
+    # (33) and (32) describe the same frames: products of one agree with products of the other.
+    for state in draw(chain, 5, seed=5):
+        T, U = np.eye(4), np.eye(6)
+        motion = link_motion(chain, state.q, state.q_dot, state.q_ddot)
+        for U_AB in motion.U_AB:
+            S = U_AB[3:, :3] @ U_AB[:3, :3].T
+            T = T @ homogeneous_transform(U_AB[:3, :3], np.array([S[2, 1], S[0, 2], S[1, 0]]))
+            U = U @ U_AB
+        p_O, R_O = end_effector_pose(chain, state.q)
+        # n products of matrices with entries up to the reach (q of a prismatic joint is up to pi m): 1e-13.
+        np.testing.assert_allclose(T[:3, :3] @ chain.tool_rotation, R_O, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(T[:3, :3] @ chain.tool_offset + T[:3, 3], p_O, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(force_transform(T[:3, :3], T[:3, 3]), U, rtol=0, atol=1e-13)
+
+
+def test_velocity_derivative_is_the_derivative_of_the_velocity(chain, draw):
+    for state in draw(chain, 5, seed=6):
+        zero = np.zeros(chain.n)
+        motion = link_motion(chain, state.q, state.q_dot, state.q_ddot)
+        moving = link_motion(
+            chain, jets(state.q, state.q_dot, state.q_ddot), jets(state.q_dot, state.q_ddot, zero), zero
+        )
+        scale = max(np.abs(V).max() for V in motion.V_B_dot)
+        for V_B, V_B_dot in zip(moving.V_B, motion.V_B_dot, strict=True):
+            # The same chain of some 100 n products: 1e-13 of the largest entry.
+            np.testing.assert_allclose(derivative(V_B, 1), V_B_dot, rtol=0, atol=1e-13 * scale)
+
+
+def test_transform_rate_is_minus_the_cross_motion(chain, draw):
+    state = draw(chain, 1, seed=7)[0]
+    fixed = link_motion(chain, state.q, state.q_dot, state.q_ddot).U_AB
+    moving = link_motion(chain, jets(state.q, state.q_dot, state.q_ddot), state.q_dot, state.q_ddot).U_AB
+    for i in range(chain.n):
+        X = cross_motion(joint_axis(chain.joint_types[i]) * state.q_dot[i])
+        # Entries up to pi m times 2/s: 1e-14 is 10 roundings.
+        np.testing.assert_allclose(derivative(moving[i].T, 1), -X @ fixed[i].T, rtol=0, atol=1e-14)
+
+
+def test_joint_mass_matrix_is_symmetric_positive_definite(chain, draw):
+    for state in draw(chain, 50, seed=8):
+        M = joint_space_mass_matrix(chain, state.q)
+        # Sums of n congruences J.T M J: some 100 n products.
+        np.testing.assert_allclose(M, M.T, rtol=0, atol=100 * chain.n * EPS * np.abs(M).max())
+        assert np.linalg.eigvalsh(M).min() > 0
+
+
+def test_kinetic_energy_is_that_of_the_links(chain, draw):
+    for state in draw(chain, 10, seed=9):
+        V_b = link_motion(chain, state.q, state.q_dot, state.q_ddot).V_B
+        bodies = [mass_matrix(*link_body(chain, i)) for i in range(chain.n)]
+        energy = 0.5 * sum(V @ M @ V for V, M in zip(V_b, bodies, strict=True))
+        M = joint_space_mass_matrix(chain, state.q)
+        # Terms of the quadratic form cancel by a factor of at most 100 here; 1e-12 is 5000 roundings.
+        np.testing.assert_allclose(0.5 * state.q_dot @ M @ state.q_dot, energy, rtol=1e-12)
+
+
+def coriolis_in_joint_space(robot, q, q_dot):
+    """Return C of ``C q_dot`` by the mapping (40)-(41): J.T (M J_dot + C_B J), summed over the links."""
+    zero = np.zeros(robot.n)
+    J = velocity_mapping(robot, q)
+    J_dot = derivative(velocity_mapping(robot, jets(q, q_dot, zero)), 1)
+    C = np.zeros((robot.n, robot.n))
+    for i in range(robot.n):
+        rows = slice(6 * (i + 1), 6 * (i + 2))
+        body = link_body(robot, i)
+        omega = J[rows][3:] @ q_dot
+        C += J[rows].T @ (mass_matrix(*body) @ J_dot[rows] + coriolis_matrix(*body, omega) @ J[rows])
+    return C
+
+
+def test_rate_of_the_mass_matrix_minus_twice_the_coriolis_matrix_is_skew(chain, draw):
+    for state in draw(chain, 10, seed=10):
+        q, q_dot = state.q, state.q_dot
+        C = coriolis_in_joint_space(chain, q, q_dot)
+        M_dot = derivative(joint_space_mass_matrix(chain, jets(q, q_dot, np.zeros(chain.n))), 1)
+        N = M_dot - 2.0 * C
+        # Sums of some 1000 products of the size of the largest entries.
+        np.testing.assert_allclose(N, -N.T, rtol=0, atol=1000 * EPS * np.abs(C).max())
+
+
+def test_coriolis_matrix_in_joint_space_gives_the_velocity_torques(chain, draw):
+    for state in draw(chain, 10, seed=11):
+        zero = np.zeros(chain.n)
+        torque = inverse_dynamics(chain, state.q, state.q_dot, zero) - inverse_dynamics(
+            chain, state.q, zero, zero
+        )
+        product = coriolis_in_joint_space(chain, state.q, state.q_dot) @ state.q_dot
+        # As above; the subtraction of gravity adds roundings of its torques, up to some 100 N m.
+        np.testing.assert_allclose(product, torque, rtol=0, atol=1e-12 * max(100.0, np.abs(torque).max()))
+
+
+def test_base_force_is_the_rate_of_the_total_momentum_plus_weight(chain, draw):
+    for state in draw(chain, 10, seed=12):
+        q, q_dot, q_ddot, zero = state.q, state.q_dot, state.q_ddot, np.zeros(chain.n)
+        moving = link_motion(chain, jets(q, q_dot, q_ddot), jets(q_dot, q_ddot, zero), zero)
+        fixed = link_motion(chain, q, q_dot, q_ddot)
+        g_B = gravity_in_links(chain, fixed.U_AB)
+        momentum, weight = np.zeros(6), np.zeros(6)
+        U, U_fixed = np.eye(6), np.eye(6)
+        for i in range(chain.n):
+            body = link_body(chain, i)
+            U, U_fixed = U @ moving.U_AB[i], U_fixed @ fixed.U_AB[i]
+            momentum = momentum + U @ (mass_matrix(*body) @ moving.V_B[i])
+            weight = weight + U_fixed @ gravity_force(*body[:2], g_B[i])
+        tool = U_fixed @ tool_transform(chain) @ state.F_e
+        base = fixed.U_AB[0] @ link_forces(chain, fixed, state.F_e)[0]
+        # Some 1000 products of the size of the largest force.
+        expected = derivative(momentum, 1) + weight + tool
+        np.testing.assert_allclose(base, expected, rtol=0, atol=1000 * EPS * np.abs(expected).max())
+
+
+def test_virtual_power_flows_at_cutting_points_cancel(chain, draw):
+    # What leaves link i-1 at its driving cutting point {T_i} enters link i and joint i, for any difference of
+    # required and actual quantities: the flows are bilinear, so it holds for V and F as for V_r - V and F_r -
+    # F.
+    for state, other in zip(draw(chain, 10, seed=13), draw(chain, 10, seed=14), strict=True):
+        motion = link_motion(chain, state.q, state.q_dot, state.q_ddot)
+        wanted = link_motion(chain, state.q, other.q_dot, other.q_ddot)
+        F = np.subtract(link_forces(chain, wanted, other.F_e), link_forces(chain, motion, state.F_e))
+        V = np.subtract(wanted.V_B, motion.V_B)
+        tau, rate = joint_torques(chain, list(F)), other.q_dot - state.q_dot
+        F_star = [F[i] - motion.U_AB[i + 1] @ F[i + 1] for i in range(chain.n - 1)]
+        F_star.append(F[-1] - tool_transform(chain) @ (other.F_e - state.F_e))
+        V_O = tool_transform(chain).T @ V[-1]
+        size = sum(abs(V[i] @ F[i]) + abs(tau[i] * rate[i]) for i in range(chain.n))
+        for i in range(1, chain.n):
+            driving = V[i - 1] @ (motion.U_AB[i] @ F[i])  # {T_i} is fixed to link i-1
+            driven = V[i] @ F[i]
+            # 42 products for a flow: 100 roundings of the sum of all flows.
+            np.testing.assert_allclose(driven - driving, tau[i] * rate[i], rtol=0, atol=100 * EPS * size)
+        # So all inner flows cancel: joints in, end effector out, the rest is the power of the net forces.
+        net = sum(V[i] @ F_star[i] for i in range(chain.n))
+        outer = tau @ rate - V_O @ (other.F_e - state.F_e)
+        np.testing.assert_allclose(net, outer, rtol=0, atol=100 * chain.n * EPS * size)
+
+
+def test_inverse_after_forward_is_the_identity(chain, draw):
+    for state in draw(chain, 20, seed=15):
+        q_ddot = forward_dynamics(chain, state.q, state.q_dot, state.tau_s, state.F_e)
+        tau = inverse_dynamics(chain, state.q, state.q_dot, q_ddot, state.F_e)
+        # Backward stable to some 100 n roundings of the largest torque that enters, M q_ddot.
+        M = np.abs(joint_space_mass_matrix(chain, state.q))
+        size = np.max(M @ np.abs(q_ddot)) + np.abs(state.tau_s).max()
+        np.testing.assert_allclose(tau, state.tau_s, rtol=0, atol=100 * chain.n * EPS * size)
+
+
+def test_forward_dynamics_by_recursion_equals_that_by_mapping_matrices(chain, draw):
+    for state in draw(chain, 20, seed=16):
+        a = forward_dynamics(chain, state.q, state.q_dot, state.tau_s, state.F_e)
+        b = forward_dynamics_by_mapping(chain, state.q, state.q_dot, state.tau_s, state.F_e)
+        # Two backward stable solutions differ by cond(M) times some 100 roundings.
+        cond = np.linalg.cond(joint_space_mass_matrix(chain, state.q))
+        np.testing.assert_allclose(a, b, rtol=0, atol=100 * EPS * cond * np.abs(b).max())
+
+
+def test_jacobian_gives_the_velocity_of_the_end_effector(chain, draw):
+    for state in draw(chain, 5, seed=17):
+        p, R = end_effector_pose(chain, jets(state.q, state.q_dot, state.q_ddot))
+        R_now = derivative(R, 0)
+        S = R_now.T @ derivative(R, 1)
+        V_O = np.concatenate([R_now.T @ derivative(p, 1), [S[2, 1], S[0, 2], S[1, 0]]])
+        # Some 100 products of sizes up to 10 m/s.
+        np.testing.assert_allclose(jacobian(chain, state.q) @ state.q_dot, V_O, rtol=0, atol=1e-13)
+
+
+def test_wrench_on_the_surroundings_enters_through_the_transposed_jacobian(chain, draw):
+    for state in draw(chain, 5, seed=18):
+        with_wrench = inverse_dynamics(chain, state.q, state.q_dot, state.q_ddot, state.F_e)
+        without = inverse_dynamics(chain, state.q, state.q_dot, state.q_ddot)
+        expected = jacobian(chain, state.q).T @ state.F_e
+        # A difference of torques up to 1000 N m: 1e-12 of that is 5000 roundings.
+        np.testing.assert_allclose(with_wrench - without, expected, rtol=0, atol=1e-9)
+        assert np.abs(expected).max() > 1.0
+
+
+def test_extended_jacobian_maps_the_end_effector_to_all_velocities(arm, draw):
+    for state in draw(arm, 5, seed=19):
+        motion = link_motion(arm, state.q, state.q_dot, state.q_ddot)
+        V_O = motion.V_B[-1]
+        J_a = joint_space_jacobian(arm, state.q)
+        # The inverse costs cond(J_q) roundings; 100 for the products.
+        atol = 100 * EPS * np.linalg.cond(J_a) * 10
+        np.testing.assert_allclose(J_a @ V_O, state.q_dot, rtol=0, atol=atol)
+        expected = np.concatenate([V_O, state.q_dot, *motion.V_B])
+        np.testing.assert_allclose(extended_jacobian(arm, state.q) @ V_O, expected, rtol=0, atol=atol)
+
+
+def test_joint_space_jacobian_needs_six_joints(planar):
+    with pytest.raises(ValueError, match="needs a square Jacobian, so six joints; robot 'planar_2dof' has 2"):
+        joint_space_jacobian(planar, np.zeros(2))

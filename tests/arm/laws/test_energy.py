@@ -1,0 +1,109 @@
+"""The plant neither makes nor loses energy, but for motors, friction and the wrench on the surroundings."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from vdfmu.arm.equations.friction import joint_friction
+from vdfmu.arm.equations.harmonic_drive import kinematic_error
+from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
+from vdfmu.arm.equations.mapping import jacobian
+from vdfmu.arm.equations.plant import plant_derivative, plant_outputs, split_state
+from vdfmu.compiler.scalar.jet import derivative, jets
+
+EPS = np.finfo(float).eps
+ENERGIES = ("E_kin", "E_pot", "E_spring")
+
+
+def energy(outputs):
+    """Return the sum of all energies [J]."""
+    return sum(np.ravel(getattr(outputs, name))[0] for name in ENERGIES)
+
+
+def power_in(robot, x, tau, F_e):
+    """Return the power of the motors less that of friction and of the wrench on the surroundings [W]."""
+    state = split_state(robot, x)
+    xi_l, xi_m = joint_friction(robot, state.q_dot, state.kappa_dot)
+    rotor_speed = robot.ell * state.kappa_dot
+    V_O = jacobian(robot, state.q) @ state.q_dot
+    return tau @ rotor_speed - xi_m @ rotor_speed - xi_l @ state.q_dot - F_e @ V_O
+
+
+def rate_of_energy(robot, state):
+    """Return dE/dt by jets along the plant's own motion, and the sum of the powers' magnitudes."""
+    x_dot = plant_derivative(robot, state.x, state.tau, state.F_e)
+    outputs = plant_outputs(robot, jets(state.x, x_dot, 0.0))
+    rates = [derivative(getattr(outputs, name), 1) for name in ENERGIES]
+    spring = np.abs(state.tau_s) @ (np.abs(state.kappa_dot) + np.abs(state.q_dot))
+    links = np.abs(x_dot[robot.n : 2 * robot.n]).max() * 10
+    return float(sum(rates)), float(sum(map(abs, rates))) + spring + links
+
+
+@pytest.mark.parametrize("friction", ["lumped", "split", "none"])
+def test_power_balance_at_any_state(chain, draw, friction):
+
+    chain = chain.with_parameters(theta_err_amplitude=0.0)
+    if friction == "none":
+        chain = chain.with_parameters(f_c=0.0, f_s=0.0, f_v=0.0, f_ck=0.0)
+    else:
+        chain = dataclasses.replace(chain, friction=friction)
+    for state in draw(chain, 10, seed=26):
+        rate, size = rate_of_energy(chain, state)
+        # Sums of some 1000 products of the size of the powers that flow.
+        assert rate == pytest.approx(power_in(chain, state.x, state.tau, state.F_e), abs=1000 * EPS * size)
+        assert size > 10.0
+
+
+def test_kinematic_error_trades_energy_with_the_rotor(general, draw):
+    # The rotor feels tau_s / ell whatever the kinematic error does, so the model with an error is not
+    # lossless: the spring sees kappa_dot (1 - theta_err') where the rotor turns with kappa_dot.
+    for state in draw(general, 10, seed=27):
+        rate, size = rate_of_energy(general, state)
+        kappa = plant_outputs(general, state.x).kappa
+        slope = derivative(kinematic_error(general, jets(kappa, 1.0, 0.0)), 1)
+        trade = -(state.tau_s * slope) @ state.kappa_dot
+        flow = power_in(general, state.x, state.tau, state.F_e) + trade
+        # As above, and the phase 2 ell kappa, up to 4e3 rad, has 1e4 roundings of its own.
+        assert rate == pytest.approx(flow, abs=1e4 * EPS * size)
+        assert abs(trade) > 1e-3
+
+
+@pytest.mark.parametrize("friction", [True, False])
+def test_energy_balance_along_an_integrated_trajectory(robot, plant_function, friction):
+    # Friction is widened to 0.05 rad/s, so that an explicit method can follow it through standstill.
+    robot = robot.with_parameters(eps=0.05)
+    if not friction:
+        robot = robot.with_parameters(f_c=0.0, f_s=0.0, f_v=0.0)
+    n = robot.n
+    right_hand_side = plant_function(robot, "derivatives")
+    tau, F_e = np.full(n, 0.1), np.array([3.0, -2.0, 1.0, 0.3, 0.2, -0.1])
+
+    def rate(_, y):
+        return np.append(right_hand_side(y[:-1], tau, F_e), power_in(robot, y[:-1], tau, F_e))
+
+    x = np.concatenate([np.linspace(0.3, 0.9, n), np.full(n, 0.2), np.full(n, -0.1), np.full(n, 5.0)])
+    solution = solve_ivp(rate, (0.0, 0.03), np.append(x, 0.0), method="DOP853", rtol=1e-9, atol=1e-9)
+    assert solution.success
+    start, end = (energy(plant_outputs(robot, y)) for y in (x, solution.y[:-1, -1]))
+    work = solution.y[-1, -1]
+    # Local errors of 1e-9 in every state, some 300 steps, times the forces that turn a state's error into
+    # energy: a position's by up to 100 N m, a velocity's by up to 10 J s/rad.
+    assert end - start == pytest.approx(work, abs=1e-5)
+    assert abs(work) > 0.03
+
+
+def test_potential_energy_gives_the_gravity_torque(chain, draw):
+    zero = np.zeros(chain.n)
+    for state in draw(chain, 5, seed=28):
+        torque = inverse_dynamics(chain, state.q, zero, zero)
+        for j in range(chain.n):
+            direction = np.eye(chain.n)[j]
+            x = jets(
+                np.concatenate([state.q, zero, zero, zero]),
+                np.concatenate([direction, zero, zero, zero]),
+                0.0,
+            )
+            # Some 100 n products of up to 10 kg * 10 m/s2 * 1 m.
+            assert derivative(plant_outputs(chain, x).E_pot, 1) == pytest.approx(torque[j], abs=1e-11)

@@ -1,0 +1,279 @@
+"""Laws of friction (54)-(55), trajectory (57), PD (58), and of the feedforward as the plant's inverse."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from vdfmu.arm.equations.feedforward import (
+    Gains,
+    desired_drive_motion,
+    feedforward_inverse,
+    feedforward_vdc,
+)
+from vdfmu.arm.equations.friction import coulomb_friction, joint_friction, stribeck_friction
+from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
+from vdfmu.arm.equations.mapping import velocity_mapping
+from vdfmu.arm.equations.pd import pd_control
+from vdfmu.arm.equations.plant import plant_derivative
+from vdfmu.arm.equations.rigid_body import coriolis_matrix, link_body, mass_matrix
+from vdfmu.arm.equations.trajectory import Desired, desired_motion
+from vdfmu.compiler.scalar.jet import Jet, derivative, jets
+
+EPS = np.finfo(float).eps
+VELOCITIES = (0.0, 1e-5, 1e-3, 0.02, 0.15, 2.0)
+
+
+@pytest.mark.parametrize("velocity", VELOCITIES)
+def test_friction_is_odd_and_dissipative(chain, velocity):
+    v = np.full(chain.n, velocity)
+    for law in (stribeck_friction, coulomb_friction):
+        xi = law(chain, v)
+        # Every operation on -v is that on v with the other sign: exact.
+        np.testing.assert_array_equal(law(chain, -v), -xi)
+        assert (xi * v > 0).all() if velocity else (xi == 0).all()
+
+
+def test_friction_far_from_standstill_is_that_of_equation_54(arm):
+    # At 1 rad/s, 1000 times eps, tanh is 1 to the last bit; what is left is (54) as printed, in plain Python.
+    for v in (1.0, -1.0):
+        xi = stribeck_friction(arm, np.full(6, v))
+        for i in range(6):
+            stribeck = (arm.f_s[i] - arm.f_c[i]) * np.exp(-(abs(v / arm.v_s[i]) ** 2))
+            assert xi[i] == pytest.approx((arm.f_c[i] + stribeck) * np.sign(v) + arm.f_v[i] * v, rel=10 * EPS)
+
+
+def test_friction_arrangements_put_it_on_rotor_or_link(arm):
+    q_dot, kappa_dot = np.full(6, 0.3), np.full(6, -0.4)
+    xi_l, xi_m = joint_friction(arm, q_dot, kappa_dot)
+    np.testing.assert_array_equal(xi_l, np.zeros(6))
+    np.testing.assert_array_equal(xi_m, stribeck_friction(arm, kappa_dot) / arm.ell)
+    xi_l, xi_m = joint_friction(dataclasses.replace(arm, friction="split"), q_dot, kappa_dot)
+    np.testing.assert_array_equal(xi_l, stribeck_friction(arm, q_dot))
+    np.testing.assert_array_equal(xi_m, coulomb_friction(arm, kappa_dot))
+
+
+Q_START, Q_END, T, T_START = np.array([0.2, -0.4]), np.array([1.7, 0.9]), 10.0, 0.5
+
+
+def motion(t):
+    return desired_motion(t, Q_START, Q_END, T, T_START)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.parametrize("t", [0.6, 2.0, 5.5, 7.3, 10.4])
+def test_trajectory_derivatives_agree_with_central_differences(t, order):
+    h = 1e-3
+    difference = (motion(t + h)[order - 1] - motion(t - h)[order - 1]) / (2 * h)
+    # Truncation h^2/6 times the derivative two orders up, at most distance / T * w^(order + 1), w = 2 pi / T;
+    # rounding 1e-16 * 2 / 1e-3 = 2e-13, and some of them.
+    w = 2 * np.pi / T
+    atol = h**2 / 6 * 1.5 / T * w ** (order + 1) + 1e-12
+    np.testing.assert_allclose(motion(t)[order], difference, rtol=0, atol=atol)
+
+
+def test_trajectory_goes_from_rest_to_rest_and_holds():
+    for t, q in ((0.0, Q_START), (T_START, Q_START), (T_START + T, Q_END), (20.0, Q_END)):
+        desired = motion(t)
+        # sin(2 pi) is 2.4e-16.
+        np.testing.assert_allclose(desired.q_d, q, rtol=0, atol=1e-15)
+        for k in (1, 2):
+            np.testing.assert_allclose(desired[k], 0.0, rtol=0, atol=1e-15)
+    for t in (0.0, 20.0):
+        for k in (3, 4):
+            np.testing.assert_array_equal(motion(t)[k], np.zeros(2))
+
+
+def test_trajectory_jerk_jumps_at_both_ends():
+    jump = 4 * np.pi**2 * (Q_END - Q_START) / T**3
+    for t, outside in ((T_START, T_START - 1e-9), (T_START + T, T_START + T + 1e-9)):
+        # cos(0) and cos(2 pi) are 1: a few roundings.
+        np.testing.assert_allclose(motion(t).q_d_dddot, jump, rtol=1e-14)
+        np.testing.assert_array_equal(motion(outside).q_d_dddot, np.zeros(2))
+
+
+def test_pd_acts_on_errors_link_side_and_limits_the_motor_torque():
+    ell, tau_max = np.array([100.0, 50.0]), np.array([np.inf, 0.4])
+    K_p, K_v = np.array([2000.0, 500.0]), np.array([50.0, 20.0])
+    e, e_dot, tau_m = np.array([1e-3, -0.05]), np.array([0.02, -0.1]), np.array([0.3, -0.2])
+    command = pd_control(K_p, K_v, ell, tau_max, e, e_dot, np.zeros(2), np.zeros(2), tau_m)
+    # 2000 * 1e-3 + 50 * 0.02 = 3 and -25 - 2 = -27 N m; 0.3 + 0.03 and max(-0.2 - 0.54, -0.4): 3 roundings.
+    np.testing.assert_allclose(command.tau_e, [3.0, -27.0], rtol=3 * EPS)
+    np.testing.assert_allclose(command.tau, [0.33, -0.4], rtol=3 * EPS)
+
+
+F_E = np.array([5.0, -3.0, 4.0, 0.3, -0.2, 0.4])
+"""A wrench that the feedforward knows."""
+
+
+def inside(robot, t=4.0):
+    """Return a desired motion of all joints, away from its ends."""
+    n = robot.n
+    return desired_motion(t, np.linspace(-0.2, 0.2, n), np.linspace(1.0, 1.6, n), 10.0)
+
+
+def test_plant_driven_by_the_inverse_feedforward_follows_the_desired_motion(chain):
+    # With coupled rotors: tests/arm/laws/test_rotor_coupling.py.
+    chain = dataclasses.replace(chain, rotor_coupling=False)
+    for t in (0.3, 2.0, 4.9, 7.7):
+        desired = inside(chain, t)
+        drive = desired_drive_motion(chain, desired, F_E)
+        torques = feedforward_inverse(chain, desired, F_E)
+        np.testing.assert_array_equal(torques.tau_s, drive.tau_s)
+        np.testing.assert_array_equal(torques.kappa_dot_d, drive.kappa_dot)
+        x = np.concatenate([desired.q_d, desired.q_d_dot, drive.kappa_dot, torques.tau_s])
+        q_dot, q_ddot, kappa_ddot, tau_s_dot = np.split(plant_derivative(chain, x, torques.tau_m, F_E), 4)
+        np.testing.assert_array_equal(q_dot, desired.q_d_dot)
+        # Torques of up to 100 N m through a mass matrix of 1e-3 kg m2 and more: 1e-16 * 100 * 10 / 1e-3.
+        np.testing.assert_allclose(q_ddot, desired.q_d_ddot, rtol=0, atol=1e-9)
+        # Rotor torques of up to 1 N m over I_m of 1e-3: 1e-12; friction through tanh(v / eps): its slope, up
+        # to 800 N m s/m / 600 / 1e-2, meets a rounding of the velocity, 1e-16.
+        np.testing.assert_allclose(kappa_ddot, drive.kappa_ddot, rtol=0, atol=1e-11)
+        # The spring's rate is a difference of velocities over the compliance, 1e-4 rad/(N m): 1e-16 / 1e-6
+        # and less.
+        rate = rate_of_spring_torque(chain, desired)
+        np.testing.assert_allclose(tau_s_dot, rate, rtol=0, atol=1e-8 * max(1.0, np.abs(rate).max()))
+
+
+def rate_of_spring_torque(robot, desired):
+    """Return the rate of the desired spring torque, by jets."""
+    q = jets(desired.q_d, desired.q_d_dot, desired.q_d_ddot)
+    q_dot = jets(desired.q_d_dot, desired.q_d_ddot, desired.q_d_dddot)
+    q_ddot = jets(desired.q_d_ddot, desired.q_d_dddot, desired.q_d_ddddot)
+    xi_l, _ = joint_friction(robot, q_dot, q_dot)
+    return derivative(inverse_dynamics(robot, q, q_dot, q_ddot, F_E) + xi_l, 1)
+
+
+def test_desired_rotor_motion_agrees_with_central_differences_in_time(chain):
+    h, t = 1e-3, 4.0
+    middle = desired_drive_motion(chain, inside(chain, t))
+    high, low = (desired_drive_motion(chain, inside(chain, t + s * h)) for s in (1.0, -1.0))
+    # Truncation h^2/6 kappa''' (kinematic error: 2 ell kappa_dot = 300 rad/s, amplitude 3e-4: 300^3 * 3e-4 =
+    # 8e3, and 300^4 * 3e-4 for the next), rounding 1e-16 / h and 1e-16 / h^2. Without the error, 1e-6 is
+    # ample.
+    third, fourth = (8e3, 2.4e6) if chain.theta_err_amplitude.any() else (1.0, 10.0)
+    velocity = (high.kappa - low.kappa) / (2 * h)
+    acceleration = (high.kappa_dot - low.kappa_dot) / (2 * h)
+    np.testing.assert_allclose(middle.kappa_dot, velocity, rtol=0, atol=h**2 / 6 * third + 1e-10)
+    np.testing.assert_allclose(middle.kappa_ddot, acceleration, rtol=0, atol=h**2 / 6 * fourth + 1e-10)
+
+
+def gains(robot):
+    n = robot.n
+    return Gains(np.full(n, 10.0), np.full(n, 5.0), np.full(n, 0.1), np.full(n, 0.05))
+
+
+def test_vdc_without_errors_is_the_exact_inverse(chain):
+    desired = inside(chain)
+    drive = desired_drive_motion(chain, desired, F_E)
+    vdc = feedforward_vdc(chain, gains(chain), desired, desired.q_d, desired.q_d_dot, drive.kappa_dot, F_E)
+    exact = feedforward_inverse(chain, desired, F_E)
+    # Both run some 1000 products on torques of up to 100 N m.
+    np.testing.assert_allclose(vdc.tau_s, exact.tau_s, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(vdc.tau_m, exact.tau_m, rtol=0, atol=1e-11)
+
+
+def test_vdc_pushes_against_velocity_errors(chain):
+    desired = inside(chain)
+    drive = desired_drive_motion(chain, desired)
+    exact = feedforward_inverse(chain, desired)
+    lag = 0.01
+    behind = feedforward_vdc(
+        chain, gains(chain), desired, desired.q_d, desired.q_d_dot, drive.kappa_dot - lag
+    )
+    # Only k_vkappa (kappa_dot_r - kappa_dot) of (27) differs: 0.05 * 0.01, to roundings of torques of up to 1
+    # N m.
+    np.testing.assert_allclose(behind.tau_m - exact.tau_m, 0.05 * lag, rtol=0, atol=1e-11)
+
+
+def rotor_moment(robot, i, drive, desired, w, w_r, w_r_dot, q_dot_r, q_ddot_r):
+    """Return the moment that turns rotor i as required, in the axes of the link that carries it, by 3-vectors."""
+    a = robot.rotation[i][:, 2]
+    J = robot.I_m[i] / robot.ell[i]
+    kappa_dot_r = q_dot_r + drive.kappa_dot[i] - desired.q_d_dot[i]
+    kappa_ddot_r = q_ddot_r + drive.kappa_ddot[i] - desired.q_d_ddot[i]
+    spin_r = robot.ell[i] * kappa_dot_r + a @ w_r
+    spin_r_dot = robot.ell[i] * kappa_ddot_r + a @ w_r_dot
+    # (61) of the inertia J a a.T: w x J a spin_r + J a (a . (w x w_r))
+    return J * (a * spin_r_dot + np.cross(w, a) * spin_r + a * (a @ np.cross(w, w_r)))
+
+
+def test_vdc_is_the_required_motion_in_joint_space(chain, draw):
+    # (48)-(53) link by link equal M q_ddot_r + C q_dot_r + G + J.T K_V J (q_dot_r - q_dot), with C of the
+    # measured velocity, J of (40)-(41) and its derivative by jets; (26) adds k_vq and the link's friction.
+    # A coupled rotor adds s.T (J_r sigma_dot_r + gyroscopic terms) by the row s of J about its axis.
+    desired = inside(chain)
+    g = gains(chain)
+    zero = np.zeros(chain.n)
+    drive = desired_drive_motion(chain, desired, F_E)
+    for state in draw(chain, 5, seed=29):
+        q, q_dot = state.q, state.q_dot
+        q_dot_r = desired.q_d_dot + g.Lambda * (desired.q_d - q)
+        q_ddot_r = desired.q_d_ddot + g.Lambda * (desired.q_d_dot - q_dot)
+        J = velocity_mapping(chain, q)
+        J_dot = derivative(velocity_mapping(chain, jets(q, q_dot, zero)), 1)
+        tau = inverse_dynamics(chain, q, zero, zero, F_E)
+        for i in range(chain.n):
+            J_i, J_i_dot = J[6 * (i + 1) : 6 * (i + 2)], J_dot[6 * (i + 1) : 6 * (i + 2)]
+            body = link_body(chain, i)
+            net = mass_matrix(*body) @ (J_i @ q_ddot_r + J_i_dot @ q_dot_r)
+            net = net + coriolis_matrix(*body, J_i[3:] @ q_dot) @ (J_i @ q_dot_r)
+            tau = tau + J_i.T @ (net + g.K_V[i] * (J_i @ (q_dot_r - q_dot)))
+            if chain.rotor_coupling and i + 1 < chain.n:
+                tau = tau + J_i[3:].T @ rotor_moment(
+                    chain, i + 1, drive, desired, J_i[3:] @ q_dot, J_i[3:] @ q_dot_r,
+                    J_i[3:] @ q_ddot_r + J_i_dot[3:] @ q_dot_r, q_dot_r[i + 1], q_ddot_r[i + 1],
+                )  # fmt: skip
+        xi_l, _ = joint_friction(chain, desired.q_d_dot, desired.q_d_dot)
+        tau = tau + xi_l + chain.ell * g.k_vq * (q_dot_r - q_dot)
+        torques = feedforward_vdc(chain, g, desired, q, q_dot, state.kappa_dot, F_E)
+        # Some 1000 products of the size of the largest torque.
+        np.testing.assert_allclose(torques.tau_s, tau, rtol=0, atol=1000 * EPS * np.abs(tau).max())
+
+
+def test_vdc_link_gain_dissipates_the_velocity_error(chain, draw):
+    # (50): the power of K_V (V_r - V) on the velocity error is K_V |V_r - V|^2 >= 0, link by link.
+    desired = inside(chain)
+    still = np.zeros(chain.n)
+    strong, weak = gains(chain)._replace(K_V=np.full(chain.n, 7.0)), gains(chain)._replace(K_V=still)
+    for state in draw(chain, 5, seed=30):
+        a, b = (
+            feedforward_vdc(chain, g, desired, state.q, state.q_dot, state.kappa_dot) for g in (strong, weak)
+        )
+        q_dot_r = desired.q_d_dot + 10.0 * (desired.q_d - state.q)
+        assert (a.tau_s - b.tau_s) @ (q_dot_r - state.q_dot) > 0
+
+
+def test_jets_follow_product_quotient_and_chain_rules():
+    x = Jet(0.7, 1.3, -0.4)
+    h = 1e-4
+
+    def at(t):  # a function of time with that jet at 0
+        return 0.7 + 1.3 * t - 0.2 * t * t
+
+    for f in (
+        lambda u: u * u * u - 2.0 * u + 1.0,
+        lambda u: 1.0 / (1.0 + u) - u / 3.0,
+        lambda u: u**3 / (2.0 - u),
+        lambda u: np.sin(u) * np.cos(2.0 * u),
+        lambda u: np.exp(-u) + np.expm1(u) * np.tanh(u),
+        lambda u: np.arctan(3.0 * u) + np.log1p(u * u),
+        lambda u: abs(-u) * 3.0,
+    ):
+        jet = f(np.array([x], dtype=object))[0]
+        low, middle, high = f(at(-h)), f(at(0.0)), f(at(h))
+        assert jet.x == pytest.approx(middle, rel=10 * EPS)
+        # Truncation h^2/6 f''' and h^2/12 f'''' with derivatives up to 100: 2e-7; rounding 1e-16 / h^2 =
+        # 1e-8.
+        assert jet.x_dot == pytest.approx((high - low) / (2 * h), abs=1e-6)
+        assert jet.x_ddot == pytest.approx((high - 2 * middle + low) / h**2, abs=1e-5)
+
+
+def test_jets_refuse_to_become_floats():
+    with pytest.raises(TypeError, match=r"take derivative\(jet, 0\) for its value"):
+        np.zeros(2)[0] = Jet(1.0)
+    assert repr(Jet(1.0, 2.0)) == "Jet(1.0, 2.0, 0.0)"
+
+
+def test_desired_has_four_derivatives():
+    assert Desired._fields == ("q_d", "q_d_dot", "q_d_ddot", "q_d_dddot", "q_d_ddddot")

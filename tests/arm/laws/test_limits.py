@@ -1,0 +1,197 @@
+"""End stops and the torque-speed line: what they are alone, and in the plant."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from vdfmu.arm.drive.limits import motor_torque, stop_torque
+from vdfmu.arm.equations.friction import joint_friction
+from vdfmu.arm.equations.plant import plant_derivative, plant_outputs
+from vdfmu.arm.robot import load_robot, robot_from_dict
+from vdfmu.base.errors import ModelError, UsageError
+from vdfmu.compiler.c.functions import c_texts
+from vdfmu.compiler.functions import parameters
+from vdfmu.compiler.scalar.jet import derivative, jets
+from vdfmu.system.scenario import load_scenario
+
+EPS = np.finfo(float).eps
+LIMITS = {
+    "q_min": -0.5, "q_max": 0.8, "stop_stiffness": 2e4, "stop_damping": 0.6, "tau_stall": 0.6, "kappa_dot_max": 3.0,
+}  # fmt: skip
+
+
+def limited(name="planar_2dof", **changes):
+    """Return a shipped robot with the same limits at all joints."""
+    data = load_robot(name).to_dict()
+    for joint in data["joints"]:
+        joint["limits"] = LIMITS | changes
+    return robot_from_dict(data)
+
+
+ROBOT = limited()
+
+
+def test_stops_push_and_never_pull():
+    for q in (-0.6, -0.501, -0.5, 0.0, 0.8, 0.8001, 0.9):
+        for q_dot in (-9.0, -0.3, 0.0, 0.3, 9.0):
+            torque = stop_torque(ROBOT, np.full(2, q), np.full(2, q_dot))
+            direction = (q < -0.5) - (q > 0.8)
+            assert (np.sign(torque) == direction).all() or (torque == 0.0).all()
+            # beyond 1 / 0.6 rad/s away from the stop it lets go
+            assert (torque != 0.0).all() == (direction != 0 and -direction * q_dot > -1.0 / 0.6)
+
+
+def test_stops_do_not_jump_at_contact():
+    for q, sign in ((-0.5 - 1e-9, 1.0), (0.8 + 1e-9, -1.0)):
+        torque = stop_torque(ROBOT, np.full(2, q), np.full(2, -sign))
+        # 2e4 N m/rad times 1e-9 rad times 1.6; the depth has 1e-7 of rounding
+        np.testing.assert_allclose(torque, sign * 3.2e-5, rtol=1e-6)
+
+
+def test_a_bounce_loses_two_thirds_of_damping_times_speed():
+    """A body of 1 kg m2 on one stop; the next term of the law is about (c v)^2."""
+    for v in (0.01, 0.02):
+        hit = solve_ivp(
+            lambda _, x: [x[1], float(stop_torque(ROBOT, np.full(2, x[0]), np.full(2, x[1]))[0])],
+            (0.0, np.pi / np.sqrt(2e4) * 1.2), [0.8, v], rtol=1e-10, atol=1e-14,
+        )  # fmt: skip
+        loss = 1.0 + hit.y[1, -1] / v
+        assert loss == pytest.approx(2.0 / 3.0 * 0.6 * v, abs=(0.6 * v) ** 2)
+
+
+@pytest.mark.parametrize(
+    ("tau", "speed", "expected"),
+    [
+        (0.5, 0.0, 0.5), (0.7, 0.0, 0.6), (-0.7, 0.0, -0.6),
+        (0.5, 1.5, 0.3), (-0.5, -1.5, -0.3),  # driving at half the no-load speed: half the torque
+        (-0.7, 1.5, -0.6), (0.7, -1.5, 0.6),  # braking
+        (0.5, 3.5, 0.0), (-0.5, -3.5, 0.0), (-0.5, 3.5, -0.5),  # beyond it
+    ],
+)  # fmt: skip
+def test_motor_torque_ends_at_the_torque_speed_line(tau, speed, expected):
+    given = motor_torque(ROBOT, np.full(2, tau), np.full(2, speed))
+    np.testing.assert_allclose(given, expected, rtol=0, atol=2 * EPS)
+
+
+def test_a_drive_may_have_its_full_torque_up_to_a_speed():
+    robot = limited(full_speed=0.8)  # full up to 2.4 rad/s, half at 2.7, none at 3
+    for speed, expected in ((0.0, 0.6), (2.4, 0.6), (2.7, 0.3), (3.0, 0.0), (-2.4, 0.6)):
+        # roundings of 1 - 0.9, over 0.2
+        np.testing.assert_allclose(
+            motor_torque(robot, np.full(2, 9.0), np.full(2, speed)), expected, rtol=0, atol=10 * EPS
+        )
+    line = (1.0 - 1.5 / 3.0) * 0.6
+    assert (motor_torque(ROBOT, np.full(2, 9.0), np.full(2, 1.5)) == line).all()  # without it, to the bit
+
+
+def test_power_balance_beyond_stops_and_torque_line(draw):
+    """What the motors give, less friction, the wrench is 0, and less what the stops dissipate."""
+    robot = ROBOT.with_parameters(theta_err_amplitude=0.0)
+    active = 0
+    for state in draw(robot, 20, seed=34):
+        q, q_dot, kappa_dot = state.q, state.q_dot, state.kappa_dot
+        x_dot = plant_derivative(robot, state.x, state.tau, np.zeros(6))
+        outputs = plant_outputs(robot, jets(state.x, x_dot, 0.0))
+        rates = [
+            float(np.ravel(derivative(getattr(outputs, e), 1))[0]) for e in ("E_kin", "E_pot", "E_spring")
+        ]
+        xi_l, xi_m = joint_friction(robot, q_dot, kappa_dot)
+        stops = stop_torque(robot, q, q_dot)
+        depth = np.maximum(q - robot.q_max, 0.0) - np.maximum(robot.q_min - q, 0.0)
+        dissipated = -(stops + robot.stop_stiffness * depth) @ q_dot
+        assert dissipated >= 0.0
+        given = motor_torque(robot, state.tau, kappa_dot)
+        flow = (given - xi_m) @ (robot.ell * kappa_dot) - xi_l @ q_dot - dissipated
+        size = sum(map(abs, rates)) + np.abs(stops) @ np.abs(q_dot) + 10.0 * np.abs(x_dot).max()
+        # as the test of the plant without limits: some 1000 roundings of the powers that flow
+        assert sum(rates) == pytest.approx(flow, abs=1000 * EPS * size)
+        active += bool(dissipated > 0.0) and bool((given != state.tau).any())
+    assert active > 3
+
+
+@pytest.mark.parametrize("robot", [ROBOT, limited(full_speed=0.8)], ids=["line", "full to a speed"])
+def test_traced_plant_has_the_limits_and_their_slopes(draw, plant_function, robot):
+    rate, jacobian = (plant_function(robot, name) for name in ("derivatives", "jacobian"))
+    m = 4 * robot.n
+    for state in draw(robot, 3, seed=35):
+        F_e = np.zeros(6)
+        traced = rate(state.x, state.tau, F_e)
+        expected = plant_derivative(robot, state.x, state.tau, F_e)
+        np.testing.assert_allclose(traced, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+        J = jacobian(state.x, state.tau, F_e)
+        for j in range(m):
+            h = 1e-7 * np.eye(m)[j]
+            high, low = (plant_derivative(robot, state.x + s * h, state.tau, F_e) for s in (1, -1))
+            # rounding 1e-16 / 1e-7 of the rates; h^2 of third derivatives, up to 1 / eps^2 = 1e6 times the first
+            atol = 1e-7 * np.abs(expected).max() + 1e-6 * np.abs(J[:, j]).max()
+            np.testing.assert_allclose(J[:, j], (high - low) / 2e-7, rtol=0, atol=atol)
+
+
+@pytest.mark.heavy
+def test_the_solver_takes_the_arm_through_bounces(plant_solver):
+    """Falling on both stops, against scipy; and the energy only falls."""
+    integrator = plant_solver(ROBOT)
+    integrator.tolerance = 1e-9
+    integrator.x[:4] = [0.0, 0.3, 0.0, 0.0]
+    x_0 = integrator.x.copy()
+    exact = solve_ivp(
+        lambda t, x: plant_derivative(ROBOT, x, np.zeros(2), np.zeros(6)), (0.0, 0.4), x_0,
+        method="Radau", rtol=1e-9, atol=1e-10, t_eval=np.linspace(0.0, 0.4, 41),
+    )  # fmt: skip
+
+    def energy(x):
+        outputs = plant_outputs(ROBOT, x)
+        return outputs.E_kin + outputs.E_pot + outputs.E_spring
+
+    energies, deepest = [energy(x_0)], 0.0
+    for k in range(1, 41):
+        integrator.advance(0.01 * (k - 1), 0.01)
+        energies.append(energy(integrator.x))
+        deepest = max(deepest, -0.5 - integrator.x[0])
+        # Local errors of 1e-9 in some 1e3 steps; a bounce turns 1e-9 rad of place into as much of time.
+        np.testing.assert_allclose(integrator.x[:2], exact.y[:2, k], rtol=0, atol=1e-5)
+    assert np.diff(energies).max() < 1e-5  # J; the solver's own
+    assert 1e-4 < deepest < 0.1  # it got there, and no further than the fall of 10 J over 2e4 N m/rad lets it
+
+
+def test_without_limits_nothing_is_traced_of_them(planar, functions_of):
+    names = {p.name.split("[")[0] for p in parameters(planar)}
+    assert not names & set(LIMITS)
+    with pytest.raises(UsageError, match=r"q_max: it has no limits\. .* \[joints\.limits\]"):
+        planar.with_parameters(q_max=1.0)
+    assert {p.name.split("[")[0] for p in parameters(ROBOT)} >= set(LIMITS)
+    # with the limits the functions are longer
+    for name in ("plant_derivatives", "plant_step", "plant_outputs"):
+        bare, bound = (functions_of("plant", robot).made(name) for robot in (planar, ROBOT))
+        assert len("".join(c_texts(bare))) < len("".join(c_texts(bound)))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"q_max": -1.0}, r"joints\[2\]\.limits\.q_max: expected q_max > q_min = -0\.5, got -1"),
+        ({"tau_stall": 0.0}, r"joints\[2\]\.limits\.tau_stall: expected a finite number > 0 in N\.m"),
+        ({"stop_damping": -1.0}, r"joints\[2\]\.limits\.stop_damping: expected .* >= 0 in s/rad"),
+        (None, r"joints\[2\]\.limits: expected a table, as other joints have, got nothing"),
+    ],
+)
+def test_limits_that_cannot_be_are_refused(change, words):
+    data = ROBOT.to_dict()
+    if change is None:
+        del data["joints"][1]["limits"]
+    else:
+        data["joints"][1]["limits"] |= change
+    with pytest.raises(ModelError, match=words):
+        robot_from_dict(data)
+
+
+def test_a_motion_beyond_the_stops_is_refused():
+    with pytest.raises(
+        ModelError,
+        match=r"trajectory\.q_start\[1\]: expected a position of joint 1 between its end stops, -0\.5 and 0\.8, got",
+    ):
+        load_scenario("planar_tracking", ROBOT)
+
+
+def test_round_trip_with_limits():
+    assert robot_from_dict(ROBOT.to_dict()).to_dict() == ROBOT.to_dict()

@@ -1,0 +1,171 @@
+"""The solver's step on linear problems: its stability function, A- and L-stability, order of both methods."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from vdfmu.compiler.functions.rodas import ALPHA, GAMMA, GAMMA_I, A, C, rodas_step, stage_equations
+from vdfmu.compiler.scalar.elimination import factorize, solve
+from vdfmu.compiler.scalar.symbol import from_sx, to_sx
+
+EPS = np.finfo(float).eps
+STAGES = len(A)
+
+
+def tableau(rows):
+    """Return the strictly lower triangular matrix of rows of coefficients."""
+    matrix = np.zeros((STAGES, STAGES))
+    for i, row in enumerate(rows):
+        matrix[i, : len(row)] = row
+    return matrix
+
+
+def stability(z):
+    """Return R(z) of the method and of its embedded one, straight from the coefficients.
+
+    On x_dot = lambda x, with z = h lambda, the stages are
+    (1/gamma - z) u_i = z (x + sum a_ij u_j) + sum c_ij u_j.
+    """
+    one = np.ones(STAGES)
+    W = (1.0 / GAMMA - z) * np.eye(STAGES) - z * tableau(A) - tableau(C)
+    u = np.linalg.solve(W, z * one)
+    embedded = 1.0 + tableau(A)[-1] @ u
+    return embedded + u[-1], embedded
+
+
+def step_of(matrix):
+    """Return a function (x, h) -> (x_new, error) for x_dot = matrix @ x, traced as the plant's step is."""
+    m = len(matrix)
+    x, h = ca.SX.sym("x", m), ca.SX.sym("h")
+    J = ca.SX(ca.DM(matrix))
+    return linear_step(J, x, h, ca.SX.eye(m), J, ca.SX(m, 1), np.arange(m))
+
+
+def linear_step(A, x, h, E, EJ, Ef_t, order, rate=0.0):
+    """Return a CasADi function of state and h: one step of E (A x + rate t - x_dot) = 0."""
+    stages = stage_equations(h, E, EJ, Ef_t, order, x.numel())
+
+    def residual(state, t, y=None):
+        value = A @ state + rate * t
+        return value if y is None else E @ (value - y)
+
+    step = rodas_step(residual, x, A @ x, h, stages.factors, stages)
+    return ca.Function("step", [x, h], [*step])
+
+
+@pytest.mark.parametrize("z", [-1e9, -1e3, -30.0, -1.0, -1e-3, 0.3, 1.0])
+def test_step_on_a_linear_problem_equals_the_stability_function(z):
+    x_new, error = step_of([[z]])(1.0, 1.0)
+    R, embedded = stability(z)
+    # Six stages with coefficients up to 34, whose products cancel: 1e4 roundings.
+    assert float(x_new) == pytest.approx(R, abs=1e4 * EPS)
+    assert float(error) == pytest.approx(R - embedded, abs=1e4 * EPS)
+
+
+@pytest.mark.parametrize("angle", [0.1, 1.0, 5.0, 100.0])
+def test_step_on_an_oscillator_shrinks_by_the_stability_function(angle):
+    x_new, _ = step_of([[0.0, -angle], [angle, 0.0]])([1.0, 0.0], 1.0)
+    R, _ = stability(1j * angle)
+    # The oscillator is z = i angle in the complex plane; roundings as above.
+    np.testing.assert_allclose(x_new.full().ravel(), [R.real, R.imag], rtol=0, atol=1e4 * EPS)
+
+
+def test_step_is_L_stable():
+    # R(inf) = 0: R(z) = O(1/z), so it falls with z until rounding (1e-12) takes over.
+    assert abs(stability(-1e4)[0]) < 1e-3
+    assert abs(stability(-1e12)[0]) < 1e-11
+    assert abs(stability(1e12j)[0]) < 1e-11
+    assert abs(stability(-1e12)[1]) < 1e-11  # the embedded method too
+    x_new, _ = step_of([[-1e15]])(1.0, 1.0)
+    assert abs(float(x_new)) < 1e-11
+    # A-stable: |R| <= 1 on the imaginary axis, so in the left half plane, as its poles are at 1/gamma only.
+    for y in np.logspace(-2, 4, 400):
+        assert abs(stability(1j * y)[0]) <= 1.0 + 1e4 * EPS
+
+
+def test_stability_function_has_order_four_and_the_embedded_one_three():
+    # |R(z) - exp(z)| = O(z^5) and O(z^4). z = 1/8 and 1/16: the next term is smaller by z, so the measured
+    # exponent is off by about z / ln 2 * (a ratio of order 1) = 0.1; rounding, 1e-12, is below 1e-4 of the
+    # error.
+    for k, order in ((0, 4), (1, 3)):
+        errors = [abs(stability(z)[k] - np.exp(z)) for z in (-1 / 8, -1 / 16)]
+        assert np.log2(errors[0] / errors[1]) == pytest.approx(order + 1, abs=0.3)
+
+
+@pytest.mark.parametrize("embedded", [False, True])
+def test_coefficients_meet_the_order_conditions(embedded):
+    # Hairer and Wanner II, table IV.7.1, back in the untransformed coefficients: Gamma = (1/gamma - C)^-1,
+    # alpha = A Gamma, b = m Gamma, beta = alpha + Gamma. The coefficients are printed with 16 digits;
+    # products with entries up to 34.
+    Gamma = np.linalg.inv(np.eye(STAGES) / GAMMA - tableau(C))
+    alpha, m = tableau(A) @ Gamma, tableau(A)[-1] + (0.0 if embedded else np.eye(STAGES)[-1])
+    b, beta = m @ Gamma, alpha + Gamma
+    a_i, beta_i = alpha.sum(axis=1), beta.sum(axis=1)
+    atol = 1e-12
+    # the alpha_i are those of the book's table 6.1
+    np.testing.assert_allclose(a_i, [0.0, 0.386, 0.21, 0.63, 1.0, 1.0], rtol=0, atol=atol)
+    third = [b.sum() - 1, b @ beta_i - 1 / 2, b @ a_i**2 - 1 / 3, b @ beta @ beta_i - 1 / 6]
+    np.testing.assert_allclose(third, 0.0, rtol=0, atol=atol)
+    fourth = [
+        b @ a_i**3 - 1 / 4,
+        (b * a_i) @ alpha @ beta_i - 1 / 8,
+        b @ beta @ a_i**2 - 1 / 12,
+        b @ beta @ beta @ beta_i - 1 / 24,
+    ]
+    if embedded:
+        assert np.abs(fourth).max() > 1e-3  # of order 3 only, so that the difference estimates an error
+    else:
+        np.testing.assert_allclose(fourth, 0.0, rtol=0, atol=atol)
+
+
+def test_elimination_order_does_not_change_the_step():
+    random = np.random.default_rng(40)
+    matrix = random.normal(size=(5, 5)) - 5.0 * np.eye(5)
+    x, h, J = ca.SX.sym("x", 5), ca.SX.sym("h"), ca.SX(ca.DM(matrix))
+    start = random.normal(size=5)
+    results = []
+    for order in (np.arange(5), np.array([3, 1, 4, 0, 2])):
+        step = linear_step(J, x, h, ca.SX.eye(5), J, ca.SX(5, 1), order)
+        results.append(step(start, 0.1)[0].full().ravel())
+    # Diagonally dominant, so any order is stable: as above.
+    np.testing.assert_allclose(results[0], results[1], rtol=0, atol=1e4 * EPS)
+
+
+def test_multiplying_the_stage_equations_by_a_mass_matrix_does_not_change_the_step():
+    random = np.random.default_rng(41)
+    J = random.normal(size=(4, 4)) - 5.0 * np.eye(4)
+    B = random.normal(size=(4, 4))
+    E = B @ B.T + np.eye(4)
+    x, h = ca.SX.sym("x", 4), ca.SX.sym("h")
+    start = random.normal(size=4)
+    results = []
+    for M in (np.eye(4), E):
+        equations = [ca.SX(ca.DM(part)) for part in (M, M @ J, M @ np.ones(4))]
+        step = linear_step(ca.SX(ca.DM(J)), x, h, *equations, np.arange(4), rate=1.0)
+        results.append(step(start, 0.1)[0].full().ravel())
+    # As above, times the condition of E, up to 100.
+    np.testing.assert_allclose(results[0], results[1], rtol=0, atol=1e6 * EPS)
+
+
+def test_elimination_solves_linear_systems_of_floats_and_symbols():
+    random = np.random.default_rng(42)
+    B = random.normal(size=(6, 6))
+    matrix = B @ B.T + 6.0 * np.eye(6)
+    matrix[0, 3] = matrix[3, 0] = 0.0  # a structural zero
+    b = random.normal(size=6)
+    expected = np.linalg.solve(matrix, b)
+    # Positive definite with condition below 100: 100 roundings of each.
+    np.testing.assert_allclose(solve(factorize(matrix), b), expected, rtol=0, atol=1e4 * EPS)
+    symbol = ca.SX.sym("b", 6)
+    traced = ca.Function(
+        "solve", [symbol], [to_sx(solve(factorize(from_sx(ca.SX(ca.DM(matrix)))), from_sx(symbol)))]
+    )
+    np.testing.assert_allclose(traced(b).full().ravel(), expected, rtol=0, atol=1e4 * EPS)
+
+
+def test_coefficients_of_time_are_those_of_the_stages():
+    # In the book's first variables: alpha_i = sum a_ij and gamma_i = sum gamma_ij. With u = Gamma k they are the
+    # row sums of A Gamma and of Gamma, where Gamma^-1 = I/gamma - C. The table has 15 digits.
+    Gamma = np.linalg.inv(np.eye(STAGES) / GAMMA - tableau(C))
+    np.testing.assert_allclose((tableau(A) @ Gamma).sum(axis=1), ALPHA, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(Gamma.sum(axis=1), GAMMA_I, rtol=0, atol=1e-13)

@@ -1,0 +1,181 @@
+"""Finding and reading files: names, paths, and files that are no TOML."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vdfmu.arm.robot import load_robot, robot_names
+from vdfmu.base.data import data_path
+from vdfmu.base.errors import ModelError, UsageError
+from vdfmu.system.scenario import load_scenario, scenario_names
+from vdfmu.system.scenario.values import group_value
+
+SHIPPED = data_path("models") / "robots" / "planar_2dof.toml"
+Writer = Callable[[str, dict[str, Any]], Path]
+
+
+def test_shipped_names() -> None:
+    assert robot_names() == [
+        "iiwa_7dof",
+        "kr_6dof",
+        "manipulator_6dof",
+        "panda_7dof",
+        "planar_2dof",
+        "redundant_7dof",
+        "scara_4dof",
+        "slider_3dof",
+        "snake_24dof",
+        "ur5e_6dof",
+    ]
+    assert scenario_names() == [
+        "contrast",
+        "estimation",
+        "planar_tracking",
+        "screw",
+        "slider_tracking",
+        "tracking",
+        "tracking_split",
+        "tracking_tuned",
+        "two_arms",
+        "two_joint",
+        "two_joint_table5",
+        "wall",
+    ]
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_shipped_robot_is_named_like_its_file(name: str) -> None:
+    assert load_robot(name).name == name
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_shipped_scenario_is_named_like_its_file(name: str) -> None:
+    assert load_scenario(name).name == name
+
+
+def test_unknown_name_lists_the_shipped_ones() -> None:
+    with pytest.raises(
+        UsageError, match=r"no robot \'planar\': .* There are: iiwa_7dof, kr_6dof, manipulator_6dof"
+    ):
+        load_robot("planar")
+    with pytest.raises(UsageError, match=r'no scenario \'trackin\': .* Did you mean "tracking"\?'):
+        load_scenario("trackin")
+
+
+def test_file_of_that_name_wins_over_the_shipped_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = SHIPPED.read_text(encoding="utf-8").replace('name = "planar_2dof"', 'name = "mine"')
+    (tmp_path / "planar_2dof").write_text(text, encoding="utf-8")
+    assert load_robot("planar_2dof").name == "planar_2dof"
+    monkeypatch.chdir(tmp_path)
+    assert load_robot("planar_2dof").name == "mine"
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(
+        ModelError, match=r"nowhere\.toml: expected a TOML file, got nothing: it does not exist"
+    ):
+        load_robot(tmp_path / "nowhere.toml")
+    with pytest.raises(ModelError, match=r"nowhere\.toml: expected a TOML file, got nothing"):
+        load_scenario("nowhere.toml")
+
+
+def test_directory(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match="expected a TOML file, got a directory"):
+        load_robot(tmp_path)
+
+
+def test_not_utf8(tmp_path: Path) -> None:
+    path = tmp_path / "latin.toml"
+    path.write_bytes('name = "Mühle"'.encode("latin-1"))
+    with pytest.raises(
+        ModelError, match=r"latin\.toml: expected UTF-8 text, got byte 0xfc at offset 9\. Save"
+    ):
+        load_robot(path)
+
+
+def test_syntax_error_has_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "broken.toml"
+    path.write_text('name = "x"\ngravity = [0, 0, 9.81\nfriction = "lumped"\n', encoding="utf-8")
+    with pytest.raises(ModelError, match=r"broken\.toml: expected TOML, got a syntax error: .*line 3"):
+        load_robot(path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "gravity = " + "[" * 2000,
+        "gravity = " + "[" * 200 + "]" * 200,
+        "gravity = [{" + "a." * 5000 + "a = 1}]",
+    ],
+)
+def test_deep_nesting(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "deep.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ModelError, match=r"deep\.toml: expected TOML, got .* nested too deeply"):
+        load_robot(path)
+
+
+def test_byte_order_mark_and_crlf_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "windows.toml"
+    text = SHIPPED.read_text(encoding="utf-8").replace("\n", "\r\n")
+    path.write_bytes(b"\xef\xbb\xbf" + text.encode())
+    assert load_robot(path).n == 2
+
+
+def test_robot_path_starts_at_the_scenario_file(
+    tmp_path: Path, write: Writer, scenario_data: dict[str, Any]
+) -> None:
+    (tmp_path / "robots").mkdir()
+    shutil.copy(SHIPPED, tmp_path / "robots" / "arm.toml")
+    scenario_data["robot"] = "robots/arm.toml"
+    scenario = load_scenario(write("own.toml", scenario_data))
+    assert scenario.robot.name == "planar_2dof"
+
+
+def test_problems_of_scenario_and_robot_together(
+    write: Writer, robot_data: dict[str, Any], scenario_data: dict[str, Any]
+) -> None:
+    robot_data["joints"][0]["link"]["mass"] = -1
+    write("arm.toml", robot_data)
+    scenario_data.update(robot="arm.toml", step=-1)
+    with pytest.raises(ModelError) as caught:
+        load_scenario(write("own.toml", scenario_data))
+    assert len(caught.value.problems) == 2
+    assert "own.toml: step: expected a finite number > 0 in s, got -1" in str(caught.value)
+    assert "arm.toml: joints[1].link.mass: expected" in str(caught.value)
+
+
+def test_robot_of_a_scenario_not_found(write: Writer, scenario_data: dict[str, Any]) -> None:
+    scenario_data["robot"] = "planer_2dof"
+    with pytest.raises(
+        ModelError, match=r'own\.toml: robot: no robot .* Did you mean "planar_2dof"\? There are: iiwa_7dof'
+    ):
+        load_scenario(write("own.toml", scenario_data))
+
+
+def test_another_robot_drops_the_paper(write: Writer, scenario_data: dict[str, Any]) -> None:
+    scenario_data["paper"] = {"source": "x", "rms_position_error_deg": [0.1, 0.2]}
+    path = write("own.toml", scenario_data)
+    assert load_scenario(path, "planar_2dof").paper["rms_position_error_deg"] == [0.1, 0.2]
+    heavier = load_robot("planar_2dof").with_parameters(mass=[3.0, 2.0])
+    np.testing.assert_array_equal(load_scenario(path, heavier).robot.mass, [3.0, 2.0])
+    scenario_data["trajectory"].update(q_start=0.0, q_end=0.1)
+    scenario_data["controller"].update(K_p=100.0, K_v=1.0)
+    path = write("all.toml", scenario_data)
+    scenario = load_scenario(path, "slider_3dof")
+    assert scenario.paper == {}
+    assert group_value(scenario, "controller.K_p").shape == (3,)
+
+
+def test_robot_of_other_size_is_reported_for_every_list() -> None:
+    with pytest.raises(ModelError) as caught:
+        load_scenario("tracking", "planar_2dof")
+    keys = ("trajectory.q_end", "controller.K_p", "controller.K_v")
+    assert len(caught.value.problems) == len(keys)
+    for key, line in zip(keys, caught.value.problems, strict=True):
+        name = key.partition(".")[2]
+        assert f"{key}: expected one value, or 2 for {name}[1] to {name}[2], got 6." in line

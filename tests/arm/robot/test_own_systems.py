@@ -1,0 +1,145 @@
+"""Roles in systems of other names: which component is the plant, and where it starts."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+
+import pytest
+
+import vdfmu
+from vdfmu.arm.robot import load_robot
+from vdfmu.system.scenario import load_scenario
+from vdfmu.system.scenario.check import model_notes
+from vdfmu.system.scenario.load import load_system
+from vdfmu.system.scenario.start import with_starts
+from vdfmu.system.scenario.values import system_values
+
+SYSTEM = """
+name = "mine"
+[units]
+way = "trajectory"
+pd = "controller"
+arm = "plant"
+[connections]
+"way.q_d" = ["pd.q_d"]
+"way.q_d_dot" = ["pd.q_d_dot", "pd.kappa_dot_d"]
+"pd.tau" = ["arm.tau"]
+"arm.q" = ["pd.q"]
+"arm.q_dot" = ["pd.q_dot"]
+"arm.kappa_dot" = ["pd.kappa_dot"]
+"""
+SCENARIO = """
+name = "mine"
+kind = "cosimulation"
+system = "mine.sys.toml"
+robot = "planar_2dof"
+stop = 0.02
+step = 0.001
+"""
+WAY = """
+[way]
+q_start = [-1.5, 0.25]
+q_end = [0.0, 0.5]
+T = 1.0
+"""
+OWN = """from vdfmu.unit import JOINTS, Output, Parameter, Unit
+
+class Own(Unit):
+    \"\"\"A motion of another form.\"\"\"
+
+    begin = Parameter("position", JOINTS, "where it is", start=0.5)
+    q_d = Output("position", JOINTS, "desired position")
+    q_d_dot = Output("velocity", JOINTS, "desired velocity")
+
+    def outputs(self) -> None:
+        self.q_d = self.begin
+        self.q_d_dot = 0.0 * self.begin
+"""
+
+
+@pytest.fixture
+def mine(tmp_path):
+    """Return a function that loads the scenario with more lines, and with a changed system."""
+
+    def load(more: str = "", system: str = SYSTEM, way: str = WAY):
+        (tmp_path / "mine.sys.toml").write_text(system)
+        (tmp_path / "mine.toml").write_text(SCENARIO + way + more)
+        (tmp_path / "own.py").write_text(OWN)
+        return load_scenario(tmp_path / "mine.toml")
+
+    return load
+
+
+def test_plant_factors_and_an_unknown_payload_reach_a_plant_of_any_name(mine):
+    scenario = mine("[plant_factors]\nmass = 2.0\n[payload]\nmass = 0.5\nknown = false\n")
+    values = system_values(scenario)["arm"]
+    assert values["mass[1]"] == 2.0 * load_robot("planar_2dof").mass[0]
+    assert values["payload_mass"] == 0.5
+    assert not model_notes(scenario)
+
+
+def test_plant_factors_that_reach_no_component_are_noted(mine):
+    own = SYSTEM.replace('arm = "plant"', 'arm = { unit = "plant", robot = "planar_2dof" }')
+    scenario = mine("[plant_factors]\nmass = 2.0\n", own)
+    (note,) = model_notes(scenario)
+    assert re.match(
+        r"plant_factors: no component takes it: .* Write numbers of the plant in its own section", note
+    )
+    two = own.replace("pd = ", 'other = "plant"\npd = ')
+    (note,) = model_notes(mine("[plant_factors]\nmass = 2.0\n", two))
+    assert note == "plant_factors: arm has a robot of its own, which this does not reach."
+
+
+def test_a_plant_starts_where_its_motion_begins(mine):
+    values = system_values(mine())["arm"]
+    assert (values["q_0[1]"], values["q_0[2]"]) == (-1.5, 0.25)
+    motion = '[motion]\nkind = "waypoints"\npoints = [[0.3, 0.1], [0.5, 0.2]]\ntimes = [0.0, 1.0]\n'
+    values = system_values(mine(motion, SYSTEM.replace("way", "trajectory"), ""))["arm"]
+    assert (values["q_0[1]"], values["q_0[2]"]) == (0.3, 0.1)
+
+
+def test_several_plants_share_the_start_of_one_motion(mine):
+    two = SYSTEM.replace('arm = "plant"', 'arm = "plant"\nghost = "plant"').replace(
+        '["arm.tau"]', '["arm.tau", "ghost.tau"]'
+    )
+    scenario = mine(system=two)
+    assert scenario.system.shared == {"start": {"way": "q_start", "arm": "q_0", "ghost": "q_0"}}
+    assert system_values(scenario)["ghost"]["q_0[1]"] == -1.5
+
+
+def test_what_a_file_says_of_the_start_counts(mine):
+    values = system_values(mine("[arm]\nq_0 = [0.1, 0.2]\n"))["arm"]
+    assert (values["q_0[1]"], values["q_0[2]"]) == (0.1, 0.2)
+    shared = SYSTEM + '[shared.mine]\nway = "q_end"\narm = "q_0"\n'
+    assert system_values(mine(system=shared))["arm"]["q_0[2]"] == 0.5
+
+
+@pytest.mark.parametrize("name", ["system", "two_arms", "screw", "wall", "estimator"])
+def test_the_shipped_systems_say_what_would_be_taken(name):
+    system = load_system(name)
+    assert with_starts(system).shared == system.shared
+    bare = with_starts(dataclasses.replace(system, shared={}))
+    assert [*bare.shared.values()] == [*system.shared.values()]
+
+
+@pytest.mark.parametrize(("factor", "kept"), [(1.0, True), (1.5, False)])
+def test_the_numbers_of_the_paper_are_those_of_its_robot(factor, kept):
+    """A changed robot of the same name is another."""
+    robot = load_robot("manipulator_6dof")
+    changed = robot.with_parameters(mass=factor * robot.mass)
+    assert changed.name == robot.name
+    assert bool(load_scenario("two_joint", changed).paper) is kept
+
+
+def test_another_start_than_that_of_the_motion_is_noted(mine, tmp_path):
+    def notes(more):
+        found = vdfmu.run(
+            mine(f"[way]\nbegin = [0.5, 0.25]\n{more}", SYSTEM.replace('"trajectory"', '"own.py"'), ""),
+            out=tmp_path / "run", reference=False,
+        )  # fmt: skip
+        return [note for note in found.summary["notes"] if "starts" in note]
+
+    (note,) = notes("[arm]\nq_0 = [0.5, 0.0]\n")
+    assert "arm starts 0.25 rad from the position that way wants of joint 2: set arm.q_0, or share" in note
+    assert notes("[arm]\nq_0 = [0.5, 0.25]\n") == []

@@ -1,0 +1,186 @@
+"""A robot's parameters stand in one table, and everything else follows from it."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import vdfmu
+from vdfmu.arm.robot import Robot, load_robot
+from vdfmu.arm.robot.parameters import OPTIONAL, PARAMETERS
+from vdfmu.arm.robot.robot import JOINT_TYPES
+from vdfmu.arm.units.plant import Plant
+from vdfmu.base.measure import measure
+from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
+from vdfmu.compiler.unit.interface import Interface
+from vdfmu.system.scenario import load_scenario
+
+PACKAGE = Path(vdfmu.__file__).parent
+ROW = '    k_new: Array = _row("drive", "stiffness", "new stiffness, Eq. {}", "(99)", 1e3, POSITIVE, default=2.0)\n'
+# What a tool or a user sees of the new parameter, from a package that has one more line than this one.
+PROGRAM = """
+import inspect, json
+import vdfmu
+from vdfmu.base.errors import ModelError, UsageError
+from vdfmu.compiler.functions import Kernel, parameters
+from vdfmu.arm.robot import load_robot, robot_from_dict
+from vdfmu.system.scenario.scenario import FACTOR_FIELDS
+from vdfmu.compiler.unit.interface import Interface
+from vdfmu.arm.units.plant import Plant
+
+def refused(call, *args, **named):
+    try:
+        call(*args, **named)
+    except (ModelError, UsageError) as error:
+        return str(error)
+
+slider = load_robot("slider_3dof")
+data = slider.to_dict()
+data["joints"][1]["drive"]["k_new"] = 7.0
+data["sources"]["joints[2].drive.k_new"] = "measured"
+robot = robot_from_dict(data)
+bad = robot.to_dict()
+bad["joints"][0]["drive"]["k_new"] = 0
+bad["joints"][1]["drive"]["k_new"] = 1e4
+variables = [v for v in Interface(Plant, robot) if v.group == "k_new"]
+print(json.dumps({
+    "file": vdfmu.__file__,
+    "default": slider.k_new.tolist(),
+    "read": robot.k_new.tolist(),
+    "kept": robot_from_dict(robot.to_dict()).k_new.tolist(),
+    "source": robot.source_of("joints[2].drive.k_new"),
+    "set": slider.with_parameters(k_new=3.0).k_new.tolist(),
+    "problems": refused(robot_from_dict, bad),
+    "names": [p.name for p in parameters(robot)][-3:],
+    "traced": len(Kernel(robot).p) - len(parameters(robot)),
+    "variables": [(v.name, v.unit, v.start, v.minimum, v.maximum, v.description) for v in variables],
+    "doc": inspect.getdoc(vdfmu.Robot).splitlines()[-2:],
+    "factor": "k_new" in FACTOR_FIELDS,
+}))
+"""
+
+
+@pytest.fixture(scope="module")
+def extended(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Return an environment whose vdfmu is a copy with one more row in the table, and nothing else changed."""
+    root = tmp_path_factory.mktemp("extended")
+    shutil.copytree(PACKAGE, root / "vdfmu", ignore=shutil.ignore_patterns("__pycache__"))
+    for folder in ("models", "ssp", "fmu_src"):
+        (root / folder).symlink_to(PACKAGE.parent / folder)
+    table = root / "vdfmu" / "model" / "parameters.py"
+    text = table.read_text(encoding="utf-8")
+    assert text.count("    # fmt: on\n") == 1
+    table.write_text(text.replace("    # fmt: on\n", ROW + "    # fmt: on\n"), encoding="utf-8")
+    return os.environ | {"PYTHONPATH": str(root), "VDFMU_CACHE_DIR": str(root / "cache"), "COLUMNS": "100"}
+
+
+def output(environment: dict[str, str], *arguments: str) -> str:
+    """Return what Python prints."""
+    done = subprocess.run(
+        [sys.executable, *arguments],
+        cwd=environment["PYTHONPATH"],  # else the folder of this test comes first
+        env=environment, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_a_new_parameter_is_one_line(extended: dict[str, str]) -> None:
+    seen = json.loads(output(extended, "-c", PROGRAM))
+    assert seen["file"].startswith(extended["PYTHONPATH"])
+    assert seen["default"] == [2.0, 2.0, 2.0]
+    assert seen["read"] == seen["kept"] == [2.0, 7.0, 2.0]
+    assert seen["source"] == "measured"
+    assert seen["set"] == [3.0, 3.0, 3.0]
+    assert seen["problems"].splitlines() == [
+        "robot: joints[1].drive.k_new: expected a finite number > 0 in N.m/rad, got 0. "
+        "It is the new stiffness, Eq. (99).",
+        "robot: joints[2].drive.k_new: expected a number of at most 1000 in N/m, got 10000.0. "
+        "It is the new stiffness, Eq. (99).",
+    ]
+    assert seen["names"] == ["k_new[1]", "k_new[2]", "k_new[3]"]
+    assert seen["traced"] == 0
+    assert seen["variables"] == [
+        [f"k_new[{i}]", unit, start, 1e-12, 1e3, f"Joint {i}: new stiffness, Eq. (99)"]
+        for i, unit, start in ((1, "N.m/rad", 2.0), (2, "N/m", 7.0), (3, "N.m/rad", 2.0))
+    ]
+    assert seen["doc"] == ["k_new : (n,) [N.m/rad or N/m]", "    New stiffness, Eq. (99)."]
+    assert seen["factor"]
+
+
+def test_a_new_parameter_is_shown_on_the_command_line(extended: dict[str, str]) -> None:
+    shown = output(extended, "-m", "vdfmu.cli", "models", "show", "planar_2dof")
+    assert re.search(r"theta_err_phase +┃ k_new", shown)
+    assert "k_new: no source" in shown
+
+
+# Words of English, what a condition names (f_s >= f_c), what is shown or reduced in a table of a run, what is drawn.
+ELSEWHERE = {
+    "gravity", "rotation", "offset", "centroid", "mass", "inertia", "payload_mass", "payload_inertia", "ell", "I_m",
+    "c_f", "f_c", "f_s", "q_min", "q_max", "theta_err_amplitude", "tool_offset", "tool_rotation", "payload_centroid",
+}  # fmt: skip
+
+
+def without_equations(path: Path) -> str:
+    """Return the text of a file; of a unit without the equations in its docstring."""
+    text = path.read_text(encoding="utf-8")
+    return re.sub(r'""".*?"""', "", text, flags=re.DOTALL) if path.parent.name == "units" else text
+
+
+@pytest.mark.parametrize("name", sorted(set(PARAMETERS) - ELSEWHERE))
+def test_the_name_of_a_parameter_is_in_the_table_and_in_equations_alone(name: str) -> None:
+    files = {
+        path.relative_to(PACKAGE).as_posix()
+        for path in PACKAGE.rglob("*.py")
+        if re.search(rf"\b{name}\b", without_equations(path))
+    }
+    assert "model/parameters.py" in files
+    # what is estimated from a log is named where it is estimated
+    others = {path for path in files if not path.startswith(("equations/", "identify/"))}
+    assert others == {"model/parameters.py"}
+
+
+@pytest.mark.parametrize("name", PARAMETERS)
+def test_every_unit_of_measurement_is_one_of_fmi(name: str) -> None:
+    row = PARAMETERS[name]
+    units = [row.unit(joint_type) for joint_type in JOINT_TYPES]
+    assert [measure(unit).name for unit in units] == units
+
+
+def test_the_flags_of_optional_sections_are_fields_of_a_robot() -> None:
+    robot = load_robot("planar_2dof")
+    assert not any(getattr(robot, name) for name in OPTIONAL)
+
+
+def test_a_robot_has_the_shapes_of_the_table() -> None:
+    robot = load_robot("slider_3dof")
+    for row in PARAMETERS.values():
+        assert getattr(robot, row.name).shape == ((3,) if row.per_joint else ()) + row.shape
+
+
+def test_an_inertia_of_zero_has_no_parameters() -> None:
+    robot = Robot(**{**vars(load_robot("planar_2dof")), "payload": True})
+    row = PARAMETERS["payload_inertia"]
+    assert not any(row.is_free(robot, index) for index in np.ndindex(3, 3))
+    heavy = robot.with_parameters(payload_inertia=np.eye(3))
+    assert [i for i in np.ndindex(3, 3) if row.is_free(heavy, i)] == [(0, 0), (1, 1), (2, 2)]
+
+
+def test_the_solver_has_one_default_tolerance(tmp_path: Path, plant_solver) -> None:
+    shipped = PACKAGE.parent / "models" / "scenarios" / "planar_tracking.toml"
+    text = shipped.read_text(encoding="utf-8")
+    assert text.count("\ntolerance") == 1
+    (tmp_path / "own.toml").write_text(re.sub(r"\ntolerance.*", "", text), encoding="utf-8")
+    robot = load_robot("planar_2dof")
+    defaults = [
+        load_scenario(tmp_path / "own.toml").tolerance,
+        plant_solver(robot).tolerance,
+        Interface(Plant, robot).find("tolerance").start,
+    ]
+    assert defaults == [SOLVER_TOLERANCE] * 3

@@ -1,0 +1,86 @@
+"""The JSON schemas accept what the readers accept, and complete what the tables have."""
+
+import copy
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from jsonschema import Draft7Validator
+
+from vdfmu.arm.robot.parameters import PARAMETERS
+from vdfmu.base.data import data_path
+from vdfmu.system.scenario.schema import robot_schema, scenario_schema, system_schema
+
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples" / "units"
+
+
+def problems(schema: dict[str, Any], data: dict[str, Any]) -> list[str]:
+    return [
+        f"{'.'.join(map(str, e.absolute_path))}: {e.message}"
+        for e in Draft7Validator(schema).iter_errors(data)
+    ]
+
+
+def content(path: Path) -> dict[str, Any]:
+    return tomllib.loads(path.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("schema", [robot_schema(), scenario_schema(), system_schema()])
+def test_a_schema_is_one_of_json(schema: dict[str, Any]) -> None:
+    Draft7Validator.check_schema(schema)
+    assert json.loads(json.dumps(schema)) == schema
+
+
+def test_every_shipped_file_fits() -> None:
+    folder = data_path("models")
+    for path in folder.glob("robots/*.toml"):
+        assert problems(robot_schema(), content(path)) == []
+    for path in folder.glob("scenarios/*.toml"):
+        data = content(path)
+        assert problems(scenario_schema(data.get("system", "system")), data) == []
+    for path in data_path("ssp").glob("*.toml"):
+        assert problems(system_schema(), content(path)) == []
+
+
+def test_what_a_scenario_can_set_has_its_unit_of_measurement_and_no_text_twice() -> None:
+    sections = scenario_schema()["properties"]
+    assert sections["controller"]["properties"]["K_p"]["description"].endswith("Eq. (58) [N.m/rad or N/m]")
+    assert sections["plant"]["properties"]["mass"]["description"].endswith("[kg]")
+    wrench = (
+        "Force of the arm on its surroundings in {O}; Moment of the arm on its surroundings in {O} [N, N.m]"
+    )
+    assert sections["plant"]["properties"]["F_e"]["description"] == wrench
+
+
+def test_files_of_the_example_fit() -> None:
+    assert problems(system_schema(), content(EXAMPLES / "arm.toml")) == []
+    assert problems(scenario_schema(str(EXAMPLES / "arm.toml")), content(EXAMPLES / "scenario.toml")) == []
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "where"),
+    [
+        ("massive", 1.0, "joints.0.link: Additional properties"),
+        ("mass", "3", "joints.0.link.mass: '3' is not of type 'number'"),
+        ("mass", -1.0, "joints.0.link.mass: -1.0 is less than the minimum"),
+        ("centroid", [1.0], "joints.0.link.centroid: "),
+    ],
+)
+def test_wrong_values_of_a_robot_are_marked(key: str, value: Any, where: str) -> None:
+    data = copy.deepcopy(content(data_path("models") / "robots" / "planar_2dof.toml"))
+    data["joints"][0]["link"][key] = value
+    (found,) = problems(robot_schema(), data)
+    assert found.startswith(where)
+
+
+def test_wrong_values_of_a_scenario_are_marked() -> None:
+    data = content(data_path("models") / "scenarios" / "tracking.toml")
+    data["controller"] |= {"K_q": 1.0, "velocity": "kappa", "K_v": [-1.0]}
+    assert len(problems(scenario_schema(), data)) == 3
+
+
+def test_the_schema_of_a_robot_has_every_row_of_the_table() -> None:
+    text = json.dumps(robot_schema())
+    assert all(f'"{row.key}": ' in text for row in PARAMETERS.values())

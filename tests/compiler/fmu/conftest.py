@@ -1,0 +1,239 @@
+"""The FMUs of the shipped robots, and a unit as a user of plain fmpy has it."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi2 import (
+    FMU2Slave,
+    fmi2CallbackAllocateMemoryTYPE,
+    fmi2CallbackFreeMemoryTYPE,
+    fmi2CallbackFunctions,
+    fmi2CallbackLoggerTYPE,
+)
+
+from tests.conftest import TYPICAL
+from vdfmu.arm.robot import Robot, load_robot
+from vdfmu.arm.units import shipped_units
+from vdfmu.compiler.fmu import build_fmus
+
+
+class Lazy(dict[str, Any]):
+    """A mapping that makes its values when they are first asked for."""
+
+    def __init__(self, make: Callable[[str], Any]) -> None:
+        super().__init__()
+        self._make = make
+
+    def __missing__(self, key: str) -> Any:
+        self[key] = self._make(key)
+        return self[key]
+
+
+class Unit:
+    """One instance of an FMU, driven through fmpy, with the messages that its user sees.
+
+    A name without index stands for the whole group, in the order of the value references.
+    """
+
+    def __init__(self, folder: Path, instance: str = "unit", messages: list[str] | None = None) -> None:
+        self.description = fmpy.read_model_description(folder, validate=False)
+        self.messages: list[str] = [] if messages is None else messages
+        self.statuses: list[int] = []
+        callbacks = fmi2CallbackFunctions()
+        callbacks.logger = fmi2CallbackLoggerTYPE(self._receive)
+        callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
+        callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(fmpy.free)
+        self.fmu = FMU2Slave(
+            guid=self.description.guid,
+            modelIdentifier=self.description.coSimulation.modelIdentifier,
+            unzipDirectory=str(folder),
+            instanceName=instance,
+        )
+        self.fmu.instantiate(callbacks=callbacks, loggingOn=True)
+        self.time = 0.0
+
+    def _receive(self, _: Any, instance: bytes, status: int, category: bytes, text: bytes) -> None:
+        self.statuses.append(status)
+        self.messages.append(text.decode())
+
+    def variables(self, name: str) -> list[Any]:
+        """Variables of a name, or of a group."""
+        found = [v for v in self.description.modelVariables if name in (v.name, v.name.split("[")[0])]
+        assert found, name
+        return found
+
+    def references(self, name: str) -> list[int]:
+        """Value references of a name, or of a group."""
+        return [v.valueReference for v in self.variables(name)]
+
+    def set(self, **values: Any) -> Unit:
+        """Set groups: ``set(q_0=[0.1, 0.2], equilibrium=False)``; use :meth:`set_one` for ``mass[1]``."""
+        for name, value in values.items():
+            self.set_one(name, value)
+        return self
+
+    def set_one(self, name: str, value: Any) -> Unit:
+        """Set a variable or group of a name that is no Python name."""
+        variables = self.variables(name)
+        array = np.broadcast_to(value, len(variables)).tolist()
+        call = getattr(self.fmu, "set" + variables[0].type)
+        call([v.valueReference for v in variables], array)
+        return self
+
+    def get(self, name: str) -> np.ndarray:
+        """Values of a variable or group."""
+        variables = self.variables(name)
+        call = getattr(self.fmu, "get" + variables[0].type)
+        return np.array(call([v.valueReference for v in variables]))
+
+    def outputs(self) -> np.ndarray:
+        """All outputs in order."""
+        return np.array(
+            self.fmu.getReal(
+                [v.valueReference for v in self.description.modelVariables if v.causality == "output"]
+            )
+        )
+
+    def start(self, time: float = 0.0, tolerance: float | None = None, **values: Any) -> Unit:
+        """Set values and take the unit through initialization."""
+        self.setup(time, tolerance)
+        self.set(**values)
+        self.fmu.enterInitializationMode()
+        self.fmu.exitInitializationMode()
+        return self
+
+    def setup(self, time: float = 0.0, tolerance: float | None = None) -> Unit:
+        """Set up the experiment."""
+        self.time = time
+        self.fmu.setupExperiment(tolerance=tolerance, startTime=time)
+        return self
+
+    def step(self, size: float = 1e-3, **inputs: Any) -> Unit:
+        """Set inputs and make a step from where the last one ended."""
+        self.set(**inputs)
+        self.fmu.doStep(self.time, size)
+        self.time += size
+        return self
+
+    @contextmanager
+    def refuses(self, words: str) -> Iterator[None]:
+        """Expect that a call fails and that the last message matches `words`."""
+        with pytest.raises(FMICallException):
+            yield
+        assert re.search(words, self.messages[-1]), self.messages[-1]
+
+
+@pytest.fixture(scope="session")
+def robots() -> dict[str, Robot]:
+    """Return the shipped robots by name."""
+    return {name: load_robot(name) for name in TYPICAL}
+
+
+@pytest.fixture(scope="session")
+def planar(robots: dict[str, Robot]) -> Robot:
+    """Return the small robot that most tests use."""
+    return robots["planar_2dof"]
+
+
+@pytest.fixture(scope="session")
+def fmus(
+    robots: dict[str, Robot], tmp_path_factory: pytest.TempPathFactory
+) -> Mapping[str, Mapping[str, Path]]:
+    """FMUs by robot and unit, built when they are first asked for."""
+    return Lazy(lambda robot: build_fmus(robots[robot], tmp_path_factory.mktemp(robot), backend="python"))
+
+
+@pytest.fixture(scope="session")
+def folders(
+    fmus: Mapping[str, Mapping[str, Path]], tmp_path_factory: pytest.TempPathFactory
+) -> Mapping[str, Mapping[str, Path]]:
+    """Return them unpacked."""
+
+    def unpack(robot: str) -> dict[str, Path]:
+        return {
+            unit: Path(fmpy.extract(path, tmp_path_factory.mktemp(f"{robot}_{unit}")))
+            for unit, path in fmus[robot].items()
+        }
+
+    return Lazy(unpack)
+
+
+@pytest.fixture
+def open_unit(folders: Mapping[str, Mapping[str, Path]]) -> Iterator[Callable[..., Unit]]:
+    """Instantiate a unit, of the planar robot if none is named; freed at the end of the test."""
+    opened: list[Unit] = []
+
+    def open_one(unit: str, robot: str = "planar_2dof", instance: str = "unit") -> Unit:
+        opened.append(Unit(folders[robot][unit], instance))
+        return opened[-1]
+
+    yield open_one
+    for unit in opened:
+        unit.fmu.freeInstance()
+
+
+@pytest.fixture
+def words_of_refusal() -> Callable[[Path], str]:
+    """Instantiate a unit from a folder, which must fail, and return what its user reads."""
+
+    def instantiate(folder: Path) -> str:
+        messages: list[str] = []
+        with pytest.raises(Exception, match="Failed to instantiate model"):
+            Unit(folder, messages=messages)
+        return messages[-1]
+
+    return instantiate
+
+
+@pytest.fixture
+def copy_of(folders: Mapping[str, Mapping[str, Path]], tmp_path: Path) -> Callable[[str], Path]:
+    """Copy the unpacked FMU of a unit of the planar robot, free to change."""
+
+    def copy(unit: str) -> Path:
+        return Path(shutil.copytree(folders["planar_2dof"][unit], tmp_path / unit))
+
+    return copy
+
+
+@pytest.fixture
+def run_python() -> Callable[..., str]:
+    """Run a script in a Python of its own; return what it prints. Fails if the process crashes."""
+
+    def run(script: str, *arguments: Any, cwd: Path | None = None, **environment: str) -> str:
+        done = subprocess.run(
+            [sys.executable, "-X", "faulthandler", "-c", script, *map(str, arguments)],
+            capture_output=True,
+            text=True,
+            cwd=cwd,
+            env={**os.environ, **environment},
+            timeout=120,
+        )
+        assert done.returncode == 0, f"exit code {done.returncode}\n{done.stdout}\n{done.stderr}"
+        return done.stdout
+
+    return run
+
+
+@pytest.fixture(params=shipped_units())
+def unit_name(request: pytest.FixtureRequest) -> str:
+    """Each of the units."""
+    return request.param
+
+
+@pytest.fixture(params=TYPICAL)
+def robot_name(request: pytest.FixtureRequest) -> str:
+    """Each of the typical robots."""
+    return request.param

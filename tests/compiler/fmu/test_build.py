@@ -1,0 +1,289 @@
+"""Building: the same bytes from the same sources, nothing stale, nothing built that could not start."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+import zipfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+import pytest
+from lxml import html
+
+from vdfmu.arm.robot import Robot
+from vdfmu.arm.units import shipped_units
+from vdfmu.base.errors import FmuError, ModelError, UsageError
+from vdfmu.compiler.fmu import build_fmus
+from vdfmu.compiler.fmu.content import Content
+from vdfmu.compiler.unit.interface import Interface, general_description
+from vdfmu.compiler.unit.variable import Variable
+
+BUILD = """
+import sys
+from vdfmu.compiler.fmu import build_fmus
+from vdfmu.arm.robot import load_robot
+build_fmus(load_robot("planar_2dof"), sys.argv[1], backend="python")
+"""
+
+
+def test_a_second_build_has_the_same_bytes(
+    planar: Robot, fmus: Mapping[str, Mapping[str, Path]], tmp_path: Path
+) -> None:
+    for unit, path in build_fmus(planar, tmp_path, backend="python").items():
+        assert path.read_bytes() == fmus["planar_2dof"][unit].read_bytes(), unit
+
+
+@pytest.mark.parametrize("seed", ["0", "12345"])
+def test_another_process_in_another_folder_builds_the_same_bytes(
+    fmus: Mapping[str, Mapping[str, Path]], tmp_path: Path, run_python: Callable[..., str], seed: str
+) -> None:
+    """The seed decides the order of Python's sets, the folder all relative paths."""
+    run_python(BUILD, "out", cwd=tmp_path, PYTHONHASHSEED=seed)
+    for path in fmus["planar_2dof"].values():
+        assert (tmp_path / "out" / path.name).read_bytes() == path.read_bytes()
+
+
+def test_a_cold_cache_of_traced_functions_changes_no_byte(
+    fmus: Mapping[str, Mapping[str, Path]], tmp_path: Path, run_python: Callable[..., str]
+) -> None:
+    run_python(BUILD, tmp_path / "out", VDFMU_CACHE_DIR=str(tmp_path / "cache"))
+    for path in fmus["planar_2dof"].values():
+        assert (tmp_path / "out" / path.name).read_bytes() == path.read_bytes()
+
+
+def test_an_fmu_that_is_up_to_date_is_left_alone(planar: Robot, tmp_path: Path) -> None:
+    before = {unit: path.stat() for unit, path in build_fmus(planar, tmp_path, backend="python").items()}
+    after = {unit: path.stat() for unit, path in build_fmus(planar, tmp_path, backend="python").items()}
+    for unit in shipped_units():
+        assert before[unit].st_mtime_ns == after[unit].st_mtime_ns
+        assert before[unit].st_ino == after[unit].st_ino
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param(lambda robot: (robot.with_parameters(mass=[2.0, 1.1]), None), id="mass"),
+        pytest.param(
+            lambda robot: (robot.with_parameters(tool_offset=[0.4, 0.1, 0.0]), None), id="structure"
+        ),
+        pytest.param(lambda robot: (robot, {"plant": {"q_0[2]": 0.25}}), id="start value"),
+    ],
+)
+def test_a_change_gives_another_guid_and_a_new_file(planar: Robot, tmp_path: Path, change: Any) -> None:
+    def guid(path: Path) -> str:
+        return fmpy.read_model_description(path).guid
+
+    old = guid(build_fmus(planar, tmp_path, backend="python")["plant"])
+    robot, values = change(planar)
+    new = guid(build_fmus(robot, tmp_path, start_values=values, backend="python")["plant"])
+    assert new != old
+    assert guid(build_fmus(planar, tmp_path, backend="python")["plant"]) == old
+
+
+def test_the_guid_changes_with_sources_scripts_and_pythonfmu(planar: Robot) -> None:
+    first = Content(shipped_units()["plant"], planar, {})
+    guids = {
+        first.guid,
+        Content(shipped_units()["plant"], planar, {}, digest="another").guid,
+        Content(shipped_units()["plant"], planar, {}, version="9.9.9").guid,
+        Content(shipped_units()["plant"], planar, {}, tool="pythonfmu 9.9.9").guid,
+        Content(shipped_units()["controller"], planar, {}).guid,
+    }
+    assert len(guids) == 5
+    assert Content(shipped_units()["plant"], planar, {}).guid == first.guid
+
+
+@pytest.mark.parametrize("damage", [b"not a zip", None])
+def test_a_file_that_vdfmu_did_not_write_is_not_replaced(
+    planar: Robot, tmp_path: Path, damage: bytes | None
+) -> None:
+    path = build_fmus(planar, tmp_path, units=["controller"], backend="python")["controller"]
+    good = path.read_bytes()
+    path.write_bytes(b"")  # no loss
+    build_fmus(planar, tmp_path, units=["controller"], backend="python")
+    assert path.read_bytes() == good
+    there = good[: len(good) // 2] if damage is None else damage
+    path.write_bytes(there)
+    with pytest.raises(
+        UsageError, match=r"PDController\.fmu: expected no file of this name, or one that vdfmu wrote"
+    ):
+        build_fmus(planar, tmp_path, units=["controller"], backend="python")
+    assert path.read_bytes() == there
+
+
+def test_others_may_read_the_files_and_nothing_else_is_left(planar: Robot, tmp_path: Path) -> None:
+    built = build_fmus(planar, tmp_path, backend="python")
+    assert sorted(tmp_path.iterdir()) == sorted(built.values())
+    other = tmp_path / "other"
+    other.touch()  # has the mode that the umask leaves
+    for path in built.values():
+        assert path.stat().st_mode == other.stat().st_mode
+
+
+def test_an_fmu_holds_what_it_needs_and_no_copy_of_pythonfmu(
+    fmus: Mapping[str, Mapping[str, Path]], unit_name: str
+) -> None:
+    path = fmus["planar_2dof"][unit_name]
+    with zipfile.ZipFile(path) as archive:
+        names = set(archive.namelist())
+        assert archive.testzip() is None
+        assert {info.date_time for info in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
+        module = archive.read("resources/slavemodule.txt").decode()
+    script = f"vdfmu_{unit_name}_slave"
+    assert module == script
+    assert names == {
+        "modelDescription.xml",
+        "documentation/index.html",
+        f"binaries/linux64/{path.stem}.so",
+        f"binaries/win64/{path.stem}.dll",
+        "resources/slavemodule.txt",
+        "resources/vdfmu.json",
+        f"resources/{script}.py",
+    }
+
+
+def test_a_process_that_ran_an_fmu_first_builds_the_same_bytes(
+    fmus: Mapping[str, Mapping[str, Path]], tmp_path: Path, run_python: Callable[..., str]
+) -> None:
+    """What the FMU brought into the process must not take the place of the installed packages."""
+    script = f"""
+import fmpy, sys
+fmpy.simulate_fmu(sys.argv[2], stop_time=0.01)
+{BUILD}
+"""
+    run_python(script, tmp_path, fmus["planar_2dof"]["plant"])
+    for path in fmus["planar_2dof"].values():
+        assert (tmp_path / path.name).read_bytes() == path.read_bytes()
+
+
+def test_building_leaves_the_search_path_alone(planar: Robot, tmp_path: Path) -> None:
+    before = list(sys.path)
+    build_fmus(planar, tmp_path, backend="python")
+    assert sys.path == before
+
+
+def test_the_page_inside_describes_every_variable(
+    planar: Robot, fmus: Mapping[str, Mapping[str, Path]], unit_name: str
+) -> None:
+    with zipfile.ZipFile(fmus["planar_2dof"][unit_name]) as archive:
+        page = html.fromstring(archive.read("documentation/index.html").decode())
+    rows = [[cell.text_content() for cell in row] for row in page.iter("tr")][1:]
+    interface = Interface(shipped_units()[unit_name], planar)
+    described: list[Variable] = []
+    for name, references, _, unit, *_, text in rows:
+        first, *last = map(int, references.split(" .. "))
+        members = interface.variables[first : (last or [first])[0] + 1]
+        assert name == " .. ".join(dict.fromkeys((members[0].name, members[-1].name)))
+        assert {v.unit or "" for v in members} == {unit}
+        alike = {general_description(v.description) if last else v.description for v in members}
+        assert alike == {text}
+        described += members
+    assert described == list(interface.variables)
+    kinds = {row[2] for row in rows}
+    assert kinds <= {"input", "output", "fixed parameter", "tunable parameter"}
+    assert "Robot: planar_2dof." in page.text_content()
+
+
+def test_a_name_with_signs_of_html_is_shown_as_it_is(planar: Robot, tmp_path: Path) -> None:
+    odd = dataclasses.replace(planar, name="arm <2> & more")
+    path = build_fmus(odd, tmp_path, units=["controller"], backend="python")["controller"]
+    with zipfile.ZipFile(path) as archive:
+        page = html.fromstring(archive.read("documentation/index.html").decode())
+    assert "Robot: arm <2> & more." in page.text_content()
+    assert fmpy.read_model_description(path).description.endswith("(arm <2> & more)")
+
+
+# ------------------------------------------------------------------ start values
+
+
+def test_start_values_are_those_of_the_instance_and_of_the_description(
+    planar: Robot, tmp_path: Path, fmus: Mapping[str, Mapping[str, Path]]
+) -> None:
+    """Static equilibrium at q = 0: tau_s[1] = g (m1 a1 + m2 (l1 + b)), see the robot's file."""
+    values = {"plant": {"mass[1]": 3.0, "q_dot_0[2]": 0.5, "equilibrium": False, "tau_s_0[1]": 2.0}}
+    path = build_fmus(planar, tmp_path, start_values=values, backend="python")["plant"]
+    starts = {v.name: v.start for v in fmpy.read_model_description(path).modelVariables}
+    assert [starts[name] for name in values["plant"]] == ["3.0", "0.5", "false", "2.0"]
+    row = fmpy.simulate_fmu(str(path), stop_time=1e-3, output_interval=1e-3)[0]
+    assert row["tau_s[1]"] == 2.0
+    assert row["q_dot[2]"] == 0.5
+    row = fmpy.simulate_fmu(
+        str(path), stop_time=1e-3, output_interval=1e-3, start_values={"equilibrium": True}
+    )[0]
+    expected = 9.81 * (3.0 * 0.25 + 1.0 * (0.5 + 0.2))
+    assert row["tau_s[1]"] == pytest.approx(expected, rel=1e-14)  # four rounded operations
+
+
+def test_numpy_numbers_will_do_as_start_values(planar: Robot, tmp_path: Path) -> None:
+    values = {"feedforward": {"mode": np.int64(1), "Lambda[1]": np.float64(2.5)}}
+    path = build_fmus(planar, tmp_path, units=["feedforward"], start_values=values, backend="python")[
+        "feedforward"
+    ]
+    starts = {v.name: v.start for v in fmpy.read_model_description(path).modelVariables}
+    assert (starts["mode"], starts["Lambda[1]"]) == ("1", "2.5")
+
+
+@pytest.mark.parametrize(
+    ("unit", "values", "words"),
+    [
+        ("plant", {"masss[1]": 1.0}, r"plant has no variable 'masss\[1\]'"),
+        ("plant", {"q[1]": 1.0}, r"start values of plant: q\[1\] is an output"),
+        ("plant", {"mass[1]": 0.0}, r"plant: mass\[1\]: expected a number above 0, got 0 kg"),
+        ("plant", {"tolerance": 1.0}, r"plant: tolerance: expected at most 0.1, got 1"),
+        ("plant", {"gravity[3]": float("nan")}, r"gravity\[3\]: expected a finite number, got nan m/s2"),
+        ("plant", {"mass[1]": "heavy"}, r"mass\[1\]: expected a number in kg, got 'heavy'"),
+        (
+            "plant",
+            {"f_s[2]": 0.01},
+            r"plant: f_s\[2\]: expected f_s >= f_c, got f_s\[2\] = 0.01 N.m, f_c\[2\] = 0.1 ",
+        ),
+        (
+            "plant",
+            {"inertia[2,1,1]": 9.0},
+            r"plant: inertia\[2,1,1\]: expected no principal moment of inertia",
+        ),
+        ("feedforward", {"mode": 2}, r"mode: expected 0 \(inverse\) or 1 \(vdc\), got 2"),
+        ("feedforward", {"mode": 0.5}, r"mode: expected 0 \(inverse\) or 1 \(vdc\), got 0.5"),
+        (
+            "controller",
+            {"ell[1]": 0.5, "K_p[2]": -1.0},
+            r"ell\[1\]: .* at least 1, got 0.5.*K_p\[2\]: .*got -1",
+        ),
+        ("trajectory", {"T": 0.0}, r"T: expected at least 1e-06 s, got 0 s"),
+    ],
+)
+def test_start_values_that_could_not_start_are_refused(
+    planar: Robot, tmp_path: Path, unit: str, values: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(UsageError, match=words):
+        build_fmus(planar, tmp_path, start_values={unit: values}, backend="python")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_robot_that_is_not_physical_is_refused(planar: Robot, tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match=r"joints\[2\].link.mass: expected a finite number > 0") as caught:
+        build_fmus(planar.with_parameters(mass=[0.0, -1.0], ell=0.5), tmp_path, backend="python")
+    assert len(caught.value.problems) == 4
+
+
+def test_unknown_units_and_folders_that_cannot_be_written_are_refused(planar: Robot, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="There is no unit 'motor'. There are: controller"):
+        build_fmus(planar, tmp_path, units=["motor"], backend="python")
+    with pytest.raises(UsageError, match="start_values: there is no unit 'motor'"):
+        build_fmus(planar, tmp_path, start_values={"motor": {}}, backend="python")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(FmuError, match=r"file/PDController.fmu: cannot be written: .*Choose another folder"):
+        build_fmus(planar, tmp_path / "file", backend="python")
+
+
+def test_the_content_file_reads_back(planar: Robot, tmp_path: Path) -> None:
+    content = Content(shipped_units()["plant"], planar, {"q_0[1]": 0.1, "equilibrium": False})
+    (tmp_path / "vdfmu.json").write_text(content.to_json(), encoding="utf-8")
+    again = Content.read(tmp_path, "Plant")
+    assert again.guid == content.guid
+    assert json.loads(again.to_json()) == json.loads(content.to_json())

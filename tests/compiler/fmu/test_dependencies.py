@@ -1,0 +1,265 @@
+"""Declared dependencies are true: an output changes if, and only if, what it is said to depend on changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vdfmu.arm.robot import Robot
+from vdfmu.arm.units import shipped_units
+from vdfmu.compiler.unit.interface import Interface
+from vdfmu.compiler.unit.variable import Variable
+
+Opener = Callable[..., Any]
+
+# Values at which nothing is hidden: no zeros, no saturation, friction and springs well curved.
+VISIBLE = {
+    "eps": 0.5, "v_s": 0.4, "f_c": 2.0, "f_s": 3.0, "f_v": 0.7, "K_f0": 20.0, "c_f": 1.0, "K_w0": 0.02, "c_w": 0.5,
+    "ell": 10.0, "I_m": 0.1, "T": 3.0, "t_start": -1.0, "tau_max": 1e6,
+}  # fmt: skip
+# The values of each parameter that chooses, and points that together show all that a unit can do.
+SWITCHES: dict[str, dict[str, tuple[Any, Any]]] = {
+    "trajectory": {},
+    "feedforward": {"mode": (0, 1)},
+    "controller": {"velocity": (0, 1)},
+    "plant": {"equilibrium": (True, False)},
+    "estimator": {},
+}
+POINTS: dict[str, list[dict[str, Any]]] = {
+    "trajectory": [{}],
+    "feedforward": [{"mode": 0}, {"mode": 1}],
+    "controller": [{"velocity": 0}, {"velocity": 1}, {"velocity": 2}, {"tau_max": 1e-3}],
+    "plant": [{"equilibrium": True}, {"equilibrium": False}],
+    # below and at the limit
+    "estimator": [{"K_f0": 0.3, "K_w0": 2.0, "tau_hat_max": 1e3}, {"tau_hat_max": 1e-3}],
+}
+
+
+class Probe:
+    """A unit in initialization mode, at a random point that can be moved in single variables."""
+
+    def __init__(self, unit: Any, table: Interface, **choices: Any) -> None:
+        self.unit, self.table = unit, table
+        self.outputs = [i for i, v in enumerate(table) if v.causality == "output"]
+        rng = np.random.default_rng(1)
+        self.point = {
+            i: self._random(v, rng)
+            for i, v in enumerate(table)
+            if v.causality != "output" and v.type == "Real"
+        }
+        for group, value in choices.items():
+            if group in SWITCHES[table.name]:
+                unit.set(**{group: value})
+            else:
+                where = table.groups[group]
+                self.point |= dict.fromkeys(range(where.start, where.stop), value)
+        self.set(self.point)
+
+    @staticmethod
+    def _random(variable: Variable, rng: np.random.Generator) -> float:
+        start = VISIBLE.get(variable.group, variable.start)
+        if variable.group == "tolerance":
+            return start
+        if start == 0.0 or variable.causality == "input":
+            sign = rng.choice([-1.0, 1.0]) if variable.minimum is None else 1.0
+            return float(sign * rng.uniform(0.2, 0.9))
+        # The inertia of a thin link stays within the triangle inequality.
+        return float(start * (1.0 + (0.005 if variable.group == "inertia" else 0.2) * rng.uniform(-1.0, 1.0)))
+
+    def set(self, values: dict[int, float]) -> None:
+        """Set variables by value reference."""
+        self.unit.fmu.setReal(list(values), list(values.values()))
+
+    def values(self) -> np.ndarray:
+        """All outputs."""
+        return np.array(self.unit.fmu.getReal(self.outputs))
+
+    def move(self, reference: int) -> tuple[np.ndarray, np.ndarray]:
+        """Change one variable by 1 %, and back; return the outputs before and after."""
+        before = self.values()
+        self.set({reference: 1.01 * self.point[reference]})
+        after = self.values()
+        self.set({reference: self.point[reference]})
+        assert np.array_equal(self.values(), before)  # nothing remembers the move
+        return before, after
+
+
+def probes(open_unit: Opener, table: Interface) -> Iterator[Probe]:
+    for choices in POINTS[table.name]:
+        unit = open_unit(table.name, table.robot.name)
+        unit.setup()
+        unit.fmu.enterInitializationMode()
+        yield Probe(unit, table, **choices)
+
+
+@pytest.fixture
+def table(robots: dict[str, Robot], robot_name: str, unit_name: str) -> Interface:
+    return Interface(shipped_units()[unit_name], robots[robot_name])
+
+
+Pairs = set[tuple[str, str]]
+
+
+def declared(table: Interface, dependencies: Callable[[int], list[int]]) -> Pairs:
+    """Pairs of output and the inputs and parameters that it depends on."""
+    return {
+        (v.name, table.memory[k].name)
+        for i, v in enumerate(table)
+        if v.causality == "output"
+        for k in dependencies(i)
+        if table.memory[k].causality in ("input", "parameter")
+    }
+
+
+def cancels(robot: str, unit: str, output: str, known: str) -> bool:
+    """Whether a dependency cancels exactly: the equations have it, the physics of this geometry has not."""
+    group = known.split("[")[0]
+    if output.startswith("kappa_dot_d[") and known == "mode":
+        return True  # both modes take it from the desired motion
+    if robot == "slider_3dof" and unit == "feedforward":
+        # Axis 3 is horizontal: the inertia about it, and what its rotor does as its spring winds up, have no torque
+        # about axis 1, which is vertical.
+        of_axis_3 = (
+            "inertia[3,3,3]",
+            "F_e_d[6]",
+            "I_m[3]",
+            "ell[3]",
+            "K_f0[3]",
+            "K_w0[3]",
+            "c_f[3]",
+            "c_w[3]",
+        )
+        return output[-3:] == "[1]" and known in of_axis_3
+    if robot == "slider_3dof":
+        # Axis 1 is vertical: heights do not depend on q_1, nor on the arm's length.
+        return (output, known) in {("E_pot", "q_0[1]"), ("E_pot", "offset[2,1]")}
+    if robot == "manipulator_6dof":
+        # Axis 1 is vertical: gravity exerts no torque about it. Axes 2 and 3 stay horizontal: inertias about them
+        # do not load it. The centre of mass of link 6 lies on axis 6: its height does not depend on q_6.
+        if unit == "feedforward":
+            return output[-3:] == "[1]" and known in ("inertia[2,3,3]", "inertia[3,3,3]", "gravity[3]")
+        if output in ("tau_s[1]", "kappa[1]"):
+            return group in ("gravity", "centroid", "mass")
+        return (output, known) == ("E_pot", "q_0[6]")
+    return False
+
+
+def test_initial_dependencies_are_exactly_what_outputs_change_with(
+    open_unit: Opener, table: Interface
+) -> None:
+    """For every single output and variable: to the bit where it is not declared, clearly where it is."""
+    changed: Pairs = set()  # in any bit
+    moved: Pairs = set()  # by more than rounding
+    for probe in probes(open_unit, table):
+        for reference in probe.point:
+            before, after = probe.move(reference)
+            known = table.variables[reference].name
+            # Between rounding, seen up to 9e-16 of the output, and the least effect of 1 %, seen as 3e-12.
+            for k, old, new in zip(probe.outputs, before, after, strict=True):
+                if new != old:
+                    changed.add((table.variables[k].name, known))
+                if abs(new - old) > 4e-14 * (1.0 + abs(old)):
+                    moved.add((table.variables[k].name, known))
+    for name, settings in SWITCHES[table.name].items():
+        probe = next(probes(open_unit, table))
+        before, after = (probe.unit.set(**{name: s}) and probe.values() for s in settings)
+        moved |= {(table.variables[probe.outputs[k]].name, name) for k in np.flatnonzero(before != after)}
+    expected = declared(table, table.start_dependencies)
+    assert changed <= expected
+    hidden = {
+        (output, known) for output, known in expected if cancels(table.robot.name, table.name, output, known)
+    }
+    assert sorted(expected - hidden - moved) == []
+    assert sorted(moved & hidden) == []
+
+
+def test_direct_dependencies_are_exactly_what_outputs_change_with_at_a_step(
+    open_unit: Opener, table: Interface
+) -> None:
+    """At a communication point: the outputs that doStep leaves, for inputs that were set just before it."""
+    if table.name in ("plant", "trajectory"):  # a state decides, or time alone
+        assert declared(table, table.step_dependencies) == set()
+        return
+    changed: Pairs = set()
+    for probe in probes(open_unit, table):
+        probe.unit.fmu.exitInitializationMode()
+        before = probe.unit.step() and probe.values()
+        for reference in (i for i in probe.point if table.variables[i].causality == "input"):
+            probe.set({reference: 1.01 * probe.point[reference]})
+            after = probe.unit.step() and probe.values()
+            probe.set({reference: probe.point[reference]})
+            names = [table.variables[probe.outputs[k]].name for k in np.flatnonzero(before != after)]
+            changed |= {(name, table.variables[reference].name) for name in names}
+    expected = declared(table, table.step_dependencies)
+    assert changed <= expected
+    assert {pair for pair in expected - changed if not cancels(table.robot.name, table.name, *pair)} == set()
+
+
+def test_torques_set_at_a_communication_point_do_not_move_the_plant_before_its_step(
+    open_unit: Opener, robot_name: str
+) -> None:
+    unit = open_unit("plant", robot_name).start(tau=0.01)
+    before = unit.step().outputs()
+    unit.set(tau=1.0, F_e=10.0)
+    assert np.array_equal(unit.outputs(), before)
+    assert not np.array_equal(unit.step().outputs(), before)
+
+
+def test_torques_set_in_initialization_mode_do_not_change_the_start(open_unit: Opener) -> None:
+    unit = open_unit("plant").setup()
+    unit.fmu.enterInitializationMode()
+    before = unit.outputs()
+    assert np.array_equal(unit.set(tau=5.0).outputs(), before)
+
+
+def test_the_plant_stays_at_rest_under_the_wrench_that_it_starts_with(
+    open_unit: Opener, robots: dict[str, Robot], robot_name: str
+) -> None:
+    """Set before or in initialization mode; the motors hold the springs, as friction is 0 at rest."""
+    robot = robots[robot_name]
+    q_0, F_e = np.linspace(-0.5, 0.4, robot.n), np.array([20.0, -10.0, 30.0, 1.0, 2.0, -1.5])
+    for early in (True, False):
+        unit = open_unit("plant", robot_name).set(q_0=q_0).setup()
+        if early:
+            unit.set(F_e=F_e)
+        unit.fmu.enterInitializationMode()
+        before = unit.get("tau_s")
+        unit.set(F_e=F_e)
+        tau_s = unit.get("tau_s")
+        assert np.array_equal(tau_s, before) is early
+        unit.fmu.exitInitializationMode()
+        for _ in range(5):
+            unit.step(0.01, tau=tau_s / robot.ell)
+        # Roundings of torques of up to 100 N m, through stiffnesses of 1e3 and more and inertias of 1e-3 kg m2.
+        np.testing.assert_allclose(unit.get("q"), q_0, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(unit.get("tau_s"), tau_s, rtol=0, atol=1e-8)
+
+
+def test_the_gravity_torque_of_a_joint_needs_only_the_links_that_it_carries(planar: Robot) -> None:
+    """By hand for the planar arm: G2 = m2 b g cos(q1 + q2) (the robot's file), and x f_y + m_z of the wrench."""
+    table = Interface(shipped_units()["plant"], planar)
+    names = {table.variables[i].name for i in table.start_dependencies(table.reference["tau_s[2]"])}
+    assert names == {
+        "q_0[1]", "q_0[2]", "equilibrium", "tau_s_0[2]", "gravity[3]", "centroid[2,1]", "mass[2]",
+        "tool_offset[1]", "F_e[2]", "F_e[6]",
+    }  # fmt: skip
+
+
+def test_the_controller_keeps_its_joints_apart(robots: dict[str, Robot], robot_name: str) -> None:
+    table = Interface(shipped_units()["controller"], robots[robot_name])
+    for i in range(robots[robot_name].n):
+        for group in ("tau", "tau_e"):
+            output = table.reference[f"{group}[{i + 1}]"]
+            found = {table.variables[k] for k in table.step_dependencies(output)}
+            assert {v.index for v in found} == {(i,)}
+            assert {v.group for v in found} == {
+                "q_d",
+                "q_d_dot",
+                "kappa_dot_d",
+                "q",
+                "q_dot",
+                "kappa_dot",
+            } | ({"tau_m"} if group == "tau" else set())

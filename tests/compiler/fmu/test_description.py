@@ -1,0 +1,216 @@
+"""The model descriptions: valid, and the same as the variable table."""
+
+from __future__ import annotations
+
+import math
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import fmpy
+import pytest
+from fmpy.validation import validate_fmu
+from lxml import etree
+
+from vdfmu.arm.robot import Robot
+from vdfmu.arm.units import shipped_units
+from vdfmu.compiler.unit.interface import Interface
+from vdfmu.compiler.unit.variable import NO_LIMIT
+
+SCHEMA = etree.XMLSchema(etree.parse(Path(fmpy.__file__).parent / "schema/fmi2/fmi2ModelDescription.xsd"))
+
+
+@pytest.fixture
+def path(fmus: Mapping[str, Mapping[str, Path]], robot_name: str, unit_name: str) -> Path:
+    return fmus[robot_name][unit_name]
+
+
+@pytest.fixture
+def root(path: Path) -> etree._Element:
+    with zipfile.ZipFile(path) as archive:
+        return etree.fromstring(archive.read("modelDescription.xml"))
+
+
+def test_fmpy_finds_no_problem(path: Path) -> None:
+    assert validate_fmu(str(path)) == []
+
+
+def test_it_obeys_the_schema_of_the_standard(root: etree._Element) -> None:
+    assert SCHEMA.validate(root), SCHEMA.error_log
+
+
+def test_each_variable_is_that_of_the_table(
+    root: etree._Element, robots: dict[str, Robot], robot_name: str, unit_name: str
+) -> None:
+    table = Interface(shipped_units()[unit_name], robots[robot_name])
+    scalars = root.findall("ModelVariables/ScalarVariable")
+    assert len(scalars) == len(table)
+    for reference, (scalar, variable) in enumerate(zip(scalars, table, strict=True)):
+        (value,) = scalar
+        assert scalar.get("name") == variable.name
+        assert scalar.get("valueReference") == str(reference)
+        assert scalar.get("description") == variable.description
+        assert scalar.get("causality") == variable.causality
+        assert scalar.get("variability") == variable.variability
+        assert (
+            scalar.get("initial")
+            == {"parameter": "exact", "output": "calculated", "input": None}[variable.causality]
+        )
+        assert value.tag == variable.type
+        assert value.get("unit") == variable.unit
+        assert value.get("displayUnit") == variable.display_unit
+        for attribute, expected in (
+            ("min", variable.minimum), ("max", variable.maximum), ("start", variable.start)
+        ):  # fmt: skip
+            text = value.get(attribute)
+            if expected is None:
+                assert text is None, (variable.name, attribute)
+            elif variable.type == "Boolean":
+                assert text == str(expected).lower()
+            else:
+                assert float(text) == expected, (variable.name, attribute)
+
+
+def test_start_values_lie_within_their_limits(
+    robots: dict[str, Robot], robot_name: str, unit_name: str
+) -> None:
+    for variable in Interface(shipped_units()[unit_name], robots[robot_name]):
+        if variable.start is not None:
+            assert variable.problem(variable.start) is None, variable.name
+
+
+def test_only_what_a_unit_reads_at_every_step_is_tunable(
+    robots: dict[str, Robot], robot_name: str, unit_name: str
+) -> None:
+    table = Interface(shipped_units()[unit_name], robots[robot_name])
+    tunable = {v.group for v in table if v.variability == "tunable"}
+    assert (
+        tunable
+        == {
+            "trajectory": set(),
+            "feedforward": {"Lambda", "K_V", "k_vq", "k_vkappa"},
+            "controller": {"K_p", "K_v", "tau_max"},
+            "plant": set(),
+            "estimator": {"tau_hat_max"},
+        }[unit_name]
+    )
+
+
+def test_units_are_coherent_with_their_names(root: etree._Element) -> None:
+    """Exponents of each unit follow from its name by reading it as a product of named units."""
+    base = {
+        "kg": {"kg": 1}, "m": {"m": 1}, "s": {"s": 1}, "rad": {"rad": 1}, "1": {},
+        "N": {"kg": 1, "m": 1, "s": -2}, "J": {"kg": 1, "m": 2, "s": -2},
+    }  # fmt: skip
+    for unit in root.findall("UnitDefinitions/Unit"):
+        total: dict[str, int] = {}
+        over, _, under = unit.get("name").partition("/")
+        for part, sign in ((over, 1), (under.strip("()"), -1)):
+            for factor in filter(None, part.split(".")):
+                power = int(factor[-1]) if factor[-1].isdigit() and factor != "1" else 1
+                for name, exponent in base[factor.rstrip("0123456789") or "1"].items():
+                    total[name] = total.get(name, 0) + sign * power * exponent
+        expected = {name: str(exponent) for name, exponent in total.items() if exponent}
+        assert dict(unit.find("BaseUnit").attrib) == expected, unit.get("name")
+
+
+def test_display_units_convert_as_their_names_say(root: etree._Element) -> None:
+    factors = {"deg": 180.0 / math.pi, "mm": 1e3, "ms": 1e3, "g": 1e3}
+    for unit in root.findall("UnitDefinitions/Unit"):
+        for display in unit.findall("DisplayUnit"):
+            # value in the display unit = factor * value in the unit: `deg/s`, `N.mm`, `N/mm`
+            over, _, under = display.get("name").partition("/")
+            factor = math.prod(factors.get(p, 1.0) for p in over.split("."))
+            factor /= math.prod(factors.get(p, 1.0) for p in under.split("."))
+            assert float(display.get("factor")) == pytest.approx(factor, rel=1e-15)
+            assert display.get("offset") is None
+
+
+def test_every_unit_is_defined_once_and_used(root: etree._Element) -> None:
+    defined = [unit.get("name") for unit in root.findall("UnitDefinitions/Unit")]
+    used = {value.get("unit") for value in root.findall("ModelVariables/ScalarVariable/Real")}
+    assert sorted(defined) == sorted(used)
+
+
+def test_quantities_of_a_prismatic_joint_are_linear(robots: dict[str, Robot]) -> None:
+    robot = robots["slider_3dof"]
+    (i,) = (i for i, kind in enumerate(robot.joint_types) if kind == "prismatic")
+    units = {
+        (v.group, v.index): v.unit
+        for name in ("controller", "plant")
+        for v in Interface(shipped_units()[name], robot)
+    }
+    expected = {
+        "q": "m", "q_dot": "m/s", "tau_s": "N", "tau": "N.m", "ell": "rad/m", "K_p": "N/m", "K_v": "N.s/m",
+        "K_f0": "N/m", "K_w0": "N.m/rad", "I_m": "kg.m", "f_s": "N", "f_v": "N.s/m", "v_s": "m/s",
+    }  # fmt: skip
+    assert {group: units[group, (i,)] for group in expected} == expected
+
+
+def test_capabilities_are_declared(root: etree._Element, unit_name: str) -> None:
+    unit = dict(root.find("CoSimulation").attrib)
+    true = {name for name, value in unit.items() if value == "true"}
+    assert true == {
+        "needsExecutionTool",
+        "canHandleVariableCommunicationStepSize",
+        "canNotUseMemoryManagementFunctions",
+        "canGetAndSetFMUstate",
+        "canSerializeFMUstate",
+    }
+    assert unit["modelIdentifier"] == root.get("modelName")
+
+
+def test_log_categories_are_those_of_the_standard_and_what_units_send(root: etree._Element) -> None:
+    found = {category.get("name") for category in root.findall("LogCategories/Category")}
+    standard = {f"logStatus{status}" for status in ("Warning", "Discard", "Error", "Fatal")}
+    assert found == standard | {"logAll", "logEvents"}
+
+
+def test_the_default_experiment_has_the_tolerance_of_the_plant(root: etree._Element, unit_name: str) -> None:
+    """Where there is none, importers hand the unit one of their own, of 1e-4."""
+    experiment = root.find("DefaultExperiment")
+    solver = {"tolerance"} if unit_name == "plant" else set()
+    assert set(experiment.attrib) == {"startTime", "stopTime", "stepSize"} | solver
+    if solver:
+        own = root.find("ModelVariables/ScalarVariable[@name='tolerance']/Real")
+        assert experiment.get("tolerance") == own.get("start") == "1e-07"
+    assert float(experiment.get("startTime")) == 0.0
+    stop, step = float(experiment.get("stopTime")), float(experiment.get("stepSize"))
+    assert stop / step == pytest.approx(round(stop / step), rel=1e-12)
+
+
+def test_model_structure_lists_each_output_twice_and_nothing_else(
+    root: etree._Element, robots: dict[str, Robot], robot_name: str, unit_name: str
+) -> None:
+    table = Interface(shipped_units()[unit_name], robots[robot_name])
+    outputs = [i for i, v in enumerate(table) if v.causality == "output"]
+    assert [element.tag for element in root.find("ModelStructure")] == ["Outputs", "InitialUnknowns"]
+    for tag, declared in (
+        ("Outputs", table.step_dependencies),
+        ("InitialUnknowns", table.start_dependencies),
+    ):
+        unknowns = root.findall(f"ModelStructure/{tag}/Unknown")
+        assert [int(u.get("index")) - 1 for u in unknowns] == outputs
+        for unknown, output in zip(unknowns, outputs, strict=True):
+            dependencies = [int(k) - 1 for k in unknown.get("dependencies").split()]
+            known = [i for i in declared(output) if table.memory[i].causality in ("input", "parameter")]
+            assert dependencies == known
+
+
+def test_a_limit_that_does_not_limit_is_far_above_any_motor(robots: dict[str, Robot]) -> None:
+    """FMI 2.0 has no infinity that every importer reads."""
+    table = Interface(shipped_units()["controller"], robots["planar_2dof"])
+    assert table.find("tau_max[1]").start == NO_LIMIT >= 1e9
+
+
+def test_names_count_from_one_and_nothing_is_at_home_in_two_groups(
+    robots: dict[str, Robot], robot_name: str, unit_name: str
+) -> None:
+    table = Interface(shipped_units()[unit_name], robots[robot_name])
+    for group, where in table.groups.items():
+        members = table.variables[where]
+        assert {v.group for v in members} == {group}
+        if members[0].index:
+            assert min(min(v.index) for v in members) >= 0
+            assert all("[0" not in v.name and ",0" not in v.name for v in members)
+    assert sum(where.stop - where.start for where in table.groups.values()) == len(table)

@@ -1,0 +1,165 @@
+"""The interface of a unit: what lies where in its memory, what is an array in FMI 3, and what depends on what."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from vdfmu.arm.robot import Robot, check_robot
+from vdfmu.arm.units import shipped_units
+from vdfmu.base.measure import measure
+from vdfmu.compiler.unit.interface import Interface
+
+
+@pytest.fixture
+def interface(robots: dict[str, Robot], robot_name: str, unit_name: str) -> Interface:
+    return Interface(shipped_units()[unit_name], robots[robot_name])
+
+
+def first_joint(robot: Robot) -> Robot:
+    """Return the robot cut off after its first joint."""
+    n, fields = robot.n, {f.name: getattr(robot, f.name) for f in dataclasses.fields(robot)}
+    per_joint = {k: v[:1] for k, v in fields.items() if k == "joint_types" or np.shape(v)[:1] == (n,)}
+    return check_robot(dataclasses.replace(robot, **per_joint))
+
+
+def shapes(unit: str, robot: Robot) -> dict[str, tuple[int, ...]]:
+    return {array.name: array.shape for array in Interface(shipped_units()[unit], robot).arrays}
+
+
+def test_the_memory_is_the_table_then_derivatives_then_time(interface: Interface, unit_name: str) -> None:
+    N, n = len(interface), interface.robot.n
+    n_x = 4 * n if unit_name == "plant" else 0
+    assert interface.memory[:N] == interface.variables
+    assert interface.size == N + n_x + 1 == len(interface.memory)
+    assert interface.derivatives == slice(N, N + n_x)
+    assert interface.time == N + n_x
+    assert interface.memory[interface.time].name == "time"
+    states, derivatives = interface.memory[interface.states], interface.memory[interface.derivatives]
+    assert [f"der({v.name})" for v in states] == [v.name for v in derivatives]
+    assert {v.group for v in states} == ({"q", "q_dot", "kappa_dot", "tau_s"} if n_x else set())
+
+
+def test_a_derivative_has_the_unit_of_its_state_per_second(interface: Interface) -> None:
+    for state, rate in zip(
+        interface.memory[interface.states], interface.memory[interface.derivatives], strict=True
+    ):
+        of_state, of_rate = measure(state.unit or "").exponents, measure(rate.unit or "").exponents
+        expected = of_state | {"s": of_state.get("s", 0) - 1}
+        assert of_rate == expected, rate.name
+        assert (rate.causality, rate.variability, rate.start) == ("local", "continuous", None)
+        assert rate.description.startswith(f"Joint {rate.index[0] + 1}: derivative of the ")
+
+
+def test_arrays_fill_the_memory_row_by_row(interface: Interface) -> None:
+    position = 0
+    for array in interface.arrays:
+        members = interface.memory[array.positions]
+        assert array.first == position
+        if array.shape:
+            indices = [",".join(str(i + 1) for i in index) for index in np.ndindex(array.shape)]
+            expected = [
+                f"{array.name[:-1]}[{index}])" if array.name.endswith(")") else f"{array.name}[{index}]"
+                for index in indices
+            ]
+            assert [v.name for v in members] == expected
+        else:
+            assert [v.name for v in members] == [array.name]
+        alike = {(v.type, v.causality, v.variability, v.unit, v.minimum, v.maximum) for v in members}
+        assert len(alike) == 1, array.name
+        position += array.size
+    assert position == interface.size
+    assert [interface.arrays[owner].first for owner in interface.owners] == [
+        array.first for array in interface.arrays for _ in range(array.size)
+    ]
+
+
+def test_what_is_whole_and_of_one_unit_is_an_array(planar: Robot) -> None:
+    found = shapes("plant", planar)
+    expected = {
+        "tau": (2,), "q": (2,), "p_O": (3,), "R_O": (3, 3), "E_kin": (), "mass": (2,), "equilibrium": (),
+        "der(q)": (2,), "der(tau_s)": (2,), "time": (), "F_e[1]": (), "F_e[6]": (),
+    }  # fmt: skip
+    assert {name: found.get(name) for name in expected} == expected
+
+
+def test_the_elements_that_a_robot_keeps_of_a_vector_stay_scalars(planar: Robot) -> None:
+    """``tool_offset[1]`` alone would look like a whole vector of one element."""
+    found = shapes("plant", planar)
+    assert found["tool_offset[1]"] == found["gravity[3]"] == found["offset[2,1]"] == ()
+    assert not {"tool_offset", "gravity", "offset"} & set(found)
+
+
+def test_a_robot_without_zeros_has_whole_arrays(general: Robot) -> None:
+    found = shapes("plant", general)
+    n = general.n
+    assert (found["gravity"], found["offset"], found["centroid"]) == ((3,), (n, 3), (n, 3))
+    assert "inertia[1,1,2]" in found  # the lower triangle is folded
+
+
+def test_groups_of_mixed_units_are_scalars(robots: dict[str, Robot]) -> None:
+    found = shapes("plant", robots["slider_3dof"])
+    assert found["tau"] == found["mass"] == (3,)
+    assert not {"q", "q_0", "der(q)", "ell", "F_e"} & set(found)
+    assert found["q[3]"] == found["der(q_dot[2])"] == found["ell[1]"] == ()
+
+
+def test_one_joint_makes_arrays_of_one_element(planar: Robot) -> None:
+    one = first_joint(planar)
+    found = shapes("plant", one)
+    assert found["q"] == found["der(q)"] == found["mass"] == (1,)
+    assert shapes("controller", one)["K_p"] == (1,)
+
+
+def test_the_description_of_an_array_names_no_element(interface: Interface) -> None:
+    for array in interface.arrays:
+        text = interface.array_description(array)
+        if array.shape:
+            assert "Joint" not in text and "axis 1" not in text and "row" not in text.split("(")[0]
+            assert text[0].isupper()
+        else:
+            assert text == interface.memory[array.first].description
+
+
+def test_dependencies_name_what_is_known(interface: Interface) -> None:
+    states, end = range(interface.states.start, interface.states.stop), interface.time
+    for position, variable in enumerate(interface.memory):
+        step, start = interface.step_dependencies(position), interface.start_dependencies(position)
+        if variable.causality in ("output", "local"):
+            for i in step:
+                assert interface.memory[i].causality == "input" or i in states or i == end, (
+                    variable.name,
+                    interface.memory[i].name,
+                )
+            assert {interface.memory[i].causality for i in start} <= {"input", "parameter", "independent"}
+            assert (step, start) == (sorted(step), sorted(start))
+        else:
+            assert step == start == []
+
+
+def test_only_the_trajectory_depends_on_time(interface: Interface, unit_name: str) -> None:
+    calculated = [i for i, v in enumerate(interface.memory) if v.causality in ("output", "local")]
+    for dependencies in (interface.step_dependencies, interface.start_dependencies):
+        assert {interface.time in dependencies(i) for i in calculated} == {unit_name == "trajectory"}
+
+
+def test_states_and_derivatives_depend_on_what_their_equations_hold(robots: dict[str, Robot]) -> None:
+    interface = Interface(shipped_units()["plant"], robots["manipulator_6dof"])
+    position = {v.name: i for i, v in enumerate(interface.memory)}
+
+    def groups(found: list[int]) -> set[str]:
+        return {interface.memory[i].group for i in found}
+
+    for i in range(1, 7):
+        assert interface.step_dependencies(position[f"q[{i}]"]) == [position[f"q[{i}]"]]
+        assert interface.step_dependencies(position[f"der(q[{i}])"]) == [position[f"q_dot[{i}]"]]
+        assert interface.start_dependencies(position[f"der(q[{i}])"]) == [position[f"q_dot_0[{i}]"]]
+        # rotor: I_m kappa_ddot = tau - tau_s/ell - xi_m(kappa_dot), each joint by itself
+        rotor = interface.step_dependencies(position[f"der(kappa_dot[{i}])"])
+        assert rotor == sorted(position[f"{group}[{i}]"] for group in ("tau", "kappa_dot", "tau_s"))
+        link = interface.step_dependencies(position[f"der(q_dot[{i}])"])
+        assert {"q", "q_dot", "tau_s"} <= groups(link) <= {"q", "q_dot", "tau_s", "F_e"}
+        assert "kappa_dot_0" in groups(interface.start_dependencies(position[f"der(tau_s[{i}])"]))
+    assert groups(interface.step_dependencies(position["E_kin"])) == {"q", "q_dot", "kappa_dot"}

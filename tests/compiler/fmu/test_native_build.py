@@ -1,0 +1,326 @@
+"""Native builds: the same bits everywhere, nothing stale, clear words where a build cannot be."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from vdfmu.arm.robot import Robot
+from vdfmu.arm.units import shipped_units
+from vdfmu.base.errors import FmuError, UsageError
+from vdfmu.compiler.c import PLATFORMS, compile, native_available, platforms, this_platform
+from vdfmu.compiler.c.compile import Job, compile_library
+from vdfmu.compiler.fmu import build_fmus
+from vdfmu.compiler.fmu.content import Content
+from vdfmu.compiler.fmu.native import fmi_headers, unit_sources
+
+SMALL = {"unit.c": b"double twice(double x) { return 2.0 * x; }\n"}
+FAST = ["trajectory", "controller"]
+"""Units that compile in a second."""
+
+BUILD = """
+import sys
+from vdfmu.compiler.fmu import build_fmus
+from vdfmu.arm.robot import load_robot
+build_fmus(load_robot("planar_2dof"), sys.argv[1], units=["trajectory", "controller"], backend="native")
+"""
+INTERRUPTED = """
+import sys
+from vdfmu.compiler.fmu import build_fmus
+from vdfmu.arm.robot import load_robot
+try:
+    build_fmus(load_robot("planar_2dof"), sys.argv[1], backend="native")
+except KeyboardInterrupt:
+    sys.exit(130)
+"""
+
+
+@pytest.fixture
+def cold(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """Empty cache; what zig compiles for itself stays where it is."""
+    monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+# ------------------------------------------------------------------ the same bits
+
+
+def test_a_cold_build_in_another_process_and_folder_has_the_same_bytes(
+    planar: Robot, tmp_path: Path, run_python: Callable[..., str]
+) -> None:
+    here = build_fmus(planar, tmp_path / "here", units=FAST, backend="native")
+    folder = tmp_path / "a longer name of a folder"
+    folder.mkdir()
+    run_python(
+        BUILD, "out", cwd=folder, PYTHONHASHSEED="7", TMPDIR=str(folder),
+        VDFMU_CACHE_DIR=str(folder / "cache"),
+    )  # fmt: skip
+    for path in here.values():
+        assert (folder / "out" / path.name).read_bytes() == path.read_bytes(), path.name
+
+
+@pytest.mark.parametrize(
+    "platform",
+    [pytest.param(p, marks=[pytest.mark.heavy] * (p != this_platform())) for p in PLATFORMS],
+)
+def test_a_library_depends_on_its_sources_alone(platform: str, cold: Path, tmp_path: Path) -> None:
+    """Neither on folder nor time nor what is compiled beside it. Windows counts time in seconds."""
+    first = compile_library(SMALL, platform, name="Small")
+    begin = time.time()
+    for file in (cold / "native").iterdir():
+        file.unlink()
+    while int(time.time()) == int(begin):
+        time.sleep(0.05)
+    others = {**SMALL, "other.c": b"double other(double x) { return x; }\n"}
+    jobs = [Job("Other", others, platform), Job("Small", SMALL, platform)]
+    assert compile.compile_libraries(jobs)[1] == first
+    assert str(tmp_path).encode() not in first
+    assert b"vdfmu_native_" not in first
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_the_compiler_says_nothing_about_any_file(planar: Robot, version: str) -> None:
+    """With warnings as errors, those of the platforms that differ most: 32-bit long, and a C library of its own."""
+    for unit in FAST:
+        content = Content(shipped_units()[unit], planar, {}, "native", version)
+        sources = unit_sources(content) | fmi_headers(version)
+        for platform in (this_platform(), "x86_64-windows"):
+            compile_library(sources, platform, name=unit, flags=("-Werror",))
+
+
+def test_guids_tell_apart_what_differs_and_nothing_else(planar: Robot) -> None:
+    first = Content(shipped_units()["plant"], planar, {}, "native")
+    others = [
+        Content(shipped_units()["plant"], planar, {}),
+        Content(shipped_units()["plant"], planar, {}, "native", "3.0"),
+        Content(shipped_units()["plant"], planar, {}, "native", tool="ziglang 0.0"),
+        Content(shipped_units()["plant"], planar, {}, "native", digest="0"),
+        Content(shipped_units()["plant"], planar, {"q_0[1]": 0.1}, "native"),
+        Content(shipped_units()["controller"], planar, {}, "native"),
+    ]
+    assert len({c.guid for c in (first, *others)}) == 7
+    assert Content(shipped_units()["plant"], planar, {}, "native").guid == first.guid
+
+
+# ------------------------------------------------------------------ what is up to date
+
+
+@pytest.mark.heavy
+def test_an_fmu_that_is_up_to_date_is_left_alone(planar: Robot, tmp_path: Path) -> None:
+    def build(platforms: list[str] | None = None) -> os.stat_result:
+        built = build_fmus(planar, tmp_path, units=FAST, backend="native", platforms=platforms)
+        return built["controller"].stat()
+
+    first = build()
+    assert build().st_ino == first.st_ino
+    assert build([this_platform()]).st_ino == first.st_ino
+    wider = build([this_platform(), "x86_64-windows"])
+    assert wider.st_ino != first.st_ino
+    assert build().st_ino == wider.st_ino  # it holds more than is asked for
+    assert build(["x86_64-darwin"]).st_ino != wider.st_ino
+
+
+def test_backends_and_versions_replace_each_other_but_not_damaged_files(
+    planar: Robot, tmp_path: Path
+) -> None:
+    def build(**options: str) -> bytes:
+        return build_fmus(planar, tmp_path, units=["controller"], **options)["controller"].read_bytes()
+
+    python, native, native_3 = (
+        build(backend="python"),
+        build(backend="native"),
+        build(backend="native", fmi_version="3.0"),
+    )
+    assert len({python, native, native_3}) == 3
+    assert build(backend="python") == python
+    assert build() == native  # the default
+    path = tmp_path / "PDController.fmu"
+    path.write_bytes(native[: len(native) // 2])
+    with pytest.raises(
+        UsageError, match=r"PDController\.fmu: expected no file of this name, or one that vdfmu wrote"
+    ):
+        build(backend="native")  # nothing says any more what wrote it
+    path.unlink()
+    assert build(backend="native") == native
+    assert sorted(tmp_path.iterdir()) == [path]
+
+
+def test_a_second_build_compiles_nothing(
+    planar: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = build_fmus(planar, tmp_path / "1", units=FAST, backend="native")
+    monkeypatch.setattr(compile, "_zig", lambda: "/nowhere/zig")
+    second = build_fmus(planar, tmp_path / "2", units=FAST, backend="native")
+    for unit, path in first.items():
+        assert second[unit].read_bytes() == path.read_bytes()
+
+
+def test_other_start_values_compile_the_tables_alone(
+    planar: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The traced equations are the same for all values of parameters and for both versions of FMI."""
+    build_fmus(planar, tmp_path, units=FAST, backend="native")
+    compiled: list[str] = []
+    run = compile._Workshop._object
+
+    def record(self: object, job: Job, place: Path, name: str, key: str) -> None:
+        compiled.append(name)
+        run(self, job, place, name, key)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(compile._Workshop, "_object", record)
+    values = {"controller": {"K_p[1]": 123.0 + os.getpid()}}
+    build_fmus(planar, tmp_path, units=["controller"], start_values=values, backend="native")
+    assert compiled == ["unit.c"]
+
+
+@pytest.mark.parametrize("damage", [b"", b"not a library"])
+def test_a_damaged_cache_is_made_anew(damage: bytes, cold: Path) -> None:
+    first = compile_library(SMALL, this_platform(), name="Small")
+    for file in (cold / "native").iterdir():
+        file.write_bytes(damage)
+    assert compile_library(SMALL, this_platform(), name="Small") == first
+
+
+# ------------------------------------------------------------------ builds that cannot be
+
+
+def test_a_missing_compiler_is_told_with_the_way_out(
+    planar: Robot, tmp_path: Path, cold: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compile, "find_spec", lambda name: None)
+    compile._zig.cache_clear()
+    try:
+        assert not native_available()
+        with pytest.raises(FmuError, match=r"ziglang, which is not installed.*pip install .vdfmu\[native\]"):
+            build_fmus(planar, tmp_path / "out", units=["controller"], backend="native")
+    finally:
+        compile._zig.cache_clear()
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_unit_is_compiled_while_the_next_is_traced(monkeypatch: pytest.MonkeyPatch, cold: Path) -> None:
+    begun = threading.Event()
+    first, here = compile._Workshop._object, this_platform()
+
+    def object_of(*arguments: object) -> None:
+        begun.set()
+        first(*arguments)
+
+    def jobs() -> Iterator[Job]:
+        yield Job("Small", SMALL, here)
+        assert begun.wait(60.0)  # s; far more than a process takes to start
+        yield Job("Other", {"other.c": b"double other(double x) { return x; }\n"}, here)
+        yield Job("Small", SMALL, here)
+
+    monkeypatch.setattr(compile._Workshop, "_object", object_of)
+    small, other, again = compile.compile_libraries(jobs())
+    assert small == again != other
+
+
+def test_objects_have_no_debug_information(cold: Path) -> None:
+    compile_library(SMALL, "x86_64-linux", name="Small")
+    stored = [file.read_bytes() for file in (cold / "native").iterdir()]
+    assert stored
+    assert not [one for one in stored if b".debug_info" in one]
+
+
+def test_a_file_that_the_compiler_refuses_is_named(cold: Path) -> None:
+    sources = SMALL | {"kernel_bad.c": b"int bad(void) { return missing; }\n"}
+    words = r"(?s)Plant for aarch64-linux: kernel_bad.c cannot be compiled:.*undeclared identifier 'missing'"
+    with pytest.raises(FmuError, match=words):
+        compile_library(sources, "aarch64-linux", name="Plant")
+    with pytest.raises(FmuError, match=r"(?s)Plant for aarch64-linux: Plant.so cannot be compiled:.*missing"):
+        unresolved = b"int missing(void);\nint bad(void) { return missing(); }\n"
+        compile_library({"unit.c": unresolved}, "aarch64-linux", name="Plant", flags=("-Wl,-z,defs",))
+
+
+def test_unknown_names_are_refused_with_the_known_ones(planar: Robot, tmp_path: Path) -> None:
+    def build(**options: object) -> None:
+        build_fmus(planar, tmp_path, **options)  # type: ignore[arg-type]
+
+    with pytest.raises(UsageError, match=r"no platform 'win64'. There are: x86_64-linux.*; and all\."):
+        build(backend="native", platforms=["x86_64-linux", "win64"])
+    with pytest.raises(UsageError, match="no platform 'foo'"):
+        build(platforms=["all", "foo"])  # platforms ask for native FMUs
+    with pytest.raises(UsageError, match="No platform is chosen"):
+        build(backend="native", platforms=[])
+    with pytest.raises(UsageError, match="no backend 'rust'. There are: python, native"):
+        build(backend="rust")
+    with pytest.raises(UsageError, match=r"no FMI '1.0' here. There are: '2.0', '3.0'"):
+        build(backend="native", fmi_version="1.0")
+    with pytest.raises(UsageError, match=r"Python FMUs are of FMI 2.0, got 3.0"):
+        build(backend="python", fmi_version="3.0")
+    with pytest.raises(UsageError, match="Platforms can be chosen for native FMUs only"):
+        build(backend="python", platforms="all")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_machine_without_native_fmus_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(platforms.machine, "machine", lambda: "riscv64")
+    with pytest.raises(FmuError, match=r"for this machine, riscv64-linux. There are: x86_64-linux"):
+        platforms.chosen_platforms(None)
+    assert not native_available()
+    assert platforms.chosen_platforms("all") == platforms.ALL
+    assert platforms.chosen_platforms(["wasm32", "all"]) == tuple(PLATFORMS)
+
+
+def test_folders_that_cannot_be_written_are_told(
+    planar: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(FmuError, match=r"file/PDController.fmu: cannot be written: .*Choose another folder"):
+        build_fmus(planar, tmp_path / "file", units=["controller"], backend="native")
+    # a cache that cannot be written costs time alone
+    monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "file" / "cache"))
+    assert compile_library(SMALL, this_platform(), name="Small")
+
+
+def test_a_full_disk_is_told(monkeypatch: pytest.MonkeyPatch, cold: Path) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(FmuError, match=r"cannot be compiled: .*No space left.*TMPDIR and VDFMU_CACHE_DIR"):
+        compile_library(SMALL, this_platform(), name="Small")
+
+
+# ------------------------------------------------------------------ several at once
+
+
+@pytest.mark.slow
+def test_builds_at_the_same_time_do_not_meet(tmp_path: Path) -> None:
+    environment = os.environ | {"VDFMU_CACHE_DIR": str(tmp_path / "cache")}
+    folders = [tmp_path / str(i) for i in range(3)]
+    processes = [
+        subprocess.Popen([sys.executable, "-c", BUILD, str(folder)], env=environment) for folder in folders
+    ]
+    assert [process.wait(300) for process in processes] == [0, 0, 0]
+    for name in ("Trajectory.fmu", "PDController.fmu"):
+        assert len({(folder / name).read_bytes() for folder in folders}) == 1
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no interrupt for a process")
+def test_an_interrupt_leaves_no_process_and_nothing_half_done(tmp_path: Path) -> None:
+    (tmp_path / "tmp").mkdir()
+    environment = os.environ | {
+        "VDFMU_CACHE_DIR": str(tmp_path / "cache"), "TMPDIR": str(tmp_path / "tmp"),
+    }  # fmt: skip
+    process = subprocess.Popen([sys.executable, "-c", INTERRUPTED, str(tmp_path / "out")], env=environment)
+    while not list((tmp_path / "tmp").glob("vdfmu_native_*/*/*.o*")):
+        assert process.poll() is None
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=60) == 130
+    assert list((tmp_path / "tmp").iterdir()) == []
+    assert not (tmp_path / "out").exists()
+    assert not list((tmp_path / "cache").rglob("*.tmp"))

@@ -1,0 +1,303 @@
+"""Units of a user: built in each form, they compute what their methods say."""
+
+from __future__ import annotations
+
+import shutil
+import zipfile
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.validation import validate_fmu
+from lxml import html
+
+import vdfmu
+from tests.compiler.fmu.conftest import Unit
+from tests.compiler.native.binding import Instance, Model
+from vdfmu.arm.robot import Robot
+from vdfmu.arm.units import find_unit
+from vdfmu.compiler.fmu import build_fmus
+from vdfmu.compiler.unit.evaluate import Plain
+from vdfmu.compiler.unit.interface import Interface
+from vdfmu.compiler.unit.scipy_solver import Motion
+from vdfmu.engine.inspect.inspection import check_file
+
+FILE = Path(__file__).parent / "own_units.py"
+NATIVE = ("native 2.0", "native 3.0")
+FORMS = (*NATIVE, "python 2.0")
+TRACED = ("LowPass", "Encoder", "Mixer", "Clock", "Weights", "Words")
+
+Opener = Callable[..., Any]
+
+
+@pytest.fixture(scope="module")
+def own_fmu(robots: dict[str, Robot], tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], Path]:
+    """Build a unit of own_units.py in a form."""
+
+    @cache
+    def build(name: str, form: str) -> Path:
+        backend, version = form.split()
+        robot = robots["slider_3dof"] if name == "Weights" else None
+        out = tmp_path_factory.mktemp(name)
+        (path,) = build_fmus(
+            robot, out, units=[f"{FILE}:{name}"], backend=backend, fmi_version=version
+        ).values()
+        return path
+
+    return build
+
+
+@pytest.fixture
+def own(
+    own_fmu: Callable[[str, str], Path], tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Callable[..., Any]]:
+    """Instantiate a unit in a form; freed at the end of the test."""
+    opened: list[Any] = []
+
+    def instantiate(name: str, form: str, **options: Any) -> Any:
+        folder = Path(fmpy.extract(own_fmu(name, form), tmp_path_factory.mktemp("unpacked")))
+        opened.append(Unit(folder) if form == "python 2.0" else Instance(Model(folder), **options))
+        return opened[-1]
+
+    yield instantiate
+    for unit in opened:
+        unit.free() if isinstance(unit, Instance) else unit.fmu.freeInstance()
+
+
+@pytest.fixture(params=FORMS)
+def form(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
+@pytest.mark.parametrize("name", TRACED)
+def test_nothing_is_wrong_with_the_fmu(own_fmu: Callable[[str, str], Path], name: str, form: str) -> None:
+    path = own_fmu(name, form)
+    assert validate_fmu(str(path)) == []
+    assert check_file(path) == []
+
+
+def test_what_cannot_be_traced_becomes_a_python_fmu(own_fmu: Callable[[str, str], Path], own: Opener) -> None:
+    """Whatever backend is asked for. The same numpy calls on the same numbers give the same bits."""
+    path = own_fmu("Equations", "native 2.0")
+    assert validate_fmu(str(path)) == []
+    assert check_file(path) == []
+    unit = own("Equations", "python 2.0").start(a=0.25)
+    for b in ([0.1, -0.2], [10.0, 3.0]):  # below and above the limit
+        y = np.linalg.solve(np.array([[2.0, 0.25], [0.25, 1.0]]), b)
+        expected = y / np.abs(y).max() if np.abs(y).max() > 1.0 else y
+        assert np.array_equal(unit.step(b=b).get("y"), expected)
+
+
+def test_a_filter_follows_its_closed_form(own: Opener, form: str) -> None:
+    """Local errors of 1e-10 decay with the solution: below 100 steps add less than 1e-8."""
+    unit = own("LowPass", form).start(tolerance=1e-10, y_0=0.5, T=0.02)
+    for size in (1e-3, 7e-3, 0.05):
+        unit.step(size, u=2.0)
+        assert np.ravel(unit.get("y")) == pytest.approx(2.0 - 1.5 * np.exp(-unit.time / 0.02), abs=1e-8)
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_a_filter_in_the_solver_of_an_importer(own_fmu: Callable[[str, str], Path], version: str) -> None:
+    """CVODE at a relative tolerance of 1e-8 keeps a decaying solution of order 1 to well below 1e-6."""
+    rows = fmpy.simulate_fmu(
+        str(own_fmu("LowPass", f"native {version}")), fmi_type="ModelExchange", solver="CVode", stop_time=0.3,
+        output_interval=0.01, relative_tolerance=1e-8, start_values={"y_0": 1.0},
+    )  # fmt: skip
+    assert len(rows) == 31
+    np.testing.assert_allclose(rows["y"], np.exp(-rows["time"] / 0.1), rtol=0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("size", [1e-3, 3e-4, 2.5e-3, 7e-3 / 3.0])
+@pytest.mark.parametrize("start", [0.0, 0.4137])
+def test_samples_are_taken_at_multiples_of_the_period_whatever_the_steps_are(
+    own: Opener, form: str, size: float, start: float
+) -> None:
+    """A sample sees the inputs of the step that it lies in, one at the end of a step those of the next.
+
+    The rounding, halves to even too, product and quotient are alike in numpy and C: the numbers are the same bits.
+    """
+    period, increment = 1e-3, 0.01
+    inputs = [np.array([np.cos(0.3 * k), 0.005 * k + 0.02]) for k in range(12)]
+    unit = own("Encoder", form).start(start, q=inputs[0])
+    newest = late = increment * np.round(inputs[0] / increment)
+    taken = 0  # samples so far
+    for k, q in enumerate(inputs):
+        unit.step(size, q=q)
+        while taken * period < (k + 1) * size - 1e-9 * period:
+            newest, late, taken = increment * np.round(q / increment), newest, taken + 1
+        assert np.array_equal(unit.get("newest"), newest), k
+        assert np.array_equal(unit.get("y"), late), k
+
+
+@pytest.mark.parametrize("way", [0, 1, 2])
+@pytest.mark.parametrize("inverted", [False, True])
+def test_choices_and_switches_decide_what_runs(own: Opener, form: str, way: int, inverted: bool) -> None:
+    unit = own("Mixer", form).start(way=way, inverted=inverted)
+    for u in ([0.3, 0.7], [2.0, -1.5]):
+        expected = (sum(u), u[0] * u[1], max(u))[way]
+        assert unit.step(u=u).get("y") == (-expected if inverted else expected)
+
+
+def test_a_unit_without_inputs_is_a_function_of_time(own: Opener, form: str) -> None:
+    """The C library's sine and numpy's differ by rounding, 2e-16."""
+    unit = own("Clock", form).start(0.5)
+    for size in (0.1, 0.25, 1.0):
+        assert np.ravel(unit.step(size).get("y")) == pytest.approx(np.sin(2.0 * unit.time), abs=4e-16)
+
+
+def test_a_unit_has_the_parameters_of_the_robot_that_it_declares(
+    own: Opener, own_fmu: Callable[[str, str], Path], robots: dict[str, Robot], form: str
+) -> None:
+    """Three roundings, and the cosine's: 1e-15 of the result."""
+    robot = robots["slider_3dof"]
+    names = {
+        v.name.split("[")[0] for v in fmpy.read_model_description(own_fmu("Weights", form)).modelVariables
+    }
+    assert names - {"time"} == {"q", "y", "g", "ell", "mass"}
+    q, mass = [0.1, 0.2, 0.3], [1.0, 2.0, 3.0]
+    given, changed = own("Weights", form).start(), own("Weights", form).start(mass=mass)
+    for unit, m in ((given, robot.mass), (changed, mass)):
+        expected = 9.81 * np.array(m) / robot.ell * np.cos(q)
+        np.testing.assert_allclose(unit.step(q=q).get("y"), expected, rtol=1e-15)
+
+
+def test_any_name_will_do_for_a_variable(own: Opener, form: str) -> None:
+    """Against scipy on the unit in numpy; both solve to 1e-10 or better, over less than 1000 steps of damped motion."""
+    values = {"x_0": 0.3, "h_0": -0.1, "w1": 0.2, "y_new": 0.1, "d_x": -0.5}
+    unit = own("Words", form).start(tolerance=1e-10, **values)
+    plain = Plain(
+        Interface(find_unit(f"{FILE}:Words"), None, {name: values[name] for name in ("x_0", "h_0")})
+    )
+    for name in ("w1", "y_new", "d_x"):
+        plain.memory[plain.interface.groups[name]] = values[name]
+    plain.start()
+    motion = Motion(plain)
+    for size in (3e-3, 0.01, 0.037):
+        end = unit.time + size
+        motion.move(unit.time, end)
+        plain.outputs()
+        unit.step(size)
+        for name in ("x", "h", "y", "norm"):
+            expected = plain.memory[plain.interface.groups[name]]
+            np.testing.assert_allclose(unit.get(name), expected, rtol=0.0, atol=1e-7)
+
+
+@pytest.mark.parametrize("name", ["Encoder", "Words"])
+def test_a_state_saved_within_a_period_repeats_the_run_to_the_bit(own: Opener, form: str, name: str) -> None:
+    """In the instance, and as bytes in another one, which never started."""
+
+    def go_on(unit: Any) -> list[np.ndarray]:
+        return [unit.step(size, **{last: 0.01 * k}).outputs() for k, size in enumerate((3e-4, 4e-3, 1e-2))]
+
+    last = "q" if name == "Encoder" else "y_new"
+    unit, other = own(name, form), own(name, form)
+    unit.start(0.0123, **{last: 0.5}).step(3.3e-4, **{last: 0.7})
+    time = unit.time
+    if form == "python 2.0":
+        state = unit.fmu.getFMUstate()
+        expected = go_on(unit)
+        unit.fmu.setFMUstate(state)
+        unit.time = time
+        found = go_on(unit)
+        other.fmu.setFMUstate(other.fmu.deSerializeFMUstate(unit.fmu.serializeFMUstate(state)))
+    else:
+        state = unit.save()
+        expected = go_on(unit)
+        unit.restore(state).time = time
+        found = go_on(unit)
+        other.restore(other.deserialize(unit.serialize(state)))
+    other.time = time
+    assert not np.array_equal(expected[0], expected[-1])
+    for k, rows in enumerate(expected):
+        assert np.array_equal(found[k], rows)
+    assert np.array_equal(go_on(other), expected)
+
+
+def test_a_step_that_fails_at_a_later_sample_changes_nothing(own: Opener, form: str) -> None:
+    """The count is that before the step, and the step of half the length does what it would have done."""
+    unit = own("Burst", form).start().step(4e-4)
+    before = unit.outputs()
+    if form == "python 2.0":
+        with unit.refuses("the internal step reached its minimum|is not finite"):
+            unit.step(3e-3)
+        assert np.array_equal(unit.outputs(), before)
+        return  # pythonfmu ends a unit whose call failed
+    derivatives = unit.read(unit.model.of("local"))
+    with unit.refuses("the internal step reached its minimum|is not finite") as refused:
+        refused("DoStep", *unit.step_arguments(unit.time, 3e-3))
+    assert np.array_equal(unit.outputs(), before)
+    assert np.array_equal(unit.read(unit.model.of("local")), derivatives)
+    assert unit.step(1e-3).get("count") == 2.0
+
+
+@pytest.mark.parametrize("form", NATIVE)
+@pytest.mark.parametrize(
+    ("name", "values", "unknown", "known"),
+    [
+        ("LowPass", {"u": 0.3, "T": 0.2}, "der(y)", "u"),
+        ("Mixer", {"u": [0.3, 0.7], "way": 1}, "y", "u"),
+        ("Weights", {"q": [0.4, -0.3, 0.8]}, "y", "q"),
+        ("Words", {"w1": 0.3}, "der(h)", "d_x"),
+    ],
+)
+def test_directional_derivatives_are_the_limits_of_differences(
+    own: Opener, form: str, name: str, values: dict[str, Any], unknown: str, known: str
+) -> None:
+    """Differences over 2e-4: their error is 1e-8 / 6 of a third derivative, and 1e-12 of rounding."""
+    unit = own(name, form)
+    unit.setup().set(**values).enter()
+    given = unit.model.group(known)
+    unknowns = [v for v in unit.model.variables if v.name.split("[")[0] in (unknown, unknown[:-1])]
+    at = unit.read(given)
+    for k in range(len(at)):
+        seed = np.eye(len(at))[k]
+        after, before = (unit.write(given, at + s * 1e-4 * seed).read(unknowns) for s in (1.0, -1.0))
+        unit.write(given, at)
+        difference = (after - before) / 2e-4
+        np.testing.assert_allclose(unit.directional(unknowns, given, seed), difference, rtol=1e-6, atol=1e-9)
+        assert np.abs(difference).max() > 0.0 or (name, k) == ("Weights", 1)
+        if form == "native 3.0":
+            rows = [unit.adjoint(unknowns, given, row)[k] for row in np.eye(len(difference))]
+            np.testing.assert_allclose(rows, difference, rtol=1e-6, atol=1e-9)
+
+
+BUILD = """
+import sys
+from vdfmu.compiler.fmu import build_fmus
+for name in sys.argv[2:]:
+    build_fmus(None, "native", units=[f"{sys.argv[1]}:{name}"], backend="native")
+    build_fmus(None, "python", units=[f"{sys.argv[1]}:{name}"], backend="python")
+"""
+
+
+def test_a_file_in_another_folder_gives_the_same_bytes(
+    own_fmu: Callable[[str, str], Path], tmp_path: Path, run_python: Callable[..., str]
+) -> None:
+    """Built by another process, in another order of its sets, with nothing in its cache."""
+    file = Path(shutil.copy(FILE, tmp_path / "own_units.py"))
+    # the author and the licence are of the project around it
+    shutil.copy(Path(vdfmu.__file__).parents[2] / "pyproject.toml", tmp_path)
+    environment = {"PYTHONHASHSEED": "4711", "VDFMU_CACHE_DIR": str(tmp_path / "cache")}
+    run_python(BUILD, file, "Words", "Mixer", "Equations", cwd=tmp_path, **environment)
+    for name in ("Words", "Mixer", "Equations"):
+        for backend in ("native", "python"):
+            path = own_fmu(name, f"{backend} 2.0")
+            assert (tmp_path / backend / path.name).read_bytes() == path.read_bytes(), (name, backend)
+
+
+def test_the_page_is_made_from_the_docstring(own_fmu: Callable[[str, str], Path], form: str) -> None:
+    with zipfile.ZipFile(own_fmu("LowPass", form)) as archive:
+        page = html.fromstring(archive.read("documentation/index.html").decode())
+        names = set(archive.namelist())
+    assert page.findtext(".//p[@class='what']") == "First-order low-pass filter"
+    assert [block.text for block in page.iter("pre")] == ["T y_dot = u - y"]
+    assert {"u", "y", "T", "y_0", "tolerance"} <= {
+        c.text_content() for c in page.xpath("//td[@class='name']")
+    }
+    if form == "python 2.0":
+        script = {"resources/vdfmu_low_pass_slave.py", "resources/unit.py", "resources/vdfmu.json"}
+        assert script <= names

@@ -1,0 +1,136 @@
+"""The FMUs as a new user of fmpy meets them: loaded, run with defaults, changed a little."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.util import fmu_info
+
+from vdfmu.arm.robot import Robot
+
+Paths = Mapping[str, Mapping[str, Path]]
+
+
+def simulate(path: Path, **options: Any) -> np.ndarray:
+    return fmpy.simulate_fmu(str(path), **options)
+
+
+def test_every_unit_runs_with_defaults(fmus: Paths, unit_name: str) -> None:
+    """10 s at 1 kHz, as the default experiment says; for the six-joint arm see the scenarios."""
+    result = simulate(fmus["planar_2dof"][unit_name])
+    # fmpy adds up its 1e4 times, each rounded to 1e-15
+    assert result["time"][0] == 0.0 and result["time"][-1] == pytest.approx(10.0, abs=1e-9)
+    assert all(np.all(np.isfinite(result[name])) for name in result.dtype.names)
+
+
+def test_every_unit_of_every_robot_starts(fmus: Paths, robot_name: str, unit_name: str) -> None:
+    result = simulate(fmus[robot_name][unit_name], stop_time=5e-3)
+    assert all(np.all(np.isfinite(result[name])) for name in result.dtype.names)
+
+
+def test_fmpy_prints_what_the_unit_is(fmus: Paths) -> None:
+    text = fmu_info(str(fmus["planar_2dof"]["plant"]))
+    assert "Co-Simulation" in text and "Serial manipulator with flexible harmonic-drive joints" in text
+
+
+def test_the_trajectory_goes_from_start_to_end(fmus: Paths) -> None:
+    result = simulate(
+        fmus["planar_2dof"]["trajectory"],
+        start_values={"q_start[1]": -0.2, "q_end[1]": 0.4, "T": 2.0, "t_start": 0.5},
+        stop_time=3.0,
+        output_interval=0.5,
+    )
+    q = result["q_d[1]"]
+    assert q[0] == q[1] == -0.2
+    # the middle of the motion is the middle of the way; two sines of pi, each exact to 1e-16
+    assert q[3] == pytest.approx(0.1, abs=1e-15)
+    assert q[-1] == q[-2] == pytest.approx(0.4, abs=1e-15)
+    assert abs(result["q_d_dot[1]"][-1]) < 1e-15
+
+
+def test_an_input_signal_reaches_the_controller(fmus: Paths) -> None:
+    signal = np.array([(0.0, 0.1), (1.0, 0.1)], dtype=[("time", float), ("q_d[2]", float)])
+    result = simulate(
+        fmus["planar_2dof"]["controller"], input=signal, stop_time=0.01, start_values={"K_p[2]": 300.0}
+    )
+    assert result["tau_e[2]"][-1] == pytest.approx(30.0, rel=1e-15)
+    assert result["tau_e[1]"][-1] == 0.0
+
+
+FREE = {f"{name}[{i}]": 0.0 for name in ("f_c", "f_s", "f_v") for i in (1, 2)}
+"""No friction."""
+
+
+def energy(result: np.ndarray) -> np.ndarray:
+    return result["E_kin"] + result["E_pot"] + result["E_spring"]
+
+
+@pytest.mark.parametrize("tolerance", [1e-5, 1e-7, 1e-9])
+def test_free_fall_conserves_energy_within_the_tolerance(fmus: Paths, tolerance: float) -> None:
+    """Without friction and torque the arm swings for ever; the solver alone loses or gains energy.
+
+    A step errs by at most `tolerance` SI units in a state, the energy's derivatives by the states are up to
+    10 J, and there are some 100 steps whose errors do not add up: 1 J times the tolerance. Seen: 3e-3 of it.
+    """
+    result = simulate(
+        fmus["planar_2dof"]["plant"],
+        start_values=FREE | {"q_0[1]": 0.3},
+        stop_time=1.0,
+        output_interval=0.01,
+        relative_tolerance=tolerance,
+    )
+    total = energy(result)
+    assert np.abs(total - total[0]).max() < 1.0 * tolerance
+    assert np.ptp(result["E_pot"]) > 1.0  # it did fall
+
+
+def test_the_tolerance_of_the_experiment_is_the_solvers(fmus: Paths) -> None:
+    """Two decades of tolerance are about two decades of error; seen: 90 times. The parameter is the loosest."""
+
+    def fall(tolerance: float) -> np.ndarray:
+        result = simulate(
+            fmus["planar_2dof"]["plant"],
+            start_values=FREE | {"tolerance": 1e-4},
+            stop_time=0.3,
+            output_interval=0.01,
+            relative_tolerance=tolerance,
+        )
+        return np.array([result["q[1]"], result["q[2]"]])
+
+    exact = fall(1e-11)
+    errors = [np.abs(fall(tolerance) - exact).max() for tolerance in (1e-4, 1e-6, 1e-8)]
+    assert errors[0] > 10.0 * errors[1] > 100.0 * errors[2] > 0.0
+
+
+def test_of_the_parameter_and_the_tolerance_of_the_experiment_the_smaller_holds(fmus: Paths) -> None:
+    """Fmpy hands the unit the 1e-7 of the default experiment where no tolerance is given."""
+    path = fmus["planar_2dof"]["plant"]
+
+    def fall(experiment: float | None, **parameter: float) -> np.ndarray:
+        return simulate(
+            path, start_values=parameter, relative_tolerance=experiment, stop_time=0.1, output_interval=0.01
+        )
+
+    default, coarse, fine = fall(None), fall(1e-4, tolerance=1e-4), fall(1e-9)
+    assert np.array_equal(fall(1e-4), default)  # what OMSimulator and PyFMI hand to every unit
+    assert np.array_equal(fall(None, tolerance=1e-9), fine)
+    assert np.array_equal(fall(1e-4, tolerance=1e-9), fine)
+    assert np.array_equal(fall(1e-9, tolerance=1e-4), fine)
+    assert not any(np.array_equal(*pair) for pair in ((default, coarse), (default, fine), (coarse, fine)))
+
+
+def test_an_arm_held_by_its_weight_stays(fmus: Paths, planar: Robot) -> None:
+    """The motor torques tau_s / ell of static equilibrium: nothing moves, to rounding."""
+    path = fmus["planar_2dof"]["plant"]
+    start = simulate(path, stop_time=1e-3, start_values={"q_0[1]": 0.4})[0]
+    names = [f"tau[{i}]" for i in (1, 2)]
+    torque = tuple(start[f"tau_s[{i + 1}]"] / planar.ell[i] for i in range(2))
+    signal = np.array([(0.0, *torque), (1.0, *torque)], dtype=[("time", float), *((n, float) for n in names)])
+    result = simulate(path, input=signal, stop_time=0.5, start_values={"q_0[1]": 0.4})
+    assert np.abs(result["q[1]"] - 0.4).max() < 1e-12
+    assert np.abs(result["q_dot[2]"]).max() < 1e-12

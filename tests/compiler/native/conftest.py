@@ -1,0 +1,223 @@
+"""The native FMUs of the shipped robots, as C calls and as a user of fmpy has them."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import pytest
+
+from tests.compiler.fmu.conftest import (
+    Lazy,
+)
+from tests.compiler.native.binding import Instance, Model
+from tests.compiler.native.fmi_types import HEADERS
+from vdfmu.arm.robot import Robot
+from vdfmu.compiler.fmu import build_fmus
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
+
+HERE = Path(__file__).parent
+VERSIONS = ("2.0", "3.0")
+
+
+@contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """Let one process of the test session build at a time: the next finds what it needs in the cache."""
+    with (folder / "build.lock").open("w") as file:
+        if fcntl:
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+@pytest.fixture(scope="session")
+def fmus(
+    robots: dict[str, Robot],  # noqa: F811
+    tmp_path_factory: pytest.TempPathFactory,
+    kernel_cache: Path,
+) -> Mapping[str, Any]:
+    """Native FMUs of FMI 2.0 by robot and unit: the tests of the Python FMUs that run here find these."""
+
+    def build(robot: str) -> dict[str, Path]:
+        with alone(kernel_cache):
+            return build_fmus(robots[robot], tmp_path_factory.mktemp(robot), backend="native")
+
+    return Lazy(build)
+
+
+@pytest.fixture(scope="session")
+def fmus_3(
+    robots: dict[str, Robot],  # noqa: F811
+    tmp_path_factory: pytest.TempPathFactory,
+    kernel_cache: Path,
+) -> Mapping[str, Any]:
+    """Those of FMI 3.0."""
+
+    def build(robot: str) -> dict[str, Path]:
+        out = tmp_path_factory.mktemp(f"{robot}_3")
+        with alone(kernel_cache):
+            return build_fmus(robots[robot], out, backend="native", fmi_version="3.0")
+
+    return Lazy(build)
+
+
+@pytest.fixture(scope="session")
+def native_fmu(fmus: Mapping[str, Any], fmus_3: Mapping[str, Any]) -> Callable[..., Path]:
+    """FMU of a unit."""
+
+    def find(unit: str, version: str = "2.0", robot: str = "planar_2dof") -> Path:
+        return (fmus if version == "2.0" else fmus_3)[robot][unit]
+
+    return find
+
+
+@pytest.fixture(scope="session")
+def model(native_fmu: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Model]:
+    """Unpacked FMU of a unit."""
+
+    @cache
+    def unpack(unit: str, version: str = "2.0", robot: str = "planar_2dof") -> Model:
+        folder = tmp_path_factory.mktemp(f"{unit}_{version[0]}")
+        return Model(Path(fmpy.extract(native_fmu(unit, version, robot), folder)))
+
+    return unpack
+
+
+@pytest.fixture
+def native(model: Callable[..., Model]) -> Iterator[Callable[..., Instance]]:
+    """Instantiate ``native(unit, version, robot, **options of Instance)``; freed at the end of the test."""
+    opened: list[Instance] = []
+
+    def instantiate(
+        unit: str = "plant", version: str = "2.0", robot: str = "planar_2dof", **options: Any
+    ) -> Instance:
+        opened.append(Instance(model(unit, version, robot), **options))
+        assert opened[-1].pointer, opened[-1].messages
+        return opened[-1]
+
+    yield instantiate
+    for instance in opened:
+        instance.free()
+
+
+@pytest.fixture(params=VERSIONS)
+def version(request: pytest.FixtureRequest) -> str:
+    """Both versions of FMI."""
+    return request.param
+
+
+# ------------------------------------------------------------------ programs of this machine
+
+
+def program(name: str, package: str, *places: str) -> str:
+    """Path of a program; the test is skipped where its package is not installed."""
+    for place in (name, *places):
+        found = shutil.which(place)
+        if found:
+            return found
+    pytest.skip(f"needs {name}: apt install {package}")
+
+
+def run(command: list[Any], *, seconds: float = 120.0, cwd: Path | None = None, **environment: str) -> str:
+    """Run a program that must succeed; return what it prints."""
+    done = subprocess.run(
+        [str(word) for word in command],
+        capture_output=True, text=True, timeout=seconds, cwd=cwd, env=os.environ | environment, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, f"exit code {done.returncode}\n{done.stdout[-4000:]}\n{done.stderr[-8000:]}"
+    return done.stdout
+
+
+def driver_arguments(model: Model) -> list[str]:
+    """Arguments of driver.c after the library."""
+
+    def listed(*causalities: str) -> str:
+        return ",".join(f"{v.reference}:{len(v.names)}" for v in model.of(*causalities))
+
+    fixed = next(v for v in model.of("parameter") if v.variability == "fixed" and len(v.names) == 1)
+    states = [str(model.n_states)] if model.n_states else []
+    return [model.guid, listed("input"), listed("output"), str(fixed.reference), *states]
+
+
+def bits(text: str) -> dict[str, list[bytes]]:
+    """Rows that driver.c prints, by their first word; each number as 8 bytes."""
+    lines = [line.split() for line in text.splitlines()]
+    assert lines[-1] == ["done"]
+    found: dict[str, list[bytes]] = {}
+    for name, *words in lines[:-1]:
+        found.setdefault(name, []).append(b"".join(int(word, 16).to_bytes(8, "little") for word in words))
+    return found
+
+
+@pytest.fixture(scope="session")
+def sanitized(
+    model: Callable[..., Model], tmp_path_factory: pytest.TempPathFactory
+) -> Callable[..., list[Path]]:
+    """Objects of the sources of a unit, compiled by gcc with its sanitizers, to link with a program."""
+
+    @cache
+    def make(unit: str, version: str = "2.0") -> list[Path]:
+        return sanitized_objects(
+            model(unit, version).folder / "sources", tmp_path_factory.mktemp("sanitized")
+        )
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def driver(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Compile driver.c for this machine with the system's compiler; it loads the library that it is given."""
+
+    @cache
+    def make(version: str) -> Path:
+        path = tmp_path_factory.mktemp("driver") / f"driver{version[0]}"
+        run(
+            [
+                program("gcc", "gcc"),
+                *GCC,
+                *version_flags(version),
+                HERE / "driver.c",
+                "-o",
+                path,
+                "-ldl",
+                "-lm",
+            ]
+        )
+        return path
+
+    return make
+
+
+def sanitized_objects(sources: Path, out: Path) -> list[Path]:
+    """Compile the sources of a unit with gcc and its sanitizers."""
+    flags = (*GCC, *SANITIZERS, "-DDISABLE_PREFIX", "-ffp-contract=off", f"-I{sources}")
+    run([program("gcc", "gcc"), *flags, "-c", *sorted(sources.glob("*.c"))], seconds=300, cwd=out)
+    return sorted(out.glob("*.o"))
+
+
+def fuzz_program(sources: Path, objects: list[Path], version: str, target: Path) -> Path:
+    """Compile fuzz.c for a unit and link it with the objects of the unit; ``fuzz CALLS SEED``."""
+    run([program("gcc", "gcc"), *GCC, *SANITIZERS, *version_flags(version), "-DMAIN", f"-I{sources}",
+         HERE / "fuzz.c", *objects, "-o", target, "-lm"])  # fmt: skip
+    return target
+
+
+SANITIZERS = (
+    "-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer",
+)  # fmt: skip
+GCC = ("-std=c11", "-O1", "-g", "-Wall", "-Wextra", "-Werror", f"-I{HEADERS}")
+
+
+def version_flags(version: str) -> list[str]:
+    """Return flags that choose the version of FMI in driver.c and fuzz.c."""
+    return ["-DFMI3"] if version == "3.0" else []

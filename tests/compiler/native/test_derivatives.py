@@ -1,0 +1,411 @@
+"""Directional and adjoint derivatives are the slopes of the outputs, and dependencies are where slopes are not zero.
+
+Slopes are found through the unit's own functions: central differences with Richardson's extrapolation.
+"""
+
+from __future__ import annotations
+
+import ctypes as ct
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.compiler.fmu.test_dependencies import POINTS, VISIBLE
+from tests.compiler.native.binding import Instance, Variable, doubles, references
+
+Native = Callable[..., Instance]
+Evaluate = Callable[[np.ndarray], np.ndarray]
+
+
+def slopes(evaluate: Evaluate, point: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Jacobian of a function: differences over h and h/2, combined so that the error is of fourth order."""
+    columns = []
+    for k, h in enumerate(steps):
+
+        def difference(h: float, k: int = k) -> np.ndarray:
+            low, high = point.copy(), point.copy()
+            low[k] -= h
+            high[k] += h
+            return (evaluate(high) - evaluate(low)) / (high[k] - low[k])
+
+        columns.append((4.0 * difference(h / 2.0) - difference(h)) / 3.0)
+    return np.array(columns).T
+
+
+def assert_slopes(found: np.ndarray, expected: np.ndarray, values: np.ndarray, steps: np.ndarray) -> None:
+    """Hold derivatives against slopes.
+
+    Truncation is h^4 times the fifth derivative, some (h/l)^4 = 1e-12 of the slope at h = 1e-3 l; l is the length over
+    which a function bends: 1e-7 of the row's largest slope leaves l room to be small. Rounding is a few hundred times
+    1e-16 of the value, over h.
+    """
+    row = np.abs(expected).max(axis=1, keepdims=True)
+    rounding = 1e-13 * (1.0 + np.abs(values))[:, None] / steps[None, :]
+    assert np.all(np.abs(found - expected) <= 1e-7 * row + rounding)
+
+
+def elements(variables: Sequence[Variable]) -> list[str]:
+    return [name for v in variables for name in v.names]
+
+
+def directional(unit: Instance, unknowns: Sequence[Variable], knowns: Sequence[Variable]) -> np.ndarray:
+    """Jacobian, a column a seed."""
+    n = len(elements(knowns))
+    return np.array([unit.directional(unknowns, knowns, seed) for seed in np.eye(n)]).T
+
+
+def random_point(unit: Instance, variables: Sequence[Variable]) -> np.ndarray:
+    """Values at which nothing is hidden, as the tests of the Python units use them."""
+    rng = np.random.default_rng(1)
+    found: list[float] = []
+    for v in variables:
+        for start in np.atleast_1d(unit.read([v])):
+            start = VISIBLE.get(v.group, start)
+            if v.group == "tolerance":
+                found.append(start)
+            elif start == 0.0 or v.causality == "input":
+                found.append(
+                    rng.uniform(0.2, 0.9)
+                    * (rng.choice([-1.0, 1.0]) if v.group != "theta_err_amplitude" else 1.0)
+                )
+            else:
+                found.append(
+                    start * (1.0 + (0.005 if v.group == "inertia" else 0.2) * rng.uniform(-1.0, 1.0))
+                )
+    return np.array(found)
+
+
+def configure(unit: Instance, choices: dict[str, Any]) -> tuple[list[Variable], np.ndarray]:
+    """Set the integers and booleans of a point; return all real knowns with values, `choices` among them."""
+    knowns = unit.model.of("input", "parameter")
+    point = random_point(unit, knowns)
+    names = elements(knowns)
+    for group, value in choices.items():
+        if any(v.name == group and v.type != "Real" for v in unit.model.variables):
+            unit.set(**{group: value})
+        else:
+            point[[name.split("[")[0] == group for name in names]] = value
+    return knowns, point
+
+
+def step_sizes(point: np.ndarray, names: Sequence[str]) -> np.ndarray:
+    """Return a thousandth of the value: within the limits, and inertias within the triangle inequality."""
+    assert np.all(point != 0.0), [name for name, value in zip(names, point, strict=True) if value == 0.0]
+    return 1e-3 * np.abs(point)
+
+
+def points_of(unit_name: str) -> list[dict[str, Any]]:
+    return POINTS[unit_name]
+
+
+# ------------------------------------------------------------------ during initialization
+
+
+def initial_case(unit: Instance, choices: dict[str, Any]) -> tuple[Any, ...]:
+    """Take a unit to a point in initialization mode; return its knowns, unknowns, their values and the steps."""
+    knowns, point = configure(unit, choices)
+    unit.write(knowns, point).setup().enter()
+    unknowns = unit.model.of("output", "local")
+
+    def evaluate(values: np.ndarray) -> np.ndarray:
+        return unit.write(knowns, values).read(unknowns)
+
+    return knowns, unknowns, point, evaluate
+
+
+def test_during_initialization_they_are_slopes_in_inputs_and_parameters(
+    native: Native, version: str, unit_name: str, robot_name: str
+) -> None:
+    for choices in points_of(unit_name):
+        unit = native(unit_name, version, robot_name)
+        knowns, unknowns, point, evaluate = initial_case(unit, choices)
+        found = directional(unit, unknowns, knowns)
+        h = step_sizes(point, elements(knowns))
+        expected = slopes(evaluate, point, h)
+        assert_slopes(found, expected, evaluate(point), h)
+        assert np.any(found != 0.0)
+
+
+# ------------------------------------------------------------------ after initialization
+
+
+def exchange_case(unit: Instance, choices: dict[str, Any]) -> tuple[Any, ...]:
+    """Plant in continuous-time mode: knowns are inputs and states."""
+    knowns, point = configure(unit, choices)
+    unit.write(knowns, point).start().continuous()
+    inputs = unit.model.of("input")
+    states = [v for v in unit.model.of("output") if v.group in ("q", "q_dot", "kappa_dot", "tau_s")]
+    unknowns = unit.model.of("output", "local")
+    n = len(elements(inputs))
+    rng = np.random.default_rng(2)
+    values = np.concatenate([unit.read(inputs), rng.uniform(-0.9, 0.9, unit.model.n_states)])
+
+    def evaluate(values: np.ndarray) -> np.ndarray:
+        return unit.write(inputs, values[:n]).states(values[n:]).read(unknowns)
+
+    evaluate(values)
+    return [*inputs, *states], unknowns, values, evaluate
+
+
+def stepping_case(unit: Instance, choices: dict[str, Any]) -> tuple[Any, ...]:
+    """Take a unit without states to step mode: knowns are inputs. A step shows their effect."""
+    knowns, point = configure(unit, choices)
+    unit.write(knowns, point).start()
+    inputs = unit.model.of("input")
+    unknowns = unit.model.of("output")
+    values = unit.read(inputs) if inputs else np.empty(0)
+
+    def evaluate(values: np.ndarray) -> np.ndarray:
+        if inputs:
+            unit.write(inputs, values)
+        return unit.step(2.0**-10).outputs()
+
+    evaluate(values)
+    return inputs, unknowns, values, evaluate
+
+
+def test_in_continuous_time_they_are_slopes_in_inputs_and_states(
+    native: Native, version: str, robot_name: str
+) -> None:
+    unit = native("plant", version, robot_name, kind="ModelExchange")
+    knowns, unknowns, point, evaluate = exchange_case(unit, {})
+    found = directional(unit, unknowns, knowns)
+    h = np.full(len(point), 1e-3)
+    assert_slopes(found, slopes(evaluate, point, h), evaluate(point), h)
+    names, rows = elements(knowns), elements(unknowns)
+    for i in range(unit.model.n_states // 4):  # a state that is an output depends on itself
+        assert found[rows.index(f"q[{i + 1}]"), names.index(f"q[{i + 1}]")] == 1.0
+        assert found[rows.index(f"der(q[{i + 1}])" if version == "2.0" else f"der(q)[{i + 1}]")
+                     if f"der(q)[{i + 1}]" in rows or version == "2.0" else rows.index(f"der(q[{i + 1}])"),
+                     names.index(f"q_dot[{i + 1}]")] == 1.0  # fmt: skip
+
+
+@pytest.mark.parametrize("unit_name", ["feedforward", "controller"])
+def test_in_step_mode_they_are_slopes_in_inputs(
+    native: Native, version: str, unit_name: str, robot_name: str
+) -> None:
+    for choices in points_of(unit_name):
+        unit = native(unit_name, version, robot_name)
+        knowns, unknowns, point, evaluate = stepping_case(unit, choices)
+        found = directional(unit, unknowns, knowns)
+        h = np.full(len(point), 1e-3)
+        assert_slopes(found, slopes(evaluate, point, h), evaluate(point), h)
+
+
+def test_the_plant_in_step_mode_gives_those_of_its_state(native: Native, version: str) -> None:
+    """Co-simulation and model exchange at the same point: the same bits."""
+    start = {"q_0": [0.3, -0.2], "q_dot_0": [0.1, 0.4], "tau": [0.1, 0.2]}
+    simulation = native("plant", version).start(**start)
+    exchange = native("plant", version, kind="ModelExchange").start(**start)
+    unknowns = simulation.model.of("output", "local")
+    knowns = [
+        *simulation.model.of("input"),
+        *(v for v in simulation.model.of("output") if v.group in ("q", "tau_s")),
+    ]
+    assert (
+        directional(simulation, unknowns, knowns).tolist() == directional(exchange, unknowns, knowns).tolist()
+    )
+
+
+def test_of_the_trajectory_in_time_they_are_its_derivatives(native: Native) -> None:
+    """FMI 3 offers time as a known. The five groups are derivatives of one another."""
+    unit = native("trajectory", "3.0").start(0.7, q_end=[1.0, -2.0], T=3.0).step(0.25)
+    (time,) = unit.model.of("independent")
+    found = unit.directional(unit.model.of("output"), [time], [1.0]).reshape(5, 2)
+    values = unit.outputs().reshape(5, 2)
+    np.testing.assert_allclose(found[:4], values[1:], rtol=1e-12, atol=1e-12)
+    plant = native("plant", "3.0").start().step(0.01)
+    assert not plant.directional(plant.model.of("output"), plant.model.of("independent"), [1.0]).any()
+
+
+# ------------------------------------------------------------------ seeds
+
+
+def test_a_seed_is_a_direction(native: Native, version: str) -> None:
+    """Linear in the seed, to rounding: 1e-12 of the sum of the parts. A value that is named twice counts twice."""
+    unit = (
+        native("plant", version, kind="ModelExchange").start(q_0=[0.3, -0.2], q_dot_0=[0.5, 0.4]).continuous()
+    )
+    knowns, unknowns = unit.model.of("input"), unit.model.of("output", "local")
+    seed = np.linspace(-1.0, 2.0, len(elements(knowns)))
+    jacobian = directional(unit, unknowns, knowns)
+    np.testing.assert_allclose(
+        unit.directional(unknowns, knowns, seed),
+        jacobian @ seed,
+        rtol=0.0,
+        atol=1e-12 * np.abs(jacobian).max(),
+    )
+    twice = unit.directional(unknowns, [knowns[0], knowns[0]], np.ones(2 * len(knowns[0].names)))
+    np.testing.assert_allclose(
+        twice, 2.0 * unit.directional(unknowns, [knowns[0]], np.ones(len(knowns[0].names)))
+    )
+    assert not unit.directional(unknowns, [], []).any()
+
+
+def test_derivatives_change_nothing(native: Native, version: str, unit_name: str) -> None:
+    unit = native(unit_name, version).start()
+    unit.step(1e-3)
+    unit.outputs()
+    before = unit.complete()
+    knowns, unknowns = unit.model.of("input"), unit.model.of("output", "local")
+    directional(unit, unknowns, knowns)
+    if version == "3.0":
+        unit.adjoint(unknowns, knowns, np.ones(len(elements(unknowns))))
+    assert unit.complete() == before
+
+
+def test_adjoint_derivatives_are_the_transpose(native: Native, unit_name: str, robot_name: str) -> None:
+    """In both phases, for all choices; each of some thousand products and sums rounds by 1e-16 of the largest."""
+    for choices in points_of(unit_name):
+        unit = native(unit_name, "3.0", robot_name)
+        knowns, unknowns, *_ = initial_case(unit, choices)
+        for phase in ("initialization", "step"):
+            if phase == "step":
+                unit.do("ExitInitializationMode")
+                knowns = [*unit.model.of("input"), *unit.model.of("independent")]
+                if unit_name == "plant":
+                    knowns += [v for v in unknowns if v.group in ("q", "q_dot", "kappa_dot", "tau_s")]
+            forward = directional(unit, unknowns, knowns)
+            seeds = np.eye(len(elements(unknowns)))
+            backward = np.array([unit.adjoint(unknowns, knowns, seed) for seed in seeds])
+            scale = np.abs(forward).max(axis=1, keepdims=True)
+            # terms of about 10 N.m may cancel, as gravity does about a vertical axis: 1e-13
+            assert np.all(np.abs(forward - backward) <= 1e-11 * (0.01 + scale)), phase
+
+
+# ------------------------------------------------------------------ dependencies
+
+
+def structure(unit: Instance, tag: str) -> dict[str, set[str]]:
+    """Element to elements it is declared to depend on, from the ModelStructure of FMI 2."""
+    names = [v.name for v in unit.model.variables]
+    found: dict[str, set[str]] = {}
+    tags = (tag,) if tag == "InitialUnknowns" else ("Outputs", "Derivatives")
+    for part in tags:
+        for unknown in unit.model.root.findall(f"ModelStructure/{part}/Unknown"):
+            listed = unknown.attrib["dependencies"].split()
+            found[names[int(unknown.attrib["index"]) - 1]] = {names[int(i) - 1] for i in listed}
+    return found
+
+
+def per_element(unit: Instance, positions: Sequence[str]) -> dict[str, set[str]]:
+    """Return the same from the functions of FMI 3, in the phase that the unit is in; names are those of FMI 2."""
+    found: dict[str, set[str]] = {}
+    for v in unit.model.of("output", "local"):
+        n = ct.c_size_t()
+        unit.do("GetNumberOfVariableDependencies", v.reference, ct.byref(n))
+        own, others = (ct.c_size_t * n.value)(), (ct.c_size_t * n.value)()
+        refs, kinds = (ct.c_uint32 * n.value)(), (ct.c_int * n.value)()
+        unit.do("GetVariableDependencies", v.reference, own, refs, others, kinds, n.value)
+        assert set(kinds) <= {5}  # fmi3Dependent
+        for i in range(len(v.names)):
+            found[positions[v.reference + i]] = set()
+        for i, ref, j in zip(own, refs, others, strict=True):
+            found[positions[v.reference + i - 1]].add(positions[ref + j - 1])
+    return found
+
+
+def nonzero(jacobian: np.ndarray, rows: Sequence[str], columns: Sequence[str]) -> set[tuple[str, str]]:
+    return {(rows[i], columns[j]) for i, j in zip(*np.nonzero(jacobian), strict=True)}
+
+
+def pairs(listed: dict[str, set[str]]) -> set[tuple[str, str]]:
+    return {(unknown, known) for unknown, knowns in listed.items() for known in knowns}
+
+
+def without_choices(unit: Instance, found: set[tuple[str, str]]) -> set[tuple[str, str]]:
+    """Dependencies on reals: a derivative in an integer is none."""
+    return {(a, b) for a, b in found if unit.model.references[b][0].type == "Real"}
+
+
+def test_dependencies_of_elements_are_those_of_the_model_structure(
+    native: Native, unit_name: str, robot_name: str
+) -> None:
+    """Those of FMI 3 also name the time, and what it moves is what depends on it: the trajectory."""
+    two, three = native(unit_name, "2.0", robot_name), native(unit_name, "3.0", robot_name)
+    positions = [*elements(two.model.variables), "time"]
+    for phase, tag in (
+        ("instantiated", "InitialUnknowns"),
+        ("initialization", "InitialUnknowns"),
+        ("step", "Outputs"),
+    ):
+        if phase == "initialization":
+            three.setup().enter()
+        elif phase == "step":
+            three.do("ExitInitializationMode")
+        found = per_element(three, positions)
+        timed = {name for name, knowns in found.items() if "time" in knowns}
+        assert timed == (set(found) if unit_name == "trajectory" else set())
+        assert {name: knowns - {"time"} for name, knowns in found.items()} == structure(two, tag), phase
+
+
+def test_dependencies_of_arrays_are_those_of_their_elements(
+    native: Native, unit_name: str, robot_name: str
+) -> None:
+    """The ModelStructure of FMI 3 names whole arrays."""
+    two, three = native(unit_name, "2.0", robot_name), native(unit_name, "3.0", robot_name)
+    positions = [*elements(two.model.variables), "time"]
+    owner = {
+        positions[v.reference + i]: v.reference for v in three.model.variables for i in range(len(v.names))
+    }
+    three.setup().enter().do("ExitInitializationMode")
+    listed = per_element(three, positions)
+    for tag in ("Output", "ContinuousStateDerivative"):
+        for unknown in three.model.root.findall(f"ModelStructure/{tag}"):
+            reference = int(unknown.attrib["valueReference"])
+            members = [name for name in listed if owner[name] == reference]
+            expected = {owner[known] for name in members for known in listed[name]}
+            assert {int(word) for word in unknown.attrib["dependencies"].split()} == expected
+
+
+def test_nothing_depends_on_what_is_not_declared_and_declared_dependencies_are_seen(
+    native: Native, unit_name: str
+) -> None:
+    """Planar arm. Slopes that are not zero at some point, against what is declared, in both phases."""
+    initial: set[tuple[str, str]] = set()
+    later: set[tuple[str, str]] = set()
+    for choices in points_of(unit_name):
+        unit = native(unit_name)
+        knowns, unknowns, *_ = initial_case(unit, choices)
+        initial |= nonzero(directional(unit, unknowns, knowns), elements(unknowns), elements(knowns))
+        kind = "ModelExchange" if unit_name == "plant" else "CoSimulation"
+        unit = native(unit_name, kind=kind)
+        case = exchange_case if unit_name == "plant" else stepping_case
+        knowns, unknowns, *_ = case(unit, choices)
+        if knowns:
+            later |= nonzero(directional(unit, unknowns, knowns), elements(unknowns), elements(knowns))
+    unit = native(unit_name)
+    for found, tag in ((initial, "InitialUnknowns"), (later, "Outputs")):
+        declared = without_choices(unit, pairs(structure(unit, tag)))
+        assert sorted(found - declared) == []
+        unseen = sorted(declared - found)
+        assert all(hidden(*pair) for pair in unseen), unseen
+
+
+def hidden(unknown: str, known: str) -> bool:
+    """Whether the equations have a dependency and the start has not.
+
+    In equilibrium the rotors move with their links: der(tau_s) is the stiffness times zero, and what changes the
+    stiffness, the torque that holds the arm, has no effect.
+    """
+    holds = ("F_e", "centroid", "gravity", "mass", "offset", "q_0", "tool_offset")
+    return unknown.startswith("der(tau_s") and known.split("[")[0] in holds
+
+
+# ------------------------------------------------------------------ wrong use
+
+
+@pytest.mark.parametrize("name", ["GetDirectionalDerivative", "GetAdjointDerivative"])
+def test_seeds_of_the_wrong_number_are_refused(native: Native, name: str) -> None:
+    unit = native("plant", "3.0").start()
+    (tau,), (q,) = unit.model.group("tau"), unit.model.group("q")
+    lists = (references([q.reference]), 1, references([tau.reference]), 1)
+    room = doubles(np.ones(8))
+    for n_seed, n_sensitivity in ((1, 2), (2, 1), (3, 2), (2, 3), (0, 0)):
+        before = unit.complete()
+        with unit.refuses(rf"expected 2 seeds and 2 sensitivities, got {n_seed} and {n_sensitivity}\.") as no:
+            no(name, *lists, room, n_seed, room, n_sensitivity)
+        assert unit.complete() == before
+        assert list(room) == [1.0] * 8

@@ -1,0 +1,86 @@
+"""No wrong access, no undefined behaviour, no leak: init, 1000 steps, rollback, reset, serialization, end, wrong use.
+
+driver.c does all of it with a unit, and also checks that every repeated run gives the same bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.compiler.native.binding import Model
+from tests.compiler.native.conftest import (
+    GCC,
+    HERE,
+    SANITIZERS,
+    bits,
+    driver_arguments,
+    program,
+    run,
+    version_flags,
+)
+
+pytestmark = pytest.mark.heavy
+
+UNITS = [("plant", "2.0"), ("plant", "3.0"), ("feedforward", "2.0"), ("trajectory", "3.0")]
+
+
+def library(model: Model) -> str:
+    return model.library._name
+
+
+@pytest.mark.parametrize(("unit", "version"), UNITS)
+def test_the_sources_are_clean_under_the_sanitizers(
+    model: Callable[..., Model], sanitized: Callable[..., list[Path]], driver: Callable[[str], Path], tmp_path: Path,
+    unit: str, version: str,
+) -> None:  # fmt: skip
+    """Compiled by gcc, with the leak check on; beside, the shipped library computes the same.
+
+    Both compute the same operations in the same order in doubles, without contraction. The two may take sin and
+    tanh from different versions of the C library's code, so numbers are compared to 1e-9, far above what 1000 steps
+    of damped motion grow a rounding to, and below the solver's tolerance.
+    """
+    found = model(unit, version)
+    program_path = tmp_path / "driver"
+    run([program("gcc", "gcc"), *GCC, *SANITIZERS, *version_flags(version), "-DSTATIC", HERE / "driver.c",
+         *sanitized(unit, version), "-o", program_path, "-lm"])  # fmt: skip
+    options = {"ASAN_OPTIONS": "detect_leaks=1:abort_on_error=0", "UBSAN_OPTIONS": "print_stacktrace=1"}
+    checked = run([program_path, "-", *driver_arguments(found)], **options)
+    shipped = run([driver(version), library(found), *driver_arguments(found)])
+    assert close(bits(checked), bits(shipped), 1e-9)
+
+
+@pytest.mark.parametrize(("unit", "version"), UNITS)
+def test_the_shipped_library_is_clean_under_valgrind(
+    model: Callable[..., Model], driver: Callable[[str], Path], unit: str, version: str
+) -> None:
+    valgrind = program("valgrind", "valgrind")
+    found = model(unit, version)
+    command = [driver(version), library(found), *driver_arguments(found)]
+    checked = run([valgrind, "-q", "--error-exitcode=9", "--leak-check=full",
+                   "--errors-for-leak-kinds=definite,indirect,possible", *command], seconds=300)  # fmt: skip
+    assert close(bits(checked), bits(run(command)), 1e-9)
+
+
+def test_the_driver_finds_the_faults_that_it_looks_for(
+    model: Callable[..., Model], driver: Callable[[str], Path]
+) -> None:
+    """With the outputs taken for inputs, setting fails: the driver says so and ends with 1."""
+    found = model("plant", "2.0")
+    guid, inputs, outputs, *rest = driver_arguments(found)
+    with pytest.raises(AssertionError, match="exit code 1\n"):
+        run([driver("2.0"), library(found), guid, outputs, inputs, *rest])
+    with pytest.raises(AssertionError, match="driver: expected instances"):
+        run([driver("2.0"), library(found), "{}", inputs, outputs, *rest])
+
+
+def close(found: dict[str, list[bytes]], expected: dict[str, list[bytes]], tolerance: float) -> bool:
+    """Whether all numbers agree to a tolerance, relative and absolute."""
+    assert found.keys() == expected.keys()
+    for name in expected:
+        a, b = (np.frombuffer(b"".join(rows[name]), dtype="<f8") for rows in (found, expected))
+        np.testing.assert_allclose(a, b, rtol=tolerance, atol=tolerance, err_msg=name)
+    return True

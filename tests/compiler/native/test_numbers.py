@@ -1,0 +1,173 @@
+"""The numbers: both versions of FMI, co-simulation and model exchange, and the Python FMU agree.
+
+tests/compiler/native/test_as_python.py holds the native units against the numpy equations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+import pytest
+
+from tests.compiler.fmu.conftest import Unit as PythonUnit
+from tests.compiler.native.binding import Instance, same_bits
+from vdfmu.arm.robot import Robot
+from vdfmu.compiler.fmu import build_fmus
+
+Native = Callable[..., Instance]
+H = 1e-3
+
+
+def motion(n: int, k: int) -> np.ndarray:
+    """Return inputs of step `k`: each moves on its own."""
+    return 0.05 * np.sin(0.7 * k + 0.3 * np.arange(n))
+
+
+def n_inputs(instance: Instance) -> int:
+    return sum(len(v.names) for v in instance.model.of("input"))
+
+
+def run(instance: Instance, steps: int, size: float = 1.0) -> np.ndarray:
+    """Return the outputs after each step, with inputs of the given size."""
+    n = n_inputs(instance)
+    rows = []
+    for k in range(steps):
+        if n:
+            instance.inputs(size * motion(n, k))
+        rows.append(instance.step(H).outputs())
+    return np.array(rows)
+
+
+# ------------------------------------------------------------------ versions and backends
+
+
+def test_both_versions_of_fmi_give_the_same_bits(native: Native, unit_name: str, robot_name: str) -> None:
+    size = 0.01 if unit_name == "estimator" else 1.0  # beyond some 0.01 rad its estimates are at their limit
+    two, three = (run(native(unit_name, version, robot_name).start(), 25, size) for version in ("2.0", "3.0"))
+    assert two.shape[1] > 0
+    assert same_bits(two, three)
+    assert len(np.unique(two, axis=0)) == 25
+
+
+@pytest.fixture(scope="module")
+def python_folders(robots: dict[str, Robot], tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """Unpacked Python FMU of a unit."""
+
+    def unpack(unit: str, robot: str) -> Path:
+        out = tmp_path_factory.mktemp(f"python_{robot}")
+        built = build_fmus(robots[robot], out, units=[unit], backend="python")
+        return Path(fmpy.extract(built[unit], out / unit))
+
+    return unpack
+
+
+@pytest.mark.parametrize("robot", ["planar_2dof", "slider_3dof"])
+def test_the_python_unit_gives_the_same_numbers(
+    native: Native, python_folders: Callable[..., Path], unit_name: str, robot: str
+) -> None:
+    """Both run the same traced operations; the compilers contract and reorder none.
+
+    Only sin, tanh and their like may differ by a unit in the last place, which the states' feedback does not grow
+    within 25 ms: 1e-12 of the largest value is some thousand units. The plant's step control may take the other
+    side of a decision at such a difference, then the solver's tolerance 1e-7 would show: with the same h it does not.
+    """
+    other = PythonUnit(python_folders(unit_name, robot))
+    try:
+        inputs = [v.valueReference for v in other.description.modelVariables if v.causality == "input"]
+        other.start()
+        expected = []
+        for k in range(25):
+            if inputs:
+                other.fmu.setReal(inputs, motion(len(inputs), k).tolist())
+            expected.append(other.step(H).outputs())
+    finally:
+        other.fmu.freeInstance()
+    found = run(native(unit_name, "2.0", robot).start(), 25)
+    scale = 1.0 + np.abs(expected).max(axis=0)
+    assert np.all(np.abs(found - expected) <= 1e-12 * scale)
+
+
+# ------------------------------------------------------------------ model exchange
+
+
+@pytest.mark.parametrize("robot", ["planar_2dof", pytest.param("manipulator_6dof", marks=pytest.mark.slow)])
+def test_co_simulation_and_model_exchange_under_cvode_are_the_same_motion(
+    native: Native, native_fmu: Callable[..., Path], version: str, robot: str
+) -> None:
+    """CVODE of fmpy at relative tolerance 1e-10, the unit's own solver at 1e-10: the issue asks for 1e-7 rad.
+
+    fmpy gives CVODE the absolute tolerance 1e-10 times the nominal values, 1. Errors of some thousand steps add up
+    to some 1e-8 in tau_s, divided by the stiffness, 1e4 N.m/rad, far less in q.
+    """
+    fmu = native_fmu("plant", version, robot)
+    start = {"q_0[1]": 0.3, "q_0[2]": -0.2}
+    step, stop = 1e-3, 0.1  # CVODE may make 500 steps of its own between two outputs
+    n = 2 if robot == "planar_2dof" else 6
+    names = [f"q[{i + 1}]" for i in range(n)]
+    given: dict[str, Any] = dict(start)
+    output: list[str] = names
+    if version == "3.0":  # arrays have one start value, and one column
+        q_0 = np.zeros(n)
+        q_0[:2] = 0.3, -0.2
+        given, output = {"q_0": q_0}, ["q"]
+    result = fmpy.simulate_fmu(
+        str(fmu), fmi_type="ModelExchange", stop_time=stop, output_interval=step, relative_tolerance=1e-10,
+        start_values=given, output=output, solver="CVode",
+    )  # fmt: skip
+    exchange = np.column_stack([result[name].reshape(len(result), -1) for name in output])
+    unit = native("plant", version, robot).start(tolerance=1e-10, q_0=[0.3, -0.2] + [0.0] * (n - 2))
+    rows = [unit.get("q")]
+    for _ in range(round(stop / step)):
+        rows.append(unit.step(step).get("q"))
+    assert exchange.shape == np.shape(rows)
+    assert np.ptp(rows, axis=0).max() > 0.01  # the arm falls: nothing is compared with rest
+    assert np.abs(exchange - rows).max() < 1e-7
+
+
+def test_the_derivatives_are_those_of_the_outputs_of_co_simulation(native: Native, version: str) -> None:
+    """Differences of two tiny steps: truncation is (1e-6 s)^2 times the third derivative, 1e-4 of the scale."""
+    exchange = native("plant", version, kind="ModelExchange").start(q_0=[0.3, -0.2]).continuous()
+    x = exchange.get_states()
+    rng = np.random.default_rng(3)
+    x = x + 0.01 * rng.normal(size=len(x))
+    exchange.set(tau=[0.2, -0.1]).states(x)
+    slope = exchange.derivatives()
+    names = ("q_0", "q_dot_0", "kappa_dot_0", "tau_s_0")
+    start = dict(zip(names, x.reshape(4, 2), strict=True))
+    unit = native("plant", version).start(tolerance=1e-12, equilibrium=False, tau=[0.2, -0.1], **start)
+    h = 1e-6
+    rows = [np.concatenate([unit.get(g) for g in ("q", "q_dot", "kappa_dot", "tau_s")])]
+    for _ in range(2):
+        unit.step(h)
+        rows.append(np.concatenate([unit.get(g) for g in ("q", "q_dot", "kappa_dot", "tau_s")]))
+    found = (-3.0 * rows[0] + 4.0 * rows[1] - rows[2]) / (2.0 * h)
+    # rounding of tau_s of 20 N.m: 4e-15 / 1e-6 s = 1e-8, far below
+    assert np.all(np.abs(found - slope) <= 1e-4 * (1.0 + np.abs(slope)))
+
+
+# ------------------------------------------------------------------ steps of any size
+
+
+def test_the_communication_step_may_change_at_every_step(native: Native, version: str) -> None:
+    """It shows the motion, and does not change it: both runs err by some 1e-10 a step, of states up to 20 N.m."""
+    sizes = (1e-3, 5e-3, 1e-6, 4e-3, 1e-7, 1e-2 - 1e-6 - 1e-7)
+    often, once = (native("plant", version).start(tolerance=1e-10, q_0=[0.4, -0.3]) for _ in range(2))
+    for size in sizes:
+        often.step(size)
+    once.step(sum(sizes))
+    np.testing.assert_allclose(often.outputs(), once.outputs(), rtol=1e-8, atol=1e-8)
+
+
+def test_the_start_time_moves_the_trajectory_and_not_the_plant(native: Native, version: str) -> None:
+    early, late = (native("plant", version).start(time, q_0=[0.3, 0.3]) for time in (0.0, 1024.0))
+    for _ in range(5):
+        assert same_bits(early.step(2.0**-10).outputs(), late.step(2.0**-10).outputs())
+    trajectory = native("trajectory", version).start(3.0, q_end=[1.0, 1.0], T=4.0)
+    assert same_bits(
+        trajectory.get("q_d"),
+        native("trajectory", version).start(0.0, q_end=[1.0, 1.0], T=4.0, t_start=-3.0).get("q_d"),
+    )

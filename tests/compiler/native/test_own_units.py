@@ -1,0 +1,29 @@
+"""Units of a user under the sanitizers: sampled states, choices, none of the robot's parameters."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import fmpy
+import pytest
+
+from tests.compiler.native.conftest import VERSIONS, fuzz_program, run, sanitized_objects
+from vdfmu.compiler.fmu import build_fmus
+
+FILE = Path(__file__).parents[2] / "fmi" / "own_units.py"
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("name", ["Words", "Encoder", "Mixer"])
+def test_random_calls_find_nothing(tmp_path: Path, name: str, version: str) -> None:
+    """Not in steps over several samples, in saved states or in a call that fails, either."""
+    (path,) = build_fmus(
+        None, tmp_path, units=[f"{FILE}:{name}"], backend="native", fmi_version=version
+    ).values()
+    sources = Path(fmpy.extract(path, tmp_path / "unpacked")) / "sources"
+    (tmp_path / "objects").mkdir()
+    objects = sanitized_objects(sources, tmp_path / "objects")
+    target = fuzz_program(sources, objects, version, tmp_path / "fuzz")
+    for seed in (1, 2, 3):
+        assert run([target, 10_000, seed], ASAN_OPTIONS="detect_leaks=1", seconds=600) == "10000 calls\n"

@@ -1,0 +1,288 @@
+"""The FMUs are valid: fmpy's validator, the schemas, sources that compile anywhere, and nothing but FMI exported."""
+
+from __future__ import annotations
+
+import ctypes
+import re
+import struct
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.build import build_platform_binary
+from fmpy.validation import validate_fmu
+from lxml import etree
+
+from tests.compiler.native.binding import Instance, Model
+from tests.compiler.native.conftest import program, run
+from tests.compiler.native.fmi_types import HEADERS, signatures
+
+SCHEMAS = Path(fmpy.__file__).parent / "schema"
+
+
+@pytest.mark.slow
+def test_the_validator_of_fmpy_has_nothing_to_say(
+    native_fmu: Callable[..., Path], unit_name: str, version: str, robot_name: str
+) -> None:
+    assert validate_fmu(str(native_fmu(unit_name, version, robot_name))) == []
+
+
+@pytest.mark.slow
+def test_every_xml_file_follows_its_schema(
+    model: Callable[..., Model], unit_name: str, version: str, robot_name: str
+) -> None:
+    folder = model(unit_name, version, robot_name).folder
+    major = f"fmi{version[0]}"
+    files = {
+        "modelDescription.xml": "fmi2ModelDescription.xsd" if version == "2.0" else "fmi3ModelDescription.xsd"
+    }
+    if version == "3.0":
+        files["sources/buildDescription.xml"] = "fmi3BuildDescription.xsd"
+        files["terminalsAndIcons/terminalsAndIcons.xml"] = "fmi3TerminalsAndIcons.xsd"
+    for name, schema in files.items():
+        rules = etree.XMLSchema(etree.parse(SCHEMAS / major / schema))
+        rules.assertValid(etree.parse(folder / name))
+
+
+def test_an_fmu_holds_what_the_standard_says(
+    native_fmu: Callable[..., Path], unit_name: str, version: str
+) -> None:
+    with zipfile.ZipFile(native_fmu(unit_name, version)) as archive:
+        names = set(archive.namelist())
+        assert archive.testzip() is None
+    assert {"modelDescription.xml", "documentation/index.html", "documentation/licenses/license.txt"} <= names
+    assert f"sources/fmi{version[0]}.c" in names
+    assert f"sources/fmi{5 - int(version[0])}.c" not in names
+    assert any(name.startswith("extra/org.fmi-standard.fmi-ls-ref/") for name in names)
+    assert not any(name.startswith("resources/") for name in names)
+    known = {"binaries", "documentation", "extra", "modelDescription.xml", "sources", "terminalsAndIcons"}
+    assert {name.split("/")[0] for name in names} - known <= {"icon.png", "icon.svg", "model.png"}
+
+
+def test_capabilities_are_declared(model: Callable[..., Model], unit_name: str, version: str) -> None:
+    root = model(unit_name, version).root
+    kinds = ["CoSimulation"] + (["ModelExchange"] if unit_name == "plant" else [])
+    assert sorted(e.tag for e in root if e.tag in ("CoSimulation", "ModelExchange")) == sorted(kinds)
+    state = "FMUstate" if version == "2.0" else "FMUState"
+    yes = [f"canGetAndSet{state}", f"canSerialize{state}"]
+    yes += ["providesDirectionalDerivative"] if version == "2.0" else [
+        "providesDirectionalDerivatives", "providesAdjointDerivatives", "providesPerElementDependencies"]  # fmt: skip
+    for kind in kinds:
+        element = root.find(kind)
+        assert element is not None
+        for name in yes:
+            assert element.get(name) == "true", name
+        assert element.get("canBeInstantiatedOnlyOncePerProcess", "false") == "false"
+        assert element.get("needsExecutionTool", "false") == "false"
+    simulation = root.find("CoSimulation")
+    assert simulation is not None
+    assert simulation.get("canHandleVariableCommunicationStepSize") == "true"
+    if version == "2.0":
+        assert simulation.get("canInterpolateInputs") == "true"
+    else:
+        assert simulation.get("providesIntermediateUpdate") == "true"
+
+
+# ------------------------------------------------------------------ symbols
+
+
+def exported(library: Path) -> set[str]:
+    """Names that an ELF library defines for others: the defined entries of its dynamic symbol table."""
+    data = library.read_bytes()
+    assert data[:6] == b"\x7fELF\x02\x01"
+    (table,) = struct.unpack_from("<Q", data, 0x28)
+    size, count = struct.unpack_from("<HH", data, 0x3A)
+    sections = [struct.unpack_from("<IIQQQQIIQQ", data, table + k * size) for k in range(count)]
+    found: set[str] = set()
+    for _, kind, _, _, offset, length, link, *_ in sections:
+        if kind == 11:  # SHT_DYNSYM
+            strings = sections[link][4]
+            for place in range(offset, offset + length, 24):
+                name, _, _, section, _, _ = struct.unpack_from("<IBBHQQ", data, place)
+                if section:
+                    found.add(data[strings + name : data.index(b"\0", strings + name)].decode())
+    return found
+
+
+@pytest.mark.skipif(fmpy.system != "linux", reason="reads ELF, the format of Linux libraries")
+def test_only_the_functions_of_fmi_are_exported(
+    model: Callable[..., Model], unit_name: str, version: str
+) -> None:
+    names = exported(Path(model(unit_name, version).library._name))
+    assert names == {f"fmi{version[0]}{name}" for name in signatures(version)}
+
+
+def test_the_library_says_its_version(model: Callable[..., Model], unit_name: str, version: str) -> None:
+    found = model(unit_name, version)
+    said = found.function("GetVersion")
+    assert ctypes.string_at(said()).decode() == version
+    if version == "2.0":
+        assert ctypes.string_at(found.function("GetTypesPlatform")()) == b"default"
+
+
+# ------------------------------------------------------------------ sources
+
+
+@pytest.mark.parametrize(
+    "flags",
+    [
+        ("-std=c11", "-O1", "-Wpedantic", "-Wconversion", "-Wno-sign-conversion", "-Wshadow"),
+        ("-std=gnu17", "-O0", "-Wmissing-prototypes"),
+    ],
+)
+@pytest.mark.parametrize("unit", ["plant", "controller"])
+def test_gcc_has_no_warning(
+    model: Callable[..., Model], tmp_path: Path, unit: str, version: str, flags: tuple[str, ...]
+) -> None:
+    folder = model(unit, version).folder / "sources"
+    files = sorted(folder.glob("*.c"))
+    warnings = ("-Wall", "-Wextra", "-Werror", *flags)
+    run([program("gcc", "gcc"), *warnings, "-ffp-contract=off", "-DDISABLE_PREFIX", "-shared", "-fPIC",
+         "-fvisibility=hidden", f"-I{HEADERS}", f"-I{folder}", *files, "-o", tmp_path / "unit.so", "-lm"])  # fmt: skip
+
+
+def test_the_sources_link_with_prefixes_into_one_program(
+    model: Callable[..., Model], tmp_path: Path, version: str
+) -> None:
+    """The functions of two units have their model identifiers as prefix, as the standard says for source code.
+
+    Their other names are hidden in one object a unit. fmpy's header of FMI 2.0 leaves the prefix out; the official
+    one has it, and the line is put back here.
+    """
+    gcc, major = program("gcc", "gcc"), version[0]
+    for header in HEADERS.glob(f"fmi{major}*.h"):
+        text = header.read_text(encoding="utf-8", errors="replace")
+        pasting = "#define paste(a, b) a##b\n#define pasteB(a, b) paste(a, b)\n"
+        pasting += "#define fmi2FullName(name) pasteB(FMI2_FUNCTION_PREFIX, name)"
+        (tmp_path / header.name).write_text(
+            text.replace("#define fmi2FullName(name) name", pasting), encoding="utf-8"
+        )
+    names: list[str] = []
+    for unit in ("trajectory", "controller"):
+        found = model(unit, version)
+        folder, out = found.folder / "sources", tmp_path / unit
+        out.mkdir()
+        run([gcc, "-std=c11", "-c", f"-I{tmp_path}", f"-I{folder}", *sorted(folder.glob("*.c"))], cwd=out)
+        run([program("ld", "binutils"), "-r", *sorted(out.glob("*.o")), "-o", tmp_path / f"{unit}.o"])
+        run(
+            [
+                program("objcopy", "binutils"),
+                "-w",
+                f"--keep-global-symbol={found.name}_fmi*",
+                tmp_path / f"{unit}.o",
+            ]
+        )
+        names.append(f"{found.name}_fmi{major}GetVersion")
+    declared = "".join(f"const char *{name}(void);\n" for name in names)
+    body = "".join(f"    puts({name}());\n" for name in names)
+    (tmp_path / "main.c").write_text(
+        f"#include <stdio.h>\n{declared}int main(void)\n{{\n{body}    return 0;\n}}\n"
+    )
+    run([gcc, "main.c", "trajectory.o", "controller.o", "-o", "main", "-lm"], cwd=tmp_path)
+    assert run([tmp_path / "main"]).split() == [version, version]
+
+
+def steps(instance: Instance, count: int = 20) -> np.ndarray:
+    """Return the outputs of some steps from the start."""
+    instance.start()
+    rows = []
+    n = sum(len(v.names) for v in instance.model.of("input"))
+    for k in range(count):
+        if n:
+            instance.inputs(0.05 * np.sin(0.7 * k + 0.3 * np.arange(n)))
+        rows.append(instance.step().outputs())
+    instance.free()
+    return np.array(rows)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("unit", ["plant", "trajectory"])
+def test_fmpy_compiles_the_sources_and_the_result_computes_the_same(
+    native_fmu: Callable[..., Path], model: Callable[..., Model], tmp_path: Path, unit: str, version: str
+) -> None:
+    """With cmake and the system's compiler; their C library's sin and tanh may differ by a unit in the last place.
+
+    The importer's compiler may contract products and sums on processors that can; on x86-64 it does not. 20 steps
+    of some ten internal ones, 1e-16 each of states up to 100: 1e-11.
+    """
+    program("cmake", "cmake")
+    folder = Path(fmpy.extract(native_fmu(unit, version), tmp_path / "fmu"))
+    for binary in (folder / "binaries").rglob("*.*"):
+        binary.unlink()
+    build_platform_binary(folder, build_dir=_made(tmp_path / "build"))
+    found = steps(Instance(Model(folder)))
+    expected = steps(Instance(model(unit, version)))
+    np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-11)
+
+
+def _made(folder: Path) -> Path:
+    folder.mkdir()
+    return folder
+
+
+def test_builds_of_the_same_sources_are_the_same_bytes(
+    native_fmu: Callable[..., Path], planar: object, tmp_path: Path, version: str
+) -> None:
+    from vdfmu.compiler.fmu import build_fmus
+
+    again = build_fmus(planar, tmp_path, units=["controller"], backend="native", fmi_version=version)[
+        "controller"
+    ]
+    assert again.read_bytes() == native_fmu("controller", version).read_bytes()
+
+
+# ------------------------------------------------------------------ reference results
+
+
+@pytest.mark.parametrize("unit_name", ["plant", "trajectory", "controller", "feedforward"])
+def test_reference_results_are_those_of_a_run(model: Callable[..., Model], unit_name: str) -> None:
+    """The FMU's own reference results, from scipy and numpy, against a run with the inputs that lie beside them.
+
+    The inputs are constant between rows. The plant's tolerance is 1e-7 a step; ten rows of fifty internal steps may
+    add up to 1e-5 in rad/s and N.m. Other units: numpy's sums go in another order than the traced ones, some hundred
+    terms that are up to 100 times the result.
+    """
+    found = model(unit_name, "2.0")
+    folder = found.folder / "extra" / "org.fmi-standard.fmi-ls-ref"
+    (results,) = folder.glob("*_out.csv")
+    expected = np.genfromtxt(results, delimiter=",", names=True, deletechars="")
+    header = _header(results)
+    files = list(folder.glob("*_in.csv"))
+    stimuli = np.loadtxt(files[0], delimiter=",", skiprows=1, ndmin=2) if files else None
+    unit = Instance(found).start(tolerance=1e-9 if unit_name == "plant" else None)
+    names = header[1:]
+    table = np.loadtxt(results, delimiter=",", skiprows=1, ndmin=2)
+    assert len(expected) == len(table)
+    rows = []
+    for k, time in enumerate(table[:, 0]):
+        if stimuli is not None and files:
+            inputs = _header(files[0])[1:]
+            # the last row at or before this time, that is, the value after a change
+            row = stimuli[np.flatnonzero(stimuli[:, 0] <= time + 1e-12)[-1]]
+            if k == 0:
+                unit.free()
+                unit = Instance(found).setup(0.0, 1e-9 if unit_name == "plant" else None)
+                _set_inputs(unit, inputs, row[1:])
+                unit.enter().do("ExitInitializationMode")
+        if k:
+            unit.step(time - table[k - 1, 0])
+        rows.append([unit.get(name) for name in names])
+        if stimuli is not None:
+            _set_inputs(unit, inputs, row[1:])
+    unit.free()
+    scale = 1.0 + np.abs(table[:, 1:]).max(axis=0)
+    worst = (np.abs(np.array(rows, dtype=float) - table[:, 1:]) / scale).max()
+    assert worst < (1e-5 if unit_name == "plant" else 1e-11)
+
+
+def _header(path: Path) -> list[str]:
+    text = path.read_text().splitlines()[0]
+    return [re.sub(r'^"|"$', "", name) for name in re.findall(r'"[^"]*"|[^,]+', text)]
+
+
+def _set_inputs(unit: Instance, names: list[str], values: np.ndarray) -> None:
+    for name, value in zip(names, values, strict=True):
+        unit.set_one(name, value)

@@ -1,0 +1,405 @@
+"""What a unit declares: shapes, units of measurement, order, start values, added parameters, and names."""
+
+import numpy as np
+import pytest
+
+from vdfmu.arm.units import shipped_units
+from vdfmu.base.errors import UnitError, UsageError
+from vdfmu.base.measure import derivative_of, measure, unit_of
+from vdfmu.compiler.unit.base import unit_name
+from vdfmu.compiler.unit.declaration_check import check_unit
+from vdfmu.compiler.unit.interface import Interface, general_description
+from vdfmu.unit import (
+    JOINTS,
+    Choice,
+    Derivative,
+    Input,
+    Output,
+    Parameter,
+    RobotParameters,
+    Sampled,
+    State,
+    Switch,
+    Terminal,
+    Unit,
+)
+
+
+class Many(Unit):
+    """One of each kind. The rest of the docstring is for the page."""
+
+    k = Parameter("N/m", text="stiffness", start=3.0, minimum=1.0, maximum=5.0)
+    y = Output("torque", JOINTS, "torque")
+    s = Sampled("velocity", JOINTS, "sampled velocity", start=0.5)
+    period = Parameter("s", start=1e-3, minimum=1e-6)
+    q = State("position", JOINTS, "position", start=lambda robot: 0.1 * np.arange(robot.n))
+    q_dot = Derivative(q)
+    mode = Choice("slow", "fast", text="mode")
+    on = Switch(True, "on")
+    u = Input(("N", "N.m"), 2, ("a force", "a moment"))
+    M = Parameter("1", (2, 2), "matrix", start=np.eye(2))
+    g = Parameter("1", JOINTS, "gain", start=2.0, tunable=True)
+    robot = RobotParameters("ell")
+
+    def outputs(self) -> None:
+        self.y = self.g * self.q
+
+    def derivatives(self) -> None:
+        self.q_dot = -self.q
+
+
+@pytest.fixture
+def many(slider) -> Interface:
+    return Interface(Many, slider)
+
+
+@pytest.fixture(scope="module")
+def slider():
+    """Return a robot with a prismatic joint, the second."""
+    from vdfmu.arm.robot import load_robot
+
+    return load_robot("slider_3dof")
+
+
+def test_variables_stand_in_the_order_of_inputs_states_sampled_outputs_parameters_robot(many):
+    assert list(many.groups) == [
+        "u", "q", "s", "y", "k", "period", "mode", "on", "M", "g", "s_0", "q_0", "tolerance", "ell",
+    ]  # fmt: skip
+    kinds = {group: many.variables[where.start].causality for group, where in many.groups.items()}
+    assert [kinds[group] for group in ("u", "q", "s", "y", "k")] == [
+        "input", "output", "output", "output", "parameter",
+    ]  # fmt: skip
+    # behind the variables the derivatives of the continuous states, and the time
+    assert [v.name for v in many.memory[len(many) :]] == ["der(q[1])", "der(q[2])", "der(q[3])", "time"]
+    assert many.states == many.groups["q"] and many.size == len(many) + 4
+
+
+def test_shapes_count_joints_or_are_fixed(many):
+    sizes = {group: where.stop - where.start for group, where in many.groups.items()}
+    assert sizes["q"] == sizes["y"] == sizes["g"] == sizes["ell"] == 3
+    assert (sizes["u"], sizes["k"], sizes["M"]) == (2, 1, 4)
+    assert [v.name for v in many if v.group == "M"] == ["M[1,1]", "M[1,2]", "M[2,1]", "M[2,2]"]
+    assert many.find("k").index == ()
+
+
+def test_units_of_measurement_follow_the_type_of_the_joint(many):
+    units = {v.name: v.unit for v in many.memory}
+    assert [units[f"q[{i}]"] for i in (1, 2, 3)] == ["rad", "m", "rad"]
+    assert [units[f"y[{i}]"] for i in (1, 2, 3)] == ["N.m", "N", "N.m"]
+    assert [units[f"der(q[{i}])"] for i in (1, 2, 3)] == ["rad/s", "m/s", "rad/s"]
+    assert [units[f"u[{i}]"] for i in (1, 2)] == ["N", "N.m"]
+    assert units["mode"] is None and units["on"] is None  # not real
+
+
+def test_descriptions_name_the_joint_or_the_indices(many):
+    texts = {v.name: v.description for v in many.memory}
+    assert texts["q[2]"] == "Joint 2: position"
+    assert texts["q_0[2]"] == "Joint 2: start of position"
+    assert texts["der(q[2])"] == "Joint 2: derivative of the position"
+    assert texts["u[2]"] == "a moment"
+    assert texts["M[2,1]"] == "Matrix, row 2, column 1"
+    assert texts["k"] == "Stiffness"
+    bare = type("Bare", (Unit,), {"x": State("m", 2), "v": State("m/s", text="speed")})
+    bare = type("Derived", (bare,), {"x_dot": Derivative(bare.x), "v_dot": Derivative(bare.v)})
+    texts = {v.name: v.description for v in Interface(bare, None).memory}
+    assert (texts["x[1]"], texts["x_0[1]"], texts["v"]) == ("", "Start of x 1", "Speed")
+    assert (texts["der(x[2])"], texts["der(v)"]) == ("Derivative of x 2", "Derivative of the speed")
+    assert general_description(texts["x[1]"]) == ""
+    assert many.description == "One of each kind. The rest of the docstring is for the page"
+
+
+def test_start_values_are_broadcast_or_come_from_the_robot(many):
+    starts = {v.name: v.start for v in many}
+    assert [starts[f"q_0[{i}]"] for i in (1, 2, 3)] == [0.0, 0.1, 0.2]
+    assert [starts[f"s_0[{i}]"] for i in (1, 2, 3)] == [0.5] * 3
+    assert [starts[f"M[{i},{j}]"] for i in (1, 2) for j in (1, 2)] == [1.0, 0.0, 0.0, 1.0]
+    assert (starts["mode"], starts["on"], starts["y[1]"], starts["q[1]"]) == (0, True, None, None)
+    assert starts["ell[1]"] == many.robot.ell[0]
+    assert many.start_values()[many.groups["g"]].tolist() == [2.0] * 3
+
+
+def test_kinds_have_their_type_and_variability(many):
+    found = {v.group: (v.type, v.variability) for v in many}
+    assert found["k"] == ("Real", "fixed") and found["g"] == ("Real", "tunable")
+    assert found["q"] == ("Real", "continuous") and found["s"] == ("Real", "discrete")
+    assert found["mode"] == ("Integer", "fixed") and found["on"] == ("Boolean", "fixed")
+    mode = many.find("mode")
+    assert mode.choices == ("slow", "fast") and (mode.minimum, mode.maximum) == (0, 1)
+    assert (many.find("k").minimum, many.find("k").maximum) == (1.0, 5.0)
+
+
+def test_a_unit_without_start_gets_a_parameter_for_each_state_and_a_tolerance(many):
+    assert many.find("q_0[1]").causality == "parameter"
+    tolerance = many.find("tolerance")
+    assert (tolerance.start, tolerance.minimum, tolerance.maximum) == (1e-7, 1e-12, 1e-1)
+
+    class Started(Unit):
+        """Has a start of its own."""
+
+        x = State("m")
+        x_dot = Derivative(x)
+        begin = Parameter("m", start=4.0)
+
+        def start(self) -> None:
+            self.x = 2.0 * self.begin
+
+        def derivatives(self) -> None:
+            self.x_dot = 0.0
+
+    assert list(Started.declared) == ["x", "x_dot", "begin", "tolerance"]
+
+    class OnlySampled(Unit):
+        """Needs no solver."""
+
+        x = Sampled("m")
+        period = Parameter("s", start=1e-3, minimum=1e-6)
+
+    assert list(OnlySampled.declared) == ["x", "period", "x_0"]
+    assert not Interface(OnlySampled, None).has_states and Interface(OnlySampled, None).is_sampled
+
+
+def test_declared_start_parameters_keep_their_place_and_start():
+    class Own(Unit):
+        """Declares the start of its state itself."""
+
+        x = State("m", start=1.0)
+        x_dot = Derivative(x)
+        x_0 = Parameter("m", text="of my own", start=7.0)
+
+        def derivatives(self) -> None:
+            self.x_dot = 0.0
+
+    assert Own.declared["x_0"].text == "of my own"
+    assert Interface(Own, None).find("x_0").start == 7.0
+
+
+def test_a_subclass_has_the_variables_of_its_base():
+    class Base(Unit):
+        """Base."""
+
+        u = Input("1")
+
+    class More(Base):
+        """More."""
+
+        y = Output("1")
+
+        def outputs(self) -> None:
+            self.y = self.u
+
+    assert list(More.declared) == ["u", "y"] and list(Base.declared) == ["u"]
+
+
+@pytest.mark.parametrize("name", ["t", "n", "start", "outputs", "store", "declared", "balance", "of_robot"])
+def test_names_that_every_unit_has_are_taken(name):
+    with pytest.raises(UnitError, match=f"Bad: a variable cannot be called {name}, which every unit has"):
+        type("Bad", (Unit,), {name: Input("1")})
+
+
+@pytest.mark.parametrize("name", ["_u", "u__2", "time", "\u03c4"])
+def test_names_that_tools_cannot_take_are_refused(name):
+    with pytest.raises(UnitError, match=f"Bad: a variable cannot be called {name}: expected a letter, then"):
+        Interface(type("Bad", (Unit,), {name: Input("1")}), None)
+
+
+def test_a_unit_with_joints_needs_a_robot():
+    with pytest.raises(UnitError, match="Many needs a robot, for its joints"):
+        Many()
+    with pytest.raises(UnitError, match="Many needs a robot"):
+        Interface(Many, None)
+    assert not type("Free", (Unit,), {"u": Input("1", 3)}).needs_robot()
+
+
+def test_an_instance_has_values_and_refuses_others(slider):
+    unit = Many(slider, k=4.0, g=[1.0, 2.0, 3.0], mode="fast")
+    unit.start()
+    unit.q = [1.0, 2.0, 3.0]
+    unit.outputs()
+    assert unit.y.tolist() == [1.0, 4.0, 9.0]
+    assert (unit.k, unit.mode, unit.on, unit.n) == (4.0, "fast", True, 3)
+    with pytest.raises(UsageError, match=r"Many has no 'K' to set\. There are: k, period, mode"):
+        Many(slider, K=1.0)
+    with pytest.raises(UsageError, match=r"Many\.g: expected shape \(3,\), got \(2,\)"):
+        Many(slider, g=[1.0, 2.0])
+    with pytest.raises(UsageError, match=r"Many\.mode: expected slow or fast, got 'quick'"):
+        unit.mode = "quick"
+    with pytest.raises(UsageError, match=r"Many\.k: expected numbers, got 'stiff'"):
+        unit.k = "stiff"
+    with pytest.raises(UsageError, match=r"Many\.k: expected numbers, got None"):
+        unit.k = None
+    with pytest.raises(UnitError, match=r"Many\.y is read before it is set"):
+        _ = Many(slider).y
+
+
+def test_a_start_value_of_another_shape_is_refused(slider):
+    class Bad(Unit):
+        """Two numbers for three joints."""
+
+        g = Parameter("1", JOINTS, start=[1.0, 2.0])
+
+    with pytest.raises(UnitError, match=r"g: start value: expected shape \(3,\), got \(2,\)"):
+        Bad(slider)
+    with pytest.raises(
+        UnitError, match=r"line \d+: Bad: g: start: expected numbers of shape \(3,\), got \[1"
+    ):
+        Interface(Bad, slider)
+
+
+def test_start_values_of_an_interface_are_checked_all_at_once(slider):
+    with pytest.raises(
+        UsageError, match=r"start values of many: k: expected at most 5 N/m, got 7 N/m\. y\[1\] is an output"
+    ):
+        Interface(Many, slider, {"k": 7.0, "y[1]": 1.0})
+    changed = Interface(Many, slider, {"mode": 1, "on": False, "g[2]": 5})
+    assert (changed.find("mode").start, changed.find("on").start, changed.find("g[2]").start) == (
+        1, False, 5.0,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("field", ["rotation", "gravity", "mas"])
+def test_only_parameters_of_each_joint_can_be_taken_one_by_one(slider, field):
+    unit = type("Bad", (Unit,), {"robot": RobotParameters(field)})
+    with pytest.raises(
+        UnitError, match=rf"RobotParameters\('{field}'\): expected parameters with one number for each"
+    ):
+        Interface(unit, slider)
+
+
+def test_names_of_units_are_words():
+    names = {"PDController": "pd_controller", "Wall": "wall", "Encoder2Bit": "encoder2_bit"}
+    for name, expected in names.items():
+        assert unit_name(type(name, (Unit,), {})) == expected
+    assert [unit_name(unit) for unit in shipped_units().values()] == list(shipped_units())
+
+
+# --------------------------------------------------------------------------------------- units of measurement
+
+
+@pytest.mark.parametrize(
+    ("name", "exponents"),
+    [
+        ("1", {}),
+        ("N.m", {"kg": 1, "m": 2, "s": -2}),
+        ("m/s2", {"m": 1, "s": -2}),
+        ("1/(N.m)", {"kg": -1, "m": -2, "s": 2}),
+        ("N.m.s/rad", {"kg": 1, "m": 2, "s": -1, "rad": -1}),
+        ("V.s/m", {"kg": 1, "m": 1, "s": -2, "A": -1}),
+        ("kg.m2", {"kg": 1, "m": 2}),
+        ("s-1", {"s": -1}),
+        ("m/m", {}),
+        ("J/(kg.K)", {"m": 2, "s": -2, "K": -1}),
+    ],
+)
+def test_a_unit_of_measurement_has_the_exponents_of_its_factors(name, exponents):
+    assert measure(name).exponents == exponents
+    assert measure(name).name == name
+
+
+@pytest.mark.parametrize(
+    "name", ["", "furlong", "N m", "m/", "m/s/s", "N..m", "mm", "deg", "/s", "m^2", "1/()"]
+)
+def test_what_is_not_a_unit_of_measurement_is_refused(name):
+    with pytest.raises(
+        UsageError, match="expected a unit of measurement such as N.m, .* The symbols are kg, m, s"
+    ):
+        measure(name)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [("rad", "rad/s"), ("rad/s", "rad/s2"), ("m/s2", "m/s3"), ("N.m", "N.m/s"), ("1/(N.m)", "1/(N.m.s)"),
+     ("N/m", "N/(m.s)"), ("1", "1/s"), ("N.m.s/rad", "N.m.s/(rad.s)")],
+)  # fmt: skip
+def test_the_derivative_has_one_second_more(name, expected):
+    assert derivative_of(name) == expected
+    before, after = measure(name).exponents, measure(expected).exponents
+    seconds = {"s": before.get("s", 0) - 1}
+    assert after == {key: value for key, value in (before | seconds).items() if value}
+
+
+def test_a_quantity_of_a_joint_has_two_units():
+    assert [unit_of("torque", kind) for kind in ("revolute", "prismatic")] == ["N.m", "N"]
+    assert [unit_of("N.m", kind) for kind in ("revolute", "prismatic")] == ["N.m", "N.m"]
+    with pytest.raises(UsageError, match="got 'torqe'"):
+        unit_of("torqe", "revolute")
+
+
+def test_units_of_measurement_have_display_units():
+    assert measure("rad").display == {"deg": pytest.approx(57.29577951308232)}
+    assert measure("V").display == {}
+
+
+class Wrong(Unit):
+    """Declares what would fail without a word of where."""
+
+    backend = "Python"  # pyright: ignore
+    terminals = (Terminal("flange", "middle", ("y", "zz"), "flange"),)  # pyright: ignore
+    y = Output("1")
+    z = Output(1.0)  # pyright: ignore
+    w = Output("1", 2, [1, 2])  # pyright: ignore
+    low = Parameter("1", minimum="a")  # pyright: ignore
+    lost = Parameter("1", start=lambda robot: robot.mass)
+    on = Switch("on")  # pyright: ignore
+    mode = Choice("a", 2)  # pyright: ignore
+
+
+def test_declarations_of_other_types_are_named_all_at_once():
+    with pytest.raises(UnitError) as raised:
+        check_unit(Wrong, None)
+    lines = str(raised.value).splitlines()
+    expected = (
+        'Wrong: backend: expected "native" or "python", got \'Python\'.',
+        "Wrong: terminal flange: expected variables of the unit, got zz.",
+        "Wrong: terminal flange: expected the side left, right, bottom or top, got 'middle'.",
+        "Wrong: z: expected units of measurement, one or one for each element, got 1.0.",
+        "Wrong: w: expected texts, one or one for each element, got [1, 2].",
+        "Wrong: low: minimum: expected a number, got 'a'.",
+        "Wrong: lost: start: the function fails for no robot: AttributeError: 'NoneType' object has no attribute",
+        "Wrong: on: expected True or False, got 'on'.",
+        "Wrong: mode: expected choices that are texts, got ('a', 2).",
+    )
+    for line, words in zip(lines, expected, strict=True):
+        assert words in line
+        assert "test_declaration.py, line " in line
+
+
+class Loaded(Unit):
+    """What it has depends on the robot."""
+
+    u = Input("N", text="force", when="payload")
+    y = Output("1", text="always")
+    x = State("1", JOINTS, "of each joint", when="hysteresis")
+    x_dot = Derivative(x)
+
+    def outputs(self) -> None:
+        self.y = 1.0 if not self.of_robot.payload else self.u
+
+    def derivatives(self) -> None:
+        if self.of_robot.hysteresis:
+            self.x_dot = -self.x
+
+
+def test_a_unit_has_the_variables_of_the_options_that_its_robot_has(slider, with_options):
+    bare, bent = Interface(Loaded, slider), Interface(Loaded, with_options("hysteresis"))
+    assert list(bare.groups) == ["y", "tolerance"]
+    assert (bare.states, bare.derivatives, len(bare.memory)) == (slice(2, 2), slice(2, 2), 3)
+    assert list(bent.groups) == ["x", "y", "x_0", "tolerance"]
+    assert [v.name for v in bent.memory[bent.derivatives]] == ["der(x[1])", "der(x[2])"]
+    assert Loaded(with_options("hysteresis"), x_0=2.0).simulate(stop=1.0)["x"][-1] == pytest.approx(
+        2.0 / np.e
+    )
+    assert Loaded(slider).simulate(stop=0.1)["y"][-1] == 1.0
+    with pytest.raises(UnitError, match=r"Loaded\.u is there for a robot with payload only"):
+        _ = Loaded(slider).u
+    with pytest.raises(UsageError, match="Loaded has no 'x_0' to set"):
+        Loaded(slider, x_0=1.0)
+
+
+def test_an_option_that_no_robot_has_is_refused(slider):
+    class Wrong(Unit):
+        """Wrong."""
+
+        u = Input("1", when="pyload")
+
+    with pytest.raises(UnitError, match=r"u: when: expected one of payload, limits, .*, got 'pyload'"):
+        check_unit(Wrong, slider)

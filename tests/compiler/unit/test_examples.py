@@ -1,0 +1,286 @@
+"""Units of a user's own: those of examples/units, built, run and compared as a user would."""
+
+import json
+import platform
+
+import fmpy
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import vdfmu
+from benchmarks.importers import ask_rows, missing
+from tests.compiler.unit.conftest import EXAMPLES
+from vdfmu.arm.equations.kinematics import end_effector_pose
+from vdfmu.base.errors import ModelError
+from vdfmu.cli.commands import app
+from vdfmu.compiler.fmu import build_fmus
+from vdfmu.compiler.unit.evaluate import Plain, Traced
+from vdfmu.compiler.unit.interface import Interface
+from vdfmu.engine.run import simulate
+from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.reference.reference import reference
+from vdfmu.system.scenario.values import system_values
+
+# name of the file, whether it needs a robot, model
+UNITS = [
+    ("computed_torque", True, "ComputedTorque"), ("spline", True, "Spline"), ("low_pass", False, "LowPass"),
+    ("encoder", True, "Encoder"), ("wall", True, "Wall"),
+]  # fmt: skip
+NAMES = [name for name, _, _ in UNITS]
+
+
+def command(*words):
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+@pytest.fixture(scope="module")
+def fmus(example, planar, tmp_path_factory):
+    """Return the FMUs of the examples by name and version of FMI."""
+    return {
+        (name, version): path
+        for version in ("2.0", "3.0")
+        for name, path in build_fmus(
+            planar, tmp_path_factory.mktemp(f"fmi_{version[0]}"), units=[example(n) for n in NAMES],
+            fmi_version=version,
+        ).items()
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+@pytest.mark.parametrize(("name", "needs", "model"), UNITS, ids=NAMES)
+def test_build_makes_a_valid_fmu_of_the_file(examples, name, needs, model, version):
+    options = ["--robot", "planar_2dof"] if needs else []
+    done = command("build", examples / f"{name}.py", *options, "--fmi", version, "--out", "fmus")
+    assert done.exit_code == 0, done.output
+    path = examples.parent / "fmus" / f"{model}.fmu"
+    assert path.is_file()
+    assert fmpy.read_model_description(str(path), validate=True).fmiVersion == version
+    checked = command("check", path)
+    assert checked.exit_code == 0 and "no problems" in checked.output, checked.output
+
+
+def test_build_without_the_robot_that_the_unit_needs_says_so(examples):
+    done = command("build", examples / "wall.py", "--out", "fmus")
+    assert done.exit_code != 0
+    assert "Wall needs a robot" in str(done.exception or done.output)
+
+
+@pytest.mark.slow
+def test_run_agrees_with_the_assembled_reference(examples):
+    done = command("run", examples / "scenario.toml", "--out", "results")
+    assert done.exit_code == 0, done.output
+    summary = json.loads((examples.parent / "results" / "summary.json").read_text())
+    compared = summary["reference"]["sampled"]["max_difference"]
+    # The bound of the project. The plant is solved to a relative 1e-8 of states of order 1, and the loop, damped within
+    # 0.1 s, forgets; 1.7e-10 rad is what is seen.
+    assert compared["plant.q"] <= 1e-7
+    # One sample late and in steps of 2e-5 rad, on both sides: the same steps, or a difference would be a whole one.
+    assert compared["encoder.q_measured"] == 0.0
+    # Polynomials of the same coefficients in the C of the FMU and in numpy: 10 roundings of terms up to 1e3.
+    assert compared["trajectory.q_d"] <= 10 * 1e3 * np.finfo(float).eps
+
+
+def test_run_tends_to_the_continuous_reference_with_the_step(system):
+    """With an encoder that has fine steps, and without contact: these two are not continuous."""
+    coarse, stop = 2e-3, 0.2
+    settings = {"encoder.resolution": 1e-9, "wall.distance": 10.0, "encoder.period": 2 * coarse}
+    description = SystemDescription(system.scenario, system_values(system.scenario, settings))
+    q = reference("continuous", description, step=coarse, stop=stop)["plant.q"]
+    errors = []
+    for k in (1, 2, 4):
+        results = simulate(
+            system.package, stop=stop, step=coarse / k, algorithm="gauss-seidel", parameters=settings
+        )
+        errors.append(np.abs(results["plant.q"][::k] - q).max())
+    # Inputs held over a step are an error of first order: half of it at half of the step, but for higher orders.
+    assert errors[0] / errors[1] == pytest.approx(2.0, abs=0.3), errors
+    assert errors[1] / errors[2] == pytest.approx(2.0, abs=0.3), errors
+
+
+def directional(path, inputs, outputs, direction, memory):
+    """Return the directional derivative of an FMU of FMI 2.0, and the slope by central differences of fourth order."""
+    description = fmpy.read_model_description(str(path))
+    unit = fmpy.instantiate_fmu(fmpy.extract(str(path)), description, "CoSimulation")
+    references = {v.name: v.valueReference for v in description.modelVariables}
+    known, unknown = [references[n] for n in inputs], [references[n] for n in outputs]
+
+    def at(s):
+        unit.setReal(known, [memory[n] + s * d for n, d in zip(inputs, direction, strict=True)])
+        return np.array(unit.getReal(unknown))
+
+    try:
+        unit.setupExperiment()
+        unit.enterInitializationMode()
+        for name, value in memory.items():
+            unit.setReal([references[name]], [value])
+        h = 1e-4
+        slope = (8 * (at(h) - at(-h)) - (at(2 * h) - at(-2 * h))) / (12 * h)
+        at(0.0)
+        unit.exitInitializationMode()
+        return np.array(unit.getDirectionalDerivative(unknown, known, direction)), slope
+    finally:
+        unit.terminate()
+        unit.freeInstance()
+
+
+CASES = [
+    ("computed_torque", ["q", "q_dot", "kappa_dot", "q_d", "q_d_dot", "q_d_ddot"], ["tau"], {}),
+    ("wall", ["q", "q_dot"], ["F_e", "depth"], {"distance": 0.1}),  # pushed: in the smooth part
+    ("low_pass", ["u"], ["der(y)"], {}),  # the derivative of its state
+]
+
+
+@pytest.mark.parametrize(("name", "inputs", "outputs", "set_to"), CASES, ids=[c[0] for c in CASES])
+def test_directional_derivatives_are_the_slopes_of_the_outputs(fmus, name, inputs, outputs, set_to):
+    path = fmus[name, "2.0"]
+    random = np.random.default_rng(11)
+    names = [v.name for v in fmpy.read_model_description(str(path)).modelVariables]
+
+    def elements(groups):
+        found = [n for n in names if n.partition("[")[0] in groups]
+        assert found
+        return found
+
+    ins = elements(inputs)
+    memory = {n: random.uniform(0.1, 0.5) for n in ins} | set_to
+    outs = elements(outputs)
+    found, slope = directional(path, ins, outs, list(random.uniform(-1.0, 1.0, len(ins))), memory)
+    assert np.abs(found).max() > 0.0
+    # differences of fourth order: (1e-4)^4, and rounding, 1e-16 / 1e-4 of outputs that are up to 1e3 times their slopes
+    np.testing.assert_allclose(found, slope, rtol=1e-6, atol=1e-6 * np.abs(slope).max())
+
+
+def test_derivatives_of_the_spline_are_those_of_its_position(example, planar):
+    unit = Plain(Interface(example("spline"), planar))
+    orders = ["q_d", "q_d_dot", "q_d_ddot", "q_d_dddot", "q_d_ddddot"]
+
+    def at(t):
+        unit.memory[-1] = t  # the time
+        unit.outputs()
+        return {name: unit.group(name).copy() for name in orders}
+
+    h = 1e-4
+    for t in (0.07, 0.2, 0.41, 0.55, 0.72, 0.93):
+        here, near = at(t), [at(t + k * h) for k in (-2, -1, 1, 2)]
+        for order, derivative in zip(orders, orders[1:], strict=False):
+            values = [one[order] for one in near]
+            slope = (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * h)
+            # fourth order: h^4 / 30 of the fifth derivative of each, which grows by 10 / 0.3 s with each order
+            scale = np.abs(here[derivative]).max() + np.abs(here[order]).max()
+            np.testing.assert_allclose(here[derivative], slope, rtol=0, atol=1e-6 * scale)
+    points = np.loadtxt(EXAMPLES / "waypoints.csv", delimiter=",", skiprows=1)
+    for t, *q in points:  # meets the waypoints, at rest
+        here = at(t)
+        # 10 terms of up to 1e3: rounding
+        np.testing.assert_allclose(here["q_d"], q, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(here["q_d_dot"], 0.0, atol=1e-9)
+        np.testing.assert_allclose(here["q_d_ddot"], 0.0, atol=1e-7)
+
+
+def test_the_wall_pushes_and_never_pulls_and_gives_no_energy(example, planar):
+    """In and out again, faster than the damper can follow."""
+    middle, k, c = np.array([0.35, 0.2]), 2e4, 100.0
+    distance = end_effector_pose(planar, middle)[0][2]
+    unit = Traced(Interface(example("wall"), planar))
+    unit.group("normal")[:], unit.group("distance")[0] = [0.0, 0.0, 1.0], distance
+    time = np.linspace(0.0, 0.4, 4001)
+    q = middle + np.outer(np.sin(40.0 * time), [0.02, 0.04])
+    q_dot = np.outer(40.0 * np.cos(40.0 * time), [0.02, 0.04])
+    N, depth = np.empty(time.size), np.empty(time.size)
+    for i in range(time.size):
+        unit.group("q")[:], unit.group("q_dot")[:] = q[i], q_dot[i]
+        unit.outputs()
+        F_e = unit.group("F_e")
+        _, R_O = end_effector_pose(planar, q[i])
+        force = R_O @ F_e[:3]
+        N[i], depth[i] = force[2], unit.group("depth")[0]
+        # along the normal alone: rounding of two rotations, of forces up to 1e4 N
+        assert np.abs(force[:2]).max() <= 1e-11 and (F_e[3:] == 0.0).all()
+    touching = depth > 0.0
+    assert touching.any() and not touching.all() and N.max() > 100.0
+    assert (N >= 0.0).all() and (N[~touching] == 0.0).all()
+    assert (N[touching] == 0.0).any()  # drawn back faster than the damper lets the spring: it lets go
+    # Work on the wall up to any time: no less than the spring has stored. By trapezoids, a share of
+    # (40 1/s * 1e-4 s)^2 / 12 but for the jumps of c d_dot at a contact, each within one interval.
+    work = np.concatenate([[0.0], np.cumsum(0.5 * (N[1:] + N[:-1]) * np.diff(depth))])
+    inside = np.flatnonzero(np.diff(touching.astype(int)) > 0)
+    jump = c * np.abs(np.gradient(depth, time)).max() * np.abs(np.diff(depth)).max()
+    stored = 0.5 * k * np.maximum(depth, 0.0) ** 2
+    assert (work >= stored - stored[0] - jump * (1 + inside.size)).all()
+    assert work[-1] > 10.0 * jump * (1 + inside.size)
+
+
+@pytest.mark.slow
+def test_a_unit_in_place_of_one_of_the_system_in_a_word(examples):
+    """Connections to signals that it lacks are left out with a note; the references take it too."""
+    done = command(
+        "run", "planar_tracking", "--stop", 0.2, "--out", "results",
+        "--unit", f"controller={examples / 'computed_torque.py'}",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    notes = " ".join(done.output.split())
+    assert (
+        "note: feedforward.tau_m -> controller.tau_m, feedforward.kappa_dot_d -> controller.kappa_dot_d: left out"
+        in notes
+    )
+    summary = json.loads((examples.parent / "results" / "summary.json").read_text())
+    assert summary["left_out"] == [
+        "feedforward.tau_m -> controller.tau_m",
+        "feedforward.kappa_dot_d -> controller.kappa_dot_d",
+    ]
+    # the plant at its tolerance 1e-7, as in every shipped scenario; 3e-10 is seen
+    assert summary["reference"]["sampled"]["max_difference"]["plant.q"] <= 1e-7
+
+
+def test_an_unknown_signal_in_a_system_file_stays_an_error(examples):
+    text = (examples / "arm.toml").read_text()
+    (examples / "arm.toml").write_text(
+        text.replace('"controller.q_dot", "wall', '"controller.q_punkt", "wall')
+    )
+    with pytest.raises(ModelError, match=r"arm\.toml: connections: controller\.q_punkt: expected an input"):
+        vdfmu.run(examples / "scenario.toml", out="results", reference=False)
+
+
+@pytest.mark.slow
+def test_an_fmu_in_place_of_the_unit_that_it_was_built_of(examples, planar):
+    built = build_fmus(planar, "fmus", units=["controller"])["controller"]
+    usual = vdfmu.run("planar_tracking", stop=0.2, out="usual", reference=False)
+    done = command("run", "planar_tracking", "--stop", 0.2, "--out", "fmu", "--unit", f"controller={built}")
+    assert done.exit_code == 0, done.output
+    assert "controller: an FMU has no equations to solve here" in " ".join(
+        done.output.replace("│", "").split()
+    )
+    summary = json.loads((examples.parent / "fmu" / "summary.json").read_text())
+    assert "reference" not in summary
+    same = vdfmu.run("planar_tracking", stop=0.2, out="again", reference=False, units={"controller": built})
+    for name in ("plant.q", "controller.tau"):
+        assert (same[name] == usual[name]).all()  # the same code: the same bits
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("importer", ["ecos", "libcosim"])
+def test_other_importers_give_the_same(system, importer):
+    """Ecos takes the SSP, libcosim the OSP folder, of the same FMUs."""
+    here = (platform.system(), platform.machine())
+    if here not in {("Linux", "x86_64"), ("Windows", "AMD64")}:
+        pytest.skip(f"{importer} has no binaries for {' '.join(here)}")
+    assert not missing(importer), f"{missing(importer)}: `pip install .[test]` brings what these tests need"
+    step, stop = system.scenario.step, 0.5
+    results = simulate(system.package, stop=stop, step=step, algorithm="jacobi")
+    signals = [
+        f"{name}[{i}]"
+        for name in ("plant.q", "trajectory.q_d", "encoder.q_measured", "controller.tau", "wall.F_e")
+        for i in (1, 2)
+    ]
+    path = system.package if importer == "ecos" else system.osp.parent
+    rows = ask_rows({
+        "run": "rows", "importer": importer, "path": str(path), "step": step, "steps": round(stop / step),
+        "signals": signals,
+    })  # fmt: skip
+    ours = np.column_stack([results[name] for name in signals])
+    first = 1 if importer == "libcosim" else 0  # it has no values before its first step
+    differences = np.abs(rows - ours)[first:].reshape(-1, 5, 2).max(axis=(0, 2))
+    # Rounding of the tools' time, 1e-16 s of speeds of 1 rad/s, in a loop that forgets; the wall's 2e4 N/m, and c of
+    # 100 N.s/m on velocities that carry 1e-12, make forces of it. An encoder that gave another step would show 2e-5.
+    assert (differences <= [1e-12, 1e-12, 1e-12, 1e-10, 1e-8]).all(), differences

@@ -1,0 +1,459 @@
+"""A unit's methods on symbols: the same numbers as on floats, and one trace for each choice."""
+
+import math
+
+import fmpy
+import numpy as np
+import pytest
+
+from vdfmu.arm.robot import load_robot
+from vdfmu.base.errors import UnitError
+from vdfmu.compiler.fmu import build_fmus
+from vdfmu.compiler.unit.evaluate import Plain, Traced
+from vdfmu.compiler.unit.interface import Interface
+from vdfmu.compiler.unit.scipy_solver import Motion
+from vdfmu.unit import (
+    JOINTS,
+    Choice,
+    Derivative,
+    Input,
+    Output,
+    Parameter,
+    RobotParameters,
+    Sampled,
+    State,
+    Switch,
+    Unit,
+    clip,
+    interpolate,
+    lookup,
+    maximum,
+    minimum,
+    sgn,
+    where,
+    zeros,
+)
+
+EPS = np.finfo(float).eps
+VALUES = np.concatenate(
+    [
+        np.random.default_rng(90).normal(scale=2.0, size=(200, 3)),
+        [[0.0, -0.0, 0.5], [1.0, -1.0, 2.5], [-1.5, 3.0, -0.5]],
+    ]
+)
+"""Random values, and those at which conditions and roundings change."""
+
+
+def both(unit, robot=None):
+    """Return a unit traced and in plain numpy."""
+    interface = Interface(unit, robot)
+    return Traced(interface), Plain(interface)
+
+
+def assert_same(unit, method="outputs", robot=None, roundings=0):
+    """Assert that a method does the same on symbols as on floats, for random inputs."""
+    traced, plain = both(unit, robot)
+    inputs = [i for i, v in enumerate(traced.interface) if v.causality == "input"]
+    moved = set()
+    for row in VALUES:
+        for evaluated in (traced, plain):
+            evaluated.memory[inputs] = np.resize(row, len(inputs))
+            getattr(evaluated, method)()
+        # functions of the mathematical library may be those of another one: a rounding each
+        np.testing.assert_allclose(traced.memory, plain.memory, rtol=roundings * EPS, atol=roundings * EPS)
+        moved.add(traced.memory.tobytes())
+    assert len(moved) > 100
+
+
+# ------------------------------------------------------------------------------------- functions and conditions
+
+
+class Elementwise(Unit):
+    """What vdfmu.compiler.unit gives, on arrays and scalars."""
+
+    u = Input("1", 3)
+    y = Output("1", (9, 3))
+    z = Output("1", 6)
+
+    def outputs(self) -> None:
+        u, a = self.u, self.u[0]
+        self.y = np.stack([
+            where(u > 0.3, u, -u), where(u <= 0.5, 1.0, u), clip(u, -1.0, 1.0), clip(0.5, u, 2.0), minimum(u, 0.5),
+            maximum(u[::-1], u), sgn(u), np.abs(u), where((u > -1.0) & ~(u >= 1.0) | (u < -2.0), u, 0.0),
+        ])  # fmt: skip
+        self.z = [
+            where(a > 0.0, a, 2.0 * a),
+            minimum(a, 1.0),
+            maximum(0.0, a),
+            clip(a, 0.0, 1.0),
+            sgn(a),
+            abs(a),
+        ]
+
+
+class Rounding(Unit):
+    """Steps of all kinds."""
+
+    u = Input("1", 3)
+    y = Output("1", (8, 3))
+    z = Output("1", 6)
+
+    def outputs(self) -> None:
+        u, a = self.u, self.u[1]
+        self.y = np.array([
+            np.floor(u), np.ceil(u), np.rint(u), np.round(u / 0.25) * 0.25, u // 0.3, u % 0.3, 1.5 // (u + 0.1),
+            np.floor(u / 0.01) * 0.01,
+        ])  # fmt: skip
+        self.z = [np.floor(a), np.rint(a), a // 2.0, a % 2.0, 3.0 % (a + 0.1), np.round(a)]
+
+
+class Functions(Unit):
+    """Functions of numpy."""
+
+    u = Input("1", 3)
+    y = Output("1", (18, 3))
+    z = Output("1", 4)
+
+    def outputs(self) -> None:
+        u = self.u
+        s = 0.99 * np.tanh(u)
+        self.y = np.concatenate([
+            [np.sin(u), np.cos(u), np.tan(s), np.arcsin(s), np.arccos(s), np.arctan(u), np.arctan2(u, u[::-1])],
+            [np.sinh(s), np.cosh(s), np.exp(u), np.expm1(u), np.log(1.0 + u * u), np.log1p(u * u), np.sqrt(u * u)],
+            [u**2, u**3, 2.0**u, (u * u) ** s],
+        ])  # fmt: skip
+        M = np.outer(u, u) + np.eye(3)
+        self.z = [u @ u, np.sum(M @ u), np.dot(u, [1.0, 2.0, 3.0]), np.cross(u, [0.0, 1.0, 0.5])[2]]
+
+
+class More(Unit):
+    """Functions of numpy that compare, take no objects, or take a number before a symbol."""
+
+    u = Input("1", 3)
+    y = Output("1", (29, 3))
+    z = Output("1", 13)
+
+    def outputs(self) -> None:
+        u, a = self.u, self.u[0]
+        v, s = u[::-1], 0.99 * np.tanh(u)
+        self.y = np.stack([
+            np.hypot(u, v), np.hypot(3.0, u), np.arctan2(1.0, u), np.copysign(u, v), np.copysign(2.0, u),
+            np.fmax(u, 0.5), np.fmin(u, v), np.maximum(0.5, u), np.minimum(u, v), np.square(u),
+            np.reciprocal(u + 5.0 * np.sign(u) + 0.1), np.exp2(u), np.log2(u * u + 0.1), np.log10(u * u + 0.1),
+            np.log1p(u * u), np.expm1(u), np.cbrt(u), np.deg2rad(u), np.rad2deg(u), np.radians(u), np.degrees(u),
+            np.heaviside(u, 0.5), np.sign(u), np.clip(u, -1.0, v * v), np.trunc(u), np.fmod(u, 0.3),
+            np.arcsinh(u) + np.arccosh(1.0 + u * u) + np.arctanh(s), np.logaddexp(u, v), np.where(u > v, u, 2.0),
+        ])  # fmt: skip
+        self.z = [
+            np.hypot(a, 1.0), np.sign(a), np.heaviside(a, 0.25), np.copysign(1.0, a), np.maximum(a, 0.0), np.max(u),
+            u.min(), np.clip(a, -1.0, 1.0), np.where(a > 0.0, a, -1.0), np.fabs(a), np.float_power(2.0, a),
+            np.fmod(1.0, a + 0.1), np.conjugate(a),
+        ]  # fmt: skip
+
+
+class Combined(Unit):
+    """Conditions on what arrays of arrays give."""
+
+    u = Input("1", 3)
+    y = Output("1", 6)
+    z = Output("1", 3)
+
+    def outputs(self) -> None:
+        both = np.concatenate([self.u, -self.u])
+        self.y = where(both > 0.0, both, 0.1 * both)
+        limited = zeros((3,), self.u)
+        for i in range(3):
+            limited[i] = where(self.u[i] > 1.0, 1.0, self.u[i])
+        self.z = where(clip(self.u, -1.0, 1.0) < 0.5, limited, where(self.u > 0.0, 2.0, 3.0))
+
+
+class Table(Unit):
+    """Interpolation in a table of parameters."""
+
+    u = Input("1", 3)
+    points = Parameter("1", 4, start=[-2.0, -0.5, 0.5, 3.0])
+    values = Parameter("1", 4, start=[1.0, -1.0, 4.0, 0.0])
+    y = Output("1", 3)
+    z = Output("1")
+
+    def outputs(self) -> None:
+        self.y = interpolate(self.u, self.points, self.values)
+        self.z = interpolate(self.u[0], self.points, self.values)
+
+
+@pytest.mark.parametrize("unit", [Elementwise, Rounding, Combined])
+def test_conditions_and_steps_are_the_same_bits_on_symbols_as_on_floats(unit):
+    assert_same(unit)
+
+
+def test_functions_of_numpy_are_those_of_symbols():
+    assert_same(Functions, roundings=50)  # powers and products of some ten factors, each with its rounding
+
+
+def test_more_functions_of_numpy_are_those_of_symbols():
+    assert_same(More, roundings=50)  # as above
+
+
+class Whole(Unit):
+    """Logarithms whose floor is asked for."""
+
+    u = Input("1", 3, start=1.0)
+    y = Output("1", (2, 3))
+
+    def outputs(self) -> None:
+        self.y = np.floor([np.log10(self.u), np.log2(self.u)])
+
+
+@pytest.mark.parametrize("base", [10.0, 2.0])
+def test_logarithms_of_whole_powers_are_whole(base):
+    traced = Traced(Interface(Whole, None))
+    for power in range(-20, 23):
+        traced.group("u")[:] = base**power
+        traced.outputs()
+        assert traced.group("y")[0 if base == 10.0 else 3] == power
+
+
+def test_interpolation_is_that_of_numpy():
+    assert_same(Table, roundings=8)
+    plain = Plain(Interface(Table, None))
+    for row in VALUES:
+        plain.group("u")[:] = row
+        plain.outputs()
+        expected = np.interp(row, plain.group("points"), plain.group("values"))
+        # three pieces of size 5, each with some roundings
+        np.testing.assert_allclose(plain.group("y"), expected, rtol=0, atol=50 * EPS)
+
+
+class Looked(Unit):
+    """A table of numbers, looked up."""
+
+    u = Input("1", 3)
+    y = Output("1", 3)
+
+    def outputs(self) -> None:
+        self.y = [lookup(u, [-1.0, 0.0, 1.0, 2.0], [5.0, 7.0, -2.0]) for u in self.u]
+
+
+def test_a_table_to_look_up_may_have_one_dimension():
+    assert_same(Looked)
+    traced = Traced(Interface(Looked, None))
+    traced.group("u")[:] = [-9.0, 0.0, 9.0]
+    traced.outputs()
+    assert traced.group("y").tolist() == [5.0, 7.0, -2.0]
+
+
+class Misshapen(Unit):
+    """As many edges as rows."""
+
+    u = Input("1")
+    y = Output("1")
+
+    def outputs(self) -> None:
+        self.y = lookup(self.u, [0.0, 1.0, 2.0], [0.0, 1.0, 4.0])
+
+
+class Uneven(Misshapen):
+    """More points than values."""
+
+    def outputs(self) -> None:
+        self.y = interpolate(self.u, [0.0, 1.0, 2.0], [0.0, 1.0])
+
+
+class Many(Misshapen):
+    """Several places at once."""
+
+    def outputs(self) -> None:
+        self.y = lookup(np.ones(2) * self.u, [0.0, 1.0, 2.0], [0.0, 1.0])[0]
+
+
+@pytest.mark.parametrize(
+    ("unit", "words"),
+    [
+        (
+            Misshapen,
+            r"lookup: .*\(m,\), got the shapes \(\), \(3,\) and \(3,\)\. Values at points are for interpolate",
+        ),
+        (Many, r"lookup: expected a scalar x, .*got the shapes \(2,\), \(3,\) and \(2,\)"),
+        (Uneven, r"interpolate: expected points \(m,\) and values \(m, \.\.\.\), got \(3,\) and \(2,\)"),
+    ],
+)
+def test_tables_of_shapes_that_do_not_fit_are_refused(unit, words):
+    with pytest.raises(UnitError, match=rf"line \d+: outputs\(\) of {unit.__name__} fails: {words}"):
+        Traced(Interface(unit, None))
+
+
+def test_functions_on_floats_are_those_of_numpy():
+    for row in VALUES:
+        np.testing.assert_array_equal(where(row > 0.0, row, 2.0), np.where(row > 0.0, row, 2.0))
+        np.testing.assert_array_equal(clip(row, -1.0, 1.0), np.clip(row, -1.0, 1.0))
+        np.testing.assert_array_equal(minimum(row, 0.5), np.minimum(row, 0.5))
+        np.testing.assert_array_equal(maximum(row, row[::-1]), np.maximum(row, row[::-1]))
+        np.testing.assert_array_equal(sgn(row), np.copysign(1.0, row))
+
+
+# ------------------------------------------------------------------------------------------------------- choices
+
+
+class Chosen(Unit):
+    """Two choices in the outputs, one of them in one branch alone; one in the derivatives."""
+
+    u = Input("1", 3)
+    mode = Choice("a", "b", "c")
+    doubled = Switch(False)
+    k = Parameter("1", start=5.0)
+    x = State("1")
+    x_dot = Derivative(x)
+    y = Output("1", 3)
+
+    def outputs(self) -> None:
+        if self.mode == "a":
+            self.y = self.u
+        elif self.mode == "b":
+            self.y = 2.0 * self.u if self.doubled else -self.u
+        else:
+            self.y = self.k
+
+    def derivatives(self) -> None:
+        self.x_dot = self.u[0] if self.doubled else self.k * self.x
+
+
+def test_each_choice_that_a_method_reads_is_traced_by_itself():
+    program = Interface(Chosen, None).program
+    assert [(call.function, call.when) for call in program.outputs] == [
+        ("chosen_outputs_a", (("mode", 0),)),
+        ("chosen_outputs_b_not_doubled", (("mode", 1), ("doubled", 0))),
+        ("chosen_outputs_b_doubled", (("mode", 1), ("doubled", 1))),
+        ("chosen_outputs_c", (("mode", 2),)),
+    ]
+    assert [call.reads for call in program.outputs] == [("u",), ("u",), ("u",), ("k",)]
+    assert {call.sets for call in program.outputs} == {("y",)}
+    assert [call.function for call in program.step] == ["chosen_step_not_doubled", "chosen_step_doubled"]
+    assert [call.function for call in program.start] == ["chosen_start"] and program.update == ()
+
+
+@pytest.mark.parametrize("mode", range(3))
+@pytest.mark.parametrize("doubled", [0, 1])
+def test_a_choice_in_the_memory_decides(mode, doubled):
+    for unit in both(Chosen):
+        unit.group("mode")[:], unit.group("doubled")[:], unit.group("u")[:] = mode, doubled, [1.0, 2.0, 3.0]
+        unit.x[:] = 2.0
+        unit.outputs()
+        unit.derivatives()
+        factor = {0: 1.0, 1: 2.0 if doubled else -1.0}.get(mode)
+        expected = [5.0] * 3 if factor is None else [factor, 2.0 * factor, 3.0 * factor]
+        assert unit.group("y").tolist() == expected
+        assert unit.x_dot.tolist() == [1.0 if doubled else 10.0]
+
+
+class Incomplete(Unit):
+    """Sets y in one mode alone."""
+
+    u = Input("1")
+    mode = Choice("a", "b")
+    y = Output("1")
+
+    def outputs(self) -> None:
+        if self.mode == "a":
+            self.y = self.u
+
+
+def test_an_output_that_is_not_set_for_a_choice_is_named():
+    with pytest.raises(UnitError, match=r"line \d+: outputs\(\) of Incomplete never sets y with mode = b\."):
+        _ = Interface(Incomplete, None).program
+
+
+# ---------------------------------------------------------------------------------------- names and robot, dependencies
+
+
+class Clashing(Unit):
+    """Variables called as the arguments of traced functions, and as words of C, are."""
+
+    p = Input("Pa")
+    x = State("m", start=1.0)
+    v = State("m/s", start=2.0)
+    x_dot = Derivative(x)
+    v_dot = Derivative(v)
+    h = Parameter("s", start=3.0)
+    w1 = Parameter("1", start=0.5)
+    rate_p = Input("1")
+    sin = Sampled("1", start=0.25)
+    period = Parameter("s", start=0.1, minimum=1e-6)
+    double = Output("1")
+    norm = Output("1")
+
+    def outputs(self) -> None:
+        self.double = self.x + 10.0 * self.v + 100.0 * self.p + 1000.0 * self.h + self.w1
+        self.norm = self.sin
+
+    def derivatives(self) -> None:
+        self.x_dot = self.v + self.w1 + self.rate_p
+        self.v_dot = -self.x + self.p + 0.0 * self.tolerance
+
+    def update(self) -> None:
+        self.sin = self.sin + np.sin(self.x)
+
+
+def test_a_variable_may_be_called_as_an_argument_is():
+    for unit in both(Clashing):
+        unit.group("p")[:], unit.group("rate_p")[:] = 5.0, 7.0
+        unit.start()
+        unit.outputs()
+        unit.derivatives()
+        unit.update()
+        assert unit.x.tolist() == [1.0, 2.0] and unit.x_dot.tolist() == [9.5, 4.0]
+        assert unit.group("double").tolist() == [1.0 + 20.0 + 500.0 + 3000.0 + 0.5]
+        assert unit.group("norm").tolist() == [0.25]
+        assert unit.group("sin").tolist() == [pytest.approx(0.25 + math.sin(1.0), rel=EPS)]
+
+
+class Geared(Unit):
+    """Takes one field of the robot."""
+
+    tau = Input("N.m", JOINTS)
+    y = Output("N.m", JOINTS)
+    robot = RobotParameters("ell")
+
+    def outputs(self) -> None:
+        self.y = self.robot.ell * self.tau
+
+
+class Undeclared(Geared):
+    """Takes another one than it declares."""
+
+    def outputs(self) -> None:
+        self.y = self.robot.mass * self.tau
+
+
+def test_a_field_of_the_robot_is_a_parameter():
+    robot = load_robot("planar_2dof")
+    for unit in both(Geared, robot):
+        unit.group("tau")[:], unit.group("ell")[1] = [1.0, 2.0], 50.0
+        unit.outputs()
+        assert unit.group("y").tolist() == [robot.ell[0], 100.0]
+    with pytest.raises(
+        UnitError, match=r"declares no mass of the robot\. Write RobotParameters\('ell', 'mass'\)"
+    ):
+        _ = Interface(Undeclared, robot).program
+
+
+def test_dependencies_are_those_of_the_trace():
+    interface = Interface(Chosen, None)
+    at = interface.reference
+    assert interface.step_dependencies(at["y[2]"]) == [at["u[2]"]]
+    assert interface.step_dependencies(at["x"]) == [at["x"]]
+    assert interface.step_dependencies(len(interface)) == [at["u[1]"], at["x"]]
+    assert interface.start_dependencies(at["x"]) == [at["x_0"]]
+    assert {at["mode"], at["doubled"], at["k"], at["u[2]"]} == set(interface.start_dependencies(at["y[2]"]))
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_a_native_fmu_takes_such_names_too(tmp_path, version):
+    (path,) = build_fmus(None, tmp_path, units=[Clashing], backend="native", fmi_version=version).values()
+    rows = fmpy.simulate_fmu(str(path), stop_time=0.25, output_interval=0.05)
+    plain = Plain(Interface(Clashing, None))
+    plain.start()
+    Motion(plain).move(0.0, 0.25)
+    plain.outputs()
+    for name in ("x", "v", "sin", "double", "norm"):
+        # the solver's tolerance is 1e-7, and double takes 10 v
+        assert rows[name][-1] == pytest.approx(plain.group(name)[0], abs=1e-5)

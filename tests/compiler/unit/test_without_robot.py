@@ -1,0 +1,378 @@
+"""A scenario whose components take no robot: a DC motor and a controller of its speed."""
+
+import json
+import zipfile
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from typer.testing import CliRunner
+
+import vdfmu
+from vdfmu.base.errors import ModelError, UsageError
+from vdfmu.cli.commands import app
+from vdfmu.engine.run import Results
+from vdfmu.system.scenario.check import model_notes
+from vdfmu.system.scenario.schema import scenario_schema
+
+UNITS = '''
+from vdfmu.unit import Derivative, Input, Output, Parameter, State, Unit
+
+
+class DCMotor(Unit):
+    """DC motor with a load."""
+
+    u = Input("V")
+    R = Parameter("Ohm", start=1.0)
+    L = Parameter("H", start=0.01)
+    k = Parameter("N.m/A", start=0.05)
+    J = Parameter("kg.m2", start=1e-4)
+    b = Parameter("N.m.s/rad", start=1e-4)
+    i = State("A")
+    w = State("rad/s")
+    i_dot = Derivative(i)
+    w_dot = Derivative(w)
+
+    def derivatives(self) -> None:
+        self.i_dot = (self.u - self.R * self.i - self.k * self.w) / self.L
+        self.w_dot = (self.k * self.i - self.b * self.w) / self.J
+
+
+class SpeedPI(Unit):
+    """PI controller of a speed."""
+
+    w = Input("rad/s")
+    w_d = Input("rad/s")
+    K_p = Parameter("V.s/rad", start=0.05, tunable=True)
+    K_i = Parameter("V/rad", start=1.0)
+    e = State("rad")
+    e_dot = Derivative(e)
+    u = Output("V")
+
+    def derivatives(self) -> None:
+        self.e_dot = self.w_d - self.w
+
+    def outputs(self) -> None:
+        self.u = self.K_p * (self.w_d - self.w) + self.K_i * self.e
+'''
+SYSTEM = """
+name = "drive"
+[units]
+controller = "motor.py:SpeedPI"
+motor = "motor.py:DCMotor"
+[connections]
+"controller.u" = "motor.u"
+"motor.w" = "controller.w"
+"""
+SCENARIO = """
+name = "motor"
+description = "A step of the speed"
+kind = "cosimulation"
+system = "drive.toml"
+stop = 0.5
+step = 0.001
+[controller]
+w_d = 100.0
+"""
+R, L, K, J, B, K_P, K_I, W_D, H, STEPS = 1.0, 0.01, 0.05, 1e-4, 1e-4, 0.05, 1.0, 100.0, 1e-3, 500
+MOTOR = np.array(
+    [[-R / L, -K / L, 1.0 / L], [K / J, -B / J, 0.0], [0.0, 0.0, 0.0]]
+)  # of i, w, and u, which is held
+LOOP = np.array([[0.0, 0.0, -1.0], [K_I / L, -R / L, -(K + K_P) / L], [0.0, K / J, -B / J]])  # of e, i, w
+# The solvers err by 1e-7 of what is at most 101 rad/s a step. The slowest pole of the sampled loop, by which it forgets
+# that, is 0.9876 a step, see the margins below: the errors add up to those of 1 / (1 - 0.9876) = 81 steps.
+TOLERANCE = 1e-7 * 101.0 * 81.0
+ARM = """
+extends = "system"
+name = "own_robots"
+[units]
+""" + "".join(
+    f'{name} = {{ unit = "{name}", robot = "ur5e_6dof" }}\n'
+    for name in ("trajectory", "feedforward", "controller", "plant")
+)
+REACH = """
+name = "own_robots"
+kind = "cosimulation"
+system = "own_robots.toml"
+stop = 0.02
+step = 0.001
+[trajectory]
+q_end = 0.1
+T = 0.5
+[controller]
+K_p = 300.0
+K_v = 20.0
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    place = tmp_path_factory.mktemp("motor")
+    files = {
+        "motor.py": UNITS, "drive.toml": SYSTEM, "motor.toml": SCENARIO, "own_robots.toml": ARM, "reach.toml": REACH,
+    }  # fmt: skip
+    for name, text in files.items():
+        (place / name).write_text(text)
+    return place
+
+
+@pytest.fixture
+def inside(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    return folder
+
+
+def command(*words):
+    done = CliRunner().invoke(app, [str(word) for word in words])
+    assert done.exception is None or isinstance(done.exception, SystemExit | UsageError | ModelError), (
+        done.output
+    )
+    return done
+
+
+@pytest.fixture(scope="module")
+def ran(folder):
+    done = command("run", folder / "motor.toml", "--out", folder / "run", "--simulate")
+    assert done.exit_code == 0, done.output
+    return Results.read(folder / "run" / "results.csv"), json.loads(
+        (folder / "run" / "summary.json").read_text()
+    )
+
+
+@pytest.mark.slow
+def test_the_run_is_that_of_the_equations_sampled(ran):
+    results, summary = ran
+    e, x = 0.0, np.zeros(2)
+    held = expm(H * MOTOR)
+    for k in range(STEPS):  # gauss-seidel: the controller steps first, with the speed of the step's begin
+        before = W_D - x[1]
+        e += H * before
+        x = (held @ [*x, K_P * before + K_I * e])[:2]
+        for name, value in (("motor.i", x[0]), ("motor.w", x[1]), ("controller.e", e)):
+            assert results[name][k + 1] == pytest.approx(value, abs=TOLERANCE)
+    assert summary["verdict"]["passed"]
+    assert summary["witness"]["components"] == ["controller", "motor"]
+    sampled = summary["reference"]["sampled"]["max_difference"]
+    assert max(sampled.values()) < TOLERANCE
+    # and the continuous reference is as far from the run as the exact solution of the continuous loop
+    rest = np.linalg.solve(LOOP, [W_D, K_P * W_D / L, 0.0])
+    exact = np.array([(expm(t * LOOP) @ rest - rest)[2] for t in results.time])
+    far = np.abs(results["motor.w"] - exact).max()
+    assert summary["reference"]["continuous"]["max_difference"]["motor.w"] == pytest.approx(
+        far, abs=TOLERANCE
+    )
+    assert far > 100 * TOLERANCE  # so that the sampled solution above is another
+
+
+@pytest.mark.slow
+def test_the_run_speaks_of_no_robot(ran, folder):
+    _, summary = ran
+    assert {"robot", "friction", "joints", "arm"}.isdisjoint(summary)
+    assert {"signals.png", "report.html", "system.ssp"} <= set(summary["files"])
+    page = (folder / "run" / "report.html").read_text(encoding="utf-8")
+    assert "System drive_motor, one run" in page
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("form", "name"), [("1.0", "motor.ssp"), ("2.0", "motor_2.0.ssp"), ("osp", "motor_osp")]
+)
+def test_packages_speak_of_no_robot(inside, form, name):
+    done = command("ssp", "motor.toml", "--format", form)
+    assert done.exit_code == 0, done.output
+    if form == "osp":
+        texts = {path.name: path.read_bytes() for path in (inside / name).glob("*.xml")}
+    else:
+        with zipfile.ZipFile(inside / name) as archive:
+            texts = {entry: archive.read(entry) for entry in archive.namelist() if not entry.endswith(".fmu")}
+        assert command("check", name).exit_code == 0
+        assert (
+            'print(results["controller.e"][-1])' in texts["documentation/index.html"].decode()
+            or form == "2.0"
+        )
+    assert texts
+    for entry, text in texts.items():
+        assert "robot" not in entry
+        for word in (b"obot", b"plant", b"F_e", b"joint"):
+            assert word not in text, (entry, word)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("build", "motor.toml", "--out", "fmus"),
+        ("build", "motor.toml", "--out", "fmus_python", "--backend", "python"),
+        ("container", "motor.toml"),
+        ("reference", "motor.toml"),
+        ("check", "motor.toml"),
+        ("check", "drive.toml"),
+        (
+            "run",
+            "motor.toml",
+            "--fmi",
+            "3.0",
+            "--master",
+            "iterative",
+            "--adaptive",
+            "1e-4",
+            "--out",
+            "adaptive",
+        ),
+        (
+            "tune",
+            "motor.toml",
+            "--vary",
+            "controller.K_p=lin(0.02,0.2)",
+            "--cost",
+            "peak(motor.w)",
+            "--budget",
+            "4",
+        ),
+    ],
+    ids=" ".join,
+)
+def test_commands_work(inside, words):
+    done = command(*words)
+    assert done.exit_code == 0, done.output
+    assert "obot" not in done.output
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", ["fmu", "batch"])
+def test_a_study_has_the_numbers_of_single_runs(inside, engine):
+    over = {"controller.K_p": [0.05, 0.1]}
+    study = vdfmu.sweep(
+        "motor.toml", over=over, measure={"top": "peak(motor.w)"}, engine=engine, out=f"study_{engine}"
+    )
+    for gain, top in zip(over["controller.K_p"], study["top"], strict=True):
+        alone = vdfmu.run("motor.toml", settings={"controller.K_p": gain}, out=False, reference=False)
+        # both solve with an error of 1e-7 a step
+        assert top == pytest.approx(np.abs(alone["motor.w"]).max(), abs=TOLERANCE)
+
+
+@pytest.mark.slow
+def test_margins_and_linearization_are_those_of_the_matrices(inside):
+    system = vdfmu.linearize("motor.toml", 0.0)
+    assert system.states == ("controller.e", "motor.i", "motor.w")
+    np.testing.assert_allclose(
+        system.A, LOOP, rtol=1e-12, atol=1e-12
+    )  # products of two or three numbers, by rounding
+    done = command("margins", "motor.toml", "--open", "motor.u", "--at", "0.0")
+    assert done.exit_code == 0, done.output
+    held = expm(H * MOTOR)
+    step = np.zeros((3, 3))
+    step[0] = [1.0, 0.0, -H]
+    step[1:] = np.hstack([np.zeros((2, 1)), held[:2, :2]])
+    step[1:] += np.outer(held[:2, 2], [K_I, 0.0, -K_P - H * K_I])
+    # printed with six decimals
+    assert f"{np.abs(np.linalg.eigvals(step)).max():.6f}" in done.output
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("run", "motor.toml", "--robot", "planar_2dof"), "no component of which takes one, got planar_2dof"),
+        (("container", "motor.toml", "--robot", "planar_2dof"), "no component of which takes one"),
+        (("modes", "planar_2dof", "--path", "motor.toml"), "no component of which takes one"),
+        (("motion", "motor.toml"), "expected a robot, named in the file or by --robot"),
+        (("run", "motor.toml", "--unit", "controller=controller"), "robot: expected one for controller, got none"),
+        (("run", "motor.toml", "--set", "robot.mass=3"), "no component has a parameter mass of the robot"),
+        (("run", "motor.toml", "--set", "motor.payload_mass=3"), "has no payload_mass"),
+        (
+            ("sweep", "run", "motor.toml", "--over", "robot=planar_2dof", "--measure", "top=peak(motor.w)"),
+            "no component of which takes one",
+        ),
+        (
+            (
+                "tune", "motor.toml", "--vary", "controller.K_p=lin(0.02,0.2)", "--cost", "peak(motor.w)", "--margin",
+                "0.5",
+            ),
+            "expected a system with trajectory, feedforward and plant",
+        ),
+    ],
+    ids=lambda v: " ".join(v[:3]) if isinstance(v, tuple) else "",
+)  # fmt: skip
+def test_refusals_say_what_is_missing(inside, words, message):
+    done = command(*words)
+    assert done.exit_code != 0
+    assert message in " ".join(f"{done.output} {done.exception}".split())
+
+
+@pytest.mark.parametrize(
+    "extra",
+    [
+        'friction = "smooth"', "payload = { mass = 1.0 }", 'motion = { kind = "circle" }', "plant_factors = {}",
+        'paper = { source = "Table 4" }',
+    ],
+)  # fmt: skip
+def test_keys_of_a_robot_are_refused(inside, extra):
+    (inside / "extra.toml").write_text(f"{extra}\n{SCENARIO}")
+    key = extra.partition(" ")[0]
+    with pytest.raises(
+        ModelError, match=rf"extra\.toml: {key}: expected a scenario with a robot.* leave {key} out"
+    ):
+        vdfmu.load_scenario("extra.toml")
+
+
+def test_what_needs_a_robot_is_named(inside):
+    (inside / "arm.toml").write_text(
+        SCENARIO.replace('system = "drive.toml"\n', "").partition("[controller]")[0]
+    )
+    expected = (
+        r"arm\.toml: robot: expected one for trajectory, feedforward, controller, plant, got none\. Name one"
+    )
+    with pytest.raises(ModelError, match=expected) as caught:
+        vdfmu.load_scenario("arm.toml")
+    assert len(caught.value.problems) == 1
+    assert vdfmu.load_scenario("arm.toml", "planar_2dof").arm.name == "planar_2dof"  # which the option may be
+    (inside / "table.toml").write_text(SCENARIO.replace("cosimulation", "contrast"))
+    with pytest.raises(ModelError, match=r"table\.toml: robot: .* The key is missing: add it"):
+        vdfmu.load_scenario("table.toml")
+
+
+def test_a_robot_that_nothing_takes_is_noted(inside):
+    scenario = vdfmu.load_scenario("motor.toml")
+    assert scenario.robot is None
+    assert model_notes(scenario) == []
+    with pytest.raises(UsageError, match=r"scenario motor has no robot\. Name one in its file"):
+        _ = scenario.arm
+    (inside / "named.toml").write_text(f'robot = "planar_2dof"\n{SCENARIO}')
+    assert [note.partition(".")[0] for note in model_notes(vdfmu.load_scenario("named.toml"))] == [
+        "robot: no component takes it"
+    ]
+    assert "robot" not in scenario_schema()["required"]
+
+
+@pytest.mark.slow
+def test_components_with_robots_of_their_own_need_no_other(inside):
+    (inside / "both.toml").write_text(f'robot = "ur5e_6dof"\n{REACH}')
+    alone = vdfmu.run("reach.toml", out=inside / "alone")
+    both = vdfmu.run("both.toml", out=False, reference=False)
+    assert alone.names == both.names
+    for name in alone.names:
+        np.testing.assert_array_equal(alone[name], both[name])
+    assert "robot" not in alone.summary
+    assert (inside / "alone" / "signals.png").is_file()
+
+
+def test_end_stops_are_those_of_the_component(inside):
+    (inside / "beyond.toml").write_text(REACH.replace("q_end = 0.1", "q_end = 7.0"))
+    with pytest.raises(
+        ModelError, match=r"trajectory\.q_end\[1\]: expected a position of joint 1 between its end stops"
+    ):
+        vdfmu.load_scenario("beyond.toml")
+
+
+@pytest.mark.slow
+def test_fmus_of_any_tool_need_no_robot(inside, ran):
+    fmus = vdfmu.build_fmus(None, inside / "any", units=["motor.py:DCMotor", "motor.py:SpeedPI"])
+    assert len(fmus) == 2
+    wired = SYSTEM.replace("motor.py:SpeedPI", "any/SpeedPI.fmu").replace(
+        "motor.py:DCMotor", "any/DCMotor.fmu"
+    )
+    (inside / "any.toml").write_text(wired)
+    (inside / "fmus.toml").write_text(SCENARIO.replace("drive.toml", "any.toml"))
+    results = vdfmu.run("fmus.toml", out=False)
+    np.testing.assert_array_equal(results["motor.w"], ran[0]["motor.w"])  # as CSV has all digits
+    assert "an FMU has no equations" in results.summary["no_reference"]

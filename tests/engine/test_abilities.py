@@ -1,0 +1,82 @@
+"""Calls that an FMU declares and that do not work, one broken at a time: the FMU of ``claims.c``."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import fmpy
+import pytest
+
+from tests.engine.reference import models
+from vdfmu.engine.inspect.inspection import inspect_file
+from vdfmu.engine.run import simulate
+
+XML = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="Claims" guid="{0}">
+  <CoSimulation modelIdentifier="claims" canHandleVariableCommunicationStepSize="true" canGetAndSetFMUstate="true"
+    canSerializeFMUstate="true" providesDirectionalDerivative="true"/>
+  <ModelVariables>
+    <ScalarVariable name="y" valueReference="0" causality="output"><Real/></ScalarVariable>
+    <ScalarVariable name="u" valueReference="100" causality="input"><Real start="0"/></ScalarVariable>
+  </ModelVariables>
+  <ModelStructure><Outputs><Unknown index="1"/></Outputs>
+  <InitialUnknowns><Unknown index="1"/></InitialUnknowns></ModelStructure>
+</fmiModelDescription>"""
+BROKEN = (
+    None,
+    r"the process crashed \(signal 11\) in the calls that it declares",
+    "FMU state .canGetAndSetFMUState.: getFMUstate .* this unit has no state",
+    "repeated from the saved state, gives y = ",
+    "FMU state .canSerializeFMUState.: deSerializeFMUstate .* the bytes are of another version",
+    "directional derivatives: getDirectionalDerivative .* not implemented",
+    "directional derivatives: y by u is nan",
+    "closed files of the process",
+)
+"""What the check says of each way of ``claims.c``; the first is sound."""
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("claims") / f"claims{fmpy.sharedLibraryExtension}"
+    headers = Path(fmpy.__file__).parent / "c-code"
+    flags = ["-std=c11", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", f"-I{headers}"]
+    subprocess.run(["cc", *flags, "-o", path, Path(__file__).parent / "claims.c", "-lm"], check=True)
+    return path
+
+
+@pytest.mark.parametrize("way", range(len(BROKEN)))
+def test_a_declared_call_that_does_not_work_is_a_problem(way, library, tmp_path):
+    path = tmp_path / "claims.fmu"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("modelDescription.xml", XML.format(way))
+        archive.write(library, f"binaries/{fmpy.platform}/{library.name}")
+    problems = inspect_file(path).problems
+    if BROKEN[way] is None:
+        assert problems == []
+    else:
+        text = "\n".join(problems)
+        assert re.search(BROKEN[way], text), text
+        assert {problem.rule.number for problem in problems} <= {"RUN002", "RUN009"}
+
+
+def test_a_unit_that_refuses_its_event_mode_is_a_problem_and_runs_without(system, built, tmp_path):
+    """As Roberts of the Reference FMUs does."""
+    model = replace(
+        models.DAHLQUIST,
+        name="Refusing",
+        code="#define REFUSES_EVENT_MODE\n" + models.DAHLQUIST.code,
+        simulation={"hasEventMode": "true"},
+    )
+    path = tmp_path / "Refusing.fmu"
+    path.write_bytes(built(model, "3.0"))
+    (problem,) = inspect_file(path).problems
+    assert re.search("event mode .hasEventMode.: instantiate .* Event mode is not supported", problem)
+    notes = []
+    results = simulate(system({"m": (model, "3.0")}), stop=0.2, step=0.1, log=notes.append)
+    # explicit Euler at its own step, exact but for rounding
+    assert results["m.x"] == pytest.approx([1.0, 0.9, 0.81], rel=1e-15)
+    assert any("declares event mode (hasEventMode) and refuses it" in str(note) for note in notes)

@@ -1,0 +1,272 @@
+"""Faults of a system are reported before the run, all at once."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+import zipfile
+
+import pytest
+
+from vdfmu.base.errors import SspError
+from vdfmu.engine.inspect import trial as check_run
+from vdfmu.engine.inspect.inspection import check_file
+from vdfmu.engine.package import load_ssp
+from vdfmu.engine.package.read import read_system
+from vdfmu.engine.run import check_system, simulate
+from vdfmu.engine.simulate import run_system
+
+
+def problems(path, **options) -> list[str]:
+    with pytest.raises(SspError) as info:
+        check_system(load_ssp(path), **options)
+    return info.value.problems
+
+
+def expect(found: list[str], *patterns: str) -> None:
+    """Hold every pattern against one problem each, and the count."""
+    for pattern in patterns:
+        assert any(re.search(pattern, text) for text in found), f"{pattern} not in {found}"
+    assert len(found) == len(patterns), found
+
+
+def test_several_faults_at_once(pack, xml):
+    c = xml.component
+    path = pack(
+        [c("a", "Gain", "u:input y:output nothing:output"),
+         c("b", "Adder", "a:input b:input y:output"),
+         c("d", "Logic", "bi:input bo:output"),
+         c("deg", "Degrees", "y:output mm:output"), c("rad", "Radians", "u:input m:input"),
+         c("p", "Gain", "u:input", xml.values(xml.real("kk", 1.0) + xml.real("y", 1.0)))],
+        ["a.y -> b.a", "b.y -> b.a", "b.y -> d.bi", "a.y -> b.y", "a.y -> nobody.u", "a.z -> b.b",
+         "deg.mm -> rad.u", "b.y -> a.u"],
+    )  # fmt: skip
+    expect(
+        problems(path),
+        r"a\.nothing: resources/Gain\.fmu has no such variable",
+        r"b\.y -> b\.a: duplicate source, b\.a is already fed by a\.y",
+        r"b\.y -> d\.bi: type mismatch, Real to Boolean",
+        r"a\.y -> b\.y: direction error, it joins output a\.y and output b\.y",
+        r"a\.y -> nobody\.u: there is no element 'nobody'",
+        r"a\.z -> b\.b: a declares no connector 'z'",
+        r"deg\.mm -> rad\.u: unit mismatch, 'mm' \(m\) to 'rad' \(rad\)",
+        r"p: parameter 'kk' \(set: kk\): .* has no such variable; did you mean k",
+        r"p: parameter 'y' \(set: y\): is not settable: causality output",
+        r"algebraic loop in the steps: a\.y -> b\.a -> b\.y -> a\.u -> a\.y",
+    )
+
+
+def test_a_missing_fmu_hides_no_other_fault(pack, xml):
+    c = xml.component
+    path = pack(
+        [
+            c("a", "Nothing", "u:input y:output"),
+            c("b", "Gain", "u:output"),
+            c("d", "Gain", "", xml.values(xml.real("y", 1.0))),
+        ],
+        ["a.y -> d.u", "d.y -> a.u"],
+    )
+    system, faults = read_system(path)
+    expect(faults, "component 'a': the package has no 'resources/Nothing.fmu'")
+    with pytest.raises(SspError) as info:
+        check_system(system)
+    expect(
+        info.value.problems,
+        "component 'a': the package has no 'resources/Nothing.fmu'",
+        r"b\.u: the SSD declares kind 'output', the FMU causality 'input'",
+        r"a\.y -> d\.u: d declares no connector 'u'",
+        r"d\.y -> a\.u: d declares no connector 'y'",
+        r"d: parameter 'y' .*: is not settable",
+    )
+
+
+def test_a_loop_of_units_without_declared_dependencies_says_so(pack, xml):
+    c = xml.component
+    path = pack(
+        [c("a", "Stock", "u:input y:output"), c("b", "Stock", "u:input y:output")],
+        ["a.y -> b.u", "b.y -> a.u"],
+    )
+    loop = r"a\.y -> b\.u -> b\.y -> a\.u -> a\.y\. Note: no dependencies are declared by a, b"
+    expect(problems(path, algorithm="gauss-seidel"), loop)
+    # the default runs them, and says how
+    results = simulate(path, stop=1.0, step=0.25)
+    assert results.summary["algorithm"] == "jacobi"
+    (note,) = [n for n in results.summary["notes"] if "jacobi" in n]
+    assert re.match(
+        rf"the master is jacobi: gauss-seidel, the default, has no order for this system\. .*{loop}", note
+    )
+
+
+def test_units_that_must_each_step_first_are_named_and_jacobi_runs_them(pack, xml):
+    c = xml.component
+    path = pack(
+        [c("one", "Crossed", "a:input b:input y:output z:output"),
+         c("two", "Crossed", "a:input b:input y:output z:output"), c("source", "Ramp", "y:output")],
+        ["source.y -> one.a", "one.y -> two.a", "two.y -> one.b"],
+    )  # fmt: skip
+    expect(
+        problems(path),
+        r"gauss-seidel cannot order one, two: .*one\.y -> two\.a; two\.y -> one\.b\); use jacobi",
+    )
+    results = simulate(path, stop=4.0, step=1.0, algorithm="jacobi")
+    assert results["one.z"].tolist() == [2, 2, 2, 2, 3]
+
+
+def test_connectors_are_held_against_the_fmu(pack, xml):
+    unit = '<ssc:Unit name="mm"><ssc:BaseUnit m="1" factor="0.001"/></ssc:Unit>'
+    path = pack(
+        [xml.component("g", "Gain", "u:output:Real y:output:Integer"),
+         xml.component("r", "Radians", "m:input:Real:mm")],
+        units=unit,
+    )  # fmt: skip
+    expect(
+        problems(path),
+        r"g\.u: the SSD declares kind 'output', the FMU causality 'input'",
+        r"g\.y: the SSD declares type Integer, the FMU Real",
+        r"r\.m: unit mismatch, the SSD declares 'mm' \(m, factor 0\.001, offset 0\), the FMU 'm' \(m\)",
+    )
+
+
+def test_kinds_that_ssp_does_not_connect(pack, xml):
+    c = xml.component
+    path = pack(
+        [c("a", "Gain", "y:output"), c("b", "Gain", "u:input k:parameter"), c("d", "Gain", "k:parameter")],
+        ["a.y -> b.k", "x -> d.k"],
+        connectors="x:input",
+    )
+    expect(
+        problems(path),
+        "a.y -> b.k: direction error, it joins output a.y and parameter b.k; "
+        "parameter can be fed by calculatedParameter or system parameter",
+        "x -> d.k: direction error, it joins system input x and parameter d.k; parameter can be",
+    )
+
+
+def test_unconnected_inputs_are_notes_and_errors_when_strict(pack, xml):
+    bound = xml.component("b", "Gain", "u:input", xml.values(xml.real("u", 3.0)))
+    path = pack([xml.component("a", "Plant", "u:input y:output"), bound], ["a.y -> a.u"])
+    seen = []
+    results = simulate(path, stop=1.0, step=0.5, log=seen.append)
+    note = "a.load: input is not connected and keeps its start value"
+    assert results.summary["notes"] == [note]
+    assert [(m.status, str(m)) for m in seen] == [("note", note)]
+    assert results["b.y"].tolist() == [6.0, 6.0, 6.0]
+    assert problems(path, strict=True) == [note]
+
+
+def test_unmatched_parameters_can_be_ignored(pack, xml, monkeypatch):
+    path = pack(
+        [xml.component("a", "Gain", "", xml.values(xml.real("other", 1.0)))],
+        bindings=xml.values(xml.real("b.k", 1.0)),
+    )
+    out = "; correct the name, or have it ignored: ignore_unmatched, 'vdfmu simulate --ignore-unmatched'"
+    no_other, no_b = "a: parameter 'other' .* has no such variable", "parameter 'b.k' .* matches no element"
+    expect(problems(path), f"{no_other}{out}", f"{no_b} or connector{out}")
+    notes = check_system(load_ssp(path), ignore_unmatched=True).notes
+    expect(
+        [note for note in notes if "parameter" in note],
+        f"{no_other}; the value is ignored",
+        f"{no_b} or connector; the value is ignored",
+    )
+    with pytest.raises(SspError):
+        run_system(path, step=0.5, out=path.parent / "out")
+    results = run_system(path, step=0.5, out=path.parent / "out", ignore_unmatched=True)
+    assert any("'b.k'" in note for note in results.summary["notes"])
+    monkeypatch.setattr(check_run, "run_apart", lambda package, _: check_run._run_system(package, math.inf))
+    assert check_file(path) == []
+
+
+def test_variables_of_one_dotted_name_are_noted_and_set_together(pack, xml, fmus):
+    dotted = edit_fmu(fmus["Gain"], replace=[(b'name="k"', b'name="C.k"')])
+    outer = xml.component("B", "Gain").replace("Gain.fmu", "dotted.fmu")
+    path = pack([outer, xml.component("B.C", "Gain")], extra={"resources/dotted.fmu": dotted})
+    checked = check_system(load_ssp(path), {"B.C.k": 7.0})
+    assert {name: [(v.name, x) for v, x in found] for name, found in checked.starts.items()} == {
+        "B": [("C.k", 7.0)],
+        "B.C": [("k", 7.0)],
+    }
+    assert [note for note in checked.notes if "two variables" in note] == [
+        "B.C.k: two variables have this name, of B and of B.C; rename a component to tell them apart"
+    ]
+
+
+def test_units_that_differ_in_the_last_digits_are_the_same(pack, xml):
+    units = '<ssc:Unit name="deg"><ssc:BaseUnit rad="1" factor="{}"/></ssc:Unit>'
+    elements = [
+        xml.component("d", "Degrees", "y:output:Real:deg"),
+        xml.component("g", "Gain", "u:input:Real:deg"),
+    ]
+    path = pack(elements, ["d.y -> g.u"], units=units.format("0.0174533"))
+    (link,) = check_system(load_ssp(path)).links
+    assert link.conversion.trivial
+    expect(
+        problems(pack(elements, ["d.y -> g.u"], units=units.format("0.0174532"))),
+        r"d\.y: unit mismatch, the SSD declares 'deg' \(rad, factor 0\.0174532, offset 0\), "
+        r"the FMU 'deg' \(rad, factor 0\.017453292519943295, offset 0\)",
+    )
+
+
+def test_parameters_of_a_wrong_type(pack, xml):
+    text = '<ssv:Parameter name="k"><ssv:String value="big"/></ssv:Parameter>'
+    path = pack([xml.component("a", "Gain", "", xml.values(text))])
+    expect(problems(path), "type mismatch, String for a Real variable")
+
+
+def edit_fmu(fmu, **changes) -> bytes:
+    """Return an FMU with its model description changed, and without the members named in `drop`."""
+    drop = changes.pop("drop", None)
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(fmu) as source, zipfile.ZipFile(buffer, "w") as target:
+        for name in source.namelist():
+            if drop and name.startswith(drop):
+                continue
+            data = source.read(name)
+            if name == "modelDescription.xml":
+                for old, new in changes.get("replace", ()):
+                    assert old in data
+                    data = data.replace(old, new)
+            target.writestr(name, data)
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"replace": [(b'fmiVersion="2.0"', b'fmiVersion="1.0"')]}, "is an FMU of FMI 1.0; the master runs"),
+        ({"drop": "binaries/"}, "has no binary for this platform .*; it has none"),
+        ({"replace": [(b"<fmiModelDescription", b'<!DOCTYPE x [<!ENTITY e "x">]><fmiModelDescription')]},
+         "document type declaration"),
+        ({"replace": [(b'causality="output"', b'causality="outputs"')]}, "faulty model description"),
+        ({"replace": [(b"<CoSimulation ", b"<ModelExchange "),
+                      (b'canHandleVariableCommunicationStepSize="true" canInterpolateInputs="false" ', b"")]},
+         "the SSD asks for CoSimulation, resources/changed.fmu has ModelExchange"),
+    ],
+)  # fmt: skip
+def test_fmus_that_cannot_be_run(pack, xml, fmus, changes, message):
+    element = xml.component("a", "changed", "", attributes='implementation="CoSimulation"')
+    path = pack([element], extra={"resources/changed.fmu": edit_fmu(fmus["Gain"], **changes)})
+    expect(problems(path), message)
+
+
+def test_an_fmu_asked_for_as_model_exchange(pack, xml):
+    path = pack([xml.component("a", "Gain", attributes='implementation="ModelExchange"')])
+    expect(problems(path), r"a: the SSD asks for ModelExchange, resources/Gain\.fmu has CoSimulation")
+
+
+def test_an_fmu_that_can_be_there_only_once(pack, xml, fmus):
+    old = b'canBeInstantiatedOnlyOncePerProcess="false"'
+    data = edit_fmu(fmus["Gain"], replace=[(old, old.replace(b"false", b"true"))])
+    elements = [xml.component(n, "Gain").replace("Gain.fmu", "once.fmu") for n in ("a", "b")]
+    path = pack(elements, extra={"resources/once.fmu": data})
+    expect(problems(path), "a, b: resources/once.fmu can be instantiated only once per process")
+
+
+def test_a_linear_transformation_of_an_integer(pack, xml):
+    c = xml.component
+    twice = '<ssc:LinearTransformation factor="2"/>'
+    path = pack(
+        [c("count", "Counter", "n:output"), c("logic", "Logic", "ii:input")],
+        [xml.connection("count.n -> logic.ii", twice)],
+    )
+    expect(problems(path), "a linear transformation does not apply to Integer")

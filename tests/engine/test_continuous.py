@@ -1,0 +1,468 @@
+"""Algorithms for continuous coupling: by hand on small systems, and their order on the manipulator."""
+
+from __future__ import annotations
+
+import io
+import tempfile
+import zipfile
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import vdfmu
+from vdfmu.base.errors import CosimError, SspError, UsageError
+from vdfmu.engine.fmu.component import Slave
+from vdfmu.engine.run import simulate
+from vdfmu.study.run.summary import power_bond
+from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.package.write import write_ssp
+from vdfmu.system.reference.reference import reference
+from vdfmu.system.scenario import load_scenario
+from vdfmu.system.scenario.parts import cached_fmus
+from vdfmu.system.scenario.values import system_values
+
+# A plant x' = u under u = G r + K (r - x), r = 0.3 t. No unit takes derivatives of its inputs, so the plant gets the
+# mean of the torques at both ends of the step, which for x' = u is the integral of the line between them.
+H, G, K = 0.125, 0.75, 1.5
+ROUNDING = 1e-14  # some ten operations on numbers of order 1
+
+
+@pytest.fixture
+def loop(pack, xml):
+    c = xml.component
+    return pack(
+        [
+            c("plant", "Plant", "u:input y:output"),
+            c("trajectory", "Ramp", "y:output"),
+            c("controller", "Adder", "a:input b:input y:output"),
+            c("error", "Adder", "a:input b:input y:output"),
+            c("feedforward", "Gain", "u:input y:output"),
+        ],
+        [
+            "trajectory.y -> feedforward.u",
+            "trajectory.y -> error.a",
+            xml.connection("plant.y -> error.b", '<ssc:LinearTransformation factor="-1"/>'),
+            "feedforward.y -> controller.a",
+            xml.connection("error.y -> controller.b", f'<ssc:LinearTransformation factor="{K}"/>'),
+            "controller.y -> plant.u",
+        ],
+    )
+
+
+def run(path, algorithm, **options):
+    parameters = {"trajectory.slope": 0.3, "feedforward.k": G, "plant.x0": 0.1}
+    return simulate(path, stop=2.0, step=H, algorithm=algorithm, parameters=parameters, **options)
+
+
+def test_extrapolated_predicts_what_is_not_computed_yet_and_runs_on_a_line(loop):
+    results = run(loop, "extrapolated")
+    n = 16
+    r = 0.3 * (H * np.arange(n + 1))
+    x, tau = np.empty(n + 1), np.empty(n + 1)
+    x[0], tau[0] = 0.1, (G + K) * r[0] - K * 0.1
+    for k in range(n):
+        predicted = 2 * x[k] - x[k - 1] if k else x[0]
+        tau[k + 1] = (G + K) * r[k + 1] - K * predicted
+        x[k + 1] = x[k] + H * 0.5 * (tau[k] + tau[k + 1])
+    np.testing.assert_allclose(results["plant.y"], x, rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(results["controller.y"], tau, rtol=0, atol=ROUNDING)
+    # a row holds what an input was at the end of the step
+    np.testing.assert_array_equal(results["plant.u"], results["controller.y"])
+    # of the units, three have feed-through and step in two halves
+    assert results.summary["communication"] == {
+        "steps": n, "convergence": None, "rejected": 0, "jumps": 0, "unit_steps": (2 + 3 * 2) * n, "shortest_step": H,
+        "longest_step": H,
+    }  # fmt: skip
+
+
+def test_iterative_is_the_trapezoidal_rule(loop):
+    convergence = 1e-12
+    results = run(loop, "iterative", convergence=convergence)
+    n = 16
+    r = 0.3 * (H * np.arange(n + 1))
+    x = np.empty(n + 1)
+    x[0] = 0.1
+    for k in range(n):  # x' = (G + K) r - K x, solved for the new x
+        known = x[k] + 0.5 * H * ((G + K) * (r[k] + r[k + 1]) - K * x[k])
+        x[k + 1] = known / (1 + 0.5 * H * K)
+    # a step leaves at most the last change, times the contraction K H / 2 < 0.1; 16 steps add up
+    np.testing.assert_allclose(results["plant.y"], x, rtol=0, atol=16 * 0.1 * convergence + ROUNDING)
+    feedback = (G + K) * r - K * results["plant.y"]
+    np.testing.assert_allclose(results["controller.y"], feedback, rtol=0, atol=K * convergence + ROUNDING)
+
+
+def test_units_outside_a_loop_step_once(loop):
+    """Trajectory and feedforward feed the loop and are not in it; the others are linear, which takes 3 sweeps.
+
+    Units with feed-through step in two halves: the feedforward, and the two in the loop beside the plant.
+    """
+    summary = run(loop, "iterative").summary
+    assert summary["order"][:2] == ["trajectory", "feedforward"]
+    assert set(summary["order"][2:4]) == {"error", "controller"}
+    first_step_learns = 3
+    assert (
+        3 * 16 + 5 * 16
+        <= summary["communication"]["unit_steps"]
+        <= 3 * 16 + 5 * 2 * 16 + 5 * first_step_learns
+    )
+
+
+def test_two_states_that_read_each_other(pack, xml):
+    c = xml.component
+    path = pack(
+        [c("a", "Plant", "u:input y:output"), c("b", "Plant", "u:input y:output")],
+        ["a.y -> b.u", "b.y -> a.u"],
+    )
+    results = simulate(
+        path, stop=1.0, step=0.25, algorithm="iterative", convergence=1e-13, parameters={"a.x0": 1.0}
+    )
+    # trapezoidal rule for x' = [0 1; 1 0] x
+    J = 0.125 * np.array([[0.0, 1.0], [1.0, 0.0]])
+    x = [np.array([1.0, 0.0])]
+    for _ in range(4):
+        x.append(np.linalg.solve(np.eye(2) - J, (np.eye(2) + J) @ x[-1]))
+    found = np.column_stack([results["a.y"], results["b.y"]])
+    np.testing.assert_allclose(found, x, rtol=0, atol=4 * 1e-13 + ROUNDING)
+
+
+def test_what_gauss_seidel_cannot_order(pack, xml):
+    """Two units of two channels each, cross-connected: a loop of units that is none of variables."""
+    c = xml.component
+    both = "a:input b:input y:output z:output"
+    path = pack(
+        [c("source", "Ramp", "y:output"), c("p", "Crossed", both), c("q", "Crossed", both),
+         c("end", "Adder", "a:input b:input y:output")],
+        ["source.y -> p.a", "source.y -> q.b", "p.y -> q.a", "q.z -> p.b", "p.z -> end.a", "q.y -> end.b"],
+    )  # fmt: skip
+    with pytest.raises(SspError, match="gauss-seidel cannot order"):
+        simulate(path, stop=1.0, step=0.25)
+    for algorithm in ("iterative", "extrapolated"):
+        results = simulate(path, stop=1.0, step=0.25, algorithm=algorithm)
+        r = results.time
+        np.testing.assert_array_equal(results["q.y"], r + 2.0)
+        # a line is predicted exactly from its second point on
+        late = 2 if algorithm == "extrapolated" else 0
+        np.testing.assert_array_equal(results["p.z"][late:], r[late:])
+
+
+def test_a_system_without_connections(pack, xml):
+    path = pack([xml.component("source", "Ramp", "y:output")])
+    for options in ({}, {"adaptive": 1e-3}):
+        results = simulate(path, stop=1.0, step=0.25, algorithm="iterative", **options)
+        np.testing.assert_allclose(results["source.y"], results.time, rtol=0, atol=ROUNDING)
+
+
+# ---------------------------------------------------------------- error control
+
+
+def exact(t):
+    """Solution of x' = (G + K) 0.3 t - K x, x(0) = 0.1."""
+    a = 0.3 * (G + K) / K
+    return a * (t - 1 / K) + (0.1 + a / K) * np.exp(-K * t)
+
+
+@pytest.mark.parametrize("algorithm", ["extrapolated", "iterative"])
+def test_the_error_follows_the_one_that_is_asked_for(loop, algorithm):
+    errors, steps = [], []
+    for adaptive in (1e-3, 1e-4, 1e-5):
+        results = run(loop, algorithm, adaptive=adaptive)
+        np.testing.assert_array_equal(results.time, H * np.arange(17.0))
+        errors.append(np.abs(results["plant.y"] - exact(results.time)).max())
+        steps.append(results.summary["communication"]["steps"])
+        # An error e of the torque in each step, in one direction, shifts x by at most e / K.
+        assert errors[-1] < adaptive / K * max(1.0, np.abs(results["controller.y"]).max())
+    # The estimate is of second order in the step: a hundredth of the error takes ten times the steps. Rows end steps
+    # early, and the first ten are short to begin with.
+    assert 5.0 < (steps[2] - 20) / (steps[0] - 20 if steps[0] > 40 else 20) < 20.0
+    assert errors[2] < errors[0] / 20
+
+
+def test_a_unit_that_refuses_long_steps_gets_shorter_ones(pack, xml):
+    c = xml.component
+    path = pack(
+        [c("source", "Ramp", "y:output"), c("plant", "Choosy", "u:input y:output")],
+        ["source.y -> plant.u"],
+    )
+    # pythonfmu calls a refusal the end of the simulation
+    assert simulate(path, stop=1.0, step=0.5, algorithm="iterative").summary["ended"]["time"] == 0.0
+    seen = []
+    results = simulate(path, stop=1.0, step=0.5, algorithm="iterative", adaptive=0.5, log=seen.append)
+    facts = results.summary["communication"]
+    assert facts["rejected"] > 0
+    assert facts["longest_step"] <= 0.1
+    # u = t runs on a line: its integral is exact
+    np.testing.assert_allclose(results["plant.y"], 0.5 * results.time**2, rtol=0, atol=100 * ROUNDING)
+    assert not [m for m in seen if "too long" in m.text]  # it was no trouble
+
+
+def test_a_refusal_counts_without_any_real_output(pack, xml):
+    path = pack([xml.component("counter", "Refuser", "n:output:Integer")])
+    results = simulate(path, stop=1.0, step=0.5, algorithm="iterative", adaptive=1e-3)
+    assert results.summary["communication"]["longest_step"] <= 0.1
+    # the shortest step is 1e-11 of the run: 10 s, and refused, which pythonfmu calls the end of the simulation
+    results = simulate(path, stop=1e12, step=1e12, algorithm="iterative", adaptive=1e-3)
+    assert results.summary["ended"] == {"component": "counter", "time": 0.0}
+    assert len(results) == 1
+
+
+def test_saved_states_are_freed(loop, monkeypatch):
+    calls = []
+    call = Slave.call
+
+    def counted(self, name, *arguments):
+        calls.append(name)
+        return call(self, name, *arguments)
+
+    monkeypatch.setattr(Slave, "call", counted)
+    run(loop, "iterative", adaptive=1e-3, isolate=False)
+    assert calls.count("FreeFMUstate") == calls.count("GetFMUstate") > 0
+
+
+def test_a_repeated_step_says_things_once(pack, xml):
+    c = xml.component
+    path = pack(
+        [c("plant", "Talker", "u:input y:output"), c("gain", "Gain", "u:input y:output")],
+        ["plant.y -> gain.u", "gain.y -> plant.u"],
+    )
+    seen = []
+    results = simulate(path, stop=1.0, step=0.25, algorithm="iterative", log=seen.append)
+    assert results.summary["communication"]["unit_steps"] > 2 * 4
+    assert [m.time for m in seen if m.text == "a step"] == [0.0, 0.25, 0.5, 0.75]
+
+
+def test_a_fatal_refusal_is_final(pack, xml):
+    c = xml.component
+    path = pack([c("source", "Ramp", "y:output"), c("arm", "Fragile", "y:output")])
+    with pytest.raises(CosimError, match="status fatal") as info:
+        simulate(path, stop=1.0, step=0.25, algorithm="iterative", adaptive=0.1, parameters={"arm.at": 0.5})
+    assert len(info.value.results) == 3
+
+
+def slider(pack, xml, options, k=4.0):
+    """Return the errors of a mass whose spring is pulled at its other end, and of what that end does with the force.
+
+    The end moves with p' = cos(t) - f / 4, the mass with x'' = f, f = k (p - x); x is neither read nor passed on.
+    """
+    c = xml.component
+    path = pack(
+        [c("mass", "Sprung", "p:input f:output x:output v:output"), c("end", "Carrier", "f:input p:output")],
+        ["end.p -> mass.p", "mass.f -> end.f"],
+    )  # fmt: skip
+    options = {"stop": 4.0, "algorithm": "iterative", "parameters": {"mass.k": k}} | options
+    results = simulate(path, **options)
+
+    def rates(t, y):
+        p, x, v = y
+        force = k * (p - x)
+        return np.cos(t) - 0.25 * force, v, force
+
+    exact = solve_ivp(rates, (0.0, 4.0), np.zeros(3), "DOP853", results.time, rtol=1e-12, atol=1e-12).y
+    found = np.array([results["end.p"], results["mass.x"], results["mass.v"]])
+    return np.abs(found - exact).max(), results.summary
+
+
+def test_a_mass_behind_a_spring_is_of_second_order_without_input_derivatives(pack, xml):
+    """State and feed-through of one input: it steps in halves, with the input at the start and at the end."""
+    coarse, summary = slider(pack, xml, {"step": 0.0625})
+    fine, _ = slider(pack, xml, {"step": 0.03125})
+    # an error of order 2 falls by 4 (1 + O(h)); 10 % for the next order
+    assert np.log2(coarse / fine) == pytest.approx(2.0, rel=0.1)
+    assert not any("first order" in note for note in summary["notes"])
+
+
+@pytest.mark.parametrize("adaptive", [1e-3, 1e-4, 1e-5])
+def test_error_control_holds_the_states_of_a_mass_behind_a_spring(pack, xml, adaptive):
+    """Without the halves they err by 40 to 2600 times the allowed error, as a coupling of first order does."""
+    error, _ = slider(pack, xml, {"step": 0.25, "adaptive": adaptive})
+    # A line of p or f that is off by e in one direction all the time moves the mass by at most 4 e t^2 / 2 = 32 e; the
+    # oscillation of period pi averages that over half a period, 4 e (pi / 2)^2 / 2 = 5 e.
+    assert error < 5 * adaptive
+
+
+@pytest.mark.parametrize("algorithm", ["extrapolated", "iterative"])
+def test_a_stiff_spring_passes_its_input_on_and_does_not_jump(pack, xml, algorithm):
+    """The force starts a step with k times the error that the prediction of p had: no shorter step lowers that."""
+    k, adaptive = 100.0, 1e-6
+    error, _ = slider(pack, xml, {"step": 0.1, "adaptive": adaptive, "algorithm": algorithm}, k)
+    # Forces up to 5 are allowed 5e: p moves by at most 0.25 * 5e * 4 = 5e, x follows it, and v by sqrt(k) times that.
+    assert error < 50 * adaptive
+
+
+# ---------------------------------------------------------------- wrong use
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"algorithm": "jacobi", "adaptive": 1e-3}, "jacobi samples the signals .* use extrapolated or iterative"),
+        ({"algorithm": "iterative", "adaptive": 2.0}, "adaptive: expected a relative error between 0 and 1, got 2"),
+        ({"algorithm": "iterative", "adaptive": float("nan")}, "adaptive: .* got nan"),
+        ({"algorithm": "extrapolated", "convergence": 1e-9}, "convergence: extrapolated repeats nothing"),
+        ({"algorithm": "iterative", "convergence": 0.0}, "convergence: .* got 0"),
+        ({"algorithm": "implicit"}, "unknown algorithm 'implicit'; there are .*extrapolated, iterative"),
+    ],
+)  # fmt: skip
+def test_options_that_do_not_fit(loop, options, words):
+    with pytest.raises(UsageError, match=words):
+        simulate(loop, step=H, **options)
+
+
+def test_units_that_cannot_repeat_a_step_are_named_before_the_run(pack, xml):
+    c = xml.component
+    path = pack(
+        [c("a", "Stock", "u:input y:output"), c("b", "Plant", "u:input y:output")],
+        ["a.y -> b.u", "b.y -> a.u"],
+    )
+    with pytest.raises(SspError, match="a: .*cannot save and restore its state .*use extrapolated"):
+        simulate(path, stop=1.0, step=0.25, algorithm="iterative")
+    with pytest.raises(SspError, match="cannot save and restore"):
+        simulate(path, stop=1.0, step=0.25, algorithm="extrapolated", adaptive=1e-3)
+    assert len(simulate(path, stop=1.0, step=0.25, algorithm="extrapolated")) == 5
+
+
+def test_units_of_one_step_length_are_named_before_the_run(pack, xml):
+    path = pack([xml.component("a", "Plant", "u:input y:output")], extra={})
+    rigid = path.with_name("rigid.ssp")
+    with zipfile.ZipFile(path) as old, zipfile.ZipFile(rigid, "w") as new:
+        new.writestr("SystemStructure.ssd", old.read("SystemStructure.ssd"))
+        data = io.BytesIO()
+        with (
+            zipfile.ZipFile(io.BytesIO(old.read("resources/Plant.fmu"))) as fmu,
+            zipfile.ZipFile(data, "w") as other,
+        ):
+            for name in fmu.namelist():
+                text = fmu.read(name)
+                if name == "modelDescription.xml":
+                    key = b'canHandleVariableCommunicationStepSize="'
+                    assert key + b"true" in text
+                    text = text.replace(key + b"true", key + b"false")
+                other.writestr(name, text)
+        new.writestr("resources/Plant.fmu", data.getvalue())
+    with pytest.raises(SspError, match="a: .* takes steps of one length only"):
+        simulate(rigid, stop=1.0, step=0.25, algorithm="iterative", adaptive=1e-3)
+    assert len(simulate(rigid, stop=1.0, step=0.25, algorithm="iterative")) == 5
+
+
+def test_steps_below_the_resolution_of_time_are_refused(loop):
+    with pytest.raises(CosimError, match=r"below the resolution of time at 1e\+09 s"):
+        simulate(loop, start=1e9, stop=1e9 + 2**-8, step=2**-10, algorithm="iterative", adaptive=1e-3)
+
+
+def test_a_coupling_that_does_not_converge_says_so(pack, xml):
+    """Far beyond the contraction of plain repetition it does converge, but not to less than rounding errors."""
+    c = xml.component
+    times = '<ssc:LinearTransformation factor="-1000"/>'  # x' = -1000 x
+    path = pack(
+        [c("plant", "Plant", "u:input y:output")],
+        [xml.connection("plant.y -> plant.u", times)],
+    )
+    results = simulate(path, stop=1.0, step=0.25, algorithm="iterative", parameters={"plant.x0": 1.0})
+    # trapezoidal rule: (1 - 125) / (1 + 125) a step; the guesses end within 1e-8 of it
+    factor = (1 - 125.0) / (1 + 125.0)
+    np.testing.assert_allclose(results["plant.y"], factor ** np.arange(5), rtol=0, atol=5e-8)
+    with pytest.raises(
+        CosimError, match="does not converge: y still changes by .*choose a shorter step"
+    ) as info:
+        simulate(
+            path,
+            stop=1.0,
+            step=0.25,
+            algorithm="iterative",
+            convergence=1e-300,
+            parameters={"plant.x0": 1 / 3},
+        )
+    assert len(info.value.results) == 1
+    assert "adaptive" in str(info.value)
+
+
+# ---------------------------------------------------------------- the manipulator
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    """Return a function that runs a scenario for 0.256 s at solver tolerance 1e-10.
+
+    It returns the largest error of q against the continuous solution and the relative energy residual.
+    """
+    folder = tmp_path_factory.mktemp("study")
+    known = {}
+
+    def once(name, algorithm, step, backend="native", **options):
+        scenario = load_scenario(name)
+        values = system_values(scenario, {"plant.tolerance": "1e-10"})
+        if name not in known:
+            known[name] = reference("continuous", SystemDescription(scenario, values), step=4e-3, stop=0.256)
+        path = write_ssp(scenario, cached_fmus(scenario, folder, backend), folder / "arm.ssp", values)
+        results = simulate(path, step=step, stop=0.256, algorithm=algorithm, **options)
+        rows = slice(None, None, round(4e-3 / step))
+        bond = power_bond(results, scenario.robot)["power_bond"]
+        share = sum(bond["residual_energy_abs_j"]) / sum(bond["exchanged_energy_j"])
+        return np.abs(results["plant.q"][rows] - known[name]["plant.q"]).max(), share
+
+    return once
+
+
+# Halving the step divides an error of order p by 2^p (1 + O(h)); the bounds leave 10 % for the next order. The units in
+# Python take no derivatives of inputs: their means are as good.
+@pytest.mark.parametrize(
+    ("name", "algorithm", "backend", "step", "order"),
+    [
+        ("tracking", "gauss-seidel", "native", 1e-3, 1),
+        ("tracking", "extrapolated", "native", 1e-3, 2),
+        ("tracking", "iterative", "native", 4e-3, 2),
+        ("planar_tracking", "extrapolated", "python", 2e-3, 2),
+        ("planar_tracking", "iterative", "python", 2e-3, 2),
+    ],
+)
+def test_order_in_the_communication_step(study, name, algorithm, backend, step, order):
+    coarse, _ = study(name, algorithm, step, backend)
+    fine, _ = study(name, algorithm, step / 2, backend)
+    assert np.log2(coarse / fine) == pytest.approx(order, rel=0.1)
+
+
+def test_the_energy_residual_has_the_order_of_the_coupling(study):
+    for algorithm, order in (("gauss-seidel", 1), ("extrapolated", 2)):
+        shares = [study("planar_tracking", algorithm, step, "python")[1] for step in (1e-3, 5e-4)]
+        assert np.log2(shares[0] / shares[1]) == pytest.approx(order, rel=0.1)
+    # iterative ends where torque and velocity agree to the bound of convergence
+    assert study("planar_tracking", "iterative", 1e-3, "python")[1] < shares[1] / 100
+
+
+def test_the_energy_residual_is_the_integral_over_the_steps():
+    """With torque and velocity held over a step, the integrals are exact: torque times way, less torque times velocity.
+
+    The trapezoidal rule takes the velocity as linear in the step, which is right to the size of its second derivative.
+    """
+    scenario = load_scenario("planar_tracking")
+    robot = scenario.robot
+    with tempfile.TemporaryDirectory() as folder:
+        path = write_ssp(scenario, cached_fmus(scenario, folder, "python"), f"{folder}/arm.ssp")
+        results = simulate(path, step=1e-3, stop=0.5, algorithm="gauss-seidel")
+    torque = robot.ell * results["plant.tau"][1:]
+    way = np.diff(results["plant.kappa"], axis=0)
+    exact = (torque * (way - 1e-3 * results["controller.kappa_dot"][1:])).sum(axis=0)
+    found = power_bond(results, robot)["power_bond"]
+    np.testing.assert_allclose(found["residual_energy_j"], exact, rtol=0.02)
+    np.testing.assert_allclose(found["exchanged_energy_j"], np.abs(torque * way).sum(axis=0), rtol=0.02)
+
+
+def test_error_control_finds_the_steps(study):
+    errors = [study("tracking", "iterative", 4e-3, adaptive=e)[0] for e in (1e-5, 1e-7)]
+    assert errors[1] < errors[0] / 10
+
+
+def test_a_run_is_compared_with_the_continuous_reference_and_shows_its_steps(tmp_path):
+    summary = vdfmu.run(
+        "planar_tracking",
+        stop=0.1,
+        step=0.01,
+        out=tmp_path,
+        backend="python",
+        master="iterative",
+        adaptive=1e-5,
+    ).summary
+    assert list(summary["reference"]) == ["continuous"]
+    assert summary["adaptive"] == 1e-5
+    assert summary["communication"]["steps"] > 10
+    assert set(summary["power_bond"]) == {"residual_energy_j", "residual_energy_abs_j", "exchanged_energy_j"}

@@ -1,0 +1,191 @@
+"""How a run ends: at its stop time, at the end that a unit makes, at what is not a number, at a failure."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+
+from vdfmu.base.errors import CosimError
+from vdfmu.engine.inspect import trial as check_run
+from vdfmu.engine.run import ALGORITHMS, simulate
+
+COUPLINGS = [{"algorithm": name} for name in ALGORITHMS] + [
+    {"algorithm": name, "adaptive": 1e-4} for name in ("extrapolated", "iterative")
+]
+PARAMETERS = ("end", "nan_from", "inf_from", "refuse", "mute", "discard")
+XML = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="Strict" guid="{{strict}}">
+  <CoSimulation modelIdentifier="strict" canHandleVariableCommunicationStepSize="true" canGetAndSetFMUstate="true"/>
+  <ModelVariables>
+    <ScalarVariable name="y" valueReference="0" causality="output"><Real/></ScalarVariable>{}
+  </ModelVariables>
+  <ModelStructure><Outputs><Unknown index="1" dependencies=""/></Outputs></ModelStructure>
+</fmiModelDescription>"""
+
+
+@pytest.fixture(scope="module")
+def strict(tmp_path_factory) -> Path:
+    """Return the FMU of strict.c, of which y is the time."""
+    folder = tmp_path_factory.mktemp("strict")
+    library = folder / f"strict{fmpy.sharedLibraryExtension}"
+    headers = Path(fmpy.__file__).parent / "c-code"
+    source = Path(__file__).with_name("strict.c")
+    flags = ["-std=c11", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", f"-I{headers}"]
+    subprocess.run(["cc", *flags, "-o", library, source, "-lm"], check=True)
+    more = "".join(
+        f'<ScalarVariable name="{name}" valueReference="{i}" causality="parameter" variability="fixed">'
+        '<Real start="1e9"/></ScalarVariable>'
+        for i, name in enumerate(PARAMETERS, start=1)
+    )
+    path = folder / "Strict.fmu"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("modelDescription.xml", XML.format(more))
+        archive.write(library, f"binaries/{fmpy.platform}/{library.name}")
+    return path
+
+
+@pytest.fixture
+def package(pack, xml, strict):
+    """Return a package of the strict unit and an integrator of it, x' = t."""
+    c = xml.component
+    return pack(
+        [c("unit", "Strict", "y:output"), c("plant", "Plant", "u:input y:output")],
+        ["unit.y -> plant.u"],
+        extra={"resources/Strict.fmu": strict.read_bytes()},
+        experiment='<ssd:DefaultExperiment startTime="0" stopTime="0.01"/>',
+    )
+
+
+# ---------------------------------------------------------------- the stop time
+
+
+@pytest.mark.parametrize("options", COUPLINGS, ids=lambda o: "-".join(map(str, o.values())))
+@pytest.mark.parametrize(
+    ("start", "stop", "step"), [(0.0, 0.01, 0.001), (0.0, 0.3, 0.1), (0.1, 0.4, 0.1), (-0.3, 0.3, 0.6)]
+)
+def test_the_last_step_ends_at_the_stop(package, options, start, stop, step):
+    """Of the first two, the last step would be too long by rounding: 0.009 + 0.001 > 0.01."""
+    results = simulate(package, start=start, stop=stop, step=step, **options)
+    assert results.time[-1] == stop
+    # where the step can be rounded to it, it is the stop; never beyond, or the unit would have refused
+    assert stop - np.spacing(stop) <= results["unit.y"][-1] <= stop
+    # all rows before lie on the multiples of the step
+    n = len(results) - 1
+    np.testing.assert_array_equal(results.time[:-1], start + step * np.arange(n))
+
+
+def test_check_finds_no_fault_in_a_unit_that_keeps_its_stop_time(package, strict):
+    for path, kind in ((package, "SSP"), (strict, "FMU")):
+        assert check_run.run_apart(path, kind).problems == []
+
+
+# ---------------------------------------------------------------- the reason
+
+
+def test_the_reason_of_a_failure_is_the_units_own_and_no_debug_text(package):
+    with pytest.raises(CosimError) as info:
+        simulate(package, stop=1.0, step=0.25, parameters={"unit.refuse": 0.5})
+    assert str(info.value) == "unit: doStep at t = 0.5 s failed: the oil is too cold (status error)"
+
+
+def test_a_unit_that_gives_no_reason_is_quoted_with_its_last_message(package):
+    with pytest.raises(CosimError) as info:
+        simulate(package, stop=1.0, step=0.25, parameters={"unit.mute": 0.5})
+    assert info.value.reason == (
+        "the unit gave no reason; its last message: debug: fmi2DoStep ends (status error)"
+    )
+
+
+# ---------------------------------------------------------------- what is not a number
+
+
+@pytest.mark.parametrize("options", COUPLINGS, ids=lambda o: "-".join(map(str, o.values())))
+@pytest.mark.parametrize(("name", "value"), [("nan_from", "nan"), ("inf_from", "-inf")])
+def test_what_is_no_number_ends_the_run(package, options, name, value):
+    with pytest.raises(
+        CosimError, match=rf"unit: doStep .* y is {value} at t = 0\.[57]\d* s, expected a fin"
+    ) as info:
+        simulate(package, stop=1.0, step=0.25, parameters={f"unit.{name}": 0.5}, **options)
+    rows = info.value.results
+    assert rows["unit.y"].tolist() == [0.0, 0.25]  # those before it, all of numbers
+
+
+def test_an_output_that_nobody_reads_may_be_left_out(pack, xml, strict):
+    c = xml.component
+    path = pack(
+        [c("unit", "Strict", "y:output"), c("ramp", "Ramp", "y:output")],
+        extra={"resources/Strict.fmu": strict.read_bytes()},
+    )
+    options = {"stop": 1.0, "step": 0.25, "parameters": {"unit.nan_from": 0.5}}
+    with pytest.raises(CosimError, match="No component reads it: run on without it by what you record"):
+        simulate(path, **options)
+    assert len(simulate(path, record=["ramp.*"], **options)) == 5
+
+
+def command(package: Path, setting: str, out: Path) -> tuple[int, str]:
+    """Run a package as a user does; return the exit code and what was shown, in one line."""
+    done = subprocess.run(
+        [sys.executable, "-m", "vdfmu.cli", "simulate", package, "--step", "0.25", "--stop", "1", "--set", setting,
+         "--out", out],
+        capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+    return done.returncode, " ".join((done.stdout + done.stderr).split())
+
+
+def test_the_command_ends_with_an_error_and_keeps_the_rows(package, tmp_path):
+    code, shown = command(package, "unit.nan_from=0.5", tmp_path)
+    assert code == 1
+    assert "unit: doStep at t = 0.25 s failed: y is nan at t = 0.5 s, expected a finite number" in shown
+    assert (
+        len((tmp_path / "partial" / "results.csv").read_text().splitlines()) == 2 + 2
+    )  # names, units, t = 0 and 0.25 s
+
+
+def test_check_notes_what_is_no_number(fmus):
+    findings = check_run.run_apart(fmus["Dividing"])
+    assert findings.problems == []
+    assert any(
+        note.startswith("y is inf at t = 0 s, inputs at their start values") for note in findings.notes
+    )
+
+
+# ---------------------------------------------------------------- the end that a unit makes
+
+
+@pytest.mark.parametrize("options", COUPLINGS, ids=lambda o: "-".join(map(str, o.values())))
+@pytest.mark.parametrize("end", [0.5, 0.6])
+def test_a_unit_that_ends_the_simulation_makes_a_normal_end(package, options, end):
+    results = simulate(package, stop=1.0, step=0.25, parameters={"unit.end": end}, **options)
+    assert results.summary["ended"] == {"component": "unit", "time": end}
+    assert results.summary["stop"] == end
+    assert len(results) == results.summary["steps"] + 1
+    rows = [0.0, 0.25, 0.5] if end == 0.5 else [0.0, 0.25, 0.5, end]
+    assert results.time.tolist() == results["unit.y"].tolist() == rows
+    (note,) = [n for n in results.summary["notes"] if "ended" in n]
+    assert note.startswith(f"unit ended the simulation at t = {end:g} s")
+    if "adaptive" in options:  # the others stop there, to the shortest step, 1e-11 of the run
+        assert results["plant.y"][-1] == pytest.approx(end**2 / 2, abs=1e-10)
+    elif end == 0.6:
+        assert note.endswith("; the last row has its values of then, and those of the others of t = 0.75 s")
+
+
+def test_the_command_says_who_ended_the_simulation(package, tmp_path):
+    code, shown = command(package, "unit.end=0.5", tmp_path)
+    assert code == 0
+    assert "unit ended the simulation at t = 0.5 s" in shown
+    assert json.loads((tmp_path / "summary.json").read_text())["ended"]["time"] == 0.5
+
+
+def test_a_step_that_is_discarded_without_that_is_an_error(package):
+    with pytest.raises(
+        CosimError, match=r"unit: doStep at t = 0\.5 s .*: too long a step \(status discard\)"
+    ) as info:
+        simulate(package, stop=1.0, step=0.25, parameters={"unit.discard": 0.5})
+    assert info.value.results.time.tolist() == [0.0, 0.25, 0.5]

@@ -1,0 +1,163 @@
+"""A unit that fails: what the error says, and what is kept."""
+
+from __future__ import annotations
+
+import os
+import signal
+import tempfile
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.fmi1 import FMICallException
+
+from vdfmu.base.errors import CosimError, UsageError
+from vdfmu.engine.run import Interrupted, simulate
+from vdfmu.system.package.write import write_ssp
+from vdfmu.system.scenario import load_scenario
+from vdfmu.system.scenario.parts import cached_fmus
+
+
+@pytest.fixture
+def fragile(pack, xml):
+    return pack([xml.component("source", "Ramp", "y:output"), xml.component("arm", "Fragile", "y:output")])
+
+
+def run(path, mode, **options):
+    parameters = {"arm.at": 0.5, "arm.mode": mode}
+    return simulate(path, stop=1.0, step=0.1, parameters=parameters, **options)
+
+
+def test_an_exception_names_unit_call_time_and_the_units_own_words(fragile):
+    with pytest.raises(
+        CosimError, match=r"arm: doStep at t = 0\.5 s failed: .*q\[3\] is not finite: 100 %s"
+    ) as info:
+        run(fragile, 0)
+    error = info.value
+    assert (error.unit, error.call, error.time) == ("arm", "doStep", 0.5)
+    assert "status fatal" in error.reason
+
+
+def test_the_rows_before_the_failure_are_kept(fragile):
+    with pytest.raises(CosimError) as info:
+        run(fragile, 0)
+    results = info.value.results
+    np.testing.assert_array_equal(results.time, 0.1 * np.arange(6.0))
+    np.testing.assert_array_equal(results["arm.y"][1:], 0.1 * np.arange(5.0) + 0.1)
+    assert results.messages[-1].status == "fatal"
+    assert results.summary["wall_s"] > 0.0
+
+
+def test_a_step_that_pythonfmu_refuses_ends_the_simulation(fragile):
+    """Whatever its reason: it answers fmi2Discard, and that the unit wants to end the simulation."""
+    results = run(fragile, 1)
+    assert results.summary["ended"] == {"component": "arm", "time": 0.5}
+    assert len(results) == 6
+    assert str(results.messages[-2]) == "arm: the load is 50 %s of nominal"
+    assert str(results.messages[-1]) == "arm ended the simulation at t = 0.5 s"
+
+
+def test_a_warning_is_logged_with_unit_and_time_and_the_run_goes_on(fragile):
+    seen = []
+    results = run(fragile, 2, log=seen.append)
+    assert len(results) == 11
+    warnings = [m for m in seen if m.status == "warning"]
+    assert len(warnings) == 5
+    assert str(warnings[0]) == "arm: the load is 50 %s of nominal"
+    assert warnings[0].time == 0.5
+    assert results.messages == seen
+
+
+def test_a_failure_during_initialization_has_no_rows(fragile):
+    with pytest.raises(
+        CosimError, match="arm: exitInitializationMode at t = 0 s failed: .*no start possible"
+    ) as info:
+        run(fragile, 3)
+    assert info.value.results is None
+
+
+def test_nothing_is_left_in_the_temporary_folder(fragile, tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
+    (tmp_path / "tmp").mkdir()
+    run(fragile, 2)
+    with pytest.raises(CosimError):
+        run(fragile, 0)
+    assert list((tmp_path / "tmp").iterdir()) == []
+
+
+@pytest.mark.heavy
+def test_many_runs_in_one_process(fragile):
+    for _ in range(20):
+        with pytest.raises(CosimError):
+            run(fragile, 0)
+        assert len(run(fragile, 2)) == 11
+    descriptors = len(os.listdir("/proc/self/fd")) if Path("/proc/self/fd").exists() else 0
+    for _ in range(5):
+        run(fragile, 2)
+    assert descriptors == (len(os.listdir("/proc/self/fd")) if descriptors else 0)
+
+
+def test_ctrl_c_ends_the_run_after_the_step_and_keeps_the_rows(fragile):
+    def press(k: int, n: int) -> None:
+        if k == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(Interrupted, match=r"interrupted at t = 0\.4 s") as info:
+        run(fragile, 2, progress=press)
+    assert len(info.value.results) == 5
+    assert isinstance(info.value, KeyboardInterrupt)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_an_integer_outside_the_mapping_is_kept(pack, xml):
+    table = ('<ssc:IntegerMappingTransformation><ssc:MapEntry source="0" target="5"/>'
+             '<ssc:MapEntry source="1" target="6"/></ssc:IntegerMappingTransformation>')  # fmt: skip
+    path = pack(
+        [xml.component("count", "Counter", "n:output"), xml.component("logic", "Logic", "ii:input")],
+        [xml.connection("count.n -> logic.ii", table)],
+    )
+    results = simulate(path, stop=4.0, step=1.0)  # SSP 1.0, 4.3: values without an entry are kept unchanged
+    assert results["logic.ii"].tolist() == [5, 5, 6, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"step": 0.3}, r"stop: expected a multiple of step = 0\.3 s, got 1 s\. The nearest is 0\.9 s"),
+        ({"step": 0.0}, "step: expected a positive finite time, got 0 s"),
+        ({"step": float("nan")}, "step: expected a positive finite time, got nan s"),
+        ({"step": 0.1, "start": 2.0}, "stop - start: expected a positive finite time, got -1 s"),
+        ({"step": 0.1, "tolerance": -1.0}, "tolerance must be positive"),
+        ({"step": 0.1, "algorithm": "euler"}, "unknown algorithm 'euler'; there are gauss-seidel, jacobi"),
+        ({"step": 0.1, "parameters": {"arm.att": 1.0}}, "arm has no variable 'att'; did you mean at"),
+        ({"step": 0.1, "parameters": {"leg.at": 1.0}}, "no component of that name; there are source, arm"),
+        ({"step": 0.1, "parameters": {"arm.y": 1.0}}, "is not settable: causality output"),
+        ({"step": 0.1, "parameters": {"arm.mode": 0.5}}, "expected a value of type Integer, got 0.5"),
+        ({"step": 0.1, "parameters": {"arm.at": "soon"}}, "expected a value of type Real, got 'soon'"),
+        ({"step": 0.1, "record": ["leg.*"]}, r"no output or connected input matches 'leg\.\*'"),
+    ],
+)
+def test_wrong_options_are_usage_errors(fragile, options, message):
+    with pytest.raises(UsageError, match=message):
+        simulate(fragile, **options)
+
+
+def test_several_wrong_parameters_are_named_at_once(fragile):
+    with pytest.raises(UsageError, match="(?s)att.*leg"):
+        simulate(fragile, step=0.1, parameters={"arm.att": 1.0, "leg.at": 2.0})
+
+
+def test_text_is_read_as_a_value(fragile):
+    results = simulate(fragile, step=0.1, parameters={"source.slope": "2.5", "arm.mode": "2"})
+    assert results["source.y"][-1] == 2.5 * (0.9 + 0.1)
+
+
+def test_messages_of_plain_fmpy_are_still_printed_after_a_run(tmp_path, capfd):
+    """Fmpy's proxy for messages of native units has one receiver in a process, and our runs take it."""
+    scenario = load_scenario("planar_tracking")
+    fmus = cached_fmus(scenario, tmp_path, "native")
+    simulate(write_ssp(scenario, fmus, tmp_path / "x.ssp"), stop=0.002)
+    with pytest.raises(FMICallException):
+        fmpy.simulate_fmu(str(fmus["plant"]), stop_time=0.1, start_values={"mass[1]": -1.0})
+    assert "[ERROR] Plant: setReal failed: mass[1]: expected a number above 0" in capfd.readouterr().out

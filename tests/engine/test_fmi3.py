@@ -1,0 +1,139 @@
+"""Components of FMI 3.0, and of 2.0 beside them: types, arrays, sizes, events, clocks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.engine.reference import models
+from vdfmu.base.errors import CosimError, SspError, UsageError
+from vdfmu.engine.package import load_ssp
+from vdfmu.engine.plan.check import check_system
+from vdfmu.engine.run import ALGORITHMS, simulate
+
+LARGEST = {name: np.iinfo(name.lower()).max for name in models.INTEGERS} | {"UInt64": 2**63 - 1}
+
+
+# ---------------------------------------------------------------- types
+
+
+@pytest.mark.parametrize("isolate", [False, True])
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_all_scalar_types_pass_through(system, algorithm, isolate):
+    path = system(
+        {"a": (models.FEEDTHROUGH, "3.0"), "b": (models.FEEDTHROUGH, "3.0")},
+        [f"a.{kind}_output -> b.{kind}_input" for kind in models.SCALARS],
+    )
+    given = {"Float64": 0.1, "Float32": 0.1, "Boolean": True, "Enumeration": 2, **LARGEST}
+    results = simulate(
+        path, stop=0.3, step=0.1, algorithm=algorithm, isolate=isolate,
+        parameters={f"a.{kind}_input": value for kind, value in given.items()},
+    )  # fmt: skip
+    for kind, value in given.items():
+        # a Float32 is the nearest that there is
+        expected = np.float32(value) if kind == "Float32" else value
+        assert results[f"b.{kind}_output"].tolist() == [expected] * 4
+    assert "b.String_output" not in results and "b.Binary_output" not in results  # tables hold numbers
+
+
+def test_texts_and_binary_values_arrive(system):
+    """Of components that can only be asked: their last values, before they are freed."""
+    from vdfmu.base.temporary import temporary_folder
+    from vdfmu.engine.fmu.messages import MessageBox
+    from vdfmu.engine.masters.components import Components
+    from vdfmu.engine.plan.unpacked import unpack_units
+
+    path = system(
+        {"a": (models.FEEDTHROUGH, "3.0"), "b": (models.FEEDTHROUGH, "3.0"), "c": (models.FEEDTHROUGH_2, "2.0")},
+        ["a.String_output -> b.String_input", "a.Binary_output -> b.Binary_input", "b.String_output -> c.String_input"],
+    )  # fmt: skip
+    values = {"a.String_input": "grün", "a.Binary_input": b"\x00\xff\x00"}
+    checked = check_system(load_ssp(path), values)
+    with temporary_folder("test-") as folder:
+        components = Components(checked, unpack_units(checked, Path(folder))[0], MessageBox(None))
+        components.load()
+        components.initialize(0.0, 1.0, None)
+        components.couple(None, None, 1.0, None).advance(0.0, 0.1, 0.1)
+        b, c = components.slaves["b"], components.slaves["c"]
+        assert b.get(b.description.variables["Binary_output"]) == b"\x00\xff\x00"
+        assert b.get(b.description.variables["String_output"]) == "grün"
+        assert c.get(c.description.variables["String_output"]) == "grün"
+        assert components.close() is None
+
+
+def test_units_of_both_versions_in_one_system(system):
+    """Real is Float64, Float32 and Real; integers are integers of any length."""
+    path = system(
+        {"two": (models.FEEDTHROUGH_2, "2.0"), "three": (models.FEEDTHROUGH, "3.0"),
+         "back": (models.FEEDTHROUGH_2, "2.0")},
+        ["two.Float64_output -> three.Float64_input", "two.Int32_output -> three.Int8_input",
+         "two.Boolean_output -> three.Boolean_input", "three.Float64_output -> back.Float64_input",
+         "three.Int8_output -> back.Int32_input", "three.Boolean_output -> back.Boolean_input"],
+    )  # fmt: skip
+    values = {"two.Float64_input": 0.1, "two.Int32_input": -128, "two.Boolean_input": True}
+    results = simulate(path, stop=0.2, step=0.1, parameters=values)
+    assert results["back.Float64_output"].tolist() == [0.1] * 3
+    assert results["back.Int32_output"].tolist() == [-128] * 3
+    assert results["back.Boolean_output"].all()
+    # what does not fit is no other number
+    with pytest.raises(CosimError, match=r"three: setInt8 .*: expected a value of type Int8, got 128"):
+        simulate(path, stop=0.2, step=0.1, parameters=values | {"two.Int32_input": 128}, isolate=False)
+
+
+def test_what_does_not_fit_is_refused(system):
+    path = system({"a": (models.FEEDTHROUGH, "3.0")})
+    with pytest.raises(UsageError, match=r"'a.UInt8_input': expected a value of type Integer, got 256"):
+        simulate(path, stop=0.1, step=0.1, parameters={"a.UInt8_input": 256})
+    with pytest.raises(UsageError, match=r"'a.Binary_input': expected a value of type Binary, got 'no hex'"):
+        simulate(path, stop=0.1, step=0.1, parameters={"a.Binary_input": "no hex"})
+    mixed = {"a": (models.FEEDTHROUGH, "3.0"), "b": (models.FEEDTHROUGH, "3.0")}
+    path = system(mixed, ["a.Int8_output -> b.Float64_input", "a.String_output -> b.Binary_input"])
+    with pytest.raises(
+        SspError, match=r"type mismatch, Int8 to Float64\n?(.|\n)*type mismatch, String to Binary"
+    ):
+        check_system(load_ssp(path))
+
+
+# ---------------------------------------------------------------- arrays
+
+
+def test_elements_of_arrays_are_connected_one_by_one(system):
+    """One element fed, the others as set: the array is set as a whole all the same."""
+    path = system(
+        {
+            "k": (models.FEEDTHROUGH_2, "2.0"),
+            "s": (models.STATE_SPACE, "3.0"),
+            "t": (models.STATE_SPACE, "3.0"),
+        },
+        ["k.Float64_output -> s.u[2]", "s.y[3] -> t.u[1]", "s.y[1] -> t.u[3]"],
+    )
+    zero = {f"{name}.{matrix}": [0.0] * 9 for name in ("s", "t") for matrix in ("A", "B")}
+    results = simulate(
+        path, stop=0.2, step=0.1, parameters={"k.Float64_input": 7.0, "s.u[1]": 5.0, "t.u[2]": -1.0, **zero}
+    )
+    assert results["s.y"].tolist() == [[5.0, 7.0, 3.0]] * 3
+    assert results["t.y"].tolist() == [[3.0, -1.0, 5.0]] * 3
+
+
+def test_structural_parameters_size_the_arrays(system, xml):
+    sizes = {"s.n": 2, "s.m": 1, "s.r": 4}
+    path = system({"s": (models.STATE_SPACE, "3.0")})
+    values = {"s.A": [0.0, 1.0, -1.0, 0.0], "s.B": [0.0, 0.0], "s.C": [1.0, 0.0, 0.0, 1.0, 2.0, 0.0, 1.0, 1.0],
+              "s.D": [0.0] * 4, "s.x0": [1.0, 0.0], "s.u": [0.0]}  # fmt: skip
+    results = simulate(path, stop=1.0, step=0.01, parameters=sizes | values)
+    y = results["s.y"]
+    assert y.shape == (101, 4)
+    # the Euler method with 1 ms: an error of half a millisecond times the second derivative, 1, and as much again
+    np.testing.assert_allclose(y[-1, 0], np.cos(1.0), atol=1e-3)
+    np.testing.assert_array_equal(y[:, 2], 2 * y[:, 0])
+    np.testing.assert_array_equal(y[:, 3], y[:, 0] + y[:, 1])
+    bound = system({"s": (models.STATE_SPACE, "3.0")}, bindings={"s": xml.values(xml.integer("n", 1))})
+    assert "s.x0" not in simulate(bound, stop=0.1, step=0.1)
+    assert (
+        len(check_system(load_ssp(bound)).descriptions["s"].variables)
+        == 1 + 3 + 1 + 3 + 3 + 9 + 1 + 3 + 1 + 1 + 3
+    )
+    with pytest.raises(UsageError, match=r"'s.A': expected one value, or 4 for A\[1,1\] to A\[2,2\], got 9"):
+        simulate(path, stop=0.1, step=0.1, parameters=sizes | {"s.A": [0.0] * 9})

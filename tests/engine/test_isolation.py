@@ -1,0 +1,467 @@
+"""Components that end, crash or never return: in a process of their own the run says who, and keeps its rows."""
+
+from __future__ import annotations
+
+import gc
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.wild import build, write
+from vdfmu.base.errors import CosimError, UsageError
+from vdfmu.base.interrupt import listening
+from vdfmu.base.process import KEPT, SHOWN
+from vdfmu.engine.inspect import trial as check_run
+from vdfmu.engine.run import ALGORITHMS, Interrupted, simulate
+from vdfmu.system.package.write import write_ssp
+from vdfmu.system.scenario import load_scenario
+from vdfmu.system.scenario.parts import cached_fmus
+
+WAYS = (
+    "crash", "leave", "hang", "eat", "crash_free", "error_end", "fatal_end", "strange", "negative", "error_free",
+    "leave_early", "hang_end", "strange_end",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory) -> Path:
+    """Return the library of wild.c."""
+    return build(tmp_path_factory.mktemp("wild"))
+
+
+@pytest.fixture
+def wild(library, tmp_path):
+    """Return a function that makes the FMU, wild in a way from a time on by itself."""
+
+    def make(way: str = "", at: float = 0.0) -> Path:
+        return write(tmp_path / f"Wild{way}.fmu", library, WAYS.index(way) + 1 if way else 0, at)
+
+    return make
+
+
+@pytest.fixture
+def package(pack, xml, wild):
+    """Return a package of the wild unit, behind an integrator of it."""
+    c = xml.component
+    return pack(
+        [c("plant", "Plant", "u:input y:output"), c("unit", "Wild", "y:output")],
+        ["unit.y -> plant.u"],
+        extra={"resources/Wild.fmu": wild().read_bytes()},
+        experiment='<ssd:DefaultExperiment startTime="0" stopTime="1"/>',
+    )
+
+
+def fails(package: Path, way: str, **options) -> CosimError:
+    with pytest.raises(CosimError) as info:
+        simulate(package, step=0.25, parameters={"unit.way": WAYS.index(way) + 1, "unit.at": 0.5}, **options)
+    return info.value
+
+
+# ---------------------------------------------------------------- in a step
+
+
+@pytest.mark.parametrize(
+    ("way", "options", "said"),
+    [
+        ("crash", {}, r"the component crashed the process \(SIGSEGV\)"),
+        ("leave", {}, r"the component ended the process \(exit code 0\)"),
+        pytest.param(
+            "hang",
+            {"time_limit": 5.0},
+            r"no return within 5 s; a longer time_limit \(simulate --time-limit\) gives it more",
+            marks=pytest.mark.heavy,
+        ),
+        ("eat", {"memory_limit": 400.0}, r"SIGSEGV\), of which the memory had reached \d+ MB of 400 MB"),
+        ("strange", {}, r"the unit gave no reason \(status 17, not of FMI 2\.0\)"),
+        ("negative", {}, r"the unit gave no reason \(status -1, not of FMI 2\.0\)"),
+    ],
+)
+def test_what_ends_a_step_names_component_call_and_time_and_keeps_the_rows(package, way, options, said):
+    error = fails(package, way, **options)
+    assert (error.unit, error.call, error.time) == ("unit", "doStep", 0.5)
+    assert error.results.time.tolist() == error.results["unit.y"].tolist() == [0.0, 0.25, 0.5]
+    with pytest.raises(CosimError, match=said):
+        raise error
+
+
+def test_an_adaptive_step_that_ends_the_process_has_its_own_time(package):
+    error = fails(package, "leave", algorithm="extrapolated", adaptive=1e-4)
+    assert (error.unit, error.call) == ("unit", "doStep")
+    # the step in which it ended began at 0.5 s or later, between two rows
+    assert 0.5 <= error.time < 0.75
+    assert error.results.time.tolist() == [0.0, 0.25, 0.5]
+
+
+def test_an_end_before_the_first_row(package):
+    error = fails(package, "leave_early")
+    assert str(error) == (
+        "unit: exitInitializationMode at t = 0 s failed: the component ended the process (exit code 3)"
+    )
+    assert error.results is None
+
+
+def children() -> set[str]:
+    """Return the processes that this one has started, which other tests may have left."""
+    return set(Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children").read_text().split())
+
+
+def test_this_process_outlives_them(package):
+    """Nothing is left of a process: neither it, nor its threads, nor its files."""
+    fails(package, "crash")
+    gc.collect()
+    descriptors, before = len(os.listdir("/proc/self/fd")), children()
+    for way in ("crash", "leave") * 3:
+        fails(package, way)
+    gc.collect()  # the error holds the frames of its run
+    assert len(os.listdir("/proc/self/fd")) == descriptors
+    assert children() <= before
+
+
+# ---------------------------------------------------------------- at the end
+
+
+@pytest.mark.parametrize("isolate", [False, True])
+@pytest.mark.parametrize(
+    ("way", "call", "said"),
+    [
+        ("error_end", "terminate", r"the brake does not close \(status error\)"),
+        ("fatal_end", "terminate", r"the unit gave no reason.* \(status fatal\)"),
+        ("strange_end", "terminate", r"status 17, not of FMI 2\.0\)"),
+        ("error_free", "freeInstance", "the file is still open"),
+    ],
+)
+def test_what_fails_after_the_last_step_is_said_and_costs_no_row(package, way, call, said, isolate):
+    error = fails(package, way, isolate=isolate)
+    assert (error.unit, error.call, error.time) == ("unit", call, 1.0)
+    assert error.results["unit.y"].tolist() == [0.0, 0.25, 0.5, 0.75, 1.0]
+    with pytest.raises(CosimError, match=said):
+        raise error
+
+
+@pytest.mark.parametrize(
+    ("way", "call", "said"),
+    [
+        ("crash_free", "freeInstance", "crashed the process"),
+        pytest.param("hang_end", "terminate", "no return within 5 s", marks=pytest.mark.heavy),
+    ],
+)
+def test_a_process_that_ends_after_the_last_step_costs_no_row(package, way, call, said):
+    error = fails(package, way, time_limit=5.0)
+    assert (error.unit, error.call, error.time) == ("unit", call, 1.0)
+    assert said in error.reason
+    assert error.results["unit.y"].tolist() == [0.0, 0.25, 0.5, 0.75, 1.0]
+
+
+@pytest.mark.parametrize(
+    "way", ["error_end", "fatal_end", "strange_end", "strange", "negative", "error_free"]
+)
+@pytest.mark.parametrize("kind", ["FMU", "SSP"])
+def test_check_says_what_a_unit_returns_that_it_may_not(wild, pack, xml, way, kind):
+    path = wild(way, 0.5e-3)
+    if kind == "SSP":
+        fmu = path.read_bytes()
+        path = pack([xml.component("unit", "W", "y:output")], extra={"resources/W.fmu": fmu})
+    (problem,) = check_run.run_apart(path, kind).problems
+    assert problem.startswith("10 steps of 0.")
+
+
+@pytest.mark.parametrize(
+    ("way", "call"), [("crash", "doStep"), ("leave", "doStep"), ("crash_free", "freeInstance")]
+)
+def test_check_of_a_package_names_the_component_that_ends_the_process(wild, pack, xml, way, call):
+    fmu = wild(way, 0.5e-3).read_bytes()
+    path = pack([xml.component("unit", "W", "y:output")], extra={"resources/W.fmu": fmu})
+    (problem,) = check_run.run_apart(path, "SSP").problems
+    assert f"unit: {call} at t = " in problem
+    assert "ed the process (" in problem
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize(("way", "call"), [("hang", "doStep"), ("hang_end", "terminate")])
+def test_check_of_a_package_names_the_component_that_does_not_return(wild, pack, xml, monkeypatch, way, call):
+    monkeypatch.setattr(
+        check_run, "SECONDS", check_run.NAMING + 8.0
+    )  # 8 s for the start of Python and the run
+    fmu = wild(way, 0.5e-3).read_bytes()
+    path = pack([xml.component("unit", "W", "y:output")], extra={"resources/W.fmu": fmu})
+    (problem,) = check_run.run_apart(path, "SSP").problems
+    # a second is the least time that a call has, also where a busy machine took longer to start
+    assert re.search(rf"unit: {call} at t = 0\.\d+ s failed: no return within [1-8](\.\d)? s; ", problem), (
+        problem
+    )
+
+
+# ---------------------------------------------------------------- processes of the components
+
+
+@pytest.fixture
+def silent(tmp_path, monkeypatch):
+    """Have each instance start a process whose heart beats every 20 ms; return what says whether all have stopped."""
+    beats = tmp_path / "beats"
+    monkeypatch.setenv("BEATS", str(beats))
+
+    def stopped() -> bool:
+        count = beats.stat().st_size
+        time.sleep(1.0)
+        return count > 0 and beats.stat().st_size == count
+
+    stopped.file = beats
+    return stopped
+
+
+@pytest.mark.parametrize(
+    ("way", "options"),
+    [
+        ("", {}),
+        ("crash", {}),
+        ("leave", {}),
+        pytest.param("hang", {"time_limit": 5.0}, marks=pytest.mark.heavy),
+        ("eat", {"memory_limit": 400.0}),
+    ],
+)
+def test_processes_of_a_component_end_with_the_run(package, silent, way, options):
+    if way:
+        fails(package, way, **options)
+    else:
+        simulate(package, step=0.25, isolate=True)
+    assert silent()
+
+
+@pytest.mark.parametrize("kind", ["FMU", "SSP"])
+@pytest.mark.parametrize("way", ["", "crash", pytest.param("hang", marks=pytest.mark.heavy)])
+def test_processes_of_a_component_end_with_the_check(wild, pack, xml, silent, monkeypatch, kind, way):
+    path = wild(way)
+    if kind == "SSP":
+        path = pack([xml.component("unit", "W", "y:output")], extra={"resources/W.fmu": path.read_bytes()})
+    for seconds in (8.0, 60.0):  # on a busy machine the instance may not have been made after the first
+        monkeypatch.setattr(check_run, "SECONDS", seconds)
+        problems = check_run.run_apart(path, kind).problems
+        if silent.file.exists():
+            break
+    assert bool(problems) == bool(way)
+    assert silent()
+
+
+@pytest.mark.parametrize("kind", ["FMU", "SSP"])
+def test_processes_of_a_component_end_with_a_check_that_is_stopped(wild, pack, xml, silent, kind):
+    path = wild("hang")
+    if kind == "SSP":
+        path = pack([xml.component("unit", "W", "y:output")], extra={"resources/W.fmu": path.read_bytes()})
+    check = subprocess.Popen([sys.executable, "-m", "vdfmu.cli", "check", path])
+    while not silent.file.exists() and check.poll() is None:
+        time.sleep(0.05)
+    check.send_signal(signal.SIGINT)
+    assert check.wait(60.0) == 130
+    assert silent()
+
+
+# ---------------------------------------------------------------- what they print
+
+
+def test_what_a_component_prints_is_shown_and_not_executed(package, monkeypatch, capsys):
+    monkeypatch.setenv("WORDS", "\x1b[2J\x1b]0;owned\x07 \xe9")
+    simulate(package, step=0.25)
+    said = capsys.readouterr()
+    assert said.err == 4 * "\\x1b[2J\\x1b]0;owned\\x07 \xe9\n"
+    assert said.out == ""
+
+
+def test_a_flood_of_a_component_is_shown_in_part_and_holds_nothing_up(package, monkeypatch, capsys):
+    """Far more than a pipe holds, 64 KiB: the first `SHOWN` bytes and the last `KEPT`."""
+    monkeypatch.setenv("WORDS", 99_999 * "x")
+    results = simulate(package, step=1.0 / 64.0)
+    assert len(results) == 65
+    said = capsys.readouterr().err
+    left_out = 64 * 100_000 - SHOWN - KEPT
+    assert f"\n... ({left_out} bytes left out)\n" in said
+    assert len(said) < SHOWN + KEPT + 100  # the sentence between them
+
+
+def test_the_last_words_of_a_component_that_crashes_are_shown(package, monkeypatch, capsys):
+    monkeypatch.setenv("WORDS", "assertion failed: \x1b[31mq > 0")
+    fails(package, "crash")
+    assert capsys.readouterr().err.endswith("assertion failed: \\x1b[31mq > 0\n")
+
+
+# ---------------------------------------------------------------- the same otherwise
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_isolated_components_compute_the_same_bits(tmp_path, algorithm):
+    scenario = load_scenario("planar_tracking")
+    path = write_ssp(scenario, cached_fmus(scenario, tmp_path, "native"), tmp_path / "x.ssp")
+    here, apart = (
+        simulate(path, algorithm=algorithm, stop=0.02, isolate=isolate) for isolate in (False, True)
+    )
+    assert not here.summary["isolated"]
+    assert apart.summary["isolated"]
+    assert here.names == apart.names
+    for name in here.names:
+        np.testing.assert_array_equal(here[name], apart[name])
+
+
+def test_only_foreign_components_are_isolated_by_default(package, tmp_path):
+    scenario = load_scenario("planar_tracking")
+    for backend in ("native", "python"):
+        path = write_ssp(scenario, cached_fmus(scenario, tmp_path / backend, backend), tmp_path / "x.ssp")
+        assert not simulate(path, stop=0.002).summary["isolated"]
+    assert simulate(package, step=0.25).summary["isolated"]
+
+
+def test_ctrl_c_keeps_the_rows_of_another_process(package):
+    def press(k: int, n: int) -> None:
+        if k == 2:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(Interrupted) as info:
+        simulate(package, step=0.25, isolate=True, progress=press)
+    assert len(info.value.results) in (3, 4)  # pressed after row 2; the step under way is completed
+
+
+def test_ctrl_c_ends_a_step_that_hangs(package):
+    pressed = []
+
+    def press(k: int, n: int) -> None:
+        if k == 2:
+            pressed.append(time.monotonic())
+            os.kill(os.getpid(), signal.SIGINT)
+
+    hang = {"unit.way": WAYS.index("hang") + 1, "unit.at": 0.5}
+    with pytest.raises(Interrupted) as info:
+        simulate(package, step=0.25, parameters=hang, progress=press)
+    took = time.monotonic() - pressed[0]
+    assert info.value.results.time.tolist() == [0.0, 0.25, 0.5]
+    assert took < 10.0  # half a second, and a busy machine; the time limit is 300 s
+
+
+@pytest.mark.parametrize(
+    "options", [{"time_limit": 0.0}, {"memory_limit": -1.0}, {"time_limit": float("nan")}]
+)
+def test_limits_must_be_positive(package, options):
+    with pytest.raises(UsageError, match=f"{next(iter(options))} must be positive"):
+        simulate(package, step=0.25, **options)
+
+
+def test_the_command_says_who_ended_the_process_and_keeps_the_rows(package, tmp_path):
+    started = time.monotonic()
+    for options, said in (
+        (
+            ["--set", "unit.way=2"],
+            "unit: doStep at t = 0.5 s failed: the component ended the process (exit code 0)",
+        ),
+        (
+            ["--set", "unit.way=3", "--time-limit", "1"],
+            "unit: doStep at t = 0.5 s failed: no return within 1 s",
+        ),
+        (["--set", "unit.way=5"], "unit: freeInstance at t = 1 s failed: the component crashed the process"),
+    ):
+        done = subprocess.run(
+            [sys.executable, "-m", "vdfmu.cli", "simulate", package, "--step", "0.25", "--set", "unit.at=0.5",
+             "--isolate", "--out", tmp_path / "out", *options],
+            capture_output=True, text=True, timeout=300, check=False,
+        )  # fmt: skip
+        shown = " ".join((done.stdout + done.stderr).split())
+        assert said in shown
+        assert done.returncode == 1
+        rows = 5 if "freeInstance" in said else 3
+        assert len((tmp_path / "out/partial/results.csv").read_text().splitlines()) == 2 + rows
+    assert time.monotonic() - started < 120.0  # a hang of 5 s, thrice the start of Python, on a busy machine
+
+
+def test_a_component_that_ends_the_process_of_the_master_is_named_and_the_rows_are_kept(package, tmp_path):
+    """It calls C's exit, of which Python learns nothing."""
+    (tmp_path / "tmp").mkdir()
+    done = subprocess.run(
+        [sys.executable, "-m", "vdfmu.cli", "simulate", package, "--step", "0.25", "--set", "unit.way=2",
+         "--set", "unit.at=0.5", "--no-isolate", "--out", tmp_path / "out"],
+        capture_output=True, text=True, timeout=300, check=False, env=os.environ | {"TMPDIR": str(tmp_path / "tmp")},
+    )  # fmt: skip
+    (rows,) = (tmp_path / "out").glob("partial_*/results.csv")
+    assert done.returncode == 1
+    assert (
+        done.stderr
+        == f"error: component unit ended the process at t = 0.5 s. The rows so far are in {rows}.\n"
+    )
+    assert len(rows.read_text().splitlines()) == 2 + 3
+    assert list((tmp_path / "tmp").iterdir()) == []
+
+
+def test_after_a_run_the_process_may_end_as_it_likes(package):
+    code = (
+        "import ctypes, sys, vdfmu\n"
+        "for _ in range(3): vdfmu.simulate(sys.argv[1], step=0.25, isolate=False)\n"
+        "ctypes.CDLL(None).exit(5)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, package], capture_output=True, text=True, timeout=300, check=False
+    )
+    assert (done.returncode, done.stderr) == (5, "")
+
+
+FLED = """
+import os, sys, time
+if os.fork() == 0:
+    os.setsid()  # out of reach of the group
+    time.sleep(30)
+    os._exit(0)
+{}
+"""
+
+
+@pytest.fixture
+def fleeing(package, monkeypatch, tmp_path):
+    """Have the isolated process start a child that flees to a session of its own and holds the pipes, then go on."""
+
+    def start(rest: str) -> None:
+        (tmp_path / "site").mkdir()
+        hook = "import vdfmu.engine.masters.components as c\nplain = c.Components.initialize\n"
+        lines = "".join(f"    {line}\n" for line in FLED.format(rest).splitlines())
+        hook += f"def initialize(self, *a):\n{lines}    return plain(self, *a)\nc.Components.initialize = initialize\n"
+        code = "import sys\nif 'vdfmu.engine.run.isolated_server' in sys.orig_argv:\n"
+        code += "".join(f"    {line}\n" for line in hook.splitlines())
+        (tmp_path / "site" / "sitecustomize.py").write_text(code)
+        monkeypatch.setattr(sys, "path", [str(tmp_path / "site"), *sys.path])
+
+    return start
+
+
+@pytest.mark.parametrize(
+    ("rest", "said"),
+    [
+        ("os._exit(3)", r"ended \(3\) after this call had returned"),
+        ("os.kill(os.getpid(), 9)", r"ended \(SIGKILL\) after this call had returned"),
+        ("time.sleep(60)", "did not go on within 3 s after this call had returned"),
+        (
+            "raise ZeroDivisionError('ours')",
+            "ZeroDivisionError: ours .* a fault of vdfmu, not of a component",
+        ),
+        ("raise MemoryError", r"no more memory: memory_limit \(--memory-limit\)"),
+    ],
+)
+def test_a_child_that_fled_does_not_hold_the_run_and_faults_of_ours_blame_no_component(
+    package, fleeing, rest, said
+):
+    fleeing(rest)
+    began = time.monotonic()
+    with pytest.raises(CosimError, match=said):
+        simulate(package, step=0.25, isolate=True, time_limit=3.0)
+    # 3 s of the limit and the start of Python; the child lives 30 s
+    assert time.monotonic() - began < 20.0
+
+
+def test_a_signal_ends_a_run_whose_process_hangs_with_a_child_that_fled(package, fleeing):
+    fleeing("time.sleep(60)")
+    timer = threading.Timer(5.0, os.kill, (os.getpid(), signal.SIGTERM))
+    began = time.monotonic()
+    timer.start()
+    with pytest.raises((Interrupted, KeyboardInterrupt)), listening(signal.SIGTERM):
+        simulate(package, step=0.25, isolate=True)
+    assert time.monotonic() - began < 20.0

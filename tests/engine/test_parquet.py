@@ -1,0 +1,210 @@
+"""Results in Parquet: the bits of the CSV, units and provenance in the file, and what is said when it cannot be."""
+
+from __future__ import annotations
+
+import csv
+import json
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+import pytest
+
+import vdfmu
+from vdfmu.base.errors import CosimError, UsageError
+from vdfmu.engine.run import Results, Signal
+from vdfmu.engine.simulate import run_system
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("package")
+    fmus = vdfmu.build_fmus(vdfmu.load_robot("planar_2dof"), folder)
+    return vdfmu.write_ssp(vdfmu.load_scenario("planar_tracking"), fmus, folder / "planar.ssp")
+
+
+def assert_same_bits(some: Results, others: Results) -> None:
+    assert set(some.names) == set(others.names)
+    assert some.units == others.units and some.kinds == others.kinds
+    assert some.time.tobytes() == others.time.tobytes()
+    for name in some:
+        assert some[name].dtype == others[name].dtype
+        assert some[name].tobytes() == others[name].tobytes()
+
+
+def test_numbers_of_all_kinds_read_back_to_the_same_bits(tmp_path, monkeypatch):
+    monkeypatch.setattr("vdfmu.engine.results.parquet._GROUP", 400)
+    rng = np.random.default_rng(7)
+    real = rng.standard_normal((1000, 2)) * 10.0 ** rng.integers(-300, 300, (1000, 2))
+    real[0], real[1] = [np.nan, -np.inf], [-0.0, 5e-324]
+    numbers = rng.integers(-(2**31), 2**31 - 1, (1000, 1), dtype=np.int32)
+    signals = [
+        Signal("a.q[1]", "real", "rad", 1),
+        Signal('b"\u00e4,\n', "real", "", 0),
+        Signal("a.n", "integer", "", 0),
+        Signal("a.on", "boolean", "", 0),
+    ]
+    data = {"real": real, "integer": numbers, "boolean": numbers % 2}
+    results = Results(0.001 * np.arange(1000), signals, data, {"limit": np.inf})
+    for name in ("r.parquet", "r.csv"):
+        results.write(tmp_path / name)
+        assert_same_bits(Results.read(tmp_path / name), results)
+    assert pa.parquet.ParquetFile(tmp_path / "r.parquet").num_row_groups == 3
+    assert Results.read(tmp_path / "r.parquet").summary == {"limit": "inf"}
+
+
+def test_results_without_rows_or_signals_read_back(tmp_path):
+    empty = Results(np.empty(0), [Signal("a", "real", "m", 0)], {"real": np.empty((0, 1))})
+    bare = Results(np.arange(3.0), [], {"real": np.empty((3, 0))})
+    for results in (empty, bare):
+        results.write(tmp_path / "r.parquet")
+        assert_same_bits(Results.read(tmp_path / "r.parquet"), results)
+
+
+def test_a_run_writes_both_forms_alike_and_says_in_parquet_what_it_was(package, tmp_path):
+    options = {"stop": 0.05, "settings": {"controller.K_p": 900.0}}
+    run = run_system(package, out=tmp_path, formats=("parquet", "csv"), **options)
+    table, text = (Results.read(tmp_path / f"results.{form}") for form in ("parquet", "csv"))
+    assert_same_bits(table, text)
+    assert_same_bits(table, run)
+    schema = pa.parquet.read_schema(tmp_path / "results.parquet")
+    units = [schema.field(name).metadata[b"unit"].decode() for name in schema.names]
+    with open(tmp_path / "results.csv", encoding="utf-8", newline="") as file:
+        rows = csv.reader(file)
+        assert (schema.names, units) == (next(rows), next(rows))  # no copy is written in either
+    facts = json.loads(schema.metadata[b"vdfmu"])
+    assert facts["vdfmu"] == vdfmu.__version__ and facts["package"] == str(package)
+    assert facts["settings"] == {"controller.K_p": "900.0"}
+    assert facts["copies"]["1"]["controller.q[2]"] == "plant.q[2]"
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert {key: summary[key] for key in facts} == facts
+    assert {"results.csv", "results.parquet"} < set(summary["files"])
+
+
+def test_a_scenario_in_parquet_alone(tmp_path):
+    results = vdfmu.run("planar_tracking", stop=0.05, out=tmp_path, formats=["parquet"], reference=False)
+    assert not (tmp_path / "results.csv").exists()
+    table = Results.read(tmp_path / "results.parquet")
+    assert_same_bits(table, results)
+    assert (table.summary["scenario"], table.summary["robot"]) == ("planar_tracking", "planar_2dof")
+    vdfmu.run(
+        "planar_tracking", stop=0.05, out=tmp_path, reference=False
+    )  # replaces what the run before wrote
+    assert {"results.csv", "results.parquet"} & {path.name for path in tmp_path.iterdir()} == {"results.csv"}
+
+
+def test_a_run_that_fails_leaves_its_rows_in_parquet(tmp_path):
+    # a proportional gain of 1e9 drives the arm beyond what any solver step can follow
+    with pytest.raises(CosimError) as caught:
+        vdfmu.run("planar_tracking", out=tmp_path, settings={"controller.K_p": 1e9}, formats=["parquet"])
+    verdict, rows = caught.value.__notes__
+    assert verdict.startswith("Sampled loops: unstable since 0 s, joint")
+    assert rows == f"The rows so far are in {tmp_path / 'partial'}."
+    assert_same_bits(Results.read(tmp_path / "partial" / "results.parquet"), caught.value.results)
+
+
+WITHOUT = "import sys; sys.modules['pyarrow'] = None; import vdfmu.cli; vdfmu.cli.main()"
+"""A command where pyarrow cannot be imported."""
+
+
+@pytest.mark.parametrize("command", ["simulate", "run"])
+def test_without_pyarrow_the_command_ends_before_the_run_and_says_how_to_get_it(package, tmp_path, command):
+    name = str(package) if command == "simulate" else "planar_tracking"
+    options = [command, name, "--stop", "0.01", "--format", "csv,parquet", "--out", str(tmp_path / "out")]
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT, *options], check=False, capture_output=True, text=True, timeout=120
+    )
+    said = " ".join(done.stderr.split())
+    assert done.returncode == 2, said
+    assert "error: Parquet needs the package pyarrow, which cannot be imported: " in said
+    assert "Install it with 'pip install vdfmu[parquet]'. The results of a run can be CSV" in said
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_csv_needs_no_pyarrow(package, tmp_path):
+    options = ["simulate", str(package), "--stop", "0.01", "--out", str(tmp_path)]
+    subprocess.run([sys.executable, "-c", WITHOUT, *options], check=True, capture_output=True, timeout=120)
+    assert len(Results.read(tmp_path / "results.csv")) == 11
+
+
+@pytest.mark.parametrize("given", ["xls", "csv;parquet", "", "csv,"])
+def test_a_format_that_there_is_not(package, given):
+    with pytest.raises(UsageError, match="format: expected csv, parquet, or csv,parquet for both, got "):
+        run_system(package, formats=given.split(",") if given else ())
+
+
+def test_a_full_disk_is_said_as_for_csv_and_leaves_the_file_before(tmp_path):
+    """The limit on the size of a file makes a write fail as a full disk does, part of it written."""
+    path = tmp_path / "r.parquet"
+    path.write_bytes(b"before")
+    code = (
+        "import sys, numpy as np; from vdfmu.engine.run import Results, Signal\n"
+        "real = np.random.default_rng(1).random((40000, 1))\n"  # 320 kB
+        "Results(np.arange(40000.0), [Signal('a', 'real', '', 0)], {'real': real}).write(sys.argv[1])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(path)], check=False, capture_output=True, text=True, timeout=120,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000)),
+    )  # fmt: skip
+    assert (
+        f"VdfmuError: {path}: the rows cannot be written: File too large. Free space, or choose another folder"
+        in done.stderr
+    )
+    assert [each.name for each in tmp_path.iterdir()] == ["r.parquet"]
+    assert path.read_bytes() == b"before"
+
+
+def test_a_full_disk_ends_a_run_to_parquet_with_the_words_of_csv(package, tmp_path):
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "vdfmu.cli", "simulate", str(package), "--out", str(out)]
+    command += ["--format", "parquet"]
+    subprocess.run([*command, "--stop", "0.1"], check=True, capture_output=True, timeout=120)
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    limit = 2_000_000  # more than each file of the FMUs; the numbers of a row take some 600 bytes
+    done = subprocess.run(
+        [*command, "--stop", "8"], check=False, capture_output=True, text=True, timeout=120,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
+    )  # fmt: skip
+    said = " ".join(done.stderr.split())
+    assert done.returncode == 1, said
+    assert "results.parquet: the rows cannot be written: File too large. Free space, or choose" in said
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
+def written(path: Path, table: pa.Table) -> None:
+    pa.parquet.write_table(table, path)
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ({"t": [0.0]}, "expected 'time' as the first column, .*; got 't'"),
+        ({"time": [0.0], "name": ["x"], "n": [2**40]}, "got 'name', 'n'"),
+        ({"time": [0.0, 1.0], "gap": [0.5, None]}, "got 'gap'"),
+    ],
+)
+def test_parquet_of_another_form(tmp_path, table, message):
+    written(tmp_path / "r.parquet", pa.table(table))
+    with pytest.raises(UsageError, match=message):
+        Results.read(tmp_path / "r.parquet")
+
+
+def test_a_file_that_is_no_parquet_or_not_there(tmp_path):
+    (tmp_path / "r.parquet").write_text("time,a\n")
+    with pytest.raises(UsageError, match=r"cannot read .*r\.parquet: "):
+        Results.read(tmp_path / "r.parquet")
+    with pytest.raises(UsageError, match="cannot read .*none.parquet: No such file"):
+        Results.read(tmp_path / "none.parquet")
+
+
+def test_parquet_of_another_tool_is_read(tmp_path):
+    table = pa.table({"time": [0.0, 1.0], "a": [0.5, 0.25], "on": [True, False]})
+    written(tmp_path / "r.parquet", table.replace_schema_metadata({"vdfmu": "{"}))
+    results = Results.read(tmp_path / "r.parquet")
+    assert (results.kinds, results.units) == ({"a": "real", "on": "boolean"}, {"a": "", "on": ""})
+    np.testing.assert_array_equal(results["on"], [True, False])
+    assert results.summary == {}

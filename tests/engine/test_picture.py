@@ -1,0 +1,122 @@
+"""The picture of any system's run: which panels there are and what they show."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vdfmu.engine.results.picture import PANELS, draw_signals, signals_figure
+from vdfmu.engine.results.results import Results, Signal
+
+FACTS = {"system": "s", "package": "folder/s.ssp", "algorithm": "jacobi", "step": 1e-3}
+
+
+def make(*signals):
+    """Return results of ``(name, kind, unit)``; the values of each are of its own."""
+    time = np.linspace(0.0, 1.0, 11)
+    columns = {"real": [], "integer": [], "boolean": []}
+    made = []
+    for i, (name, kind, unit) in enumerate(signals):
+        made.append(Signal(name, kind, unit, len(columns[kind])))
+        columns[kind].append(i + time if kind == "real" else (np.arange(11) + i) % 2)
+    data = {k: np.array(v).T.reshape(11, -1) for k, v in columns.items()}
+    return Results(time, made, data, dict(FACTS))
+
+
+def titles(figure):
+    return [axes.get_title(loc="left") for axes in figure.axes]
+
+
+def test_elements_of_an_array_share_a_panel_unless_their_units_differ():
+    results = make(
+        ("a.q[1]", "real", "rad"), ("a.q[2]", "real", "m"), ("a.q[3]", "real", "rad"), ("a.R[1,2]", "real", "")
+    )  # fmt: skip
+    figure = draw_signals(results)
+    assert titles(figure) == ["a.q", "a.q", "a.R"]
+    assert [axes.get_ylabel() for axes in figure.axes] == ["[rad]", "[m]", ""]
+    first = figure.axes[0]
+    assert [line.get_label() for line in first.lines] == ["[1]", "[3]"]
+    for line, name in zip(first.lines, ("a.q[1]", "a.q[3]"), strict=True):
+        np.testing.assert_array_equal(line.get_ydata(), results[name])
+    assert [text.get_text() for text in first.get_legend().get_texts()] == ["[1]", "[3]"]
+    assert figure.axes[2].get_legend() is None
+
+
+def test_what_is_not_continuous_is_drawn_in_steps():
+    figure = draw_signals(make(("a.n", "integer", ""), ("a.on", "boolean", ""), ("a.x", "real", "")))
+    assert [axes.lines[0].get_drawstyle() for axes in figure.axes] == ["steps-post", "steps-post", "default"]
+
+
+def test_each_component_gets_its_share_of_the_panels():
+    names = [*(f"a.x{i}" for i in range(20)), "b.y", *(f"sub.c.z{i}" for i in range(3))]
+    figure = draw_signals(make(*((name, "real", "") for name in names)))
+    shown = titles(figure)
+    assert len(shown) <= PANELS
+    assert [t for t in shown if not t.startswith("a.")] == ["b.y", *(f"sub.c.z{i}" for i in range(3))]
+    assert shown[:3] == ["a.x0", "a.x1", "a.x2"]
+    left = len(names) - len(shown)
+    caption = figure.texts[-1].get_text().replace("\n", " ")
+    assert (
+        caption
+        == f"s.ssp, jacobi, step 1 ms. {left} more variables are in the results; --record chooses others."
+    )
+
+
+def test_more_components_than_panels():
+    figure = draw_signals(make(*((f"c{i}.x", "real", "") for i in range(PANELS + 3))))
+    assert titles(figure) == [f"c{i}.x" for i in range(PANELS)]
+
+
+@pytest.mark.parametrize("count", range(1, PANELS + 1))
+def test_the_time_is_below_the_lowest_panel_of_every_column(count):
+    figure = draw_signals(make(*((f"a.x{i}", "real", "") for i in range(count))))
+    figure.draw_without_rendering()
+    axes = figure.axes
+    assert len(axes) == count
+    for one in axes:
+        below = [a for a in axes if abs(a.get_position().x0 - one.get_position().x0) < 0.05
+                 and a.get_position().y1 < one.get_position().y0]  # fmt: skip
+        assert bool(one.get_xlabel()) == (not below)
+
+
+def test_hidden_signals_have_no_panel_and_no_signals_no_picture(tmp_path):
+    results = make(("a.u", "real", ""), ("a.y", "real", ""))
+    assert titles(draw_signals(results, {"a.u"})) == ["a.y"]
+    assert signals_figure(results, tmp_path, {"a.u", "a.y"}) == []
+    (path,) = signals_figure(results, tmp_path)
+    assert path.read_bytes().startswith(b"\x89PNG")
+
+
+def test_any_name_unit_and_value_can_be_drawn(tmp_path):
+    """Dollar signs are no formulas, and values at the ends of the range of numbers do not stop the picture."""
+    long = "vehicle.body.suspension.frontLeft.wheel.bearing.angularVelocity.filtered"
+    results = make(
+        (r"a.$\bad$", "real", r"$\foo$"), ("a.$x_{$", "real", ""), (long, "real", "rad/s"),
+        *((f"a.v{i}", "real", "") for i in range(5)),
+    )  # fmt: skip
+    results.summary["system"] = r"A $\bad$ B " + 30 * "long "
+    data = results.data["real"]
+    for column, values in enumerate((1e-310, 1.7e308, 5e-324, np.inf, np.nan), start=3):
+        data[:, column] = np.where(results.time > 0.3, values, -1.0)
+    figure = draw_signals(results)
+    figure.draw_without_rendering()
+    assert all(len(text) <= 2 * 38 for text in titles(figure))
+    assert titles(figure)[2] == f"{long[:18]}…{long[-19:]}"
+    (path,) = signals_figure(results, tmp_path)
+    assert path.exists()
+
+
+@pytest.mark.parametrize(("count", "drawn"), [(8, 8), (12, 8)])
+def test_the_legend_of_an_array_stays_beside_its_panel(count, drawn):
+    array = [(f"a.x[{i}]", "real", "") for i in range(1, count + 1)]
+    results = make(*array, *((f"a.y{i}", "real", "") for i in range(11)))
+    figure = draw_signals(results)
+    figure.draw_without_rendering()
+    panel, below = figure.axes[0], figure.axes[3]
+    assert len(panel.lines) == drawn
+    legend = panel.get_legend().get_window_extent()
+    assert legend.y0 > below.get_window_extent().y1
+    words = figure.texts[-1].get_text().replace("\n", " ")
+    assert ("first 8 elements" in words) == (count > 8)
+    alone = draw_signals(make(*array))
+    assert len(alone.axes[0].lines) == count

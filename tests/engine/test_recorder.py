@@ -1,0 +1,174 @@
+"""Rows that go to a file as they come: the same numbers, in memory that does not grow, and kept by what fails."""
+
+from __future__ import annotations
+
+import csv
+import json
+import resource
+import subprocess
+import sys
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import vdfmu
+from vdfmu.base.errors import VdfmuError
+from vdfmu.engine.plan.inputs import read_inputs
+from vdfmu.engine.results import recorder
+from vdfmu.engine.results.recorder import ROWS, Recorder
+from vdfmu.engine.run import Results, Signal, simulate
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("package")
+    fmus = vdfmu.build_fmus(vdfmu.load_robot("planar_2dof"), folder)
+    return vdfmu.write_ssp(vdfmu.load_scenario("planar_tracking"), fmus, folder / "planar.ssp")
+
+
+def cells(path):
+    with path.open(newline="") as file:
+        return list(csv.reader(file))
+
+
+def test_streamed_results_are_those_in_memory(package, tmp_path):
+    options = {"stop": 2.0 * ROWS * 1e-3 + 0.1}  # two blocks and a part of one
+    memory = simulate(package, **options)
+    stream = simulate(package, stream=tmp_path / "rows.csv", **options)
+    memory.write(tmp_path / "memory.csv")
+    written, whole = (cells(tmp_path / name) for name in ("rows.csv", "memory.csv"))
+    copies = {name for each in stream.summary["copies"].values() for name in each}
+    assert 0 < len(copies) < len(memory.names)
+    kept = [i for i, name in enumerate(whole[0]) if name not in copies]
+    assert written == [[row[i] for i in kept] for row in whole]
+    assert stream.time.tobytes() == memory.time.tobytes()
+    assert stream.names == memory.names
+    for name in memory:
+        assert stream[name].dtype == memory[name].dtype
+        assert stream[name].tobytes() == memory[name].tobytes()
+    thin, few = stream.thinned(200), memory.thinned(200)
+    assert len(thin) == len(few) == 188  # every sixth of 1125
+    np.testing.assert_array_equal(thin["plant.q[1]"], memory["plant.q[1]"][::6])
+    np.testing.assert_array_equal(few.time, memory.time[::6])
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["memory.csv", "rows.csv"]
+
+
+def make(path: Path, columns: int) -> tuple[Recorder, np.ndarray]:
+    block = np.zeros((ROWS, columns))
+    signals = [Signal(f"a.y[{i + 1}]", "real", "", i) for i in range(columns)]
+
+    def put(i: int) -> None:
+        block[i] = np.arange(columns) + 0.125 * i
+
+    return Recorder(path, signals, {"real": block}, put, np.arange), block
+
+
+def test_memory_does_not_grow_with_the_rows(tmp_path):
+    columns, rows = 20, 100 * ROWS
+    tracemalloc.start()
+    writer, _ = make(tmp_path / "rows.csv", columns)
+    for k in range(rows):
+        writer.store(k)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    # A number of the block takes 8 bytes, as an object of Python 32, and its text twice at most 49 + 8.
+    assert peak < 1.5 * ROWS * columns * (8 + 32 + 2 * 57)
+    assert peak < 0.5 * 8 * columns * rows
+    data = writer.finish(np.arange(float(rows)))
+    assert data["real"].shape == (rows, columns)
+    assert data["real"][-1, 1] == 1.0 + 0.125 * (ROWS - 1)
+
+
+def test_a_row_is_in_the_file_after_two_seconds(tmp_path, monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(recorder.clock, "perf_counter", lambda: now[0])
+    writer, _ = make(tmp_path / "rows.csv", 1)
+    for k, now[0] in enumerate((0.0, 1.0, 2.1)):
+        writer.store(k)
+    assert (tmp_path / "rows.csv").read_text() == "time,a.y[1]\ns,\n0,0\n1,1.25E-1\n"
+
+
+def test_a_full_disk_leaves_whole_rows_and_the_results_before(package, tmp_path):
+    """The limit on the size of a file makes a write fail as a full disk does, part of it written."""
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "vdfmu.cli", "simulate", str(package), "--out", str(out)]
+    subprocess.run([*command, "--stop", "0.1"], check=True, capture_output=True, timeout=120)
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    limit = 2_000_000  # more than each file of the FMUs; a row takes some 1,400 bytes
+    done = subprocess.run(
+        [*command, "--stop", "5"], check=False, capture_output=True, text=True, timeout=120,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
+    )  # fmt: skip
+    said = " ".join(done.stderr.split())
+    assert done.returncode == 1, said
+    assert (
+        "results.csv: the rows cannot be written: File too large. Free space, or choose another folder"
+        in said
+    )
+    assert f"The rows so far are in {out / 'partial'}; {out} is as it was." in said
+    rows = Results.read(out / "partial" / "results.csv")
+    assert len(rows) % ROWS == 0 and len(rows) >= ROWS
+    assert {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()} == before
+
+
+def test_a_file_that_cannot_be_opened_is_named(package, tmp_path):
+    with pytest.raises(VdfmuError, match=r"nowhere/rows\.csv: the rows cannot be written: No such file"):
+        simulate(package, stop=0.01, stream=tmp_path / "nowhere" / "rows.csv")
+
+
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi", "extrapolated", "iterative"])
+def test_a_signal_that_copies_another_is_not_written_twice(package, tmp_path, algorithm):
+    options = {"stop": 0.05, "algorithm": algorithm}
+    memory = simulate(package, **options)
+    stream = simulate(package, stream=tmp_path / "results.csv", **options)
+    copies = stream.summary["copies"]
+    if algorithm in ("extrapolated", "iterative"):  # inputs run on within a step: nothing is a copy
+        assert copies == {}
+    else:
+        fresh = algorithm == "gauss-seidel"
+        assert copies.get("0", {}).get("plant.tau[1]") == ("controller.tau[1]" if fresh else None)
+        assert copies["1"].get("plant.tau[1]") == (None if fresh else "controller.tau[1]")
+        assert copies["1"]["controller.q[2]"] == copies["1"]["feedforward.q[2]"] == "plant.q[2]"
+    head = cells(tmp_path / "results.csv")[0]
+    assert set(head[1:]) == set(memory.names) - {name for each in copies.values() for name in each}
+    (tmp_path / "summary.json").write_text(json.dumps(stream.summary))
+    read = Results.read(tmp_path / "results.csv")
+    assert set(read.names) == set(memory.names)
+    for name in memory:
+        np.testing.assert_array_equal(read[name], memory[name], err_msg=name)
+        np.testing.assert_array_equal(stream[name], memory[name], err_msg=name)
+        assert read.units[name] == memory.units[name]
+
+
+def test_a_copy_is_written_where_its_source_is_not_recorded(package, tmp_path):
+    simulate(package, stop=0.01, record=["plant.tau[*]", "controller.q[1]"], stream=tmp_path / "rows.csv")
+    head = (tmp_path / "rows.csv").read_text().partition("\n")[0]
+    assert head == "time,controller.q[1],plant.tau[1],plant.tau[2]"
+
+
+def test_copies_of_a_run_can_be_replayed(package, tmp_path):
+    """An input that the file leaves out is one of its columns all the same."""
+    out = tmp_path / "results.csv"
+    run = simulate(package, stop=0.05, stream=out)
+    (tmp_path / "summary.json").write_text(json.dumps(run.summary))
+    (table,) = read_inputs(out)
+    for name in ("plant.tau[2]", "controller.kappa_dot[1]"):
+        np.testing.assert_array_equal(table.values[:, table.names.index(name)], run[name])
+        assert table.units[table.names.index(name)] == run.units[name]
+
+
+@pytest.mark.parametrize("moved", ["other rows", "other run", "no rows of a run"])
+def test_the_summary_of_another_file_adds_no_columns(package, tmp_path, moved):
+    rows, mine = tmp_path / "results.csv", tmp_path / "summary.json"
+    simulate(package, stop=0.05, algorithm="jacobi", stream=rows)
+    facts = simulate(package, stop=0.05, algorithm="gauss-seidel", stream=tmp_path / "other.csv").summary
+    if moved == "other rows":
+        facts = simulate(package, stop=0.04, algorithm="jacobi", stream=tmp_path / "other.csv").summary
+    elif moved == "no rows of a run":
+        facts = {"copies": facts["copies"]}
+    mine.write_text(json.dumps(facts))
+    read, (table,) = Results.read(rows), read_inputs(rows)
+    head = cells(rows)[0][1:]
+    assert read.names == head == list(table.names) and read.summary == {}

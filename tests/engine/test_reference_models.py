@@ -1,0 +1,101 @@
+"""Models of the Reference FMUs under the master, against the solutions published with them (modelica/Reference-FMUs).
+
+These are of the explicit Euler method with the step of each model, as our look-alikes have it: the same operations.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.engine.reference import models
+from vdfmu.engine.inspect.reference import FOLDER, compare
+from vdfmu.engine.run import ALGORITHMS, simulate
+
+PUBLISHED = {
+    # model: stop, step, {time: values of the outputs}
+    "Dahlquist": (10.0, 0.1, {0.1: [0.9], 0.2: [0.81], 10.0: [0.00002656139888758746]}),
+    "VanDerPol": (20.0, 0.01, {0.01: [2.0, -0.02], 0.02: [1.9998, -0.0394],
+                               20.0: [2.0148418861546133, 0.24419470751904407]}),
+    "BouncingBall": (3.0, 0.01, {0.01: [0.99955855, -0.0981], 0.02: [0.9981361, -0.1962],
+                                 3.0: [2.2250738585072014e-308, 0.0]}),
+    "Stair": (9.0, 0.2, {0.2: [1], 0.4: [1], 9.0: [10]}),
+    "Resource": (1.0, 1.0, {1.0: [97]}),
+    "StateSpace": (10.0, 1.0, {1.0: [2.7169239322358925, 5.433847864471785, 8.150771796707678],
+                               2.0: [7.381675653556159, 14.763351307112318, 22.145026960668407],
+                               10.0: [21916.681339078466, 43833.36267815693, 65750.0440172352]}),
+}  # fmt: skip
+MODELS = {
+    model.name: model
+    for model in (models.DAHLQUIST, models.VAN_DER_POL, models.BOUNCING_BALL, models.STAIR, models.RESOURCE,
+                  models.STATE_SPACE)
+}  # fmt: skip
+CASES = [
+    (name, version)
+    for name in PUBLISHED
+    for version in ("2.0", "3.0")
+    if (name, version) != ("StateSpace", "2.0")
+]
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize(("name", "version"), CASES)
+def test_published_solutions(system, name, version, algorithm):
+    stop, step, rows = PUBLISHED[name]
+    results = simulate(system({"m": (MODELS[name], version)}), stop=stop, step=step, algorithm=algorithm)
+    for time, values in rows.items():
+        row = round(time / step)
+        assert results.time[row] == pytest.approx(time)
+        # the same operations, some in another order: 10,000 steps of a rounding each, 1e-16
+        np.testing.assert_allclose([results[each][row] for each in results], values, rtol=1e-12, atol=0)
+
+
+def test_the_published_inputs_of_feedthrough(system, tmp_path):
+    """Least values up to 1 s, largest from then on."""
+    types = [name for name in models.INTEGERS if name != "UInt64"]
+    limits = {name: np.iinfo(name.lower()) for name in types}
+    table = tmp_path / "in.csv"
+    table.write_text(
+        "time," + ",".join(f"m.{name}_input" for name in types if name != "Int64") + "\n"
+        + "".join(
+            f"{t}," + ",".join(str(getattr(limits[name], side)) for name in types if name != "Int64") + "\n"
+            for t, side in ((0.0, "min"), (1.0, "max"))
+        )
+    )  # fmt: skip
+    results = simulate(system({"m": (models.FEEDTHROUGH, "3.0")}), stop=2.0, step=0.1, inputs=table)
+    for name in types:
+        if name != "Int64":  # of which a table of floats has 53 bits
+            found = results[f"m.{name}_output"]
+            assert found[1] == limits[name].min and found[-1] == limits[name].max
+
+
+LAG, VECTOR = (
+    replace(model, name=f"{model.name}Exchange", kinds=("ModelExchange",))
+    for model in (models.LAG, models.STATE_SPACE)
+)
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.01])
+@pytest.mark.parametrize(("model", "version"), [(LAG, "2.0"), (LAG, "3.0"), (VECTOR, "3.0")])
+def test_the_check_compares_with_reference_results_of_model_exchange(built, tmp_path, model, version, factor):
+    """Of x' = u - x with u = 1 it is 1 - exp(-t), of the vector x' = x + u, y = x + u it is u exp(t)."""
+    path = tmp_path / "m.fmu"
+    path.write_bytes(built(model, version))
+    time = np.linspace(0.0, 1.0, 11)
+    output, u = ("x", np.ones(1)) if model is LAG else ("y", np.array([1.0, 2.0, 3.0]))
+    rows = [u * (1 - np.exp(-t) if model is LAG else np.exp(t)) * factor for t in time]
+
+    def cells(values):
+        return " ".join(map(repr, values.tolist()))
+
+    with zipfile.ZipFile(path, "a") as archive:
+        lines = [f"{t},{cells(row)}" for t, row in zip(time.tolist(), rows, strict=True)]
+        archive.writestr(f"{FOLDER}m_out.csv", "\n".join([f"time,{output}", *lines]))
+        archive.writestr(f"{FOLDER}m_in.csv", f"time,u\n0,{cells(u)}\n1,{cells(u)}\n")
+    findings = compare(path)
+    assert (findings.compared, findings.notes) == (["m_out.csv"], [])
+    # 1e-3 is allowed; FMPy's solver is at 1e-5
+    assert [problem.rule.number for problem in findings.problems] == ([] if factor == 1.0 else ["RUN003"])

@@ -1,0 +1,236 @@
+"""Results: access, and CSV that reads back to the same bits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vdfmu.base.errors import UsageError
+from vdfmu.engine.run import Results, Signal
+
+
+@pytest.fixture
+def results() -> Results:
+    rng = np.random.default_rng(7)
+    m = 1300  # more than two blocks of lines
+    real = rng.standard_normal((m, 3)) * 10.0 ** rng.integers(-300, 300, (m, 3))
+    real[0] = [np.nan, np.inf, -0.0]
+    real[1] = [5e-324, 0.1, 1.0]
+    return Results(
+        0.001 * np.arange(m),
+        [
+            Signal("a.q[2]", "real", "rad", 1),
+            Signal("a.q[1]", "real", "rad", 0),
+            Signal("a.n", "integer", "", 0),
+            Signal("a.m[1,2]", "real", "", 2),
+            Signal("a.on", "boolean", "", 0),
+        ],
+        {
+            "real": real,
+            "integer": rng.integers(-(2**31), 2**31 - 1, (m, 1), dtype=np.int32),
+            "boolean": rng.integers(0, 2, (m, 1), dtype=np.int32),
+        },
+    )
+
+
+def test_csv_reads_back_to_the_same_bits(results, tmp_path):
+    results.write(tmp_path / "r.csv")
+    again = Results.read(tmp_path / "r.csv")
+    assert again.names == results.names
+    assert again.units == results.units
+    assert again.kinds == results.kinds
+    assert again.time.tobytes() == results.time.tobytes()
+    for name in results:
+        assert again[name].dtype == results[name].dtype
+        assert again[name].tobytes() == results[name].tobytes()
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "a,b",
+        'a"b',
+        "a\nb",
+        "a\r\nb",
+        "a\rb",
+        "\n",
+        "",
+        " a ",
+        "a\u2028b",
+        "a\x85b",
+        "\u00e4\u4e2d",
+        "'",
+        "#a",
+        "time",
+        "1.0",
+    ],
+)
+def test_every_name_reads_back_from_csv(tmp_path, name):
+    signals = [Signal(name, "real", name, 0), Signal("last", "real", "m", 1)]
+    results = Results(np.arange(3.0), signals, {"real": np.arange(6.0).reshape(3, 2)})
+    results.write(tmp_path / "r.csv")
+    again = Results.read(tmp_path / "r.csv")
+    assert again.names == [name, "last"]
+    assert again.units == {name: name, "last": "m"}
+    np.testing.assert_array_equal(again[name], results[name])
+
+
+def test_csv_has_a_line_of_names_and_a_line_of_units(results, tmp_path):
+    results.write(tmp_path / "r.csv")
+    lines = (tmp_path / "r.csv").read_text().splitlines()
+    assert lines[0] == 'time,a.q[2],a.q[1],a.n,"a.m[1,2]",a.on'
+    assert lines[1] == "s,rad,rad,integer,,boolean"
+    assert len(lines) == 1302
+
+
+def test_a_group_stacks_by_index(results):
+    np.testing.assert_array_equal(results["a.q"][:, 0], results["a.q[1]"])
+    np.testing.assert_array_equal(results["a.q"][:, 1], results["a.q[2]"])
+    assert results["a.on"].dtype == bool
+
+
+def test_a_group_of_two_indices_has_two_axes():
+    names = [f"a.R[{j},{k}]" for k in (2, 10, 1) for j in (2, 1)]  # in no order
+    values = np.arange(24.0).reshape(4, 6)
+    signals = [Signal(name, "real", "", i) for i, name in enumerate(names)]
+    R = Results(np.arange(4.0), signals, {"real": values})["a.R"]
+    assert R.shape == (4, 2, 3)
+    for (j, k), column in {(0, 0): 5, (1, 0): 4, (0, 1): 1, (1, 1): 0, (0, 2): 3, (1, 2): 2}.items():
+        np.testing.assert_array_equal(R[:, j, k], values[:, column])
+    triangle = Results(np.arange(4.0), signals[:5], {"real": values})
+    with pytest.raises(UsageError, match=r"a\.R\[2,2\], .* are not all elements of an array; take them one"):
+        triangle["a.R"]
+    empty = Results(np.empty(0), signals, {"real": np.empty((0, 6))})
+    assert empty["a.R"].shape == (0, 2, 3)
+
+
+def test_unknown_names(results):
+    with pytest.raises(UsageError, match=r"no signal 'a\.q\[3\]'; did you mean a\.q\["):
+        results["a.q[3]"]
+    with pytest.raises(UsageError, match=r"no signal 'a\.p'"):
+        results["a.p"]
+    assert "a.q[1]" in results
+    assert "a.p" not in results
+
+
+def test_an_empty_result_can_be_written(tmp_path):
+    empty = Results(np.empty(0), [Signal("a", "real", "m", 0)], {"real": np.empty((0, 1))})
+    empty.write(tmp_path / "r.csv")
+    assert len(Results.read(tmp_path / "r.csv")) == 0
+
+
+def test_a_file_that_cannot_be_written(results, tmp_path):
+    with pytest.raises(UsageError, match="cannot write .*: No such file or directory"):
+        results.write(tmp_path / "nowhere" / "r.csv")
+    (tmp_path / "r.csv").mkdir()
+    with pytest.raises(Exception, match="cannot write .*: Is a directory"):
+        results.write(tmp_path / "r.csv")
+    assert [p.name for p in tmp_path.iterdir()] == ["r.csv"]  # no half file is left
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "expected a line of names and a line of units"),
+        ("a,b\ns,m\n1,2\n", "'time' as the first column"),
+        ("time,b\ns\n", "as many units as names"),
+        ("time,b\ns,m\n1,x\n", "could not convert string 'x'"),
+        ("time,b\ns,m\n1,2,3\n", "expected 2 columns, got 3"),
+    ],
+)
+def test_csv_of_another_form(tmp_path, text, message):
+    (tmp_path / "r.csv").write_text(text)
+    with pytest.raises(UsageError, match=message):
+        Results.read(tmp_path / "r.csv")
+
+
+def test_a_missing_csv(tmp_path):
+    with pytest.raises(UsageError, match="cannot read .*No such file"):
+        Results.read(tmp_path / "r.csv")
+
+
+def made(time, **columns) -> Results:
+    values = np.column_stack([np.broadcast_to(column, np.shape(time)) for column in columns.values()])
+    signals = [Signal(f"a.{name}[{i}]", "real", "rad", k) for k, name in enumerate(columns) for i in (1,)]
+    return Results(np.asarray(time, float), signals, {"real": values.astype(float)}, {"scenario": "mine"})
+
+
+def test_results_show_what_is_in_them(results):
+    lines = repr(results).splitlines()
+    assert lines[0] == "Results: 5 signals, 1300 rows from 0 to 1.299 s"
+    assert [line.split()[:2] for line in lines[2:]] == [
+        ["a.q", "2"],
+        ["a.n", results["a.n"].min().astype(float).__format__(".4g")],
+        ["a.m", "1"],
+        ["a.on", "0"],
+    ]
+    html = made([0.0, 1.0], **{"<b>": [1.0, 2.0]})._repr_html_()
+    assert "a.&lt;b&gt;" in html
+    assert "<b>" not in html.replace("<tbody>", "")
+    assert "Results of mine: 1 signals, 2 rows" in html
+    assert made([0.0, 1.0], q=-0.0).contents()._repr_html_().count("<td>0</td>") == 2  # and none of -0
+    assert "0 rows" in repr(Results(np.empty(0), [Signal("a", "real", "m", 0)], {"real": np.empty((0, 1))}))
+
+
+def test_pandas_and_xarray_have_the_numbers_and_their_units(results):
+    frame = results.to_pandas()
+    assert list(frame.columns) == results.names
+    assert frame.attrs["units"]["a.q[1]"] == "rad"
+    assert frame["a.on"].dtype == bool
+    np.testing.assert_array_equal(frame["a.q[2]"].to_numpy(), results["a.q[2]"])
+    np.testing.assert_array_equal(frame.index, results.time)
+    dataset = results.to_xarray()
+    assert dataset["a.q"].dims == ("time", "a.q_1")
+    assert dataset["a.q"].attrs == {"units": "rad"}
+    np.testing.assert_array_equal(dataset["a.q"].sel({"a.q_1": 2}), results["a.q[2]"])
+    assert dataset["a.m"].dims == ("time", "a.m_1", "a.m_2")
+    assert dataset["a.n"].dims == ("time",)
+    assert dataset.time.attrs == {"units": "s"}
+
+
+def test_differences_of_results_on_other_times():
+    time = np.linspace(0.0, 1.0, 11)
+    one, other = made(time, q=time, w=time), made(time[::5] + 0.0, q=time[::5] + 0.25, p=0.0)
+    found = one.compare(other)
+    ((group, unit, largest, rms, name, _),) = found.rows  # what both have
+    assert (group, unit, name) == ("a.q", "rad", "a.q[1]")
+    # a straight line is interpolated to rounding
+    np.testing.assert_allclose([largest, rms], 0.25, rtol=1e-14)
+    assert found.notes == ("only in the first: a.w[1]", "only in the other: a.p[1]")
+    assert one.compare(one).rows[0][2] == 0.0
+    half = made([0.5, 0.75], q=[0.5, np.nan])
+    assert np.isnan(one.compare(half).rows[0][2])  # a number that is none is not passed over
+    with pytest.raises(UsageError, match=r"no time in common: 0 to 1 s, 2 to 3 s"):
+        one.compare(made([2.0, 3.0], q=0.0))
+    with pytest.raises(UsageError, match="no signals of the same names"):
+        one.compare(made(time, other=0.0))
+
+
+def test_runs_over_each_other_in_one_picture(tmp_path):
+    time = np.linspace(0.0, 1.0, 11)
+    one, other = made(time, q=time, w=time), made(time, q=2 * time)
+    figure = one.plot("a.q", over={"twice": other}, path=tmp_path / "q.svg")
+    (axes,) = figure.axes
+    assert [line.get_ydata()[-1] for line in axes.lines] == [1.0, 2.0]
+    assert len({line.get_linestyle() for line in axes.lines}) == 2
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["mine", "twice"]
+    assert (tmp_path / "q.svg").read_text().startswith("<?xml")
+    one.plot(path=tmp_path / "q.pdf")
+    first = (tmp_path / "q.pdf").read_bytes()
+    one.plot(path=tmp_path / "q.pdf")
+    assert (tmp_path / "q.pdf").read_bytes() == first  # no date, no random names
+    assert first.startswith(b"%PDF")
+    with pytest.raises(UsageError, match=r"expected a picture \.png, \.svg, \.pdf, got \.jpg"):
+        one.plot(path=tmp_path / "q.jpg")
+    for ask in (one.plot, one.members, one.__getitem__):
+        with pytest.raises(
+            UsageError, match=r"expected the name of a signal, got \['a\.p'\]\. Give several names one"
+        ):
+            ask(["a.p"])
+    with pytest.raises(UsageError, match=r"no signal 'a\.x'"):
+        one.plot("a.x")
+    for wrong in (other, {"twice": "q.csv"}):
+        with pytest.raises(
+            UsageError, match=r"expected results by what they are called, over=\{'soft': other\}"
+        ):
+            one.plot("a.q", over=wrong)

@@ -1,0 +1,340 @@
+"""Units, transformations, parameter bindings and nested systems, run to their numbers."""
+
+from __future__ import annotations
+
+import zipfile
+
+import numpy as np
+import pytest
+
+from vdfmu.base.errors import SspError
+from vdfmu.engine.package import load_ssp
+from vdfmu.engine.plan.check import check_system
+from vdfmu.engine.run import simulate
+
+SSV = (
+    '<ssv:ParameterSet xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues" '
+    'xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon" version="1.0" name="external">'
+    "<ssv:Parameters>{}</ssv:Parameters>{}</ssv:ParameterSet>"
+)
+SSM = (
+    '<ssm:ParameterMapping xmlns:ssm="http://ssp-standard.org/SSP1/SystemStructureParameterMapping" '
+    'xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon" version="1.0">{}</ssm:ParameterMapping>'
+)
+MM = '<ssc:Unit name="mm"><ssc:BaseUnit m="1" factor="0.001"/></ssc:Unit>'
+
+
+def bind(*bindings: str) -> str:
+    return f"<ssd:ParameterBindings>{''.join(bindings)}</ssd:ParameterBindings>"
+
+
+def test_units_are_converted(pack, xml):
+    c = xml.component
+    path = pack(
+        [
+            c("deg", "Degrees", "y:output:Real mm:output degC:output"),
+            c("rad", "Radians", "u:input m:input K:input"),
+        ],
+        ["deg.y -> rad.u", "deg.mm -> rad.m", "deg.degC -> rad.K"],
+    )
+    results = simulate(path, stop=2.0, step=1.0, algorithm="jacobi")
+    np.testing.assert_array_equal(results["rad.u"], np.array([0.0, 0.0, 90.0]) * 0.017453292519943295)
+    np.testing.assert_array_equal(results["rad.m"], [0.0, 0.0, 1.5])
+    np.testing.assert_array_equal(results["rad.K"], [273.15, 273.15, 283.15])
+    assert results.units["rad.u"] == "rad"
+    assert results.units["deg.y"] == "deg"
+
+
+def test_a_transformation_applies_after_the_unit_conversion_unless_that_is_suppressed(pack, xml):
+    c = xml.component
+    linear = '<ssc:LinearTransformation factor="2" offset="0.25"/>'
+    path = pack(
+        [c("deg", "Degrees", "mm:output y:output"), c("rad", "Radians", "m:input u:input")],
+        [xml.connection("deg.mm -> rad.m", linear),
+         xml.connection("deg.y -> rad.u", linear, 'suppressUnitConversion="true"')],
+    )  # fmt: skip
+    results = simulate(path, stop=2.0, step=1.0)
+    assert results["rad.m"].tolist() == [0.25, 0.25, 2 * 1.5 + 0.25]
+    assert results["rad.u"].tolist() == [0.25, 0.25, 2 * 90 + 0.25]
+
+
+def test_a_unit_of_a_parameter_is_converted(pack, xml):
+    binding = xml.values(xml.real("width", 250.0, "mm"))
+    path = pack([xml.component("r", "Radians", "", binding)], units=MM)
+    assert simulate(path, stop=1.0, step=1.0)["r.y"].tolist() == [0.25, 0.25]
+
+
+def test_a_parameter_of_another_dimension_is_a_problem(pack, xml):
+    unit = '<ssc:Unit name="kg"><ssc:BaseUnit kg="1"/></ssc:Unit>'
+    path = pack([xml.component("r", "Radians", "", xml.values(xml.real("width", 1.0, "kg")))], units=unit)
+    with pytest.raises(SspError, match=r"parameter 'width' .*: unit mismatch, 'kg' \(kg\) to 'm' \(m\)"):
+        check_system(load_ssp(path))
+
+
+def test_external_values_and_mapping(pack, xml):
+    twice = '<ssc:LinearTransformation factor="2"/>'
+    mapping = f'<ssm:MappingEntry source="w" target="width">{twice}</ssm:MappingEntry>'
+    binding = bind(
+        '<ssd:ParameterBinding source="parameters/set%20a.ssv">'
+        '<ssd:ParameterMapping source="parameters/map.ssm"/></ssd:ParameterBinding>'
+    )
+    files = {
+        "parameters/set a.ssv": SSV.format(xml.real("w", 300.0, "mm"), f"<ssv:Units>{MM}</ssv:Units>"),
+        "parameters/map.ssm": SSM.format(mapping),
+    }
+    path = pack([xml.component("r", "Radians", "", binding)], extra=files)
+    assert simulate(path, stop=1.0, step=1.0)["r.y"][-1] == 2 * (300.0 * 0.001)
+
+
+def test_a_mapping_drops_the_values_that_it_does_not_mention(pack, xml):
+    mapping = (
+        "<ssd:ParameterMapping>" + SSM.format('<ssm:MappingEntry source="gain" target="k"/>')
+        + "</ssd:ParameterMapping>"
+    )  # fmt: skip
+    inner = xml.real("gain", 5.0) + xml.real("u", 2.0) + xml.real("k", 9.0) + xml.real("unrelated", 1.0)
+    before = xml.values(xml.real("u", 3.0)).replace("</ssd:ParameterBindings>", "")
+    after = xml.values(inner, mapping).replace("<ssd:ParameterBindings>", "")
+    path = pack([xml.component("g", "Gain", "", before + after)])
+    assert simulate(path, stop=1.0, step=1.0)["g.y"].tolist() == [15.0, 15.0]
+
+
+def test_two_components_of_one_dotted_name_both_run(pack, xml):
+    """And a value goes to all variables of its name; it is enough that one exists."""
+    inner = f'<ssd:System name="B"><ssd:Elements>{xml.component("C", "Gain")}</ssd:Elements></ssd:System>'
+    given = xml.values(xml.real("B.C.k", 3.0) + xml.real("B.C.u", 2.0) + xml.real("B.C.slope", 7.0))
+    path = pack([inner, xml.component("B.C", "Ramp", "y:output")], bindings=given)
+    results = simulate(path, stop=1.0, step=1.0)
+    assert results["B.C.y"].tolist() == [6.0, 6.0]
+    assert results["B.C#2.y"].tolist() == [0.0, 7.0]
+
+
+def test_precedence_of_bindings(pack, xml):
+    # A later binding wins over an earlier one, the system over its component, the caller over all.
+    at_component = bind(
+        *(f'<ssd:ParameterBinding source="{n}.ssv"/>' for n in ("first", "second"))
+    )  # fmt: skip
+    files = {
+        "first.ssv": SSV.format(xml.real("k", 1.0) + xml.real("u", 7.0), ""),
+        "second.ssv": SSV.format(xml.real("k", 2.0), ""),
+    }
+    elements = [xml.component("a", "Gain", "", at_component), xml.component("b", "Gain", "", at_component)]
+    path = pack(elements, bindings=xml.values(xml.real("k", 3.0), attributes='prefix="b."'), extra=files)
+    results = simulate(path, stop=1.0, step=1.0)
+    assert results["a.y"][0] == 14.0
+    assert results["b.y"][0] == 21.0
+    assert simulate(path, stop=1.0, step=1.0, parameters={"b.k": 4.0})["b.y"][0] == 28.0
+
+
+def test_strings_and_booleans_and_integers_as_parameters(pack, xml):
+    inner = (
+        '<ssv:Parameter name="bi"><ssv:Boolean value="true"/></ssv:Parameter>'
+        '<ssv:Parameter name="ii"><ssv:Integer value="41"/></ssv:Parameter>'
+    )
+    text = '<ssv:Parameter name="word"><ssv:String value="grün"/></ssv:Parameter>'
+    path = pack(
+        [
+            xml.component("logic", "Logic", "", xml.values(inner)),
+            xml.component("c", "Counter", "", xml.values(text)),
+        ]
+    )
+    results = simulate(path, stop=1.0, step=1.0)
+    assert results["logic.io"].tolist() == [42, 42]
+    assert results["logic.bo"].tolist() == [False, False]
+    assert results["c.odd"][0]  # the unit compares the word that it got
+
+
+@pytest.fixture
+def nested(pack, xml):
+    """Return ramp -> system connector -> inner gain -> system output -> outer gain, and a bound K."""
+    inner = (
+        '<ssd:System name="sub"><ssd:Connectors><ssd:Connector name="in" kind="input"/>'
+        '<ssd:Connector name="out" kind="output"/><ssd:Connector name="K" kind="parameter"/></ssd:Connectors>'
+        f"<ssd:Elements>{xml.component('gain', 'Gain', 'u:input y:output k:parameter')}</ssd:Elements>"
+        "<ssd:Connections>"
+        + xml.connection("in -> gain.u", '<ssc:LinearTransformation factor="3" offset="1"/>')
+        + xml.connection("out -> gain.y")  # reversed: the kinds say where data flows to
+        + xml.connection("K -> gain.k")
+        + "</ssd:Connections></ssd:System>"
+    )
+    return pack(
+        [inner, xml.component("ramp", "Ramp", "y:output"), xml.component("last", "Gain", "u:input")],
+        [xml.connection("ramp.y -> sub.in", '<ssc:LinearTransformation factor="10"/>'), "sub.out -> last.u"],
+        bindings=xml.values(xml.real("sub.K", 0.5) + xml.real("last.k", 4.0)),
+    )
+
+
+def test_nested_systems_are_flattened(nested):
+    system = load_ssp(nested)
+    assert [c.name for c in system.components] == ["sub.gain", "ramp", "last"]
+    assert sorted(map(str, system.connections)) == ["ramp.y -> sub.gain.u", "sub.gain.y -> last.u"]
+    assert system.problems == ()
+
+
+def test_nested_systems_run(nested):
+    results = simulate(nested, stop=2.0, step=1.0, parameters={"sub.gain.k": 0.25})
+    u = np.array([0.0, 0.0, 1.0]) * 30.0 + 1.0
+    np.testing.assert_array_equal(results["sub.gain.u"], u)
+    np.testing.assert_array_equal(results["last.y"], u * 0.25 * 4.0)
+
+
+def test_a_system_connector_passes_a_parameter_on(nested):
+    assert simulate(nested, stop=1.0, step=1.0)["sub.gain.y"][0] == 0.5
+
+
+def test_a_calculated_parameter_feeds_a_parameter_at_initialization(pack, xml):
+    path = pack(
+        [
+            xml.component("g", "Gain", "k:parameter"),
+            xml.component("d", "Derived", "twice:calculatedParameter"),
+        ],
+        [xml.connection("d.twice -> g.k", '<ssc:LinearTransformation offset="1"/>')],
+    )
+    results = simulate(path, stop=1.0, step=1.0, parameters={"d.k": 5.0, "g.u": 2.0})
+    assert results["g.y"].tolist() == [22.0, 22.0]
+
+
+@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel", "extrapolated", "iterative"])
+def test_a_calculated_parameter_feeds_an_input_at_initialization(pack, xml, algorithm):
+    inner = (
+        '<ssd:System name="sub">'
+        + xml.component("x", "", "o:output").split(">", 1)[1].removesuffix("</ssd:Component>")
+        + f"<ssd:Elements>{xml.component('d', 'Derived', 'twice:calculatedParameter')}</ssd:Elements>"
+        f"<ssd:Connections>{xml.connection('d.twice -> o')}</ssd:Connections></ssd:System>"
+    )
+    path = pack(
+        [xml.component("g", "Gain", "u:input y:output"), xml.component("d", "Derived", "twice:calculatedParameter"),
+         xml.component("h", "Gain", "u:input"), inner],
+        ["d.twice -> g.u", "sub.o -> h.u"],
+    )  # fmt: skip
+    results = simulate(path, stop=1.0, step=0.5, algorithm=algorithm, parameters={"d.k": 5.0, "sub.d.k": 3.0})
+    assert results["g.y"].tolist() == [20.0, 20.0, 20.0]
+    assert results["h.y"].tolist() == [12.0, 12.0, 12.0]
+    assert results.summary["notes"] == []
+
+
+def test_a_unit_of_a_system_connector_is_converted_on_the_way(pack, xml):
+    inner = (
+        '<ssd:System name="sub"><ssd:Connectors><ssd:Connector name="in" kind="input">'
+        '<ssc:Real unit="mm"/></ssd:Connector></ssd:Connectors>'
+        f"<ssd:Elements>{xml.component('r', 'Radians', 'm:input')}</ssd:Elements><ssd:Connections>"
+        + xml.connection("in -> r.m")
+        + "</ssd:Connections></ssd:System>"
+    )
+    offset = '<ssc:LinearTransformation offset="500"/>'  # in mm, the unit at the end of the first connection
+    path = pack(
+        [inner, xml.component("w", "Radians", "y:output")],
+        [xml.connection("w.y -> sub.in", offset)],
+        units=MM,
+    )
+    # 1 m -> 1000 mm + 500 mm -> 1.5 m; two roundings of the factors 1000 and 0.001.
+    np.testing.assert_allclose(simulate(path, stop=1.0, step=1.0)["sub.r.m"], 1.5, rtol=4e-16)
+
+
+def test_a_signal_dictionary_joins_what_refers_to_it(pack, xml):
+    entries = '<ssb:DictionaryEntry name="bus"><ssc:Real/></ssb:DictionaryEntry>'
+    dictionary = (
+        '<ssd:SignalDictionaries><ssd:SignalDictionary name="D"><ssb:SignalDictionary version="1.0" '
+        'xmlns:ssb="http://ssp-standard.org/SSP1/SystemStructureSignalDictionary">'
+        f"{entries}</ssb:SignalDictionary></ssd:SignalDictionary></ssd:SignalDictionaries>"
+    )
+
+    def reference(name: str) -> str:
+        return (
+            f'<ssd:SignalDictionaryReference name="{name}" dictionary="D"><ssd:Connectors>'
+            '<ssd:Connector name="bus" kind="inout"/></ssd:Connectors></ssd:SignalDictionaryReference>'
+        )
+
+    elements = [reference("d1"), reference("d2"), xml.component("r", "Ramp", "y:output"),
+                xml.component("g", "Gain", "u:input")]  # fmt: skip
+    path = pack(elements, ["r.y -> d1.bus", "d2.bus -> g.u"], dictionaries=dictionary)
+    system = load_ssp(path)
+    assert [str(c) for c in system.connections] == ["r.y -> g.u"]
+    assert simulate(path, stop=2.0, step=1.0)["g.u"].tolist() == [0.0, 0.0, 1.0]
+
+
+@pytest.mark.parametrize("version", ["1.0", "2.0"])
+def test_a_dictionary_in_a_file_has_units_of_its_own(pack, xml, version):
+    """The entry is in its own mm, the SSD's are others; conversion is done on both sides of it."""
+    dictionary = (
+        '<ssd:SignalDictionaries><ssd:SignalDictionary name="D" source="bus.ssb"/></ssd:SignalDictionaries>'
+    )
+    file = (
+        f'<ssb:SignalDictionary version="{version}" '
+        'xmlns:ssb="http://ssp-standard.org/SSP1/SystemStructureSignalDictionary" '
+        'xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon">'
+        '<ssb:DictionaryEntry name="bus"><ssc:Real unit="mm"/></ssb:DictionaryEntry>'
+        f"<ssb:Units>{MM}</ssb:Units></ssb:SignalDictionary>"
+    )
+    reference = (
+        '<ssd:SignalDictionaryReference name="d" dictionary="D"><ssd:Connectors>'
+        '<ssd:Connector name="bus" kind="inout"/></ssd:Connectors></ssd:SignalDictionaryReference>'
+    )
+    inner = (
+        f'<ssd:System name="s"><ssd:Elements>{reference}{xml.component("g", "Radians", "m:input:Real:m")}'
+        + (
+            '</ssd:Elements><ssd:Connections><ssd:Connection startElement="d" startConnector="bus" endElement="g" '
+            'endConnector="m"/></ssd:Connections></ssd:System>'
+        )
+    )
+    path = pack(
+        [xml.component("r", "Radians", "y:output:Real:m"), reference, inner], ["r.y -> d.bus"],
+        dictionaries=dictionary, extra={"bus.ssb": file},
+        units='<ssc:Unit name="mm"><ssc:BaseUnit m="1" factor="2"/></ssc:Unit>'
+        '<ssc:Unit name="m"><ssc:BaseUnit m="1"/></ssc:Unit>',
+    )  # fmt: skip
+    if version == "2.0":
+        with zipfile.ZipFile(path) as archive:
+            members = {name: archive.read(name) for name in archive.namelist()}
+        members["SystemStructure.ssd"] = members["SystemStructure.ssd"].replace(
+            b'version="1.0" name="test"', b'version="2.0" name="test"'
+        )
+        with zipfile.ZipFile(path, "w") as archive:
+            for name, data in members.items():
+                archive.writestr(name, data)
+    system = load_ssp(path)
+    assert (system.version, [str(c) for c in system.connections]) == (version, ["r.y -> s.g.m"])
+    [connection] = system.connections
+    assert system.units[connection.hops[0].unit].factor == 1e-3
+    assert not system.faults
+    assert simulate(path, stop=1.0, step=1.0)["s.g.m"].tolist() == pytest.approx([1.0, 1.0], rel=4e-16)
+
+
+def test_entries_of_a_dictionary_are_there_once_and_as_their_references_say(pack, xml):
+    entries = '<ssb:DictionaryEntry name="bus"><ssc:Real/></ssb:DictionaryEntry>' * 2
+    dictionary = (
+        '<ssd:SignalDictionaries><ssd:SignalDictionary name="D"><ssb:SignalDictionary version="1.0" '
+        'xmlns:ssb="http://ssp-standard.org/SSP1/SystemStructureSignalDictionary">'
+        f"{entries}</ssb:SignalDictionary></ssd:SignalDictionary></ssd:SignalDictionaries>"
+    )
+    reference = (
+        '<ssd:SignalDictionaryReference name="d" dictionary="D"><ssd:Connectors>'
+        '<ssd:Connector name="bus" kind="inout"><ssc:Integer/></ssd:Connector><ssd:Connector name="no" kind="inout"/>'
+        "</ssd:Connectors></ssd:SignalDictionaryReference>"
+    )
+    with pytest.raises(SspError) as info:
+        load_ssp(pack([reference, xml.component("r", "Ramp", "y:output")], dictionaries=dictionary))
+    assert info.value.problems == [
+        "test.ssp: signal dictionary 'D': two entries are named 'bus'",
+        "test.ssp: signal dictionary of 'd' has an entry 'bus' of another type or size than the connector",
+        "test.ssp: signal dictionary of 'd' has no entry 'no'",
+    ]
+    assert {problem.rule.number for problem in info.value.problems} == {"SSP020"}
+
+
+def test_connectors_of_the_outermost_system_fit_what_they_join(pack, xml):
+    units = (
+        '<ssc:Unit name="m"><ssc:BaseUnit m="1"/></ssc:Unit><ssc:Unit name="kg"><ssc:BaseUnit kg="1"/></ssc:Unit>'
+        + MM
+    )
+    path = pack(
+        [xml.component("r", "Radians", "m:input:Real:m u:input:Real y:output:Real:m width:parameter:Real:m")],
+        ["M -> r.m", "U -> r.u", "r.y -> Y", "W -> r.width"],
+        connectors="M:input:Real:kg U:input:Integer Y:output:Real:mm W:parameter:Real:mm",
+        units=units,
+    )
+    with pytest.raises(SspError) as info:
+        check_system(load_ssp(path))
+    assert info.value.problems == [
+        "connection M -> r.m: unit mismatch, 'kg' (kg) to 'm' (m)",
+        "connection U -> r.u: type mismatch, Integer to Real",
+    ]

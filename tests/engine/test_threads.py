@@ -1,0 +1,80 @@
+"""Runs in several threads of one process: each computes what it computes alone, and the process stays as it was."""
+
+from __future__ import annotations
+
+import os
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from vdfmu.base.errors import CosimError
+from vdfmu.engine.run import simulate
+from vdfmu.system.package.write import write_ssp
+from vdfmu.system.scenario import load_scenario
+from vdfmu.system.scenario.parts import cached_fmus
+
+THREADS, RUNS = 8, 5
+
+
+@pytest.fixture
+def arm(tmp_path):
+    """Return a function that packs the planar arm of a backend."""
+
+    def make(backend: str):
+        scenario = load_scenario("planar_tracking")
+        fmus = cached_fmus(scenario, tmp_path / backend, backend)
+        return write_ssp(scenario, fmus, tmp_path / f"{backend}.ssp")
+
+    return make
+
+
+def together(run):
+    """Call `run` in eight threads that begin at once, several times each; return all results."""
+    ready = threading.Barrier(THREADS)
+
+    def several(_: int) -> list:
+        ready.wait()
+        return [run() for _ in range(RUNS)]
+
+    with ThreadPoolExecutor(THREADS) as pool:
+        return [result for results in pool.map(several, range(THREADS)) for result in results]
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize(("backend", "isolate"), [("native", False), ("python", False), ("native", True)])
+def test_eight_threads_compute_what_one_does(arm, backend, isolate):
+    package, folder = arm(backend), os.getcwd()
+    alone = simulate(package, stop=0.01)
+    found = together(lambda: simulate(package, stop=0.01, isolate=isolate))
+    assert len(found) == THREADS * RUNS
+    for results in found:
+        for name in alone.names:
+            np.testing.assert_array_equal(results[name], alone[name])
+    assert os.getcwd() == folder
+
+
+def test_the_working_folder_never_changes(arm, tmp_path, monkeypatch):
+    """Relative paths of other threads would lead elsewhere, and into a folder that is removed."""
+    package = arm("native")
+    monkeypatch.setattr(os, "chdir", lambda path: pytest.fail(f"changed to {path}"))
+    assert len(simulate(package, stop=0.002)) == 3
+
+
+def test_failures_in_threads_keep_to_their_runs(pack, xml):
+    """Each error has the rows and the words of its own run."""
+    path = pack([xml.component("source", "Ramp", "y:output"), xml.component("arm", "Fragile", "y:output")])
+
+    def run():
+        with pytest.raises(CosimError) as info:
+            simulate(
+                path, stop=1.0, step=0.1, parameters={"arm.at": 0.5, "arm.mode": 0}, isolate=False,
+                log=lambda message: None,
+            )  # fmt: skip
+        return info.value
+
+    for error in together(run):
+        assert (error.unit, error.call, error.time) == ("arm", "doStep", 0.5)
+        assert len(error.results) == 6
+        assert sum("q[3] is not finite" in m.text for m in error.results.messages) == 1

@@ -1,0 +1,148 @@
+"""Gains by one rule: what they promise of one joint, and what the whole arm has of it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete
+
+from tests.arm.imports.conftest import ARM
+from tests.conftest import TYPICAL
+from vdfmu import run
+from vdfmu.arm.imports import import_robot
+from vdfmu.arm.robot import load_robot, robot_names
+from vdfmu.base.errors import UsageError
+from vdfmu.study.analysis.gains import GROWTH, arm_gains, joint_gains
+from vdfmu.study.analysis.margins import ArmLoops
+from vdfmu.study.analysis.reach import reach_scenario, write_reach
+from vdfmu.system.scenario import load_scenario
+from vdfmu.system.scenario.check import model_notes
+
+STEP = 1e-3
+
+
+def smallest_distance(J: float, M: float, K: float, K_p: float, K_v: float, delay: int) -> float:
+    """Distance of the joint's sampled loop to -1, on the circle that the rule calls stable, by another way."""
+    A = np.array([[0, 0, 1, 0], [0, 0, 0, 1], [-K / M, K / M, 0, 0], [K / J, -K / J, 0, 0]])
+    plant = (A, np.array([[0], [0], [0], [1 / J]]), np.array([[K_p, 0, 0, K_v]]), np.zeros((1, 1)))
+    A, B, C, _, _ = cont2discrete(plant, STEP)
+    z = np.exp(GROWTH * STEP + 1j * np.linspace(1e-4, 1.0, 40_001) * np.pi)
+    L = np.array([(C @ np.linalg.solve(point * np.eye(4) - A, B))[0, 0] for point in z]) * z**-delay
+    return float(np.abs(1.0 + L).min())
+
+
+@pytest.mark.parametrize(
+    ("J", "M", "K"), [(0.1, 0.5, 1e4), (0.1, 0.02, 4e3), (0.02, 5.0, 2e3), (6.0, 4.0, 1e6)]
+)
+def test_a_joint_has_the_margin_that_is_promised(J: float, M: float, K: float) -> None:
+    K_p, K_v, margin = joint_gains(J, K, np.array([M]), STEP)
+    assert margin >= 0.5
+    found = min(smallest_distance(J, M, K, K_p, K_v, delay) for delay in (0, 1))
+    assert found == pytest.approx(margin, rel=0.01)  # both are minima over grids of frequencies
+
+
+def test_a_stiff_joint_has_the_poles_that_are_placed() -> None:
+    J, M = 0.1, 0.5
+    K_p, K_v, _ = joint_gains(J, 1e9, np.array([M]), STEP)
+    damping = K_v / (2 * np.sqrt(K_p * (J + M)))
+    assert damping == pytest.approx(0.5, rel=1e-12)  # by its formula
+    assert 0.1 < K_v * STEP / J <= 0.4
+
+
+def test_a_soft_joint_is_no_stiffer_than_a_quarter_of_its_spring() -> None:
+    K_p, _, _ = joint_gains(0.1, 500.0, np.array([0.02]), STEP)
+    assert K_p <= 125.0
+
+
+def test_all_inertias_that_a_joint_sees_count() -> None:
+    one = joint_gains(0.1, 1e4, np.array([0.5]), STEP)
+    both = joint_gains(0.1, 1e4, np.array([0.5, 5.0]), STEP)
+    assert both[0] < one[0]
+    assert both[2] >= 0.5
+
+
+@pytest.mark.parametrize("name", TYPICAL)
+def test_the_loops_of_the_whole_arm_keep_clear_of_minus_one(name: str) -> None:
+    """The rule knows of no other joint: what coupling takes of its margin of 0.5 is less than a third."""
+    scenario = reach_scenario(name)
+    assert ArmLoops(scenario, growth=GROWTH).margins(delay=0).modulus.min() > 0.7
+    assert ArmLoops(scenario, growth=GROWTH).margins(delay=1).modulus.min() > 0.33
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("name", sorted({*robot_names()} - {*TYPICAL}))
+def test_the_loops_of_every_other_shipped_arm_do_too(name: str) -> None:
+    scenario = reach_scenario(name)
+    motion = scenario.sections["trajectory"]
+    assert (
+        np.abs(np.subtract(motion["q_end"], motion["q_start"])).sum() < 4.1
+    )  # rad: a long arm does not coil
+    loops = ArmLoops(scenario, growth=GROWTH)
+    assert loops.margins(delay=0).modulus.min() > 0.7
+    assert loops.margins(delay=1).modulus.min() > 0.25  # the Panda stretches joints 1, 3 and 5 along one axis
+
+
+def test_gains_follow_the_step() -> None:
+    robot = load_robot("planar_2dof")
+    q = np.zeros((1, 2))
+    fast, slow = arm_gains(robot, q, 1e-3), arm_gains(robot, q, 4e-3)
+    assert (slow.K_v < fast.K_v / 2).all()
+    assert (slow.K_p < fast.K_p).all()
+
+
+def test_gains_that_miss_their_margin_are_refused() -> None:
+    """No gains have more than the 1 of none at all."""
+    with pytest.raises(
+        UsageError, match=r"joint 1: expected gains with a modulus margin of 1.1, got 0.9.* smaller"
+    ):
+        arm_gains(load_robot("planar_2dof"), np.zeros((1, 2)), 1e-3, margin=1.1)
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Path:
+    """Return the path of an imported arm."""
+    (tmp_path / "arm.urdf").write_text(f"<robot name='arm'>{ARM}</robot>", encoding="utf-8")
+    path = tmp_path / "arm.toml"
+    path.write_text(import_robot(tmp_path / "arm.urdf").text, encoding="utf-8")
+    return path
+
+
+def test_the_motion_keeps_clear_of_end_stops(arm: Path, tmp_path: Path) -> None:
+    found = write_reach(arm, tmp_path / "reach.toml")
+    scenario = load_scenario(tmp_path / "reach.toml")
+    robot = scenario.robot
+    for key in ("q_start", "q_end"):
+        at = np.array(scenario.sections["trajectory"][key])
+        away = np.minimum(at - robot.q_min, robot.q_max - at)
+        assert (away > 0.09 * np.minimum(robot.q_max - robot.q_min, 10.0)).all()
+    assert scenario.sections["controller"]["K_p"] == [float(f"{k:.4g}") for k in found.gains.K_p]
+    assert found.notes == []
+
+
+def test_motors_that_are_too_weak_are_said(arm: Path, tmp_path: Path) -> None:
+    text = arm.read_text(encoding="utf-8")
+    assert text.count("tau_stall = 0.5\n") == 2
+    arm.write_text(text.replace("tau_stall = 0.5\n", "tau_stall = 0.01\n"), encoding="utf-8")
+    (note,) = write_reach(arm, tmp_path / "reach.toml").notes
+    assert note.startswith("the motors are too weak")
+    assert "The motors are too weak" in (tmp_path / "reach.toml").read_text(encoding="utf-8")
+    # what is run without being written says so too
+    scenario = reach_scenario(load_robot(arm))
+    assert scenario.notes == (note,) and note in model_notes(scenario)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shipped", [pytest.param(None, marks=pytest.mark.heavy), "scara_4dof"])
+def test_an_imported_or_shipped_arm_moves_well_at_once(
+    arm: Path, shipped: str | None, tmp_path: Path
+) -> None:
+    robot = load_robot(arm if shipped is None else shipped)
+    scenario = reach_scenario(robot)
+    results = run("reach", robot=robot, out=tmp_path / "results", reference=False)
+    assert results.summary["scenario"] == f"{robot.name}_reach"
+    torque = results["controller.tau"] * robot.ell
+    # The torque is held over a step, on average half a step late: the feedback of a deviation balances that.
+    late = np.abs(np.diff(torque, axis=0)).max(axis=0)
+    error = np.abs(results["trajectory.q_d"] - results["plant.q"]).max(axis=0)
+    assert (error < late / np.array(scenario.sections["controller"]["K_p"])).all()
+    assert np.abs(results["plant.q"][-1] - scenario.sections["trajectory"]["q_end"]).max() < 1e-4

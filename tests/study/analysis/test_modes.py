@@ -1,0 +1,272 @@
+"""The arm at a pose as a linear system, and its modes: closed forms, energies, differences and runs of the plant."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import eigh, expm
+from typer.testing import CliRunner
+
+import vdfmu
+from vdfmu.arm.equations.harmonic_drive import deformation_derivative
+from vdfmu.arm.equations.plant import plant_outputs
+from vdfmu.arm.units.plant import Plant
+from vdfmu.base.errors import UsageError
+from vdfmu.cli.commands import app
+from vdfmu.compiler.unit.evaluate import Plain
+from vdfmu.compiler.unit.interface import Interface
+from vdfmu.study.analysis.modes import MOTORS, modes_along, natural_modes, ranges
+
+POSES = {
+    "planar_2dof": [0.3, -0.5],
+    "slider_3dof": [0.4, 0.1, -0.7],
+    "manipulator_6dof": [0.3, 0.2, 0.5, -0.4, 0.6, 0.1],
+}
+MASS, GRAVITY = 2.5, 9.81
+ONE_JOINT = f"""
+name = "lift"
+description = "A mass on a vertical slide"
+friction = "lumped"
+gravity = [0.0, 0.0, {GRAVITY}]
+tool_offset = [0.0, 0.0, 0.0]
+[[joints]]
+type = "prismatic"
+rotation = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+offset = [0.0, 0.0, 0.0]
+[joints.link]
+mass = {MASS}
+centroid = [0.0, 0.0, 0.0]
+inertia = 0.01
+[joints.drive]
+ell = 600.0
+I_m = 0.01
+K_f0 = 3e5
+c_f = 1e-4
+K_w0 = 3.0
+c_w = 11.0
+theta_err_amplitude = 0.0
+theta_err_phase = 0.0
+[joints.friction]
+f_c = 4.0
+f_s = 8.0
+f_v = 50.0
+v_s = 0.02
+f_ck = 0.03
+eps = 1e-2
+"""
+
+
+@pytest.fixture
+def lift(tmp_path):
+    (tmp_path / "lift.toml").write_text(ONE_JOINT)
+    return vdfmu.load_robot(tmp_path / "lift.toml")
+
+
+def roots(robot, f):
+    """Eigenvalues of mass, spring, rotor J and damping f: M J s^3 + M f s^2 + K (M + J) s + K f = 0, beside 0."""
+    K = float(1.0 / deformation_derivative(robot, np.array([MASS * GRAVITY]))[0])
+    J = float(robot.I_m[0] * robot.ell[0])
+    return np.roots([MASS * J, MASS * f, K * (MASS + J), K * f]), K, J
+
+
+def test_one_joint_without_friction_is_two_masses_on_a_spring(lift):
+    lift = lift.with_parameters(f_v=0.0)
+    _, K, J = roots(lift, 0.0)
+    free, held = (natural_modes(lift, [0.1], motors=motors) for motors in MOTORS)
+    # rounding of eigenvalues: 1e-16 of the norm of A, K = 1e5, over the eigenvalue, 300 rad/s
+    assert free.frequency == pytest.approx(np.sqrt(K * (1 / MASS + 1 / J)) / (2 * np.pi), rel=1e-10)
+    assert held.frequency == pytest.approx(np.sqrt(K / MASS) / (2 * np.pi), rel=1e-10)
+    assert abs(free.damping[0]) < 1e-10 and abs(held.damping[0]) < 1e-10
+    # the centre of mass rests
+    assert free.links[0, 0] / free.rotors[0, 0] == pytest.approx(-J / MASS, rel=1e-9)
+    assert max(abs(free.links[0, 0]), abs(free.rotors[0, 0])) == pytest.approx(1.0, rel=1e-12)
+    assert held.links[0, 0] == pytest.approx(1.0) and held.rotors[0, 0] == 0.0
+    # a double eigenvalue 0 splits by the root of the rounding: 1e-16 of 1e5, squared scale 1e5
+    assert free.rates.shape == (2,) and np.abs(free.rates).max() < 1e-3 and not held.rates.size
+
+
+@pytest.mark.parametrize("dry", [False, True])
+def test_friction_of_one_joint_has_its_closed_form(lift, dry):
+    f = float(lift.f_v[0] + (lift.f_s[0] / lift.eps[0] if dry else 0.0))  # (54) at rest
+    found, (s, *_) = natural_modes(lift, [0.1], dry=dry), roots(lift, f)
+    (up,) = s[s.imag > 0]
+    # rounding, as above
+    assert found.frequency == pytest.approx(abs(up) / (2 * np.pi), rel=1e-9)
+    assert found.damping == pytest.approx(-up.real / abs(up), rel=1e-7)
+    np.testing.assert_allclose(found.rates, [*s[s.imag == 0].real, 0.0], rtol=1e-7, atol=1e-7)
+
+
+@pytest.mark.parametrize("coupling", [False, True])
+@pytest.mark.parametrize("name", POSES)
+def test_modes_without_friction_are_those_of_the_energies(name, coupling):
+    """Frequencies of the kinetic energy of links and rotors, and of springs and gravity."""
+    robot = dataclasses.replace(vdfmu.load_robot(name), rotor_coupling=coupling).with_parameters(f_v=0.0)
+    n, q = robot.n, np.array(POSES[name])
+    unit = np.eye(2 * n)
+
+    def energy(v):
+        return plant_outputs(robot, np.concatenate([q, v, np.zeros(n)])).E_kin
+
+    M = np.array([[energy(a + b) - energy(a) - energy(b) for b in unit] for a in unit])
+    slope = [
+        (vdfmu.gravity_torque(robot, q + d) - vdfmu.gravity_torque(robot, q - d)) / 2e-6
+        for d in 1e-6 * np.eye(n)
+    ]
+    k = np.diag(1.0 / deformation_derivative(robot, vdfmu.gravity_torque(robot, q)))
+    K = np.block([[k + np.array(slope).T, -k], [-k, k]])
+    K = (K + K.T) / 2.0  # of rounding of the differences
+    for motors, size in (("free", 2 * n), ("held", n)):
+        w2, shapes = eigh(K[:size, :size], M[:size, :size])
+        found = natural_modes(robot, q, motors=motors)
+        # gravity's difference quotient has errors of 1e-8 N.m, of stiffnesses of 1e3 and more
+        np.testing.assert_allclose(found.frequency[-n:], np.sqrt(w2[-n:]) / (2 * np.pi), rtol=1e-8)
+        np.testing.assert_allclose(found.damping[-n:], 0.0, atol=1e-8)
+        both = np.hstack([found.links, found.rotors])[-n:, :size]
+        for mine, other in zip(both, shapes.T[-n:], strict=True):
+            scaled = other * (mine @ other) / (other @ other)
+            # eigenvectors of frequencies that are a few per cent apart: 30 times the error of the matrix
+            np.testing.assert_allclose(mine, scaled, atol=1e-5)
+        np.testing.assert_allclose(found.share.sum(axis=1), 1.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("dry", [False, True])
+@pytest.mark.parametrize("name", ["planar_2dof", "slider_3dof"])
+def test_the_linear_system_has_the_differences_of_the_plant(name, dry):
+    robot = vdfmu.load_robot(name)
+    system = vdfmu.linearize(robot, POSES[name], dry=dry)
+    plain = plain_plant(robot, dry)
+    plain.group("tau")[:] = system.u[: robot.n]
+
+    def both(x, u):
+        plain.group("tau")[:], plain.group("F_e")[:] = u[: robot.n], u[robot.n :]
+        x_dot = plain.rate(0.0, x)
+        plain.outputs()
+        return np.concatenate([x_dot, x, plain.group("kappa"), plain.group("p_O")])
+
+    x, u, n_x = system.x, system.u, len(system.x)
+    rest = both(x, u)
+    # the equilibrium: rounding of torques of some 10 N.m over inertias of 1e-3 kg m2
+    np.testing.assert_allclose(rest[:n_x], 0.0, atol=1e-10)
+    np.testing.assert_allclose(rest[n_x:], system.y, atol=1e-14)
+    h = 1e-7
+    A_C = np.array([(both(x + d, u) - both(x - d, u)) / (2 * h) for d in h * np.eye(n_x)]).T
+    B_D = np.array([(both(x, u + d) - both(x, u - d)) / (2 * h) for d in h * np.eye(len(u))]).T
+    # rounding of the differences, 1e-16 of 1e4 rad/s2 over 1e-7; slopes of springs bend at zero torque: c_w h K / ell
+    scale = np.abs(system.A).max()
+    np.testing.assert_allclose(A_C, np.vstack([system.A, system.C]), rtol=1e-4, atol=1e-8 * scale)
+    np.testing.assert_allclose(B_D, np.vstack([system.B, system.D]), rtol=1e-6, atol=1e-6)
+
+
+def plain_plant(robot, dry):
+    plain = Plain(Interface(Plant, robot))
+    if not dry:
+        for name in ("f_c", "f_s", "f_ck"):
+            if name in plain.interface.groups:
+                plain.group(name)[:] = 0.0
+    return plain
+
+
+def test_the_plant_near_rest_moves_by_the_matrix_exponential():
+    robot = vdfmu.load_robot("planar_2dof")
+    system = vdfmu.linearize(robot, POSES["planar_2dof"])
+    plain = plain_plant(robot, False)
+    plain.group("tau")[:] = system.u[:2]
+    t, d = 0.03, 1e-8 * np.array([1.0, -0.5, 20.0, 30.0, -10.0, 5.0, 2e3, -1e3])
+    found = solve_ivp(plain.rate, (0.0, t), system.x + d, method="DOP853", rtol=1e-13, atol=1e-16).y[:, -1]
+    wanted = expm(t * system.A) @ d
+    size = np.abs(expm(t * system.A)) @ np.abs(d)
+    # tolerance of the solver: 1e-13 of 10 N.m over 1e-5 N.m, 1e-7; curvature: deviations of 1e-8 rad
+    np.testing.assert_allclose((found - system.x) / size, wanted / size, atol=1e-5)
+    assert np.abs(wanted - d).max() > 0.5 * np.abs(d).max()  # two periods of the slowest mode: it has moved
+
+
+def test_frequencies_of_the_papers_arm_along_its_motion():
+    """Those of docs/solver.md, which the plant's Jacobian gives, and the fastest one in the wrist."""
+    times, along = modes_along(vdfmu.load_scenario("tracking"))
+    assert len(times) == 101 and times[-1] == 10.0
+    found = {motors: ranges(along[motors], 6) for motors in MOTORS}
+    ends = {motors: (round(pairs[0][0]), round(pairs[-1][1])) for motors, pairs in found.items()}
+    assert ends == {"free": (52, 302), "held": (14, 300)}
+    for motors in MOTORS:
+        assert {int(modes.joint[-1]) for modes in along[motors]} <= {3, 4, 5}
+        assert all(len(modes.frequency) >= 6 for modes in along[motors])
+
+
+def test_a_mode_that_nowhere_oscillates_has_no_range(lift):
+    modes = natural_modes(lift, [0.1])
+    assert ranges([modes], 2) == [None, (modes.frequency[0],) * 2]
+
+
+def test_the_linear_system_goes_to_other_tools(monkeypatch):
+    system = vdfmu.linearize(vdfmu.load_robot("slider_3dof"), POSES["slider_3dof"])
+    assert system.states[:2] == ("q[1]", "q[2]") and system.state_units[:2] == ("rad", "m")
+    assert system.inputs[2:4] == ("tau[3]", "F_e[1]") and system.input_units[2:4] == ("N.m", "N")
+    assert system.outputs[-1] == "p_O[3]" and system.output_units[-4:] == ("rad", "m", "m", "m")
+    for matrix, rows, columns in (
+        (system.A, system.states, system.states), (system.B, system.states, system.inputs),
+        (system.C, system.outputs, system.states), (system.D, system.outputs, system.inputs),
+    ):  # fmt: skip
+        assert matrix.shape == (len(rows), len(columns))
+    scipy = system.to_scipy()
+    np.testing.assert_array_equal(scipy.A, system.A)
+    np.testing.assert_array_equal(scipy.D, system.D)
+    monkeypatch.setitem(sys.modules, "control", SimpleNamespace(ss=lambda *args, **names: (args, names)))
+    args, names = system.to_control()
+    assert args == (system.A, system.B, system.C, system.D)
+    assert names == {
+        "states": [*system.states],
+        "inputs": [*system.inputs],
+        "outputs": [*system.outputs],
+    }
+    # python-control refuses names with a dot
+    _, names = dataclasses.replace(system, inputs=("plant.tau[1]", *system.inputs[1:])).to_control()
+    assert names["inputs"] == ["plant_tau[1]", *system.inputs[1:]]
+    monkeypatch.setitem(sys.modules, "control", None)
+    with pytest.raises(UsageError, match="pip install control"):
+        system.to_control()
+
+
+def test_what_cannot_be_linearised_is_said(lift, tmp_path):
+    with pytest.raises(UsageError, match="expected a Robot, got str"):
+        vdfmu.linearize("planar_2dof", [0.0, 0.0])
+    for at in ([0.0, 1.0], [np.nan], 0.0):
+        with pytest.raises(UsageError, match="lift: expected 1 finite position"):
+            vdfmu.linearize(lift, at)
+    with pytest.raises(UsageError, match="motors: expected free or held, got 'off'"):
+        natural_modes(lift, [0.0], motors="off")
+    limits = "[joints.limits]\nq_min = 0.05\nq_max = 0.5\nstop_stiffness = 1e5\nstop_damping = 1.0\n"
+    weak = "kappa_dot_max = 0.5\ntau_stall = 0.01\n"
+    (tmp_path / "weak.toml").write_text(ONE_JOINT + limits + weak)
+    with pytest.raises(UsageError) as raised:
+        vdfmu.linearize(vdfmu.load_robot(tmp_path / "weak.toml"), [0.6])
+    assert "joint 1 at 0.6: expected 0.05 to 0.5, between its end stops" in str(raised.value)
+    # 2.5 kg x 9.81 m/s2 / 600 rad/m
+    assert "at most 0.01 N.m, it takes 0.04088 N.m" in str(raised.value)
+    (tmp_path / "strong.toml").write_text(ONE_JOINT + limits + weak.replace("0.01", "1.0"))
+    said = CliRunner().invoke(app, ["modes", str(tmp_path / "strong.toml")])
+    assert said.exit_code == 0 and "at 0.275" in said.output  # 0 is beyond an end stop
+
+
+def test_the_command_prints_a_pose_or_a_path(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run = CliRunner().invoke
+    said = run(app, ["modes", "planar_2dof", "--pose", "0.3, -0.5"])
+    modes = natural_modes(vdfmu.load_robot("planar_2dof"), [0.3, -0.5])
+    assert said.exit_code == 0 and all(f"{f:.2f}" in said.output for f in modes.frequency)
+    assert "Motors held, at 0.3 -0.5" in said.output and "Not oscillating, 1/s:" in said.output
+    said = run(app, ["modes", "planar_2dof", "--path", "planar_tracking"])
+    assert said.exit_code == 0 and " to " in said.output
+    assert (tmp_path / "planar_tracking_modes.png").read_bytes().startswith(b"\x89PNG")
+    for options, message in (
+        (["--path", "planar_tracking"], "expected no file of this name"),
+        (["--path", "planar_tracking", "--pose", "0 0"], "expected --pose or --path, got both"),
+        (["--out", "here.png"], "--out is for the picture of --path"),
+        (["--pose", "0 left"], "expected numbers, such as '0.3 -0.5'"),
+    ):
+        failed = run(app, ["modes", "planar_2dof", *options])
+        assert isinstance(failed.exception, UsageError) and message in str(failed.exception), options

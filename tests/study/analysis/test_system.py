@@ -1,0 +1,144 @@
+"""Whole systems linearised by their FMUs: against the traced loop, the matrix exponential and the nonlinear run."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from typer.testing import CliRunner
+
+import vdfmu
+from tests.study.analysis.test_margins import AT_REST
+from vdfmu.base.errors import UsageError
+from vdfmu.cli.commands import app
+from vdfmu.engine.inspect.loops import system_margins
+from vdfmu.study.analysis.margins import ArmLoops
+from vdfmu.study.analysis.system import linearized, margins_along
+
+SHORT = AT_REST | {"plant.tolerance": 1e-9}
+
+
+@pytest.mark.parametrize(("master", "delay"), [("gauss-seidel", 0), ("jacobi", 1)])
+def test_margins_by_fmus_are_those_of_the_traced_loop(master, delay):
+    """Two ways that share the equations alone: traced units with feedback by differences, and FMUs as they come."""
+    scenario = vdfmu.load_scenario("planar_tracking")
+    wanted = ArmLoops(scenario, AT_REST, times=[0.0]).margins(delay=delay)
+    found = system_margins(linearized(scenario, master=master, settings=AT_REST), ["plant.tau"])
+    # rounding of the feedback's difference quotients: 1e-8 of gains of 15
+    for mine, other in zip(found, wanted, strict=True):
+        np.testing.assert_allclose(mine, other, rtol=1e-7)
+
+
+def test_the_closed_loop_is_plant_and_controller():
+    """x_dot = (A + B K) x of the traced plant, with K of the controller's law."""
+    loop = ArmLoops(vdfmu.load_scenario("planar_tracking"), AT_REST, times=[0.0]).loops[0]
+    found = vdfmu.linearize("planar_tracking", 0.0, settings=AT_REST)
+    assert found.states[:2] == ("plant.q[1]", "plant.q[2]") and found.state_units[6] == "N.m"
+    # rounding of the feedback's differences, times B of 1e3
+    np.testing.assert_allclose(found.A, loop.plant.A + loop.plant.B @ loop.K, atol=1e-4)
+    opened = vdfmu.linearize("planar_tracking", 0.0, settings=AT_REST, opened=["plant.tau"])
+    np.testing.assert_allclose(opened.A, loop.plant.A, rtol=1e-12, atol=1e-12)
+    assert opened.outputs[-2:] == ("plant.tau[1]", "plant.tau[2]")
+    np.testing.assert_allclose(opened.C[-2:], loop.K, atol=1e-6)
+
+
+@pytest.mark.parametrize("master", ["gauss-seidel", "jacobi"])
+def test_the_sampled_system_moves_as_the_nonlinear_run(master, tmp_path):
+    scenario = dataclasses.replace(vdfmu.load_scenario("planar_tracking"), master=master)
+    system = vdfmu.linearize(scenario, 0.0, sampled=True, settings=SHORT)
+    rows = []
+    for move in (0.0, 1e-5):
+        found = vdfmu.run(
+            scenario,
+            settings=SHORT | {"plant.q_0": [-1.2 + move, 0.4]},
+            stop=0.01,
+            reference=False,
+            out=tmp_path,
+        )
+        rows.append(np.hstack([found[f"plant.{g}"] for g in ("q", "q_dot", "kappa_dot", "tau_s")]))
+        waiting = found["controller.tau"][0]
+        rows.append(waiting)
+    x = rows[2] - rows[0]
+    state = np.zeros(len(system.A))
+    state[:8] = x[0]
+    names = dict(zip(system.states, range(len(system.states)), strict=True))
+    for name, place in names.items():  # what waits at inputs that read the plant
+        signal = name.removeprefix("at ").partition(".")[2]
+        if name.startswith(("at controller", "at feedforward")) and f"plant.{signal}" in names:
+            state[place] = state[names[f"plant.{signal}"]]
+        if name.startswith("at plant.tau"):
+            state[place] = (rows[3] - rows[1])[int(name[-2]) - 1]
+    size = np.abs(x).max(axis=0)
+    for wanted in x:
+        # curvature: squares of 1e-5 rad; the solver's tolerance, 1e-9 of 1 rad over 1e-5 rad
+        np.testing.assert_allclose(state[:8] / size, wanted / size, atol=1e-3)
+        state = system.A @ state
+    assert np.abs(x[-1] - x[0]).max() > 0.1 * np.abs(x[0]).max()
+
+
+def test_sampling_without_feedback_is_the_matrix_exponential():
+    settings = AT_REST | {"controller.K_p": 0.0, "controller.K_v": 0.0}
+    continuous = vdfmu.linearize("planar_tracking", 0.0, settings=settings)
+    sampled = vdfmu.linearize("planar_tracking", 0.0, settings=settings, sampled=True)
+    # rounding of the exponential of a matrix of norm 100
+    np.testing.assert_allclose(sampled.A[:8, :8], expm(1e-3 * continuous.A), atol=1e-10)
+
+
+def test_the_command_prints_margins_of_a_scenario_and_of_a_package(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run = CliRunner().invoke
+    wanted = margins_along("planar_tracking", at=[0.5], master="jacobi")
+    assert wanted.names == ("plant.tau[1]", "plant.tau[2]") and wanted.step == 1e-3
+    said = run(app, ["margins", "planar_tracking", "--master", "jacobi", "--at", "0.5"])
+    assert said.exit_code == 0, said.output
+    assert "Sampled at 0.001 s, jacobi" in said.output
+    assert all(f"{m:.3f}" in said.output for m in wanted.margins[0].modulus)
+    assert run(app, ["ssp", "planar_tracking", "--out", "p.ssp"]).exit_code == 0
+    again = run(app, ["margins", "p.ssp", "--master", "jacobi", "--at", "0.5"])
+    assert again.exit_code == 0 and again.output.splitlines()[2:] == said.output.splitlines()[2:]
+    said = run(app, ["margins", "planar_tracking", "--open", "controller.q", "--stop"][:-1])
+    assert said.exit_code == 0 and len(said.output.splitlines()) >= 2 + 5 * 2  # five times, two joints
+
+
+def test_an_input_is_opened_once():
+    """However often it is named, so that names differ."""
+    once = vdfmu.linearize("planar_tracking", 0.0, sampled=True, opened=["plant.tau"])
+    again = vdfmu.linearize("planar_tracking", 0.0, sampled=True, opened=["plant.tau", "plant.tau[1]"])
+    assert again.outputs == once.outputs and again.outputs[-2:] == ("plant.tau[1]", "plant.tau[2]")
+
+
+def test_what_cannot_be_linearised_is_said():
+    for call, message in (
+        (
+            lambda: margins_along("planar_tracking", ["plant.q"], [0.0]),
+            "plant.q: expected connected continuous inputs",
+        ),
+        (
+            lambda: margins_along("planar_tracking", at=[0.0], master="iterative"),
+            "expected gauss-seidel or jacobi",
+        ),
+        (lambda: margins_along("contrast", at=[0.0]), "contrast has no units"),
+        (
+            lambda: vdfmu.linearize("planar_tracking", 0.0, backend="python"),
+            "plant: expected FMUs with directional",
+        ),
+        (
+            lambda: vdfmu.linearize("planar_tracking", [0.1, 0.2]),
+            "expected a Robot, got str .* A scenario or a package takes a time in s in place of positions",
+        ),
+        (
+            lambda: vdfmu.linearize(vdfmu.load_robot("planar_2dof"), [0.1, 0.2], sampled=True),
+            "for systems at a time",
+        ),
+        (
+            lambda: vdfmu.linearize("planar_tracking", -1.0),
+            "at: expected a time of the run, which starts at 0 s",
+        ),
+        (lambda: margins_along("planar_tracking", at=[np.nan]), "at: expected a time .* got nan s"),
+        (lambda: vdfmu.linearize("planar_tracking", "x"), "at: expected positions of the joints, or a time"),
+        (lambda: vdfmu.linearize("planar_tracking", 0.1, dry=True), "dry: this is for an arm"),
+    ):
+        with pytest.raises(UsageError, match=message):
+            call()

@@ -1,0 +1,109 @@
+"""The arm of a run, moving: what a notebook gets, and what is written."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+import re
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import vdfmu
+from vdfmu.base.errors import UsageError
+from vdfmu.engine.results.results import Signal
+from vdfmu.study.report.content import arm_of
+
+TIME = np.linspace(0.0, 2.0, 201)
+
+
+def results(*names, **summary):
+    """Both joints of the arm turn by 1 rad and by -0.5 rad."""
+    signals = [Signal(f"{name}[{i}]", "real", "rad", i - 1) for name in names for i in (1, 2)]
+    return vdfmu.Results(TIME, signals, {"real": np.outer(TIME, [0.5, -0.25])}, summary)
+
+
+@pytest.fixture
+def arm():
+    facts = {"scenario": "swing", "robot": "planar_2dof", "arm": arm_of(vdfmu.load_robot("planar_2dof"), {})}
+    return vdfmu.animate(results("plant.q", **facts))
+
+
+def test_a_notebook_gets_the_page_with_the_arm_alone(arm, tmp_path):
+    page = arm.save(tmp_path / "arm.html").read_text(encoding="utf-8")
+    shown = arm._repr_html_()
+    assert "\n" not in shown  # a page of the documentation takes it as it is
+    assert gzip.decompress(base64.b64decode(re.search(r"atob\('(.+?)'\)", shown)[1])).decode() == page
+    assert "swing, planar_2dof" in repr(arm)
+    data = json.loads(re.search(r'<script id="data" type="application/json">(.*?)</script>', page)[1])
+    (run,) = data["runs"]
+    assert (run["figures"], run["signals"]) == ([], [])
+    assert run["arm"]["types"] == ["revolute", "revolute"]
+    assert len(base64.b64decode(run["frames"]["q"])) == 4 * 2 * len(TIME)
+
+
+def test_results_without_an_arm_and_wrong_options_are_told(arm, tmp_path):
+    with pytest.raises(
+        UsageError, match=r"animate: the results are not those of an arm: expected what vdfmu\.run"
+    ):
+        vdfmu.animate(results("plant.q"))
+    with pytest.raises(UsageError, match=r"positions of the joints, plant\.q; they have none"):
+        vdfmu.animate(results("plant.x", arm={}))
+    with pytest.raises(UsageError, match="expected the folder of a run"):
+        vdfmu.animate(tmp_path)
+    with pytest.raises(UsageError, match=r"arm\.mp4: expected a name that ends with \.html, \.gif or \.webp"):
+        arm.save(tmp_path / "arm.mp4")
+    with pytest.raises(UsageError, match="got 480, 1 and 5"):
+        arm.save(tmp_path / "arm.gif", frames=1)
+
+
+def test_pictures_without_a_browser_say_what_is_needed(arm, tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(UsageError, match="taken in Chromium or Chrome, which is not installed"):
+        arm.save(tmp_path / "arm.gif")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize(("form", "width"), [("gif", 300), ("webp", 700)])
+def test_pictures_show_the_arm_move(arm, tmp_path, form, width):
+    stages = []
+    path = arm.save(tmp_path / f"arm.{form}", width=width, frames=4, progress=lambda *s: stages.append(s))
+    assert stages == [("pictures", done, 4) for done in range(5)]
+    with Image.open(path) as picture:
+        assert (picture.format.lower(), picture.n_frames, picture.width) == (form, 4, width)
+        frames = []
+        for k in range(4):
+            picture.seek(k)
+            frames.append(np.asarray(picture.convert("RGB"), float))
+    # of a picture some percent are the arm, which is nowhere where it was; elsewhere compression changes little
+    changes = [np.mean(np.abs(b - a).max(axis=2) > 40.0) for a, b in zip(frames, frames[1:], strict=False)]
+    assert min(changes) > 0.01
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("width", [900, 390])
+def test_the_output_of_a_notebook_plays_without_a_network(arm, tmp_path, width):
+    from tests.study.page.browser import Browser
+
+    page = tmp_path / "notebook.html"
+    page.write_text(f'<meta name="viewport" content="width=device-width"><p>before</p>{arm._repr_html_()}')
+    inside = "document.querySelector('iframe').contentWindow"
+    with Browser(tmp_path / "profile") as browser:
+        browser.open(page, width)
+        browser.run(
+            f"new Promise(d => {{ const at = setInterval(() => {inside}.report && (clearInterval(at), d()), 50) }})"
+        )
+        seen = f"filter((one) => {inside}.getComputedStyle(one).display !== 'none').map((one) => one.id || one.tagName)"
+        assert browser.run(f"[...{inside}.document.body.children].{seen}") == ["arm", "NOSCRIPT"]
+        assert browser.run(f"{inside}.document.documentElement.scrollWidth <= {inside}.innerWidth")
+        # the controls, which are last, are seen without scrolling
+        assert browser.run(f"{inside}.document.documentElement.scrollHeight <= {inside}.innerHeight")
+        before = browser.run(f"{inside}.report.view.time")
+        browser.run(f"{inside}.document.querySelector('.play').click()")
+        browser.run("new Promise(d => setTimeout(d, 500))")
+        assert browser.run(f"{inside}.report.view.time") > before
+        assert browser.problems == []
+        assert {url for url in browser.requests if not url.startswith(("about:", "blob:"))} == {page.as_uri()}

@@ -1,0 +1,222 @@
+"""The page of a run in a browser: what it shows, what it does, what it asks for."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+import vdfmu
+from tests.study.page.browser import centre, number, pixels, show
+from vdfmu.arm.dynamics import forward_kinematics
+from vdfmu.engine.results.results import Results
+from vdfmu.study.report.page import read_run, write_report
+
+pytestmark = [pytest.mark.heavy, pytest.mark.usefixtures("quiet")]
+PHONE = (390, 844)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """Return the folder of a run of the six-joint arm: short, with the start and some of the motion."""
+    folder = tmp_path_factory.mktemp("tracking")
+    vdfmu.run("tracking", stop=1.0, out=folder, settings={"trajectory.T": 1.0})
+    return folder
+
+
+def test_the_slider_moves_the_arm(run, browser):
+    show(browser, run / "report.html")
+    before = pixels(browser, ".canvas")
+    assert np.ptp(before) > 100  # something is drawn
+    browser.run(
+        "(s => { s.value = s.max; s.dispatchEvent(new Event('input')) })(document.querySelector('.transport input'))"
+    )
+    browser.settle()
+    after = pixels(browser, ".canvas")
+    # the arm, some per cent of the picture, is elsewhere
+    assert (np.abs(after - before) > 30).mean() > 0.01
+    assert browser.run("document.querySelector('.clock').textContent") == "1.00 s"
+    value = browser.run("document.querySelector('.readout tr:nth-child(2) .number').textContent")
+    results = Results.read(run / "results.csv")
+    assert value == f"{100 * results['controller.tau[2]'][-1]:.3g} N.m"  # ell is 100
+
+
+def test_poses_are_those_of_the_equations(run, browser):
+    show(browser, run / "report.html")
+    found = np.array(browser.run("""(() => {
+        const run = report.runs[0], chain = new report.Chain(run.arm), motion = new report.Motion(run);
+        return Array.from(motion.time, (_, k) => {
+            const p = chain.toolAt(motion.row("q", k));
+            return [...p, ...chain.tool.matrixWorld.elements];
+        });
+    })()"""))  # fmt: skip
+    results = Results.read(run / "results.csv")
+    # positions of joints in single precision, 2^-24 of at most 2 rad each, at arms of 1.4 m: 6 * 1.2e-7 * 1.4 m
+    np.testing.assert_allclose(found[:, :3], results["plant.p_O"], atol=1e-6)
+    robot = vdfmu.load_robot("manipulator_6dof")
+    for row in (0, 500, 1000):
+        p, R = forward_kinematics(robot, results["plant.q"][row])
+        pose = found[row, 3:].reshape(4, 4).T  # column by column in three.js
+        np.testing.assert_allclose(pose[:3, 3], p, atol=1e-6)
+        np.testing.assert_allclose(pose[:3, :3], R, atol=1e-6)
+
+
+def test_the_error_of_the_end_effector_is_that_of_desired_and_actual_positions(run, browser):
+    show(browser, run / "report.html")
+    found = np.array(browser.run("Array.from(report.toolErrors(report.runs[0]).values)"))
+    results = Results.read(run / "results.csv")
+    robot = vdfmu.load_robot("manipulator_6dof")
+    for row in (100, 500, 900):
+        ends = [
+            forward_kinematics(robot, results[f"{name}"][row])[0] for name in ("trajectory.q_d", "plant.q")
+        ]
+        # the errors of joints keep their digits; positions in single precision turn the difference by 1e-6 of itself
+        assert found[row] == pytest.approx(1e3 * np.linalg.norm(ends[0] - ends[1]), rel=1e-5)
+
+
+def test_pointing_shows_the_value_of_the_file(run, browser):
+    show(browser, run / "report.html", 1280, 1400)
+    results = Results.read(run / "results.csv")
+    x, y = centre(browser, "#figures .chart:nth-child(2) .u-over")
+    browser.mouse("mouseMoved", x, y)
+    words = browser.run("document.querySelector('#figures .chart:nth-child(2) .tip').innerText")
+    time = float(re.match(r"([\d.]+) s", words)[1])
+    row = int(np.rint(1e3 * time))
+    assert 400 < row < 600  # in the middle
+    shown = re.findall(r"joint (\d)\s*(\S+) deg", words)
+    assert [joint for joint, _ in shown] == list("123456")
+    error = np.degrees(results["trajectory.q_d"] - results["plant.q"])[row]
+    np.testing.assert_allclose([number(value) for _, value in shown], error, rtol=5e-6)  # six digits
+
+
+def test_dragging_zooms_all_figures_and_a_double_click_ends_it(run, browser):
+    show(browser, run / "report.html", 1280, 1400)
+    x, y = centre(browser, "#figures .chart:nth-child(1) .u-over")
+    for kind, dx, held in (
+        ("mouseMoved", 0, 0),
+        ("mousePressed", 0, 1),
+        ("mouseMoved", 100, 1),
+        ("mouseReleased", 100, 0),
+    ):
+        browser.mouse(kind, x + dx, y, button="left", buttons=held, clickCount=1)
+    limits = "report.charts.slice(0, 2).map(c => [c.plot.scales.x.min, c.plot.scales.x.max])"
+    first, second = browser.run(limits)
+    assert first == second and 0.4 < first[0] < 0.6 and 0.05 < first[1] - first[0] < 0.4
+    for kind in ("mousePressed", "mouseReleased") * 2:
+        browser.mouse(kind, x, y, button="left", clickCount=2)
+    assert browser.run(limits) == [[0, 1], [0, 1]]
+
+
+def test_selector_of_joints_and_logarithmic_scale(run, browser):
+    show(browser, run / "report.html", 1280, 1400)
+    browser.run("document.querySelectorAll('#figures .chip')[1].click()")
+    assert browser.run("report.charts[1].plot.series.map(s => s.show)") == [True, True, False, *[True] * 4]
+    browser.run("document.querySelector('#figures .chart:nth-child(2) figcaption button').click()")
+    browser.settle()
+    assert browser.run("report.charts[1].plot.scales.y.distr") == 3
+    assert browser.run("report.charts[1].plot.data.slice(1).flat().every(v => v === null || v > 0)")
+
+
+def test_a_click_on_a_wire_shows_its_signal(run, browser):
+    show(browser, run / "report.html")
+    browser.run("document.querySelector('.system .hit').dispatchEvent(new MouseEvent('click'))")
+    browser.settle()
+    title = browser.run("document.querySelector('.system .wire title').textContent").split("[")[0]
+    assert (
+        browser.run("document.querySelector('#system figcaption strong').textContent")
+        == title
+        == "trajectory.q_d"
+    )
+    assert browser.run("document.querySelectorAll('.system .wire.on').length") >= 6
+
+
+def test_keys_play_and_step(run, browser):
+    show(browser, run / "report.html")
+    browser.key("ArrowRight", 39)
+    assert browser.run("report.view.time") == pytest.approx(0.005)  # 200 steps of the run
+    browser.key("End", 35)
+    assert browser.run("report.view.time") == 1.0
+    browser.key("Home", 36)
+    browser.run("report.player.speed = 0.1")  # so that it does not end by itself
+    browser.key(" ", 32)
+    assert browser.run("report.player.playing")
+    browser.run("new Promise(done => setTimeout(done, 300))")
+    browser.key(" ", 32)
+    assert not browser.run("report.player.playing")
+    assert 0.02 < browser.run("report.view.time") < 1.0
+
+
+def test_keys_read_the_values_of_a_figure(run, browser):
+    show(browser, run / "report.html", 1280, 1400)
+    centre(browser, "#figures .chart:nth-child(1) .u-over")
+    browser.run("document.querySelector('#figures .plot').focus()")
+    for _ in range(2):
+        browser.key("ArrowRight", 39)
+    words = browser.run("document.querySelector('#figures .tip').innerText")
+    assert words.startswith("0.01 s") and "joint 6, q_d" in words
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_phone_scrolls_down_only(run, browser, scheme):
+    show(browser, run / "report.html", *PHONE, scheme=scheme)
+    assert browser.run("document.documentElement.scrollWidth") == PHONE[0]
+    lightness = pixels(browser, "h1").max()
+    background = np.median(pixels(browser, "body"))
+    assert (background < 60 and lightness > 200) if scheme == "dark" else background > 200
+    assert browser.run("matchMedia('(prefers-color-scheme: dark)').matches") == (scheme == "dark")
+
+
+def test_what_can_be_pressed_has_a_name(run, browser):
+    show(browser, run / "report.html")
+    unnamed = browser.run("""[...document.querySelectorAll("button, select, input, [role=img], figure, svg.system")]
+        .filter(e => !(e.getAttribute("aria-label") || e.textContent.trim() || e.labels?.length))
+        .map(e => e.outerHTML)""")
+    assert unnamed == []
+    tree = browser.call("Accessibility.getFullAXTree")["nodes"]
+    names = {
+        (node["role"]["value"], node.get("name", {}).get("value")) for node in tree if not node["ignored"]
+    }
+    assert {("slider", "Time"), ("button", "Play"), ("combobox", "Signal")} <= names
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_button_that_is_up_can_be_read(run, browser, scheme):
+    show(browser, run / "report.html", scheme=scheme)
+    contrast = browser.run("""(() => {
+        const chip = document.querySelector("#arm .chip");
+        if (chip.getAttribute("aria-pressed") === "true") chip.click();
+        const [ink, card] = [chip, chip.closest(".card")].map((e) => getComputedStyle(e)), share = Number(ink.opacity);
+        const numbers = (colour) => colour.match(/\\d+/g).slice(0, 3).map(Number);
+        const [front, back] = [numbers(ink.color), numbers(card.backgroundColor)];
+        const linear = (v) => (v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+        const light = (colour) => colour.map((v) => linear(v / 255))
+            .reduce((sum, v, k) => sum + [0.2126, 0.7152, 0.0722][k] * v, 0);
+        const both = [light(front.map((v, k) => share * v + (1 - share) * back[k])), light(back)].sort((a, b) => a - b);
+        return (both[1] + 0.05) / (both[0] + 0.05);
+    })()""")
+    assert contrast >= 4.5  # of WCAG 2, level AA, for small text
+
+
+def test_reduced_motion_is_respected(run, browser):
+    show(browser, run / "report.html", motion="reduce")
+    assert not browser.run("report.player.scene.controls.enableDamping")
+    assert browser.run("getComputedStyle(document.querySelector('button')).transitionDuration") == "0s"
+
+
+def test_several_runs_are_drawn_over_each_other(run, browser, tmp_path):
+    one = read_run(run)
+    path = write_report([one, one._replace(name="other")], tmp_path / "comparison.html")
+    show(browser, path)
+    centre(browser, "#figures .chart:nth-child(2)")
+    assert browser.run("report.charts[1].plot.series.length") == 13  # time, six joints of two runs
+    browser.run("document.querySelector('.chip.run1').click()")
+    assert browser.run("report.charts[1].plot.series.filter(s => s.show).length") == 7
+
+
+def test_a_rigid_study_has_figures_and_no_arm(browser, tmp_path):
+    vdfmu.run("contrast", stop=1.0, out=tmp_path)
+    show(browser, tmp_path / "report.html")
+    assert browser.run("report.player") is None
+    assert browser.run("document.getElementById('arm').hidden")
+    assert browser.run("report.charts.length") == 3

@@ -1,0 +1,348 @@
+"""What the page of a run is made of: numbers, checks, files; without a browser."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import io
+import json
+import re
+import time
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner
+
+import vdfmu
+from vdfmu.base.errors import UsageError
+from vdfmu.base.thinning import extremes
+from vdfmu.cli.commands import app
+from vdfmu.engine.results.results import Results, Signal
+from vdfmu.engine.results.verdict import Check, checks_of, verdict_of
+from vdfmu.study.report import content, page
+from vdfmu.study.report.content import EXTREMES, FRAMES, arm_of, content_of
+from vdfmu.study.report.page import (
+    MODULES,
+    WORKER,
+    Run,
+    newest_run,
+    read_run,
+    report_page,
+    script,
+    write_report,
+)
+from vdfmu.study.report.tables import verdict_table
+from vdfmu.study.run.verdict import run_checks
+
+ROOT = Path(vdfmu.__file__).resolve().parents[2]
+WEB = ROOT / "vdfmu" / "report" / "web"
+LIMIT = 1_000_000
+"""Bytes of a page without its data."""
+
+
+DATA = re.compile('<script id="data" type="application/json">(.*)</script>')
+
+
+def data_of(path: Path) -> dict:
+    return json.loads(DATA.findall(path.read_text())[0])
+
+
+def numbers(text: str, kind: str = "<f4") -> np.ndarray:
+    return np.frombuffer(base64.b64decode(text), kind)
+
+
+def curves(figure: dict) -> tuple[np.ndarray, np.ndarray]:
+    """Time (m,) and values (curves, m) of a packed figure."""
+    t = numbers(figure["time"], "<f8")
+    return t, numbers(figure["values"]).reshape(len(figure["curves"]), len(t))
+
+
+def noise(rows: int, elements: int = 3) -> Results:
+    values = np.random.default_rng(3).standard_normal((rows, elements))
+    signals = [Signal(f"unit.y[{i + 1}]", "real", "m", i) for i in range(elements)]
+    return Results(1e-3 * np.arange(rows), signals, {"real": values}, {"joints": 0})
+
+
+@pytest.fixture(scope="module")
+def planar(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("page")
+    return folder, vdfmu.run(
+        "planar_tracking", stop=0.2, out=folder, reference=False, settings={"plant.offset[2,1]": 0.6}
+    )
+
+
+def test_extremes_are_those_of_each_stretch():
+    values = np.random.default_rng(2).standard_normal(1000)
+    kept = extremes(values, 10)
+    for stretch in np.split(np.arange(1000), 10):
+        assert {values[stretch].argmin() + stretch[0], values[stretch].argmax() + stretch[0]} <= set(kept)
+    assert len(kept) <= 22
+
+
+@pytest.mark.parametrize("block", [20_000, 700])
+def test_no_peak_is_lost_and_rows_are_those_of_the_run(monkeypatch, block):
+    monkeypatch.setattr(content, "_BLOCK", block)
+    results = noise(9001)
+    results.data["real"][4567, 1] = 1e3
+    (figure,) = content_of(results, results.summary)["signals"]
+    t, values = curves(figure)
+    rows = np.rint(1e3 * t).astype(int)
+    assert (np.diff(rows) > 0).all() and rows[0] == 0 and rows[-1] == 9000
+    assert set(range(0, 9001, 9)) <= set(rows)  # every 9th row makes FRAMES intervals of 9000
+    np.testing.assert_array_equal(values, results["unit.y"][rows].T.astype("<f4"))
+    assert values[1].max() == 1e3
+    blocks = -(-9001 // block)
+    # the even rows and the last; of each curve two in each of its share of EXTREMES; first and last row of each block
+    assert len(rows) <= FRAMES + 1 + 2 * EXTREMES + 2 * blocks
+
+
+def test_elements_of_an_array_in_two_units_are_two_figures():
+    signals = [Signal("plant.q[1]", "real", "rad", 0), Signal("plant.q[2]", "real", "m", 1)]
+    results = Results(np.arange(3.0), signals, {"real": np.arange(6.0).reshape(3, 2)}, {"joints": 2})
+    found = content_of(results, results.summary)["signals"]
+    assert [(one["key"], one["title"], one["curves"]) for one in found] == [
+        ("plant.q, rad", "plant.q", [["q[1]", 1, 0]]), ("plant.q, m", "plant.q", [["q[2]", 2, 0]])
+    ]  # fmt: skip
+    assert [curves(one)[1].tolist() for one in found] == [[[0.0, 2.0, 4.0]], [[1.0, 3.0, 5.0]]]
+
+
+def test_memory_does_not_grow_with_the_rows(monkeypatch):
+    monkeypatch.setattr(content, "_BLOCK", 1000)
+    results = noise(200_000, 1)
+    tracemalloc.start()
+    content_of(results, results.summary)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    # a column of all rows takes 1.6 MB; those that are kept, 24 bytes each and their text, 0.3 MB
+    assert peak < 8 * 200_000
+
+
+def test_the_page_of_a_long_run_is_quick():
+    results = noise(10_001, 100)  # as many numbers as the tracking run has
+    run = Run("run", results, {"scenario": "noise", "joints": 100}, Path("none.ssp"))
+    report_page([run])
+    start = time.process_time()
+    report_page([run])
+    assert time.process_time() - start < 0.3  # seen: 0.06 s for the tracking run
+
+
+def test_tracking_errors_keep_their_digits(planar):
+    folder, results = planar
+    found = content_of(results, results.summary)
+    figure = next(one for one in found["figures"] if one["key"] == "tracking.revolute")
+    t, values = curves(figure)
+    rows = np.rint(1e3 * t).astype(int)
+    error = np.degrees(results["trajectory.q_d"] - results["plant.q"])[rows].T
+    # one rounding to single precision, 2^-24 of the value, which is a difference of numbers 1e6 times as large
+    np.testing.assert_allclose(values, error, rtol=1.2e-7, atol=1e-30)
+    q = numbers(found["frames"]["q"]).reshape(2, -1)
+    np.testing.assert_array_equal(q, results["plant.q"].T.astype("<f4"))
+    assert folder.joinpath("report.html").exists()
+
+
+@pytest.mark.parametrize("master", ["gauss-seidel", "jacobi"])
+def test_figures_and_frames_are_sums_of_outputs(planar, master):
+    """The page evaluates the recipes for what it simulates, whose signals are the outputs."""
+    results = planar[1]
+    if master == "jacobi":  # whose inputs come one row later than the outputs
+        results = vdfmu.run(
+            "planar_tracking", stop=0.05, reference=False, master=master, out=planar[0] / master
+        )
+    found = content_of(results, results.summary)
+    outputs = {signal.name for signal in results.signals if not signal.of}
+    lags = set()
+
+    def evaluated(recipe, rows):
+        scale, terms = recipe
+        lags.update(late for *_, late in terms)
+        assert {name for _, name, _ in terms} <= outputs
+        parts = [factor * results[name][np.maximum(rows - late, 0)] for factor, name, late in terms]
+        return scale * np.sum(parts, axis=0)
+
+    for figure in found["figures"] + found["signals"]:
+        t, values = curves(figure)
+        rows = np.rint(1e3 * t).astype(int)
+        again = np.array([evaluated(recipe, rows) for recipe in figure["recipes"]])
+        np.testing.assert_array_equal(again.astype("<f4"), values)
+    frames = found["frames"]
+    rows = np.rint(1e3 * numbers(frames["time"], "<f8")).astype(int)
+    assert list(frames["recipes"]) == ["q", "error", "torque", "torsion"]
+    for name, recipes in frames["recipes"].items():
+        again = np.concatenate([evaluated(recipe, rows) for recipe in recipes])
+        np.testing.assert_array_equal(again.astype("<f4"), numbers(frames[name]))
+    assert lags == ({0, 1} if master == "jacobi" else {0})
+
+
+def test_the_arm_has_the_values_of_the_run(planar):
+    _, results = planar
+    assert results.summary["arm"]["offset"] == [[0.0, 0.0, 0.0], [0.6, 0.0, 0.0]]
+
+
+def test_rails_reach_as_far_as_the_run_and_the_page_has_what_it_draws():
+    arm = arm_of(vdfmu.load_robot("slider_3dof"), {})
+    signals = [Signal(f"plant.q[{i + 1}]", "real", unit, i) for i, unit in enumerate(("rad", "m", "rad"))]
+    q = np.array([[9.0, 0.1, 0.0], [0.0, -0.3, -5.0], [1.0, 0.2, 0.0]])
+    results = Results(np.arange(3.0), signals, {"real": q}, {"joints": 3, "arm": arm})
+    drawn = content_of(results, results.summary)["arm"]
+    assert not {"shapes", "gravity", "ell"} & set(drawn)
+    assert drawn["up"] == [0.0, 0.0, 1.0]
+    lengths = np.linalg.norm([*arm["offset"], arm["tool_offset"]], axis=1)
+    assert drawn["reach"] == pytest.approx(lengths.sum() + 0.3)
+    boxes = [part for part in drawn["parts"] if part["shape"] == "box"]
+    assert [(part["body"], part["colour"]) for part in boxes] == [(1, "light"), (2, "joint")]
+    r = 0.06 * drawn["reach"] * (1.0 - 0.42 / 2.0)  # of the second of three joints
+    np.testing.assert_allclose(boxes[0]["size"], [1.5 * r, 1.5 * r, 0.3 + 2.0 * r])
+    # the rail begins at the joint and leads along its axis
+    offset, axis = np.array(arm["offset"][1]), np.array(arm["rotation"][1])[:, 2]
+    np.testing.assert_allclose(boxes[0]["offset"], offset + 0.15 * axis)
+
+
+def test_the_page_of_a_folder_is_that_of_the_run(planar, tmp_path):
+    folder, _ = planar
+    again = data_of(write_report([read_run(folder)], tmp_path / "again.html"))
+    assert again == data_of(folder / "report.html")
+
+
+def test_a_page_without_its_data_stays_below_its_limit(planar):
+    folder, _ = planar
+    text = (folder / "report.html").read_text()
+    assert len(text.encode()) - len(DATA.findall(text)[0]) < LIMIT
+    before = text.split("<script")[0]
+    assert all(one.startswith("data:") for one in re.findall(r"""(?:src|href)=["']([^"']*)""", before))
+
+
+def test_names_of_a_run_cannot_break_the_page(tmp_path):
+    results = noise(5)
+    evil = '</script><script>alert("x")</script>'
+    results.summary |= {"scenario": evil, "kind": "cosimulation"}
+    renamed = results.renamed(lambda name: name.replace("unit", evil))
+    text = report_page([Run("run", renamed, renamed.summary, tmp_path / "none.ssp")]).decode()
+    assert evil not in text
+    assert text.count("</script>") == 3  # data, libraries, our own
+
+
+def test_several_runs_stand_beside_each_other(planar):
+    folder, _ = planar
+    run = read_run(folder)
+    text = report_page([run, run._replace(name="other")]).decode()
+    assert f"<title>{folder.name}, other</title>" in text
+    rows = re.search(r"<h2>Position RMS</h2>.*?</table>", text, re.DOTALL)
+    assert rows is not None
+    cells = re.findall(r"<td[^>]*>([^<]*)</td>", rows[0])
+    assert [cells[0], cells[3]] == ["1", "2"] and cells[1] == cells[2]
+
+
+def test_the_command_writes_one_page_of_its_folders(planar, tmp_path, monkeypatch):
+    folder, _ = planar
+    done = CliRunner().invoke(
+        app, ["report", str(folder), str(folder), "--no-simulate", "--out", str(tmp_path / "both.html")]
+    )
+    assert done.exit_code == 0, done.output
+    assert [run["name"] for run in data_of(tmp_path / "both.html")["runs"]] == [
+        f"{folder.name} (1)",
+        f"{folder.name} (2)",
+    ]
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "results").symlink_to(folder.parent)
+    assert newest_run(Path("results")).resolve() == folder.resolve()
+
+
+def test_a_folder_without_a_run_is_said(tmp_path):
+    with pytest.raises(UsageError, match="expected the folder of a run.*'vdfmu run' writes one"):
+        read_run(tmp_path)
+    with pytest.raises(UsageError, match="has no results of a run"):
+        newest_run(tmp_path)
+
+
+def test_checks_pass_and_fail_by_their_limits():
+    summary = {
+        "reference": {"sampled": {"name": "sampled", "max_position_difference_rad": 1e-8}},
+        "max_position_error_deg": [1e-3], "position_units": ["deg"],
+    }  # fmt: skip
+    (check,) = run_checks(summary)
+    assert check.passed and check.name == "Equals the sampled scipy reference"
+    # a thousandth of 1e-3 degrees is 1.745e-8 rad
+    summary["reference"]["sampled"]["max_position_difference_rad"] = 1.8e-8
+    (check,) = run_checks(summary)
+    assert not check.passed and "differ by 1.8e-08 rad at most; limit 1.75e-08" in check.text
+
+
+def test_a_chaotic_loop_is_held_against_statistics():
+    sampled = {"name": "sampled", "max_position_difference_rad": 1.0, "rms_position_difference": 0.01,
+               "rms_torque_difference": 0.02}  # fmt: skip
+    summary = {"reference": {"sampled": sampled}, "separation": {}, "max_position_error_deg": [1.0],
+               "position_units": ["deg"]}  # fmt: skip
+    (check,) = run_checks(summary)
+    assert check.passed and "2 %" in check.text
+    sampled["rms_torque_difference"] = 0.06
+    (check,) = run_checks(summary)
+    assert not check.passed
+
+
+def test_page_and_terminal_show_the_verdict_of_the_summary(planar, tmp_path):
+    run = read_run(planar[0])
+    assert run.summary["verdict"]["passed"] and run.summary["verdict"]["checks"]
+    verdict = verdict_of([Check("First", True, "as it should"), Check("Second <b>", False, "2 > 1")])
+    changed = run._replace(summary=dict(run.summary) | {"verdict": verdict})
+    text = write_report([changed], tmp_path / "page.html").read_text()
+    assert '<li class="pass"><b>pass</b> First <small>as it should</small></li>' in text
+    assert '<li class="fail"><b>fail</b> Second &lt;b&gt; <small>2 &gt; 1</small></li>' in text
+    with Console(file=io.StringIO(), width=80) as console, console.capture() as shown:
+        console.print(verdict_table(changed.summary))
+    lines = [line.strip() for line in shown.get().splitlines()]
+    assert lines[1:] == ["1 of 2 checks failed", "pass First: as it should", "FAIL Second <b>: 2 > 1"]
+    assert checks_of({}) == []
+
+
+def test_vendored_files_are_those_of_the_pinned_build():
+    built = json.loads((WEB / "vendor.json").read_text())
+    for name, digest in built["sha256"].items():
+        assert hashlib.sha256((WEB / name).read_bytes()).hexdigest() == digest, (
+            f"{name}: 'make vendor' writes it"
+        )
+    lock = json.loads((ROOT / "requirements" / "web" / "package-lock.json").read_text())["packages"]
+    assert built["versions"] == {name: lock[f"node_modules/{name}"]["version"] for name in built["versions"]}
+    assert lock[""]["dependencies"] == built["versions"]
+    assert all("integrity" in entry and "resolved" not in entry for name, entry in lock.items() if name)
+    packed = (WEB / "three_uplot.min.js").read_text()
+    assert packed.count("Permission is hereby granted") == 2  # both licences
+    assert "</script" not in packed and "<!--" not in packed
+
+
+@pytest.mark.parametrize("modules", [MODULES, WORKER], ids=["page", "worker"])
+def test_modules_join_into_one_script(modules):
+    exported: dict[str, set[str]] = {}
+    top: list[str] = []
+    for name in modules:
+        text = (WEB / name).read_text()
+        for names, source in re.findall(r'^import \{([^}]*)\} from "\./(.*)";', text, re.MULTILINE):
+            assert {one.strip() for one in names.split(",")} <= exported[source], (name, source)
+        words = re.findall(r"^(export )?(?:async )?(?:const|let|function|class) (\w+)", text, re.MULTILINE)
+        exported[name] = {word for export, word in words if export}
+        top += [word for _, word in words]
+    assert len(top) == len(set(top))  # they share a scope
+    assert not re.search("^(import|export) ", script(modules), re.MULTILINE)
+
+
+def test_the_pages_own_modules_are_all_used_and_few():
+    listed = {path.name for path in WEB.glob("*.js")} - {"three_uplot.min.js"}
+    assert {*MODULES, *WORKER} == listed
+    own = [*WEB.glob("*.css"), *(WEB / name for name in listed)]
+    assert sum(len(p.read_text().splitlines()) for p in own if not p.name.endswith("min.css")) < 1800
+
+
+def test_the_file_is_written_where_it_belongs(planar, tmp_path, monkeypatch):
+    folder, _ = planar
+    assert newest_run(folder.parent).exists()
+    assert "report.html" in json.loads((folder / "summary.json").read_text())["files"]
+    with pytest.raises(UsageError, match="cannot write"):
+        write_report([read_run(folder)], tmp_path / "missing" / page.NAME)
+
+
+def test_a_comparison_names_the_robots_of_all_runs(planar):
+    run = read_run(planar[0])
+    other = run._replace(summary={**run.summary, "robot": "another"})
+    assert "Robot planar_2dof; robot another, 2 runs of vdfmu" in report_page([run, other]).decode()

@@ -1,0 +1,329 @@
+"""What the page needs to run a scenario again, and whether its own run is that of the FMUs."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vdfmu
+from tests.study.page.browser import Browser
+from vdfmu.engine.package.read import load_ssp
+from vdfmu.engine.plan.check import check_system
+from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.results.results import Results
+from vdfmu.study.report import simulation
+from vdfmu.study.report.page import read_run, write_report
+from vdfmu.study.report.simulation import ROWS, knobs, simulation_of
+from vdfmu.system.package.write import write_ssp
+from vdfmu.system.scenario import load_scenario
+from vdfmu.system.scenario.parts import cached_fmus
+
+# ------------------------------------------------------------------ without a browser
+
+
+@pytest.fixture(scope="module")
+def planar(tmp_path_factory) -> Path:
+    """Return the folder of a short run of the planar arm."""
+    folder = tmp_path_factory.mktemp("simulation")
+    vdfmu.run("planar_tracking", stop=0.2, out=folder, reference=False, settings={"controller.K_p": 1500})
+    return folder
+
+
+@pytest.fixture
+def made(monkeypatch) -> list[Any]:
+    """Return the modules that would be compiled, as what is asked for; each is a module of a few bytes."""
+    jobs: list[Any] = []
+
+    def compiled(asked: Any) -> list[bytes]:
+        asked = list(asked)
+        jobs.extend(asked)
+        return [f"module of {job.name}".encode() for job in asked]
+
+    monkeypatch.setattr(simulation, "compile_libraries", compiled)
+    return jobs
+
+
+def found_in(folder: Path, **changed: Any) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return simulation and modules of a run, whose summary is changed."""
+    run, binaries = read_run(folder), dict[str, str]()
+    package = changed.pop("package", run.package)
+    return simulation_of(run.results, {**run.summary, **changed}, package, binaries), binaries
+
+
+def test_the_page_has_what_the_master_needs(planar, made):
+    found, binaries = found_in(planar)
+    units = {unit["name"]: unit for unit in found["units"]}
+    assert [found["units"][k]["name"] for k in found["order"]] == read_run(planar).summary["order"]
+    # gauss-seidel: the plant reads the torque of this step, the feedforward the motion of the last
+    assert (units["plant"]["fresh"], units["feedforward"]["fresh"]) == (2, 0)
+    assert units["controller"]["fresh"] == 4  # tau_m and kappa_dot_d of two joints
+    names = [name for unit in found["units"] for name in unit["names"]]
+    torques = [names[k] for k in units["plant"]["sources"]]
+    assert torques == ["controller.tau[1]", "controller.tau[2]"]
+    position, value = units["controller"]["parameters"]["K_p[2]"]
+    references, values = units["controller"]["start"]["Real"]
+    assert value == 1500 == values[references.index(position)]
+    assert (found["steps"], found["last"]) == (200, pytest.approx(1e-3, rel=1e-12))
+    assert {digest: gzip.decompress(base64.b64decode(text)) for digest, text in binaries.items()} == {
+        unit["binary"]: f"module of {job.name}".encode()
+        for unit, job in zip(found["units"], made, strict=True)
+    }
+
+
+def test_a_module_has_the_c_of_the_fmu_but_for_derivatives(planar, made):
+    found_in(planar)
+    plant = next(job for job in made if job.name == "Plant")
+    kernels = [name for name in plant.sources if name.startswith("kernel_")]
+    assert "kernel_plant_step.c" in kernels
+    assert not [name for name in kernels if "forward" in name or "reverse" in name or "avx2" in name]
+    assert {"fmi2.c", "unit.c", "step.c", "fmi2Functions.h"} <= plant.sources.keys()
+    assert (
+        plant.sources["absent.c"].count(b"__builtin_trap")
+        == plant.sources["kernel.h"].count(b"_forward(") * 2
+    )
+
+
+def test_recorded_rows_are_those_of_the_run(planar, made):
+    recorded = found_in(planar)[0]["recorded"]
+    results = Results.read(planar / "results.csv")
+    values = np.frombuffer(base64.b64decode(recorded["values"]), "<f8").reshape(len(recorded["rows"]), -1)
+    assert (recorded["judged"], recorded["unit"]) == (["plant.q[1]", "plant.q[2]"], "rad")
+    assert len(recorded["rows"]) == ROWS + 1 and recorded["rows"][-1] == 200
+    for name, column in zip(recorded["names"], values.T, strict=True):
+        np.testing.assert_array_equal(column, results[name][recorded["rows"]])
+
+
+def test_a_loop_whose_solutions_separate_is_judged_by_how_far(planar, made):
+    assert found_in(planar)[0]["recorded"]["limit"] == simulation.LIMIT
+    apart = {"change": 1e-9, "max_position_difference_rad": 1e-3}
+    recorded = found_in(planar, separation=apart)[0]["recorded"]
+    assert recorded["limit"] == pytest.approx(3e-3, rel=1e-12) and "separate" in recorded["note"]
+
+
+def test_knobs_are_parameters_of_the_run(planar, made):
+    found = found_in(planar)[0]
+    knobs = {knob["key"]: knob for knob in found["knobs"]}
+    assert list(knobs) == [
+        "controller.K_p",
+        "controller.K_v",
+        "plant.mass",
+        "plant.K_f0",
+        "plant.f_c",
+        "trajectory.T",
+    ]
+    gains = knobs["controller.K_p"]
+    assert (gains["values"], gains["units"]) == ([1500.0, 1500.0], ["N.m/rad", "N.m/rad"])
+    assert knobs["plant.mass"]["known"] == [
+        {"unit": "feedforward", "name": "mass"}, {"unit": "feedforward", "name": "inertia"},
+    ]  # fmt: skip
+    parameters = {unit["name"]: unit["parameters"] for unit in found["units"]}
+    for knob in knobs.values():
+        for target in (*knob["targets"], *knob["known"]):
+            own = [name.partition("[")[0] for name in parameters[target["unit"]]]
+            assert target["name"] in own
+
+
+def checked(name: str, folder: Path) -> Checked:
+    """Return the system of a scenario, of units that need no compiler."""
+    scenario = load_scenario(name)
+    package = write_ssp(scenario, cached_fmus(scenario, folder, "python"), folder / "arm.ssp")
+    return check_system(load_ssp(package), algorithm=scenario.master)
+
+
+def test_friction_is_that_of_the_rotors_too(tmp_path):
+    system = checked("tracking_split", tmp_path)
+    (friction,) = [knob for knob in knobs(system) if knob["words"] == "Friction"]
+    assert [target["name"] for target in friction["targets"]] == ["f_c", "f_s", "f_v", "f_ck"]
+    assert {"unit": "feedforward", "name": "f_ck"} in friction["known"]
+
+
+def test_sliders_of_two_arms_say_of_which_and_each_feedforward_knows_its_own(tmp_path):
+    one = checked("planar_tracking", tmp_path)
+    units = {f"{name}{suffix}": d for suffix in ("", "_2") for name, d in one.descriptions.items()}
+    links = [
+        replace(link, start=(link.start[0] + suffix, link.start[1]), end=(link.end[0] + suffix, link.end[1]))
+        for suffix in ("", "_2")
+        for link in one.links
+    ]
+    both = replace(one, descriptions=units, links=tuple(links))
+    words = [knob["words"] for knob in knobs(both)]
+    assert len(words) == len(set(words)) == 12
+    assert {"Proportional gains, controller", "Proportional gains, controller_2"} <= set(words)
+    masses = [knob for knob in knobs(both) if knob["words"].startswith("Masses")]
+    assert [{target["unit"] for target in knob["known"]} for knob in masses] == [
+        {"feedforward"},
+        {"feedforward_2"},
+    ]
+
+
+def test_a_run_without_references_says_why_its_loop_may_differ(planar, made):
+    recorded = found_in(planar)[0]["recorded"]
+    assert recorded["note"] == "" and "was not found out: the run has no reference" in recorded["doubt"]
+    assert found_in(planar, reference={"sampled": {}})[0]["recorded"]["doubt"] == ""
+
+
+def test_a_page_of_several_runs_stays_below_its_size(planar, made, monkeypatch):
+    run, binaries = read_run(planar), dict[str, str]()
+    assert "units" in simulation_of(run.results, run.summary, run.package, binaries)
+    monkeypatch.setattr(simulation, "MOST_MODULES", sum(map(len, binaries.values())))
+    assert "units" in simulation_of(run.results, run.summary, run.package, binaries)  # it adds nothing
+    before = dict(binaries)
+    monkeypatch.setattr(
+        simulation, "compile_libraries", lambda asked: [f"other {job.name}".encode() for job in asked]
+    )
+    found = simulation_of(run.results, run.summary, run.package, binaries)
+    assert re.search(r"larger than 1 MB; make a page of this run alone\.$", found["reason"])
+    assert binaries == before
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"algorithm": None}, "it has no units"),
+        ({"algorithm": "iterative"}, "its master is iterative, and the page's is gauss-seidel or jacobi"),
+        ({"backend": "python"}, "its units are Python FMUs"),
+        ({"inputs": ["wrench.csv"]}, "some of its inputs come from files"),
+        ({"package": Path("none.ssp")}, "its package, system.ssp, is not beside the results"),
+        ({"steps": 10_000_000}, "it has 10000000 steps of .* signals, too much for a page"),
+    ],
+)
+def test_why_a_run_is_not_simulated_is_said(planar, made, changed, words):
+    found, binaries = found_in(planar, **changed)
+    assert list(found) == ["reason"] and not binaries and not made
+    assert found["reason"].startswith("This run is not simulated here: ")
+    assert re.search(words, found["reason"])
+
+
+def test_a_run_of_a_package_and_one_without_a_compiler_are_not_simulated(planar, made, monkeypatch):
+    run = read_run(planar)
+    summary = {name: value for name, value in run.summary.items() if name != "scenario"}
+    assert "only those of scenarios" in simulation_of(run.results, summary, run.package, {})["reason"]
+    monkeypatch.setattr(simulation, "native_available", lambda: False)
+    assert "pip install vdfmu[native]" in found_in(planar)[0]["reason"]
+
+
+def test_units_too_large_for_a_page_are_not_compiled(planar, made, monkeypatch):
+    monkeypatch.setattr(simulation, "MOST_C", 50_000)
+    found, binaries = found_in(planar)
+    assert re.search(r"its units, 0\.[12] MB of C, would make the page larger than 1 MB\.$", found["reason"])
+    assert not made and not binaries
+
+
+def test_a_page_says_how_to_get_its_simulation(planar):
+    text = (planar / "report.html").read_text()
+    assert simulation.NOT_MADE in text and 'id="worker"' not in text
+
+
+# ------------------------------------------------------------------ in a browser
+
+TOLERANCES = {"rad": 1e-9, "m": 1e-9, "1": 1e-9, "rad/s": 1e-7, "N.m": 1e-5, "J": 1e-7}
+"""Of angles 1e-9 rad, which is promised; they swing below 100/s, and gains of 3e3 N.m/rad make 3e-6 N.m of it.
+
+Seen: 1e-15 rad, as the same C is stepped in the same order, with other sin, cos and tanh.
+"""
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    with Browser(tmp_path_factory.mktemp("profile")) as one:
+        yield one
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory) -> Callable[..., Path]:
+    """Make the run of a scenario, with a page that can run it again."""
+
+    def make(scenario: str, **options: Any) -> Path:
+        folder = tmp_path_factory.mktemp(scenario)
+        vdfmu.run(scenario, out=folder, reference=False, simulate=True, **options)
+        return folder
+
+    return make
+
+
+def simulated(browser: Browser, page: Path, changes: list[dict[str, Any]]) -> dict[str, np.ndarray]:
+    """Return what the page finds in its worker, every tenth row; it asks for no file but itself."""
+    browser.problems.clear()
+    browser.requests.clear()
+    browser.open(page)
+    found = browser.run(f"""(async () => {{
+        const worker = new report.SimulationWorker(report.binaries);
+        const found = await worker.run(report.runs[0].simulation, {json.dumps(changes)});
+        const thinned = (values) => Array.from(values).filter((_, k) => k % 10 === 0);
+        return Object.fromEntries(Array.from(found.signals, ([name, values]) => [name, thinned(values)]));
+    }})()""")  # fmt: skip
+    assert browser.problems == []
+    assert [url for url in browser.requests if not url.startswith(("data:", "blob:"))] == [page.as_uri()]
+    return {name: np.array(values) for name, values in found.items()}
+
+
+def assert_same(found: dict[str, np.ndarray], results: Results) -> None:
+    compared = [name for name in found if name in set(results.names)]
+    assert {name.split("[")[0] for name in compared} >= {
+        "plant.q",
+        "plant.kappa_dot",
+        "controller.tau",
+        "trajectory.q_d",
+    }
+    for name in compared:
+        tolerance = TOLERANCES.get(results.units[name], 1e-5)
+        np.testing.assert_allclose(found[name], results[name][::10], rtol=0, atol=tolerance, err_msg=name)
+
+
+@pytest.mark.heavy
+def test_the_page_finds_what_the_fmus_found(pages, browser):
+    folder = pages("tracking")
+    results = Results.read(folder / "results.csv")
+    assert_same(simulated(browser, folder / "report.html", []), results)
+    difference = browser.run("""(async () => {
+        const worker = new report.SimulationWorker(report.binaries), { simulation } = report.runs[0];
+        return report.difference(simulation, await worker.run(simulation)).position;
+    })()""")
+    assert difference < 1e-9
+    # other gains, and links that the feedforward knows to be heavier: against FMUs with these values
+    settings = {"controller.K_p": 3000.0}
+    settings |= {
+        f"{unit}.mass": [1.5 * m for m in (3.2, 3.2, 2.0, 2.0, 1.2, 1.2)] for unit in ("plant", "feedforward")
+    }
+    other = vdfmu.run("tracking", out=folder / "other", reference=False, settings=settings)
+    changes = [{"unit": "controller", "name": "K_p", "value": 3000.0}]
+    changes += [{"unit": unit, "name": "mass", "factor": 1.5} for unit in ("plant", "feedforward")]
+    found = simulated(browser, folder / "report.html", changes)
+    assert_same(found, other)
+    assert np.ptp(found["controller.tau[2]"] - results["controller.tau[2]"][::10]) > 1e-2  # it is another run
+
+
+@pytest.mark.heavy
+def test_the_page_of_fmus_of_fmi_3_under_jacobi_finds_what_they_found(pages, browser):
+    folder = pages("reach", robot="planar_2dof", fmi_version="3.0", master="jacobi", stop=1.0)
+    assert_same(simulated(browser, folder / "report.html", []), Results.read(folder / "results.csv"))
+
+
+@pytest.mark.heavy
+def test_what_a_unit_refuses_is_said_and_a_run_can_be_stopped(planar, browser, tmp_path):
+    browser.open(write_report([read_run(planar)], tmp_path / "page.html", simulate=True))
+    said = browser.run("""(async () => {
+        const worker = new report.SimulationWorker(report.binaries), { simulation } = report.runs[0], said = [];
+        const run = (changes) => worker.run(simulation, changes).catch((error) => said.push(error.message, error.name));
+        await run([{ unit: "plant", name: "mass[2]", value: -1 }]);
+        await run([{ unit: "plant", name: "weight", value: 1 }]);
+        const stopped = run([]);
+        worker.cancel();
+        await stopped;
+        said.push((await worker.run(simulation)).time.length);
+        return said;
+    })()""")
+    assert said == [
+        "plant: setReal failed: mass[2]: expected a number above 0, got -1 kg.", "Error",
+        "plant has no parameter weight.", "Error", "The run was stopped.", "AbortError", 201,
+    ]  # fmt: skip
+    assert browser.problems == []

@@ -1,0 +1,337 @@
+"""The panel that simulates: sliders, what they change in the figures, the arm and the tables, and what goes wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vdfmu
+from tests.study.page.browser import Browser, centre, number, pixels, show
+from vdfmu.engine.results.results import Results
+from vdfmu.study.report.page import read_run, write_report
+
+pytestmark = [pytest.mark.heavy, pytest.mark.usefixtures("quiet")]
+EQUAL = 1e-9
+"""rad; the same C in the same order, but sin, cos and tanh of another library: seen 1e-15."""
+DONE = "while (report.simulation.busy) await new Promise((done) => setTimeout(done, 10));"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    """Return the folder of a short run of the six-joint arm, with a page that simulates."""
+    folder = tmp_path_factory.mktemp("sliders")
+    vdfmu.run("tracking", stop=1.0, out=folder, settings={"trajectory.T": 1.0}, reference=False)
+    write_report([read_run(folder)], folder / "report.html", simulate=True)
+    return folder
+
+
+def opened(browser: Browser, page: Path, *size: int, **more: str) -> None:
+    """Open a page with its panel in view, and wait for its own run."""
+    show(browser, page, *size, **more)
+    centre(browser, "#simulate")
+    browser.run(f"(async () => {{ while (!document.querySelector('#simulate li')) await 0; {DONE} }})()".replace(
+        "await 0", "await new Promise((done) => setTimeout(done, 10))"
+    ))  # fmt: skip
+    browser.settle()
+
+
+def slide(browser: Browser, words: str, place: int, joint: int = 0) -> None:
+    """Move the slider of a parameter, of all joints or of one, and wait for the run."""
+    browser.run(f"""(async () => {{
+        const knob = report.simulation.sliders.find(({{ knob }}) => knob.words.startsWith({words!r})).element;
+        const [select, slider] = ["select", "input"].map((tag) => knob.querySelector(tag));
+        if ({joint}) select.value = {joint};
+        select?.dispatchEvent(new Event("change"));
+        slider.value = {place};
+        slider.dispatchEvent(new Event("input"));
+        {DONE}
+    }})()""")
+    browser.settle()
+
+
+def words_of(browser: Browser, selector: str) -> str:
+    return browser.run(f"document.querySelector({selector!r}).innerText")
+
+
+def simulated(browser: Browser, figure: int) -> np.ndarray:
+    """Curves of the simulated run in a figure: (curves, rows)."""
+    return np.array(browser.run(f"""(() => {{
+        const last = report.runs.length - 1;
+        const curves = report.charts[{figure}].curves().filter(({{ run }}) => run === last);
+        return curves.map(({{ values }}) => Array.from(values));
+    }})()"""))  # fmt: skip
+
+
+def test_the_pages_own_run_equals_the_recorded_one(run, browser):
+    opened(browser, run / "report.html")
+    assert 0 <= browser.run("report.simulation.apart") < EQUAL
+    verdict = words_of(browser, "#simulate li")
+    assert verdict.startswith("pass") and "limit 1·10⁻⁹ rad" in verdict
+    assert "1 s simulated in" in words_of(browser, "#simulate [role=status]")
+    # it is not drawn over itself
+    assert browser.run("report.player.scene.puppets.length") == 1
+    assert browser.run("document.querySelector('.chip.second').hidden")
+    changes = browser.run(
+        "[...document.querySelectorAll('#simulate tbody td:last-child')].map(e => e.textContent)"
+    )
+    assert changes == ["none"] * 5
+
+
+def test_a_run_that_differs_says_what_may_be_why(run, browser):
+    opened(browser, run / "report.html")
+    browser.run(f"""(async () => {{
+        report.runs[0].simulation.recorded.limit = -1;
+        document.querySelector('#simulate button').click();
+        {DONE}
+    }})()""")
+    verdict = words_of(browser, "#simulate li")
+    assert verdict.startswith("fail") and "the run has no reference" in verdict
+
+
+def test_what_was_not_yet_in_sight_is_printed(run, browser):
+    show(browser, run / "report.html")
+    drawn = "report.charts.map(chart => chart.place.querySelector('canvas') !== null)"
+    assert not all(browser.run(drawn))
+    browser.call("Page.printToPDF")
+    assert all(browser.run(drawn))
+
+
+def test_a_slider_draws_the_run_of_the_fmus_with_that_value(run, browser):
+    opened(browser, run / "report.html", 1280, 2600)
+    table, arm = words_of(browser, "#simulate table"), pixels(browser, ".canvas")
+    slide(browser, "Proportional", -50)  # 0.1 to the power of one half, in three digits
+    assert words_of(browser, ".knob output") == "× 0.316"
+    factor = {"controller.K_p": [0.316 * k for k in (2000.0, 2000.0, 2000.0, 1000.0, 1000.0, 500.0)]}
+    other = vdfmu.run(
+        "tracking", stop=1.0, out=run / "other", settings={"trajectory.T": 1.0, **factor}, reference=False
+    )
+    error = np.degrees(other["trajectory.q_d"] - other["plant.q"])
+    np.testing.assert_allclose(simulated(browser, 1), error.T, rtol=0, atol=np.degrees(EQUAL))
+    torque = 100 * other["controller.tau"]
+    # a position off by 1e-9 rad is 2e-6 N.m off under K_p, and the rate of the loop, 1e2 /s, under K_v of 50 twice that
+    np.testing.assert_allclose(simulated(browser, 2)[:6], torque.T, rtol=0, atol=1e-5)
+    # what is drawn: six joints of each run, the recorded pale; a second arm; a second number; another table
+    browser.run("""(async () => {  // taking a picture moves the figures out of sight for a moment
+        for (let k = 0; k < 500 && report.charts[1].stale; k += 1) await new Promise((done) => setTimeout(done, 10));
+    })()""")
+    assert browser.run("report.charts[1].plot.series.map(s => s.alpha ?? 1)") == [1] + 6 * [0.4] + 6 * [1]
+    drawn = browser.run("report.charts[1].plot.data.slice(7).map(row => row.filter(v => v !== null).length)")
+    assert drawn == 6 * [1001]
+    assert (np.abs(pixels(browser, ".canvas") - arm) > 30).mean() > 0.01
+    assert words_of(browser, ".canvas").split() == ["recorded", "simulated"]
+    browser.run("report.view.change('time', 1)")
+    recorded, second = words_of(browser, ".readout tr:nth-child(2) .number").split("\n")
+    assert second == f"{torque[-1, 1]:.3g} N.m" != recorded
+    assert words_of(browser, "#simulate table") != table
+    largest = browser.run(
+        "[...document.querySelectorAll('#simulate tbody td:nth-child(3)')].map(e => e.textContent)"
+    )
+    assert float(largest[0].split()[0]) == pytest.approx(np.abs(error).max(), rel=5e-3)  # three digits
+    browser.run(f"(async () => {{ document.querySelector('#simulate button').click(); {DONE} }})()")
+    browser.settle()
+    assert 0 <= browser.run("report.simulation.apart") < EQUAL
+    assert browser.run("report.player.scene.puppets.length") == 1
+    assert words_of(browser, "#simulate table") == table
+
+
+def test_pointing_shows_both_runs(run, browser):
+    opened(browser, run / "report.html", 1280, 2600)
+    slide(browser, "Proportional", -100)
+    x, y = centre(browser, "#figures .chart:nth-child(2) .u-over")
+    browser.mouse("mouseMoved", x, y)
+    heads = browser.run(
+        "[...document.querySelectorAll('.chart:nth-child(2) .tip b')].map(e => e.textContent)"
+    )
+    assert heads[1:] == ["tracking", "simulated"]
+    row = round(1e3 * float(heads[0].removesuffix(" s [deg]")))
+    cells = browser.run(
+        "[...document.querySelectorAll('.chart:nth-child(2) .tip output')].map(e => e.textContent)"
+    )
+    assert len(cells) == 12  # of one row: recorded and simulated
+    results = Results.read(run / "results.csv")
+    error = np.degrees(results["trajectory.q_d"] - results["plant.q"])[row]
+    expected = np.stack([error, simulated(browser, 1)[:, row]], axis=1).ravel()
+    np.testing.assert_allclose([number(cell) for cell in cells], expected, rtol=5e-6)  # six digits
+
+
+def test_a_mass_of_one_link_and_what_the_feedforward_knows(run, browser):
+    opened(browser, run / "report.html")
+    slide(browser, "Masses", 100, joint=3)
+    changes = browser.run("report.simulation.changes()")
+    assert {change["unit"] for change in changes} == {"plant"} and {
+        change["factor"] for change in changes
+    } == {2}
+    names = {change["name"] for change in changes}
+    assert "mass[3]" in names and "inertia[3,1,1]" in names and not any("[2" in name for name in names)
+    unknown = np.abs(simulated(browser, 1)).max()
+    browser.run(f"(async () => {{ document.querySelector('.knob .chip').click(); {DONE} }})()")
+    known = np.abs(simulated(browser, 1)).max()
+    assert {change["unit"] for change in browser.run("report.simulation.changes()")} == {
+        "plant",
+        "feedforward",
+    }
+    assert known < 0.1 * unknown  # an arm that is known is followed as well as before
+
+
+def test_a_run_that_fails_says_why_and_shows_how(run, browser):
+    opened(browser, run / "report.html")
+    slide(browser, "Proportional", 100)
+    slide(browser, "Derivative", -100)
+    message = words_of(browser, "#simulate [role=alert]")
+    assert message.startswith("plant: doStep at t = 0.") and "check the parameters" in message
+    reached = simulated(browser, 1)
+    assert 100 < reached.shape[1] < 1000 and np.abs(reached).max() > 1.0  # degrees
+    assert "Stopped at 0." in words_of(browser, "#simulate [role=status]")
+    browser.run(f"(async () => {{ document.querySelector('#simulate button').click(); {DONE} }})()")
+    assert browser.run("document.querySelector('#simulate [role=alert]').hidden")
+    assert 0 <= browser.run("report.simulation.apart") < EQUAL
+
+
+def test_a_value_that_a_unit_refuses_is_said(run, browser):
+    opened(browser, run / "report.html")
+    browser.run(
+        "report.simulation.sliders.find(({ knob }) => knob.words.startsWith('Masses')).knob.least = -1"
+    )
+    slide(browser, "Masses", -100)
+    assert "mass[1]: expected a number above 0" in words_of(browser, "#simulate [role=alert]")
+    assert "–" in words_of(browser, "#simulate tbody")
+
+
+def test_the_last_of_many_moves_is_shown(run, browser):
+    opened(browser, run / "report.html")
+    browser.run(f"""(async () => {{
+        const slider = document.querySelector(".knob input"), {{ worker }} = report.simulation;
+        const run = worker.run.bind(worker);
+        report.runsMade = 0;
+        worker.run = (...how) => {{ report.runsMade += 1; return run(...how); }};
+        for (let place = -1; place >= -60; place -= 1) {{
+            slider.value = place;
+            slider.dispatchEvent(new Event("input"));
+            if (place % 10 === 0) await new Promise((done) => setTimeout(done, 5));
+        }}
+        {DONE}
+    }})()""")
+    many = simulated(browser, 1)
+    assert 2 <= browser.run("report.runsMade") < 60
+    slide(browser, "Proportional", 0)
+    slide(browser, "Proportional", -60)
+    assert (simulated(browser, 1) == many).all()
+
+
+def test_a_slow_run_ends_for_a_newer_one(run, browser):
+    opened(browser, run / "report.html")
+    # the runs before were fast; this one takes seconds, of which the page waits one
+    browser.run("report.runs[0].simulation.steps = 2e5; report.runs[0].simulation.stop = 200")
+    browser.run(f"""(async () => {{
+        report.first = report.simulation.worker.worker;
+        const slider = document.querySelector(".knob input");
+        const move = (place) => {{ slider.value = place; slider.dispatchEvent(new Event("input")); }};
+        move(-30);
+        await new Promise((done) => setTimeout(done, 30));
+        report.runs[0].simulation.steps = 1000;
+        report.runs[0].simulation.stop = 1;
+        move(-60);
+        {DONE}
+    }})()""")
+    assert browser.run("report.first !== report.simulation.worker.worker")  # it was ended
+    assert simulated(browser, 1).shape == (6, 1001)
+    assert browser.run("report.simulation.changes()[0].factor") == 0.251
+
+
+def test_keys_and_names_of_the_sliders(run, browser):
+    opened(browser, run / "report.html")
+    browser.run("document.querySelectorAll('.knob input')[1].focus()")
+    browser.key("ArrowLeft", 37)
+    browser.run(f"(async () => {{ {DONE} }})()")
+    assert browser.run("report.view.time") == 0.0  # it is not the arm that was moved
+    assert browser.run("report.simulation.sliders[1].places[0]") == -1
+    assert (
+        browser.run("document.querySelectorAll('.knob input')[1].getAttribute('aria-valuetext')")
+        == "times 0.977"
+    )
+    unnamed = browser.run("""[...document.querySelectorAll("#simulate :is(button, select, input, progress)")]
+        .filter(e => !(e.getAttribute("aria-label") || e.textContent.trim())).map(e => e.outerHTML)""")
+    assert unnamed == []
+    tree = browser.call("Accessibility.getFullAXTree")["nodes"]
+    names = {
+        (node["role"]["value"], node.get("name", {}).get("value")) for node in tree if not node["ignored"]
+    }
+    assert {
+        ("slider", "Derivative gains"),
+        ("combobox", "Derivative gains: joint"),
+        ("button", "Reset"),
+    } <= names
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_panel_fits_a_phone(run, browser, scheme):
+    opened(browser, run / "report.html", 390, 844, scheme=scheme)
+    slide(browser, "Proportional", -60, joint=6)
+    assert browser.run("document.documentElement.scrollWidth") == 390
+    outside = browser.run("""[...document.querySelectorAll("#simulate :is(input, select, button, output, td, th)")]
+        .filter(e => e.getBoundingClientRect().right > 390).map(e => e.outerHTML)""")
+    assert outside == []
+
+
+def test_joints_that_slide_have_units_of_their_own(browser, tmp_path):
+    vdfmu.run("slider_tracking", stop=0.5, out=tmp_path, reference=False)
+    opened(browser, write_report([read_run(tmp_path)], tmp_path / "report.html", simulate=True))
+    assert 0 <= browser.run("report.simulation.apart") < EQUAL
+    slide(browser, "Proportional", 100, joint=2)
+    assert words_of(browser, ".knob output") == "× 10 = 200000 N/m"
+    heads = browser.run("[...document.querySelectorAll('#simulate tbody th')].map(e => e.textContent)")
+    assert "Control force, prismatic N" in heads and "Tracking error, revolute deg" in heads
+
+
+def test_a_run_of_a_comparison_is_chosen(run, browser, tmp_path):
+    planar, study = tmp_path / "planar", tmp_path / "contrast"
+    vdfmu.run("planar_tracking", stop=0.2, out=planar, reference=False)
+    vdfmu.run("contrast", stop=0.2, out=study)
+    runs = [read_run(folder) for folder in (run, planar, study)]
+    opened(browser, write_report(runs, tmp_path / "three.html", simulate=True), 1280, 2600)
+    assert words_of(browser, "#simulate > p:last-child").startswith(
+        "contrast: This run is not simulated here: "
+    )
+    slide(browser, "Proportional", -60)
+    assert browser.run("report.player.scene.puppets.length") == 2
+    browser.run(f"""(async () => {{
+        const select = document.querySelector("#simulate .bar select");
+        select.value = 1;
+        select.dispatchEvent(new Event("change"));
+        {DONE}
+    }})()""")
+    assert 0 <= browser.run("report.simulation.apart") < EQUAL
+    slide(browser, "Proportional", -60)
+    assert simulated(browser, 1).shape == (2, 201)
+    assert browser.run("report.player.scene.run.name") == "planar_tracking"  # the arm follows
+    assert words_of(browser, ".canvas").split() == ["recorded", "simulated"]
+
+
+def test_why_a_page_does_not_simulate_is_said(browser, tmp_path):
+    vdfmu.run("contrast", stop=0.2, out=tmp_path)
+    show(browser, write_report([read_run(tmp_path)], tmp_path / "report.html", simulate=True))
+    assert (
+        words_of(browser, "#simulate").split("\n")[-1] == "This run is not simulated here: it has no units."
+    )
+    assert browser.run("report.simulation") is None
+
+
+def test_the_whole_study_again(browser, tmp_path, capsys):
+    """Of 10 s; how long it takes is said, and depends on the machine."""
+    vdfmu.run("tracking", out=tmp_path, reference=False, simulate=True)
+    opened(browser, tmp_path / "report.html")
+    assert 0 <= browser.run("report.simulation.apart") < EQUAL
+    slide(browser, "Stiffness", -50)
+    times: Any = browser.run(f"""(async () => {{
+        const slider = document.querySelector(".knob input"), began = performance.now();
+        slider.value = -20;
+        slider.dispatchEvent(new Event("input"));
+        {DONE}
+        return [report.runs.at(-1).result.seconds, (performance.now() - began) / 1e3];
+    }})()""")
+    with capsys.disabled():
+        print(f"\n10 s simulated in {times[0]:.2f} s, from slider to figures {times[1]:.2f} s")
+    assert simulated(browser, 1).shape == (6, 10_001)

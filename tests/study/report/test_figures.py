@@ -1,0 +1,392 @@
+"""The pictures show the data: curves, units, legends; and the files depend on nothing else."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import vdfmu
+from vdfmu.base import style
+from vdfmu.base.errors import VdfmuError
+from vdfmu.study.report import plots
+from vdfmu.study.report.tool import draw_tool
+from vdfmu.system.scenario import load_scenario
+
+ONE, TWO, MIXED, SIX = (
+    ("revolute",),
+    ("revolute",) * 2,
+    ("revolute", "prismatic", "revolute"),
+    ("revolute",) * 6,
+)
+
+
+def curves(axes) -> list[np.ndarray]:
+    return [np.asarray(line.get_ydata()) for line in axes.lines]
+
+
+def caption(figure: Figure) -> str:
+    return figure.texts[-1].get_text().replace("\n", " ")
+
+
+def every_figure(made, types: tuple[str, ...]) -> dict[str, Figure]:
+    results, scenario, contrast = made.results(len(types)), made.scenario(types), made.contrast(types)
+    return {
+        "contrast_torques": plots.draw_contrast_torques(contrast),
+        "contrast_differences": plots.draw_contrast_differences(contrast),
+        "torques": plots.draw_torques(results, scenario),
+        "errors": plots.draw_errors(results, scenario),
+        "moving_positions": plots.draw_moving_positions(results, scenario),
+        "moving_torques": plots.draw_moving_torques(results, scenario),
+    }
+
+
+def chunks(png: bytes) -> list[bytes]:
+    """Return the types of the chunks of a PNG file."""
+    assert png.startswith(b"\x89PNG\r\n\x1a\n")
+    found, place = [], 8
+    while place < len(png):
+        length, kind = struct.unpack(">I4s", png[place : place + 8])
+        found.append(kind)
+        place += length + 12
+    return found
+
+
+# --- what they show --------------------------------------------------------------------------------------
+
+
+def test_torques_are_link_side_and_the_feedforward_is_dashed_on_top(made, types):
+    results, scenario = made.results(len(types)), made.scenario(types)
+    panels = plots.draw_torques(results, scenario).axes
+    assert len(panels) == len(types)
+    for i, axes in enumerate(panels):
+        control, feedforward = axes.lines
+        ell = scenario.robot.ell[i]
+        np.testing.assert_array_equal(control.get_ydata(), ell * results[f"controller.tau[{i + 1}]"])
+        np.testing.assert_array_equal(feedforward.get_ydata(), ell * results[f"controller.tau_m[{i + 1}]"])
+        assert feedforward.is_dashed() and not control.is_dashed()
+        assert feedforward.get_linewidth() < control.get_linewidth()
+        assert axes.get_ylabel() == ("Force [N]" if types[i] == "prismatic" else "Torque [N.m]")
+        assert f"Joint {i + 1}" in axes.get_title(loc="left")
+
+
+def test_errors_have_one_panel_a_unit(made, types):
+    results, scenario = made.results(len(types)), made.scenario(types)
+    panels = plots.draw_errors(results, scenario).axes
+    groups = [kind for kind in ("revolute", "prismatic") if kind in types]
+    assert len(panels) == 2 * len(groups)
+    error = results["trajectory.q_d"] - results["plant.q"]
+    compensation = scenario.robot.ell * (results["controller.tau"] - results["controller.tau_m"])
+    for column, kind in enumerate(groups):
+        joints = [i for i, t in enumerate(types) if t == kind]
+        factor, unit, torque = (1e3, "mm", "N]") if kind == "prismatic" else (180.0 / np.pi, "deg", "N.m]")
+        positions, torques = panels[column], panels[len(groups) + column]
+        # one product of two doubles more or less: 2 units in the last place of values up to 0.1
+        np.testing.assert_allclose(curves(positions), factor * error[:, joints].T, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(curves(torques), compensation[:, joints].T, rtol=0, atol=1e-13)
+        assert unit in positions.get_ylabel() and torques.get_ylabel().endswith(torque)
+
+
+def test_a_joint_has_one_look_in_all_panels(made):
+    figure = plots.draw_errors(made.results(6), made.scenario(SIX))
+    looks = [[(line.get_color(), line.get_linestyle()) for line in axes.lines] for axes in figure.axes]
+    legend = figure.axes[0].get_legend()
+    entries = [(line.get_color(), line.get_linestyle()) for line in legend.get_lines()]
+    assert looks[0] == looks[1] == entries
+    assert len(set(entries)) == 6
+    assert [text.get_text() for text in legend.get_texts()] == [f"Joint {i}" for i in range(1, 7)]
+
+
+def test_many_joints_still_differ():
+    looks = {(style.joint_look(i)["color"], style.joint_look(i)["linestyle"]) for i in range(28)}
+    assert len(looks) == 28
+
+
+def test_two_joint_figures_show_the_joints_that_move(made):
+    results, scenario = made.results(3), made.scenario(MIXED)  # joint 3 rests; joint 2 is prismatic
+    angles, lengths, angle_errors, length_errors = plots.draw_moving_positions(results, scenario).axes
+    for axes, factor, i in ((angles, 180.0 / np.pi, 1), (lengths, 1e3, 2)):
+        actual, desired = axes.lines
+        np.testing.assert_array_equal(actual.get_ydata(), factor * results[f"plant.q[{i}]"])
+        np.testing.assert_array_equal(desired.get_ydata(), factor * results[f"trajectory.q_d[{i}]"])
+        assert desired.is_dashed()
+    assert [len(axes.lines) for axes in (angle_errors, length_errors)] == [1, 1]
+
+    *torques, torque_errors, force_errors = plots.draw_moving_torques(results, scenario).axes
+    assert [axes.get_title(loc="left") for axes in torques] == ["(a) Joint 1", "(b) Joint 2"]
+    ell = scenario.robot.ell
+    np.testing.assert_array_equal(curves(torques[1])[0], ell[1] * results["controller.tau[2]"])
+    expected = ell[0] * results["controller.tau[1]"] - ell[0] * results["controller.tau_m[1]"]
+    np.testing.assert_array_equal(curves(torque_errors)[0], expected)
+    assert len(force_errors.lines) == 1
+
+
+def test_all_joints_are_shown_if_none_moves(made):
+    scenario = made.scenario(TWO)
+    figure = plots.draw_moving_torques(made.results(2, at_rest=True), scenario)
+    assert len(figure.axes) == 3
+
+
+@pytest.mark.parametrize("kinds", [SIX, TWO, MIXED])
+def test_no_letter_is_on_two_panels_of_a_figure(made, kinds):
+    results, scenario = made.results(len(kinds)), made.scenario(kinds)
+    draws = (plots.draw_torques, plots.draw_errors, plots.draw_moving_positions, plots.draw_moving_torques)
+    figures = [draw(results, scenario) for draw in draws]
+    contrast = made.contrast(kinds)
+    figures += [plots.draw_contrast_torques(contrast), plots.draw_contrast_differences(contrast)]
+    for figure in figures:
+        titles = [axes.get_title(loc="left") for axes in figure.axes]
+        assert [title[:4] for title in titles] == [f"({'abcdefghi'[k]}) " for k in range(len(titles))]
+        for title in titles:  # a panel that speaks of another one speaks of one of its own unit
+            for letter in re.findall(r"of (\([a-z]\))", title):
+                (other,) = (t for t in titles if t.startswith(letter))
+                assert other.partition(",")[2] == title.partition(",")[2]
+
+
+def test_contrast_torques_lie_on_each_other(made, types):
+    contrast = made.contrast(types)
+    panels = plots.draw_contrast_torques(contrast).axes
+    assert len(panels) == len(types)
+    for i, axes in enumerate(panels):
+        vd, newton_euler = curves(axes)
+        np.testing.assert_array_equal(vd, contrast.tau_vd[:, i])
+        np.testing.assert_array_equal(newton_euler, contrast.tau_ne[:, i])
+
+
+def test_contrast_differences_and_table_3(made):
+    contrast, scenario = made.contrast(SIX), load_scenario("contrast")
+    rounding, gravity, rms = plots.draw_contrast_differences(contrast, scenario).axes
+    assert rounding.get_yscale() == "log"
+    for i in range(6):
+        # 1e-12 N.m is 1e-9 N.mm; it is added to torques up to 7 N.m, whose last place is 9e-16
+        np.testing.assert_allclose(curves(rounding)[i], 1e-9, rtol=1e-3)
+        np.testing.assert_allclose(curves(gravity)[i], contrast.tau_vd[:, i], rtol=1e-12)
+    ours, table_3, thousandth = ([bar.get_height() for bar in bars] for bars in rms.containers)
+    np.testing.assert_allclose(ours, np.sqrt(np.mean(contrast.tau_vd**2, axis=0)), rtol=1e-12)
+    assert table_3 == [0.2, 22.7, 8.9, 0.6, 2.3, 0.0]
+    np.testing.assert_allclose(thousandth, ours, rtol=1e-12)  # the made difference is 1e-3 of the torque
+    assert gravity.get_title(loc="left").startswith("(b) g = 9.810 minus g = 9.800")
+    assert "N.mm" in rounding.get_ylabel()
+
+
+def test_equal_torques_draw_an_empty_panel(made):
+    contrast = made.contrast(TWO)
+    contrast.tau_ne = contrast.tau_vd
+    panel = plots.draw_contrast_differences(contrast).axes[0]
+    assert panel.get_yscale() == "linear"
+    assert all(len(values) == 0 for values in curves(panel))
+
+
+def test_captions_say_which_run_it_is(made):
+    results, scenario = made.results(6), made.scenario(SIX, "Table 4; more")
+    scenario = dataclasses.replace(scenario, plant_factors={"mass": np.float64(1.02), "f_c": np.arange(6.0)})
+    results.summary = {"algorithm": "jacobi", "step": 0.002, "settings": {"controller.K_p[1]": "1500"}}
+    text = caption(plots.draw_torques(results, scenario))
+    for part in (
+        "As figure 10 of the paper",
+        "Scenario tracking",
+        "robot chain_6",
+        "master jacobi",
+        "step 2 ms",
+        "mass x 1.02, f_c joint by joint",
+        "controller.K_p[1] = 1500",
+    ):
+        assert part in text
+    assert "paper" not in caption(plots.draw_torques(results, made.scenario(SIX)))
+    assert "master gauss-seidel, step 1 ms" in caption(plots.draw_errors(made.results(6), scenario))
+
+
+@pytest.mark.parametrize(
+    ("setting", "mode"),
+    [("vdc", "vdc"), ("1", "vdc"), (1.0, "vdc"), ("inverse", "inverse"), ("0", "inverse")],
+)
+def test_captions_say_the_mode_that_the_settings_chose(made, setting, mode):
+    results, scenario = made.results(1), made.scenario(ONE)
+    assert "feedforward inverse." in caption(plots.draw_errors(results, scenario))
+    results.summary = {"settings": {"feedforward.mode": setting}}
+    assert f"feedforward {mode}." in caption(plots.draw_errors(results, scenario))
+
+
+@pytest.mark.parametrize(("number", "end"), [(4, "K_p[4] = 4."), (5, "K_p[4] = 4 and 1 more.")])
+def test_captions_show_a_few_settings(made, number, end):
+    results = made.results(2)
+    results.summary = {"settings": {f"controller.K_p[{i}]": str(i) for i in range(1, number + 1)}}
+    assert caption(plots.draw_errors(results, made.scenario(TWO))).endswith(end)
+
+
+def test_many_settings_leave_room_for_the_panels(made, tmp_path: Path):
+    results, scenario = made.results(2), made.scenario(TWO)
+    results.summary = {"settings": {f"plant.inertia[{i},1,1]": "0.123456789" for i in range(1, 105)}}
+    assert "and 100 more." in caption(plots.draw_torques(results, scenario))
+    assert len(plots.run_figures(results, scenario, tmp_path)) == 3
+
+
+# --- that they can be read -------------------------------------------------------------------------------
+
+
+def test_nothing_hides_data_or_leaves_the_picture(made, types):
+    for name, figure in every_figure(made, types).items():
+        figure.canvas.draw()
+        page = figure.bbox.padded(1.0)
+        boxes = [axes.get_window_extent() for axes in figure.axes]
+        legends = [*figure.legends, *(axes.get_legend() for axes in figure.axes if axes.get_legend())]
+        assert legends, name
+        texts = [*figure.texts, *(axes.title for axes in figure.axes)]
+        for item in [*legends, *texts]:
+            box = item.get_window_extent()
+            assert not any(box.overlaps(panel) for panel in boxes), name
+            assert box.x0 >= page.x0 and box.x1 <= page.x1 and box.y0 >= page.y0 and box.y1 <= page.y1, name
+        for legend in figure.legends:
+            assert not any(
+                legend.get_window_extent().overlaps(text.get_window_extent()) for text in figure.texts
+            )
+        for axes in figure.axes:
+            assert "[" in axes.get_ylabel(), name
+
+
+@pytest.mark.parametrize("exponent", range(-14, 8))
+def test_tick_labels_times_the_power_in_the_label_are_the_values(exponent):
+    @style.styled
+    def draw() -> Figure:
+        figure = style.new_figure("title", "caption", height=3.0)
+        axes = figure.subplots()
+        time = np.linspace(0.0, 1.0, 50)
+        style.curve(axes, time, 3.7 * 10.0**exponent * np.sin(9.0 * time))
+        style.dress(axes, "panel", "Torque", "N.m", time)
+        return figure
+
+    figure = draw()
+    figure.canvas.draw()
+    (axes,) = figure.axes
+    label = axes.get_ylabel()
+    power = 10.0 ** int(label.split("{")[1].split("}")[0]) if "{" in label else 1.0
+    ticks = [
+        (tick, text.get_text()) for tick, text in zip(axes.get_yticks(), axes.get_yticklabels(), strict=True)
+    ]
+    shown = [float(text.replace("\N{MINUS SIGN}", "-")) * power for _, text in ticks]
+    # labels have the few digits that tell the ticks apart, which are multiples of 1, 2, 2.5 or 5
+    np.testing.assert_allclose(shown, [tick for tick, _ in ticks], rtol=1e-9, atol=1e-9 * 10.0**exponent)
+    assert label.endswith("N.m]")
+    assert not axes.yaxis.get_offset_text().get_visible()
+    assert max(len(text) for _, text in ticks) <= 7
+
+
+def test_a_constant_is_not_blown_up_to_its_rounding(made):
+    contrast = made.contrast(ONE)
+    contrast.tau_vd = np.full((401, 1), 21.0) + 1e-14 * np.sin(np.arange(401.0))[:, None]
+    contrast.tau_ne = contrast.tau_vd
+    (axes,) = plots.draw_contrast_torques(contrast).axes
+    low, high = axes.get_ylim()
+    assert low == 0.0 and 21.0 < high < 25.0
+
+
+@pytest.mark.parametrize("m", [1, 2, 2000, 2001, 10001, 30001])
+def test_thinning_keeps_ends_and_peaks(m):
+    random = np.random.default_rng(5)
+    time, values = np.arange(m) * 1e-3, random.normal(size=m)
+    few_time, few = style.thin(time, values)
+    assert len(few) <= 2002
+    assert few_time[0] == time[0] and few_time[-1] == time[-1]
+    assert few.max() == values.max() and few.min() == values.min()
+    assert (np.diff(few_time) > 0).all()
+    np.testing.assert_array_equal(values[np.searchsorted(time, few_time)], few)
+
+
+def test_thinning_goes_round_what_is_not_a_number():
+    values = np.sin(np.arange(9000.0))
+    values[4000:5000] = np.nan
+    _, few = style.thin(np.arange(9000.0), values)
+    assert np.nanmax(few) == np.nanmax(values)
+
+
+def test_an_unfinished_run_can_be_drawn(made, tmp_path: Path):
+    results, scenario = made.results(2, points=1), made.scenario(TWO)
+    for path in plots.run_figures(results, scenario, tmp_path):
+        assert path.stat().st_size > 10_000
+
+
+# --- files -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("source", "names"),
+    [
+        ("", ["torques.png", "errors.png", "tool.png"]),
+        ("Table 4; the maximum is a bound", ["figure_10.png", "figure_11.png", "tool.png"]),
+        ("Table 5, joints 1 and 2", ["figure_13.png", "figure_14.png", "tool.png"]),
+    ],
+)
+def test_names_follow_from_the_table_compared_with(made, tmp_path: Path, source, names):
+    paths = plots.run_figures(made.results(2), made.scenario(TWO, source), tmp_path / "made" / "here")
+    assert paths == [tmp_path / "made" / "here" / name for name in names]
+    assert sorted(path.name for path in paths[0].parent.iterdir()) == sorted(names)
+
+
+def test_torsion_and_the_error_of_the_tool_in_mm(made):
+    results, scenario = made.results(3), made.scenario(MIXED)
+    figure = draw_tool(results, scenario)
+    first, second, tool = figure.axes
+    assert [axes.get_ylabel() for axes in (first, second)] == [r"$\kappa - q$ [deg]", r"$\kappa - q$ [mm]"]
+    # the torsions that the run was made with, 1e-4 times 1, 2, 3; the sum with q leaves their last four digits
+    np.testing.assert_allclose(first.lines[1].get_ydata(), np.rad2deg(3e-4), rtol=1e-11)
+    np.testing.assert_allclose(second.lines[0].get_ydata(), 0.2, rtol=1e-11)
+    jacobian = vdfmu.jacobian(scenario.robot, results["plant.q"])[:, :3]
+    moved = np.einsum("mij,mj->mi", jacobian, results["trajectory.q_d"] - results["plant.q"])
+    rotation = vdfmu.forward_kinematics(scenario.robot, results["plant.q"])[1]
+    error = 1e3 * np.linalg.norm(np.einsum("mij,mj->mi", rotation, moved), axis=1)
+    # angles of 3e-5 and a reach of less than 1 m: the rest of second order is below 1e-9 m, 1e-6 mm
+    np.testing.assert_allclose(tool.lines[3].get_ydata(), error, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "tables"),
+    [("contrast", 3), ("tracking", 4), ("tracking_split", 4), ("two_joint", 5), ("slider_tracking", 0)],
+)
+def test_shipped_scenarios_say_which_table(name, tables):
+    assert plots.paper_table(load_scenario(name)) == tables
+
+
+@pytest.mark.parametrize("types", [MIXED, SIX], ids=len)
+def test_files_are_png_of_plausible_size(made, tmp_path: Path, types):
+    paths = plots.run_figures(made.results(len(types)), made.scenario(types), tmp_path)
+    paths += plots.run_figures(made.results(len(types)), made.scenario(types, "Table 5"), tmp_path)
+    paths += plots.run_figures(made.contrast(types), made.scenario(types), tmp_path)
+    assert len({path.name for path in paths}) == 7
+    for path in paths:
+        png = path.read_bytes()
+        width, height = struct.unpack(">II", png[16:24])
+        assert 1200 <= width <= 1500 and 400 <= height <= 1800
+        assert 20_000 < len(png) < 500_000
+
+
+def test_the_same_data_give_the_same_bytes(made, tmp_path: Path):
+    results, scenario = made.results(3), made.scenario(MIXED)
+    first = [path.read_bytes() for path in plots.run_figures(results, scenario, tmp_path)]
+    before = dict(matplotlib.rcParams)
+    with matplotlib.rc_context(
+        {"font.size": 20.0, "lines.linewidth": 9.0, "savefig.dpi": 40, "axes.grid": False}
+    ):
+        second = [path.read_bytes() for path in plots.run_figures(results, scenario, tmp_path)]
+    assert first == second
+    assert dict(matplotlib.rcParams) == before
+    for png in first:
+        assert set(chunks(png)) == {b"IHDR", b"pHYs", b"IDAT", b"IEND"}  # no text, no time
+
+
+def test_a_file_in_the_way_is_reported(made, tmp_path: Path):
+    (tmp_path / "taken").write_text("")
+    with pytest.raises(VdfmuError, match=r"cannot write .*torques\.png"):
+        plots.run_figures(made.results(1), made.scenario(ONE), tmp_path / "taken")
+
+
+def test_pyplot_is_not_needed():
+    code = "import sys, vdfmu.study.report.plots; sys.exit('matplotlib.pyplot' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -1,0 +1,244 @@
+"""Tables show the numbers of the summary, whole, and the terminal the same ones."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from vdfmu.study.report.sheets import contrast_sheet, facts, reference_sheet, sheets, tracking_sheet
+from vdfmu.study.report.tables import run_panel, sheet_table
+
+TRACKING: dict[str, Any] = {
+    "scenario": "two_joint",
+    "robot": "manipulator_6dof",
+    "kind": "cosimulation",
+    "friction": "lumped",
+    "backend": "python",
+    "master": "gauss-seidel",
+    "step": 0.001,
+    "stop": 30.0,
+    "tolerance": 1e-7,
+    "steps": 30000,
+    "wall_s": 6.774,
+    "real_time_factor": 4.4287,
+    "position_units": ["deg"] * 3,
+    "torque_units": ["N.m"] * 3,
+    "rms_position_error_deg": [4.55149e-3, 1.22387e-2, 1.59958e-8],
+    "max_position_error_deg": [5.01096e-3, 1.36230e-2, 2.57374e-8],
+    "rms_torque_compensation_error_nm": [1.58905e-1, 4.27694e-1, 2.83864e-7],
+    "paper": {
+        "source": "Table 5, joints 1 and 2",
+        "rms_position_error_deg": [0.0456, 0.0227],
+        "max_position_error_deg": [0.2, 0.2],
+        "rms_torque_compensation_error_nm": [0.1173, 0.2981],
+    },
+    "reference": {
+        "sampled": {
+            "name": "sampled-delayed",
+            "max_position_difference_rad": 1.234e-8,
+            "max_torque_difference_nm": 5.678e-5,
+        },
+        "continuous": {
+            "name": "continuous",
+            "max_position_difference_rad": 3.2e-6,
+            "max_torque_difference_nm": 2.3e-2,
+        },
+    },
+    "warnings": ["Joint 1: K_v*step is [bold]above[/bold] 0.5."],
+    "settings": {"controller.K_p[1]": "1500"},
+}
+CONTRAST: dict[str, Any] = {
+    "scenario": "contrast",
+    "robot": "manipulator_6dof",
+    "kind": "contrast",
+    "friction": "lumped",
+    "master": "gauss-seidel",
+    "step": 0.001,
+    "stop": 10.0,
+    "rms_torque_nm": [0.0989357, 22.5791, 0.000482769],
+    "rms_torque_difference_nmm": [8.20452e-13, 5.03691e-12, 3.05426e-17],
+    "rms_torque_difference_nmm_low_g": [7.34592e-13, 22.9483, 0.0],
+    "gravities_m_s2": [9.81, 9.80],
+    "paper": {"source": "Table 3", "rms_torque_difference_nmm": [0.2, 22.7, 0.0]},
+}
+
+
+def shown(renderable, width: int = 80) -> str:
+    console = Console(width=width, force_terminal=False)
+    with console.capture() as capture:
+        console.print(renderable)
+    return capture.get()
+
+
+def without(*keys: str) -> dict[str, Any]:
+    return {key: value for key, value in TRACKING.items() if key not in keys}
+
+
+def test_tracking_rows():
+    sheet = tracking_sheet(TRACKING)
+    assert sheet.columns[1] == "Position\nRMS\n[deg]"
+    # 100 * 4.55149e-3 / 0.0456 = 9.98, 100 * 5.01096e-3 / 0.2 = 2.51, 100 * 0.158905 / 0.1173 = 135.5
+    row = ("1", "0.00455", "0.0456", "10", "0.00501", "0.2", "2.5", "0.159", "0.1173", "135")
+    assert sheet.rows[0] == row
+    assert sheet.rows[1][3::3] == ("54", "6.8", "143")
+    assert sheet.rows[2] == ("3", "1.6e-08", "-", "-", "2.57e-08", "-", "-", "2.84e-07", "-", "-")
+    assert "Table 5, joints 1 and 2" in sheet.notes[-1]
+
+
+def test_tracking_without_a_paper_has_no_columns_for_it():
+    sheet = tracking_sheet({**TRACKING, "paper": {}})
+    assert len(sheet.columns) == 4
+    assert "aper" not in shown(sheet_table(tracking_sheet({**TRACKING, "paper": {}})))
+
+
+def test_units_stand_behind_the_numbers_where_joints_differ():
+    summary = {
+        **TRACKING,
+        "position_units": ["deg", "mm", "deg"],
+        "torque_units": ["N.m", "N", "N.m"],
+        "paper": {},
+    }
+    sheet = tracking_sheet(summary)
+    assert sheet.columns == ("Joint", "Position\nRMS", "Position\nmaximum", "Torque\nRMS")
+    assert sheet.rows[1] == ("2", "0.0122 mm", "0.0136 mm", "0.428 N")
+    assert reference_sheet(summary).columns == ("Reference", "Position\n[rad or m]", "Torque\n[N.m or N]")
+    mixed = contrast_sheet({**CONTRAST, "torque_units": ["N.m", "N", "N.m"], "paper": {}})
+    assert mixed.rows[1] == ("2", "22.6 N", "5.04e-12 mN", "22.9 mN")
+
+
+def test_contrast_rows():
+    sheet = contrast_sheet(CONTRAST)
+    assert sheet.rows[0] == ("1", "0.0989", "8.2e-13", "7.35e-13", "0.2", "<0.01", "49")
+    assert sheet.rows[1] == ("2", "22.6", "5.04e-12", "22.9", "22.7", "101", "99")
+    assert sheet.rows[2] == ("3", "0.000483", "3.05e-17", "0", "0", "-", "-")  # no ratio to a printed 0
+    assert sheet.columns[2] == "VD minus\nNewton-Euler\n[N.mm]"
+    assert "a thousandth of the torque" in sheet.notes[-1]
+
+
+def test_the_heading_names_the_gravities_that_were_compared():
+    moon = {**CONTRAST, "gravities_m_s2": [1.62, 1.62 * 9.80 / 9.81]}
+    assert contrast_sheet(CONTRAST).columns[3] == "g = 9.810\nminus 9.800\n[N.mm]"
+    assert contrast_sheet(moon).columns[3] == "g = 1.620\nminus 1.618\n[N.mm]"
+
+
+def test_the_gains_that_the_paper_implies_stand_below_its_errors():
+    summary = {**TRACKING, "implied_gains": {"K_p_paper": [147.386, 752.4], "K_p": [2000.0, 1500.0]}}
+    said = " ".join(tracking_sheet(summary).notes)
+    assert "Torque RMS over position RMS of the paper: 147.4, 752.4 N.m/rad." in said
+    assert "K_p here: 2000, 1500." in said
+    assert "K_p" not in " ".join(tracking_sheet(TRACKING).notes)
+
+
+def test_where_solutions_separate_the_statistics_are_compared():
+    summary = copy.deepcopy(TRACKING) | {
+        "separation": {"change": 1e-9, "max_position_difference_rad": 5.9e-4}
+    }
+    for entry, k in zip(summary["reference"].values(), (1.0, 2.0), strict=True):
+        entry |= {"rms_position_difference": 0.0123 * k, "rms_torque_difference": 0.0345 * k}
+    sheet = reference_sheet(summary)
+    assert sheet.columns == ("Reference", "Position RMS\n[%]", "Torque RMS\n[%]")
+    assert sheet.rows == [("sampled-delayed", "1.23", "3.45"), ("continuous", "2.46", "6.9")]
+    said = " ".join(sheet.notes)
+    assert "up to 3.2e-06 rad, which shows no error: the loop is chaotic" in said
+    assert "a change of 1e-09 moves the run by 0.00059 rad" in said
+    assert (
+        "Chaotic loop",
+        "rotor inertias larger by 1e-09 of themselves move the run by 0.00059 rad or m",
+    ) in facts(summary)
+    assert "Chaotic loop" not in [name for name, _ in facts(TRACKING)]
+
+
+def test_the_energy_residual_says_that_it_is_a_sum_of_absolute_values():
+    bond = {
+        "residual_energy_j": [3e-3, -1e-3],
+        "residual_energy_abs_j": [4e-3, 4e-3],
+        "exchanged_energy_j": [30.0, 10.0],
+    }
+    said = dict(facts({**TRACKING, "power_bond": bond}))["Energy residual"]
+    assert said.startswith(
+        "0.008 J, the sum of absolute values, at tau and kappa_dot, where 40 J are exchanged"
+    )
+    assert said.endswith("; net 0.002 J")
+
+
+def test_reference_rows():
+    assert reference_sheet(TRACKING).rows == [
+        ("sampled-delayed", "1.23e-08", "5.68e-05"),
+        ("continuous", "3.2e-06", "0.023"),
+    ]
+    text = shown(sheet_table(reference_sheet(TRACKING)))
+    assert "[rad]" in text and "[N.m]" in text and "sampled-delayed" in text
+
+
+@pytest.mark.parametrize("summary", [without("reference"), {**TRACKING, "reference": {}}])
+def test_no_reference(summary):
+    assert "No reference was solved." in shown(sheet_table(reference_sheet(summary)))
+    assert "reference" not in "".join(sheet.title for sheet in sheets(summary))
+
+
+@pytest.mark.parametrize(
+    ("sheet", "summary"),
+    [
+        (tracking_sheet, TRACKING),
+        (contrast_sheet, CONTRAST),
+        (reference_sheet, TRACKING),
+    ],
+)
+def test_a_terminal_of_80_columns_shows_every_number_whole(sheet, summary):
+    lines = shown(sheet_table(sheet(summary))).splitlines()
+    for row in sheet(summary).rows:
+        assert any(line.split() == list(row) for line in lines), row
+    assert "\N{HORIZONTAL ELLIPSIS}" not in "".join(lines)
+
+
+def test_a_narrow_terminal_cuts_nothing_off():
+    text = shown(sheet_table(tracking_sheet(TRACKING)), width=40)
+    assert "\N{HORIZONTAL ELLIPSIS}" not in text
+
+
+def test_the_widest_numbers_fit_80_columns():
+    summary = copy.deepcopy(TRACKING)
+    for key in ("rms_position_error_deg", "max_position_error_deg", "rms_torque_compensation_error_nm"):
+        summary[key] = [1.234e-5] * 6
+        summary["paper"][key] = [0.1234] * 6
+    summary |= {"position_units": ["deg"] * 6, "torque_units": ["N.m"] * 6}
+    row = ["6", *["1.23e-05", "0.1234", "0.01"] * 3]
+    assert any(line.split() == row for line in shown(sheet_table(tracking_sheet(summary))).splitlines())
+
+
+def test_facts_of_a_run():
+    assert facts(TRACKING) == [
+        ("Scenario", "two_joint"),
+        ("Robot", "manipulator_6dof"),
+        ("Friction", "lumped"),
+        ("Units", "python FMUs"),
+        ("Master", "gauss-seidel"),
+        ("Step", "0.001 s"),
+        ("Stop", "30 s"),
+        ("Tolerance", "1e-07"),
+        ("Steps", "30000"),
+        ("Wall time", "6.77 s"),
+        ("Real-time factor", "4.43"),
+        ("Settings", "controller.K_p[1] = 1500"),
+    ]
+    text = shown(run_panel(TRACKING))
+    assert all(name in text and value in text for name, value in facts(TRACKING))
+
+
+def test_facts_that_a_study_does_not_have_are_left_out():
+    assert [name for name, _ in facts(CONTRAST)] == ["Scenario", "Robot", "Step", "Stop"]
+
+
+def test_summaries_are_only_read():
+    before = copy.deepcopy((TRACKING, CONTRAST))
+    sheets(TRACKING), sheets(CONTRAST), shown(run_panel(TRACKING))
+    assert (TRACKING, CONTRAST) == before
+
+
+def test_facts_say_why_there_is_no_reference():
+    assert ("No reference", "tool: an FMU has no equations to solve here") in facts(
+        {"no_reference": "tool: an FMU has no equations to solve here"}
+    )

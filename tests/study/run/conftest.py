@@ -1,0 +1,26 @@
+"""One short run of the small arm, shared by the tests of studies."""
+
+import pytest
+
+import vdfmu
+from vdfmu.engine.inspect import inspection as inspect
+from vdfmu.engine.rules import Finding
+
+
+@pytest.fixture(scope="session")
+def planar_run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("planar")
+    return folder, vdfmu.run("planar_tracking", stop=0.2, out=folder)
+
+
+@pytest.fixture(autouse=True)
+def numbered(monkeypatch):
+    """Hold of every report that a test makes that each of its findings has a rule."""
+    plain = inspect._report
+
+    def report(*arguments):
+        made = plain(*arguments)
+        assert all(isinstance(text, Finding) for text in (*made.problems, *made.notes)), made
+        return made
+
+    monkeypatch.setattr(inspect, "_report", report)

@@ -1,0 +1,123 @@
+"""Python and native FMUs, and the container FMU, in the same system under the same master."""
+
+import zipfile
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.validation import validate_fmu
+
+import vdfmu
+from vdfmu.base.errors import UsageError
+from vdfmu.compiler.fmu import build
+from vdfmu.engine.container import write_container
+
+STOP = 0.2
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Return the function ``runs(**options)``: a short run of the small arm, once for each set of options."""
+    known = {}
+
+    def once(**options):
+        key = tuple(sorted(options.items()))
+        if key not in known:
+            folder = tmp_path_factory.mktemp("run")
+            known[key] = (
+                folder,
+                vdfmu.run("planar_tracking", stop=STOP, out=folder, reference=False, **options),
+            )
+        return known[key]
+
+    return once
+
+
+def largest_difference(a, b, pattern=""):
+    return max(np.abs(a[name] - b[name]).max() for name in a.names if pattern in name)
+
+
+@pytest.mark.parametrize("master", ["gauss-seidel", "jacobi"])
+def test_python_and_native_fmus_compute_the_same(runs, master):
+    _, python = runs(backend="python", master=master)
+    _, native = runs(backend="native", master=master)
+    assert python.names == native.names
+    assert largest_difference(python, native, "plant.q[") <= 1e-9
+    # The same operations in the same order; libraries round sin, tanh, exp by an ulp at most differently. Snap
+    # and torque are of order 10: 1e-9 is 1e6 roundings of them, and far below what one wrong sign would make.
+    assert largest_difference(python, native) <= 1e-9
+
+
+@pytest.mark.heavy
+def test_python_and_native_fmus_agree_over_the_tracking_run(tmp_path):
+    runs = [
+        vdfmu.run("tracking", backend=backend, out=tmp_path / backend, reference=False)
+        for backend in ("python", "native")
+    ]
+    assert largest_difference(*runs, "plant.q[") <= 1e-9
+
+
+@pytest.fixture(scope="module")
+def container(runs, tmp_path_factory):
+    """Return the system of the native run folded into one FMU."""
+    folder, _ = runs(backend="native", master="jacobi")
+    return write_container(folder / "system.ssp", tmp_path_factory.mktemp("c") / "arm.fmu", step=1e-3)
+
+
+def simulated(path, output, **options):
+    return fmpy.simulate_fmu(str(path), stop_time=STOP, output_interval=1e-3, output=output, **options)
+
+
+def test_the_container_runs_in_plain_fmpy_as_jacobi_does_to_the_bit(runs, container):
+    _, jacobi = runs(backend="native", master="jacobi")
+    # FMPy's container says nothing of dependencies, so its outputs depend on all; nothing else is to be said
+    assert validate_fmu(str(container)) == []
+    outputs = fmpy.read_model_description(str(container)).outputs
+    names = [unknown.variable.name for unknown in outputs]
+    assert len(names) > 40  # all outputs of the four units
+    result = simulated(container, names)
+    for name in names:  # the same libraries on the same numbers
+        np.testing.assert_array_equal(result[name], jacobi[name])
+
+
+def test_a_parameter_and_a_free_input_of_the_container_are_those_of_its_units(runs, container):
+    for name, value in (("controller.K_p[1]", 100.0), ("plant.F_e[2]", 30.0)):
+        _, jacobi = runs(backend="native", master="jacobi")
+        changed = simulated(container, ["plant.q[1]"], start_values={name: value})
+        assert np.abs(changed["plant.q[1]"] - jacobi["plant.q[1]"]).max() > 1e-7
+
+
+def test_the_same_system_gives_the_same_container_to_the_bit(runs, container, tmp_path):
+    folder, _ = runs(backend="native", master="jacobi")
+    token = fmpy.read_model_description(str(container)).guid
+    again = write_container(folder / "system.ssp", tmp_path / "again.fmu", step=1e-3)
+    assert again.read_bytes() == container.read_bytes()
+    other = write_container(folder / "system.ssp", tmp_path / "other.fmu", step=2e-3)
+    assert fmpy.read_model_description(str(other)).guid != token
+
+
+def test_a_container_that_cannot_be_made_says_why(runs, tmp_path):
+    folder, _ = runs(backend="python", master="jacobi")
+    with pytest.raises(UsageError, match="needs Python"):
+        write_container(folder / "system.ssp", tmp_path / "x.fmu", step=1e-3)
+    for step in (0.0, float("inf"), float("nan")):
+        with pytest.raises(UsageError, match="step: expected a positive finite time"):
+            write_container(folder / "system.ssp", tmp_path / "x.fmu", step=step)
+    assert not (tmp_path / "x.fmu").exists()
+
+
+def test_native_is_the_default_where_the_compiler_is(monkeypatch, runs):
+    _, results = runs()
+    assert results.summary["backend"] == "native"
+    assert build.choose_backend(None) == "native"
+    monkeypatch.setattr(build, "native_available", lambda: False)
+    assert build.choose_backend(None) == "python"
+    with pytest.raises(UsageError, match="no backend 'c'"):
+        build.choose_backend("c")
+
+
+def test_the_package_of_a_run_holds_what_was_asked_for(runs):
+    for backend, member in (("python", "resources/vdfmu.json"), ("native", "sources/unit.c")):
+        folder, _ = runs(backend=backend, master="jacobi")
+        with zipfile.ZipFile(folder / "system.ssp") as package, package.open("resources/Plant.fmu") as fmu:
+            assert member in zipfile.ZipFile(fmu).namelist()

@@ -1,0 +1,171 @@
+"""Comparison of FMI 3.0 units with the reference results that they carry (FMI-LS-REF)."""
+
+import zipfile
+
+import numpy as np
+import pytest
+
+from vdfmu.base.files import pack_zip
+from vdfmu.compiler.fmu import build_fmus
+from vdfmu.engine.inspect.inspection import inspect_file
+from vdfmu.engine.inspect.reference import compare, read_table
+from vdfmu.system.scenario import load_scenario
+
+FOLDER = "extra/org.fmi-standard.fmi-ls-ref/"
+
+
+@pytest.fixture(scope="module")
+def fmus(tmp_path_factory):
+    robot = load_scenario("planar_tracking").robot
+    return build_fmus(robot, tmp_path_factory.mktemp("fmus"), backend="native", fmi_version="3.0")
+
+
+def members(path):
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+@pytest.mark.parametrize("unit", ["trajectory", "feedforward", "controller"])
+def test_units_of_fmi_3_agree_with_their_results(fmus, unit):
+    findings = compare(fmus[unit])
+    assert findings.problems == []
+    assert findings.compared == [f"{fmus[unit].stem}_out.csv"]
+
+
+def test_the_check_of_a_unit_of_fmi_3_compares(fmus):
+    report = inspect_file(fmus["plant"])
+    assert (report.standard, report.ran) == ("FMI 3.0", True)
+    assert (report.problems, report.compared) == ([], ["Plant_out.csv"])
+
+
+def tampered(fmus, path, suffix, change):
+    """Change the cells of one table of the plant: a function of head and rows."""
+    content = members(fmus["plant"])
+    name = f"{FOLDER}Plant_{suffix}.csv"
+    rows = [line.split(",") for line in content[name].decode().splitlines()]
+    change(rows[0], rows[1:])
+    content[name] = "\n".join(",".join(row) for row in rows).encode()
+    pack_zip(path, content)
+    return compare(path)
+
+
+def test_an_element_that_is_off_is_found_by_variable_element_and_time(fmus, tmp_path):
+    def change(head, rows):
+        cells = rows[6][head.index("q")].split()
+        cells[1] = repr(float(cells[1]) + 0.01)
+        rows[6][head.index("q")] = " ".join(cells)
+
+    report = tampered(fmus, tmp_path / "off.fmu", "out", change)
+    (problem,) = report.problems
+    # row 6 of 20 intervals over 0.2 s
+    assert problem.startswith("Plant_out.csv: q, element 2 at t = 0.06 s: expected ")
+    assert problem.endswith("differs by 0.01")
+
+
+def test_other_inputs_give_other_results(fmus, tmp_path):
+    """The inputs reach the unit, from the row after a change on: half the torque cannot pass."""
+
+    def change(head, rows):
+        for row in rows[-4:]:
+            torques = np.array(row[head.index("tau")].split(), float)
+            row[head.index("tau")] = " ".join(map(repr, (0.5 * torques).tolist()))
+
+    report = tampered(fmus, tmp_path / "other.fmu", "in", change)
+    assert any(problem.startswith("Plant_out.csv: kappa_dot, element") for problem in report.problems)
+
+
+def test_tables_that_cannot_be_compared_are_problems_in_words(fmus, tmp_path):
+    def rename(head, rows):
+        head[head.index("tau")] = "torque"
+
+    (problem,) = tampered(fmus, tmp_path / "a.fmu", "in", rename).problems
+    assert problem == (
+        "Plant_out.csv: the reference results cannot be compared: the unit has no variable 'torque'"
+    )
+
+    def cut(head, rows):
+        rows[3].pop()
+
+    (problem,) = tampered(fmus, tmp_path / "b.fmu", "out", cut).problems
+    assert "cannot be compared: line 5: expected" in problem
+
+
+def test_a_column_that_this_unit_has_not_is_a_note_and_the_others_are_compared(fmus, tmp_path):
+    """The official Feedthrough FMU of FMI 2.0 carries the table of that of FMI 3.0, which has more variables."""
+
+    def change(head, rows):
+        head[head.index("q")] = "quality"
+        for row in rows:
+            row[head.index("quality")] = "Set me!"
+        rows[6][head.index("E_kin")] = "99"
+
+    report = tampered(fmus, tmp_path / "off.fmu", "out", change)
+    assert report.notes == ["Plant_out.csv: quality: not compared: the unit has no such variable"]
+    (problem,) = report.problems
+    assert problem.startswith("Plant_out.csv: E_kin at t = 0.06 s: expected 99")
+    assert report.compared == ["Plant_out.csv"]
+
+
+def test_types_that_a_table_does_not_hold_are_a_note(fmus, tmp_path):
+    content = members(fmus["plant"])
+    description = content["modelDescription.xml"].decode()
+    reference = description.count("valueReference") + 1000
+    extra = f'<String name="word" valueReference="{reference}" causality="local" variability="fixed"/>'
+    content["modelDescription.xml"] = description.replace(
+        "</ModelVariables>", extra + "</ModelVariables>"
+    ).encode()
+    content[f"{FOLDER}Plant_out.csv"] = b"time,word\n0,Set me!\n0.1,Set me!\n"
+    pack_zip(tmp_path / "word.fmu", content)
+    report = compare(tmp_path / "word.fmu")
+    assert (report.problems, report.compared) == ([], [])
+    assert report.notes == [
+        "Plant_out.csv: word: not compared: of type String, which a table of numbers does not hold",
+        "Plant_out.csv: not compared: it has no column that can be",
+    ]
+
+
+def test_results_that_only_the_manifest_names_are_compared(fmus, tmp_path):
+    content = members(fmus["trajectory"])
+    table = content.pop(f"{FOLDER}Trajectory_out.csv")
+    manifest = content[f"{FOLDER}fmi-ls-manifest.xml"]
+    content[f"{FOLDER}fmi-ls-manifest.xml"] = manifest.replace(b"Trajectory_out.csv", b"../results.csv")
+    pack_zip(tmp_path / "named.fmu", content | {"extra/results.csv": table})
+    report = compare(tmp_path / "named.fmu")
+    assert (report.problems, report.compared) == ([], ["results.csv"])
+
+
+def test_tables_are_read_with_quotes_arrays_and_truth_values():
+    table = read_table('"time", "x", b\n0, 1 2, true\n1, 3 4, false\n')
+    assert table.time.tolist() == [0.0, 1.0]
+    assert table.columns["x"].tolist() == [[1.0, 2.0], [3.0, 4.0]]
+    assert table.columns["b"].tolist() == [[1.0], [0.0]]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("time,x\n", "expected a head with 'time' and variables, and at least one row"),
+        ("time,x\n0,a\n", "line 2: could not convert"),
+        ("time,x\n0,1\n1,1 2\n", "column 'x': expected the same number of elements"),
+        ("time,x\n1,1\n0,1\n", "times must not decrease"),
+    ],
+)
+def test_a_table_that_is_none(text, message):
+    with pytest.raises(ValueError, match=message):
+        read_table(text)
+
+
+def test_times_that_are_not_finite_are_refused_with_their_line():
+    for time in ("nan", "inf"):
+        with pytest.raises(ValueError, match="line 3: times must be finite"):
+            read_table(f"time,x\n0,1\n{time},1\n")
+
+
+def test_rows_that_are_too_close_for_even_steps_are_a_note(tmp_path_factory, tmp_path):
+    robot = load_scenario("planar_tracking").robot
+    plant = build_fmus(robot, tmp_path_factory.mktemp("fmus2"), backend="native", fmi_version="2.0")["plant"]
+    table = {f"{FOLDER}Plant_out.csv": b"time,E_kin\n0,0\n1e-12,0\n1,0\n"}
+    pack_zip(tmp_path / "close.fmu", members(plant) | table)
+    findings = compare(tmp_path / "close.fmu")
+    assert (findings.problems, findings.compared) == ([], [])
+    assert any("two rows are 1e-12 s apart" in note for note in findings.notes)

@@ -1,0 +1,175 @@
+"""`vdfmu check` on faulty systems of SSP 1.0: the faults of all layers at once, and rules of the files."""
+
+import io
+import zipfile
+
+import pytest
+
+from vdfmu.engine.inspect.inspection import check_file, inspect_file
+
+SPACES = " ".join(
+    f'xmlns:{prefix}="http://ssp-standard.org/SSP1/SystemStructure{name}"'
+    for prefix, name in {
+        "ssc": "Common", "ssd": "Description", "ssv": "ParameterValues", "ssm": "ParameterMapping",
+        "ssb": "SignalDictionary",
+    }.items()
+)  # fmt: skip
+DESCRIPTION = """<fmiModelDescription fmiVersion="2.0" modelName="m" guid="1">\
+<CoSimulation modelIdentifier="m"/>{before}<ModelVariables>
+<ScalarVariable name="u" valueReference="1" causality="input"><Real start="{start}"/></ScalarVariable>
+<ScalarVariable name="y" valueReference="2" causality="output"><Real/></ScalarVariable>
+<ScalarVariable name="k" valueReference="3" causality="parameter" variability="fixed">
+<Real start="1"{limits}/></ScalarVariable>
+</ModelVariables><ModelStructure><Outputs><Unknown index="2"/></Outputs><InitialUnknowns><Unknown index="2"/>
+</InitialUnknowns></ModelStructure></fmiModelDescription>"""
+
+
+def fmu(start="0", limits="", before=""):
+    """Return an FMU without binaries, which no platform can run."""
+    box = io.BytesIO()
+    with zipfile.ZipFile(box, "w") as file:
+        file.writestr("modelDescription.xml", DESCRIPTION.format(start=start, limits=limits, before=before))
+    return box.getvalue()
+
+
+def ssd(elements, before="", after="", name="n"):
+    return (
+        f'<ssd:SystemStructureDescription {SPACES} name="{name}" version="1.0"><ssd:System name="root">\n'
+        f"{before}<ssd:Elements>{elements}</ssd:Elements>{after}</ssd:System></ssd:SystemStructureDescription>"
+    )
+
+
+def component(name, connectors="", source="resources/m.fmu", inner="", attributes=""):
+    items = ""
+    for text in connectors.split():
+        connector, kind, *unit = text.split(":")
+        real = f'<ssc:Real unit="{unit[0]}"/>' if unit else ""
+        items += f'<ssd:Connector name="{connector}" kind="{kind}">{real}</ssd:Connector>\n'
+    box = f"<ssd:Connectors>{items}</ssd:Connectors>" if items else ""
+    return f'<ssd:Component name="{name}" source="{source}" {attributes}>\n{box}{inner}</ssd:Component>'
+
+
+def binding(parameters, mapping=""):
+    items = "".join(
+        f'<ssv:Parameter name="{name}"><ssv:Real value="1"{unit}/></ssv:Parameter>'
+        for name, unit in parameters.items()
+    )
+    entries = "".join(f'<ssm:MappingEntry source="{a}" target="{b}"/>' for a, b in mapping)
+    table = f'<ssm:ParameterMapping version="1.0">{entries}</ssm:ParameterMapping>'
+    return (
+        '<ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues><ssv:ParameterSet version="1.0" name="p">'
+        f"<ssv:Parameters>{items}</ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues>"
+        f"{f'<ssd:ParameterMapping>{table}</ssd:ParameterMapping>' if mapping else ''}"
+        "</ssd:ParameterBinding></ssd:ParameterBindings>"
+    )
+
+
+@pytest.fixture
+def package(tmp_path):
+    def write(text, members=None):
+        path = tmp_path / "x.ssp"
+        with zipfile.ZipFile(path, "w") as file:
+            for name, content in {
+                "SystemStructure.ssd": text,
+                "resources/m.fmu": fmu(),
+                **(members or {}),
+            }.items():
+                file.writestr(name, content)
+        return path
+
+    return write
+
+
+def problems(path):
+    """Return the problems, but for the binaries that these FMUs lack."""
+    return [p for p in check_file(path, run=False) if "no binary for this platform" not in p]
+
+
+def test_faults_of_all_layers_come_at_once(package):
+    text = ssd(
+        component("c", "u:output zz:input")
+        + component("e", source="resources/none.fmu")
+        + component("f", source="resources/text.fmu"),
+        '<ssd:ParameterBindings><ssd:ParameterBinding source="resources/none.ssv"/></ssd:ParameterBindings>',
+        '<ssd:Connections><ssd:Connection startElement="c" startConnector="u" endElement="d" endConnector="u"/>'
+        "</ssd:Connections>",
+    )
+    path = package(text, {"resources/m.fmu": fmu("abc"), "resources/text.fmu": "text"})
+    *found, binary, last = check_file(path, run=False)
+    assert found == [
+        "x.ssp: component 'e': the package has no 'resources/none.fmu'",
+        "x.ssp: the package has no 'resources/none.ssv'",
+        "connection c.u -> d.u: there is no element 'd'",
+        "c.u: the SSD declares kind 'output', the FMU causality 'input'",
+        "c.zz: resources/m.fmu has no such variable",
+        "resources/m.fmu: modelDescription.xml, line 2: Element 'Real', attribute 'start': 'abc' is not a valid value "
+        "of the atomic type 'xs:double'.",
+    ]
+    assert binary.startswith("resources/m.fmu: no binary for this platform")
+    assert last.startswith("resources/text.fmu: text.fmu is no FMU that can be read: cannot be read as")
+
+
+@pytest.mark.parametrize(
+    ("limits", "fault"),
+    [
+        (' min="1" max="1"', ""),
+        (' max="0.5"', "expected at most 0.5, the limit of the FMU, got 1"),
+        (' min="1.5"', "expected at least 1.5, the limit of the FMU, got 1"),
+        (' min="0" max="50" unit="cm"', "expected at most 50, the limit of the FMU, got 100"),
+    ],
+)
+def test_values_lie_within_the_limits_of_the_fmu(package, limits, fault):
+    """The last in its unit: 1 m is 100 cm."""
+    base = '<{0}Unit name="{1}"><{0}BaseUnit m="1" factor="{2}"/></{0}Unit>'
+    inside = f"<UnitDefinitions>{base.format('', 'cm', 0.01)}</UnitDefinitions>"
+    units = f"</ssd:System><ssd:Units>{base.format('ssc:', 'm', 1)}</ssd:Units>"
+    text = ssd(component("c", inner=binding({"k": ' unit="m"' if "cm" in limits else ""})))
+    path = package(
+        text.replace("</ssd:System>", units), {"resources/m.fmu": fmu(limits=limits, before=inside)}
+    )
+    assert [p.partition("): ")[2] for p in problems(path) if p[:3] == "c: "] == ([fault] if fault else [])
+
+
+def test_fmus_are_checked_where_the_system_cannot_be_read(package):
+    found = check_file(package("<ssd:System>", {"resources/m.fmu": fmu("abc")}), run=False)
+    assert found[0].startswith("x.ssp: SystemStructure.ssd: is not well-formed XML")
+    assert found[1].startswith("resources/m.fmu: modelDescription.xml, line 2: Element 'Real'")
+
+
+def test_units_are_defined_in_the_file_that_names_them(package):
+    text = ssd(component("c", "u:input:rad y:output:rad", inner=binding({"k": ' unit="furlong"'})))
+    assert problems(package(text)) == [
+        "x.ssp: SystemStructure.ssd: unit 'rad' of c.u and 1 more is not defined; define it in ssd:Units",
+        "x.ssp: SystemStructure.ssd, line 5: unit 'furlong' of k is not defined; define it in ssv:Units",
+    ]
+    base = '"><ssc:BaseUnit m="1"/></ssc:Unit>'
+    units = f'<ssd:Units><ssc:Unit name="rad{base}<ssc:Unit name="furlong{base}</ssd:Units>'
+    assert problems(package(text.replace("</ssd:System>", "</ssd:System>" + units))) == []
+
+
+def test_names_that_occur_twice(package):
+    text = ssd(component("c", "u:input u:input", inner=binding({"a": "", "b": ""}, [("a", "k"), ("b", "k")])))
+    path = package(text, {"B.ssd": ssd(component("c"))})
+    assert problems(path) == [
+        "x.ssp: parameter binding of c: the mapping has several entries for target 'k', from 'a', 'b'; keep one",
+        "x.ssp: SystemStructure.ssd, line 4: two connectors are named c.u; names of connectors of one element must "
+        "differ",
+    ]
+    same = "SystemStructure.ssd and B.ssd: have the same name, 'n', by which tools let users choose"
+    assert same in inspect_file(path, run=False).notes
+
+
+def test_rules_of_the_package_and_of_its_files_and_of_packages_in_it(package):
+    inner = io.BytesIO()
+    with zipfile.ZipFile(inner, "w") as file:
+        file.writestr("SystemStructure.ssd", ssd(component("c", "u:input:rad")))
+        file.writestr("resources/m.fmu", fmu())
+    text = '<?xml version="1.0" encoding="ISO-8859-1"?>' + ssd(
+        component("p", source="resources/i.ssp", attributes='type="application/x-ssp-package"'), name="\xe9"
+    )
+    members = {"resources/i.ssp": inner.getvalue(), "documentation/read.html": ""}
+    assert problems(package(text.encode("latin1"), members)) == [
+        "x.ssp: has documentation/ without documentation/index.html, where readers start",
+        "x.ssp: SystemStructure.ssd: is encoded in ISO-8859-1; SSP has UTF-8 only",
+        "x.ssp: resources/i.ssp: SystemStructure.ssd: unit 'rad' of c.u is not defined; define it in ssd:Units",
+    ]

@@ -1,0 +1,406 @@
+"""`vdfmu check` on systems of SSP 2.0, on several SSDs in a package, and on OSP system structures."""
+
+import pytest
+
+from vdfmu.base.files import pack_zip
+from vdfmu.compiler.fmu import build_fmus
+from vdfmu.engine.inspect.inspection import inspect_file
+from vdfmu.engine.package import load_ssp, parse
+from vdfmu.system.scenario import load_scenario
+
+HEAD = (
+    '<ssd:SystemStructureDescription xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription" '
+    'xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon" '
+    'xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues" '
+    'xmlns:ssm="http://ssp-standard.org/SSP1/SystemStructureParameterMapping" version="2.0" name="t">'
+    '<ssd:System name="s">'
+)
+TAIL = "</ssd:System></ssd:SystemStructureDescription>"
+
+
+@pytest.fixture(scope="module")
+def fmus(tmp_path_factory):
+    robot = load_scenario("planar_tracking").robot
+    return {
+        version: build_fmus(
+            robot, tmp_path_factory.mktemp("fmus"), backend="native", fmi_version=version,
+        )
+        for version in ("2.0", "3.0")
+    }  # fmt: skip
+
+
+def connector(name, kind, size=2, of="Float64"):
+    dimension = f'<ssc:Dimension size="{size}"/>' if size else ""
+    return f'<ssd:Connector name="{name}" kind="{kind}"><ssc:{of}/>{dimension}</ssd:Connector>'
+
+
+def component(name, *connectors, inner=""):
+    box = f"<ssd:Connectors>{''.join(connectors)}</ssd:Connectors>" if connectors else ""
+    return f'<ssd:Component name="{name}" source="resources/{name}.fmu">{box}{inner}</ssd:Component>'
+
+
+def system(*components, links=""):
+    return f"{HEAD}<ssd:Elements>{''.join(components)}</ssd:Elements>{links}{TAIL}"
+
+
+def link(*ends):
+    items = "".join(
+        f'<ssd:Connection startElement="{a}" startConnector="{b}" endElement="{c}" endConnector="{d}"/>'
+        for a, b, c, d in ends
+    )
+    return f"<ssd:Connections>{items}</ssd:Connections>"
+
+
+GOOD = system(
+    component("Trajectory", connector("q_d", "output"), connector("q_d_dot", "output")),
+    component(
+        "PDController", connector("q_d", "input"), connector("q_d_dot", "input"), connector("q", "input")
+    ),
+    component("Plant", connector("q", "output")),
+    links=link(
+        ("Trajectory", "q_d", "PDController", "q_d"),
+        ("Trajectory", "q_d_dot", "PDController", "q_d_dot"),
+        ("Plant", "q", "PDController", "q"),
+    ),
+)
+
+
+@pytest.fixture
+def package(fmus, tmp_path):
+    def write(text, extra=None):
+        path = tmp_path / "x.ssp"
+        units = {f"resources/{p.name}": p.read_bytes() for p in fmus["3.0"].values() if p.stem in text}
+        pack_zip(path, {"SystemStructure.ssd": text.encode(), **units, **(extra or {})})
+        return path
+
+    return write
+
+
+def test_a_system_of_arrays_has_no_problems_and_its_units_are_run(package):
+    report = inspect_file(package(GOOD))
+    assert report.problems == []
+    assert report.standard == "SSP 2.0"
+    assert report.compared == [
+        f"resources/{name}.fmu: {name}_out.csv" for name in ("Trajectory", "PDController", "Plant")
+    ]
+    assert report.ran
+    system = load_ssp(package(GOOD))
+    assert system.version == "2.0"
+    assert [str(connection) for connection in system.connections][0] == "Trajectory.q_d -> PDController.q_d"
+
+
+def test_all_faults_of_connectors_and_connections_come_at_once(package):
+    text = system(
+        component(
+            "Trajectory",
+            connector("q_d", "output", 3),
+            connector("q_d_dot", "input"),
+            connector("x", "output"),
+        ),
+        component("PDController", connector("q_d", "input", 0), connector("q_d_dot", "input", of="Int32")),
+        component("Plant", connector("q", "output"), connector("E_kin", "output", 0)),
+        links=link(
+            ("Plant", "E_kin", "PDController", "q_d"),
+            ("Plant", "q", "PDController", "q_d"),
+            ("Plant", "q", "PDController", "nothing"),
+            ("Plant", "q", "Nobody", "q"),
+        ),
+    )
+    assert inspect_file(package(text), run=False).problems == [
+        "connection Plant.q -> PDController.q_d: duplicate source, PDController.q_d is already fed by Plant.E_kin",
+        "connection Plant.q -> PDController.nothing: PDController declares no connector 'nothing'",
+        "connection Plant.q -> Nobody.q: there is no element 'Nobody'",
+        "Trajectory.q_d: the SSD declares an array of 3, the FMU an array of 2",
+        "Trajectory.q_d_dot: the SSD declares kind 'input', the FMU causality 'output'",
+        "Trajectory.x: resources/Trajectory.fmu has no such variable",
+        "PDController.q_d: the SSD declares a scalar, the FMU an array of 2",
+        "PDController.q_d_dot: the SSD declares type Int32, the FMU Float64",
+        "connection Plant.E_kin -> PDController.q_d: unit mismatch, 'J' (kg.m2/s2) to 'rad' (rad)",
+        "connection Plant.E_kin -> PDController.q_d: dimension mismatch, a scalar to an array of 2",
+    ]
+
+
+def test_resources_and_parameters_are_checked(package):
+    def binding(inner, attributes=""):
+        box = f"<ssd:ParameterBinding {attributes}>{inner}</ssd:ParameterBinding>"
+        return f"<ssd:ParameterBindings>{box}</ssd:ParameterBindings>"
+
+    def values(name):
+        return (
+            '<ssd:ParameterValues><ssv:ParameterSet version="2.0" name="p"><ssv:Parameters>'
+            f'<ssv:Parameter name="{name}"><ssv:Float64 value="1"/></ssv:Parameter></ssv:Parameters>'
+            "</ssv:ParameterSet></ssd:ParameterValues>"
+        )
+
+    mapping = (
+        '<ssd:ParameterMapping><ssm:ParameterMapping version="2.0">'
+        '<ssm:MappingEntry source="time" target="T_end"/><ssm:MappingEntry source="no" target="T"/>'
+        "</ssm:ParameterMapping></ssd:ParameterMapping>"
+    )
+    text = system(
+        component("Plant", inner=binding("", 'source="none.ssv"')),
+        component("Trajectory", inner=binding(values("time") + mapping)),
+        component("PDController", inner=binding(values("K_q"))),
+        '<ssd:Component name="gone" source="resources/gone.fmu"/>',
+    )
+    report = inspect_file(package(text), run=False)
+    assert report.problems == [
+        "x.ssp: component 'gone': the package has no 'resources/gone.fmu'",
+        "x.ssp: the package has no 'none.ssv'",
+    ]
+    assert [note for note in report.notes if "the value is ignored" in note] == [  # SSP has it so
+        "x.ssp: parameter binding of Trajectory: the mapping's source 'no' is not in the parameter set; the value is "
+        "ignored",
+        "Trajectory: parameter 'T_end' (p: time): resources/Trajectory.fmu has no such variable; did you mean q_end?; "
+        "the value is ignored",
+        "PDController: parameter 'K_q' (p: K_q): resources/PDController.fmu has no such variable; did you mean K_v, "
+        "K_p?; the value is ignored",
+    ]
+
+
+def test_values_are_held_against_the_variables_that_their_names_lead_to(package):
+    def binding(*parameters):
+        items = "".join(
+            f'<ssv:Parameter name="{n}"><ssv:{t} value="{v}"/></ssv:Parameter>' for n, t, v in parameters
+        )
+        return (
+            "<ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues><ssv:ParameterSet "
+            f'version="2.0" name="p"><ssv:Parameters>{items}</ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues>'
+            "</ssd:ParameterBinding></ssd:ParameterBindings>"
+        )
+
+    inner = binding(("velocity", "String", "zero"))
+    values = binding(
+        ("PDController.velocity", "Int32", "1"),
+        ("PDController.velocity", "Int32", "0"),
+        ("Plant.nonsense", "Float64", "1"),
+        ("nope.q", "Float64", "1"),
+        ("Plant.E_kin", "Float64", "1"),
+    )
+    text = system(component("Plant"), component("PDController", inner=inner))
+    report = inspect_file(package(text.replace("<ssd:Elements>", values + "<ssd:Elements>")), run=False)
+    assert report.problems == [
+        "x.ssp: p: PDController.velocity: occurs twice in the parameter set",
+        "Plant: parameter 'E_kin' (p: Plant.E_kin): is not settable: causality output, variability continuous, "
+        "initial calculated",
+        "PDController: parameter 'velocity' (p: velocity): type mismatch, String for a Integer variable",
+    ]
+    assert [note for note in report.notes if "the value is ignored" in note] == [
+        "the system: parameter 'nope.q' (p: nope.q) matches no element or connector; the value is ignored",
+        "Plant: parameter 'nonsense' (p: Plant.nonsense): resources/Plant.fmu has no such variable; the value is "
+        "ignored",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "unit", "fault"),
+    [
+        ("tolerance", "0.1", "", ""),
+        ("tolerance", "1", "", "expected at most 0.1, the limit of the FMU, got 1"),
+        ("tolerance", "20", "percent", "expected at most 0.1, the limit of the FMU, got 0.2"),
+        ("tolerance", "5", "percent", ""),
+        ("q_dot_0", "1e300 -1e300", "", ""),  # no limits
+        ("mass", "1 -1", "", "expected at least 1e-12, the limit of the FMU, got -1"),
+    ],
+)
+def test_values_lie_within_the_limits_of_the_fmu(package, name, value, unit, fault):
+    unit = f' unit="{unit}"' if unit else ""
+    size = f'<ssc:Dimension size="{len(value.split())}"/>' if " " in value else ""
+    inner = (
+        '<ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues><ssv:ParameterSet version="2.0" name="p">'
+        f'<ssv:Parameters><ssv:Parameter name="{name}"><ssv:Float64 value="{value}"{unit}/>'
+        f"{size}</ssv:Parameter></ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues></ssd:ParameterBinding>"
+        "</ssd:ParameterBindings>"
+    )
+    units = '<ssd:Units><ssc:Unit name="percent"><ssc:BaseUnit factor="0.01"/></ssc:Unit></ssd:Units>'
+    text = system(component("Plant", inner=inner)).replace("</ssd:System>", f"</ssd:System>{units}")
+    where = f"Plant: parameter {name!r} (p: {name}): "
+    assert inspect_file(package(text), run=False).problems == ([where + fault] if fault else [])
+
+
+def test_kinds_of_connectors_that_only_ssp_2_has_can_be_connected(package):
+    text = system(
+        component("Plant", connector("q", "constant")),
+        component("PDController", connector("ell", "structuralParameter"), connector("q", "input")),
+        links=link(("Plant", "q", "PDController", "ell"), ("Plant", "q", "PDController", "q")),
+    )
+    assert not any("direction error" in p for p in inspect_file(package(text), run=False).problems)
+
+
+def test_faults_of_the_schema_have_their_line_and_without_schemas_a_note_says_so(package, monkeypatch):
+    text = GOOD.replace("<ssd:Connections>", '\n<ssd:Connections odd="1">')
+    (problem,) = inspect_file(package(text), run=False).problems
+    assert problem.startswith("x.ssp: SystemStructure.ssd, line 2: ") and "'odd'" in problem
+    _, fmu = inspect_file(
+        package(text, {"resources/other.fmu": b"x"}), run=False
+    ).problems  # not hidden by it
+    assert fmu.startswith("resources/other.fmu: other.fmu is no FMU that can be read")
+    monkeypatch.setattr(parse, "schema_of", lambda *_: None)
+    report = inspect_file(package(text), run=False)
+    assert report.problems == []
+    assert any(n.startswith("the schemas of SSP 2.0 were not applied: pip install") for n in report.notes)
+
+
+def test_every_variant_of_a_package_is_checked(package):
+    other = GOOD.replace(
+        'endElement="PDController" endConnector="q"', 'endElement="PDController" endConnector="w"'
+    )
+    report = inspect_file(package(GOOD, {"VarB.ssd": other.encode()}), run=False)
+    assert report.problems == [
+        "VarB.ssd: connection Plant.q -> PDController.w: PDController declares no connector 'w'"
+    ]
+
+
+OSP = """<OspSystemStructure xmlns="http://opensimulationplatform.com/MSMI/OSPSystemStructure" version="0.1">
+<Simulators><Simulator name="plant" source="Plant.fmu"><InitialValues><InitialValue variable="{initial}">
+<Real value="1"/></InitialValue></InitialValues></Simulator><Simulator name="pd" source="{source}"/></Simulators>
+<Connections><VariableConnection><Variable simulator="plant" name="q[1]"/><Variable simulator="pd" name="{sink}"/>
+</VariableConnection></Connections></OspSystemStructure>"""
+
+
+def test_an_osp_system_structure_is_checked_beside_its_fmus(fmus, tmp_path):
+    for unit in ("plant", "controller"):
+        (tmp_path / fmus["2.0"][unit].name).write_bytes(fmus["2.0"][unit].read_bytes())
+    path = tmp_path / "OspSystemStructure.xml"
+
+    def check(**changes):
+        path.write_text(
+            OSP.format(**{"initial": "q_0[1]", "source": "PDController.fmu", "sink": "q[1]"} | changes)
+        )
+        return inspect_file(path, run=False)
+
+    good = check()
+    assert (good.problems, good.kind, good.standard) == ([], "OSP", "OSP system structure 0.1")
+    assert good.notes[0].startswith("the system was not run: that takes libcosim")
+    assert check(initial="q_9", sink="tau[1]").problems == [
+        "simulator 'plant': initial value of 'q_9': Plant.fmu has no such variable",
+        "connection plant.q[1] -> pd.tau[1]: direction error, it joins output and output",
+    ]
+    assert check(source="None.fmu", sink="w").problems == [
+        "simulator 'pd': there is no file 'None.fmu' beside OspSystemStructure.xml"
+    ]
+    assert check(sink="w").problems == ["connection plant.q[1] -> pd.w: pd has no variable 'w'"]
+
+
+def test_without_schemas_what_cannot_be_read_is_a_problem_and_no_traceback(package, monkeypatch):
+    monkeypatch.setattr(parse, "schema_of", lambda *_: None)
+    for old, new in (('size="2"', 'size="x"'), ("resources/Plant.fmu", "http://[bad/Plant.fmu")):
+        (problem,) = inspect_file(package(GOOD.replace(old, new, 1)), run=False).problems
+        assert problem.startswith(
+            "x.ssp: SystemStructure.ssd: cannot be read, an element or attribute is missing"
+        )
+    (problem,) = inspect_file(
+        package(GOOD.replace('Connector name="q_d"', "Connector", 1)), run=False
+    ).problems
+    assert problem.endswith("Connector has no name")
+
+
+def test_faults_of_the_schema_are_the_only_ones(package):
+    text = GOOD.replace('size="2"', 'size="x"', 1).replace('endConnector="q"', 'endConnector="w"')
+    (problem,) = inspect_file(package(text), run=False).problems
+    assert "'x' is not a valid value" in problem
+
+
+def test_indices_choose_elements_and_must_lie_in_the_array(package):
+    def linked(start, end, plant="E_kin"):
+        size = 0 if plant == "E_kin" else 2
+        items = [
+            f'<ssd:Connection startElement="Plant" startConnector="{plant}" endElement="PDController" '
+            f'endConnector="q_d" suppressUnitConversion="true" {a} {b}/>'
+            for a, b in zip(start, end, strict=True)
+        ]
+        text = system(
+            component("Plant", connector(plant, "output", size)),
+            component("PDController", connector("q_d", "input")),
+            links=f"<ssd:Connections>{''.join(items)}</ssd:Connections>",
+        )
+        return inspect_file(package(text), run=False).problems
+
+    # one scalar feeds both elements
+    assert linked(["", ""], ['endIndices="1"', 'endIndices="2"']) == []
+    assert linked(['startIndices="2"'], ['endIndices="1"'], "q") == []
+    name = "connection Plant.E_kin -> PDController.q_d: "
+    (problem,) = linked(["", ""], ['endIndices="1"', 'endIndices="1"'])
+    assert problem.startswith(f"{name}duplicate source")
+    (problem,) = linked(["", ""], ['endIndices="1"', ""])[:1]
+    assert problem.startswith(f"{name}duplicate source")
+    for index in ("0", "3"):
+        assert linked([""], [f'endIndices="{index}"']) == [
+            f"{name}endIndices: {index} is outside of PDController.q_d, an array of 2; the first index is 1"
+        ]
+    assert linked([""], ['endIndices="1 1"']) == [
+        f"{name}endIndices: 2 for PDController.q_d, which is an array of 2"
+    ]
+
+
+def test_units_sizes_of_parameters_and_the_implementation_are_checked(package):
+    def values(value, size):
+        return (
+            '<ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues><ssv:ParameterSet version="2.0" '
+            f'name="p"><ssv:Parameters><ssv:Parameter name="q_start"><ssv:Float64 value="{value}" unit="m"/>'
+            f'<ssc:Dimension size="{size}"/></ssv:Parameter></ssv:Parameters></ssv:ParameterSet>'
+            "</ssd:ParameterValues></ssd:ParameterBinding></ssd:ParameterBindings>"
+        )
+
+    def check(value, size, factor="1", implementation="CoSimulation"):
+        trajectory = component(
+            "Trajectory",
+            connector("q_d", "output").replace("<ssc:Float64/>", '<ssc:Float64 unit="m"/>'),
+            connector("q_d_dot", "output").replace("<ssc:Float64/>", '<ssc:Float64 unit="none"/>'),
+            inner=values(value, size),
+        ).replace("<ssd:Component", f'<ssd:Component implementation="{implementation}"')
+        units = (
+            f'<ssd:Units><ssc:Unit name="m"><ssc:BaseUnit m="1" factor="{factor}"/></ssc:Unit></ssd:Units>'
+        )
+        text = system(trajectory).replace("</ssd:System>", f"</ssd:System>{units}")
+        return inspect_file(package(text), run=False).problems
+
+    parameter = "Trajectory: parameter 'q_start' (p: q_start): "
+    always = [
+        "x.ssp: SystemStructure.ssd: unit 'none' of Trajectory.q_d_dot is not defined; define it in ssd:Units",
+        "Trajectory.q_d: unit mismatch, the SSD declares 'm' (m), the FMU 'rad' (rad)",
+        "Trajectory.q_d_dot: unit mismatch, the SSD declares 'none' (without definition), the FMU 'rad/s' (rad/s)",
+        f"{parameter}unit mismatch, 'm' (m) to 'rad' (rad)",
+    ]
+    assert check("0 0", 2) == always
+    assert check("0 0 0", 2) == ["x.ssp: p: q_start: 3 value(s) for an array of 2", *always]
+    assert f"{parameter}is an array of 3, the FMU declares an array of 2" in check("0 0 0", 3)
+    asked = "Trajectory: the SSD asks for ModelExchange, resources/Trajectory.fmu has CoSimulation"
+    assert asked in check("0 0", 2, implementation="ModelExchange")
+    for factor in ("0", "INF"):
+        assert any(" unit 'm': factor" in p for p in check("0 0", 2, factor))
+
+
+def test_the_structure_and_the_initial_values_of_an_osp_file_are_checked(fmus, tmp_path):
+    for unit in ("plant", "controller"):
+        (tmp_path / fmus["2.0"][unit].name).write_bytes(fmus["2.0"][unit].read_bytes())
+    path = tmp_path / "OspSystemStructure.xml"
+    good = OSP.format(initial="q_0[1]", source=(tmp_path / "PDController.fmu").as_uri(), sink="q[1]")
+
+    def check(old, new):
+        assert old in good
+        path.write_text(good.replace(old, new, 1))
+        return [p.removeprefix("OspSystemStructure.xml") for p in inspect_file(path, run=False).problems]
+
+    assert check("<Simulators>", "<Algorithm>ecco</Algorithm><Simulators>") == []
+    value = "simulator 'plant': initial value of 'q_0[1]': "
+    assert check('value="1"', 'value="a"') == [f"{value}'a' is no Real"]
+    assert check('variable="q_0[1]"', 'variable="tolerance"') == [
+        "simulator 'plant': initial value of 'tolerance': expected at most 0.1, the limit of the FMU, got 1"
+    ]
+    assert check("<Real", "<Integer") == [f"{value}type mismatch, Integer for a variable of type Real"]
+    (problem,) = check('variable="q_0[1]"', 'variable="q[1]"')
+    assert problem.startswith("simulator 'plant': initial value of 'q[1]': cannot be set, it is ")
+    assert check('version="0.1"', 'version="9"') == [": version is '9'; expected '0.1'"]
+    assert check("<Simulators>", "<Foo/><Simulators>") == [
+        ", line 1: OspSystemStructure: unknown element 'Foo'"
+    ]
+    assert check("<Simulators>", "<BaseStepSize>0</BaseStepSize><Simulators>") == [
+        ", line 2: BaseStepSize: expected a positive number, got '0'"
+    ]
+    assert check("<Simulators>", "<Algorithm>x</Algorithm><Simulators>") == [
+        ", line 2: Algorithm: 'x' is unknown; expected one of fixedStep, ecco"
+    ]
+    assert check('<Variable simulator="plant" name="q[1]"/>', "") == [
+        ", line 4: VariableConnection: expected two ends, got 1"
+    ]

@@ -1,0 +1,207 @@
+"""`vdfmu check` on systems, on reference results, and as JSON."""
+
+import io
+import json
+import subprocess
+import sys
+import zipfile
+
+import pytest
+
+from vdfmu.base.errors import StorageError, UsageError
+from vdfmu.base.files import pack_zip
+from vdfmu.compiler.fmu import build_fmus
+from vdfmu.engine.inspect.fmu import NOT_RUN
+from vdfmu.engine.inspect.inspection import check_file, inspect_file
+from vdfmu.system.package.write import write_ssp
+from vdfmu.system.scenario import load_scenario
+from vdfmu.system.scenario.values import system_values
+
+REFERENCE = "extra/org.fmi-standard.fmi-ls-ref/"
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    return load_scenario("planar_tracking")
+
+
+@pytest.fixture(scope="module")
+def fmus(scenario, tmp_path_factory):
+    values = system_values(scenario)
+    return build_fmus(scenario.robot, tmp_path_factory.mktemp("fmus"), start_values=values, backend="native")
+
+
+@pytest.fixture(scope="module")
+def package(scenario, fmus, tmp_path_factory):
+    return write_ssp(scenario, fmus, tmp_path_factory.mktemp("ssp") / "planar.ssp")
+
+
+def members(path):
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+@pytest.mark.parametrize("unit", ["trajectory", "feedforward", "controller", "plant"])
+def test_units_agree_with_the_reference_results_that_they_carry(fmus, unit):
+    assert any(name.startswith(REFERENCE) and name.endswith("_out.csv") for name in members(fmus[unit]))
+    assert check_file(fmus[unit]) == []
+
+
+def test_a_unit_that_does_not_is_found_by_variable_and_time(fmus, tmp_path):
+    content = members(fmus["plant"])
+    name = f"{REFERENCE}Plant_out.csv"
+    lines = content[name].decode().splitlines()
+    column = lines[0].split(",").index("q[2]")
+    cells = lines[6].split(",")
+    cells[column] = repr(float(cells[column]) + 0.01)
+    lines[6] = ",".join(cells)
+    pack_zip(tmp_path / "wrong.fmu", content | {name: "\n".join(lines).encode()})
+    (problem,) = check_file(tmp_path / "wrong.fmu")
+    assert problem.startswith(f"Plant_out.csv: q[2] at t = {float(cells[0]):g} s: expected ")
+    assert check_file(tmp_path / "wrong.fmu", run=False) == []
+    pack_zip(tmp_path / "broken.fmu", content | {name: b"time,q[1]\n0,x,y\n1\n"})
+    (problem,) = check_file(tmp_path / "broken.fmu")
+    assert problem.startswith("Plant_out.csv: the reference results cannot be compared: ")
+
+
+def test_a_table_that_the_manifest_names_and_is_missing_is_a_note(fmus, tmp_path):
+    name = f"{REFERENCE}Plant_out.csv"
+    pack_zip(tmp_path / "less.fmu", {n: data for n, data in members(fmus["plant"]).items() if n != name})
+    report = inspect_file(tmp_path / "less.fmu")
+    assert (report.problems, report.compared) == ([], [])
+    assert report.notes == [
+        f"Plant_out.csv: not compared: {REFERENCE}fmi-ls-manifest.xml names it, and the FMU does not have it"
+    ]
+
+
+def test_a_system_with_a_faulty_fmu_is_not_run(package, tmp_path):
+    content = members(package)
+    name = next(n for n in content if n.endswith("Plant.fmu"))
+    with zipfile.ZipFile(io.BytesIO(content[name])) as archive:
+        inner = {n: archive.read(n) for n in archive.namelist()}
+    text = inner["modelDescription.xml"].replace(b'unit="rad/s"', b'unit="rad/h"')
+    pack_zip(tmp_path / "Plant.fmu", inner | {"modelDescription.xml": text})
+    pack_zip(tmp_path / "x.ssp", content | {name: (tmp_path / "Plant.fmu").read_bytes()})
+    report = inspect_file(tmp_path / "x.ssp")
+    assert any('The unit "rad/h" of variable ' in problem for problem in report.problems)
+    assert not report.ran
+    assert report.notes[-1] == NOT_RUN
+
+
+def test_a_system_is_checked_as_package_and_as_folder(package, tmp_path):
+    assert check_file(package) == []
+    for name, data in members(package).items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(data)
+    ssd = tmp_path / "SystemStructure.ssd"
+    assert check_file(ssd) == []
+    ssd.write_bytes(ssd.read_bytes().replace(b'startConnector="q[1]"', b'startConnector="qq[1]"'))
+    problems = check_file(ssd)
+    assert len(problems) == 2 and all("plant declares no connector 'qq[1]'" in p for p in problems)
+    ssd.write_bytes(ssd.read_bytes().replace(b"<ssd:Elements>", b"\n<ssd:Elemente>"))
+    (tmp_path / "arm.ssd").write_bytes(ssd.read_bytes())
+    for name in ("SystemStructure.ssd", "arm.ssd"):  # by the names of files that exist
+        assert all(p.startswith(f"{name}: is not well-formed XML") for p in check_file(tmp_path / name))
+
+
+def test_all_problems_of_a_system_come_at_once(package, tmp_path):
+    content = members(package)
+    content["resources/Trajectory.fmu"] = b"nothing"
+    ssd = content["SystemStructure.ssd"].replace(b'unit="N.m"', b'unit="m"', 1)
+    pack_zip(tmp_path / "bad.ssp", content | {"SystemStructure.ssd": ssd})
+    problems = check_file(tmp_path / "bad.ssp")
+    assert any("Trajectory.fmu" in p for p in problems)
+    assert any("unit mismatch" in p for p in problems)
+
+
+def test_a_system_whose_unit_fails_in_the_run_is_told(scenario, fmus, tmp_path):
+    values = system_values(scenario, {"controller.K_p": "1e12"})
+    path = write_ssp(scenario, fmus, tmp_path / "wild.ssp", values)
+    (problem,) = check_file(path)
+    assert problem.startswith("10 steps of 0.001 s failed: plant: doStep")
+    assert check_file(path, run=False) == []
+
+
+def test_the_command_prints_json_and_ends_with_code_1_for_problems(package, tmp_path):
+    def run(path):
+        command = [sys.executable, "-m", "vdfmu.cli", "check", str(path), "--json"]
+        return subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
+
+    good = run(package)
+    assert good.returncode == 0
+    said = json.loads(good.stdout)
+    assert list(said) == [
+        "format",
+        "file",
+        "kind",
+        "standard",
+        "ran",
+        "compared",
+        "problems",
+        "notes",
+        "findings",
+    ]
+    units = ("Trajectory", "Feedforward", "PDController", "Plant")
+    assert said | {"notes": []} == {
+        "format": 1, "file": str(package), "kind": "SSP", "standard": "SSP 1.0", "ran": True,
+        "compared": [f"resources/{unit}.fmu: {unit}_out.csv" for unit in units], "problems": [], "notes": [],
+        "findings": [],
+    }  # fmt: skip
+    assert said["notes"] == []
+    (tmp_path / "no.ssp").write_bytes(b"no zip")
+    bad = run(tmp_path / "no.ssp")
+    assert bad.returncode == 1
+    assert len(json.loads(bad.stdout)["problems"]) == 1
+
+
+def test_a_file_that_is_not_there_is_wrong_usage(tmp_path):
+    with pytest.raises(UsageError, match="there is no such file"):
+        check_file(tmp_path / "no.ssd")
+
+
+def test_the_ending_in_capitals_a_missing_icon_and_an_odd_version(package, tmp_path):
+    content = members(package)
+    ssd = content["SystemStructure.ssd"].replace(b'version="1.0" name=', b'version="1.5" name=', 1)
+    icons = [name for name in content if name.startswith("resources/icons/plant")]
+    kept = {name: data for name, data in content.items() if name not in icons}
+    pack_zip(tmp_path / "X.SSP", kept | {"SystemStructure.ssd": ssd})
+    report = inspect_file(tmp_path / "X.SSP")
+    assert (report.problems, report.ran) == ([], True)
+    assert "the SSD states version '1.5'; it was checked as SSP 1.0" in report.notes
+    assert f"plant: icon: the package has no {icons[0]!r}" in report.notes
+
+
+def test_an_fmu_of_a_long_name_is_stored_under_another(package, tmp_path):
+    content, name = members(package), f"resources/{'P' * 300}.fmu"
+    content[name] = content.pop("resources/Plant.fmu")
+    ssd = content["SystemStructure.ssd"].replace(b"resources/Plant.fmu", name.encode())
+    pack_zip(tmp_path / "long.ssp", content | {"SystemStructure.ssd": ssd})
+    assert check_file(tmp_path / "long.ssp", run=False) == []
+
+
+def test_a_temporary_folder_that_cannot_be_written_is_told(package, tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "none"))
+    with pytest.raises(StorageError, match="was not checked: .*TMPDIR"):
+        check_file(package)
+
+
+def test_an_algebraic_loop_is_a_note(fmus, tmp_path):
+    """The standard allows it, and a master can step it: the controller adds its own torque of the step before."""
+    connectors = '<ssd:Connector name="tau[1]" kind="output"/><ssd:Connector name="tau_m[1]" kind="input"/>'
+    text = (
+        '<ssd:SystemStructureDescription xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription" '
+        'version="1.0" name="t"><ssd:System name="s"><ssd:Elements><ssd:Component name="c" '
+        f'source="resources/PDController.fmu"><ssd:Connectors>{connectors}</ssd:Connectors></ssd:Component>'
+        '</ssd:Elements><ssd:Connections><ssd:Connection startElement="c" startConnector="tau[1]" endElement="c" '
+        'endConnector="tau_m[1]"/></ssd:Connections></ssd:System></ssd:SystemStructureDescription>'
+    )
+    path = tmp_path / "loop.ssp"
+    pack_zip(
+        path,
+        {"SystemStructure.ssd": text.encode(), "resources/PDController.fmu": fmus["controller"].read_bytes()},
+    )
+    report = inspect_file(path)
+    assert report.problems == []
+    assert [note for note in report.notes if "loop" in note] == [
+        "algebraic loop during initialization, solved: c.tau[1] -> c.tau_m[1] -> c.tau[1]"
+    ]

@@ -1,0 +1,188 @@
+"""References in seconds: one compiled function for scipy to call, and solutions that are kept by what decides them."""
+
+import dataclasses
+import inspect
+import signal
+
+import numpy as np
+import pytest
+
+import vdfmu
+from vdfmu.base.errors import VdfmuError
+from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.reference import compiled, solution
+from vdfmu.system.reference.reference import reference, reference_blocks
+from vdfmu.system.reference.solution import Continuous, Sampled
+from vdfmu.system.reference.wired import System
+from vdfmu.system.scenario.values import system_values
+
+NAMES = ("sampled", "sampled-delayed", "continuous")
+
+
+@pytest.fixture
+def own_cache(tmp_path, monkeypatch):
+    """Use a cache of this test alone for references, but not for what is compiled."""
+    return use(tmp_path / "cache", monkeypatch)
+
+
+def use(folder, monkeypatch):
+    monkeypatch.setattr("vdfmu.system.reference.reference.cache_folder", lambda: folder)
+    return folder
+
+
+def described(name="planar_tracking", settings=None):
+    scenario = vdfmu.load_scenario(name)
+    return SystemDescription(scenario, system_values(scenario, settings))
+
+
+@pytest.fixture
+def solved(monkeypatch):
+    """Return the names of what is solved."""
+    found = []
+    for kind in (Sampled, Continuous):
+
+        def solve(self, t, run, kind=kind, plain=kind.solve):
+            found.append(kind.__name__)
+            return plain(self, t, run)
+
+        monkeypatch.setattr(kind, "solve", solve)
+    return found
+
+
+@pytest.mark.parametrize("name", ["tracking", "planar_tracking", "slider_tracking", "two_arms"])
+def test_all_that_a_solver_calls_is_one_compiled_function(name):
+    system = System(described(name))
+    lists = Continuous(system).lists
+    run = compiled.runs(system, lists, compiled.sources(system, lists))
+    system.start()
+    x = system.memory[system.x]
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        system.memory[system.solver_x] = x + 1e-3 * rng.standard_normal(len(x))
+        for key in ("outputs", "rate"):
+            system.memory[system.x_dot] = 0.0
+            run[key](0.4)
+            fast = system.memory.copy()
+            system.memory[system.x_dot] = 0.0
+            system.python(lists[key])(0.4)
+            # The same operations in the same order, but compilers' sin and exp differ in the last bit: 1e-16 of
+            # values that are differences of torques 1e3 times as large, over an inertia of 1e-3 kg m2.
+            np.testing.assert_allclose(system.memory, fast, rtol=1e-10, atol=1e-10)
+        assert not inspect.isfunction(run["rate"])  # nothing of Python runs in it
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_without_the_compiler_a_reference_is_the_same(own_cache, monkeypatch, name):
+    fast = reference(name, described(), step=1e-3, stop=0.05)
+    use(own_cache / "other", monkeypatch)
+    monkeypatch.setattr(compiled, "native_available", lambda: False)
+    plain = reference(name, described(), step=1e-3, stop=0.05)
+    for group, values in fast.signals.items():
+        # rounding of other functions sin and exp, which changes the solver's steps within its tolerance of 1e-11
+        np.testing.assert_allclose(plain[group], values, rtol=1e-9, atol=1e-9, err_msg=group)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_references_are_exact_to_1e_11_rad(own_cache, monkeypatch, name):
+    usual = reference(name, described(), step=1e-3, stop=0.3)["plant.q"]
+    for tolerances in (solution._SHORT, solution._LONG):
+        monkeypatch.setitem(tolerances, "rtol", 3e-14)
+        monkeypatch.setitem(tolerances, "atol", 1e-15)
+    use(own_cache / "other", monkeypatch)
+    tight = reference(name, described(), step=1e-3, stop=0.3)["plant.q"]
+    # the local error of 1e-12 a step of a loop that forgets within some hundred steps
+    assert np.abs(usual - tight).max() < 1e-11
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_reference_of_the_same_values_is_not_solved_again(own_cache, solved, name):
+    first = reference(name, described(), step=1e-3, stop=0.05)
+    again = reference(name, described(), step=1e-3, stop=0.05)
+    assert len(solved) == 1
+    for group, values in first.signals.items():
+        np.testing.assert_array_equal(again[group], values)
+
+
+CHANGES = {
+    "a value": lambda d: described(settings={"controller.K_p[1]": 1999.0}),
+    "a signal from outside": lambda d: SystemDescription(
+        dataclasses.replace(d.scenario, inputs={"plant.F_e[1]": ([0.0, 1.0], [0.0, 1.0])}), d.values
+    ),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_what_changes_a_reference_has_it_solved(own_cache, solved, change):
+    first = reference("continuous", described(), step=1e-3, stop=0.05)
+    other = reference("continuous", CHANGES[change](described()), step=1e-3, stop=0.05)
+    assert len(solved) == 2
+    assert np.any(first["plant.q"] != other["plant.q"])
+
+
+@pytest.mark.parametrize("options", [{"step": 5e-4}, {"stop": 0.06}, {"groups": ["plant.q"]}])
+def test_other_rows_are_solved(own_cache, solved, options):
+    plain = {"step": 1e-3, "stop": 0.05}
+    for chosen in (plain, plain | options):
+        list(reference_blocks("sampled", described(), **chosen))
+    assert len(solved) == 2
+
+
+def test_a_damaged_solution_is_solved_again(own_cache, solved):
+    first = reference("sampled", described(), step=1e-3, stop=0.05)
+    (kept,) = (own_cache / "references").iterdir()
+    content = bytearray(kept.read_bytes())
+    content[-1] ^= 1
+    kept.write_bytes(content)
+    again = reference("sampled", described(), step=1e-3, stop=0.05)
+    assert len(solved) == 2
+    np.testing.assert_array_equal(again["plant.q"], first["plant.q"])
+
+
+def test_half_a_solution_is_not_kept(own_cache):
+    next(reference_blocks("sampled", described(), step=1e-3, stop=1.5))
+    assert not (own_cache / "references").exists()
+
+
+def test_a_long_solution_is_not_kept(own_cache, monkeypatch):
+    monkeypatch.setattr("vdfmu.system.reference.reference._KEPT", 8 * 51 * 2 - 1)
+    list(reference_blocks("sampled", described(), step=1e-3, stop=0.05, groups=["plant.q"]))
+    assert not (own_cache / "references").exists()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_the_right_hand_side_raises_ends_the_solution(own_cache, monkeypatch, name):
+    """Such as Ctrl-C, of which a solver of scipy would make an error of its own."""
+
+    def interrupted(self, t, x):
+        self.error = KeyboardInterrupt()
+        raise self.error
+
+    monkeypatch.setattr(solution._Rate, "__call__", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        reference(name, described(), step=1e-3, stop=0.05)
+
+
+@pytest.mark.parametrize("name", ["sampled", "sampled-delayed"])
+def test_a_solution_that_runs_away_says_where(own_cache, name):
+    """A derivative gain at which each sample throws the rotors back 1e3 times as fast."""
+    with pytest.raises(VdfmuError, match=r"plant has no finite state after t = 0[.\d]* s"):
+        reference(name, described(settings={"controller.K_v": 1e6}), step=1e-3, stop=0.5)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_ctrl_c_within_a_step_of_scipy_ends_the_solution(own_cache, monkeypatch, name):
+    """A signal acts where Python code next begins: the right-hand side, out of which not every solver lets it."""
+    plain, calls = solution._Rate.__call__, []
+
+    class Rate(solution._Rate):
+        def __call__(self, t, x):
+            calls.append(t)
+            if len(calls) == 100:
+                signal.raise_signal(signal.SIGINT)
+            return plain(self, t, x)
+
+    monkeypatch.setattr(solution, "_Rate", Rate)
+    with pytest.raises(KeyboardInterrupt):
+        reference(name, described(), step=1e-3, stop=0.5)
+    assert len(calls) < 1000  # some hundred a step
+    assert not (own_cache / "references").exists()

@@ -1,0 +1,136 @@
+"""Runs of many rows: what is told of them comes from stretches, is the same, and takes memory that does not grow."""
+
+from __future__ import annotations
+
+import tracemalloc
+
+import numpy as np
+import pytest
+
+import vdfmu
+from vdfmu.engine.run import Results, Signal
+from vdfmu.study.run.scenario_run import scenario_run as study
+from vdfmu.study.run.scenario_run import summary
+from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.reference import reference as references
+from vdfmu.system.reference.reference import BLOCK, Reference, reference, reference_blocks
+
+VARIABLES = (
+    "trajectory.q_d", "plant.q", "controller.tau", "controller.tau_m", "plant.tau", "plant.kappa_dot",
+    "controller.kappa_dot", "plant.tau_s", "estimator.tau_f_hat", "estimator.tau_s_hat",
+    "feedforward.tau_m",
+)  # fmt: skip
+SOURCES = {
+    "plant.q": "plant.q", "controller.tau": "controller.tau", "feedforward.tau_m": "controller.tau_m",
+}  # fmt: skip
+
+
+def told(results, robot, name="sampled-delayed"):
+    """Return all that is computed of the rows, with another run's as the reference."""
+    n = robot.n
+
+    def solution():
+        for first in range(0, len(results), summary.BLOCK):
+            rows = slice(first, first + summary.BLOCK)
+            signals = {
+                signal: 1.125 * results[f"{source}[1]"][rows, None].repeat(n, axis=1)
+                for signal, source in SOURCES.items()
+            }
+            yield Reference(name, results.time[rows], signals)
+
+    absolute, relative = summary.compare(results, solution(), robot, "gauss-seidel")
+    return {
+        **summary.tracking_errors(results, robot),
+        **summary.power_bond(results, robot)["power_bond"],
+        **summary.estimation_errors(results, "jacobi"),
+        **absolute,
+        **relative,
+    }
+
+
+def on_disk(folder, rows, n):
+    """Return results of random numbers, real ones on disk as those of a run are."""
+    columns = len(VARIABLES) * n
+    data = np.memmap(folder / f"{rows}.bin", np.float64, "w+", shape=(rows, columns))
+    dice = np.random.default_rng(1)
+    for first in range(0, rows, BLOCK):
+        data[first : first + BLOCK] = dice.standard_normal((len(data[first : first + BLOCK]), columns))
+    signals = [
+        Signal(f"{name}[{i + 1}]", "real", "", n * k + i)
+        for k, name in enumerate(VARIABLES)
+        for i in range(n)
+    ]
+    return Results(1e-3 * np.arange(rows), signals, {"real": data})
+
+
+@pytest.mark.parametrize("rows", [7, 14, 100])
+def test_stretches_tell_what_the_whole_tells(tmp_path, monkeypatch, rows):
+    robot = vdfmu.load_robot("planar_2dof")
+    results = on_disk(tmp_path, rows, robot.n)
+    whole = told(results, robot)
+    monkeypatch.setattr(summary, "BLOCK", 7)
+    parts = told(results, robot)
+    assert parts.keys() == whole.keys()
+    for key, value in whole.items():
+        if isinstance(value, (list, float)) and not key.endswith("units"):
+            # sums of 100 numbers in another order: 100 roundings of 1.1e-16 of sums of absolute values, which are up
+            # to 100 times the sum
+            np.testing.assert_allclose(parts[key], value, rtol=1e-12, atol=1e-12)
+        else:
+            assert parts[key] == value
+
+
+def test_the_whole_tells_what_its_definition_does(tmp_path):
+    robot = vdfmu.load_robot("planar_2dof")
+    results = on_disk(tmp_path, 50, robot.n)
+    found = told(results, robot)
+    true = results["plant.tau_s"][:-1]
+    late = results["estimator.tau_f_hat"][1:] - true
+    tau_m = 1.125 * results["controller.tau_m[1]"]
+    ours = results["controller.tau"] - results["controller.tau_m"]
+    theirs = 1.125 * results["controller.tau[1]"] - np.append(tau_m[0], tau_m[:-1])
+    a, b = np.sqrt(np.mean(ours**2, axis=0)), np.sqrt(np.mean(theirs**2))
+    difference = np.abs(results["plant.q"] - 1.125 * results["plant.q[1]"][:, None])
+    # sums of 50 squares in another order
+    assert found["rms_tau_f_hat_error_nm"] == pytest.approx(np.sqrt(np.mean(late**2, axis=0)), rel=1e-14)
+    assert found["rms_torque_difference"] == pytest.approx(np.max(np.abs(a - b) / b), rel=1e-13)
+    assert found["max_position_difference_rad"] == difference.max()
+    assert found["at_s"] == results.time[difference.max(axis=1).argmax()]
+
+
+def test_memory_of_the_summary_does_not_grow_with_the_rows(tmp_path):
+    robot = vdfmu.load_robot("planar_2dof")
+    results = on_disk(tmp_path, 100 * BLOCK, robot.n)
+    tracemalloc.start()
+    told(results, robot)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    # one array of all rows and joints would take 1.6 MB; a stretch of all variables takes 0.2 MB
+    assert peak < 8 * 100 * BLOCK * robot.n
+
+
+@pytest.mark.parametrize("name", ["sampled", "sampled-delayed", "continuous"])
+def test_a_reference_in_stretches_is_the_whole(monkeypatch, name):
+    description = SystemDescription(vdfmu.load_scenario("planar_tracking"))
+    whole = reference(name, description, step=1e-3, stop=0.05)
+    monkeypatch.setattr(references, "BLOCK", 20)
+    parts = list(reference_blocks(name, description, step=1e-3, stop=0.05))
+    assert [len(part.t) for part in parts] == [20, 20, 11]
+    np.testing.assert_array_equal(np.concatenate([part.t for part in parts]), whole.t)
+    for signal, array in whole.signals.items():
+        np.testing.assert_array_equal(np.concatenate([part[signal] for part in parts]), array)
+
+
+def test_a_run_holds_no_reference_as_a_whole(tmp_path, monkeypatch):
+    lengths = []
+
+    def watched(*arguments, **options):
+        for part in reference_blocks(*arguments, **options):
+            lengths.append(len(part.t))
+            yield part
+
+    monkeypatch.setattr(study, "reference_blocks", watched)
+    results = vdfmu.run("planar_tracking", stop=2.0, out=tmp_path / "out")
+    assert len(results) == 2001
+    assert lengths == [BLOCK, 2001 - BLOCK] * 2
+    assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7

@@ -1,0 +1,350 @@
+"""What a run writes, and what becomes of it when something fails."""
+
+import dataclasses
+import importlib
+import json
+import math
+import pkgutil
+import sys
+
+import numpy as np
+import pytest
+
+import vdfmu
+from vdfmu.base.errors import CosimError, ModelError, UsageError
+from vdfmu.engine.masters.exchange import Exchange
+from vdfmu.engine.run import Results
+from vdfmu.study.report.sheets import reference_sheet, sheets
+from vdfmu.system.package.write import write_ssp
+from vdfmu.system.reference.reference import BLOCK, Reference
+from vdfmu.system.scenario import load_scenario
+from vdfmu.system.scenario.parts import cached_fmus
+
+
+def test_a_run_writes_results_summary_package_and_figures(planar_run):
+    folder, results = planar_run
+    names = {path.name for path in folder.iterdir()}
+    assert {"results.csv", "summary.json", "system.ssp"} <= names
+    assert len([n for n in names if n.endswith(".png")]) >= 2
+    assert json.loads((folder / "summary.json").read_text()) == json.loads(json.dumps(results.summary))
+
+
+def test_results_hold_every_connected_variable_with_its_unit(planar_run):
+    folder, results = planar_run
+    read = Results.read(folder / "results.csv")
+    system = vdfmu.load_ssp(folder / "system.ssp")
+    connected = {".".join(end) for c in system.connections for end in (c.start, c.end)}
+    assert connected <= set(read.names)
+    assert read.units["plant.q[1]"] == "rad"
+    assert read.units["controller.tau[2]"] == "N.m"
+    np.testing.assert_array_equal(read["plant.q[1]"], results["plant.q[1]"])
+    assert len(read.time) == 201
+    assert read.time[-1] == 0.2
+
+
+def test_the_summary_holds_the_errors_of_the_recorded_signals(planar_run):
+    _, results = planar_run
+    summary = results.summary
+    error = np.degrees(results["trajectory.q_d"] - results["plant.q"])
+    torque = 100.0 * (results["controller.tau"] - results["feedforward.tau_m"])  # ell is 100
+    # the same sums of squares in another order: equal to some units of rounding
+    assert summary["rms_position_error_deg"] == pytest.approx(np.sqrt((error**2).mean(axis=0)), rel=1e-12)
+    assert summary["max_position_error_deg"] == pytest.approx(np.abs(error).max(axis=0), rel=1e-12)
+    assert summary["rms_torque_compensation_error_nm"] == pytest.approx(
+        np.sqrt((torque**2).mean(axis=0)), rel=1e-9
+    )
+    assert summary["real_time_factor"] == pytest.approx(0.2 / summary["wall_s"])
+
+
+def test_the_run_compares_with_both_references(planar_run):
+    _, results = planar_run
+    compared = results.summary["reference"]
+    assert compared["sampled"]["name"] == "sampled"
+    # 1e-7 rad and 1e-4 N.m hold at the scenario's tolerance 1e-7 too: errors there scale with the tolerance
+    assert compared["sampled"]["max_position_difference_rad"] < 1e-7
+    assert compared["sampled"]["max_torque_difference_nm"] < 1e-4
+    # the held input is first order in the step: far above the sampled difference, far below the motion
+    assert 1e-7 < compared["continuous"]["max_position_difference_rad"] < 1e-3
+
+
+def test_settings_change_the_run_and_its_reference_alike(tmp_path):
+    results = vdfmu.run(
+        "planar_tracking", stop=0.1, out=tmp_path, settings={"controller.K_p": 300, "plant.mass[1]": 3.0}
+    )
+    assert results.summary["settings"] == {"controller.K_p": "300", "plant.mass[1]": "3.0"}
+    assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
+
+
+def test_a_wrench_given_to_a_run_acts_on_it_and_its_references(tmp_path):
+    options = {"stop": 0.1, "settings": {"plant.F_e[2]": 30.0}}
+    results = vdfmu.run("planar_tracking", out=tmp_path, **options)
+    free = vdfmu.run("planar_tracking", out=tmp_path, stop=0.1, reference=False)
+    assert np.abs(results["plant.q[1]"] - free["plant.q[1]"]).max() > 1e-3
+    # as without a wrench
+    assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
+
+
+def test_a_shipped_run_has_no_notes(tmp_path):
+    said = []
+    vdfmu.run("planar_tracking", stop=0.01, out=tmp_path, reference=False, log=said.append)
+    assert [str(message) for message in said if message.status == "note"] == []
+
+
+def test_lists_set_element_by_element_in_runs_and_simulations(tmp_path):
+    K_p = [300.0, 900.0]
+    results = vdfmu.run(
+        "planar_tracking", stop=0.05, out=tmp_path, reference=False, settings={"controller.K_p": K_p}
+    )
+    assert results.summary["settings"] == {"controller.K_p": "[300.0, 900.0]"}
+    vdfmu.write_ssp(
+        vdfmu.load_scenario("planar_tracking"),
+        vdfmu.build_fmus(vdfmu.load_robot("planar_2dof"), tmp_path),
+        tmp_path / "plain.ssp",
+    )
+    for value in (K_p, np.array(K_p)):
+        again = vdfmu.simulate(tmp_path / "plain.ssp", stop=0.05, parameters={"controller.K_p": value})
+        np.testing.assert_array_equal(again["plant.q[2]"], results["plant.q[2]"])
+    for wrong, words in (
+        ([1.0, 2.0, 3.0], r"'controller\.K_p': expected one value, or 2 for K_p\[1\] to K_p\[2\], got 3"),
+        ([1.0, None], r"'controller\.K_p': expected a value of type Real, got None"),
+        ({}, r"'controller\.K_p': expected a value of type Real, got {}"),
+    ):
+        with pytest.raises(UsageError, match=words):
+            vdfmu.simulate(tmp_path / "plain.ssp", stop=0.05, parameters={"controller.K_p": wrong})
+
+
+def test_jacobi_is_compared_with_the_delayed_reference(tmp_path):
+    results = vdfmu.run("planar_tracking", stop=0.1, out=tmp_path, master="jacobi")
+    assert results.summary["reference"]["sampled"]["name"] == "sampled-delayed"
+    assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
+
+
+def with_references(monkeypatch, folder, change):
+    """Put a co-simulation with other parameters in the place of scipy's references, which take minutes of split."""
+
+    def reference(name, description, *, step, stop, groups, progress):
+        scenario, values = description.scenario, description.values
+        package = write_ssp(scenario, cached_fmus(scenario, folder), folder / "reference.ssp", values)
+        parameters = {key: factor * values["plant"][key.partition(".")[2]] for key, factor in change.items()}
+        r = vdfmu.simulate(
+            package, start=0.0, stop=stop, step=step, algorithm="gauss-seidel", parameters=parameters
+        )
+        signals = {key: r[key] for key in ("plant.q", "controller.tau", "feedforward.tau_m")}
+        for first in range(0, len(r), BLOCK):
+            rows = slice(first, first + BLOCK)
+            yield Reference(name, r.time[rows], {key: array[rows] for key, array in signals.items()})
+
+    monkeypatch.setattr(sys.modules["vdfmu.study.run.scenario_run"], "reference_blocks", reference)
+
+
+@pytest.mark.heavy
+def test_a_chaotic_loop_is_compared_by_its_statistics(tmp_path, monkeypatch):
+    with_references(monkeypatch, tmp_path, {"plant.I_m[1]": 1.0 + 1e-9})
+    summary = vdfmu.run("tracking_split", out=tmp_path).summary
+    assert summary["friction"] == "split"
+    compared = summary["reference"]["sampled"]
+    # Both solutions are as good; after 2 s they have nothing in common but the size of their oscillation, 1e-3 rad.
+    assert compared["max_position_difference_rad"] > 1e-4
+    assert summary["separation"]["max_position_difference_rad"] > 1e-4
+    # RMS over 10 s of oscillations that stay alike for some 0.2 s: 1/sqrt(50) of their scatter of 0.2; twice that
+    assert 0.0 < compared["rms_position_difference"] < 0.06
+    assert 0.0 < compared["rms_torque_difference"] < 0.06
+    said = reference_sheet(summary)
+    assert said.columns[1] == "Position RMS\n[%]" and "chaotic" in " ".join(said.notes)
+
+
+def test_a_difference_that_is_a_fault_is_shown_as_one(tmp_path, monkeypatch):
+    with_references(
+        monkeypatch, tmp_path, {"plant.mass[2]": 1.01, "plant.mass[3]": 1.01, "plant.mass[5]": 1.01}
+    )
+    summary = vdfmu.run("tracking", out=tmp_path, stop=2.0).summary
+    assert summary["reference"]["sampled"]["max_position_difference_rad"] > 1e-6
+    assert "separation" not in summary and "rms_position_difference" not in summary["reference"]["sampled"]
+    assert reference_sheet(summary).columns[1] == "Position\n[rad]"
+
+
+def test_a_unit_that_fails_leaves_the_rows_before_and_the_reason(tmp_path):
+    # a proportional gain of 1e9 drives the arm beyond what any solver step can follow
+    with pytest.raises(
+        CosimError, match=r"plant: doStep at t = .* s failed: .*(local error|not finite)"
+    ) as caught:
+        vdfmu.run("planar_tracking", out=tmp_path, settings={"controller.K_p": 1e9})
+    rows = Results.read(tmp_path / "partial" / "results.csv")
+    assert len(rows.time) >= 1
+    assert rows.time[-1] == pytest.approx(caught.value.time)
+    summary = json.loads((tmp_path / "partial" / "summary.json").read_text())
+    assert "plant: doStep" in summary["error"]
+    assert not list(tmp_path.glob("*.png"))
+
+
+def test_files_of_an_earlier_run_are_replaced_and_nothing_else(tmp_path):
+    options = {"out": tmp_path, "stop": 0.01, "reference": False}
+    vdfmu.run("planar_tracking", **options)
+    old = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "figure_10.png").write_bytes(b"mine")
+    with pytest.raises(UsageError, match="only parameters and free inputs can be set"):
+        vdfmu.run("planar_tracking", out=tmp_path, settings={"plant.q": 1})
+    with pytest.raises(UsageError, match=r"has figure_10\.png, which no run wrote there; .*--overwrite"):
+        vdfmu.run("planar_tracking", **options)
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.name in old} == old
+    (tmp_path / "figure_10.png").rename(tmp_path / "holiday.png")
+    vdfmu.run("planar_tracking", settings={"controller.K_p": 900}, **options)
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+    assert (tmp_path / "holiday.png").read_bytes() == b"mine"
+    new = {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.name not in ("notes.txt", "holiday.png")}
+    assert set(new) == set(old)
+    assert new["results.csv"] != old["results.csv"]
+
+
+def test_files_that_no_run_wrote_are_replaced_when_asked(tmp_path):
+    (tmp_path / "results.csv").write_text("mine")
+    vdfmu.run("planar_tracking", out=tmp_path, stop=0.01, reference=False, overwrite=True)
+    assert len(Results.read(tmp_path / "results.csv")) == 11
+
+
+def test_a_run_that_fails_before_its_first_row_leaves_nothing(tmp_path, monkeypatch):
+    def fail(*_):
+        raise CosimError("plant", "setReal", 0.0, "no")
+
+    monkeypatch.setattr(Exchange, "initialize", fail)
+    with pytest.raises(CosimError) as caught:
+        vdfmu.run("planar_tracking", out=tmp_path / "new", stop=0.01, reference=False)
+    assert not hasattr(caught.value, "__notes__")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_rows_of_a_failed_run_are_replaced_by_those_of_the_next_failed_one_only(tmp_path):
+    options = {"out": tmp_path, "stop": 0.05, "reference": False}
+    for gain in (1e9, 1e8):
+        with pytest.raises(CosimError) as caught:
+            vdfmu.run("planar_tracking", settings={"controller.K_p": gain}, **options)
+        rows = len(Results.read(tmp_path / "partial" / "results.csv"))
+        assert rows == len(caught.value.results)
+        unstable, kept = caught.value.__notes__
+        assert unstable.startswith("Sampled loops: unstable since 0 s, joint")
+        assert kept == f"The rows so far are in {tmp_path / 'partial'}."
+    vdfmu.run("planar_tracking", **options)
+    assert len(Results.read(tmp_path / "partial" / "results.csv")) == rows
+    assert [p.name for p in tmp_path.iterdir() if p.is_dir()] == ["partial"]
+
+
+def test_a_cache_that_cannot_be_written_costs_only_time(tmp_path, monkeypatch):
+    cache = tmp_path / "cache"
+    cache.write_text("in the way")
+    monkeypatch.setenv("VDFMU_CACHE_DIR", str(cache))
+    results = vdfmu.run("planar_tracking", out=tmp_path / "out", stop=0.01, reference=False, backend="python")
+    assert len(results.time) == 11
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"step": 0.0}, "step: expected a positive finite time, got 0 s"),
+        ({"step": math.nan}, "step: expected a positive finite time, got nan s"),
+        ({"stop": -1.0}, "stop: expected a positive finite time, got -1 s"),
+        ({"step": 0.003}, "stop: expected a multiple of step = 0.003 s, got 2 s. The nearest is 2.001 s"),
+        (
+            {"master": "gauss"},
+            "master: expected gauss-seidel, jacobi, extrapolated or iterative, got 'gauss'",
+        ),
+        ({"robot": "manipulator_7dof"}, "manipulator_7dof"),
+    ],
+)
+def test_a_wrong_option_is_refused_before_anything_is_built(tmp_path, options, words):
+    with pytest.raises((UsageError, ModelError), match=words.replace(".", r"\.")):
+        vdfmu.run("planar_tracking", out=tmp_path / "out", **options)
+    assert not (tmp_path / "out").exists()
+
+
+def test_another_value_of_a_robot_adds_its_fmus_to_the_cache_and_nothing_else(planar, tmp_path, monkeypatch):
+    monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
+
+    def kept():
+        return {p.relative_to(tmp_path / "cache") for p in (tmp_path / "cache").rglob("*") if p.is_file()}
+
+    def plant(robot):
+        scenario = dataclasses.replace(load_scenario("planar_tracking"), robot=robot)
+        return cached_fmus(scenario, tmp_path / "fmus", "python")["plant"].read_bytes()
+
+    (tmp_path / "fmus").mkdir()
+    first = plant(planar)
+    before = kept()
+    second = plant(planar.with_parameters(mass=2.5))
+    assert second != first
+    assert {path.parent.name for path in kept() - before} == {"fmus", "built"}  # and a record of each
+    assert plant(planar) == first
+    assert len(kept()) == len(before) + 2 * 4
+
+
+def test_no_name_of_a_package_hides_a_module():
+    names = [module.name for module in pkgutil.walk_packages(vdfmu.__path__, "vdfmu.")]
+    assert "vdfmu.study.run.scenario_run" in names
+    for name in names:
+        if name != "vdfmu.cli.__main__":  # runs the command line
+            parent, _, last = name.rpartition(".")
+            module = importlib.import_module(name)
+            assert getattr(importlib.import_module(parent), last) is module, name
+
+
+def test_a_folder_that_cannot_hold_results_is_named(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UsageError, match=r"cannot hold the results.*--out"):
+        vdfmu.run("planar_tracking", out=tmp_path / "file" / "results")
+
+
+def test_a_damaged_fmu_in_the_cache_is_built_again(tmp_path, monkeypatch):
+    monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
+    options = {
+        "out": tmp_path / "out",
+        "stop": 0.01,
+        "reference": False,
+        "backend": "python",
+    }  # no compiler here
+    vdfmu.run("planar_tracking", **options)
+    kept = list((tmp_path / "cache" / "fmus").iterdir())
+    assert len(kept) == 4
+    for fmu in kept:
+        data = bytearray(fmu.read_bytes())
+        data[len(data) // 2] ^= 0xFF
+        fmu.write_bytes(bytes(data))
+    results = vdfmu.run("planar_tracking", **options)
+    assert len(results.time) == 11
+
+
+def test_a_robot_by_name_where_a_robot_is_expected_says_how_to_load_it(tmp_path):
+    with pytest.raises(
+        UsageError, match=r"expected a Robot, got str 'planar_2dof'\. Load it with vdfmu\.load_robot"
+    ):
+        vdfmu.build_fmus("planar_2dof", tmp_path)
+    with pytest.raises(UsageError, match="expected a Robot, got str"):
+        vdfmu.inverse_dynamics("planar_2dof", [0, 0], [0, 0], [0, 0])
+
+
+def test_the_estimation_scenario_shows_both_estimates_on_the_plants_own_signals(tmp_path):
+    results = vdfmu.run("estimation", stop=0.5, reference=False, backend="python", out=tmp_path)
+    summary = results.summary
+    # kappa - q cancels: 1e-16 of positions below 1 rad, over compliances of 1e-5 rad/(N m) and more.
+    assert max(summary["rms_tau_s_hat_error_nm"]) < 1e-10
+    # At this speed friction alone is 0.3 N m at a wrist and more, over ratio and stiffnesses of about 1.
+    assert min(summary["rms_tau_f_hat_error_nm"]) > 0.01
+    assert "Consistent" in "".join(heading for sheet in sheets(summary) for heading in sheet.columns)
+    for unknown in ("tracking", "planar_tracking"):
+        with pytest.raises(
+            UsageError, match=r"estimator\.tau_hat_max: expected .* a component of trajectory"
+        ):
+            vdfmu.run(unknown, settings={"estimator.tau_hat_max": 1.0}, out=tmp_path)
+
+
+@pytest.mark.parametrize("scenario", ["planar_tracking", "contrast"])
+def test_a_run_without_files_returns_what_files_would_hold(tmp_path, monkeypatch, scenario):
+    monkeypatch.chdir(tmp_path)
+    options = {} if scenario == "contrast" else {"stop": 0.05, "reference": False}
+    kept = vdfmu.run(scenario, out="kept", **options)
+    found = vdfmu.run(scenario, out=False, **options)
+    assert [path.name for path in tmp_path.iterdir()] == ["kept"]
+    assert found.names == kept.names
+    assert all(np.array_equal(found[name], kept[name], equal_nan=True) for name in kept.names)
+    assert [c["passed"] for c in found.summary["verdict"]["checks"]] == [
+        c["passed"] for c in kept.summary["verdict"]["checks"]
+    ]

@@ -1,0 +1,74 @@
+"""A system of SSP 2.0 runs as that of SSP 1.0 does, to the last bit."""
+
+import zipfile
+
+import numpy as np
+import pytest
+
+import vdfmu
+from vdfmu.base.files import pack_zip
+from vdfmu.compiler.fmu import build_fmus
+from vdfmu.engine.inspect.inspection import inspect_file
+from vdfmu.system.package.write import write_ssp
+from vdfmu.system.scenario import load_scenario
+from vdfmu.system.scenario.values import system_values
+
+
+@pytest.fixture(scope="module")
+def packages(tmp_path_factory):
+    """Return the package of a scenario as SSP 1.0, and as SSP 2.0 with the types of that."""
+    folder = tmp_path_factory.mktemp("packages")
+    scenario = load_scenario("planar_tracking")
+    fmus = build_fmus(scenario.robot, folder, start_values=system_values(scenario), backend="native")
+    old = write_ssp(scenario, fmus, folder / "old.ssp")
+    with zipfile.ZipFile(old) as file:
+        members = {name: file.read(name) for name in file.namelist()}
+    for name, text in members.items():
+        if name.endswith((".ssd", ".ssv", ".ssm")):
+            for kind, newer in ((b"Real", b"Float64"), (b"Integer", b"Int32")):
+                for prefix in (b"ssc:", b"ssv:"):
+                    text = text.replace(b"<" + prefix + kind + b" ", b"<" + prefix + newer + b" ")
+                    text = text.replace(b"</" + prefix + kind + b">", b"</" + prefix + newer + b">")
+            members[name] = text.replace(b'version="1.0" name', b'version="2.0" name').replace(
+                b'ParameterMapping version="1.0"', b'ParameterMapping version="2.0"'
+            )
+    pack_zip(folder / "new.ssp", members)
+    return old, folder / "new.ssp"
+
+
+def test_the_reader_finds_the_same_system(packages):
+    old, new = map(vdfmu.load_ssp, packages)
+    assert (old.version, new.version) == ("1.0", "2.0")
+    assert [str(c) for c in old.connections] == [str(c) for c in new.connections]
+    assert {c.type for each in new.components for c in each.connectors.values()} <= {
+        "Float64",
+        "Int32",
+        "Boolean",
+    }
+    for one, other in zip(old.components, new.components, strict=True):
+        assert [(p.name, p.value) for p in one.parameters] == [(p.name, p.value) for p in other.parameters]
+
+
+def test_ssp_2_runs_to_the_bit_as_ssp_1(packages):
+    old, new = (vdfmu.simulate(path, stop=0.2) for path in packages)
+    assert old.names == new.names
+    for name in old.names:
+        assert np.array_equal(old[name], new[name]), name
+
+
+def test_ssp_2_is_checked_with_a_run_of_the_whole(packages):
+    report = inspect_file(packages[1])
+    assert (report.problems, report.standard, report.ran) == ([], "SSP 2.0", True)
+
+
+def test_arrays_of_fmi_3_run_to_the_bit_as_the_elements_of_fmi_2(packages, tmp_path):
+    """The package that `vdfmu ssp --format 2.0` writes: arrays are connected, and set, as a whole or by parts."""
+    scenario = load_scenario("planar_tracking")
+    values = system_values(scenario)
+    fmus = build_fmus(scenario.robot, tmp_path, start_values=values, backend="native", fmi_version="3.0")
+    arrays = write_ssp(scenario, fmus, tmp_path / "arrays.ssp", version="2.0")
+    assert inspect_file(arrays).problems == []
+    old, new = (vdfmu.simulate(path, stop=0.2) for path in (packages[0], arrays))
+    assert sorted(old.names) == sorted(new.names)
+    for name in old.names:
+        assert np.array_equal(old[name], new[name]), name

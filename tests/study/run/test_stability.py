@@ -1,0 +1,136 @@
+"""The verdict on the loops of a run: linearised at poses of it, against what simulations do."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import vdfmu
+from vdfmu.base.errors import CosimError
+from vdfmu.base.state_space import Linear
+from vdfmu.cli.commands import app
+from vdfmu.engine.inspect.loops import Loop, Poses, fastest_mode
+from vdfmu.engine.run import Simulator
+from vdfmu.study.analysis.system import linearized, packaged
+
+
+def checks(results):
+    return {check["name"]: check for check in results.summary["verdict"]["checks"]}
+
+
+def run(name, tmp_path, **options):
+    return vdfmu.run(name, reference=False, out=tmp_path / "run", **options)
+
+
+def test_a_limit_cycle_fails_with_its_joint_and_the_run_is_written(tmp_path):
+    out = tmp_path / "run"
+    done = CliRunner().invoke(
+        app,
+        [
+            "run",
+            "tracking",
+            "--stop",
+            "0.3",
+            "--no-reference",
+            "--set",
+            "controller.K_p=20000",
+            "--out",
+            str(out),
+        ],
+    )
+    assert done.exit_code == 1
+    assert "FAIL Sampled loops: unstable since 0 s, joint 5" in done.output and "Written to" in done.output
+    assert '<li class="fail"><b>fail</b> Sampled loops' in (out / "report.html").read_text()
+    verdict = json.loads((out / "summary.json").read_text())["verdict"]
+    assert not verdict["passed"] and not verdict["checks"][0]["passed"]
+
+
+def test_stick_slip_is_unstable_though_the_fast_part_of_the_motion_is_not(tmp_path):
+    """Too little damping for friction that falls with speed: the motor of joint 6 sticks and slips at both ends."""
+    settings = {"trajectory.T": 4.0, "controller.K_v[6]": 2.0}
+    results = run("tracking", tmp_path, stop=4.0, settings=settings)
+    found = checks(results)["Sampled loops"]
+    assert not found["passed"] and "joint 6" in found["text"]
+    turns = np.abs(np.diff(results["plant.kappa_dot"], 2, axis=0))
+    # rows of 1 ms at accelerations of some m/s2 that change over 1 s: 1e-5 rad/s; stick-slip within 0.1 s: 1e-4
+    chatter = np.median(turns[:3980].reshape(-1, 20, 6), axis=1).max(axis=0)
+    assert chatter.argmax() == 5 and chatter[5] > 1e-4
+
+
+def test_a_run_that_passes_exits_with_0(tmp_path):
+    options = ["planar_tracking", "--stop", "0.3", "--no-reference", "--out", str(tmp_path / "run")]
+    done = CliRunner().invoke(app, ["run", *options])
+    assert done.exit_code == 0 and "checks pass" in done.output
+
+
+def test_default_gains_are_stable_with_the_margin_of_the_margins_command(tmp_path):
+    found = checks(run("planar_tracking", tmp_path, stop=0.5))["Sampled loops"]
+    assert found["passed"]
+    with packaged("planar_tracking") as (package, options):
+        with Simulator(package, isolate=False, **options) as simulator:
+            simulator.run(stop=0.5, visitor=(poses := Poses("tau")))
+    modulus, time, opened = poses.margin()
+    exact = linearized("planar_tracking", time)
+    system = exact.sampled(["plant.tau"])
+    places = exact.places(["plant.tau"])
+    loop = Loop(
+        0.0, Linear(system.A, system.B[:, places]), system.C[-len(places) :], exact.step, 2.0, discrete=True
+    )
+    # the whole system instead of its loop, four times as many frequencies: a smooth minimum between points that are
+    # a factor of 10**(4/100) apart
+    assert modulus == pytest.approx(loop.margins(delay=0).modulus.min(), rel=2e-3)
+    assert f"modulus margin of {modulus:.2g} at joint {opened[-2]}, {time:.3g} s" in found["text"]
+
+
+def test_the_rate_is_that_of_a_nudge():
+    """A small disturbance of the nonlinear run grows with the rate of the fastest mode."""
+    settings = {f"plant.{name}[{i}]": 0.0 for name in ("f_c", "f_s") for i in (1, 2)}
+    settings |= {"trajectory.q_end": [-1.5707963267948966, 0.0], "controller.K_v[1]": 2.4 * 40.0}
+    with packaged("planar_tracking", settings) as (package, options):
+        with Simulator(package, isolate=False, **(options | {"algorithm": "jacobi"})) as simulator:
+            simulator.run(stop=0.02, visitor=(poses := Poses("tau")))
+            rate, state = fastest_mode(poses.systems[0][1])
+            runs = [
+                simulator.run(stop=0.15, parameters={"plant.q_dot_0[1]": move})["plant.kappa_dot"][:, 0]
+                for move in (0.0, 1e-3)
+            ]
+    assert state == "plant.kappa_dot[1]" and rate > 10.0
+    nudge = np.abs(runs[1] - runs[0])
+    first, last = (np.log(nudge[a : a + 30].max()) for a in (60, 120))
+    # the next mode decays with 20 1/s: 30 % of its start is left in the first window, a third of it in the last; the
+    # nonlinear spring adds some per cent
+    assert (last - first) / 0.06 == pytest.approx(rate, rel=0.2)
+
+
+def test_a_run_that_fails_says_that_its_loop_is_unstable(tmp_path):
+    with pytest.raises(CosimError) as raised:
+        run("planar_tracking", tmp_path, settings={"controller.K_v": 400})
+    assert any("Sampled loops: unstable since 0 s, joint 1" in note for note in raised.value.__notes__)
+    summary = json.loads((tmp_path / "run" / "partial" / "summary.json").read_text())
+    assert [check["name"] for check in summary["verdict"]["checks"]] == ["Ran to its end", "Sampled loops"]
+    assert not summary["verdict"]["passed"]
+
+
+@pytest.mark.slow
+def test_friction_that_excites_itself_is_no_fault_of_the_gains(tmp_path):
+    found = checks(run("tracking_split", tmp_path, stop=1.0))["Sampled loops"]
+    assert found["passed"] and "friction 'split' excites itself" in found["text"]
+
+
+def test_what_cannot_be_linearised_is_said(tmp_path):
+    results = run("planar_tracking", tmp_path, stop=0.05, backend="python")
+    (text,) = results.summary["verdict"]["not_checked"]
+    assert text.startswith("stability: ") and "expected FMUs with directional derivatives" in text
+    assert "Sampled loops" not in checks(results)
+
+
+def test_margins_says_unstable_where_and_why():
+    done = CliRunner().invoke(
+        app, ["margins", "tracking", "--set", "controller.K_p=20000", "--at", "0", "--at", "0.1"]
+    )
+    assert done.exit_code == 1
+    assert "Unstable at all 2 times: largest pole 1." in done.output and "plant.tau_s[5]" in done.output
+    assert "0.000" not in done.output

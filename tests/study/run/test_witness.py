@@ -1,0 +1,267 @@
+"""Every run is held against the plain methods of its units: faults in cache, trace, C and parameters are found."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import shutil
+import time
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import vdfmu
+from vdfmu.arm.robot import load_robot
+from vdfmu.compiler.c import generate
+from vdfmu.compiler.functions.cache import load, store
+from vdfmu.compiler.functions.functions import Functions
+from vdfmu.compiler.unit.program import UnitFunctions
+from vdfmu.study.run.scenario_run import scenario_run as study
+from vdfmu.system.package.write import write_ssp
+from vdfmu.system.reference.witness import Witness
+
+SHORT = {"stop": 0.05, "reference": False}
+
+
+HELD = '''
+from vdfmu.unit import JOINTS, Input, Output, Parameter, Sampled, Unit
+
+
+class Held(Unit):
+    """Feedforward and a filtered velocity error."""
+
+    q_d_dot = Input("velocity", JOINTS, "desired velocity")
+    kappa_dot = Input("velocity", JOINTS, "velocity of the rotor")
+    tau_m = Input("N.m", JOINTS, "feedforward")
+    tau = Output("N.m", JOINTS, "torque")
+    e = Sampled("velocity", JOINTS, "filtered velocity error")
+    period = Parameter("s", start=1e-3, minimum=1e-6)
+
+    def outputs(self):
+        self.tau = self.tau_m + 0.1 * self.e
+
+    def update(self):
+        self.e = 0.5 * self.e + 0.5 * (self.q_d_dot - self.kappa_dot)
+'''
+
+
+@pytest.fixture(scope="module")
+def primed(kernel_cache, tmp_path_factory):
+    """Return a cache with the functions of the small arm, and of one with another second axis."""
+    cache = tmp_path_factory.mktemp("primed")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("VDFMU_CACHE_DIR", str(cache))
+        for robot in (None, other_robot()):
+            vdfmu.run("planar_tracking", robot=robot, backend="python", out=cache / "out", **SHORT)
+            shutil.rmtree(cache / "out")
+    return cache
+
+
+@pytest.fixture
+def cache(primed, tmp_path, monkeypatch):
+    """Return a copy of it for one test."""
+    folder = tmp_path / "cache"
+    shutil.copytree(primed, folder)
+    monkeypatch.setenv("VDFMU_CACHE_DIR", str(folder))
+    return folder
+
+
+def other_robot():
+    robot = load_robot("planar_2dof")
+    c, s = np.cos(0.3), np.sin(0.3)
+    rotation = robot.rotation.copy()
+    rotation[1] = [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
+    return dataclasses.replace(robot, name="other", rotation=rotation)
+
+
+def faults(tmp_path, **options):
+    options = {"backend": "python", **SHORT, **options}
+    return vdfmu.run("planar_tracking", out=tmp_path / "out", **options).summary["witness"]["faults"]
+
+
+def entries(cache, name):
+    found = list(cache.glob(f"*/{name}.casadi"))
+    assert found
+    return found
+
+
+def change(cache, name, made):
+    """Let a cached function have other results: `made` gets and returns them by name, beside its arguments."""
+    for path in entries(cache, name):
+        content = load(path)
+        assert content is not None
+        function = ca.Function.deserialize(content.decode())
+        given = {key: ca.MX.sym(key, *function.size_in(key)) for key in function.name_in()}
+        results = dict(zip(function.name_out(), function.call(list(given.values())), strict=True))
+        results |= made(given | results)
+        new = ca.Function(name, [*given.values()], [*results.values()], [*given], [*results])
+        store(path, new.serialize().encode())
+
+
+def another_robot(cache):
+    one, other = (path.parent for path in entries(cache, "plant_derivatives"))
+    functions = {path.name: (load(path), load(other / path.name)) for path in one.glob("*.casadi")}
+    for name, (mine, others) in functions.items():
+        store(one / name, others)
+        store(other / name, mine)
+
+
+CACHED = {
+    "the trace of another robot": (another_robot, r"plant\.|feedforward\."),
+    "a flipped sign": (
+        lambda cache: change(cache, "plant_outputs", lambda v: {"p_O": -v["p_O"]}),
+        r"plant\.p_O\[\d\] at t = .* s: expected",
+    ),
+    "a changed coefficient": (
+        lambda cache: change(
+            cache, "controller_outputs_kappa_dot", lambda v: {"tau": (1.0 + 1e-6) * v["tau"]}
+        ),
+        r"controller\.tau\[",
+    ),
+    "swapped outputs": (
+        lambda cache: change(cache, "plant_outputs", lambda v: {"E_kin": v["E_pot"], "E_pot": v["E_kin"]}),
+        r"plant\.E_(kin|pot)",
+    ),
+    "a term that is left out": (
+        lambda cache: change(cache, "feedforward_outputs_inverse", lambda v: {"tau_m": v["tau_m"] - 1e-6}),
+        r"feedforward\.tau_m",
+    ),
+    "a solver that moves too far": (
+        lambda cache: change(
+            cache, "plant_step", lambda v: {"x_new": v["x"] + 1.001 * (v["x_new"] - v["x"])}
+        ),
+        r"plant\.der\(",
+    ),
+    "another start": (
+        lambda cache: change(cache, "plant_start_equilibrium", lambda v: {"x": 1.0001 * v["x"]}),
+        r"plant\.(q|tau_s)\[\d\] at t = 0 s",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", CACHED)
+def test_faults_in_the_cache_are_found(fault, cache, tmp_path):
+    seed, text = CACHED[fault]
+    seed(cache)
+    found = faults(tmp_path)
+    assert found
+    assert re.search(text, found[0]), found
+
+
+def test_a_run_in_another_process_is_witnessed(tmp_path):
+    """Python FMUs of the user's units are isolated."""
+    path = tmp_path / "held.py"
+    path.write_text(HELD)
+    options = {"units": {"controller": path}, "stop": 0.01, "reference": False, "backend": "python"}
+    results = vdfmu.run("planar_tracking", out=tmp_path / "out", **options)
+    assert results.summary["isolated"]
+    assert "controller" in results.summary["witness"]["components"]
+    assert results.summary["witness"]["faults"] == []
+
+
+def test_rounding_is_not_a_fault(cache, tmp_path):
+    """A factor of 1 + 1e-14 is some 45 roundings."""
+    for name, result in (("plant_outputs", "p_O"), ("feedforward_outputs_inverse", "tau_m")):
+        change(cache, name, lambda v, result=result: {result: (1.0 + 1e-14) * v[result]})
+    assert faults(tmp_path) == []
+
+
+def test_a_parameter_that_is_not_the_scenarios_is_found(cache, tmp_path, monkeypatch):
+    def write(scenario, fmus, path, values, **options):
+        values = {**values, "plant": values["plant"] | {"mass[2]": 1.5}}
+        return write_ssp(scenario, fmus, path, values, **options)
+
+    monkeypatch.setattr(study, "write_ssp", write)
+    assert faults(tmp_path)[0] == "plant.mass[2] at t = 0 s: expected 1, got 1.5"
+
+
+# ------------------------------------------------------------------ generated C
+
+
+@pytest.fixture(scope="module")
+def objects(tmp_path_factory):
+    """Return a cache with the objects of the small arm."""
+    cache = tmp_path_factory.mktemp("objects")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("VDFMU_CACHE_DIR", str(cache))
+        vdfmu.run("planar_tracking", backend="native", out=cache / "out", **SHORT)
+    return cache
+
+
+def replaced(name, where, old, new):
+    """Replace the first `old` after `where`."""
+
+    def seed(files):
+        if name not in files:
+            return files
+        before, found, after = files[name].partition(where)
+        assert found
+        assert old in after
+        return {**files, name: before + found + after.replace(old, new, 1)}
+
+    return seed
+
+
+WRITTEN = {
+    "a flipped sign": (
+        replaced("kernel_plant_derivatives.c", "double w0", " - ", " + "),
+        r"plant\.der\(",
+    ),
+    "a wrong constant": (
+        replaced("kernel_plant_outputs.c", "double w0", " = 2.0 *", " = 2.000001 *"),
+        r"plant\.E_spring ",
+    ),
+    "a wrong index": (
+        replaced("kernel_plant_outputs.c", "double w0", "x[7]", "x[6]"),
+        r"plant\.(kappa|E_spring)",
+    ),
+    "a flipped sign in a sample": (
+        replaced("kernel_held_update.c", "double w0", " + ", " - "),
+        r"controller\.e\[",
+    ),
+    "a flipped sign in the solver": (
+        replaced("kernel_plant_step.c", "value_out)\n{", " - ", " + "),
+        r"plant\.der\(q_dot",
+    ),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", WRITTEN)
+def test_faults_in_generated_c_are_found(fault, objects, tmp_path, monkeypatch):
+    seed, text = WRITTEN[fault]
+    plain = generate.kernel_files
+    monkeypatch.setenv("VDFMU_CACHE_DIR", str(objects))
+    monkeypatch.setattr(generate, "kernel_files", lambda *given: seed(plain(*given)))
+    shutil.rmtree(objects / "fmus")
+    path = tmp_path / "held.py"
+    path.write_text(HELD)
+    units = {"controller": path} if "sample" in fault else None
+    stop = 0.1 if units else 1.0  # that controller is unstable with the fault
+    found = faults(tmp_path, backend="native", stop=stop, units=units)
+    assert re.match(text, found[0]), found
+
+
+def refuse(*_, **__):
+    raise AssertionError("the witness has no trace, no cache and no C")
+
+
+def test_it_shares_nothing_and_takes_little_time(tmp_path, monkeypatch):
+    made = []
+    monkeypatch.setattr(study, "Witness", lambda *given: made.append(Witness(*given)) or made[0])
+    results = vdfmu.run("tracking", stop=0.1, reference=False, backend="python", out=tmp_path / "out")
+    for place in (UnitFunctions, Functions):
+        monkeypatch.setattr(place, "casadi_function", refuse)
+    monkeypatch.setattr("vdfmu.compiler.functions.functions.load", refuse)
+    monkeypatch.setattr("vdfmu.compiler.unit.evaluate.Traced", refuse)
+    times = []
+    for _ in range(5):
+        began = time.process_time()
+        found = made[0].summary(results)
+        times.append(time.process_time() - began)
+    assert found["faults"] == []
+    assert found["components"] == ["trajectory", "feedforward", "controller", "plant"]
+    assert len(found["times_s"]) == 5
+    # 0.06 s on the slower of the machines that it was measured on, and a run has 0.1 s for it
+    assert min(times) < 0.1

@@ -1,0 +1,208 @@
+"""Parameter studies on a Dask scheduler and worker processes on loopback: what ends there, goes on elsewhere."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import closing
+
+import numpy as np
+import pytest
+from distributed import Client
+
+import vdfmu
+from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.study.sweeps import cluster
+from vdfmu.study.sweeps.table import Sweep
+
+MEASURES = ["end=final(unit.y)"]
+AXES = {"unit.at": np.linspace(0.0, 1.0, 60)}
+
+
+def table(found: Sweep) -> dict:
+    return found.table().drop_columns(["wall_s"]).to_pydict()
+
+
+class Cluster:
+    """A scheduler and workers of Dask, each a process."""
+
+    def __init__(self, folder) -> None:
+        with closing(socket.create_server(("127.0.0.1", 0))) as place:
+            self.address = f"tcp://127.0.0.1:{place.getsockname()[1]}"
+        self._folder = folder
+        self.scheduler = self._start("scheduler", "--port", self.address.rpartition(":")[2], "--no-dashboard")
+        self.workers = [self.worker() for _ in range(2)]
+
+    def _start(self, what: str, *words: str) -> subprocess.Popen[bytes]:
+        return subprocess.Popen(
+            [sys.executable, "-m", "distributed.cli.dask_" + what, *words, "--host", "127.0.0.1"],
+            cwd=self._folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+
+    def worker(self) -> subprocess.Popen[bytes]:
+        """Start a worker of one thread."""
+        return self._start("worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard")
+
+    def restart(self) -> None:
+        """End the scheduler, and its workers with it, and start all anew."""
+        self.scheduler.kill()
+        self.scheduler.wait()
+        for worker in self.workers:
+            worker.kill()
+            worker.wait()
+        self.scheduler = self._start("scheduler", "--port", self.address.rpartition(":")[2], "--no-dashboard")
+        self.workers = [self.worker() for _ in range(2)]
+
+    def close(self) -> None:
+        """End all."""
+        for process in (*self.workers, self.scheduler):
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture
+def dask(tmp_path) -> Iterator[Cluster]:
+    found = Cluster(tmp_path)
+    yield found
+    found.close()
+
+
+@pytest.fixture(scope="module")
+def local(wild, tmp_path_factory):
+    """Return the table of the study on this machine."""
+    return table(
+        vdfmu.sweep(wild, AXES, measure=MEASURES, step=0.01, out=tmp_path_factory.mktemp("local") / "study")
+    )
+
+
+def begin(wild, out, dask, **options):
+    """Start the study in a thread; return it, and what comes of it."""
+    found: list[object] = []
+    half = threading.Event()
+
+    def look(stage, done, total):
+        if stage == "points" and done >= 10:
+            half.set()
+
+    def work():
+        try:
+            found.append(
+                vdfmu.sweep(
+                    wild, AXES, measure=MEASURES, step=0.01, chunk=5, out=out, scheduler=dask.address, progress=look,
+                    **options,
+                )
+            )  # fmt: skip
+        except Exception as error:
+            found.append(error)
+        finally:
+            half.set()
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    assert half.wait(120)
+    return thread, found
+
+
+def end(thread, found) -> Sweep:
+    thread.join(180)
+    assert not thread.is_alive()
+    assert isinstance(found[0], Sweep), found
+    return found[0]
+
+
+def test_the_workers_of_a_scheduler_find_what_this_machine_does(wild, tmp_path, dask, local, monkeypatch):
+    """The scheduler, which others may share, is asked for its workers twice a second, once before the first chunk."""
+    asked, ask = [], Client.nthreads
+    monkeypatch.setattr(Client, "nthreads", lambda client: (asked.append(time.monotonic()), ask(client))[1])
+    assert table(end(*begin(wild, tmp_path / "study", dask))) == local
+    assert len(asked) <= 1 + (asked[-1] - asked[0]) / 0.5
+
+
+def test_a_fault_of_our_own_is_no_lost_scheduler(wild, tmp_path, dask, monkeypatch):
+    """Not even while the connection ends: it would be waited for, and the points run again."""
+
+    def fail(chunks, seconds):
+        dask.scheduler.kill()
+        dask.scheduler.wait()
+        time.sleep(1.0)  # the client sees it
+        raise AttributeError("note")
+
+    monkeypatch.setattr("vdfmu.study.sweeps.chunks.Chunks.note", fail)
+    monkeypatch.setattr(cluster, "_PATIENCE", 2.0)
+    thread, found = begin(wild, tmp_path / "study", dask)
+    thread.join(60)
+    assert str(found[0]) == "note"
+
+
+@pytest.mark.heavy
+def test_a_worker_that_is_killed_loses_nothing(wild, tmp_path, dask, local):
+    running = begin(wild, tmp_path / "study", dask)
+    dask.workers[0].kill()
+    assert table(end(*running)) == local
+
+
+@pytest.mark.heavy
+def test_a_scheduler_that_is_restarted_loses_nothing(wild, tmp_path, dask, local):
+    running = begin(wild, tmp_path / "study", dask)
+    dask.restart()
+    assert table(end(*running)) == local
+
+
+@pytest.mark.heavy
+def test_a_point_that_crashes_is_a_row_there_too(wild, tmp_path, dask):
+    ways = np.zeros(20)
+    ways[7] = 1.0
+    found = vdfmu.sweep(
+        wild,
+        {"unit.way": ways},
+        measure=MEASURES,
+        step=0.1,
+        chunk=5,
+        out=tmp_path / "study",
+        scheduler=dask.address,
+    )
+    assert list(found.failed) == [7] and "SIGSEGV" in found.failed[7]
+
+
+@pytest.mark.heavy
+def test_without_a_scheduler_it_ends_with_what_is_done(wild, tmp_path, dask, local, monkeypatch):
+    monkeypatch.setattr(cluster, "_PATIENCE", 2.0)
+    thread, found = begin(wild, tmp_path / "study", dask)
+    dask.scheduler.kill()
+    thread.join(120)
+    assert isinstance(found[0], VdfmuError | Sweep), found
+    if isinstance(found[0], VdfmuError):
+        assert "give the same command again" in str(found[0])
+    # and goes on where it was, without a scheduler
+    again = vdfmu.sweep(wild, AXES, measure=MEASURES, step=0.01, out=tmp_path / "study")
+    assert table(again) == local
+
+
+@pytest.mark.heavy
+def test_no_scheduler_is_said(wild, tmp_path):
+    begin = time.monotonic()
+    with pytest.raises(UsageError, match="no Dask scheduler answers at tcp://127.0.0.1:9"):
+        vdfmu.sweep(
+            wild, AXES, measure=MEASURES, step=0.1, out=tmp_path / "study", scheduler="tcp://127.0.0.1:9"
+        )
+    assert time.monotonic() < begin + 60
+
+
+def test_what_is_no_address_is_said_and_leaves_no_noise(wild, tmp_path):
+    """In a process of its own: a client that is left over complains when Python ends."""
+    code = f"""
+import vdfmu
+try:
+    vdfmu.sweep({str(wild)!r}, {{"unit.at": [0.0]}}, measure={MEASURES!r}, step=0.1, out={str(tmp_path)!r},
+                scheduler="nowhere")
+except vdfmu.VdfmuError as error:
+    print(error)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True
+    )
+    assert "no Dask scheduler answers at nowhere: missing port" in done.stdout and not done.stderr

@@ -1,0 +1,96 @@
+"""What a run is judged by."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vdfmu.base.errors import UsageError
+from vdfmu.engine.results.results import Results, Signal
+from vdfmu.study.sweeps.measures import read_measures
+
+T = np.linspace(0.0, 2.0, 201)
+Q = np.column_stack([np.sin(T), 0.5 * T])
+D = np.column_stack([np.cos(T), T])
+
+
+@pytest.fixture(scope="module")
+def results() -> Results:
+    names = ["plant.q[1]", "plant.q[2]", "motion.q_d[1]", "motion.q_d[2]", "inner.part.x"]
+    signals = [Signal(name, "real", "rad", i) for i, name in enumerate(names)]
+    return Results(T, signals, {"real": np.column_stack([Q, D, 1.0 - np.exp(-3.0 * T)])})
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("rms(motion.q_d - plant.q)", np.sqrt(np.mean((D - Q) ** 2, axis=0))),
+        ("peak(plant.q[1])", np.sin(T).max()),
+        ("max(plant.q) - min(plant.q)", np.ptp(Q, axis=0)),
+        ("worst(final(abs(plant.q)))", max(abs(np.sin(2.0)), 1.0)),
+        ("sum(mean(plant.q))", Q.mean(axis=0).sum()),
+        ("max(norm(plant.q))", np.linalg.norm(Q, axis=1).max()),
+        ("integral(plant.q[2])", 1.0),  # the trapezoidal rule is exact for lines
+        ("at(plant.q[2], 0.5)", 0.25),
+        ("first(motion.q_d[1]) ** 2 + 2", 3.0),
+        ("mean(plant.q[2] > 0.5)", np.mean(0.5 * T > 0.5)),
+        ("degrees(final(plant.q[2]))", 180.0 / np.pi),
+        ("std(plant.q)", Q.std(axis=0)),
+        ("-least(final(plant.q))", -min(np.sin(2.0), 1.0)),
+        ("rms(plant.q - final(plant.q))", np.sqrt(np.mean((Q - Q[-1]) ** 2, axis=0))),
+    ],
+)
+def test_values(results, text, value):
+    found = read_measures([f"m={text}"])[0].of(results)
+    names = ["m"] if np.ndim(value) == 0 else ["m[1]", "m[2]"]
+    assert list(found) == names
+    np.testing.assert_allclose(
+        list(found.values()), np.atleast_1d(value), rtol=1e-12
+    )  # rounding of sums of 201
+
+
+def test_settling_is_when_a_signal_stays_near_its_end(results):
+    found = read_measures(["m=settling(inner.part.x, 0.05)"])[0].of(results)["m"]
+    x = 1.0 - np.exp(-3.0 * T)
+    inside = np.abs(x - x[-1]) <= 0.05
+    assert found == T[inside.argmax()]
+
+
+def test_a_function_is_called_with_the_results(results):
+    measure = read_measures({"rows": len})[0]
+    assert measure.of(results) == {"rows": 201.0}
+
+
+def test_signals_are_named_for_the_record():
+    assert read_measures(["m=rms(a.b.c - d.e[1,2]) + peak(a.b.c)"])[0].signals == ("a.b.c", "d.e[1,2]")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("m=plant.q", "one value for all times"),
+        ("m=abs(plant.q)", "one value for all times"),
+        ("m=1 + 2", "expected a signal"),
+        ("m=rms(plant.q", "was never closed|got rms"),
+        ("m=open('x')", "one of the functions"),
+        ("m=rms(__import__('os'))", "one of the functions"),
+        ("m=rms(plant.q.__class__())", "expected signals, numbers and functions"),
+        ("m=rms(plant.q[x])", "expected signals, numbers and functions"),
+        ("m=rms([1, 2])", "expected signals, numbers and functions"),
+        ("m=rms('text')", "expected signals, numbers and functions"),
+        ("m=rms(plant.q, 3)", "expected 1 arguments of rms, got 2"),
+        ("m=at(plant.q)", "expected 2 arguments of at, got 1"),
+        ("m=settling(plant.q, 1, 2)", "expected 1 to 2 arguments of settling, got 3"),
+        ("rms(plant.q)", "expected NAME=EXPRESSION"),
+        ("failed=rms(plant.q)", "expected another name"),
+        ("step=rms(plant.q)", "expected another name"),
+    ],
+)
+def test_what_is_no_measure_is_said(text, words):
+    with pytest.raises(UsageError, match=words):
+        read_measures([text])
+
+
+def test_a_measure_is_there_once():
+    with pytest.raises(UsageError, match="measure m: expected once"):
+        read_measures(["m=peak(a.b)", "m=rms(a.b)"])

@@ -1,0 +1,762 @@
+"""Parameter studies from end to end: the same numbers as runs one by one, whatever happens in between."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+from typer.testing import CliRunner
+
+import vdfmu
+from tests.study.sweeps.conftest import WAYS
+from vdfmu.base.errors import StorageError, UsageError, VdfmuError
+from vdfmu.cli.commands import app
+from vdfmu.study.sweeps import worker
+from vdfmu.study.sweeps.job import Bench, Job, WiredSystem
+from vdfmu.study.sweeps.plan import make_plan
+from vdfmu.study.sweeps.table import Sweep
+
+MODELS = Path(vdfmu.__file__).parents[2] / "models"
+LATE = """from vdfmu.arm.equations.trajectory import desired_motion
+from vdfmu.arm.units.trajectory import Trajectory
+
+class Late(Trajectory):
+    \"\"\"The motion, 0.02 s later.\"\"\"
+
+    def outputs(self) -> None:
+        motion = desired_motion(self.t - 0.02, self.q_start, self.q_end, self.T, self.t_start)
+        self.q_d, self.q_d_dot, self.q_d_ddot, self.q_d_dddot, self.q_d_ddddot = motion
+"""
+OVER = {"controller.K_p": "*0.9, 1.1"}
+MEASURES = ["end=final(unit.y)", "count=integral(unit.y)"]
+
+
+def table(found):
+    """Return all columns but the times that points took, as lists: NaN equals itself in them."""
+    columns = found.table().drop_columns(["wall_s"]).to_pydict()
+    return {name: ["nan" if x != x else x for x in column] for name, column in columns.items()}
+
+
+def study(wild, out, **options):
+    """Run 40 points of a unit that never fails, in chunks of 4."""
+    options = {"workers": 2, "chunk": 4, "measure": MEASURES, "step": 0.01, **options}
+    return vdfmu.sweep(wild, {"unit.at": np.linspace(0.0, 1.0, 40)}, out=out, **options)
+
+
+@pytest.fixture(scope="module")
+def undisturbed(wild, tmp_path_factory):
+    return table(study(wild, tmp_path_factory.mktemp("undisturbed") / "study"))
+
+
+def test_each_point_is_the_run_of_its_values(tmp_path):
+    """To the bit: a reset component computes what a new one does, and each point is a run of its own."""
+    axes = {
+        "controller.K_p[2]": "lin(500, 2000, 2)",
+        "plant.mass": "*0.9, 1.1",
+        "master": "jacobi, gauss-seidel",
+    }
+    found = vdfmu.sweep(
+        "planar_tracking", axes, stop=0.2, workers=2, out=tmp_path / "study", keep=["plant.q[1]"],
+        measure={"error": "rms(trajectory.q_d - plant.q)"},
+    )  # fmt: skip
+    assert len(found) == 8 and not found.failed
+    assert found["point"].tolist() == list(range(8))
+    scenario = vdfmu.load_scenario("planar_tracking")
+    package = vdfmu.write_ssp(
+        scenario, vdfmu.build_fmus(scenario.robot, tmp_path / "fmus"), tmp_path / "p.ssp"
+    )
+    rows = found.table().to_pylist()
+    for row in (rows[0], rows[3], rows[6]):
+        mass = row["plant.mass"] * scenario.robot.mass
+        results = vdfmu.simulate(
+            package, stop=0.2, step=1e-3, algorithm=row["master"],
+            parameters={"controller.K_p[2]": row["controller.K_p[2]"], "plant.mass": mass.tolist()},
+        )  # fmt: skip
+        error = results["trajectory.q_d"] - results["plant.q"]
+        # of the mean of squares in another order: rounding
+        np.testing.assert_allclose(
+            [row["error[1]"], row["error[2]"]], np.sqrt(np.mean(error**2, axis=0)), rtol=1e-12
+        )
+        np.testing.assert_array_equal(row["plant.q[1]"], results["plant.q[1]"])
+        np.testing.assert_array_equal(row["time"], results.time)
+
+
+@pytest.mark.heavy
+def test_robots_motions_and_payloads_vary_together(tmp_path):
+    text = (MODELS / "robots" / "planar_2dof.toml").read_text()
+    robots = [str(tmp_path / "light.toml"), str(tmp_path / "heavy.toml")]
+    for path, mass in zip(robots, ("2.0", "3.0"), strict=True):
+        Path(path).write_text(text.replace("mass = 2.0", f"mass = {mass}"))
+    (tmp_path / "late.py").write_text(LATE)
+    found = vdfmu.sweep(
+        "planar_tracking",
+        {
+            "robot": robots, "unit:trajectory": ["trajectory", str(tmp_path / "late.py")],
+            "plant.payload_mass": "lognormal(0.5, 0.5)", "controller.K_p": "*lin(0.5, 1)",
+        },
+        sample="lhs", n=6, stop=0.05, out=tmp_path / "study",
+    )  # fmt: skip
+    assert not found.failed and np.ptp(found["plant.payload_mass"]) > 0.1
+    rows = found.table().to_pylist()
+    assert len({row["robot"] for row in rows}) == len({row["unit:trajectory"] for row in rows}) == 2
+    for row in rows:
+        results = vdfmu.run(**found.options(row["point"]), reference=False, out=tmp_path / "run")
+        error = results["trajectory.q_d"] - results["plant.q"]
+        # of the mean of squares in another order: rounding
+        np.testing.assert_allclose(
+            [row["error[1]"], row["error[2]"]], np.sqrt(np.mean(error**2, axis=0)), rtol=1e-12
+        )
+
+
+def test_words_and_steps_vary_too(tmp_path):
+    found = vdfmu.sweep(
+        "planar_tracking",
+        ["feedforward.mode=inverse, vdc", "step=0.001, 0.002"],
+        stop=0.1,
+        out=tmp_path / "study",
+    )
+    assert found["feedforward.mode"].tolist() == ["inverse", "inverse", "vdc", "vdc"]
+    assert found["step"].tolist() == [0.001, 0.002] * 2
+    error = found["error[1]"]
+    assert error[1] > 1.5 * error[0] and error[3] > 1.5 * error[2]  # of first order in the step
+
+
+def test_a_point_that_fails_crashes_or_hangs_is_a_row_with_its_reason(wild, tmp_path):
+    ways = ["well", "crash", "well", "leave", "hang", "well"]
+    found = vdfmu.sweep(
+        wild, {"unit.way": [WAYS[way] for way in ways]}, measure=MEASURES, settings={"unit.at": 0.5}, step=0.1,
+        workers=1, chunk=6, time_limit=5.0, out=tmp_path / "study",
+    )  # fmt: skip
+    assert set(found.failed) == {1, 3, 4}
+    assert "SIGSEGV" in found.failed[1]
+    assert "component unit ended the process at t = 0.5 s" in found.failed[3]
+    assert "within 5 s" in found.failed[4]
+    good = np.isfinite(found["end"])
+    assert good.tolist() == [True, False, True, False, False, True]
+    assert len(set(found["end"][good])) == 1
+
+
+def test_one_fault_in_a_thousand_points_costs_one_point(wild, tmp_path):
+    ways = np.zeros(1000)
+    ways[[400, 700]] = WAYS["crash"], WAYS["hang"]
+    found = vdfmu.sweep(
+        wild, {"unit.way": ways}, measure=MEASURES, step=0.5, time_limit=3.0, out=tmp_path / "study"
+    )
+    assert set(found.failed) == {400, 700}
+    assert found["point"].tolist() == list(range(1000))
+    assert list((tmp_path / "study").iterdir()) and not list((tmp_path / "study").glob("parts/*"))
+
+
+def test_an_error_of_the_unit_says_when(tmp_path):
+    found = vdfmu.sweep(
+        "planar_tracking", {"controller.K_v[1]": [10.0, 1e5]}, stop=0.5, out=tmp_path / "study", workers=1
+    )
+    assert list(found.failed) == [1]
+    assert "plant" in found.failed[1]
+    assert 0.0 < found["failed_at"][1] < 0.5
+
+
+def test_failed_points_are_run_again_on_request(wild, tmp_path):
+    trap = tmp_path / "trap.py"
+    trap.write_text("import os\ndef end(results):\n    if os.path.exists(os.environ['TRAP']):\n"
+                    "        raise ValueError('not now')\n    return results['unit.y'][-1]\n")  # fmt: skip
+    sys.path.insert(0, str(tmp_path))
+    os.environ["TRAP"] = str(tmp_path / "closed")
+    try:
+        import trap as module  # pyright: ignore[reportMissingImports]
+
+        axes = {"unit.at": [0.0, 0.5, 1.0]}
+        (tmp_path / "closed").touch()
+        out = tmp_path / "study"
+        first = vdfmu.sweep(wild, axes, measure={"end": module.end}, step=0.1, workers=1, out=out)
+        assert list(first.failed.values()) == ["measure end = end: ValueError: not now."] * 3
+        (tmp_path / "closed").unlink()
+        assert len(vdfmu.sweep(wild, axes, measure={"end": module.end}, step=0.1, out=out).failed) == 3
+        again = vdfmu.sweep(wild, axes, measure={"end": module.end}, step=0.1, out=out, retry=True)
+        assert not again.failed and len(again) == 3
+    finally:
+        sys.path.remove(str(tmp_path))
+        del os.environ["TRAP"]
+
+
+def test_a_function_of_a_script_goes_to_the_workers(wild, tmp_path):
+    offset = 3.0
+    found = vdfmu.sweep(
+        wild, {"unit.at": [0.0, 1.0]}, measure={"m": lambda results: results["unit.y"][-1] + offset}, step=0.5,
+        out=tmp_path / "study",
+    )  # fmt: skip
+    assert not found.failed and (found["m"] >= 3.0).all()
+
+
+def test_another_function_is_another_study(wild, tmp_path):
+    def ask(offset):
+        measure = {"m": lambda results: results["unit.y"][-1] + offset}
+        return vdfmu.sweep(wild, {"unit.at": [0.0]}, measure=measure, step=0.5, out=tmp_path / "study")
+
+    assert ask(3.0)["m"] == ask(3.0)["m"]
+    with pytest.raises(UsageError, match=r"differ in functions\."):
+        ask(4.0)
+
+
+def boom(results):
+    return results.nothing
+
+
+def test_a_function_that_fails_is_named(wild, tmp_path):
+    found = vdfmu.sweep(wild, {"unit.at": [0.0]}, measure={"m": boom}, step=0.5, out=tmp_path / "study")
+    assert found.failed[0].startswith("measure m = boom: AttributeError: ")
+
+
+def test_a_table_that_cannot_be_read_is_made_again_with_retry(wild, tmp_path, undisturbed):
+    found = study(wild, tmp_path / "study")
+    found.path.write_text("x")
+    again = study(wild, tmp_path / "study", retry=True)
+    assert table(again) == undisturbed and "is not whole" in again.notes[0]
+
+
+SCRIPT = """
+import sys
+import numpy as np
+from typer.testing import CliRunner
+
+import vdfmu
+from vdfmu.cli.commands import app
+vdfmu.sweep(sys.argv[1], {"unit.at": np.linspace(0.0, 1.0, 40)}, out=sys.argv[2], workers=2, chunk=4, step=0.01,
+            measure=["end=final(unit.y)", "count=integral(unit.y)"])
+"""
+
+
+def begin(wild, out) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [sys.executable, "-c", SCRIPT, str(wild), str(out)], stderr=subprocess.PIPE, start_new_session=True
+    )
+
+
+def parts(out: Path) -> list[Path]:
+    return sorted((out / "parts").glob("part_*.parquet"))
+
+
+def lasting(wild, out, undisturbed, kill, moments):
+    """End the study at moments, each as many parts later, then let it go on, and compare."""
+    for moment in moments:
+        process = begin(wild, out)
+        end = time.monotonic() + 60
+        while process.poll() is None and len(parts(out)) < moment and time.monotonic() < end:
+            time.sleep(0.002)
+        kill(process)
+        process.wait(60)
+        assert process.stderr is not None
+        process.stderr.close()
+        points = [p for file in parts(out) for p in pyarrow.parquet.read_table(file)["point"].to_pylist()]
+        assert len(points) == len(set(points))
+    assert table(study(wild, out)) == undisturbed
+    assert not parts(out)
+
+
+def test_a_killed_study_goes_on_where_it_was(wild, tmp_path, undisturbed):
+    def kill(process):
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+
+    lasting(wild, tmp_path / "study", undisturbed, kill, (1, 3, 6))
+
+
+@pytest.mark.heavy
+def test_a_study_that_is_killed_at_any_moment_loses_and_doubles_nothing(wild, tmp_path, undisturbed):
+    draw = random.Random(13)
+    for i in range(20):
+        out = tmp_path / f"study{i}"
+        process = begin(wild, out)
+        time.sleep(draw.uniform(0.2, 4.0))
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait(60)
+        assert process.stderr is not None
+        process.stderr.close()
+        assert table(study(wild, out)) == undisturbed
+
+
+def test_ctrl_c_keeps_what_is_done(wild, tmp_path, undisturbed):
+    def press(process):
+        with suppress(ProcessLookupError):
+            os.kill(process.pid, signal.SIGINT)
+
+    lasting(wild, tmp_path / "study", undisturbed, press, (1, 4))
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc of Linux")
+def test_workers_end_with_a_killed_study(wild, tmp_path):
+    process = begin(wild, tmp_path / "study")
+    pids: list[int] = []
+    while len(pids) < 2:
+        assert process.poll() is None
+        with suppress(OSError):  # a thread that has just ended
+            places = Path(f"/proc/{process.pid}/task").glob("*/children")
+            pids = [int(pid) for place in places for pid in place.read_text().split()]
+    process.kill()
+    process.wait(60)
+    assert process.stderr is not None
+    process.stderr.close()
+    end = time.monotonic() + 10
+    while any(Path(f"/proc/{pid}").exists() for pid in pids):
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def test_a_full_disk_stops_it_and_what_is_done_is_kept(wild, tmp_path, undisturbed, monkeypatch):
+    from vdfmu.study.sweeps import ledger
+
+    whole = ledger.replacing
+    count = 0
+
+    def full(place):
+        nonlocal count
+        count += place.suffix == ".parquet"
+        if count > 3:
+            raise OSError(28, "No space left on device")
+        return whole(place)
+
+    monkeypatch.setattr(ledger, "replacing", full)
+    with pytest.raises(
+        VdfmuError, match="No space left on device.*free space, and give the same command again"
+    ):
+        study(wild, tmp_path / "study")
+    assert len(parts(tmp_path / "study")) == 3
+    monkeypatch.setattr(ledger, "replacing", whole)
+    assert table(study(wild, tmp_path / "study")) == undisturbed
+
+
+def test_a_part_that_cannot_be_read_is_made_again(wild, tmp_path, undisturbed, monkeypatch):
+    from vdfmu.study.sweeps import ledger
+
+    with monkeypatch.context() as patch:
+        patch.setattr(ledger.Ledger, "finish", lambda self: (_ for _ in ()).throw(VdfmuError("stop")))
+        with pytest.raises(VdfmuError, match="stop"):
+            study(wild, tmp_path / "study")
+    broken = parts(tmp_path / "study")[2]
+    broken.write_bytes(broken.read_bytes()[:100])
+    found = study(wild, tmp_path / "study")
+    assert table(found) == undisturbed
+    assert len(found.notes) == 1 and broken.name in found.notes[0]
+    assert len((broken.parent / f"{broken.name}.broken").read_bytes()) == 100
+
+
+def test_a_byte_that_the_disk_changes_is_seen(wild, tmp_path, undisturbed, monkeypatch):
+    """In the values of a measure, which Parquet alone would read as another number."""
+    from vdfmu.study.sweeps import ledger
+
+    with monkeypatch.context() as patch:
+        patch.setattr(ledger.Ledger, "finish", lambda self: (_ for _ in ()).throw(VdfmuError("stop")))
+        with pytest.raises(VdfmuError, match="stop"):
+            study(wild, tmp_path / "study")
+    broken = parts(tmp_path / "study")[2]
+    column = pyarrow.parquet.ParquetFile(broken).metadata.row_group(0).column(5)
+    assert column.path_in_schema == "end"
+    data = bytearray(broken.read_bytes())
+    data[column.data_page_offset + column.total_compressed_size - 2] ^= 1
+    broken.write_bytes(data)
+    with pytest.raises(VdfmuError, match="is not whole.*give the same command again"):
+        study(wild, tmp_path / "study")
+    assert broken.with_name(f"{broken.name}.broken").read_bytes() == data
+    assert table(study(wild, tmp_path / "study")) == undisturbed
+
+
+def test_parts_that_cannot_be_listed_are_not_taken_for_none(wild, tmp_path, undisturbed, monkeypatch):
+    listdir = os.listdir
+
+    def failing(path):
+        if Path(path).name == "parts":
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return listdir(path)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "listdir", failing)
+        with pytest.raises(UsageError, match=r"parts: cannot be read: Permission denied"):
+            study(wild, tmp_path / "study")
+    assert table(study(wild, tmp_path / "study")) == undisturbed
+
+
+@pytest.mark.parametrize("number", [errno.EIO, errno.EACCES, errno.EMFILE])
+def test_a_study_that_the_disk_does_not_give_now_is_left_as_it_is(
+    wild, tmp_path, undisturbed, monkeypatch, number
+):
+    whole = study(wild, tmp_path / "study").path
+    there, read = whole.read_bytes(), Path.read_bytes
+
+    def failing(path):
+        if path == whole:
+            raise OSError(number, os.strerror(number))
+        return read(path)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "read_bytes", failing)
+        for options in ({}, {"retry": True}):
+            with pytest.raises(UsageError, match=r"sweep\.parquet: cannot be read: .*It is left as it is"):
+                study(wild, tmp_path / "study", **options)
+    assert read(whole) == there
+    assert table(study(wild, tmp_path / "study")) == undisturbed
+
+
+@pytest.mark.parametrize("behind", [True, False])
+def test_an_error_of_the_disk_is_no_failed_point(monkeypatch, tmp_path, behind):
+    """It says nothing of the model: a failed point would stay in the study. Another error of the system may be its."""
+
+    def full(*_, **__):
+        try:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        except OSError as error:
+            raise VdfmuError("cannot be unpacked") if behind else error  # noqa: B904
+
+    task = (0, 0, {})
+    bench = Bench(Job((WiredSystem(b"", {}, {}, (), False, {}),), (), (), ()), tmp_path)
+    monkeypatch.setattr("vdfmu.study.sweeps.job.Simulator", full)
+    with pytest.raises(StorageError, match="No space left"):
+        bench.run([task])
+    monkeypatch.setattr("vdfmu.study.sweeps.job.Simulator", lambda *_, **__: (tmp_path / "none").read_bytes())
+    assert bench.run([task])[0]["failed"].startswith("FileNotFoundError: ")
+
+
+@pytest.mark.parametrize("times", [2, 3])
+def test_a_worker_whose_disk_fails_is_replaced_and_at_last_ends_the_study(
+    wild, tmp_path, undisturbed, monkeypatch, times
+):
+    """The package that it writes for itself meets a full disk in the first workers."""
+    hook = f"""
+import errno, os, sys
+if "vdfmu.study.sweeps.child" in sys.orig_argv:
+    from pathlib import Path
+    plain, count = Path.write_bytes, Path({str(tmp_path / "count")!r})
+    def write_bytes(path, content):
+        if path.name == "0.ssp" and (not count.exists() or count.stat().st_size < {times}):
+            with count.open("a") as file:
+                file.write("x")
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return plain(path, content)
+    Path.write_bytes = write_bytes
+"""
+    (tmp_path / "site").mkdir()
+    (tmp_path / "site" / "sitecustomize.py").write_text(hook)
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, "path", [str(tmp_path / "site"), *sys.path])
+        if times == 3:
+            with pytest.raises(
+                VdfmuError, match="point 0: the disk fails: .*No space left.*same command again"
+            ):
+                study(wild, tmp_path / "study", workers=1)
+        assert table(study(wild, tmp_path / "study", workers=1)) == undisturbed
+
+
+def test_a_folder_whose_name_is_not_text_holds_a_study(wild, tmp_path, undisturbed):
+    folder = tmp_path / os.fsdecode(b"caf\xe9")
+    study(wild, folder)
+    again = study(wild, folder)
+    assert table(again) == undisturbed and not again.notes
+
+
+def test_a_study_that_is_complete_runs_nothing(wild, tmp_path, undisturbed):
+    study(wild, tmp_path / "study")
+    stages = []
+    found = study(wild, tmp_path / "study", progress=lambda *stage: stages.append(stage))
+    assert ("points", 40, 40) in stages and ("points", 0, 40) not in stages
+    assert table(found) == undisturbed
+
+
+def test_another_study_does_not_take_its_folder(wild, tmp_path, undisturbed):
+    study(wild, tmp_path / "study")
+    with pytest.raises(UsageError, match=r"holds another study.*differ in measures\. .*--out.*--overwrite"):
+        study(wild, tmp_path / "study", measure=["end=final(unit.y)"])
+    with pytest.raises(UsageError, match=r"differ in units, values or files\."):
+        study(wild, tmp_path / "study", step=0.02)
+    assert table(Sweep(tmp_path / "study")) == undisturbed
+    other = study(wild, tmp_path / "study", measure=["end=final(unit.y)"], overwrite=True)
+    assert other.measures == ["end"]
+
+
+WRENCH = "plant.F_e[1]"
+
+
+@pytest.mark.parametrize("kind", ["arrays", "csv"])
+def test_other_numbers_of_an_input_are_another_study(kind, tmp_path):
+    """The plan alone is enough for the key; the end of the test runs what was changed."""
+
+    def inputs(last):
+        if kind == "arrays":
+            return {WRENCH: ([0.0, 0.05], [0.0, last])}
+        (tmp_path / "push.csv").write_text(f"time,{WRENCH}\n0,0\n0.05,{last}\n")
+        return tmp_path / "push.csv"
+
+    def key(last, hold=False):
+        options = {"stop": 0.02, "inputs": inputs(last), "input_hold": hold}
+        plan = make_plan("planar_tracking", OVER, options=options, engine="fmu")
+        json.dumps(plan.facts)
+        return plan.key
+
+    assert key(10.0) == key(10.0)
+    assert len({key(10.0), key(20.0), key(10.0, True)}) == 3
+    if kind == "csv":
+        return
+
+    def swept(last, **options):
+        measure = {"q": "final(plant.q[1])"}
+        out = tmp_path / "study"
+        return vdfmu.sweep(
+            "planar_tracking", OVER, stop=0.02, inputs=inputs(last), measure=measure, out=out, **options
+        )
+
+    before = swept(10.0)["q"]
+    assert (swept(10.0)["q"] == before).all()
+    with pytest.raises(UsageError, match=r"holds another study.*differ in units, values or files\."):
+        swept(20.0)
+    assert (swept(20.0, overwrite=True)["q"] != before).all()
+
+
+def test_zero_is_not_left_out_of_a_row_that_is_run_again(tmp_path):
+    vdfmu.sweep("planar_tracking", OVER, stop=0.02, out=tmp_path / "study")
+    for option, words in (("--step", "step"), ("--stop", "stop"), ("--adaptive", "adaptive")):
+        done = CliRunner().invoke(
+            app, ["run", "--from", str(tmp_path / "study"), option, "0", "--out", str(tmp_path / "run")]
+        )
+        assert isinstance(done.exception, UsageError) and words in str(done.exception), option
+
+
+def test_two_processes_do_not_share_a_study(wild, tmp_path):
+    inside, outside = threading.Event(), threading.Event()
+
+    def wait(stage, done, total):
+        if stage == "points" and done and not inside.is_set():
+            inside.set()
+            outside.wait(60)
+
+    worker = threading.Thread(target=lambda: study(wild, tmp_path / "study", progress=wait))
+    worker.start()
+    try:
+        assert inside.wait(60)
+        with pytest.raises(UsageError, match="another process is at work"):
+            study(wild, tmp_path / "study")
+    finally:
+        outside.set()
+        worker.join()
+    assert len(Sweep(tmp_path / "study")) == 40
+
+
+def test_provenance_and_columns_are_in_the_file(wild, tmp_path):
+    found = study(wild, tmp_path / "study")
+    again = Sweep(tmp_path / "study" / "sweep.parquet")
+    assert again.facts == found.facts == json.loads((tmp_path / "study" / "sweep.json").read_bytes())
+    assert again.facts["n"] == 40 and again.facts["vdfmu"] == vdfmu.__version__
+    assert again.axes == ["unit.at"] and again.measures == ["end", "count"]
+    assert again.to_pandas().shape == (40, 7)
+    with pytest.raises(UsageError, match="no column 'ende'; did you mean end"):
+        again["ende"]
+
+
+def test_rows_are_found_by_what_they_measured(wild, tmp_path):
+    found = vdfmu.sweep(
+        "planar_tracking", {"controller.K_p": [300.0, 1000.0, 600.0]}, stop=0.2, out=tmp_path / "study"
+    )
+    assert found.row("worst")["controller.K_p"] == 300.0
+    assert found.row("best", "error[2]")["controller.K_p"] == 1000.0
+    assert found.row(2)["controller.K_p"] == 600.0
+    for which, words in ((7, "a point up to 2"), ("first", "worst, best")):
+        with pytest.raises(UsageError, match=words):
+            found.row(which)
+    with pytest.raises(UsageError, match="by: expected error"):
+        found.row("worst", "speed")
+
+
+@pytest.mark.parametrize(
+    ("over", "options", "words"),
+    [
+        ({"unit.nothing": [1.0]}, {}, "nothing"),
+        (
+            {"unit.at": [1.0]},
+            {"measure": ["m=final(unit.z)"]},
+            "no output or connected input is called unit.z",
+        ),
+        ({"unit.at": [1.0]}, {"measure": None}, "measure: expected at least one"),
+        ({"unit.at": [1.0]}, {"keep": ["x*"]}, "keep: no output"),
+        ({"unit.at": [1.0]}, {"measure": ["m=at(unit.y, 2)"]}, "a time from 0 to 1 s, got 2 s"),
+        ({"unit.at": [1.0]}, {"step": None}, "step: the package says none"),
+        ({"unit.at": [1.0]}, {"measure": ["m=1 / 0 + final(unit.y)"]}, "ZeroDivisionError"),
+        ({"unit.at": [1.0]}, {"workers": 0}, "workers"),
+        ({"unit.at": [1.0]}, {"chunk": 0}, "chunk"),
+        ({"unit.at": [1.0]}, {"time_limit": 0.0}, "time_limit"),
+        ({"robot": ["planar_2dof"]}, {}, "robot: for a scenario"),
+        ({"unit.at": "*1, 2"}, {}, "unit.at: for a scenario"),
+        ({"master": ["fast"]}, {}, "fast"),
+    ],
+)
+def test_what_cannot_be_run_is_said_before_the_first_point(wild, tmp_path, over, options, words):
+    with pytest.raises(UsageError, match=words):
+        vdfmu.sweep(wild, over, **{"measure": MEASURES, "step": 0.1, "out": tmp_path / "study", **options})
+    assert not (tmp_path / "study").exists()
+
+
+@pytest.mark.parametrize(
+    ("over", "words"),
+    [
+        (["controller.K_x=1, 2"], "K_x"),
+        (["feedforward.mode=vdc, fast"], "fast"),
+        (["plant.mass=lin(-1, 1, 3)"], "mass"),
+        (["feedforward.mode=*1, 2"], "expected numbers to multiply"),
+        (["robot=planar_2dof, nowhere"], "nowhere"),
+        (
+            ["plant.q_max=1, 2"],
+            r"optional table \[limits\] of a robot's file, which planar_2dof has not",
+        ),
+        (["plant.F_e=*lin(1, 2, 2)"], "not all 0"),
+        (["trajectory.t_start=*lin(1, 2, 2)"], "not all 0"),  # its start value: no key of the scenario
+        (
+            ["controller.K_p[1]=1, 2", "controller.K_p=3, 4"],
+            r"K_p\[1\]: has no effect, as controller.K_p after it",
+        ),
+    ],
+)
+def test_what_a_scenario_cannot_have_is_said_before_the_first_point(tmp_path, over, words):
+    with pytest.raises(VdfmuError, match=words):
+        vdfmu.sweep("planar_tracking", over, stop=0.1, out=tmp_path / "study")
+    assert not (tmp_path / "study").exists()
+
+
+@pytest.mark.heavy
+def test_memory_stays_flat_over_ten_thousand_points(wild, tmp_path):
+    """Rows that were kept would be 10,000 of some 1 kB; the tables of pyarrow take some MB at the end."""
+    code = f"""
+import resource, numpy, vdfmu
+seen = {{}}
+def look(stage, done, total):
+    if stage == "points" and done in (2000, 10000):
+        seen[done] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+vdfmu.sweep({str(wild)!r}, {{"unit.at": numpy.linspace(0, 1, 10000)}}, measure={MEASURES}, step=0.5,
+            out={str(tmp_path / "study")!r}, progress=look)
+print(seen[10000] - seen[2000])
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert float(done.stdout) < 15.0  # MB
+
+
+def test_a_row_is_run_again_by_name(tmp_path, monkeypatch):
+    """The run of the worst point has its error: of the same FMUs, values and master, so to the rounding of a sum."""
+    monkeypatch.chdir(tmp_path)
+    over = {"plant.K_f0": "*0.5, 2", "feedforward.mode": "vdc, inverse", "master": ["jacobi", "gauss-seidel"]}
+    found = vdfmu.sweep(
+        "planar_tracking", over, stop=0.2, measure={"error": "rms(trajectory.q_d - plant.q)"},
+        settings={"controller.K_p": 800.0},
+    )  # fmt: skip
+    worst = found.row("worst")
+    done = CliRunner().invoke(app, ["run", "--from", "results/sweep_planar_tracking", "--no-reference"])
+    assert done.exit_code == 0, done.output
+    summary = json.loads(Path("results", "planar_tracking", "summary.json").read_bytes())
+    assert summary["master"] == worst["master"] and summary["stop"] == 0.2
+    assert summary["settings"]["controller.K_p"] == "800.0"
+    expected = np.degrees([worst["error[1]"], worst["error[2]"]])
+    np.testing.assert_allclose(summary["rms_position_error_deg"], expected, rtol=1e-12)
+    again = vdfmu.run(**found.options(3), reference=False, out="again")
+    row = found.row(3)
+    np.testing.assert_allclose(
+        np.radians(again.summary["rms_position_error_deg"][0]), row["error[1]"], rtol=1e-12
+    )
+
+
+def test_a_row_of_a_scenario_that_was_changed_is_run_with_a_note(tmp_path):
+    """Settings with a value for each joint are kept as such; what the file says now counts, and is noted."""
+    mine = tmp_path / "mine.toml"
+    mine.write_text((MODELS / "scenarios" / "planar_tracking.toml").read_text())
+    found = vdfmu.sweep(
+        mine, {"plant.mass": "*0.9, 1.1"}, stop=0.1, settings={"controller.K_p": np.array([900.0, 700.0])},
+        out=tmp_path / "study",
+    )  # fmt: skip
+    options = found.options(1)
+    assert options["settings"]["controller.K_p"] == [900.0, 700.0] and not found.notes
+    vdfmu.run(**options, reference=False, out=tmp_path / "run")
+    mine.write_text(mine.read_text().replace("T = 2.0", "T = 3.0"))
+    done = CliRunner().invoke(
+        app, ["run", "--from", str(found.folder), "--no-reference", "--out", str(tmp_path / "again")]
+    )
+    assert done.exit_code == 0 and "not those of the study any more" in done.output
+    alone = CliRunner().invoke(app, ["run", "planar_tracking", "--row", "3"])
+    assert isinstance(alone.exception, UsageError) and "expected --from" in str(alone.exception)
+    both = CliRunner().invoke(app, ["run", "two_joint", "--from", str(found.folder)])
+    assert isinstance(both.exception, UsageError) and "two_joint: expected no scenario beside" in str(
+        both.exception
+    )
+
+
+def test_a_row_of_a_package_is_named(wild, tmp_path):
+    found = study(wild, tmp_path / "study")
+    with pytest.raises(UsageError, match=r"'vdfmu simulate .*wild.ssp' runs it, with unit.at="):
+        found.options(0)
+
+
+def test_the_command_says_what_it_found(wild, tmp_path):
+    words = ["sweep", str(wild), "--over", "unit.way=0, 1", "--measure", "end=final(unit.y)", "--step", "0.1"]
+    done = CliRunner().invoke(app, [*words, "--out", str(tmp_path / "study")])
+    assert done.exit_code == 0, done.output
+    assert "point 1 failed: a component crashed the process (SIGSEGV)" in done.output
+    assert "sweep.parquet: 2 points" in done.output
+    wrong = CliRunner().invoke(app, ["sweep", str(wild), "--over", "unit.way"])
+    assert isinstance(wrong.exception, UsageError) and "TARGET=FORM" in str(wrong.exception)
+
+
+def killing(results, times, place):
+    """Kill the process, as the system does for want of memory, a number of times."""
+    with Path(place).open("a+") as file:
+        file.seek(0)
+        if len(file.read()) < times:
+            file.write("x")
+            file.flush()
+            os.kill(os.getpid(), signal.SIGKILL)
+    return 1.0
+
+
+@pytest.mark.parametrize("times", [2, 3])
+def test_a_point_whose_process_is_killed_is_tried_again_and_blames_no_model(
+    wild, tmp_path, monkeypatch, times
+):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
+    (tmp_path / "tmp").mkdir()
+    place = tmp_path / "killed"
+
+    def measure(results, times=times, place=str(place)):
+        return killing(results, times, place)
+
+    def sweep():
+        return vdfmu.sweep(
+            wild, {"unit.at": [0.0, 1.0]}, measure={"m": measure}, step=0.5, out=tmp_path / "study", workers=1
+        )
+
+    found = sweep()
+    if times == 2:
+        assert found.failed == {}
+    else:
+        assert re.search(r"the process was killed \(SIGKILL\) 3 times: memory may be short", found.failed[0])
+        assert sweep().failed == {}  # without being asked to
+    assert len(place.read_text()) == times
+    assert list((tmp_path / "tmp").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        [], [1], [{}], [{"point": 1, "failed": None, "failed_at": None, "wall_s": 0.1}],
+        [{"point": 0, "failed": 7, "failed_at": None, "wall_s": 0.1}],
+        [{"point": 0, "failed": None, "failed_at": None, "wall_s": 0.1, "m": "text"}],
+        [{"point": 0, "failed": None, "failed_at": None, "wall_s": 0.1, "m": [{}]}],
+    ],
+)  # fmt: skip
+def test_what_a_component_writes_for_the_worker_is_refused(message):
+    assert worker._rows(message, [0]) == "a component wrote into the pipe of the worker"

@@ -1,0 +1,247 @@
+"""Tuning from end to end: better values within what is required, the same ones after a stop, all runs kept."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+from typer.testing import CliRunner
+
+import vdfmu
+from vdfmu.base.errors import UsageError
+from vdfmu.cli.commands import app
+from vdfmu.study.analysis.margins import ArmLoops
+from vdfmu.study.sweeps.table import Sweep
+from vdfmu.study.sweeps.worker import KILLED
+from vdfmu.study.tuning.problem import make_problem
+
+ERRORS = "rms(trajectory.q_d - plant.q)"
+SPREAD = {"plant.mass": "*lin(0.9, 1.1)"}
+SHORT = {"stop": 0.3, "spread": SPREAD, "spread_n": 2, "workers": 2}
+SEARCH = {"method": "local", "budget": 30}
+GAINS = ["controller.K_p", "controller.K_v"]
+
+
+def table(folder):
+    """Return all columns but the times and places of the runs; NaN equals itself in them."""
+    columns = Sweep(folder).table().drop_columns(["wall_s"]).to_pydict()
+    return {name: ["nan" if x != x else x for x in column] for name, column in columns.items()}
+
+
+@pytest.fixture(scope="module")
+def tuned(tmp_path_factory):
+    """Gains of the planar arm, each joint's margin kept."""
+    folder = tmp_path_factory.mktemp("tuned") / "search"
+    return vdfmu.tune("planar_tracking", GAINS, ERRORS, margin="same", out=folder, **SEARCH, **SHORT)
+
+
+def test_each_joint_is_better_at_its_own_margin(tuned):
+    assert tuned.after.feasible
+    # less by far more than the accuracy of a run, 1e-7 of 1 rad or N.m at errors of 1e-5 rad
+    assert (tuned.after.cost < 0.95 * tuned.before.cost).all()
+    scenario = vdfmu.load_scenario("planar_tracking")
+    before = ArmLoops(scenario).margins()
+    after = ArmLoops(scenario, {name: value.tolist() for name, value in tuned.settings.items()}).margins()
+    # times from 0 to 2 s here, to 0.3 s there: the arm hangs, where both joints' inertias are largest
+    np.testing.assert_allclose(tuned.before.margins.modulus, before.modulus, atol=0.1)
+    assert (tuned.after.margins.modulus >= tuned.before.margins.modulus).all()
+    assert after.radius < 1.0
+
+
+def test_the_cost_is_that_of_runs_one_by_one(tuned, tmp_path):
+    """To the bit: the values of the fragment are those that were run."""
+    with open(tuned.folder / "tuned.toml", "rb") as file:
+        gains = tomllib.load(file)["controller"]
+    problem = make_problem("planar_tracking", GAINS, ERRORS, spread=SPREAD, spread_n=2, options={"stop": 0.3})
+    scenario = vdfmu.load_scenario("planar_tracking")
+    package = vdfmu.write_ssp(
+        scenario, vdfmu.build_fmus(scenario.robot, tmp_path / "fmus"), tmp_path / "p.ssp"
+    )
+    costs = []
+    for factor in problem.spread["plant.mass"]:
+        results = vdfmu.simulate(
+            package, stop=0.3, step=1e-3,
+            parameters={
+                "controller.K_p": gains["K_p"], "controller.K_v": gains["K_v"],
+                "plant.mass": (factor * scenario.robot.mass).tolist(),
+            },
+        )  # fmt: skip
+        error = results["trajectory.q_d"] - results["plant.q"]
+        costs.append(np.sqrt(np.mean(error**2, axis=0)))
+    # of the mean of squares in another order: rounding
+    np.testing.assert_allclose(tuned.after.cost, np.mean(costs, axis=0), rtol=1e-12)
+
+
+def test_all_runs_are_kept(tuned):
+    runs = Sweep(tuned.folder)
+    assert len(runs) == 2 * tuned.evaluations and not runs.failed
+    assert runs["point"].tolist() == list(range(len(runs)))
+    assert set(runs["robot"]) == {0.0, 1.0}
+    assert runs["controller.K_p[1]"][0] == 1500.0
+    assert (tuned.folder / "tuning.png").read_bytes().startswith(b"\x89PNG")
+    comparison = json.loads((tuned.folder / "tune.json").read_text())["comparison"]
+    assert {row["name"] for row in comparison} >= {
+        "cost[2]",
+        "error[1]",
+        "peak_torque[2]",
+        "modulus[1]",
+        "delay[2]",
+    }
+
+
+def test_a_search_that_was_stopped_goes_on_to_the_same_result(tuned, tmp_path, monkeypatch):
+    """Stopped after 11 evaluations: their runs are not run again, and the table is that of an undisturbed search."""
+    from vdfmu.study.tuning.evaluate import Evaluations
+
+    run = Evaluations._run
+
+    def stopping(self, keys):
+        run(self, keys)
+        if len(self.scores) >= 11:
+            raise KeyboardInterrupt
+
+    folder = tmp_path / "search"
+    options = {**SHORT, **SEARCH, "margin": "same", "out": folder}
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(Evaluations, "_run", stopping)
+        vdfmu.tune("planar_tracking", GAINS, ERRORS, **options)
+    done = table(folder)
+    found = vdfmu.tune("planar_tracking", GAINS, ERRORS, **options)
+    assert len(done["point"]) >= 22
+    whole = table(folder)
+    assert {name: column[: len(done["point"])] for name, column in whole.items()} == done
+    assert whole == table(tuned.folder)
+    np.testing.assert_array_equal(found.after.values, tuned.after.values)
+
+
+def test_a_table_that_is_not_whole_is_set_aside_and_killed_runs_run_again(tmp_path):
+    def search():
+        return vdfmu.tune(
+            "planar_tracking", {"controller.K_p[1]": "*log(0.5, 2)"}, ERRORS, method="local", budget=3, stop=0.05,
+            workers=1, out=tmp_path / "s",
+        )  # fmt: skip
+
+    search()
+    path, before = tmp_path / "s" / "sweep.parquet", table(tmp_path / "s")
+    rows = pyarrow.parquet.read_table(path)
+    killed = pyarrow.array([f"{KILLED} 3 times", *[None] * (rows.num_rows - 1)], pyarrow.string())
+    place = rows.schema.get_field_index("failed")
+    pyarrow.parquet.write_table(
+        rows.set_column(place, "failed", killed).replace_schema_metadata(rows.schema.metadata), path
+    )
+    assert search().failed == 0
+    assert {
+        name: sorted(map(str, column)) for name, column in table(tmp_path / "s").items() if name != "point"
+    } == {name: sorted(map(str, column)) for name, column in before.items() if name != "point"}
+    path.write_bytes(path.read_bytes()[:100])
+    assert "is not whole" in search().notes[0]
+    assert (tmp_path / "s" / "sweep.parquet.broken").stat().st_size == 100
+
+
+def test_a_larger_budget_goes_on(tmp_path):
+    def ask(budget):
+        vdfmu.tune(
+            "planar_tracking",
+            ["controller.K_p[1]"],
+            ERRORS,
+            stop=0.1,
+            method="local",
+            budget=budget,
+            workers=1,
+            out=tmp_path,
+        )
+        return table(tmp_path)
+
+    first, second = ask(3), ask(6)
+    assert len(first["point"]) == 3 and len(second["point"]) == 6
+    assert {name: column[:3] for name, column in second.items()} == first
+
+
+@pytest.mark.heavy
+def test_a_start_without_margin_is_noted(tmp_path):
+    """The loop of tracking grows by 1.1 1/s with one sample of delay."""
+    found = vdfmu.tune(
+        "tracking", ["controller.K_p[1]"], ERRORS, stop=0.01, margin="same", budget=1, out=tmp_path
+    )
+    assert "the loop of the start is unstable" in found.notes[0]
+
+
+def test_runs_that_fail_cost_infinity_and_are_counted(tmp_path):
+    """Velocity gains of up to a hundredfold destabilise the sampled loop; the search stays where it runs."""
+    found = vdfmu.tune(
+        "planar_tracking", {"controller.K_v[1]": "*log(0.5, 200)"}, f"worst({ERRORS})", method="global", budget=8,
+        out=tmp_path / "search", stop=0.5, workers=2,
+    )  # fmt: skip
+    assert found.failed == len(Sweep(found.folder).failed) > 0
+    assert found.after.feasible and found.after.cost[0] <= found.before.cost[0]
+
+
+def test_limits_hold_for_every_robot(tmp_path):
+    found = vdfmu.tune(
+        "planar_tracking", ["controller.K_p[2]=log(100, 5000)"], "rms(trajectory.q_d[2] - plant.q[2])",
+        limit=["peak(controller.tau_e[2]) < 0.0"], method="global", budget=8, out=tmp_path / "search", **SHORT,
+    )  # fmt: skip
+    assert not found.after.feasible  # no feedback torque at all
+    assert any("no values within the limits" in note for note in found.notes)
+
+
+def test_the_command_shows_before_and_after(tmp_path):
+    result = CliRunner().invoke(
+        app,
+        [
+            "tune", "planar_tracking", "--vary", "controller.K_p[1]", "--cost", ERRORS, "--budget", "3",
+            "--stop", "0.1", "--method", "local", "--out", str(tmp_path / "search"),
+        ],
+    )  # fmt: skip
+    assert result.exit_code == 0, result.output
+    assert re.search(r"peak_error\[1\]\s+\S+\s+\S+\s+rad", result.output)
+    assert "[controller]\nK_p = [" in result.output
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"vary": ["controller.K_x"]}, "controller.K_x: controller has no K_x"),
+        ({"vary": ["controller.K_p=normal(1, 2)"]}, "expected lin.FROM, TO. or log.FROM, TO."),
+        ({"vary": ["controller.K_p[1]=log(1, 10)"]}, r"expected a range that has the scenario's 1500, got 1 to 10"),
+        ({"vary": ["trajectory.t_start"]}, "trajectory.t_start: expected a range, got 0 to 0"),  # a start value
+        ({"vary": ["feedforward.F_e_d"]}, "feedforward.F_e_d.1.: expected a range, got 0 to 0"),
+        ({"vary": ["plant.mass"], "margin": 0.5}, "expected other parameters than those of the plant"),
+        ({"vary": ["controller.K_p", "controller.K_p[1]"]}, "expected each number once, got controller.K_p.1."),
+        ({"limit": ["peak(plant.q)"]}, "limit: expected EXPRESSION < NUMBER"),
+        ({"margin": "big"}, "margin: expected a modulus margin from 0 to below 1, or same, got big"),
+        ({"method": "best"}, "method: expected both, global, local, got best"),
+        ({"over": "all"}, "over: expected mean or worst, got all"),
+        ({"budget": 0}, "budget: expected at least 1, got 0"),
+        ({"time_limit": -1.0}, "time_limit: expected a positive time, got -1 s"),
+        ({"growth": float("nan")}, "growth: expected a finite rate, got nan"),
+        ({"vary": ["controller.tau_max"]}, r"tau_max.1.: expected a finite number to vary, got 1000000000000"),
+        ({"spread": ["master=jacobi, iterative"]}, "spread: expected parameters with numbers, got master"),
+        ({"spread": ["feedforward.mode=vdc, inverse"]}, "spread: expected parameters with numbers, got feedf"),
+        ({"spread": ["controller.K_p=*lin(0.9, 1.1)"]}, r"K_p.1.: has no effect, as controller.K_p after it"),
+        ({"cost": "rms(plant.x)"}, "no output or connected input is called plant.x"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_said_before_the_first_run(options, words, tmp_path):
+    given = {"vary": GAINS, "cost": ERRORS, "out": tmp_path / "search", "stop": 0.1, **options}
+    with pytest.raises(UsageError, match=words):
+        vdfmu.tune("planar_tracking", **given)
+    assert not (tmp_path / "search").exists()
+
+
+def test_the_batch_engine_gives_the_same_costs(tmp_path):
+    options = {"method": "local", "budget": 8, **SHORT}
+    found = {
+        e: vdfmu.tune("planar_tracking", GAINS, ERRORS, engine=e, out=tmp_path / e, **options)
+        for e in ("fmu", "batch")
+    }
+    fmu, batch = (Sweep(found[e].folder) for e in ("fmu", "batch"))
+    assert (fmu.facts["engine"], batch.facts["engine"]) == ("fmu", "batch")
+    for column in ("cost[1]", "cost[2]"):
+        # positions are equal within 1e-9 rad; the first two rows are those of the scenario's own values
+        np.testing.assert_allclose(batch[column][:2], fmu[column][:2], rtol=0.0, atol=1e-9)
+    assert len(batch) == len(fmu) == 16

@@ -1,0 +1,144 @@
+"""`vdfmu check` of robot, scenario and system files and of units of one's own."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from vdfmu.base.data import data_path
+from vdfmu.cli.commands import app
+from vdfmu.system.package.check import inspect_source
+
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples" / "units"
+SCENARIO = 'name = "x"\nkind = "cosimulation"\nrobot = "planar_2dof"\nstop = 1.0\nstep = 0.001\n'
+SYSTEM = 'name = "x"\ndescription = "x"\n[units]\nplant = "plant"\ncontroller = "controller"\n[connections]\n'
+UNIT = (
+    "from vdfmu.unit import Input, Output, Unit\n\n\nclass Gain(Unit):\n    u = Input()\n    y = Output()\n\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("path", "kind"),
+    [
+        (data_path("models") / "robots" / "planar_2dof.toml", "robot"),
+        (data_path("models") / "scenarios" / "tracking.toml", "scenario"),
+        (data_path("ssp") / "estimator.toml", "system"),
+        (EXAMPLES / "scenario.toml", "scenario"),
+        (EXAMPLES / "arm.toml", "system"),
+        (EXAMPLES / "wall.py", "unit"),
+    ],
+)
+def test_what_is_right_has_no_problems(path, kind):
+    report = inspect_source(path, "planar_2dof")
+    assert (report.kind, report.problems, report.notes) == (kind, [], [])
+    assert report.ran == (path.is_relative_to(EXAMPLES))  # the others name no Python file
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "kind", "problem"),
+    [
+        ("x.toml", "name = 3", "scenario", "expected a string"),
+        ("x.toml", "a = [", "TOML", "expected TOML, got a syntax error"),
+        (
+            "x.toml",
+            SCENARIO + "[controller]\nK_q = 1\n",
+            "scenario",
+            "x.toml: controller.K_q: controller has no K_q",
+        ),
+        ("x.toml", 'extends = "system"\n[units]\nplant = "plnt"\n', "system", "There is no unit 'plnt'"),
+        (
+            "x.toml",
+            'extends = "system"\nname = "x"\n[connections]\n"plant.qq" = ["controller.q"]\n',
+            "system",
+            "connections: plant.qq: expected an output of plant, got 'qq'. Did you mean",
+        ),
+        (
+            "x.toml",
+            SYSTEM + '"plant.E_kin" = ["controller.q"]\n',
+            "system",
+            "x.toml: connections: plant.E_kin -> controller.q: expected signals of one shape, got () and (2,).",
+        ),
+        (
+            "x.toml",
+            SYSTEM + '"plant.q" = ["plant.tau"]\n',
+            "system",
+            "x.toml: connections: plant.q -> plant.tau: expected one unit of measurement, got rad and N.m.",
+        ),
+        (
+            "x.toml",
+            SYSTEM + '"plant.tau_s" = ["plant.tau"]\n"controller.tau" = ["plant.tau"]\n',
+            "system",
+            "x.toml: connections: plant.tau: expected one output that feeds it, got plant.tau_s and controller.tau.",
+        ),
+        (
+            "x.toml",
+            SYSTEM + '"plant.q" = ["controller.q", "controller.q"]\n',
+            "system",
+            "x.toml: connections: controller.q: expected one output that feeds it, got plant.q and plant.q.",
+        ),
+        ("x.py", UNIT + "    def outputs(self) -> None:\n        self.y = self.v\n", "unit", "x.py, line 9"),
+        ("x.py", UNIT, "unit", "y"),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path, name, text, kind, problem):
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    report = inspect_source(path, "planar_2dof")
+    assert report.kind == kind
+    assert any(problem in line for line in report.problems), report.problems
+
+
+OPENED = (
+    "from pathlib import Path\nPath(__file__).with_name('ran').write_text(str(__import__('os').getpid()))\n"
+)
+GAIN = UNIT + "    def outputs(self) -> None:\n        self.y = 2.0 * self.u\n"
+NAMED = {
+    "x.py": "",
+    "system.toml": 'name = "x"\ndescription = "x"\n[units]\na = "x.py"\n[connections]\n',
+    "more.toml": 'name = "y"\nextends = "system.toml"\n',
+    "scenario.toml": SCENARIO.replace('robot = "planar_2dof"', 'system = "more.toml"'),
+}
+
+
+@pytest.mark.parametrize("name", NAMED)
+@pytest.mark.parametrize("option", [None, "--json", "--sarif"])
+def test_no_run_runs_no_code_of_a_file_nor_of_one_that_it_names(tmp_path, monkeypatch, name, option):
+    monkeypatch.chdir(tmp_path)
+    for file, text in NAMED.items():
+        Path(file).write_text(text or OPENED + GAIN)
+    options = [option] if option else []
+
+    def said(*more: str):
+        done = CliRunner().invoke(app, ["check", name, *options, *more])
+        assert done.exit_code == 0, done.output
+        return done.stdout
+
+    text = said("--no-run")
+    assert not Path("ran").exists()
+    assert "x.py is code and was not run (--no-run)" in text
+    if option == "--json":
+        report = json.loads(text)
+        assert (report["ran"], [f["rule"] for f in report["findings"]]) == (False, ["RUN006"])
+    elif option:
+        assert json.loads(text)["runs"][0]["results"][0]["ruleId"] == "RUN006"
+    text = said()
+    assert int(Path("ran").read_text()) != os.getpid()  # in a process of its own
+    if option == "--json":
+        report = json.loads(text)
+        assert (report["ran"], report["findings"]) == (True, [])
+    elif option is None:
+        assert "no problems" in text
+
+
+def test_a_file_that_ends_its_process_or_is_no_python_is_a_problem(tmp_path):
+    (tmp_path / "x.py").write_text("import os\nos._exit(3)\n")
+    (problem,) = inspect_source(tmp_path / "x.py", "planar_2dof").problems
+    assert (problem.rule.number, "crashed (exit code 3) in the check of x.py" in problem) == ("RUN002", True)
+    for text, line in (("class :\n", 1), ("a = 1\n\nb = (\n", 3), ("\0", 0)):
+        (tmp_path / "x.py").write_text(text)
+        for run in (True, False):
+            report = inspect_source(tmp_path / "x.py", "planar_2dof", run=run)
+            assert not report.ran
+            assert [(p.rule.number, p.line) for p in report.problems] == [("SRC001", line)], report

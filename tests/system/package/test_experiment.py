@@ -1,0 +1,117 @@
+"""The default experiment and its annotations: what is written is read back, and what cannot be run is a problem."""
+
+from __future__ import annotations
+
+import dataclasses
+import zipfile
+
+import pytest
+
+from vdfmu.base.errors import SspError
+from vdfmu.engine.inspect.inspection import check_file
+from vdfmu.engine.package import load_ssp
+from vdfmu.engine.package.experiment import FOREIGN, Experiment, read_experiment
+from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.package.structure_file import structure_file
+from vdfmu.system.scenario import load_scenario
+
+SSD = (
+    '<ssd:SystemStructureDescription xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription" '
+    'xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon" '
+    f'xmlns:osp="{FOREIGN["osp"]}" xmlns:own="{FOREIGN["vdfmu"]}" '
+    'version="{version}" name="t"><ssd:System name="s"/>{experiment}</ssd:SystemStructureDescription>'
+)
+
+
+def write(path, attributes="", *annotations, version="1.0"):
+    inner = f"<ssd:Annotations>{''.join(annotations)}</ssd:Annotations>" if annotations else ""
+    text = SSD.format(
+        version=version, experiment=f"<ssd:DefaultExperiment {attributes}>{inner}</ssd:DefaultExperiment>"
+    )
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("SystemStructure.ssd", text)
+    return path
+
+
+def ours(attributes):
+    return f'<ssc:Annotation type="org.vdfmu.experiment"><own:Experiment {attributes}/></ssc:Annotation>'
+
+
+def osp(attributes):
+    return (
+        '<ssc:Annotation type="com.opensimulationplatform"><osp:Algorithm>'
+        f"<osp:FixedStepAlgorithm {attributes}/></osp:Algorithm></ssc:Annotation>"
+    )
+
+
+def problems(path):
+    with pytest.raises(SspError) as info:
+        load_ssp(path)
+    return info.value.problems
+
+
+@pytest.mark.parametrize("version", ["1.0", "2.0"])
+@pytest.mark.parametrize(("master", "adaptive"), [("jacobi", None), ("iterative", 2e-6)])
+def test_what_is_written_is_read_back(master, adaptive, version):
+    scenario = dataclasses.replace(
+        load_scenario("planar_tracking"), step=2e-3, stop=3.0, master=master, adaptive=adaptive
+    )
+    root = structure_file(SystemDescription(scenario, version=version))
+    assert read_experiment(root, "x") == (Experiment(0.0, 3.0, 2e-3, master, adaptive), [])
+
+
+def test_the_step_of_libcosim_is_read_where_there_is_none_of_ours(tmp_path):
+    path = write(tmp_path / "x.ssp", 'stopTime="1"', osp('baseStepSize="0.25"'))
+    assert load_ssp(path).experiment == Experiment(stop=1.0, step=0.25)
+    path = write(tmp_path / "x.ssp", "", osp('baseStepSize="0.25"'), ours('communicationStepSize="0.5"'))
+    assert load_ssp(path).experiment == Experiment(step=0.5)
+
+
+def test_annotations_of_others_are_left_alone(tmp_path):
+    other = '<ssc:Annotation type="com.example"><own:Experiment communicationStepSize="x"/></ssc:Annotation>'
+    path = write(tmp_path / "x.ssp", 'stopTime="1"', other, '<ssc:Annotation type="org.vdfmu.experiment"/>')
+    assert load_ssp(path).experiment == Experiment(stop=1.0)
+
+
+@pytest.mark.parametrize("attributes", ["", 'startTime="1"', 'stopTime="2"', 'startTime="-1" stopTime="0"'])
+def test_times_may_be_left_out(tmp_path, attributes):
+    experiment = load_ssp(write(tmp_path / "x.ssp", attributes)).experiment
+    assert (experiment.start is None) == ("startTime" not in attributes)
+    assert (experiment.stop is None) == ("stopTime" not in attributes)
+
+
+@pytest.mark.parametrize(
+    ("attributes", "expected"),
+    [
+        ('stopTime="INF"', "expected a finite stopTime, got INF"),
+        ('stopTime="NaN"', "expected a finite stopTime, got NaN"),
+        ('startTime="-INF" stopTime="1"', "expected a finite startTime, got -INF"),
+        ('startTime="3" stopTime="2"', "expected a stopTime after startTime 3 s, got 2 s"),
+        ('startTime="2" stopTime="2"', "expected a stopTime after startTime 2 s, got 2 s"),
+        ('stopTime="-1"', "expected a stopTime after startTime 0 s, got -1 s"),
+    ],
+)
+@pytest.mark.parametrize("version", ["1.0", "2.0"])
+def test_times_that_cannot_be_run_are_a_problem(tmp_path, attributes, expected, version):
+    path = write(tmp_path / "x.ssp", attributes, version=version)
+    (found,) = [problem for problem in check_file(path) if "default experiment" in problem]
+    assert found.startswith("x.ssp: SystemStructure.ssd, line 1: default experiment: ")
+    assert expected in found
+    if version == "1.0":
+        assert problems(path) == [found]
+
+
+@pytest.mark.parametrize(
+    ("annotation", "expected"),
+    [
+        (osp('baseStepSize="0"'), "expected a positive finite baseStepSize, got 0; write a time in s"),
+        (ours('communicationStepSize="fast"'), "expected a positive finite communicationStepSize, got fast"),
+        (ours('algorithm="euler"'), "expected algorithm gauss-seidel, jacobi, extrapolated, iterative, got 'euler'"),
+        (ours('algorithm="iterative" adaptive="2"'), "expected a positive adaptive, got 2; write a relative error"),
+        (ours('algorithm="jacobi" adaptive="1e-6"'), "adaptive is for extrapolated and iterative, not for jacobi"),
+    ],
+)  # fmt: skip
+def test_annotations_that_cannot_be_run_are_a_problem(tmp_path, annotation, expected):
+    (found,) = problems(write(tmp_path / "x.ssp", 'stopTime="1"', annotation))
+    assert found.startswith("x.ssp: SystemStructure.ssd, line 1: default experiment: ")
+    assert expected in found

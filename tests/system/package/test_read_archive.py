@@ -1,0 +1,232 @@
+"""Packages that mean harm: entries, XML and sources that are refused, with what, where and the way out."""
+
+from __future__ import annotations
+
+import io
+import stat
+import struct
+import warnings
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from vdfmu.base.errors import SspError
+from vdfmu.engine.package import limits, load_ssp
+from vdfmu.engine.package.archive import Archive
+from vdfmu.engine.package.parse import NAMESPACES
+
+SPACES = "".join(f'xmlns:{prefix}="{space}" ' for prefix, space in NAMESPACES.items())
+EMPTY = (
+    f'<ssd:SystemStructureDescription {SPACES} version="1.0" name="t"><ssd:System name="s">{{}}</ssd:System>'
+    "</ssd:SystemStructureDescription>"
+)
+SSV = f'<ssv:ParameterSet {SPACES} version="1.0" name="p"><ssv:Parameters>{{}}</ssv:Parameters></ssv:ParameterSet>'
+SSM = f'<ssm:ParameterMapping {SPACES} version="1.0">{{}}</ssm:ParameterMapping>'
+
+
+def component(source: str, inner: str = "") -> str:
+    return f'<ssd:Elements><ssd:Component name="a" source="{source}">{inner}</ssd:Component></ssd:Elements>'
+
+
+def binding(source: str, mapping: str = "") -> str:
+    inner = f'<ssd:ParameterMapping source="{mapping}"/>' if mapping else ""
+    return (
+        f'<ssd:ParameterBindings><ssd:ParameterBinding source="{source}">{inner}</ssd:ParameterBinding>'
+        "</ssd:ParameterBindings>"
+    )
+
+
+def write(path: Path, body: str = "", members: dict[str, bytes | str] | None = None) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("SystemStructure.ssd", EMPTY.format(body))
+        for name, data in (members or {}).items():
+            file.writestr(name, data)
+    return path
+
+
+def problems(path: Path) -> list[str]:
+    with pytest.raises(SspError) as info:
+        load_ssp(path)
+    return info.value.problems
+
+
+def test_a_symbolic_link_is_refused(tmp_path):
+    path = write(tmp_path / "x.ssp")
+    link = zipfile.ZipInfo("resources/link.fmu")
+    link.create_system = 3
+    link.external_attr = (stat.S_IFLNK | 0o777) << 16
+    with zipfile.ZipFile(path, "a") as file:
+        file.writestr(link, "/etc/passwd")
+    assert problems(path) == ["x.ssp: entry 'resources/link.fmu' is a symbolic link; pack the file itself"]
+
+
+def test_entries_that_are_one_file_on_other_systems_are_refused(tmp_path):
+    (found,) = problems(write(tmp_path / "x.ssp", members={"resources/A.fmu": b"", "resources/a.fmu": b""}))
+    assert found.startswith("x.ssp: entries 'resources/A.fmu' and 'resources/a.fmu' are one file")
+    (found,) = problems(write(tmp_path / "y.ssp", members={"resources": b"", "resources/a.fmu": b""}))
+    assert found == "y.ssp: entry 'resources' is a file and the folder of 'resources/a.fmu'"
+
+
+def test_an_entry_that_occurs_twice_has_one_content(tmp_path):
+    def doubled(path: Path, content: bytes) -> Path:
+        write(path, members={"a.txt": b"text"})
+        with zipfile.ZipFile(path, "a") as file, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            file.writestr("a.txt", content)
+        return path
+
+    assert problems(doubled(tmp_path / "x.ssp", b"same")) == [
+        "x.ssp: entry 'a.txt' occurs twice, with different contents"
+    ]
+    path = doubled(tmp_path / "y.ssp", b"text")
+    with Archive(path, path.name) as archive:
+        assert (archive.names.count("a.txt"), archive.doubled, archive.read("a.txt")) == (
+            1,
+            ["a.txt"],
+            b"text",
+        )
+    data = bytearray(path.read_bytes())
+    data[data.index(b"text")] ^= 1  # the first of two entries of one check sum is damaged
+    path.write_bytes(data)
+    assert problems(path) == ["y.ssp: entry 'a.txt' occurs twice, with different contents"]
+
+
+def test_other_packing_methods_are_refused(tmp_path):
+    path = write(tmp_path / "x.ssp")
+    with zipfile.ZipFile(path, "a", zipfile.ZIP_LZMA) as file:
+        file.writestr("a.fmu", bytes(1000))
+    assert problems(path) == [
+        "x.ssp: entry 'a.fmu' is packed by method 14; SSP and FMI allow 0 (stored) and 8 (deflated)"
+    ]
+
+
+def patched(path: Path, offset: int, value: int, form: str) -> Path:
+    """Change a field of the last entry, in its local and in its central header."""
+    data = bytearray(path.read_bytes())
+    central, local = data.rindex(b"PK\x01\x02"), data.rindex(b"PK\x03\x04")
+    for start in (central + offset, local + offset - 2):  # the local header has one field of two bytes less
+        struct.pack_into(form, data, start, value)
+    path.write_bytes(bytes(data))
+    return path
+
+
+def test_an_encrypted_entry_is_refused(tmp_path):
+    path = patched(write(tmp_path / "x.ssp", members={"a.fmu": b"secret"}), 8, 1, "<H")
+    assert problems(path) == ["x.ssp: entry 'a.fmu' is encrypted; pack it without a password"]
+
+
+def test_a_false_declared_size_unpacks_no_more_than_it_says(tmp_path):
+    """A bomb that declares 10 bytes: what is read is bounded by that, and its check sum gives it away."""
+    path = patched(write(tmp_path / "x.ssp", members={"a.fmu": bytes(10_000_000)}), 24, 10, "<I")
+    with (
+        Archive(path, "x.ssp") as opened,
+        pytest.raises(SspError, match="'a.fmu' cannot be unpacked: Bad CRC-32"),
+    ):
+        opened.read("a.fmu")
+
+
+def test_too_many_entries_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(limits, "COUNT_LIMIT", 10)
+    path = write(tmp_path / "x.ssp", members={f"resources/{i}": b"" for i in range(10)})
+    assert problems(path) == ["x.ssp: has 11 entries; the limit is 10"]
+
+
+def test_all_bad_entries_come_at_once_and_a_flood_is_cut(tmp_path):
+    path = write(tmp_path / "x.ssp", members={f"../{i}": b"" for i in range(60)})
+    found = problems(path)
+    assert len(found) == 51
+    assert found[-1] == "x.ssp: and 10 more such entries"
+
+
+BOMB = '<!DOCTYPE d [<!ENTITY a "aaaaaaaaaa">{}]>'.format(
+    "".join(f'<!ENTITY {chr(98 + i)} "{"".join([f"&{chr(97 + i)};"] * 10)}">' for i in range(9))
+)
+EVIL = {
+    "billion laughs": (BOMB, 'name="{}&j;"'),
+    "external entity": ('<!DOCTYPE d [<!ENTITY e SYSTEM "file:///etc/passwd">]>', "&e;"),
+    "parameter entity": ('<!DOCTYPE d [<!ENTITY % e SYSTEM "http://localhost:1/x"> %e;]>', ""),
+    "external subset": ('<!DOCTYPE d SYSTEM "http://localhost:1/x.dtd">', ""),
+}
+
+
+@pytest.mark.parametrize("which", EVIL)
+@pytest.mark.parametrize("kind", ["ssd", "ssv", "ssm", "fmu"])
+def test_entities_are_refused_in_every_kind_of_file(tmp_path, which, kind):
+    doctype, text = EVIL[which]
+    evil = f"{doctype}<x {text}/>" if "=" in text else f"{doctype}<x>{text}</x>"
+    members: dict[str, bytes | str] = {"a.fmu": b"", "p.ssv": SSV.format(""), "m.ssm": SSM.format("")}
+    if kind == "ssd":
+        path = tmp_path / "x.ssp"
+        with zipfile.ZipFile(path, "w") as file:
+            file.writestr("SystemStructure.ssd", evil)
+    elif kind == "fmu":
+        from vdfmu.engine.inspect.inspection import check_file
+
+        path = tmp_path / "x.fmu"
+        with zipfile.ZipFile(path, "w") as file:
+            file.writestr("modelDescription.xml", evil)
+        (found,) = check_file(path)
+        assert "document type declaration, which is refused" in found
+        return
+    else:
+        members["p.ssv" if kind == "ssv" else "m.ssm"] = evil
+        path = write(tmp_path / "x.ssp", component("a.fmu", binding("p.ssv", "m.ssm")), members)
+    (found,) = problems(path)
+    assert "has a document type declaration, which is refused (entities); remove it" in found
+    assert {"ssd": "SystemStructure.ssd", "ssv": "p.ssv", "ssm": "m.ssm"}[kind] in found
+
+
+def test_an_xinclude_is_refused(tmp_path):
+    include = (
+        '<ssd:Annotations><ssc:Annotation type="t"><xi:include xmlns:xi="http://www.w3.org/2001/XInclude" '
+        'href="file:///etc/passwd" parse="text"/></ssc:Annotation></ssd:Annotations>'
+    )
+    (found,) = problems(write(tmp_path / "x.ssp", include))
+    assert "has an XInclude, which is refused" in found
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "..%2fout.fmu", "%2e%2e/out.fmu", "..%5cout.fmu", "resources/../../out.fmu", "/etc/out.fmu", "%2Fetc/out.fmu",
+        "//host/out.fmu", "http://localhost:1/out.fmu", "file:///etc/out.fmu", "C:/out.fmu", "C:\\out.fmu",
+        "a.fmu?x=1",
+    ],
+)  # fmt: skip
+def test_sources_outside_the_package_are_refused(tmp_path, source):
+    found = problems(write(tmp_path / "x.ssp", component(source, binding(source)), {"a.fmu": b""}))
+    assert len(found) == 2
+    assert all("is not a relative path inside the package; put the file into the package" in f for f in found)
+    assert found[0].startswith("x.ssp: component 'a': source ")
+    assert found[1].startswith("x.ssp: parameter binding of a: source ")
+
+
+def test_a_source_is_decoded_once(tmp_path):
+    (found,) = problems(write(tmp_path / "x.ssp", component("%252e%252e%252fout.fmu")))
+    assert found == "x.ssp: component 'a': the package has no '%2e%2e%2fout.fmu'"
+    body = component("my%20arm.fmu")
+    assert load_ssp(write(tmp_path / "y.ssp", body, {"my arm.fmu": b""})).components[0].source == "my arm.fmu"
+
+
+def test_packages_inside_packages_have_a_limit(tmp_path):
+    data = write(tmp_path / "0.ssp", component("a.fmu"), {"a.fmu": b""}).read_bytes()
+    inner = '<ssd:Elements><ssd:Component name="a" type="application/x-ssp-package" source="in.ssp"/></ssd:Elements>'
+    for depth in range(limits.NESTING_LIMIT + 1):
+        path = write(tmp_path / f"{depth}.ssp", inner, {"in.ssp": data})
+        if depth == limits.NESTING_LIMIT - 1:
+            name = ".".join(["a"] * (limits.NESTING_LIMIT + 1))
+            assert [c.name for c in load_ssp(path).components] == [name]
+        data = path.read_bytes()
+    (found,) = problems(path)
+    assert f"is a package inside {limits.NESTING_LIMIT} others; that is the limit" in found
+
+
+def test_a_package_inside_is_held_to_the_same_rules(tmp_path):
+    box = io.BytesIO()
+    with zipfile.ZipFile(box, "w") as file:
+        file.writestr("SystemStructure.ssd", EMPTY.format(""))
+        file.writestr("../evil", "x")
+    inner = '<ssd:Elements><ssd:Component name="a" type="application/x-ssp-package" source="in.ssp"/></ssd:Elements>'
+    (found,) = problems(write(tmp_path / "x.ssp", inner, {"in.ssp": box.getvalue()}))
+    assert found.startswith("x.ssp: in.ssp: entry '../evil' points outside the package")

@@ -1,0 +1,432 @@
+"""Systems in every form that SSP 1.0 has for them: nested, referenced, packed inside, in several files."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from pathlib import Path
+
+import fmpy
+import pytest
+
+from vdfmu.base.errors import SspError
+from vdfmu.engine.package import load_ssp
+from vdfmu.engine.package.parse import NAMESPACES
+from vdfmu.engine.plan.check import check_system
+
+SPACES = "".join(f'xmlns:{prefix}="{space}" ' for prefix, space in NAMESPACES.items())
+PACKAGE = 'type="application/x-ssp-package"'
+DEFINITION = 'type="application/x-ssp-definition"'
+IO = '<ssd:Connectors><ssd:Connector name="u" kind="input"/><ssd:Connector name="y" kind="output"/></ssd:Connectors>'
+
+
+def ssd(system: str, rest: str = "", attributes: str = "") -> str:
+    return (
+        f'<ssd:SystemStructureDescription {SPACES} version="1.0" name="t">'
+        f'<ssd:System name="s" {attributes}>{system}</ssd:System>{rest}</ssd:SystemStructureDescription>'
+    )
+
+
+def component(name: str, source: str = "f.fmu", inner: str = IO, attributes: str = "") -> str:
+    return f'<ssd:Component name="{name}" source="{source}" {attributes}>{inner}</ssd:Component>'
+
+
+def elements(*items: str) -> str:
+    return f"<ssd:Elements>{''.join(items)}</ssd:Elements>"
+
+
+def connections(*links: str) -> str:
+    """From texts such as "a.y b.u"; an end without a dot is a connector of the system."""
+    out = []
+    for link in links:
+        text = ""
+        for label, end in zip(("start", "end"), link.split(), strict=True):
+            owner, _, name = end.rpartition(".")
+            text += (f'{label}Element="{owner}" ' if owner else "") + f'{label}Connector="{name}" '
+        out.append(f"<ssd:Connection {text}/>")
+    return f"<ssd:Connections>{''.join(out)}</ssd:Connections>"
+
+
+def values(*pairs: str, attributes: str = "", mapping: str = "") -> str:
+    inner = "".join(
+        f'<ssv:Parameter name="{name}"><ssv:Real value="{value}"/></ssv:Parameter>'
+        for name, _, value in (pair.partition("=") for pair in pairs)
+    )
+    return (
+        f"<ssd:ParameterBindings><ssd:ParameterBinding {attributes}><ssd:ParameterValues>"
+        f'<ssv:ParameterSet version="1.0" name="p"><ssv:Parameters>{inner}</ssv:Parameters></ssv:ParameterSet>'
+        f"</ssd:ParameterValues>{mapping}</ssd:ParameterBinding></ssd:ParameterBindings>"
+    )
+
+
+def zipped(members: dict[str, str | bytes]) -> bytes:
+    box = io.BytesIO()
+    with zipfile.ZipFile(box, "w") as file:
+        for name, data in members.items():
+            file.writestr(name, data)
+    return box.getvalue()
+
+
+@pytest.fixture
+def pack(tmp_path):
+    def write(members: dict[str, str | bytes], name: str = "x.ssp") -> Path:
+        path = tmp_path / name
+        path.write_bytes(zipped(members))
+        return path
+
+    return write
+
+
+def links(path: Path, **options) -> list[str]:
+    system = load_ssp(path, **options)
+    assert system.problems == ()
+    return sorted(map(str, system.connections))
+
+
+def problems(path: Path) -> list[str]:
+    with pytest.raises(SspError) as info:
+        load_ssp(path)
+    return info.value.problems
+
+
+GAIN = IO + elements(component("g")) + connections("u g.u", "g.y y")
+"""A system around one component, its connectors passed through."""
+
+
+def test_systems_of_three_levels_are_flattened_with_their_connectors(pack):
+    def nest(name: str, inner: str, of: str) -> str:
+        inner = elements(f'<ssd:System name="{of}">{inner}</ssd:System>')
+        return f"{IO}{inner}{connections(f'u {of}.u', f'{of}.y y')}"
+
+    deep = nest("", nest("", GAIN, "low"), "middle")
+    top = elements(f'<ssd:System name="high">{deep}</ssd:System>', component("a"), component("b"))
+    path = pack({"SystemStructure.ssd": ssd(top + connections("a.y high.u", "high.y b.u")), "f.fmu": b""})
+    assert links(path) == ["a.y -> high.middle.low.g.u", "high.middle.low.g.y -> b.u"]
+    assert all(len(c.hops) == 4 for c in load_ssp(path).connections)
+
+
+def test_a_package_inside_the_package_is_a_system(pack):
+    """Its connections, its parameters, those of its component, which win, and its units."""
+    unit = '<ssd:Units><ssc:Unit name="angle"><ssc:BaseUnit rad="1" factor="{}"/></ssc:Unit></ssd:Units>'
+    inner = zipped(
+        {
+            "SystemStructure.ssd": ssd(GAIN + "", unit.format("0.01"), "").replace(
+                "<ssd:Elements>", values("g.k=1", "g.m=2") + "<ssd:Elements>", 1
+            ),
+            "f.fmu": b"inner",
+        }
+    )
+    arm = component("arm", "resources/arm.ssp", IO + values("g.k=5"), PACKAGE)
+    system = ssd(elements(component("a"), arm) + connections("a.y arm.u"), unit.format("1"))
+    path = pack({"SystemStructure.ssd": system, "f.fmu": b"", "resources/arm.ssp": inner})
+    loaded = load_ssp(path)
+    assert links(path) == ["a.y -> arm.g.u"]
+    assert [(c.name, c.source) for c in loaded.components] == [
+        ("a", "f.fmu"),
+        ("arm.g", "resources/arm.ssp!/f.fmu"),
+    ]
+    assert {p.name: p.value for p in loaded.component("arm.g").parameters} == {"k": 5.0, "m": 2.0}
+    assert loaded.units["angle"].factor == 1.0
+    assert loaded.units["angle of resources/arm.ssp!/SystemStructure.ssd"].factor == 0.01
+
+
+def test_a_package_inside_can_be_read_as_another_variant(pack):
+    inner = zipped({"SystemStructure.ssd": ssd(""), "B.ssd": ssd(GAIN), "f.fmu": b""})
+    arm = component("arm", "arm.ssp#B.ssd", IO, PACKAGE)
+    path = pack(
+        {"SystemStructure.ssd": ssd(elements(component("a"), arm) + connections("a.y arm.u")),
+         "f.fmu": b"", "arm.ssp": inner}
+    )  # fmt: skip
+    assert links(path) == ["a.y -> arm.g.u"]
+    path = pack(
+        {
+            "SystemStructure.ssd": ssd(elements(component("arm", "arm.ssp#C.ssd", "", PACKAGE))),
+            "arm.ssp": inner,
+        }
+    )
+    assert problems(path) == ["x.ssp: arm.ssp: the package has no 'C.ssd'; it has SystemStructure.ssd, B.ssd"]
+
+
+def test_a_component_that_names_another_ssd_is_a_system(pack):
+    """The paths in it start at its own folder, and may go up inside the package."""
+    sub = ssd(
+        IO + elements(component("g", "../f.fmu"), component("h", "h.fmu")) + connections("u g.u", "h.y y")
+    )
+    top = elements(component("arm", "sub/arm.ssd", IO, DEFINITION), component("a")) + connections(
+        "arm.y a.u", "a.y arm.u"
+    )
+    members = {"SystemStructure.ssd": ssd(top), "sub/arm.ssd": sub, "f.fmu": b"", "sub/h.fmu": b""}
+    assert links(pack(members)) == ["a.y -> arm.g.u", "arm.h.y -> a.u"]
+    assert [c.source for c in load_ssp(pack(members)).components] == ["f.fmu", "sub/h.fmu", "f.fmu"]
+    members["sub/arm.ssd"] = sub.replace("../f.fmu", "../../f.fmu")
+    (found,) = problems(pack(members))
+    assert "source '../../f.fmu' is not a relative path inside the package" in found
+
+
+def test_one_system_can_be_there_several_times_by_its_id(pack):
+    first = f'<ssd:System name="p" id="arm">{GAIN}</ssd:System>'
+    second = component("q", "#arm", IO + values("g.k=3"), DEFINITION)
+    path = pack({"SystemStructure.ssd": ssd(elements(first, second) + connections("p.y q.u")), "f.fmu": b""})
+    assert links(path) == ["p.g.y -> q.g.u"]
+    assert [p.value for p in load_ssp(path).component("q.g").parameters] == [3.0]
+    assert load_ssp(path).component("p.g").parameters == ()
+    assert problems(pack({"SystemStructure.ssd": ssd(elements(component("q", "#leg")))})) == [
+        "x.ssp: component 'q': source '#leg': the SSD has no system with that id"
+    ]
+
+
+def test_systems_that_hold_themselves_are_refused(pack):
+    path = pack({"SystemStructure.ssd": ssd(elements(component("a", "SystemStructure.ssd", "", DEFINITION)))})
+    (found,) = problems(path)
+    assert "its system holds itself: SystemStructure.ssd" in found
+    path = pack({"SystemStructure.ssd": ssd(elements(component("a", "#me")), attributes='id="me"')})
+    assert problems(path) == [
+        "x.ssp: component 'a': source '#me' is a system that holds the component itself"
+    ]
+
+
+def test_connectors_of_a_component_are_held_against_its_system(pack):
+    wrong = IO.replace('name="y"', 'name="w"').replace('"u" kind="input"', '"u" kind="output"')
+    path = pack(
+        {"SystemStructure.ssd": ssd(elements(component("arm", "arm.ssd", wrong, DEFINITION))),
+         "arm.ssd": ssd(GAIN), "f.fmu": b""}
+    )  # fmt: skip
+    assert problems(path) == [
+        "x.ssp: component 'arm': connector 'u' is of kind output, its system says input",
+        "x.ssp: component 'arm': its system has no connector 'w'; it has u, y",
+    ]
+
+
+def test_components_that_are_nothing_to_run_are_refused_at_once(pack):
+    path = pack(
+        {
+            "SystemStructure.ssd": ssd(
+                elements(component("a", ""), component("b", "b.ssp"), component("c", "c.ssp", "", PACKAGE))
+            ),
+            "b.ssp": b"",
+        }
+    )
+    assert problems(path) == [
+        "x.ssp: component 'a': has no source, so that there is nothing to run; name an FMU",
+        "x.ssp: component 'b': 'b.ssp' is no FMU; set the component's type to 'application/x-ssp-package'",
+        "x.ssp: component 'c': the package has no 'c.ssp'",
+    ]
+
+
+def test_a_package_may_have_several_ssds(pack):
+    """The form of OMSimulator's resources/ParkerSimPack: variants of one system over the same FMUs."""
+    path = pack(
+        {
+            "SystemStructure.ssd": ssd(elements(component("a"), component("b")) + connections("a.y b.u")),
+            "VarB.ssd": ssd(elements(component("a"), component("b")) + connections("b.y a.u")),
+            "f.fmu": b"",
+        }
+    )
+    assert links(path) == ["a.y -> b.u"]
+    assert links(path, variant="VarB.ssd") == ["b.y -> a.u"]
+    with pytest.raises(SspError, match=r"no 'VarC.ssd'; it has SystemStructure.ssd, VarB.ssd"):
+        load_ssp(path, variant="VarC.ssd")
+
+
+def test_empty_element_names_mean_the_system_itself(pack):
+    """The form of OMSimulator's resources/import_export_parameters: startElement="" ."""
+    top = (
+        IO + elements(component("a")) + '<ssd:Connections><ssd:Connection startElement="" startConnector="u" '
+    )
+    top += 'endElement="a" endConnector="u"/></ssd:Connections>' + ""
+    path = pack(
+        {
+            "SystemStructure.ssd": ssd(top.replace("<ssd:Elements>", values("u=7") + "<ssd:Elements>")),
+            "f.fmu": b"",
+        }
+    )
+    assert load_ssp(path).problems == ()
+    assert [(p.name, p.value) for p in load_ssp(path).component("a").parameters] == [("u", 7.0)]
+
+
+def test_external_files_outside_the_resources_folder_with_prefix_and_precedence(pack):
+    """The form of ecos' quarter_truck, ssv/ beside resources/. The mapping finds names with their prefix."""
+    document = (
+        f'<ssv:ParameterSet {SPACES} version="1.0" name="p"><ssv:Parameters>'
+        '<ssv:Parameter name="k"><ssv:Real value="2"/></ssv:Parameter>'
+        '<ssv:Parameter name="m"><ssv:Real value="3"/></ssv:Parameter></ssv:Parameters></ssv:ParameterSet>'
+    )
+    mapping = (
+        f'<ssm:ParameterMapping {SPACES} version="1.0"><ssm:MappingEntry source="a.k" target="a.gain">'
+        '<ssc:LinearTransformation factor="10" offset="1"/></ssm:MappingEntry></ssm:ParameterMapping>'
+    )
+    top = (
+        '<ssd:ParameterBindings><ssd:ParameterBinding prefix="a." source="ssv/top%20values.ssv">'
+        '<ssd:ParameterMapping source="maps/names.ssm"/></ssd:ParameterBinding></ssd:ParameterBindings>'
+        + elements(component("a", inner=IO + values("m=9", "n=4")))
+    )
+    path = pack(
+        {
+            "SystemStructure.ssd": ssd(top),
+            "ssv/top values.ssv": document,
+            "maps/names.ssm": mapping,
+            "f.fmu": b"",
+        }
+    )
+    found = {p.name: p for p in load_ssp(path).component("a").parameters}
+    assert {name: p.value for name, p in found.items()} == {
+        "gain": 2.0,
+        "m": 9.0,
+        "n": 4.0,
+    }  # a.m is not mapped
+    (hop,) = found["gain"].hops
+    assert hop.transformation is not None
+    assert (hop.transformation.factor, hop.transformation.offset) == (10.0, 1.0)
+
+
+def nested(rest: str, name: str = "B", bindings: str = "") -> str:
+    return f'<ssd:System name="{name}">{bindings}{rest}</ssd:System>'
+
+
+def given(system) -> dict[str, dict[str, object]]:
+    return {c.name: {p.name: p.value for p in c.parameters} for c in system.components}
+
+
+def test_a_value_goes_to_everything_that_has_its_name(pack):
+    """Dots may be part of the names of elements: SSP 1.0, ParameterBindings."""
+    inner = nested(elements(component("C", inner=IO + values("k=3")), component("D")))
+    twin = component("B.C", inner=IO + values("k=5", "m=6"))
+    top = elements(inner, twin, component("a")) + connections("B.C.y a.u")
+    members = {"SystemStructure.ssd": ssd(top), "f.fmu": b""}
+    system = load_ssp(pack(members))
+    assert given(system) == {"B.C": {"k": 3.0}, "B.D": {}, "B.C#2": {"k": 5.0, "m": 6.0}, "a": {}}
+    assert [str(c) for c in system.connections] == ["B.C#2.y -> a.u"]
+    assert system.notes == ("several components have the dotted name B.C: B.C is called B.C#2 here",)
+    members["SystemStructure.ssd"] = ssd(values("B.C.k=9") + top)
+    found = given(load_ssp(pack(members)))
+    assert (found["B.C"], found["B.C#2"]) == ({"k": 9.0}, {"k": 9.0, "m": 6.0})
+
+
+def test_values_of_connectors_that_feed_no_input_have_no_effect(pack):
+    """The form of OMSimulator's resources/toplevelparameter1: a parameter that nothing is connected to."""
+    own = '<ssd:Connectors><ssd:Connector name="K" kind="parameter"/></ssd:Connectors>'
+    inner = nested(IO + elements(component("g")) + connections("g.y y"), "S")
+    top = own + values("K=4", "S.y=5", "S.u=6") + elements(inner, component("h")) + connections("S.y h.u")
+    system = load_ssp(pack({"SystemStructure.ssd": ssd(top), "f.fmu": b""}))
+    assert given(system) == {"S.g": {}, "h": {}}
+    assert (system.problems, system.unmatched) == ((), ())
+    assert system.notes == (
+        "the system: parameter 'K' (p: K): has no effect, nothing of a component is connected to K",
+        "S: parameter 'y' (p: S.y): has no effect, S.y is of kind output and has the value of its source",
+        "S: parameter 'u' (p: S.u): has no effect, nothing of a component is connected to S.u",
+    )
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_what_is_connected_takes_the_value_of_its_source_in_any_order(pack, order):
+    own = '<ssd:Connectors><ssd:Connector name="K" kind="input"/></ssd:Connectors>'
+    inner = nested(IO + elements(component("g", inner=IO + values("u=1"))) + connections("u g.u"), "S")
+    pairs = ["K=4", "S.u=5", "S.g.u=9"][::order]
+    top = own + values(*pairs) + elements(inner) + connections("K S.u")
+    system = load_ssp(pack({"SystemStructure.ssd": ssd(top), "f.fmu": b""}))
+    assert given(system) == {"S.g": {"u": 4.0}}
+    assert sorted(system.notes) == [
+        "S.g: parameter 'u' (p: S.g.u): has no effect, S.g.u is connected to K and takes its value (p: K)",
+        "S: parameter 'u' (p: S.u): has no effect, S.u is connected to K and takes its value (p: K)",
+    ]
+
+
+def test_a_signal_dictionary_in_a_file_joins_systems_of_two_levels(pack):
+    entries = (
+        f'<ssb:SignalDictionary {SPACES} version="1.0"><ssb:DictionaryEntry name="bus"><ssc:Real/>'
+        "</ssb:DictionaryEntry></ssb:SignalDictionary>"
+    )
+    reference = (
+        '<ssd:SignalDictionaryReference name="{0}" dictionary="d"><ssd:Connectors>'
+        '<ssd:Connector name="bus" kind="inout"/></ssd:Connectors></ssd:SignalDictionaryReference>'
+    )
+    low = elements(component("b"), reference.format("r")) + connections("r.bus b.u")
+    top = (
+        elements(component("a"), reference.format("r"), f'<ssd:System name="low">{low}</ssd:System>')
+        + connections("a.y r.bus")
+        + '<ssd:SignalDictionaries><ssd:SignalDictionary name="d" source="bus.ssb"/></ssd:SignalDictionaries>'
+    )
+    path = pack({"SystemStructure.ssd": ssd(top), "bus.ssb": entries, "f.fmu": b""})
+    assert links(path) == ["a.y -> low.b.u"]
+
+
+def test_a_system_of_ssp_2_is_read_by_its_own_schema(pack):
+    """`local` is a kind of connector that only SSP 2.0 has."""
+    inner = '<ssd:Connectors><ssd:Connector name="u" kind="local"/></ssd:Connectors>'
+    text = ssd(elements(component("a", inner=inner)))
+    found, *_ = problems(pack({"SystemStructure.ssd": text}))
+    assert (
+        found.startswith("x.ssp: SystemStructure.ssd, line")
+        and "'local' is not an element of the set" in found
+    )
+    newer = text.replace('version="1.0"', 'version="2.0"', 1)
+    system = load_ssp(pack({"SystemStructure.ssd": newer, "f.fmu": b""}))
+    assert (system.version, system.component("a").connectors["u"].kind) == ("2.0", "local")
+
+
+def enumeration_fmu(items: str) -> bytes:
+    """Make an FMU with an enumeration in and out; the binary is never loaded here."""
+    names = "".join(f'<Item name="{n}" value="{v}"/>' for n, v in (i.split("=") for i in items.split()))
+    variables = (
+        '<ScalarVariable name="u" valueReference="0" causality="input" variability="discrete">'
+        '<Enumeration declaredType="E" start="1"/></ScalarVariable>'
+        '<ScalarVariable name="y" valueReference="1" causality="output" variability="discrete" initial="calculated">'
+        '<Enumeration declaredType="E"/></ScalarVariable>'
+        '<ScalarVariable name="p" valueReference="2" causality="parameter" variability="tunable">'
+        '<Enumeration declaredType="E" start="1"/></ScalarVariable>'
+    )
+    unknowns = '<Unknown index="2" dependencies=""/>'
+    text = (
+        '<fmiModelDescription fmiVersion="2.0" modelName="E" guid="1"><CoSimulation modelIdentifier="E"/>'
+        f'<TypeDefinitions><SimpleType name="E"><Enumeration>{names}</Enumeration></SimpleType></TypeDefinitions>'
+        f"<ModelVariables>{variables}</ModelVariables><ModelStructure><Outputs>{unknowns}</Outputs>"
+        f"<InitialUnknowns>{unknowns}</InitialUnknowns></ModelStructure></fmiModelDescription>"
+    )
+    return zipped(
+        {"modelDescription.xml": text, f"binaries/{fmpy.platform}/E{fmpy.sharedLibraryExtension}": b""}
+    )
+
+
+def mapped(pack, entries: str, parameter: str = ""):
+    table = f"<ssc:EnumerationMappingTransformation>{entries}</ssc:EnumerationMappingTransformation>"
+    link = connections("a.y b.u").replace(
+        "/></ssd:Connections>", f">{table}</ssd:Connection></ssd:Connections>"
+    )
+    top = elements(component("a", "a.fmu"), component("b", "b.fmu", IO + parameter)) + link
+    return pack(
+        {
+            "SystemStructure.ssd": ssd(top),
+            "a.fmu": enumeration_fmu("off=1 on=2"),
+            "b.fmu": enumeration_fmu("idle=5 running=7 on=2"),
+        }
+    )
+
+
+def test_enumerations_are_mapped_by_the_names_of_their_items(pack):
+    off = '<ssc:MapEntry source="off" target="idle"/>'
+    checked = check_system(load_ssp(mapped(pack, off)))
+    (link,) = checked.links
+    assert link.conversion.table == {1: 5}
+    with pytest.raises(
+        SspError, match=r"names 'stop', which is no item of the target; there are idle, running, on"
+    ):
+        check_system(load_ssp(mapped(pack, '<ssc:MapEntry source="off" target="stop"/>')))
+    assert problems_of_wiring(mapped(pack, off + off)) == [
+        "connection a.y -> b.u: the mapping has several entries for off; keep one"
+    ]
+
+
+def problems_of_wiring(path: Path) -> list[str]:
+    return list(load_ssp(path).problems)
+
+
+def test_an_enumeration_of_a_parameter_set_is_mapped_by_name(pack):
+    table = (
+        '<ssd:ParameterMapping><ssm:ParameterMapping version="1.0"><ssm:MappingEntry source="mode" target="p">'
+        '<ssc:EnumerationMappingTransformation><ssc:MapEntry source="go" target="running"/>'
+        "</ssc:EnumerationMappingTransformation></ssm:MappingEntry></ssm:ParameterMapping></ssd:ParameterMapping>"
+    )
+    given = values("mode=go", mapping=table).replace("ssv:Real", "ssv:Enumeration")
+    path = mapped(pack, '<ssc:MapEntry source="off" target="idle"/>', given)
+    ((variable, value),) = check_system(load_ssp(path)).starts["b"]
+    assert (variable.name, value) == ("p", 7)

@@ -1,0 +1,182 @@
+"""What all formats are written from: signals, connections, parameter sets; and the diagram of the SSD."""
+
+import dataclasses
+
+import pytest
+
+from vdfmu.engine.package.parse import NAMESPACES
+from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.package.geometry import route
+from vdfmu.system.package.structure_file import structure_file
+from vdfmu.system.scenario import load_scenario
+from vdfmu.system.scenario.values import group_value, robot_parameters, system_values
+
+SCENARIOS = ["estimation", "planar_tracking", "slider_tracking", "tracking", "two_joint"]
+
+
+@pytest.fixture(scope="module", params=SCENARIOS)
+def scenario(request):
+    return load_scenario(request.param)
+
+
+@pytest.fixture(params=["1.0", "2.0"])
+def description(scenario, request):
+    return SystemDescription(scenario, version=request.param)
+
+
+def bound_values(description, unit):
+    """Name of a unit's variable to the values that its bindings give it, in their order."""
+    found = {}
+    for binding in description.bindings[unit]:
+        names = dict(binding.mapping)
+        for signal, values in description.parameter_sets[binding.file].entries:
+            name = names.get(signal.name, signal.name)
+            group = name.split("[")[0]
+            for variable, value in zip(signal.variables, values, strict=True):
+                index = dataclasses.replace(variable, group=group).name
+                found.setdefault(index, []).append(value)
+    return found
+
+
+def test_every_value_is_in_one_set_of_its_unit(description):
+    for unit, values in description.values.items():
+        assert bound_values(description, unit) == {name: [value] for name, value in values.items()}
+
+
+def test_the_scenario_comes_first_and_holds_all_that_the_fmu_of_the_robot_lacks(description):
+    """So an importer that applies one set applies the first, and the FMU's start values are the rest."""
+    known = robot_parameters("feedforward", description.tables["feedforward"], description.scenario)
+    for unit, bindings in description.bindings.items():
+        sets = [description.parameter_sets[b.file] for b in bindings]
+        names = [s.name for s in sets]
+        if unit == "estimator":  # a scenario sets nothing of it
+            assert names == ["robot"]
+        else:
+            assert names[0] == "scenario"
+            assert names[1:] in (["robot"], ["robot", "start"], ["start"])
+        for signal, values in (entry for s in sets if s.name == "robot" for entry in s.entries):
+            for variable, value in zip(signal.variables, values, strict=True):
+                assert value == known[variable.name], (unit, variable.name)
+
+
+def test_the_plant_that_differs_has_its_values_with_the_scenario():
+    description = SystemDescription(load_scenario("two_joint"))
+    scenario = {s.name for s, _ in description.parameter_sets["plant.scenario.ssv"].entries}
+    robot = {s.name for s, _ in description.parameter_sets["plant.robot.ssv"].entries}
+    assert {"mass[1]", "K_f0[6]", "f_v[2]"} <= scenario
+    assert {"ell[1]", "I_m[6]", "centroid[1,3]"} <= robot
+    assert description.bindings["feedforward"][1].file == "robot.ssv"
+
+
+def test_the_start_is_one_value_with_two_names_unless_they_differ():
+    scenario = load_scenario("planar_tracking")
+    description = SystemDescription(scenario)
+    (binding,) = [b for b in description.bindings["plant"] if b.file == "start.ssv"]
+    assert binding.mapping == (("q_start[1]", "q_0[1]"), ("q_start[2]", "q_0[2]"))
+    elsewhere = SystemDescription(scenario, system_values(scenario, {"plant.q_0[2]": "0.1"}))
+    assert "start.ssv" not in elsewhere.parameter_sets
+    assert bound_values(elsewhere, "plant")["q_0[2]"] == [0.1]
+    assert bound_values(elsewhere, "trajectory")["q_start[2]"] == [
+        group_value(scenario, "trajectory.q_start")[1]
+    ]
+
+
+def test_both_versions_connect_the_same_elements(scenario):
+    elements = []
+    for version in ("1.0", "2.0"):
+        description = SystemDescription(scenario, version=version)
+        pairs = set()
+        for link in description.links:
+            sides = []
+            for (unit, signal), index in ((link.start, link.start_index), (link.end, link.end_index)):
+                chosen = [v for v in signal.variables if not index or tuple(i + 1 for i in v.index) == index]
+                sides.append([f"{unit}.{v.name}" for v in chosen])
+            pairs |= set(zip(*sides, strict=True))
+        elements.append(pairs)
+    assert elements[0] == elements[1]
+    pairs_of_groups = 19 if scenario.system.path.stem == "estimator" else 16  # all of one signal a joint
+    assert len(elements[0]) == pairs_of_groups * scenario.robot.n
+
+
+def test_arrays_are_connected_whole_and_mixed_units_by_element():
+    whole = SystemDescription(load_scenario("tracking"), version="2.0").links
+    assert {len(link.start[1].variables) for link in whole} == {6}
+    assert len(whole) == 16
+    mixed = SystemDescription(load_scenario("slider_tracking"), version="2.0").links  # rad and m in one group
+    assert {link.start[1].name for link in mixed if link.start[1].group == "q"} == {"q[1]", "q[2]", "q[3]"}
+
+
+def test_an_array_and_scalars_are_connected_by_index():
+    description = SystemDescription(load_scenario("planar_tracking"), version="2.0")
+    array = next(s for s in description.signals("controller", "input") if s.name == "q")
+    scalars = tuple(
+        dataclasses.replace(array, name=v.name, variables=(v,), shape=()) for v in array.variables
+    )
+    others = tuple(s for s in description._signals["controller"] if s is not array)
+    description._signals["controller"] = (*others, *scalars)
+    links = [link for link in description.links if link.end[0] == "controller" and link.end[1].group == "q"]
+    assert [(x.start_index, x.end_index, x.end[1].name) for x in links] == [
+        ((1,), (), "q[1]"),
+        ((2,), (), "q[2]"),
+    ]
+    root = structure_file(description)
+    indices = [c.get("startIndices") for c in root.iter(f"{{{NAMESPACES['ssd']}}}Connection")]
+    assert [i for i in indices if i] == ["1", "2"]
+
+
+def test_the_diagram_is_orthogonal_and_goes_round_the_boxes(description):
+    root = structure_file(description)
+    boxes, places = {}, {}
+    for component in root.iterfind(".//ssd:Component", NAMESPACES):
+        geometry = component.find("ssd:ElementGeometry", NAMESPACES)
+        box = [float(geometry.get(key)) for key in ("x1", "y1", "x2", "y2")]
+        boxes[component.get("name")] = box
+        for connector in component.iterfind("ssd:Connectors/ssd:Connector", NAMESPACES):
+            place = connector.find("ssd:ConnectorGeometry", NAMESPACES)
+            x, y = float(place.get("x")), float(place.get("y"))
+            assert x == (0.0 if connector.get("kind") == "input" else 1.0)
+            assert 0.0 < y < 1.0
+            places[component.get("name"), connector.get("name")] = (
+                box[0] + x * (box[2] - box[0]),
+                box[1] + y * (box[3] - box[1]),
+            )
+    assert len(set(places.values())) == len(places)
+    canvas = root.find(".//ssd:SystemGeometry", NAMESPACES)
+    for connection in root.iterfind(".//ssd:Connection", NAMESPACES):
+        geometry = connection.find("ssd:ConnectionGeometry", NAMESPACES)
+        bends = zip(*(map(float, geometry.get(key).split()) for key in ("pointsX", "pointsY")), strict=True)
+        start = places[connection.get("startElement"), connection.get("startConnector")]
+        end = places[connection.get("endElement"), connection.get("endConnector")]
+        path = [start, *bends, end]
+        for (xa, ya), (xb, yb) in zip(path[:-1], path[1:], strict=True):
+            # the file has six digits of a coordinate below 1000 mm
+            assert min(abs(xa - xb), abs(ya - yb)) < 1e-3
+            for x1, y1, x2, y2 in boxes.values():
+                inside_x = max(xa, xb) > x1 + 1e-3 and min(xa, xb) < x2 - 1e-3
+                inside_y = max(ya, yb) > y1 + 1e-3 and min(ya, yb) < y2 - 1e-3
+                assert not (inside_x and inside_y), connection.attrib
+            assert float(canvas.get("x1")) < min(xa, xb)
+            assert max(xa, xb) < float(canvas.get("x2"))
+            assert float(canvas.get("y1")) < min(ya, yb)
+            assert max(ya, yb) < float(canvas.get("y2"))
+
+
+@pytest.mark.parametrize("scenario", ["tracking", "estimation"])
+def test_no_two_groups_of_signals_share_a_lane(scenario):
+    """What lies on each other in the diagram is one group."""
+    description = SystemDescription(load_scenario(scenario))
+    heights = {
+        (unit, signal.name): 0.0
+        for unit in description.corners
+        for kind in ("input", "output")
+        for signal in description.signals(unit, kind)
+    }
+    paths, _ = route(description, heights)
+    groups: dict[tuple[str, float], set[tuple[str, str]]] = {}
+    for link, path in zip(description.links, paths, strict=True):
+        group = link.start[0], link.start[1].group
+        groups.setdefault(("x", path[0][0]), set()).add(group)
+        if len(path) > 2:
+            groups.setdefault(("y", path[1][1]), set()).add(group)
+            groups.setdefault(("x", path[2][0]), set()).add(group)
+    assert [found for found in groups.values() if len(found) > 1] == []

@@ -1,0 +1,249 @@
+"""The files of both versions of SSP by the schemas of another package, OSP in libcosim, and what is refused."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import zipfile
+from xml.etree import ElementTree
+
+import pytest
+from pyssp_standard.ssd import SSD
+from pyssp_standard.ssm import SSM
+from pyssp_standard.ssv import SSV
+
+from vdfmu.arm.units import shipped_units
+from vdfmu.base.errors import StorageError, UsageError
+from vdfmu.base.files import read_member
+from vdfmu.compiler.unit.interface import Interface
+from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.package.documentation import system_page
+from vdfmu.system.package.drawing import draw_system
+from vdfmu.system.package.osp import write_osp
+from vdfmu.system.package.parameter_files import mapping_file, parameter_file
+from vdfmu.system.package.structure_file import structure_file
+from vdfmu.system.package.versions import fmi_of_format
+from vdfmu.system.package.write import write_ssp
+from vdfmu.system.package.xml import to_bytes
+from vdfmu.system.scenario import load_scenario
+from vdfmu.system.scenario.parts import build_parts
+from vdfmu.system.scenario.values import system_values
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    return load_scenario("planar_tracking")
+
+
+@pytest.fixture(scope="module")
+def fmus(scenario, tmp_path_factory):
+    """FMUs without the scenario's values."""
+    return build_parts(scenario, tmp_path_factory.mktemp("fmus"))
+
+
+@pytest.fixture(scope="module")
+def fmus_3(scenario, tmp_path_factory):
+    return build_parts(scenario, tmp_path_factory.mktemp("fmus"), fmi_version="3.0")
+
+
+@pytest.mark.parametrize("version", ["1.0", "2.0"])
+@pytest.mark.parametrize("name", ["estimation", "slider_tracking", "tracking", "two_joint"])
+def test_every_file_is_valid_for_another_reader(name, version, tmp_path):
+    description = SystemDescription(load_scenario(name), version=version)
+    files = {"SystemStructure.ssd": (SSD, structure_file(description))}
+    for file, parameters in description.parameter_sets.items():
+        files[file] = (SSV, parameter_file(parameters, version))
+    (binding,) = [b for b in description.bindings["plant"] if b.mapping]
+    files["plant.ssm"] = (SSM, mapping_file(binding.mapping, version))
+    for file, (reader, root) in files.items():
+        path = tmp_path / file
+        path.write_bytes(to_bytes(root))
+        with reader(path, mode="r") as read:
+            assert read.identifier.startswith(file[-3:] + ("2" if version == "2.0" else ""))
+            read.__check_compliance__()  # raises if it is not valid
+
+
+def test_a_package_of_ssp_2_holds_arrays(scenario, fmus_3, tmp_path):
+    path = write_ssp(scenario, fmus_3, tmp_path / "system.ssp", version="2.0")
+    assert path.read_bytes() == write_ssp(scenario, fmus_3, tmp_path / "b.ssp", version="2.0").read_bytes()
+    with zipfile.ZipFile(path) as archive:
+        ssd = archive.read("SystemStructure.ssd").decode()
+        ssv = archive.read("resources/controller.scenario.ssv").decode()
+        variables = {unit: _variables(archive.open(f"resources/{fmu.name}")) for unit, fmu in fmus_3.items()}
+    assert re.search(
+        r'name="tau_m" kind="input".*?<ssc:Float64 unit="N.m"/>\s*<ssc:Dimension size="2"/>', ssd, re.S
+    )
+    assert re.search(r'name="K_p">\s*<ssv:Float64 value="(\S+) (\S+)" unit="N.m/rad"/>\s*<ssc:Dim', ssv)
+    root = ElementTree.fromstring(ssd)
+    spaces = {
+        "d": "http://ssp-standard.org/SSP1/SystemStructureDescription",
+        "c": "http://ssp-standard.org/SSP1/SystemStructureCommon",
+    }
+    for component in root.iterfind(".//d:Component", spaces):
+        for connector in component.iterfind("d:Connectors/d:Connector", spaces):
+            shape = tuple(int(d.get("size")) for d in connector.iterfind("c:Dimension", spaces))
+            assert variables[component.get("name")][connector.get("name")] == shape
+
+
+def _variables(stream):
+    """Variables of an FMI 3.0 unit and their shapes."""
+    with zipfile.ZipFile(stream) as fmu:
+        model = ElementTree.fromstring(fmu.read("modelDescription.xml"))
+    return {
+        v.get("name"): tuple(int(d.get("start")) for d in v.iterfind("Dimension"))
+        for v in model.find("ModelVariables")
+    }
+
+
+def test_the_wrong_fmus_are_refused(scenario, fmus, fmus_3, tmp_path):
+    with pytest.raises(UsageError, match=r"SSP 2.0 holds units of FMI 3.0, got Trajectory.fmu of FMI 2.0"):
+        write_ssp(scenario, fmus, tmp_path / "x.ssp", version="2.0")
+    with pytest.raises(UsageError, match=r"SSP 1.0 holds units of FMI 2.0, got Trajectory.fmu of FMI 3.0"):
+        write_ssp(scenario, fmus_3, tmp_path / "x.ssp")
+    with pytest.raises(UsageError, match=r"an OSP system structure holds units of FMI 2.0"):
+        write_osp(scenario, fmus_3, tmp_path / "x")
+    with pytest.raises(UsageError, match=r"There is no SSP '1.1' here. There are: '1.0', '2.0'"):
+        write_ssp(scenario, fmus, tmp_path / "x.ssp", version="1.1")
+    with pytest.raises(StorageError, match=r"plant: .*none.fmu is missing or no FMU"):
+        write_ssp(scenario, {**fmus, "plant": tmp_path / "none.fmu"}, tmp_path / "x.ssp")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_page_says_which_version_of_fmi_is_in_it(scenario, fmus, fmus_3, tmp_path):
+    for listed, words in (
+        (fmus, "FMI 2.0."),
+        (fmus_3, "FMI 3.0."),
+        ({**fmus_3, "plant": fmus["plant"]}, "FMI 2.0 and 3.0."),
+    ):
+        package = write_ssp(scenario, listed, tmp_path / "x.ssp", mixed=True)
+        assert f"SSP 1.0, {words}" in read_member(package, "documentation/index.html").decode()
+
+
+def test_impossible_formats_say_what_to_do(monkeypatch):
+    assert [fmi_of_format(form, None) for form in ("1.0", "2.0", "osp")] == ["2.0", "3.0", "2.0"]
+    assert fmi_of_format("osp", "python") == "2.0"
+    with pytest.raises(UsageError, match=r"--format 3.0: expected one of 1.0, 2.0, osp"):
+        fmi_of_format("3.0", None)
+    with pytest.raises(UsageError, match=r"Python FMUs are of FMI 2.0. Leave out --backend python"):
+        fmi_of_format("2.0", "python")
+    monkeypatch.setattr("vdfmu.system.package.versions.native_available", lambda: False)
+    with pytest.raises(
+        UsageError, match=r"compiler is not installed. Install it \(pip install vdfmu\[native\]\)"
+    ):
+        fmi_of_format("2.0", None)
+
+
+@pytest.mark.parametrize("version", ["1.0", "2.0"])
+@pytest.mark.parametrize("name", ["planar_tracking", "slider_tracking", "two_joint"])
+def test_labels_in_the_diagram_have_room(name, version):
+    """Labels of 4.2 mm: those of one side are a line apart, and those of both sides do not meet."""
+    ssd = structure_file(SystemDescription(load_scenario(name), version=version))
+    space = "{http://www.w3.org/2000/svg}"
+    labels = [
+        (float(e.get("x")), float(e.get("y")), e.get("text-anchor"), len(e.text))
+        for e in ElementTree.fromstring(draw_system(ssd, {})).iter(f"{space}text")
+        if e.get("class") == "label"
+    ]
+    for x, y, side, length in labels:
+        for x2, y2, side2, length2 in labels:
+            if (x, side) == (x2, side2) and y != y2:
+                assert abs(y - y2) > 4.2
+            elif side == "start" and side2 == "end" and 0.0 < x2 - x < 80.0 and abs(y - y2) < 4.2:
+                assert (
+                    0.55 * 4.2 * (length + length2) < x2 - x
+                )  # a letter is 0.53 of its size wide in DejaVu Sans
+
+
+def test_the_page_shows_the_system(scenario):
+    description = SystemDescription(scenario)
+    ssd = structure_file(description)
+    page = system_page(description, ssd, {}, ["2.0"]).decode()
+    root = ElementTree.fromstring(
+        page.replace("<!DOCTYPE html>", "")
+        .replace('<meta charset="utf-8">', "")
+        .replace('<meta name="viewport" content="width=device-width">', "")
+        .replace("<br>", "")
+    )  # the rest is well-formed
+    lines = root.findall(".//{http://www.w3.org/2000/svg}polyline")
+    assert len(lines) == len(description.links)
+    cells = ["".join(cell.itertext()) for cell in root.iter("td")]
+    for unit, values in system_values(scenario).items():
+        for name, value in values.items():
+            if Interface(shipped_units()[unit], scenario.robot).find(name).type == "Real":
+                assert repr(float(value)) in cells, (unit, name)
+    assert "http://" not in page.replace("http://www.w3.org/2000/svg", "")  # needs no network
+
+
+def test_an_osp_folder_has_no_file_that_is_cut_off(scenario, fmus, tmp_path, monkeypatch):
+    """A disk that fills up at any file: each file is the old one or the new one."""
+    old = b'generationTool="vdfmu old"'
+    names = {path.name for path in write_osp(scenario, fmus, tmp_path).parent.iterdir()}
+    assert len(names) == 5
+    for name in names:
+        (tmp_path / name).write_bytes(old)
+    new = {path.name: path.read_bytes() for path in fmus.values()}
+    replace, moved = os.replace, []
+
+    def fill(source, target):
+        if len(moved) == 2:
+            raise OSError(28, "No space left on device")
+        replace(source, target)
+        moved.append(os.path.basename(target))
+
+    monkeypatch.setattr("os.replace", fill)
+    with pytest.raises(StorageError, match="No space left"):
+        write_osp(scenario, fmus, tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == names
+    for name in names:
+        assert (tmp_path / name).read_bytes() == (new[name] if name in moved else old)
+
+
+RUN = """
+import json, sys
+from libcosimpy.CosimExecution import CosimExecution
+from libcosimpy.CosimObserver import CosimObserver
+from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
+
+log_output_level(CosimLogLevel.ERROR)
+kind, path, wanted = sys.argv[1], sys.argv[2], json.load(open(sys.argv[3]))
+create = CosimExecution.from_osp_config_file if kind == "osp" else CosimExecution.from_ssp_file
+execution = create(path)
+observer = CosimObserver.create_last_value()
+execution.add_observer(observer)
+assert execution.simulate_until(20_000_000)
+read = {"Real": observer.last_real_values, "Integer": observer.last_integer_values,
+        "Boolean": observer.last_boolean_values}
+found = [read[kind](execution.slave_index_from_instance_name(unit), [reference])[0]
+         for unit, reference, kind in wanted]
+print(json.dumps([execution.status().current_time, found]))
+"""
+
+
+@pytest.mark.parametrize("kind", ["osp", "ssp"])
+def test_libcosim_applies_the_values(scenario, fmus, tmp_path, kind):
+    """FMUs without the scenario's values get all from OSP, and all but the start, which is mapped, from SSP."""
+    values = system_values(scenario)
+    if kind == "osp":
+        path = write_osp(scenario, fmus, tmp_path / "osp", values)
+    else:
+        path = write_ssp(scenario, fmus, tmp_path / "system.ssp", values)
+        for unit, group in (("trajectory", "q_start"), ("plant", "q_0")):
+            for name in [name for name in values[unit] if name.startswith(group)]:
+                del values[unit][name]
+    names = [(unit, name) for unit in values for name in values[unit]]
+    tables = {unit: Interface(shipped_units()[unit], scenario.robot) for unit in values}
+    wanted = [(u, tables[u].reference[n], tables[u].find(n).type) for u, n in names]
+    (tmp_path / "wanted.json").write_text(json.dumps(wanted))
+    done = subprocess.run(
+        [sys.executable, "-c", RUN, kind, str(path), str(tmp_path / "wanted.json")],
+        capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    time, found = json.loads(done.stdout.splitlines()[-1])
+    assert time == 20_000_000  # ns: 20 steps of the size that the file says
+    for (unit, name), value in zip(names, found, strict=True):
+        assert value == values[unit][name], (
+            unit,
+            name,
+        )  # the shortest text of a double reads back as that double

@@ -1,0 +1,1 @@
+"""The paper's arm: its numbers, equations, units and motions."""

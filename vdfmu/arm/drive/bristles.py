@@ -1,0 +1,36 @@
+"""Bristles in place of tanh (v / eps): friction that holds at rest, LuGre (Canudas de Wit et al. 1995). Off by default.
+
+The bristles are Dahl's element, with the level of (54) as its limit. Their damping fades with speed as
+``sigma_1 / (1 + sigma_1 |v| / (4 g))``: constant damping above ``4 g / |v|`` makes energy (Barabanov and Ortega 2000).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from vdfmu.arm.drive.dahl import dahl_rate
+
+_LEAST = 1e-9
+"""Torque [N m or N] that stands for a friction of 0, which has no bristles."""
+
+
+def bristle_rate(robot: Any, velocity: Any, tau_z: Any, level: Any) -> Any:
+    """Rate of the bristles' torque: (n,) [N m/s or N/s].
+
+    Parameters
+    ----------
+    velocity : (n,) [rad/s or m/s]
+    tau_z : (n,) [N m or N] torque of the bristles, link-side
+    level : (n,) [N m or N] friction at which they slip
+    """
+    return dahl_rate(robot.sigma_0, velocity, tau_z, level + _LEAST)
+
+
+def bristle_torque(robot: Any, velocity: Any, tau_z: Any, level: Any) -> Any:
+    """Friction of the bristles with their damping: (n,) [N m or N], link-side. Parameters as above."""
+    damping = _damping(robot, velocity, level)
+    return tau_z + damping * bristle_rate(robot, velocity, tau_z, level) / robot.sigma_0
+
+
+def _damping(robot: Any, velocity: Any, level: Any) -> Any:
+    return robot.sigma_1 / (1.0 + 0.25 * robot.sigma_1 * abs(velocity) / (level + _LEAST))

@@ -1,0 +1,64 @@
+"""End stops of a joint and the torque and speed of its motor. Not in the paper; off by default."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from vdfmu.compiler.scalar.generic import clip
+
+
+def _positive(x: Any) -> Any:
+    """Return x where it is positive, else 0: exact."""
+    return 0.5 * (x + abs(x))
+
+
+def stop_torque(robot: Any, q: Any, q_dot: Any) -> Any:
+    """Torque of the end stops on the links, which push and never pull: (n,) [N m or N], link-side.
+
+    ``k delta max(0, 1 + c delta_dot)`` for a depth delta beyond q_min or q_max (Hunt and Crossley 1975): a spring whose
+    damping grows with the depth, so that the torque has no jump at contact. A link that arrives with a speed v of
+    less than about 1 / c leaves with ``v (1 - 2/3 c v)``, to first order.
+
+    Parameters
+    ----------
+    q, q_dot : (n,) [rad or m, per s]
+    """
+    below, above = _positive(robot.q_min - q), _positive(q - robot.q_max)
+    damping = robot.stop_damping * q_dot
+    return robot.stop_stiffness * (below * _positive(1.0 - damping) - above * _positive(1.0 + damping))
+
+
+def stop_energy(robot: Any, q: Any) -> Any:
+    """Elastic energy of the end stops, ``k delta^2 / 2``: (n,) [J]."""
+    below, above = _positive(robot.q_min - q), _positive(q - robot.q_max)
+    return 0.5 * robot.stop_stiffness * (below * below + above * above)
+
+
+def motor_torque(robot: Any, tau: Any, kappa_dot: Any) -> Any:
+    """Torque that the motor gives where `tau` is asked for: (n,) [N m], motor-side.
+
+    Driving, the torque ends at tau_stall up to the share `full_speed` of the no-load speed, from there on a line that
+    is 0 at the no-load speed, and at 0 beyond it; braking, at tau_stall. A drive with one limit of torque and one of
+    speed, a rectangle, has a share near 1.
+
+    Parameters
+    ----------
+    tau : (n,) [N m] motor-side
+    kappa_dot : (n,) [rad/s or m/s]
+    """
+    speed = kappa_dot / robot.kappa_dot_max
+    forward, backward = (clip((1.0 - s) / (1.0 - robot.full_speed), 0.0, 1.0) for s in (speed, -speed))
+    return clip(tau, -robot.tau_stall * backward, robot.tau_stall * forward)
+
+
+def motor_rectangle(robot: Any, most: Any) -> tuple[Any, Any]:
+    """Speeds, and torques that motors give up to them: the largest rectangle under each torque-speed line.
+
+    Returns
+    -------
+    speed : (n,) [rad/s or m/s]
+        At most `most`. A line from standstill to the no-load speed has its rectangle at half of both.
+    tau : (n,) [N m] motor-side
+    """
+    speed = clip(clip(robot.full_speed, 0.5, 1.0) * robot.kappa_dot_max, 0.0, most)
+    return speed, motor_torque(robot, robot.tau_stall, speed)

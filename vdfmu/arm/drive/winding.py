@@ -1,0 +1,38 @@
+"""The motor's winding and its current loop, limited by voltage and current. Not in the paper; off by default."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from vdfmu.compiler.scalar.generic import clip
+
+
+def winding_torque(robot: Any, i_m: Any) -> Any:
+    """Torque of the motor, ``k_t i``: (n,) [N m], motor-side."""
+    return robot.k_t * i_m
+
+
+def winding_voltage(robot: Any, tau: Any, kappa_dot: Any, i_m: Any) -> Any:
+    """Voltage of a loop that knows the winding, and has the current follow with its bandwidth: (n,) [V].
+
+    Where the voltage is at its limit, at speed, the current falls behind and with it the torque.
+
+    Parameters
+    ----------
+    tau : (n,) [N m] torque that is asked for, motor-side; the current for it is limited to i_max
+    kappa_dot : (n,) [rad/s or m/s] rotor speed divided by ell
+    i_m : (n,) [A]
+    """
+    wanted = clip(tau / robot.k_t, -robot.i_max, robot.i_max)
+    free = robot.L_w * robot.w_i * (wanted - i_m) + _drop(robot, kappa_dot, i_m)
+    return clip(free, -robot.U_max, robot.U_max)
+
+
+def current_rate(robot: Any, tau: Any, kappa_dot: Any, i_m: Any) -> Any:
+    """Rate of the current, ``L i_dot = u - R i - k_t ell kappa_dot``: (n,) [A/s]. Parameters as above."""
+    return (winding_voltage(robot, tau, kappa_dot, i_m) - _drop(robot, kappa_dot, i_m)) / robot.L_w
+
+
+def _drop(robot: Any, kappa_dot: Any, i_m: Any) -> Any:
+    """Voltage that resistance and back-EMF take."""
+    return robot.R_w * i_m + robot.k_t * robot.ell * kappa_dot

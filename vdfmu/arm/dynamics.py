@@ -1,0 +1,202 @@
+"""Kinematics and dynamics of the rigid links, by the generated functions: the Python face of the equations."""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from vdfmu.arm.robot import Robot
+from vdfmu.arm.robot.robot import robot_argument
+from vdfmu.base.arrays import Floats
+from vdfmu.compiler.c.rows import compiled_rows
+from vdfmu.compiler.functions import Kernel
+
+_NO_WRENCH = np.zeros(6)
+_WORTH = 50_000
+"""States of batches, of one function and robot, from which on it is compiled: what that takes, they take uncompiled."""
+
+
+class _Kernel(Kernel):
+    """The functions of a robot; large batches run compiled where the compiler is installed."""
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot)
+        self._lock = threading.Lock()
+        self._asked: Counter[str] = Counter()
+        self._compiled: dict[str, Any] = {}
+
+    def calculate(
+        self,
+        name: str,
+        prepared: Any,
+        arrays: Sequence[Floats],
+        out: Floats,
+    ) -> None:
+        """Calculate a batch."""
+        with self._lock:
+            self._asked[name] += len(out)
+            if name not in self._compiled and self._asked[name] >= _WORTH:
+                self._compiled[name] = compiled_rows(self.casadi_function(name))
+        run = self._compiled.get(name)
+        if run is None:
+            super().calculate(name, prepared, arrays, out)
+        else:
+            run([*arrays, self.p], out)
+
+
+@lru_cache(maxsize=32)
+def _kernel(robot: Robot) -> Kernel:
+    return _Kernel(robot_argument(robot))  # robots are immutable and hash by identity
+
+
+def inverse_dynamics(
+    robot: Robot,
+    q: npt.ArrayLike,
+    q_dot: npt.ArrayLike,
+    q_ddot: npt.ArrayLike,
+    F_e: npt.ArrayLike | None = None,
+) -> Floats:
+    """Joint torques of the rigid arm for a given motion, Eq. (29)-(31) and (44)-(47), without friction.
+
+    Parameters
+    ----------
+    robot : Robot
+    q, q_dot, q_ddot : (n,) or (m, n) [rad or m, and per s, s2]
+        One state or a batch of m; a single row goes with a batch of the others.
+    F_e : (6,) or (m, 6) [N, N m], optional
+        Wrench that the arm exerts on its surroundings, in the end-effector frame {O}; it adds to the torques.
+
+    Returns
+    -------
+    tau : (n,) or (m, n) [N m or N], link-side
+
+    Raises
+    ------
+    KernelError
+        For a wrong shape or a number that is not finite.
+
+    Examples
+    --------
+    >>> robot = vdfmu.load_robot("manipulator_6dof")
+    >>> vdfmu.inverse_dynamics(robot, [0] * 6, [0] * 6, [0] * 6).round(3)
+    array([ 0.   , 31.884, 13.049,  0.   ,  2.943,  0.   ])
+    """
+    kernel = _kernel(robot)
+    n = kernel.robot.n
+    wrench = _NO_WRENCH if F_e is None else F_e
+    return kernel.rows("inverse_dynamics", (q, q_dot, q_ddot, wrench), (n, n, n, 6))
+
+
+def forward_dynamics(
+    robot: Robot,
+    q: npt.ArrayLike,
+    q_dot: npt.ArrayLike,
+    tau: npt.ArrayLike,
+    F_e: npt.ArrayLike | None = None,
+) -> Floats:
+    """Joint accelerations of the rigid arm by the articulated recursion, Eq. (44)-(47) solved for them.
+
+    The inverse of :func:`inverse_dynamics`, with its errors.
+
+    Parameters
+    ----------
+    robot : Robot
+    q, q_dot : (n,) or (m, n) [rad or m, and per s]
+        One state or a batch of m; a single row goes with a batch of the others.
+    tau : (n,) or (m, n) [N m or N], link-side
+    F_e : (6,) or (m, 6) [N, N m], optional
+        Wrench that the arm exerts on its surroundings, in {O}.
+
+    Returns
+    -------
+    q_ddot : (n,) or (m, n) [rad/s2 or m/s2]
+    """
+    kernel = _kernel(robot)
+    n = kernel.robot.n
+    wrench = _NO_WRENCH if F_e is None else F_e
+    return kernel.rows("forward_dynamics", (q, q_dot, tau, wrench), (n, n, n, 6))
+
+
+def gravity_torque(robot: Robot, q: npt.ArrayLike) -> Floats:
+    """Joint torques that hold the rigid arm at rest against gravity, Eq. (44)-(47) with (62).
+
+    Parameters
+    ----------
+    robot : Robot
+    q : (n,) or (m, n) [rad or m]
+        One position or a batch of m; errors as of :func:`inverse_dynamics`.
+
+    Returns
+    -------
+    G : (n,) or (m, n) [N m or N], link-side
+    """
+    rest = np.zeros(robot_argument(robot).n)
+    return inverse_dynamics(robot, q, rest, rest)
+
+
+def mass_matrix(robot: Robot, q: npt.ArrayLike) -> Floats:
+    """Mass matrix of the rigid arm by the mapping matrices (37)-(43), without the rotors.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : (n,) or (m, n) [rad or m]
+        One position or a batch of m; errors as of :func:`inverse_dynamics`.
+
+    Returns
+    -------
+    M : (n, n) or (m, n, n) [kg m2, kg m, kg]
+        Symmetric positive definite; ``M @ q_ddot`` are link-side torques.
+    """
+    n = robot_argument(robot).n
+    return _at_position(robot, "mass_matrix", q, (n, n))
+
+
+def jacobian(robot: Robot, q: npt.ArrayLike) -> Floats:
+    """Jacobian of the end effector, Eq. (37)-(38): ``V_O = J_q @ q_dot``.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : (n,) or (m, n) [rad or m]
+        One position or a batch of m; errors as of :func:`inverse_dynamics`.
+
+    Returns
+    -------
+    J_q : (6, n) or (m, 6, n) [m, rad, and per rad or m]
+        Linear part first, in the end-effector frame {O}; ``J_q.T @ F_e`` are the torques for a wrench in {O}.
+    """
+    return _at_position(robot, "jacobian", q, (6, robot_argument(robot).n))
+
+
+def forward_kinematics(robot: Robot, q: npt.ArrayLike) -> tuple[Floats, Floats]:
+    """Pose of the end-effector frame {O} in {I}, by the product of (34)-(36).
+
+    Parameters
+    ----------
+    robot : Robot
+    q : (n,) or (m, n) [rad or m]
+        One position or a batch of m; errors as of :func:`inverse_dynamics`.
+
+    Returns
+    -------
+    p_O : (3,) or (m, 3) [m]
+        Position of the origin of {O} in {I}.
+    R_O : (3, 3) or (m, 3, 3)
+        Rotation of {O} in {I}: ``R_O @ v`` turns a vector in {O} into {I}.
+    """
+    pose = _at_position(robot, "forward_kinematics", q, (12,))
+    return pose[..., :3], pose[..., 3:].reshape(*pose.shape[:-1], 3, 3)
+
+
+def _at_position(robot: Robot, name: str, q: npt.ArrayLike, shape: tuple[int, ...]) -> Floats:
+    """Return the result of a traced function of `q` alone, (..., *shape)."""
+    kernel = _kernel(robot)
+    flat = kernel.rows(name, (q,), (kernel.robot.n,))
+    return flat.reshape(*flat.shape[:-1], *shape)

@@ -1,0 +1,310 @@
+"""Feedforward torque: exact inverse of the plant, and virtual decomposition control (12)-(28), (48)-(53)."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vdfmu.arm.equations.flexible_joint import (
+    axial_torques,
+    rotor_body,
+    rotor_forces,
+    rotor_position,
+    rotor_transform,
+    rotor_velocities,
+)
+from vdfmu.arm.equations.friction import joint_friction
+from vdfmu.arm.equations.inverse_dynamics import (
+    gravity_in_links,
+    inverse_dynamics,
+    joint_torques,
+    link_forces,
+    link_motion,
+)
+from vdfmu.arm.equations.kinematics import joint_transforms, tool_transform
+from vdfmu.arm.equations.rigid_body import coriolis_matrix, gravity_force, link_body, mass_matrix
+from vdfmu.arm.equations.spatial import cross_motion, joint_axis, skew
+from vdfmu.arm.equations.trajectory import Desired
+from vdfmu.arm.world.attachment import Base
+from vdfmu.compiler.scalar.jet import derivative, jets
+
+
+class Feedforward(NamedTuple):
+    """Motor torque, and what springs and rotors do along the desired motion, each (n,).
+
+    tau_m [N m, motor-side]; tau_s [N m or N, link-side]; kappa_dot_d [rad/s or m/s].
+    """
+
+    tau_m: Any
+    tau_s: Any
+    kappa_dot_d: Any
+
+
+class Gains(NamedTuple):
+    """Gains of required velocities (12), net forces (15)-(17), (50) and drive torques (26)-(27), each (n,).
+
+    Lambda [1/s]; K_V, the multiple of the unit matrix that stands for the gain matrix K_B of link i; k_vq
+    [N m s/rad, motor-side]; k_vkappa [N m s/rad, motor-side].
+    """
+
+    Lambda: Any
+    K_V: Any
+    k_vq: Any
+    k_vkappa: Any
+
+
+class DriveMotion(NamedTuple):
+    """Spring torque, rotor position, velocity and acceleration along the desired motion, each (n,)."""
+
+    tau_s: Any
+    kappa: Any
+    kappa_dot: Any
+    kappa_ddot: Any
+
+
+def _base_jets(base: Base) -> Base:
+    """Motion of the base with two derivatives in time; A_S changes none."""
+    turning, zero = skew(base.V_S[3:]), np.zeros(6)
+    g_S_dot = -(turning @ base.g_S)
+    g_S_ddot = -(skew(base.V_S_dot[3:]) @ base.g_S) - turning @ g_S_dot
+    V_S_dot = np.concatenate(
+        [np.zeros(3), base.V_S_dot[3:]]
+    )  # the linear velocity stays 0: see `moving_base`
+    return Base(
+        jets(base.g_S, g_S_dot, g_S_ddot), jets(base.V_S, V_S_dot, zero), jets(base.V_S_dot, zero, zero)
+    )
+
+
+def desired_drive_motion(
+    robot: Any, desired: Desired, F_e_d: np.ndarray | None = None, base: Base | None = None
+) -> DriveMotion:
+    """Return what springs and rotors must do while the links follow the desired motion exactly.
+
+    ``tau_s = ID(q_d, ..) + xi_l`` and ``kappa = q_d + D(tau_s) + theta_err``; the two derivatives of kappa
+    come from running these lines on jets, which takes q_d up to its fourth derivative. The derivatives of the wrench
+    `F_e_d`, and of the acceleration of a moving base, are taken as zero.
+
+    With `rotor_coupling` ID holds the rotors' reaction (11), in which each rotor turns as its link does: the
+    deformation's own acceleration would take two more derivatives of q_d for each joint of the chain. What it adds to
+    kappa, ``D' I_m D_ddot``, is left out here; the torques of :func:`feedforward_inverse` have it.
+    """
+    q_d, q_d_dot, q_d_ddot, q_d_dddot, q_d_ddddot = desired
+    q = jets(q_d, q_d_dot, q_d_ddot)
+    q_dot = jets(q_d_dot, q_d_ddot, q_d_dddot)
+    q_ddot = jets(q_d_ddot, q_d_dddot, q_d_ddddot)
+    xi_l, _ = joint_friction(robot, q_dot, q_dot)
+    rotors = (q_dot, q_ddot) if robot.rotor_coupling else None
+    base_jets = None if base is None else _base_jets(base)
+    tau_s = inverse_dynamics(robot, q, q_dot, q_ddot, F_e_d, rotors, base_jets) + xi_l
+    kappa = rotor_position(robot, q, tau_s)
+    return DriveMotion(derivative(tau_s, 0), derivative(kappa, 0), derivative(kappa, 1), derivative(kappa, 2))
+
+
+def feedforward_inverse(
+    robot: Any, desired: Desired, F_e_d: np.ndarray | None = None, base: Base | None = None
+) -> Feedforward:
+    """Exact inverse of the plant along the desired motion: ``tau_m = z.T F_Dk + tau_s / ell + xi_m``.
+
+    This is (27) with zero velocity error and ``tau_t = tau_s / ell``. ``z.T F_Dk = I_m kappa_ddot`` for rotors in pure
+    rotation (56); for `rotor_coupling` see :func:`desired_drive_motion`.
+
+    Deviation: (28) as printed, ``tau + tau_f``, adds the link-side tau_f to the motor-side tau, and tau of (27) already
+    holds the spring torque as tau_t.
+
+    Parameters
+    ----------
+    desired : q_d to its fourth derivative, each (n,)
+    F_e_d : (6,) [N, N m] wrench that the arm is to exert on its surroundings, in {O}, constant
+    base : Base, optional
+        Motion of the base, of :func:`~vdfmu.arm.world.attachment.moving_base`; None: at rest.
+    """
+    drive = desired_drive_motion(robot, desired, F_e_d, base)
+    xi_l, xi_m = joint_friction(robot, desired.q_d_dot, drive.kappa_dot, drive.tau_s)
+    tau_s = drive.tau_s
+    tau_k = robot.I_m * drive.kappa_ddot  # (56)
+    if robot.rotor_coupling:
+        motion = link_motion(robot, desired.q_d, desired.q_d_dot, desired.q_d_ddot, base=base)
+        F_Dk = rotor_forces(robot, motion, drive.kappa_dot, drive.kappa_ddot)  # (7), (10)
+        tau_k = axial_torques(F_Dk)
+        tau_s = joint_torques(robot, link_forces(robot, motion, F_e_d, F_Dk)) + xi_l
+    tau_m = tau_k + tau_s / robot.ell + xi_m  # (27)
+    return Feedforward(tau_m, tau_s, drive.kappa_dot)
+
+
+class RequiredMotion(NamedTuple):
+    """Required velocities and accelerations of links and rotors, each (n,)."""
+
+    q_dot_r: Any
+    q_ddot_r: Any
+    kappa_dot_r: Any
+    kappa_ddot_r: Any
+
+
+def required_motion(
+    gains: Gains, desired: Desired, drive: DriveMotion, q: np.ndarray, q_dot: np.ndarray
+) -> RequiredMotion:
+    """Return the required joint velocities, Eq. (12), and their derivatives; the same for the rotors.
+
+    Deviation: the paper leaves kappa_dot_r open. Here it is q_dot_r plus the rate of the drive's deformation along
+    the desired motion.
+    """
+    q_dot_r = desired.q_d_dot + gains.Lambda * (desired.q_d - q)
+    q_ddot_r = desired.q_d_ddot + gains.Lambda * (desired.q_d_dot - q_dot)
+    return RequiredMotion(
+        q_dot_r,
+        q_ddot_r,
+        q_dot_r + (drive.kappa_dot - desired.q_d_dot),
+        q_ddot_r + (drive.kappa_ddot - desired.q_d_ddot),
+    )
+
+
+def required_net_forces(
+    robot: Any,
+    gains: Gains,
+    U_AB: list[np.ndarray],
+    q_dot: np.ndarray,
+    kappa_dot: np.ndarray,
+    required: RequiredMotion,
+    base: Base | None = None,
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Return the required net forces of links (50) and rotors (16), along required velocities, Eq. (48)-(49).
+
+    The joint's base and output link are parts of the links (Table 1 gives their masses together), so that (14), (15)
+    and (17) are (49) and (50). The rotor's gain K_D of (16) is k_vkappa, see :func:`drive_torques`. In pure rotation
+    (56) its required velocity (13) is ``ell kappa_dot_r`` about z, and (16) is ``I_m kappa_ddot_r``.
+
+    Deviation: (15)-(17) and (50) are read as ``F*_r = M V_r_dot + C(omega) V_r + G + K (V_r - V)``, with the required
+    acceleration, as virtual decomposition control has it.
+
+    Returns
+    -------
+    F_B_r_star : n times (6,) [N, N m] in {B_i}
+    F_D_r_star : n times (6,) [N, N m] in {D_i}
+    """
+    g_B = gravity_in_links(robot, U_AB, base=base)
+    V_S, V_S_dot = base[1:] if base else (None, None)
+    V_B: list[np.ndarray] = []
+    V_B_r: list[np.ndarray] = []
+    V_B_r_dot: list[np.ndarray] = []
+    F_B_r_star: list[np.ndarray] = []
+    for i in range(robot.n):
+        z = joint_axis(robot.joint_types[i])
+        V_B.append(z * q_dot[i])
+        V_B_r.append(z * required.q_dot_r[i])  # (48)
+        V_B_r_dot.append(z * required.q_ddot_r[i])
+        if i > 0 or base:
+            before = (V_B[i - 1], V_B_r[i - 1], V_B_r_dot[i - 1]) if i > 0 else (V_S, V_S, V_S_dot)
+            V_B[i] = V_B[i] + U_AB[i].T @ before[0]
+            V_B_r[i] = V_B_r[i] + U_AB[i].T @ before[1]  # (49), (14)
+            # the derivative of (49): U depends on the measured position, so its rate on the measured velocity
+            carried = U_AB[i].T @ before[2]
+            V_B_r_dot[i] = V_B_r_dot[i] + carried + cross_motion(V_B_r[i]) @ (z * q_dot[i])
+        body = link_body(robot, i)
+        F_B_r_star.append(
+            mass_matrix(*body) @ V_B_r_dot[i]
+            + coriolis_matrix(*body, V_B[i][3:]) @ V_B_r[i]
+            + gravity_force(*body[:2], g_B[i])
+            + gains.K_V[i] * (V_B_r[i] - V_B[i])
+        )  # (50), (15), (17)
+    if not robot.rotor_coupling:
+        return F_B_r_star, list(np.outer(robot.I_m * required.kappa_ddot_r, joint_axis("revolute")))  # (56)
+    V_D = rotor_velocities(robot, V_B, kappa_dot, V_S)
+    V_D_r = rotor_velocities(robot, V_B_r, required.kappa_dot_r, V_S)  # (13)
+    V_D_r_dot = rotor_velocities(robot, V_B_r_dot, required.kappa_ddot_r, V_S_dot)
+    F_D_r_star: list[np.ndarray] = []
+    for i in range(robot.n):
+        rotor = rotor_body(robot, i)
+        F_D_r_star.append(
+            mass_matrix(*rotor) @ V_D_r_dot[i] + coriolis_matrix(*rotor, V_D[i][3:]) @ V_D_r[i]
+        )  # (16)
+    return F_B_r_star, F_D_r_star
+
+
+def required_forces(
+    robot: Any,
+    U_AB: list[np.ndarray],
+    F_B_r_star: list[np.ndarray],
+    F_D_r_star: list[np.ndarray],
+    F_e_d: np.ndarray | None = None,
+) -> list[np.ndarray]:
+    """Return the required force on every driven cutting point, Eq. (51)-(53), from the last link to the first.
+
+    (52)-(53) are the constraints (18), (20) of the joints, solved for the forces as (23), (25): the base's net force
+    is part of the link before it. The load F_l of (51) is the wrench `F_e_d` in {O}; a payload is part of the last
+    link.
+
+    Deviation: (53) leaves out the rotor's part of (20) and (25), ``U_BD F_D_kr``; with `rotor_coupling` it is added.
+
+    Returns
+    -------
+    F_B_r : n times (6,) [N, N m] in {B_i}
+    """
+    F_B_r = list(F_B_r_star)
+    if F_e_d is not None:
+        F_B_r[-1] = F_B_r[-1] + tool_transform(robot) @ F_e_d  # (51)
+    for i in reversed(range(robot.n - 1)):
+        F_B_r[i] = F_B_r[i] + U_AB[i + 1] @ F_B_r[i + 1]  # (52)-(53)
+        if robot.rotor_coupling:
+            F_B_r[i] = F_B_r[i] + rotor_transform(robot, i + 1) @ F_D_r_star[i + 1]  # (19), (24)-(25)
+    return F_B_r
+
+
+def drive_torques(
+    robot: Any,
+    gains: Gains,
+    required: RequiredMotion,
+    tau_q: np.ndarray,
+    tau_kr: np.ndarray,
+    friction: tuple[Any, Any],
+    q_dot: np.ndarray,
+    kappa_dot: np.ndarray,
+) -> tuple[Any, Any]:
+    """Return the drive torques tau_t, Eq. (26), and the motor torques tau, Eq. (27).
+
+    They solve (21) and (22) with ``z.T F_qr = tau_q`` and ``z.T F_kr = tau_kr``, by (19) and (24) the required net
+    torque of the rotor, with the gain K_D of (16) in k_vkappa.
+
+    Parameters
+    ----------
+    tau_q : (n,) [N m or N] axis components of the required forces, link-side
+    tau_kr : (n,) [N m] axis components of the rotors' required forces, motor-side
+    friction : (xi_l, xi_m) link-side and motor-side
+    """
+    xi_l, xi_m = friction
+    tau_t = (tau_q + xi_l) / robot.ell + gains.k_vq * (required.q_dot_r - q_dot)  # (26)
+    tau = tau_t + gains.k_vkappa * (required.kappa_dot_r - kappa_dot) + xi_m + tau_kr  # (27)
+    return tau_t, tau
+
+
+def feedforward_vdc(
+    robot: Any,
+    gains: Gains,
+    desired: Desired,
+    q: np.ndarray,
+    q_dot: np.ndarray,
+    kappa_dot: np.ndarray,
+    F_e_d: np.ndarray | None = None,
+    base: Base | None = None,
+) -> Feedforward:
+    """Return the feedforward of virtual decomposition control, Eq. (12)-(27) and (48)-(53).
+
+    Deviation: friction is evaluated at the desired velocities. At measured or required ones its slope around
+    standstill, f_s / eps, is a feedback gain that destabilises every sampled loop. See the functions above for the
+    others.
+
+    Parameters
+    ----------
+    desired : q_d to its fourth derivative, each (n,)
+    q, q_dot, kappa_dot : (n,) measured
+    F_e_d, base : as in :func:`feedforward_inverse`
+    """
+    drive = desired_drive_motion(robot, desired, F_e_d, base)
+    required = required_motion(gains, desired, drive, q, q_dot)
+    U_AB = joint_transforms(robot, q)
+    F_B_r_star, F_D_r_star = required_net_forces(robot, gains, U_AB, q_dot, kappa_dot, required, base)
+    F_B_r = required_forces(robot, U_AB, F_B_r_star, F_D_r_star, F_e_d)
+    friction = joint_friction(robot, desired.q_d_dot, drive.kappa_dot, drive.tau_s)
+    tau_q, tau_kr = joint_torques(robot, F_B_r), axial_torques(F_D_r_star)
+    tau_t, tau_m = drive_torques(robot, gains, required, tau_q, tau_kr, friction, q_dot, kappa_dot)
+    return Feedforward(tau_m, robot.ell * tau_t, drive.kappa_dot)

@@ -1,0 +1,189 @@
+"""The flexible joint as a subsystem: Eq. (4)-(11) and (56), and the spring with its torque as the state.
+
+The joint's base is part of the link before it and its output link part of the link after it (Table 1 gives their
+masses together), so that (5), (6) and (8) are (31) and (47), and (9) is (45). What is left is the rotor: a body that
+turns about its axis on the base, with its mass in the base's link.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vdfmu.arm.drive.backlash import gap_compliance, gap_deformation, gap_energy
+from vdfmu.arm.equations.harmonic_drive import (
+    deformation,
+    deformation_derivative,
+    kinematic_error,
+    kinematic_error_slope,
+    spring_energy,
+)
+from vdfmu.arm.equations.rigid_body import coriolis_force, net_force
+from vdfmu.arm.equations.spatial import force_transform, joint_axis
+from vdfmu.compiler.scalar.generic import zeros
+
+_z_tau = joint_axis("revolute")
+
+
+def rotor_velocity(V_B: np.ndarray, U_BD: np.ndarray, ell: Any, kappa_dot: Any) -> np.ndarray:
+    """Velocity of the motor rotor, ``V_D = z ell kappa_dot + U_BD.T V_B``, Eq. (4).
+
+    Parameters
+    ----------
+    V_B : (6,) [m/s, rad/s] velocity of the joint base in {B}
+    U_BD : (6, 6) force transformation from the rotor frame {D} to {B}
+    kappa_dot : float [rad/s] rotor speed divided by ell
+    """
+    return _z_tau * (ell * kappa_dot) + U_BD.T @ V_B
+
+
+def rotor_torque(robot: Any, tau: Any, tau_s: Any, xi_m: Any) -> Any:
+    """Torque on the rotors about their axes, ``z.T F_Dk = tau - tau_t - xi_m`` after Eq. (11).
+
+    Parameters
+    ----------
+    tau : (n,) [N m] motor torque, motor-side
+    tau_s : (n,) [N m or N] spring torque, link-side; ``tau_t = tau_s / ell``
+    xi_m : (n,) [N m] friction on the rotor, motor-side
+
+    Returns
+    -------
+    tau_k : (n,) [N m], motor-side. In pure rotation (56) it is ``I_m kappa_ddot``.
+    """
+    return tau - tau_s / robot.ell - xi_m
+
+
+def rotor_transform(robot: Any, i: int) -> np.ndarray:
+    """Force transformation U_BD from the rotor frame {D_i} to {B_(i-1)}, which carries the rotor: (6, 6).
+
+    {D_i} has the place and axes of {B_i} at q_i = 0. It does not turn with the rotor, whose inertia is the same in
+    every frame about its axis; so the transformation is constant.
+    """
+    return force_transform(robot.rotation[i], robot.offset[i])
+
+
+def rotor_body(robot: Any, i: int) -> tuple[Any, np.ndarray, np.ndarray]:
+    """Mass, centre of mass and inertia of rotor i in {D_i}, for Eq. (60)-(61).
+
+    The mass and the inertia across the axis are in the link that carries the rotor: 0 here. About the axis it is
+    ``J_r = I_m / ell`` [kg m2], a part that the link's own inertia must not contain.
+    """
+    return 0.0, np.zeros(3), robot.I_m[i] / robot.ell[i] * np.outer(_z_tau[3:], _z_tau[3:])
+
+
+def rotor_force(robot: Any, i: int, V_D: np.ndarray, tau_k: Any) -> np.ndarray:
+    """Force from the base to the rotor, F_Dk of Eq. (10), where its torque about the axis is known: (6,) in {D_i}.
+
+    What is left of (7) is the gyroscopic moment: the axial part of ``M_D V_D_dot`` is tau_k, and the mass is 0.
+    """
+    return _z_tau * tau_k + coriolis_force(*rotor_body(robot, i), V_D)
+
+
+def rotor_velocities(robot: Any, V_B: list[np.ndarray], kappa_dot: Any, V_S: Any = None) -> list[np.ndarray]:
+    """Velocity of every rotor, Eq. (4): n times (6,) [m/s, rad/s] in {D_i}.
+
+    U_BD is constant, so that of accelerations V_B_dot and kappa_ddot the same line makes the derivatives V_D_dot.
+
+    Parameters
+    ----------
+    V_B : n times (6,) [m/s, rad/s] velocities of the links
+    kappa_dot : (n,) [rad/s] rotor speed divided by ell
+    V_S : (6,) [m/s, rad/s], optional
+        Velocity of the base of the first joint; None: at rest.
+    """
+    bases = [np.zeros(6) if V_S is None else V_S, *V_B[:-1]]
+    return [
+        rotor_velocity(V_A, rotor_transform(robot, i), robot.ell[i], kappa_dot[i])
+        for i, V_A in enumerate(bases)
+    ]
+
+
+def rotor_forces(robot: Any, motion: Any, kappa_dot: Any, kappa_ddot: Any) -> list[np.ndarray]:
+    """Force from the base to every rotor for a given motion, Eq. (7) and (10): n times (6,) [N, N m] in {D_i}.
+
+    Parameters
+    ----------
+    motion : vdfmu.arm.equations.inverse_dynamics.Motion
+        Of the links.
+    kappa_dot, kappa_ddot : (n,) [rad/s, rad/s2] rotor speed and acceleration divided by ell
+    """
+    V_S, V_S_dot = motion.base[1:] if motion.base else (None, None)
+    V_D = rotor_velocities(robot, motion.V_B, kappa_dot, V_S)
+    V_D_dot = rotor_velocities(robot, motion.V_B_dot, kappa_ddot, V_S_dot)
+    no_weight = np.zeros(3)
+    return [net_force(*rotor_body(robot, i), no_weight, V_D[i], V_D_dot[i]) for i in range(robot.n)]
+
+
+def axial_torques(F_Dk: list[np.ndarray]) -> np.ndarray:
+    """Torque about the axis of every rotor, ``z.T F_Dk``: (n,) [N m], motor-side."""
+    return np.array([_z_tau @ F for F in F_Dk])
+
+
+def rotor_acceleration(robot: Any, tau_k: Any, motion: Any = None) -> Any:
+    """Acceleration of the rotors from the torque about their axes, Eq. (7) and (10).
+
+    ``I_m kappa_ddot + I_m / ell z.T (U_BD.T V_A_dot) = tau_k``, where {A} is the link that carries the rotor.
+
+    Parameters
+    ----------
+    tau_k : (n,) [N m] torque on the rotor about its axis, motor-side
+    motion : vdfmu.arm.equations.inverse_dynamics.Motion, optional
+        Of the links. Without it the rotors turn about their axes alone, Eq. (56).
+
+    Returns
+    -------
+    kappa_ddot : (n,) [rad/s2 or m/s2]
+    """
+    kappa_ddot = tau_k / robot.I_m
+    if motion is None:
+        return kappa_ddot
+    carried = zeros((robot.n,), kappa_ddot, *motion.V_B_dot)
+    if motion.base is not None:
+        carried[0] = (rotor_transform(robot, 0).T @ motion.base.V_S_dot)[5]
+    for i in range(1, robot.n):
+        carried[i] = (rotor_transform(robot, i).T @ motion.V_B_dot[i - 1])[5]
+    return kappa_ddot - carried / robot.ell
+
+
+def stretch_rate(robot: Any, kappa: Any, kappa_dot: Any, q_dot: Any) -> Any:
+    """Rate at which the drive is deformed, the derivative of ``kappa - q - theta_err(kappa)``: (n,) [rad/s or m/s]."""
+    slope = kinematic_error_slope(robot, kappa)
+    return kappa_dot * (1.0 - slope) - q_dot
+
+
+def spring_rate(robot: Any, kappa: Any, kappa_dot: Any, q_dot: Any, tau_s: Any) -> Any:
+    """Rate of the spring torque, from the derivative of ``kappa - q - theta_err(kappa) = D(tau_s)``.
+
+    With the torque as state, the implicit equations (2)-(3) and the pole of the tangent are gone.
+
+    Returns
+    -------
+    tau_s_dot : (n,) [N m/s or N/s]
+    """
+    compliance = deformation_derivative(robot, tau_s)
+    if robot.backlash:
+        compliance = compliance + gap_compliance(robot, tau_s)
+    return stretch_rate(robot, kappa, kappa_dot, q_dot) / compliance
+
+
+def elastic_energy(robot: Any, tau_s: Any) -> Any:
+    """Energy of the springs, (2)-(3), with the backlash of a robot that has it: (n,) [J]."""
+    energy = spring_energy(robot, tau_s)
+    return energy + gap_energy(robot, tau_s) if robot.backlash else energy
+
+
+def rotor_position(robot: Any, q: Any, tau_s: Any) -> Any:
+    """Rotor position kappa from ``kappa = q + D(tau_s) + theta_err(kappa)`` : (n,) [rad or m].
+
+    theta_err is a contraction (``2 ell A < 1/2`` is checked on loading): Newton's method from q + D squares
+    the error, at most 1/2 A, at every pass; four passes end below rounding.
+    """
+    free = q + deformation(robot, tau_s)
+    if robot.backlash:
+        free = free + gap_deformation(robot, tau_s)
+    kappa = free
+    for _ in range(4):
+        residual = kappa - free - kinematic_error(robot, kappa)
+        kappa = kappa - residual / (1.0 - kinematic_error_slope(robot, kappa))
+    return kappa

@@ -1,0 +1,162 @@
+"""Inverse dynamics by virtual decomposition, the whole recursion: Eq. (29)-(31), (44)-(47), and the rotors' part, (11).
+
+Pass 1 goes from the base to the end effector and pass 2 back; the functions stand in the order in which they run, and
+:func:`inverse_dynamics`, last, joins them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vdfmu.arm.equations.flexible_joint import rotor_forces, rotor_transform
+from vdfmu.arm.equations.kinematics import joint_transforms, tool_transform
+from vdfmu.arm.equations.rigid_body import link_body, net_force
+from vdfmu.arm.equations.spatial import cross_motion, joint_axis
+from vdfmu.arm.world.attachment import Base
+
+# pass 1, base to end effector: velocities, accelerations and gravity
+
+
+class Motion(NamedTuple):
+    """Motion of base and links: force transformations U_AB[i] (32), velocities V_B[i] (29)-(31) and V_B_dot[i]."""
+
+    U_AB: list[np.ndarray]
+    V_B: list[np.ndarray]
+    V_B_dot: list[np.ndarray]
+    base: Base | None = None
+
+
+Cut = Callable[[int, Any], Any]
+"""Takes a joint and a quantity of its link; returns the quantity, or symbols for it where the solver cuts the chain."""
+
+
+def whole(_: int, value: Any) -> Any:
+    """Cut nothing."""
+    return value
+
+
+def link_motion(
+    robot: Any,
+    q: np.ndarray,
+    q_dot: np.ndarray,
+    q_ddot: np.ndarray,
+    cut: Cut = whole,
+    base: Base | None = None,
+) -> Motion:
+    """Velocities of all links by Eq. (29)-(31), and their derivatives.
+
+    Deviation: (30)-(31) are printed for i = 2..5; they run to i = n. The derivative of (31),
+    ``V_B_dot = z q_ddot + U.T V_A_dot + (V_B x) z q_dot``, is not printed in the paper.
+
+    Parameters
+    ----------
+    q, q_dot, q_ddot : (n,) [rad or m, and per s, s2]
+    cut : see :data:`Cut`
+    base : Base, optional
+        Motion of the base; None: at rest.
+    """
+    U_AB = joint_transforms(robot, q)
+    V_B: list[np.ndarray] = []
+    V_B_dot: list[np.ndarray] = []
+    for i in range(robot.n):
+        z = joint_axis(robot.joint_types[i])
+        if i == 0 and base is None:
+            V_B.append(cut(i, z * q_dot[0]))
+            V_B_dot.append(cut(i, z * q_ddot[0]))
+        else:
+            V_A, V_A_dot = (base.V_S, base.V_S_dot) if base and i == 0 else (V_B[i - 1], V_B_dot[i - 1])
+            V_B.append(cut(i, z * q_dot[i] + U_AB[i].T @ V_A))
+            turned = z * q_ddot[i] + U_AB[i].T @ V_A_dot + cross_motion(V_B[i]) @ (z * q_dot[i])
+            V_B_dot.append(cut(i, turned))
+    return Motion(U_AB, V_B, V_B_dot, base)
+
+
+def gravity_in_links(
+    robot: Any, U_AB: list[np.ndarray], cut: Cut = whole, base: Base | None = None
+) -> list[np.ndarray]:
+    """Vector g of (62) in every link frame, ``R_BI @ g`` : n times (3,) [m/s2]."""
+    g_B = []
+    g = robot.gravity if base is None else base.g_S
+    for i, U in enumerate(U_AB):
+        g = cut(i, U[:3, :3].T @ g)
+        g_B.append(g)
+    return g_B
+
+
+# pass 2, end effector to base: forces, and their parts along the axes
+
+
+def link_forces(
+    robot: Any,
+    motion: Motion,
+    F_e: np.ndarray | None = None,
+    F_Dk: list[np.ndarray] | None = None,
+    cut: Cut = whole,
+) -> list[np.ndarray]:
+    """Force and torque on every driven cutting point, Eq. (44)-(47).
+
+    Deviation: (46) leaves out the rotor's reaction on its base, ``U_BD F_Dk`` of (11); here it is added.
+
+    Parameters
+    ----------
+    F_e : (6,) [N, N m] wrench of the arm on its surroundings, in {O} ({B_6} in the paper); None is 0.
+    F_Dk : n times (6,) [N, N m] force from the base to every rotor, in {D_i}; None is 0.
+    cut : see :data:`Cut`
+
+    Returns
+    -------
+    F_B : n times (6,) [N, N m] in {B_i}
+    """
+    n = robot.n
+    g_B = gravity_in_links(robot, motion.U_AB, cut, motion.base)
+    F_B: list[np.ndarray] = [np.zeros(6)] * n
+    for i in reversed(range(n)):
+        F_B[i] = net_force(*link_body(robot, i), g_B[i], motion.V_B[i], motion.V_B_dot[i])
+        if i == n - 1:
+            if F_e is not None:
+                F_B[i] = F_B[i] + tool_transform(robot) @ F_e
+        else:
+            F_B[i] = F_B[i] + motion.U_AB[i + 1] @ F_B[i + 1]  # (46)
+            if F_Dk is not None:
+                F_B[i] = F_B[i] + rotor_transform(robot, i + 1) @ F_Dk[i + 1]  # (11)
+        F_B[i] = cut(i, F_B[i])
+    return F_B
+
+
+def joint_torques(robot: Any, F_B: list[np.ndarray]) -> np.ndarray:
+    """Component of every F_B along its joint axis, ``z.T @ F_B``: (n,) [N m or N], link-side."""
+    return np.array(
+        [joint_axis(joint_type) @ F for joint_type, F in zip(robot.joint_types, F_B, strict=True)]
+    )
+
+
+def inverse_dynamics(
+    robot: Any,
+    q: np.ndarray,
+    q_dot: np.ndarray,
+    q_ddot: np.ndarray,
+    F_e: np.ndarray | None = None,
+    rotors: tuple[Any, Any] | None = None,
+    base: Base | None = None,
+) -> np.ndarray:
+    """Joint torques of the rigid arm for a given motion, Eq. (29)-(31) and (44)-(47). The cost is O(n).
+
+    Parameters
+    ----------
+    q, q_dot, q_ddot : (n,) [rad or m, and per s, s2]
+    F_e : (6,) [N, N m] wrench on the surroundings in {O}
+    rotors : (kappa_dot, kappa_ddot), each (n,), optional
+        Motion of rotors whose reaction on the links counts, Eq. (11); without it the links are alone.
+    base : Base, optional
+        Motion of the base; None: at rest.
+
+    Returns
+    -------
+    tau : (n,) [N m or N], link-side, without friction
+    """
+    motion = link_motion(robot, q, q_dot, q_ddot, base=base)
+    F_Dk = None if rotors is None else rotor_forces(robot, motion, *rotors)
+    return joint_torques(robot, link_forces(robot, motion, F_e, F_Dk))

@@ -1,0 +1,89 @@
+"""Positions of the links and transformations between their frames: Eq. (32)-(36)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vdfmu.arm.equations.spatial import force_transform, rotation_z
+
+
+def joint_rotation(robot: Any, i: int, q_i: Any) -> np.ndarray:
+    """Rotation of {B_i} in {T_i}, the upper left block of Eq. (34)-(36).
+
+    Deviation: the paper labels these matrices with "I"; they are relative to the previous link, in {T_i}.
+    {T_i} is {B_(i-1)} moved to the joint without turning, so its z axis is not the axis of joint i as the
+    paper says.
+    """
+    if robot.joint_types[i] == "prismatic":
+        return robot.rotation[i]
+    return robot.rotation[i] @ rotation_z(q_i)
+
+
+def joint_placements(robot: Any, q: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Rotation and origin of every {B_i} in {B_(i-1)}, {B_0} = {I}, from Eq. (34)-(36).
+
+    Parameters
+    ----------
+    q : (n,) [rad or m] joint positions
+
+    Returns
+    -------
+    n times (R_AB (3, 3), p_AB (3,) [m])
+    """
+    placements = []
+    for i in range(robot.n):
+        p_AB = robot.offset[i]
+        if robot.joint_types[i] == "prismatic":
+            p_AB = p_AB + robot.rotation[i][:, 2] * q[i]
+        placements.append((joint_rotation(robot, i, q[i]), p_AB))
+    return placements
+
+
+def joint_transforms(robot: Any, q: np.ndarray) -> list[np.ndarray]:
+    """Force transformations U_AB from every {B_i} to {B_(i-1)}: the product that (31) forms.
+
+    ``U_(B_(i-1) B_i) = U_(B_(i-1) T_i) @ U_(T_i B_i)``: first a pure translation, then the joint.
+
+    Parameters
+    ----------
+    q : (n,) [rad or m] joint positions
+    """
+    return [force_transform(R_AB, p_AB) for R_AB, p_AB in joint_placements(robot, q)]
+
+
+def tool_transform(robot: Any) -> np.ndarray:
+    """Force transformation from the end-effector frame {O} to {B_n}, the identity for the paper's arm."""
+    return force_transform(robot.tool_rotation, robot.tool_offset)
+
+
+def frames(robot: Any) -> dict[str, Any]:
+    """Numbers that place the frames of the links and {O}, by the equations' names: what draws an arm needs."""
+    return {
+        "rotation": robot.rotation,
+        "offset": robot.offset,
+        "tool_rotation": robot.tool_rotation,
+        "tool_offset": robot.tool_offset,
+    }
+
+
+def poses(robot: Any, q: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Origins (3,) [m] and rotations (3, 3) of {I}, every {B_i} and {O} in {I}, by the products of (34)-(36)."""
+    p, R = np.zeros(3), np.eye(3)
+    found = [(p, R)]
+    for R_AB, p_AB in [*joint_placements(robot, q), (robot.tool_rotation, robot.tool_offset)]:
+        p, R = p + R @ p_AB, R @ R_AB
+        found.append((p, R))
+    return found
+
+
+def end_effector_pose(robot: Any, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pose of the end-effector frame {O} in {I}, the last of :func:`poses`.
+
+    Returns
+    -------
+    p_O : (3,) [m] position of the origin of {O} in {I}
+    R_O : (3, 3) rotation of {O} in {I}
+    """
+    return poses(robot, q)[-1]

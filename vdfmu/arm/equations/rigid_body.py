@@ -1,0 +1,113 @@
+"""Dynamics of one rigid body in its own frame {B}: Eq. (59)-(62), used by (6)-(8) and (47)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vdfmu.arm.equations.spatial import skew
+from vdfmu.compiler.scalar.generic import zeros
+
+
+def link_body(robot: Any, i: int) -> tuple[Any, np.ndarray, np.ndarray]:
+    """Return mass [kg], centre of mass (3,) [m] and inertia (3, 3) [kg m2] of link `i`, from 0, in {B_i}.
+
+    A payload is one body with the last link: the F_l of (51) is in its net force. With mass and inertia 0 the numbers
+    are those of the link, to the bit.
+    """
+    m_B, r_B, I_B = robot.mass[i], robot.centroid[i], robot.inertia[i]
+    if not robot.payload or i < robot.n - 1:
+        return m_B, r_B, I_B
+    m_l = robot.payload_mass[()]
+    share = m_l / (m_B + m_l)
+    R = robot.tool_rotation
+    d = robot.tool_offset + R @ robot.payload_centroid - r_B
+    d_cross = skew(d)
+    return (
+        m_B + m_l,
+        r_B + share * d,
+        I_B + R @ robot.payload_inertia @ R.T - (m_B * share) * (d_cross @ d_cross),
+    )
+
+
+def mass_matrix(m_B: Any, r_B: np.ndarray, I_B: np.ndarray) -> np.ndarray:
+    """Mass matrix M_B, Eq. (60).
+
+    Parameters
+    ----------
+    m_B : float [kg]
+    r_B : (3,) [m] centre of mass in {B}
+    I_B : (3, 3) [kg m2] inertia about the centre of mass, axes of {B}. The paper says
+        "expressed in {B}" only; the term -m (r x)^2 of (60) is right for this reading.
+    """
+    r_cross = skew(r_B)
+    M_B = zeros((6, 6), m_B, r_B, I_B)
+    M_B[:3, :3] = m_B * np.eye(3)
+    M_B[:3, 3:] = -m_B * r_cross
+    M_B[3:, :3] = m_B * r_cross
+    M_B[3:, 3:] = I_B - m_B * r_cross @ r_cross
+    return M_B
+
+
+def coriolis_matrix(m_B: Any, r_B: np.ndarray, I_B: np.ndarray, omega_B: np.ndarray) -> np.ndarray:
+    """Matrix of centrifugal and Coriolis terms C_B(omega_B), Eq. (61). It is skew-symmetric.
+
+    Parameters
+    ----------
+    m_B, r_B, I_B : as in :func:`mass_matrix`
+    omega_B : (3,) [rad/s] angular velocity of {B} in {B}
+    """
+    r_cross, w_cross = skew(r_B), skew(omega_B)
+    C_B = zeros((6, 6), m_B, r_B, I_B, omega_B)
+    C_B[:3, :3] = m_B * w_cross
+    C_B[:3, 3:] = -m_B * w_cross @ r_cross
+    C_B[3:, :3] = m_B * r_cross @ w_cross
+    C_B[3:, 3:] = w_cross @ I_B + I_B @ w_cross - m_B * r_cross @ w_cross @ r_cross
+    return C_B
+
+
+def coriolis_force(m_B: Any, r_B: np.ndarray, I_B: np.ndarray, V_B: np.ndarray) -> np.ndarray:
+    """Return ``C_B(omega_B) @ V_B`` of Eq. (61) by cross products: a third of the operations of the matrix.
+
+    With ``omega x`` taken out, the upper half of (61) is ``m omega x (v + omega x r)``; the lower half is the
+    moment of that force about the origin plus ``omega x (I omega)``.
+
+    Parameters
+    ----------
+    m_B, r_B, I_B : as in :func:`mass_matrix`
+    V_B : (6,) [m/s, rad/s] velocity of {B} in {B}
+    """
+    v, omega_cross = V_B[:3], skew(V_B[3:])
+    force = m_B * (omega_cross @ (v + omega_cross @ r_B))
+    return np.concatenate([force, skew(r_B) @ force + omega_cross @ (I_B @ V_B[3:])])
+
+
+def gravity_force(m_B: Any, r_B: np.ndarray, g_B: np.ndarray) -> np.ndarray:
+    """Force that holds the body against gravity, G_B, Eq. (62).
+
+    Parameters
+    ----------
+    m_B, r_B : as in :func:`mass_matrix`
+    g_B : (3,) [m/s2] ``R_BI @ g`` with g = [0, 0, +9.81] in {I}: the sign of (62) makes G_B point up.
+    """
+    return np.concatenate([m_B * g_B, m_B * (skew(r_B) @ g_B)])
+
+
+def net_force(
+    m_B: Any, r_B: np.ndarray, I_B: np.ndarray, g_B: np.ndarray, V_B: np.ndarray, V_B_dot: np.ndarray
+) -> np.ndarray:
+    """Net force and torque of a body, F*_B = M_B V_B_dot + C_B V_B + G_B, Eq. (59) (also (6)-(8), (47)).
+
+    Parameters
+    ----------
+    m_B, r_B, I_B, g_B : as above
+    V_B : (6,) [m/s, rad/s] velocity of {B} in {B}
+    V_B_dot : (6,) [m/s2, rad/s2] derivative of the coordinates V_B
+
+    Returns
+    -------
+    F_B_star : (6,) [N, N m] in {B}
+    """
+    M_B = mass_matrix(m_B, r_B, I_B)
+    return M_B @ V_B_dot + coriolis_force(m_B, r_B, I_B, V_B) + gravity_force(m_B, r_B, g_B)

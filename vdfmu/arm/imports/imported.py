@@ -1,0 +1,163 @@
+"""From the file of another tool to a robot file."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vdfmu.arm.imports.chain import choose_arm
+from vdfmu.arm.imports.drives import drive_joints, read_drives
+from vdfmu.arm.imports.inertia import completed
+from vdfmu.arm.imports.mjcf import read_mjcf
+from vdfmu.arm.imports.urdf import read_urdf
+from vdfmu.arm.imports.write import robot_text
+from vdfmu.arm.robot.robot import Robot
+from vdfmu.arm.robot.robot_file import robot_from_dict
+from vdfmu.base.errors import ModelError, SspError, UsageError
+from vdfmu.base.toml_file import read_bytes
+from vdfmu.base.toml_tables import Problems
+from vdfmu.engine.package.parse import parse_xml
+
+_LARGEST = 2**26
+"""Bytes of a file."""
+
+Path_ = str | os.PathLike[str]
+
+
+class Imported(NamedTuple):
+    """A robot, the text of its robot file, and notes on how it came about."""
+
+    robot: Robot
+    text: str
+    notes: list[str]
+
+
+def robot_from_urdf(
+    path: Path_,
+    base: str | None = None,
+    tip: str | None = None,
+    drives: Path_ | None = None,
+    density: float | None = None,
+) -> Robot:
+    """Return an arm of a URDF, with drives from a file or assumed ones.
+
+    Parameters
+    ----------
+    path : path
+        The URDF.
+    base : str, optional
+        Link that stands still, whose frame is {I}; default the root of the file.
+    tip : str, optional
+        Link whose origin is that of the end effector's frame {O}; default the last one, where the file has one arm
+        only. Joints beside the arm are held at 0.
+    drives : path, optional
+        TOML file with the drives, by names of joints.
+    density : float [kg/m3], optional
+        Of the boxes, cylinders and spheres of bodies without mass or inertia.
+
+    Returns
+    -------
+    Robot
+
+    Raises
+    ------
+    ModelError
+        With every problem found.
+    """
+    return import_robot(path, base, tip, drives, density, kind="robot").robot
+
+
+def robot_from_mjcf(
+    path: Path_, base: str | None = None, tip: str | None = None, drives: Path_ | None = None
+) -> Robot:
+    """Return an arm of a MuJoCo file; its root is the world. Needs the package mujoco.
+
+    Parameters
+    ----------
+    path, base, tip, drives
+        As of :func:`robot_from_urdf`, with its errors.
+
+    Returns
+    -------
+    Robot
+    """
+    return import_robot(path, base, tip, drives, kind="mujoco").robot
+
+
+def import_robot(
+    path: Path_,
+    base: str | None = None,
+    tip: str | None = None,
+    drives: Path_ | None = None,
+    density: float | None = None,
+    *,
+    out: Path_ | None = None,
+    kind: str = "",
+) -> Imported:
+    """Make a robot file from a URDF or a MuJoCo file.
+
+    Parameters
+    ----------
+    path, base, tip, drives, density
+        As of :func:`robot_from_urdf`.
+    out : path, optional
+        Where the robot file will be, from which it names its meshes; default the folder of `path`.
+    kind : str
+        Root element that the file must have; default either, "robot" or "mujoco".
+
+    Raises
+    ------
+    ModelError
+        With every problem found.
+    UsageError
+        If a package is missing.
+    """
+    path = Path(path)
+    if density is not None and not 0.0 < density < np.inf:
+        raise UsageError(f"density: expected a number above 0 in kg/m3, got {density}.")
+    root = parse_file(path)
+    problems = Problems(str(path))
+    if root.tag not in ("robot", "mujoco") or kind not in ("", root.tag):
+        expected = f"<{kind}>" if kind else "<robot> of a URDF or <mujoco> of an MJCF"
+        raise ModelError(f"{path}: expected {expected}, got <{root.tag}>. Is it the right file?")
+    tree = read_urdf(root, path, problems) if root.tag == "robot" else read_mjcf(path, problems)
+    try:
+        arm = choose_arm(tree, base, tip)
+    except RecursionError:
+        raise ModelError(
+            f"{path}: expected some hundred links in a row, got more. Is it one robot?"
+        ) from None
+    problems.raise_any()
+    assert arm is not None
+    gravity = float(np.linalg.norm(tree.gravity))
+    chosen = read_drives(None if drives is None else Path(drives), arm.bodies, problems)
+    arm = replace(arm, bodies=completed(arm.bodies, chosen, density, path.name, tree))
+    problems.raise_any()
+    driven = drive_joints(arm.bodies, path.name, chosen, gravity)
+    folder = Path(out).parent if out is not None else path.parent
+    text = robot_text(tree.name, path.name, arm, driven, folder)
+    robot = robot_from_dict(tomllib.loads(text), f"{path}: the arm to {arm.tip}")
+    return Imported(robot, text, [f"the arm ends at {arm.tip}", *tree.notes] if tip is None else tree.notes)
+
+
+def parse_file(path: Path) -> Any:
+    """Return the root element of an XML file; `ModelError` for what is none, or has the elements of xacro."""
+    data = read_bytes(path, "a URDF or MJCF file", _LARGEST)
+    try:
+        root = parse_xml(data, str(path))
+    except SspError as error:
+        raise ModelError(error.problems) from None
+    if root.nsmap.get("xacro") and next(root.iter(f"{{{root.nsmap['xacro']}}}*"), None) is not None:
+        plain = f"{path.stem.removesuffix('.urdf')}.urdf"
+        plain = (
+            f"{path.stem}_plain.urdf" if plain == path.name else plain
+        )  # the shell empties what > names first
+        raise ModelError(
+            f"{path}: expected a URDF, got one with xacro's elements. Write the URDF first: xacro {path.name} > {plain}"
+        )
+    return root

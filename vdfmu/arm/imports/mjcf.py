@@ -1,0 +1,238 @@
+"""Reading of MJCF, by MuJoCo itself: its compiler knows defaults, includes, and inertia from shapes."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vdfmu.arm.imports.tree import Joint, Link, Placement, Tree, aligned
+from vdfmu.arm.robot.parameters import read_only
+from vdfmu.arm.robot.visual import Visual
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import ModelError, UsageError
+from vdfmu.base.toml_tables import Problems, printable
+
+_FREE, _BALL, _SLIDE, _HINGE = range(4)
+_CONNECT, _WELD, _JOINT = range(3)
+_SHAPES = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}
+"""Shapes by the numbers of MuJoCo's mjtGeom."""
+_VISIBLE = 3
+"""Groups of shapes from which on MuJoCo's viewer does not show them."""
+
+
+def read_mjcf(path: Path, problems: Problems) -> Tree:
+    """Return what a MuJoCo file describes. Its bodies become links, the world the root.
+
+    Raises
+    ------
+    ModelError
+        If MuJoCo does not compile it.
+    UsageError
+        If the package mujoco is missing.
+    """
+    try:
+        mujoco: Any = import_module("mujoco")
+    except ImportError as error:
+        raise UsageError(
+            f"{path}: MJCF needs the package mujoco: {error}. Install it: pip install 'vdfmu[robots]'."
+        ) from None
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except Exception as error:  # of a type that differs with the version
+        text = " ".join(str(error).split())
+        raise ModelError(f"{path}: expected a model that MuJoCo compiles, got: {text}. Correct it.") from None
+    return _Reader(model, path, problems).tree()
+
+
+class _Reader:
+    """A compiled model."""
+
+    def __init__(self, model: Any, path: Path, problems: Problems) -> None:
+        self.model = model
+        self.path = path
+        self.problems = problems
+        self.notes: list[str] = []
+        self.bodies = [printable(model.body(i).name) or f"body {i}" for i in range(model.nbody)]
+        self.names = [printable(model.joint(j).name) or self._unnamed(j) for j in range(model.njnt)]
+
+    def _unnamed(self, j: int) -> str:
+        body = int(self.model.jnt_bodyid[j])
+        number = j - int(self.model.body_jntadr[body]) + 1
+        return f"joint {number} of {self.bodies[body]}"
+
+    def tree(self) -> Tree:
+        """Return what the model describes."""
+        m = self.model
+        links: dict[str, Link] = {}
+        joints: list[Joint] = []
+        for i, name in enumerate(self.bodies):
+            links[name] = self.link(i, name)
+            if i:
+                joints += self.carriers(i, links)
+        stiff = [self.names[j] for j in range(m.njnt) if np.any(m.jnt_stiffness[j])]
+        if stiff:
+            self.notes.append(f"springs at joints are left out: {', '.join(stiff)}.")
+        tendons = [printable(m.tendon(i).name) or f"tendon {i}" for i in range(m.ntendon)]
+        if tendons:
+            self.notes.append(f"tendons are left out: {', '.join(tendons)}.")
+        return Tree(
+            self.path.stem, self.problems, links, tuple(joints), -np.array(m.opt.gravity), False, self.notes,
+            self.loops(),
+        )  # fmt: skip
+
+    def link(self, i: int, name: str) -> Link:
+        """Return a body as a link."""
+        m = self.model
+        R = _rotation(m.body_iquat[i])
+        inertia = R @ np.diag(m.body_inertia[i]) @ R.T
+        first, count = int(m.body_geomadr[i]), int(m.body_geomnum[i])
+        shapes = [self.visual(g) for g in range(first, first + count) if m.geom_group[g] < _VISIBLE]
+        visuals = tuple(shape for shape in shapes if shape is not None)
+        return Link(name, float(m.body_mass[i]), np.array(m.body_ipos[i]), (inertia + inertia.T) / 2, visuals)
+
+    def carriers(self, i: int, links: dict[str, Link]) -> list[Joint]:
+        """Return the joints that carry a body: of several, and of one that is not at its origin, with links between."""
+        m, name = self.model, self.bodies[i]
+        parent = self.bodies[int(m.body_parentid[i])]
+        at = Placement(_rotation(m.body_quat[i]), np.array(m.body_pos[i]))
+        first, count = int(m.body_jntadr[i]), int(m.body_jntnum[i])
+        found: list[Joint] = []
+        here = np.zeros(3)  # the last joint's origin in the body's frame
+        for j in range(first, first + count):
+            kind, axis = int(m.jnt_type[j]), np.array(m.jnt_axis[j])
+            anchor = np.array(m.jnt_pos[j]) if kind in (_SLIDE, _HINGE) else here
+            zero = self.zero(j, kind, axis)
+            last = j == first + count - 1
+            child = name if last and not anchor.any() else f"{name} at {self.names[j]}"
+            links.setdefault(child, Link(child))
+            found.append(
+                Joint(
+                    self.names[j], self.kind(j, kind), parent, child,
+                    at @ Placement(np.eye(3), anchor - here) @ zero, axis, self.given(j, kind), self.follows(j),
+                )
+            )  # fmt: skip
+            parent, at, here = child, Placement(np.eye(3), np.zeros(3)), anchor
+        if parent != name:
+            fixed = at @ Placement(np.eye(3), -here)
+            found.append(Joint(f"{name} (fixed)", "fixed", parent, name, fixed, np.array([1.0, 0.0, 0.0])))
+        return found
+
+    def kind(self, j: int, kind: int) -> str:
+        """Return the kind of a joint, as in URDF."""
+        turns = "revolute" if self.model.jnt_limited[j] else "continuous"
+        return {_FREE: "floating", _BALL: "ball", _SLIDE: "prismatic", _HINGE: turns}[kind]
+
+    def zero(self, j: int, kind: int, axis: Floats) -> Placement:
+        """Return where q = 0 is: the file's pose is that at the joint's `ref`."""
+        if kind not in (_SLIDE, _HINGE):
+            return Placement(np.eye(3), np.zeros(3))
+        ref = float(self.model.qpos0[self.model.jnt_qposadr[j]])
+        if kind == _SLIDE:
+            return Placement(np.eye(3), -ref * axis)
+        R, (c, s) = aligned(axis), (np.cos(ref), np.sin(ref))
+        return Placement(R @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ R.T, np.zeros(3))
+
+    def given(self, j: int, kind: int) -> dict[str, float]:
+        """Return what the file gives of a joint. What is 0 by default counts as not given if it is 0."""
+        m = self.model
+        if kind not in (_SLIDE, _HINGE):
+            return {}
+        at = int(m.jnt_dofadr[j])
+        found: dict[str, float] = {}
+        if m.jnt_limited[j]:
+            found |= {"lower": float(m.jnt_range[j][0]), "upper": float(m.jnt_range[j][1])}
+        for key, values in (
+            ("damping", m.dof_damping), ("friction", m.dof_frictionloss), ("armature", m.dof_armature)
+        ):  # fmt: skip
+            value = float(np.ravel(values[at])[0])
+            found |= {key: value} if value > 0.0 else {}
+        effort = self.effort(j)
+        return found | ({"effort": effort} if effort else {})
+
+    def effort(self, j: int) -> float:
+        """Return the largest torque of a joint's actuators; 0 for one without bound."""
+        m, whole = self.model, 0.0
+        for a in range(m.nu):
+            if int(m.actuator_trntype[a]) != 0 or int(m.actuator_trnid[a][0]) != j:
+                continue
+            if m.actuator_forcelimited[a]:
+                force = float(np.abs(m.actuator_forcerange[a]).max())
+            elif (
+                m.actuator_ctrllimited[a] and int(m.actuator_biastype[a]) == int(m.actuator_gaintype[a]) == 0
+            ):
+                force = float(np.abs(m.actuator_gainprm[a][0] * m.actuator_ctrlrange[a]).max())
+            else:
+                return float(np.abs(m.jnt_actfrcrange[j]).max()) if m.jnt_actfrclimited[j] else 0.0
+            whole += force * abs(float(m.actuator_gear[a][0]))
+        if m.jnt_actfrclimited[j]:
+            bound = float(np.abs(m.jnt_actfrcrange[j]).max())
+            whole = min(whole, bound) if whole else bound
+        return whole
+
+    def follows(self, j: int) -> str:
+        """Return the joint that an equality makes a joint follow."""
+        m = self.model
+        for e in range(m.neq):
+            if int(m.eq_type[e]) == _JOINT and int(m.eq_obj1id[e]) == j and m.eq_active0[e]:
+                other = int(m.eq_obj2id[e])
+                return self.names[other] if other >= 0 else "a fixed position"
+        return ""
+
+    def loops(self) -> tuple[tuple[str, str, str], ...]:
+        """Return what closes chains: name, and the links that it joins."""
+        m = self.model
+        found: list[tuple[str, str, str]] = []
+        for e in range(m.neq):
+            if int(m.eq_type[e]) in (_CONNECT, _WELD) and m.eq_active0[e]:
+                ends = int(m.eq_obj1id[e]), int(m.eq_obj2id[e])
+                if int(m.eq_objtype[e]) != 1:  # sites, not bodies
+                    ends = int(m.site_bodyid[ends[0]]), int(m.site_bodyid[ends[1]])
+                name = printable(m.equality(e).name) or f"equality {e + 1}"
+                found.append((name, self.bodies[ends[0]], self.bodies[ends[1]]))
+        return tuple(found)
+
+    def visual(self, g: int) -> Visual | None:
+        """Return a shape that is seen."""
+        m = self.model
+        shape = _SHAPES.get(int(m.geom_type[g]))
+        if shape is None:
+            return None
+        at = Placement(_rotation(m.geom_quat[g]), np.array(m.geom_pos[g]))
+        a, b, c = (float(k) for k in m.geom_size[g])
+        file, size = "", {
+            "sphere": [a], "capsule": [a, 2 * b], "cylinder": [a, 2 * b], "box": [2 * a, 2 * b, 2 * c],
+            "ellipsoid": [a, b, c], "mesh": [1.0] * 3,
+        }[shape]  # fmt: skip
+        if shape == "mesh":
+            k = int(m.geom_dataid[g])
+            moved = Placement(_rotation(m.mesh_quat[k]), np.array(m.mesh_pos[k]))  # to its principal axes
+            at = at @ Placement(moved.R.T, -moved.R.T @ moved.p)
+            size = [float(scale) for scale in m.mesh_scale[k]]
+            file = self.mesh(k)
+            if not file:
+                return None
+        rgba = m.mat_rgba[m.geom_matid[g]] if int(m.geom_matid[g]) >= 0 else m.geom_rgba[g]
+        return Visual(
+            joint=0, shape=shape, size=read_only(size), rotation=at.R, offset=at.p,
+            color=read_only(np.clip(rgba, 0.0, 1.0)), file=file,
+        )  # fmt: skip
+
+    def mesh(self, k: int) -> str:
+        """Return the path of a mesh; empty for one that is no file."""
+        m = self.model
+        start = int(m.mesh_pathadr[k])
+        if start < 0:
+            return ""
+        name = bytes(m.paths[start:]).split(b"\0", 1)[0].decode("utf-8", "replace")
+        place = self.path.parent / name
+        return str(place.resolve()) if place.is_file() else name
+
+
+def _rotation(quaternion: Any) -> Floats:
+    """Rotation matrix of a quaternion w, x, y, z."""
+    w, x, y, z = np.asarray(quaternion, dtype=float) / np.linalg.norm(quaternion)
+    v = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + 2.0 * w * v + 2.0 * v @ v

@@ -1,0 +1,256 @@
+"""Reading of URDF.
+
+The elements of an arm are read here and no library for URDF is used: those at hand stop at the first wrong number
+without its line, follow entities of XML to other files, and bring readers of meshes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vdfmu.arm.imports.tree import MOVING, Joint, Link, Placement, Tree
+from vdfmu.arm.robot.parameters import read_only
+from vdfmu.arm.robot.visual import Visual
+from vdfmu.base.arrays import Floats
+from vdfmu.base.toml_tables import Problems, nearest, printable
+
+_STANDARD_GRAVITY = np.array([0.0, 0.0, 9.81])
+_KINDS = (*MOVING, "fixed", "floating", "planar")
+_GIVEN = {"limit": ("lower", "upper", "effort", "velocity"), "dynamics": ("damping", "friction")}
+_GREY = (0.7, 0.7, 0.7, 1.0)
+
+
+def read_urdf(root: Any, path: Path, problems: Problems) -> Tree:
+    """Return what a URDF describes; what is wrong is noted, and read as something else.
+
+    Parameters
+    ----------
+    root : lxml element <robot>
+    path : Path
+        Of the file, from which meshes are looked for.
+    problems : Problems
+    """
+    reader = _Reader(path, problems)
+    materials = {m.get("name"): m for m in root.findall("material")}
+    links: dict[str, Link] = {}
+    for element in root.findall("link"):
+        name = reader.name(element, links)
+        links[name] = reader.link(name, element, materials)
+    joints: dict[str, Joint] = {}
+    for element in root.findall("joint"):
+        name = reader.name(element, joints)
+        joints[name] = reader.joint(name, element, links)
+    if reader.lost:
+        reader.notes.append(
+            f"{len(reader.lost)} meshes were not found; the robot file has their names as they are: "
+            f"{', '.join(list(reader.lost)[:3])}{' ...' if len(reader.lost) > 3 else ''}."
+        )
+    return Tree(
+        str(root.get("name") or path.stem), problems, links, tuple(joints.values()), _STANDARD_GRAVITY,
+        True, reader.notes,
+    )  # fmt: skip
+
+
+class _Reader:
+    """Elements of a URDF, whose places in messages are their lines."""
+
+    def __init__(self, path: Path, problems: Problems) -> None:
+        self.path = path
+        self.problems = problems
+        self.notes: list[str] = []
+        self.lost: dict[str, None] = {}
+
+    def add(self, element: Any, what: str, expected: str, got: str, way_out: str) -> None:
+        """Note a problem with an element."""
+        self.problems.add(f"line {element.sourceline}: {what}", expected, got, way_out)
+
+    def name(self, element: Any, known: Mapping[str, Any]) -> str:
+        """Return the name of a link or joint, which no other has."""
+        kind, name = element.tag, element.get("name", "")
+        if not name.strip() or printable(name) != name or "\n" in name:
+            expected = "a name of at most 70 characters, none of them a control character"
+            self.add(element, kind, expected, repr(name), "Name it.")
+        elif name in known:
+            self.add(element, f"{kind} {name}", "one of this name", "a second one", "Rename it.")
+        return printable(name) or f"line {element.sourceline}"
+
+    def numbers(self, element: Any, attribute: str, n: int, what: str) -> Floats | None:
+        """Return the numbers of an attribute; None where it is missing, ones where it is wrong."""
+        text = element.get(attribute)
+        if text is None:
+            return None
+        try:
+            found = [float(word) for word in text.split()]
+        except ValueError:
+            found = []
+        if len(found) == n and all(math.isfinite(number) for number in found):
+            return np.array(found)
+        expected = "a finite number" if n == 1 else f"{n} finite numbers"
+        self.add(element, f"{what}: {attribute}", expected, repr(text[:60]), "Correct it.")
+        return np.ones(n)
+
+    def placement(self, parent: Any, what: str) -> Placement:
+        """Return what <origin> says: xyz and, about fixed axes, roll, pitch, yaw."""
+        origin = parent.find("origin")
+        if origin is None:
+            return Placement(np.eye(3), np.zeros(3))
+        xyz, rpy = (self.numbers(origin, key, 3, f"{what}: origin") for key in ("xyz", "rpy"))
+        (sr, sp, sy), (cr, cp, cy) = (f(np.zeros(3) if rpy is None else rpy) for f in (np.sin, np.cos))
+        R = np.array(
+            [
+                [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+                [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+                [-sp, cp * sr, cp * cr],
+            ]
+        )
+        return Placement(R, np.zeros(3) if xyz is None else xyz)
+
+    def link(self, name: str, element: Any, materials: Mapping[str, Any]) -> Link:
+        """Return a link."""
+        what = f"link {name}"
+        visuals = tuple(v for e in element.findall("visual") for v in self.visual(what, e, materials))
+        inertial = element.find("inertial")
+        if inertial is None:
+            return Link(name, visuals=visuals, collisions=self.collisions(what, element))
+        frame = self.placement(inertial, what)
+        mass, matrix = inertial.find("mass"), inertial.find("inertia")
+        value = None if mass is None else self.numbers(mass, "value", 1, f"{what}: mass")
+        if value is None:
+            self.add(inertial, what, '<mass value="..."/> in kg', "nothing", "Give it, or no <inertial>.")
+        elif value[0] < 0:
+            self.add(mass, f"{what}: mass", "a finite number >= 0 in kg", f"{value[0]:g}", "Correct it.")
+        keys = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+        entries = [None if matrix is None else self.numbers(matrix, key, 1, what) for key in keys]
+        missing = [key for key, entry in zip(keys, entries, strict=True) if entry is None]
+        if missing:
+            expected = "<inertia> with ixx, iyy, izz, ixy, ixz, iyz in kg.m2"
+            got = "no <inertia>" if matrix is None else f"no {', '.join(missing)}"
+            self.add(inertial, what, expected, got, "Give them about the centre of mass.")
+        xx, yy, zz, xy, xz, yz = (0.0 if entry is None else entry[0] for entry in entries)
+        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        return Link(
+            name,
+            0.0 if value is None else max(float(value[0]), 0.0),
+            frame.p,
+            frame.R @ inertia @ frame.R.T,
+            visuals,
+            () if inertia.any() else self.collisions(what, element),
+        )
+
+    def collisions(self, what: str, element: Any) -> tuple[Visual, ...]:
+        """Return the shapes of every <collision>."""
+        return tuple(v for e in element.findall("collision") for v in self.visual(what, e, {}))
+
+    def visual(self, what: str, element: Any, materials: Mapping[str, Any]) -> Iterator[Visual]:
+        """Yield the shape of a <visual> or <collision>, if it has one that a robot file has too."""
+        geometry = element.find("geometry")
+        shape = None if geometry is None else next(iter(geometry), None)
+        sizes = {"mesh": ("scale", 3), "box": ("size", 3), "sphere": ("radius", 1), "cylinder": ("radius", 1)}
+        if shape is None or shape.tag not in sizes:
+            return
+        attribute, n = sizes[shape.tag]
+        size = self.numbers(shape, attribute, n, f"{what}: {shape.tag}")
+        if shape.tag == "cylinder":
+            length = self.numbers(shape, "length", 1, f"{what}: cylinder")
+            size = None if size is None or length is None else np.array([size[0], length[0]])
+        if size is None and shape.tag == "mesh":
+            size = np.ones(3)
+        if size is None:
+            self.add(shape, what, f"a {shape.tag} with its size in m", "no size", "Give it.")
+            return
+        material = element.find("material")
+        if material is not None and material.find("color") is None:
+            material = materials.get(material.get("name"))
+        color = None if material is None else material.find("color")
+        rgba = None if color is None else self.numbers(color, "rgba", 4, f"{what}: color")
+        frame = self.placement(element, f"{what}: {element.tag}")
+        yield Visual(
+            joint=0,
+            shape=shape.tag,
+            size=read_only(size),
+            rotation=frame.R,
+            offset=frame.p,
+            color=read_only(np.clip(_GREY if rgba is None else rgba, 0.0, 1.0)),
+            file=self.mesh(shape.get("filename", ""))
+            if (shape.tag, element.tag) == ("mesh", "visual")
+            else "",
+        )
+
+    def mesh(self, name: str) -> str:
+        """Return the absolute path of a mesh; its name in the file, with a note, where no such file is found.
+
+        What follows package:// is looked for in the folders above the URDF.
+        """
+        scheme, separator, rest = name.partition("://")
+        rest = rest if separator else name
+        if scheme != "package" or not separator:
+            places = [self.path.parent / rest]
+        else:
+            places = [
+                folder / part
+                for folder in self.path.resolve().parents
+                for part in (rest, rest.partition("/")[2])
+                if part
+            ]
+        try:
+            found = next((place for place in places if place.is_file()), None)
+        except (OSError, ValueError):
+            found = None
+        if found is None:
+            self.lost[printable(name)] = None
+            return name
+        return str(found.resolve())
+
+    def joint(self, name: str, element: Any, links: Mapping[str, Link]) -> Joint:
+        """Return a joint."""
+        what = f"joint {name}"
+        kind = element.get("type", "")
+        if kind not in _KINDS:
+            self.add(element, f"{what}: type", f"one of {', '.join(_KINDS)}", repr(kind), "Correct it.")
+        ends: dict[str, str] = {}
+        for tag in ("parent", "child"):
+            end = element.find(tag)
+            ends[tag] = "" if end is None else end.get("link", "")
+            if ends[tag] not in links:
+                got = repr(ends[tag]) if ends[tag] else "nothing"
+                self.add(
+                    element, f"{what}: {tag}", "a link of the file", got, nearest(ends[tag], list(links))
+                )
+        given: dict[str, float] = {}
+        for tag, keys in _GIVEN.items():
+            part = element.find(tag)
+            for key in keys if part is not None else ():
+                number = self.numbers(part, key, 1, f"{what}: {tag}")
+                if number is not None:
+                    given[key] = float(number[0])
+        for key in ("damping", "friction"):
+            if given.get(key, 0.0) < 0:
+                self.add(element, f"{what}: {key}", "a number >= 0", f"{given[key]:g}", "Correct it.")
+        mimic = element.find("mimic")
+        return Joint(
+            name,
+            kind,
+            ends["parent"],
+            ends["child"],
+            self.placement(element, what),
+            self.axis(what, kind, element),
+            given,
+            "" if mimic is None else mimic.get("joint", ""),
+        )
+
+    def axis(self, what: str, kind: str, element: Any) -> Floats:
+        """Return the axis of a joint, of length 1: x where the file gives none."""
+        found = element.find("axis")
+        axis = None if found is None else self.numbers(found, "xyz", 3, f"{what}: axis")
+        if axis is None or kind not in MOVING:
+            return np.array([1.0, 0.0, 0.0])
+        length = float(np.linalg.norm(axis))
+        if length < 1e-6:  # as of a joint that is made a fixed one
+            self.add(found, f"{what}: axis", "a direction", "zeros", 'Give it, or type="fixed".')
+            return np.array([1.0, 0.0, 0.0])
+        return axis / length

@@ -1,0 +1,282 @@
+"""Straight lines and circles of the end effector: paths of its pose, followed by inverse kinematics before the run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from vdfmu.arm.dynamics import forward_kinematics, jacobian
+from vdfmu.arm.motion.arguments import of_numbers
+from vdfmu.arm.motion.inverse_kinematics import follow, twist
+from vdfmu.arm.motion.joint_space import limit
+from vdfmu.arm.motion.polynomial import Motion, joined, spline
+from vdfmu.arm.robot import Robot
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError
+
+Pose = tuple[Floats, Floats]
+"""Position (3,) [m] and rotation (3, 3) of {O} in {I}."""
+_RAMP = 1.0 / 3.0
+"""Part of the time in which the end effector takes up speed, and in which it slows down."""
+_FIRST, _MOST = 64, 2048
+"""Knots that are tried first, and the most."""
+_SAME = 1e-9
+"""Difference of two solutions of one pose that is rounding, at the worst Jacobian that is not singular."""
+_TURNS = 10
+"""Turns of a circle at most."""
+_STANDS = 1e-5
+"""Length of a path [m] that may be what inverse kinematics leaves."""
+_LOOKS = 16
+"""Times in a piece of a motion at which the speed of the end effector is looked at."""
+_BETWEEN = 4
+"""Points between two knots at which inverse kinematics is solved and the path checked, too."""
+
+
+@of_numbers
+def line(
+    robot: Robot,
+    start: npt.ArrayLike,
+    points: npt.ArrayLike,
+    *,
+    orientation: str | npt.ArrayLike | None = None,
+    velocity: npt.ArrayLike | None = None,
+    acceleration: npt.ArrayLike | None = None,
+    speed: float | None = None,
+    duration: float | None = None,
+    dwell: float = 0.0,
+    tolerance: float = 1e-6,
+) -> Motion:
+    """Return the motion whose end effector goes straight from point to point, at rest at each.
+
+    Parameters
+    ----------
+    robot : Robot
+    start : (n,) [rad or m]
+        Pose of the joints at which it starts.
+    points : (3,) or (k, 3) [m]
+        Positions of {O} in {I}, one after the other.
+    orientation : "keep", "free" or (3, 3), optional
+        The rotation of {O} stays, follows from the position, or goes over to this one in {I} on the way to the last
+        point, at a constant rate about one axis. Default "keep" for six joints and more, else "free".
+    velocity, acceleration : float or (n,) [rad/s or m/s, rad/s2 or m/s2], optional
+        Limits of each joint.
+    speed : float [m/s], optional
+        Largest speed of the end effector.
+    duration : float [s], optional
+        Of each line; default the shortest that the limits allow.
+    dwell : float [s]
+        Rest at each point.
+    tolerance : float [m, and rad]
+        Largest distance to the path, checked at five times as many points as the motion has.
+
+    Raises
+    ------
+    UsageError
+        For a path that leaves the reach or the end stops or meets a singular pose, with place, joint and way out.
+    """
+    targets = np.atleast_2d(np.array(points, dtype=float))
+    if targets.ndim != 2 or targets.shape[1] != 3 or not np.all(np.isfinite(targets)):
+        raise UsageError(f"points: expected positions of three finite numbers, got {points}.")
+    kind, R_end = _orientation(robot, orientation)
+    parts: list[Motion] = []
+    q = _start(robot, start)
+    for i, target in enumerate(targets):
+        where = f"line {i + 1}" if len(targets) > 1 else "line"
+        R_1 = R_end if i == len(targets) - 1 else None
+        part = _straight(robot, q, target, R_1, kind, where, tolerance)
+        parts.append(_timed(robot, part, velocity, acceleration, speed, duration).dwelling(dwell))
+        q = part.end
+    return joined(parts)
+
+
+@of_numbers
+def circle(
+    robot: Robot,
+    start: npt.ArrayLike,
+    centre: npt.ArrayLike,
+    axis: npt.ArrayLike = (0.0, 0.0, 1.0),
+    *,
+    angle: float = 2.0 * np.pi,
+    orientation: str | None = None,
+    velocity: npt.ArrayLike | None = None,
+    acceleration: npt.ArrayLike | None = None,
+    speed: float | None = None,
+    duration: float | None = None,
+    dwell: float = 0.0,
+    tolerance: float = 1e-6,
+) -> Motion:
+    """Return the motion whose end effector goes round an axis, at rest at both ends.
+
+    Parameters
+    ----------
+    centre, axis : (3,) [m, 1], in {I}
+        A point of the axis and its direction, about which `angle` counts by the right hand.
+    angle : float [rad]
+        How far; several turns, at most ten, are more than 2 pi, backward below 0.
+    orientation : "keep", "turn" or "free", optional
+        The rotation of {O} stays, turns along, or follows from the position.
+    robot, start, velocity, acceleration, speed, duration, dwell, tolerance
+        As of :func:`line`, with its errors.
+    """
+    q = _start(robot, start)
+    c, z = (np.array(one, dtype=float) for one in (centre, axis))
+    if c.shape != (3,) or z.shape != (3,) or not np.linalg.norm(z) > 0.0 or not np.all(np.isfinite([c, z])):
+        raise UsageError(
+            f"circle: expected centre and axis of three finite numbers, got {centre} and {axis}."
+        )
+    if not np.isfinite(angle) or angle == 0.0:
+        raise UsageError(f"angle: expected a finite number other than 0, in rad, got {angle}.")
+    if abs(angle) > _TURNS * 2.0 * np.pi:
+        raise UsageError(
+            f"angle: expected at most {_TURNS} turns, {_TURNS * 2.0 * np.pi:.4g} rad, got {angle:g} rad. As degrees it "
+            f"is {np.radians(angle):.4g} rad; join several circles for more turns."
+        )
+    turning = isinstance(orientation, str) and orientation == "turn"
+    kind, fixed = ("turn", None) if turning else _orientation(robot, orientation)
+    if fixed is not None:
+        raise UsageError("orientation: expected keep, turn or free for a circle, got a rotation.")
+    p_0, R_0 = forward_kinematics(robot, q)
+    z = z / np.linalg.norm(z)
+    c = c + z * float(z @ (p_0 - c))
+    radius = float(np.linalg.norm(p_0 - c))
+    if radius <= tolerance:
+        raise UsageError(f"centre: expected an axis away from the end effector, which starts at {p_0}.")
+
+    def path(s: float) -> Pose:
+        turned = Rotation.from_rotvec(s * angle * z).as_matrix()
+        return c + turned @ (p_0 - c), turned @ R_0 if kind == "turn" else R_0
+
+    motion = _along(robot, q, path, kind, "circle", tolerance)
+    return _timed(robot, motion, velocity, acceleration, speed, duration).dwelling(dwell)
+
+
+def _start(robot: Robot, start: npt.ArrayLike) -> Floats:
+    q = np.array(start, dtype=float)
+    if q.shape != (robot.n,) or not np.all(np.isfinite(q)):
+        raise UsageError(f"start: expected the positions of {robot.n} joints, got {start}.")
+    return q
+
+
+def _straight(
+    robot: Robot, q: Floats, p_1: Floats, R_1: Floats | None, kind: str, where: str, tolerance: float
+) -> Motion:
+    """Return the motion straight to a position, with the rotation that is kept or arrived at."""
+    p_0, R_0 = forward_kinematics(robot, q)
+    turn = np.zeros(3) if R_1 is None else Rotation.from_matrix(R_0.T @ R_1).as_rotvec()
+    if np.linalg.norm(p_1 - p_0) <= tolerance and np.linalg.norm(turn) <= tolerance:
+        raise UsageError(f"{where}: expected another place than that at which it starts, got {p_1}.")
+
+    def path(s: float) -> Pose:
+        return p_0 + s * (p_1 - p_0), R_0 @ Rotation.from_rotvec(s * turn).as_matrix()
+
+    return _along(robot, q, path, kind, where, tolerance)
+
+
+def _orientation(robot: Robot, orientation: str | npt.ArrayLike | None) -> tuple[str, Floats | None]:
+    if orientation is None:
+        return "keep" if robot.n >= 6 else "free", None
+    if isinstance(orientation, str):
+        if orientation not in ("keep", "free"):
+            raise UsageError(f"orientation: expected keep, free or a rotation, got {orientation!r}.")
+        return orientation, None
+    R = np.array(orientation, dtype=float)
+    # written numbers have some six digits
+    if (
+        R.shape != (3, 3)
+        or not np.allclose(R @ R.T, np.eye(3), rtol=0.0, atol=1e-5)
+        or np.linalg.det(R) < 0.0
+    ):
+        raise UsageError(
+            f"orientation: expected a rotation, three rows of unit length at right angles, got {orientation}."
+        )
+    return "keep", Rotation.from_matrix(R).as_matrix()
+
+
+def _along(
+    robot: Robot, start: Floats, path: Callable[[float], Pose], kind: str, where: str, tolerance: float
+) -> Motion:
+    """Return the motion along a path of poses, s from 0 to 1, over one second."""
+    if not tolerance > 0.0:
+        raise UsageError(f"tolerance: expected more than 0 m and rad, got {tolerance}.")
+    rows = 3 if kind == "free" else 6
+    knots = _FIRST
+    while True:
+        looks = np.linspace(0.0, 1.0, (_BETWEEN + 1) * knots + 1)
+        poses = [path(float(s)) for s in _law(looks)]
+        q = follow(robot, start, poses, rows, where, 100.0 * _law(looks))[:: _BETWEEN + 1]
+        if np.allclose(q[-1], q[0], rtol=0.0, atol=_SAME):
+            q[-1] = q[0]  # so that it can be repeated
+        motion = spline(looks[:: _BETWEEN + 1], q)
+        found = zip(*forward_kinematics(robot, motion.at(looks)[0]), strict=True)
+        off = max(np.abs(twist(one, pose)[:rows]).max() for one, pose in zip(found, poses, strict=True))
+        if off <= tolerance:
+            return motion
+        if knots == _MOST:
+            raise UsageError(
+                f"{where}: expected at most {tolerance:g} m or rad from the path, got {off:.3g} with {knots} knots. "
+                "Raise the tolerance, or keep away from singular poses."
+            )
+        knots *= 2
+
+
+def _timed(
+    robot: Robot,
+    motion: Motion,
+    velocity: npt.ArrayLike | None,
+    acceleration: npt.ArrayLike | None,
+    speed: float | None,
+    duration: float | None,
+) -> Motion:
+    """Return the motion over the time that is given, or that limits take."""
+    limits = limit("velocity", velocity, motion.n), limit("acceleration", acceleration, motion.n)
+    if speed is not None and not 0.0 < speed < np.inf:
+        raise UsageError(f"speed: expected more than 0 m/s, got {speed}.")
+    shortest = 0.0 if speed is None else motion.duration * _largest_speed(robot, motion) / speed
+    if duration is None and speed is None and (limits[0] is None or limits[1] is None):
+        raise UsageError(
+            "expected a duration, a speed, or limits of velocity and acceleration, got none of them."
+        )
+    if duration is None:
+        free = all(one is None for one in limits)
+        if free and speed is not None and shortest * speed <= _STANDS:
+            raise UsageError(
+                "speed: expected a path along which the end effector moves, got one on which it only turns. Give a "
+                "duration, or limits of velocity and acceleration."
+            )
+        found = motion.slower(shortest) if free else motion.fitted(*limits)
+        return found.slower(max(1.0, shortest / found.duration))
+    if duration < shortest:
+        raise UsageError(
+            f"duration: expected at least the {shortest:.6g} s that the speed takes, got {duration:g} s."
+        )
+    return motion.fitted(*limits, duration)
+
+
+def _largest_speed(robot: Robot, motion: Motion) -> float:
+    """Return the largest speed of the end effector [m/s], from above by the difference that a look makes.
+
+    Between looks that lie close a smooth speed rises by an eighth of its second difference; the whole one is added.
+    """
+    t = np.linspace(0.0, motion.duration, _LOOKS * len(motion.coefficients) + 1)
+    q, q_dot = motion.at(t)[:2]
+    v = np.linalg.norm(np.einsum("tij,tj->ti", jacobian(robot, q)[:, :3], q_dot), axis=1)
+    return float((v[1:-1] + np.abs(np.diff(v, 2))).max())
+
+
+def _law(t: Floats) -> Floats:
+    """Return the place on a path, 0 to 1, over a time from 0 to 1: at rest at the ends, at a constant speed between.
+
+    While it takes up speed, over a third of the time, that is a polynomial of degree 7 of which three
+    derivatives are 0 at its ends.
+    """
+
+    def begun(t: Floats) -> Floats:
+        x = np.clip(t / _RAMP, 0.0, 1.0)
+        ramp = x**5 * (7.0 + x * (-14.0 + x * (10.0 - 2.5 * x)))
+        return _RAMP * ramp + np.maximum(t - _RAMP, 0.0)
+
+    whole = 1.0 - _RAMP
+    return np.where(t < 0.5, begun(t), whole - begun(1.0 - t)) / whole

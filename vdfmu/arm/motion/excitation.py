@@ -1,0 +1,194 @@
+"""Motions that excite the joints for identification: sweeps and multisines, at rest at both ends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from vdfmu.arm.motion.arguments import of_numbers
+from vdfmu.arm.motion.joint_space import limit
+from vdfmu.arm.motion.polynomial import MOST_NUMBERS, Motion, spline
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError
+
+_KNOTS = 24
+"""Knots in the shortest period: the spline then has the sine to 1e-7 of its amplitude."""
+
+
+@of_numbers
+def multisine(
+    start: npt.ArrayLike,
+    amplitude: npt.ArrayLike,
+    lines: Sequence[int],
+    period: float,
+    *,
+    periods: int = 1,
+    phases: Literal["schroeder", "random"] = "schroeder",
+    seed: int = 0,
+    velocity: npt.ArrayLike | None = None,
+    acceleration: npt.ArrayLike | None = None,
+) -> Motion:
+    """Return a sum of sines about a pose, for whole periods between two more in which it grows and fades.
+
+    Lines have equal amplitudes. Of joint j, from 0, the time is shifted by j / n of the period.
+
+    Parameters
+    ----------
+    start : (n,) [rad or m]
+    amplitude : float or (n,) [rad or m]
+        Largest deviation from `start` in a period; less where a limit asks for it, with a note. 0: the joint rests.
+    lines : sequence of int
+        Frequencies, as multiples of 1 / `period`.
+    period : float [s]
+    periods : int
+        Of full amplitude, from `period` to ``(1 + periods) period``.
+    phases : "schroeder" or "random"
+        Of Schroeder (1970), which keep the peaks low, or random ones of a seed, different for each joint.
+    seed : int
+        Of random phases.
+    velocity, acceleration : float or (n,) [rad/s or m/s, rad/s2 or m/s2], optional
+        Limits of each joint.
+
+    Raises
+    ------
+    UsageError
+        For what does not fit.
+    """
+    q = np.atleast_1d(np.array(start, dtype=float))
+    k = np.array(lines, dtype=float)
+    problems: list[str] = []
+    if k.ndim != 1 or not k.size or not np.all((k >= 1) & (k == np.floor(k))) or len(set(k)) < k.size:
+        problems.append(f"lines: expected whole numbers of at least 1, each once, got {lines}.")
+    if not (np.isfinite(period) and period > 0.0):
+        problems.append(f"period: expected more than 0 s, got {period}.")
+    if not np.isfinite(periods) or int(periods) != periods or periods < 1:
+        problems.append(f"periods: expected a whole number of at least 1, got {periods}.")
+    if phases not in ("schroeder", "random"):
+        problems.append(f"phases: expected schroeder or random, got {phases!r}.")
+    if int(seed) != seed or seed < 0:
+        problems.append(f"seed: expected a whole number of at least 0, got {seed}.")
+    if problems:
+        raise UsageError("\n".join(problems))
+    count = np.arange(1, k.size + 1)
+    if phases == "schroeder":
+        shift = 2.0 * np.pi * np.outer(np.arange(len(q)) / len(q), k)
+        phase = shift - np.pi * count * (count - 1) / k.size
+    else:
+        phase = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, (len(q), k.size))
+
+    def wave(t: Floats) -> Floats:
+        return np.cos(2.0 * np.pi / period * t[:, None, None] * k + phase).sum(axis=2)
+
+    _check_length((periods + 2) * k.max(), q)
+    fine = np.linspace(0.0, period, int(_KNOTS * k.max()) + 1)
+    peak = np.abs(wave(fine)).max(axis=0)
+    times = (periods + 2) * period, period, k.max() / period
+    return _about(q, amplitude, wave, peak, *times, velocity, acceleration)
+
+
+@of_numbers
+def sweep(
+    start: npt.ArrayLike,
+    amplitude: npt.ArrayLike,
+    frequencies: tuple[float, float],
+    duration: float,
+    *,
+    law: Literal["linear", "logarithmic"] = "logarithmic",
+    velocity: npt.ArrayLike | None = None,
+    acceleration: npt.ArrayLike | None = None,
+) -> Motion:
+    """Return a sine about a pose whose frequency goes from one to another, and which grows and fades at the ends.
+
+    Parameters
+    ----------
+    start, amplitude, velocity, acceleration
+        As of :func:`multisine`.
+    frequencies : (float, float) [Hz]
+        At the start and at the end.
+    duration : float [s]
+        A tenth of it at each end is for growing and fading.
+    law : "linear" or "logarithmic"
+        How the frequency changes in time.
+
+    Raises
+    ------
+    UsageError
+        For what does not fit.
+    """
+    q = np.atleast_1d(np.array(start, dtype=float))
+    both = np.array(frequencies, dtype=float)
+    if both.shape != (2,) or not np.all((both > 0.0) & np.isfinite(both)):
+        raise UsageError(f"frequencies: expected two above 0 Hz, got {frequencies}.")
+    first, last = both
+    if not (np.isfinite(duration) and duration > 0.0):
+        raise UsageError(f"duration: expected more than 0 s, got {duration}.")
+    if law not in ("linear", "logarithmic"):
+        raise UsageError(f"law: expected linear or logarithmic, got {law!r}.")
+    _check_length(duration * both.max(), q)
+    ratio = np.log(last / first)
+
+    def wave(t: Floats) -> Floats:
+        s = t / duration
+        if law == "linear" or abs(ratio) < 1e-9:
+            turns = duration * (first * s + 0.5 * (last - first) * s * s)
+        else:
+            turns = duration * first * np.expm1(ratio * s) / ratio
+        return np.repeat(np.sin(2.0 * np.pi * turns)[:, None], len(q), axis=1)
+
+    times = duration, 0.1 * duration, both.max()
+    return _about(q, amplitude, wave, np.ones(len(q)), *times, velocity, acceleration)
+
+
+def _check_length(most_periods: float, q: Floats) -> None:
+    """Raise UsageError for more periods of the highest frequency than a unit takes, and for no pose."""
+    if q.ndim != 1 or not q.size or not np.all(np.isfinite(q)):
+        raise UsageError(f"start: expected a position for each joint, got {q}.")
+    most = MOST_NUMBERS / (_KNOTS * 6.0 * q.size)
+    if not most_periods <= most:
+        raise UsageError(
+            f"expected at most {most:.0f} periods of the highest frequency, got {most_periods:.4g}. Choose a lower "
+            "one, or a shorter motion."
+        )
+
+
+def _about(
+    q: Floats,
+    amplitude: npt.ArrayLike,
+    wave: Callable[[Floats], Floats],
+    peak: Floats,
+    duration: float,
+    ramp: float,
+    highest: float,
+    velocity: npt.ArrayLike | None,
+    acceleration: npt.ArrayLike | None,
+) -> Motion:
+    """Return a wave (m, n) of a peak (n,) about a pose, with ramps, whose highest frequency is given [Hz]."""
+    try:
+        most = np.broadcast_to(np.asarray(amplitude, dtype=float), q.shape)
+    except ValueError:
+        most = np.full(q.shape, np.nan)
+    if not np.all((most >= 0.0) & np.isfinite(most)) or not np.any(most > 0.0):
+        raise UsageError(f"amplitude: expected one above 0, or {len(q)} of at least 0, got {amplitude}.")
+    t = np.linspace(0.0, duration, max(int(np.ceil(_KNOTS * highest * duration)), 8 * _KNOTS) + 1)
+    envelope = smooth_step(t / ramp) * smooth_step((duration - t) / ramp)
+    full = spline(t, q + most / peak * envelope[:, None] * wave(t))
+    limits = limit("velocity", velocity, len(q)), limit("acceleration", acceleration, len(q))
+    share = np.ones(len(q))
+    for taken, allowed in zip(full.peaks, limits, strict=False):
+        share = share if allowed is None else np.minimum(share, allowed / np.maximum(taken, 1e-300))
+    coefficients = full.coefficients * share
+    coefficients[:, 0] += (1.0 - share) * q
+    notes = tuple(
+        f"joint {j + 1}: amplitude {most[j] * share[j]:.4g} in place of {most[j]:g}, to keep the limits."
+        for j in np.flatnonzero((share < 1.0) & (most > 0.0))
+    )
+    return Motion(full.knots, coefficients, notes)
+
+
+def smooth_step(x: Floats) -> Floats:
+    """Return the polynomial of degree 9 from 0 at 0 to 1 at 1 with four derivatives that are 0 there; held outside."""
+    x = np.clip(x, 0.0, 1.0)
+    return x**5 * (126.0 + x * (-420.0 + x * (540.0 + x * (-315.0 + 70.0 * x))))

@@ -1,0 +1,181 @@
+"""Motions through waypoints of the joints, with times or in the time that limits of speed and acceleration take."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from vdfmu.arm.motion.arguments import of_numbers
+from vdfmu.arm.motion.polynomial import Motion, joined, rest, spline
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError
+
+_ROUNDS = 20
+"""Rounds in which the shares of the intervals in the time are changed, of which the shortest motion is kept."""
+_TOWARDS = 0.5
+"""Power of what an interval takes of its limits by which its time changes in a round."""
+
+
+@of_numbers
+def waypoints(
+    points: npt.ArrayLike,
+    times: npt.ArrayLike | None = None,
+    *,
+    velocity: npt.ArrayLike | None = None,
+    acceleration: npt.ArrayLike | None = None,
+    duration: float | None = None,
+    dwell: npt.ArrayLike = 0.0,
+) -> Motion:
+    """Return the motion through points of the joints, at rest at the first and the last, without a jump up to snap.
+
+    Parameters
+    ----------
+    points : (k, n) [rad or m]
+    times : (k,) [s], optional
+        Of arrival, increasing; the motion begins at the first. Without them the limits decide.
+    velocity, acceleration : float or (n,) [rad/s or m/s, rad/s2 or m/s2], optional
+        Limits of each joint: without times the intervals are chosen so that they hold, and one is met; with times
+        the motion must keep them.
+    duration : float [s], optional
+        Without times, of the whole, rests included; the limits must hold.
+    dwell : float or (k,) [s]
+        Rest at each point; where it is 0 the motion passes through.
+
+    Raises
+    ------
+    UsageError
+        For points, times and limits that do not fit, with all problems.
+    """
+    q, dwells = np.array(points, dtype=float), np.array(dwell, dtype=float)
+    given = None if times is None else np.array(times, dtype=float)
+    check_points(q, given, dwells)
+    dwells = np.broadcast_to(dwells, len(q))
+    limits = limit("velocity", velocity, q.shape[1]), limit("acceleration", acceleration, q.shape[1])
+    if given is None and duration is None and (limits[0] is None or limits[1] is None):
+        raise UsageError(
+            "waypoints: expected times, a duration, or limits of velocity and acceleration, got none of them."
+        )
+    if given is not None and duration is not None:
+        raise UsageError("waypoints: expected times or a duration, got both. Remove one of them.")
+    stops = [0, *(i for i in range(1, len(q) - 1) if dwells[i] > 0.0), len(q) - 1]
+    moves = [
+        _timed(q[a : b + 1], *limits)
+        if given is None
+        else spline(np.append(given[a] + dwells[a], given[a + 1 : b + 1]), q[a : b + 1])
+        for a, b in pairwise(stops)
+    ]
+    if given is not None or duration is not None:
+        moving = joined(moves)
+        rested = float(dwells.sum())
+        if duration is not None and duration <= rested > 0.0:
+            raise UsageError(f"duration: expected more than the {rested:g} s of rest, got {duration:g} s.")
+        left = moving.duration if duration is None else duration - rested
+        factor = moving.fitted(*limits, left).duration / moving.duration
+        moves = [move.slower(factor) for move in moves]
+    rests = [[rest(q[i], dwells[i])] if dwells[i] > 0.0 else [] for i in stops]
+    parts = [part for before, move in zip(rests, moves, strict=False) for part in (*before, move)]
+    return joined([*parts, *rests[-1]])
+
+
+@of_numbers
+def samples(times: npt.ArrayLike, points: npt.ArrayLike) -> Motion:
+    """Return the motion through dense samples, at rest at both ends.
+
+    Parameters
+    ----------
+    times : (k,) [s]
+    points : (k, n) [rad or m]
+
+    Raises
+    ------
+    UsageError
+        As of :func:`waypoints`.
+    """
+    t, q = np.array(times, dtype=float), np.array(points, dtype=float)
+    motion = waypoints(q, t)
+    slopes = np.abs(np.diff(q, axis=0) / np.diff(t)[:, None])
+    ends = np.maximum(slopes[0], slopes[-1])
+    if np.any(fast := ends > _AT_REST * np.maximum(slopes.max(axis=0), 1e-300)):
+        joints = ", ".join(str(j + 1) for j in np.flatnonzero(fast))
+        note = f"the samples of joint {joints} start or end at speed, where the motion is at rest: it swings there."
+        return Motion(motion.knots, motion.coefficients, (note,))
+    return motion
+
+
+_AT_REST = 0.2
+"""Share of the largest slope of samples below which their ends are at rest."""
+
+
+def limit(name: str, value: npt.ArrayLike | None, n: int) -> Floats | None:
+    """Return a limit of each joint, (n,)."""
+    if value is None:
+        return None
+    try:
+        found = np.broadcast_to(np.asarray(value, dtype=float), (n,))
+    except ValueError:
+        found = np.zeros(n)
+    if not np.all((found > 0.0) & np.isfinite(found)):
+        raise UsageError(f"{name}: expected a number above 0 for all joints, or {n} of them, got {value}.")
+    return found
+
+
+def _timed(q: Floats, velocity: Floats | None, acceleration: Floats | None) -> Motion:
+    """Return the shortest motion found through points within limits; without both, with times like the distances."""
+    unit = 1.0 if velocity is None else velocity
+    h = np.linalg.norm(np.diff(q, axis=0) / unit, axis=1)
+    if velocity is None or acceleration is None:
+        return spline(np.append(0.0, np.cumsum(h)), q)
+    best: Motion | None = None
+    for _ in range(_ROUNDS):
+        motion = spline(np.append(0.0, np.cumsum(h)), q)
+        taken = motion.fitted(velocity, acceleration)
+        if best is None or taken.duration < best.duration:
+            best = taken
+        if len(q) == 2:
+            break
+        ends = np.append(0.0, np.cumsum(h))
+        place = np.clip(np.searchsorted(ends, motion.knots[:-1], "right") - 1, 0, len(h) - 1)
+        share = np.zeros(len(h))
+        np.maximum.at(share, place, motion.shares(velocity, acceleration))
+        h = np.maximum(h * (share / share.max()) ** _TOWARDS, 1e-3 * h.max())
+    assert best is not None
+    return best
+
+
+def check_points(q: Floats, times: Floats | None = None, dwell: Floats | float = 0.0) -> None:
+    """Check waypoints, (k, n), times of arrival and of rest.
+
+    Raises
+    ------
+    UsageError
+        With all problems.
+    """
+    dwell = np.asarray(dwell)
+    problems: list[str] = []
+    if q.ndim != 2 or len(q) < 2:
+        raise UsageError(f"waypoints: expected at least 2 points of n joints, (k, n), got shape {q.shape}.")
+    for i, j in np.argwhere(~np.isfinite(q)):
+        problems.append(f"point {i + 1}: joint {j + 1}: expected a finite number, got {q[i, j]}.")
+    if dwell.shape not in ((), (len(q),)) or not np.all((dwell >= 0.0) & np.isfinite(dwell)):
+        problems.append(f"dwell: expected a time of at least 0 s, or {len(q)} of them, got {dwell}.")
+        dwell = np.zeros(())
+    if times is not None:
+        if times.shape != (len(q),):
+            problems.append(f"times: expected {len(q)}, one for each point, got shape {times.shape}.")
+        else:
+            leave = times + np.where(np.arange(len(q)) < len(q) - 1, dwell, 0.0)
+            for i in np.flatnonzero(~(np.diff(times) > (leave - times)[:-1])):
+                rested = f", and its rest of {leave[i] - times[i]:g} s" if leave[i] > times[i] else ""
+                problems.append(
+                    f"point {i + 2}: time: expected more than the {times[i]:g} s of the point before{rested}, got "
+                    f"{times[i + 1]:g} s."
+                )
+    elif len(same := np.flatnonzero(~np.any(np.diff(q, axis=0) != 0.0, axis=1))):
+        problems += [
+            f"point {i + 2}: expected another position than that of the point before. Rest by dwell, or give times."
+            for i in same
+        ]
+    if problems:
+        raise UsageError("\n".join(problems))

@@ -1,0 +1,261 @@
+"""A motion of the joints: piecewise polynomials of degree 5 whose first four derivatives do not jump."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from math import factorial, perm
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from vdfmu.arm.motion.arguments import of_numbers
+from vdfmu.arm.units._played import Cycle, Played
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError
+
+DEGREE = 5
+"""Lowest degree of a spline whose fourth derivative has no jump: the elastic feedforward needs it."""
+_ROUNDING = 1e-9
+"""Share of a limit that is rounding."""
+MOST_NUMBERS = 500_000
+"""Coefficients of a unit: some 10 MB of C, which compiles in seconds."""
+_GAP = 1e-9
+"""Distance [rad or m] of motions one after the other that is no jump."""
+_CLOSED = 1e-12
+"""Distance of start and end [rad or m] that is rounding."""
+
+_UNIT = '''"""A motion that vdfmu worked out: {note}."""
+
+from pathlib import Path
+
+import numpy as np
+
+from vdfmu.arm.units._played import {base}
+
+_TABLE = np.load(Path(__file__).with_name("motion.npy"))
+
+
+class Motion({base}):
+    __doc__ = {base}.__doc__
+    files = ("motion.npy",)
+    edges, rows = _TABLE[:, 0], _TABLE[:-1]
+'''
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Motion of n joints over m pieces, at rest at both ends.
+
+    Attributes
+    ----------
+    knots : (m + 1,) [s]
+        From 0 on.
+    coefficients : (m, 6, n)
+        Of powers of the time since the start of a piece, the constant ones first.
+    notes : tuple of str
+        What is to be said of it.
+    """
+
+    knots: Floats
+    coefficients: Floats
+    notes: tuple[str, ...] = ()
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.coefficients.shape[2]
+
+    @property
+    def duration(self) -> float:
+        """Duration [s]."""
+        return float(self.knots[-1])
+
+    @property
+    def start(self) -> Floats:
+        """Positions at the start, (n,)."""
+        return self.coefficients[0, 0]
+
+    @cached_property
+    def end(self) -> Floats:
+        """Positions at the end, (n,)."""
+        return self.at(self.duration)[0]
+
+    @property
+    def closed(self) -> bool:
+        """Whether it ends where it starts, so that it can be repeated."""
+        return bool(np.allclose(self.start, self.end, rtol=0.0, atol=_CLOSED))
+
+    def at(self, t: float | Floats) -> Floats:
+        """Return positions and four time derivatives at times in the motion, (5, ..., n)."""
+        place = np.clip(np.searchsorted(self.knots, t, "right") - 1, 0, len(self.coefficients) - 1)
+        u = np.asarray(np.clip(t, 0.0, self.duration) - self.knots[place])[..., None]
+        c = np.moveaxis(self.coefficients[place], -2, 0)
+        return np.array([_horner(c, u, order) for order in range(5)])
+
+    def extremes(self, order: int) -> Floats:
+        """Least and largest value of a derivative in each piece, (2, m, n)."""
+        h, c = np.diff(self.knots)[:, None], np.moveaxis(self.coefficients, 1, 0)
+        found = np.array([_horner(c, h * share, order) for share in (0.0, 1.0, *_turns(c, h, order))])
+        return np.array([found.min(axis=0), found.max(axis=0)])
+
+    @cached_property
+    def peaks(self) -> Floats:
+        """Largest absolute values of the four derivatives of each joint, (4, n)."""
+        return np.array([np.abs(self.extremes(order)).max(axis=(0, 1)) for order in range(1, 5)])
+
+    def shares(self, velocity: Floats, acceleration: Floats) -> Floats:
+        """How much of the limits, (n,) each, each piece takes as a factor of its time, (m,)."""
+        taken = [np.abs(self.extremes(order)).max(axis=0) for order in (1, 2)]
+        return np.maximum(taken[0] / velocity, np.sqrt(taken[1] / acceleration)).max(axis=1)
+
+    def fitted(
+        self,
+        velocity: Floats | None = None,
+        acceleration: Floats | None = None,
+        duration: float | None = None,
+    ) -> Motion:
+        """Return the motion over `duration` [s], or over the shortest time for limits, (n,) each.
+
+        Raises
+        ------
+        UsageError
+            If the duration breaks a limit.
+        """
+        factors = [
+            (peak / limit) ** (1.0 / order)
+            for order, (peak, limit) in enumerate(zip(self.peaks, (velocity, acceleration), strict=False), 1)
+            if limit is not None
+        ]
+        least = float(np.max(factors, initial=0.0))
+        if duration is not None and not 0.0 < duration < np.inf:
+            raise UsageError(f"duration: expected more than 0 s, got {duration}.")
+        if duration is None:
+            return self.slower(least) if least > 0.0 else self
+        if least * self.duration > duration * (1.0 + _ROUNDING):
+            joint = int(np.argmax(np.max(factors, axis=0))) + 1
+            raise UsageError(
+                f"duration: expected at least the {least * self.duration:.6g} s that the limits of joint {joint} take, "
+                f"got {duration:g} s. Give more time, or raise the limits."
+            )
+        return self.slower(duration / self.duration)
+
+    def slower(self, factor: float) -> Motion:
+        """Return the motion over `factor` times the time."""
+        if not 0.0 < factor < np.inf:
+            raise UsageError(f"factor: expected a number above 0, got {factor}.")
+        powers = factor ** -np.arange(DEGREE + 1.0)
+        return Motion(self.knots * factor, self.coefficients * powers[:, None], self.notes)
+
+    def dwelling(self, seconds: float) -> Motion:
+        """Return the motion and a rest after it."""
+        return self if np.array_equal(seconds, 0.0) else joined([self, rest(self.end, seconds)])
+
+    def unit(self) -> type[Played]:
+        """Return the unit that plays the motion, for ``units={"trajectory": motion.unit()}``.
+
+        Raises
+        ------
+        UsageError
+            For a motion of too many pieces.
+        """
+        if self.coefficients.size > MOST_NUMBERS:
+            raise UsageError(
+                f"motion: expected at most {MOST_NUMBERS} coefficients, got {self.coefficients.size}, "
+                f"{DEGREE + 1} for each joint and piece. Give fewer points, or a shorter motion."
+            )
+        hold = np.zeros((1, DEGREE + 1, self.n))
+        hold[0, 0] = self.start if self.closed else self.end
+        pieces = np.concatenate([self.coefficients, hold])
+        table = np.column_stack([self.knots, pieces.reshape(len(pieces), -1)])
+        table = np.vstack([table, np.where(np.arange(table.shape[1]) == 0, self.duration + 1.0, 0.0)])
+        base = Cycle if self.closed else Played
+        stream = io.BytesIO()
+        np.save(stream, table)
+        note = f"{self.n} joints, {len(self.coefficients)} pieces over {self.duration:g} s"
+        text = _UNIT.format(note=note, base=base.__name__)
+        made = {"unit.py": text.encode(), "motion.npy": stream.getvalue()}
+        body: Any = {"__module__": __name__, "__doc__": base.__doc__, "made_of": made, "notes": self.notes}
+        body |= {"edges": table[:, 0], "rows": table[:-1], "experiment_stop": self.duration}
+        unit: Any = type("Motion", (base,), body)
+        return unit
+
+
+def _horner(c: Floats, u: Floats, order: int) -> Floats:
+    """Return a derivative of polynomials whose coefficients are the rows of `c`, (6, ..., n), at u, (..., 1)."""
+    value = np.zeros(c.shape[1:])
+    for k in range(DEGREE, order - 1, -1):
+        value = value * u + perm(k, order) * c[k]
+    return value
+
+
+def _turns(c: Floats, h: Floats, order: int) -> Floats:
+    """Shares of pieces at which a derivative may have an extremum, (d, m, n): roots of the next one, of degree d."""
+    d = DEGREE - order - 1
+    a = np.array([perm(k + order + 1, order + 1) * c[k + order + 1] * h**k for k in range(d + 1)])
+    smallest = np.maximum(1e-12 * np.abs(a).max(axis=0), 1e-300)
+    lead = np.where(np.abs(a[d]) < smallest, smallest, a[d])
+    companion = np.zeros((*a.shape[1:], d, d))
+    companion[..., np.arange(1, d), np.arange(d - 1)] = 1.0
+    companion[..., -1:] = -np.moveaxis(a[:d] / lead, 0, -1)[..., None]
+    turns = np.linalg.eigvals(companion).real.astype(np.float64)
+    return np.clip(np.moveaxis(turns, -1, 0), 0.0, 1.0)
+
+
+def spline(t: Floats, q: Floats) -> Motion:
+    """Spline of degree 5 through points, at rest at both ends up to the fourth derivative.
+
+    Rest takes four conditions at each end, for which there are two more knots in the first and in the last interval.
+
+    Parameters
+    ----------
+    t : (k,) [s], increasing
+    q : (k, n) [rad or m]
+    """
+    t = t - t[0]
+    first, last = ([1 / 3, 2 / 3],) * 2 if len(t) > 2 else ([1 / 5, 2 / 5, 3 / 5, 4 / 5], [])
+    inner = np.concatenate(
+        [t[0] + (t[1] - t[0]) * np.array(first), t[1:-1], t[-2] + (t[-1] - t[-2]) * np.array(last)]
+    )
+    ends = np.ones(DEGREE + 1)
+    still = [(order, np.zeros(q.shape[1])) for order in range(1, 5)]
+    found = make_interp_spline(
+        t, q, k=DEGREE, t=np.concatenate([t[0] * ends, inner, t[-1] * ends]), bc_type=(still, still)
+    )
+    knots = np.concatenate([t[:1], inner, t[-1:]])
+    coefficients = np.array([found(knots[:-1], order) / factorial(order) for order in range(DEGREE + 1)])
+    coefficients[1:DEGREE, 0] = 0.0  # rest, without what rounding leaves of it
+    coefficients[0, 0] = q[0]
+    return Motion(knots, np.moveaxis(coefficients, 0, 1).copy())
+
+
+@of_numbers
+def rest(q: Floats, seconds: float) -> Motion:
+    """Return a motion that stands still at `q`, (n,) [rad or m], for some `seconds`."""
+    if np.ndim(seconds) or not 0.0 < seconds < np.inf:
+        raise UsageError(f"dwell: expected one time above 0 s, got {seconds}.")
+    coefficients = np.zeros((1, DEGREE + 1, len(q)))
+    coefficients[0, 0] = q
+    return Motion(np.array([0.0, seconds]), coefficients)
+
+
+def joined(parts: Iterable[Motion]) -> Motion:
+    """Return motions one after the other; UsageError if one does not start where the one before ends."""
+    parts = list(parts)
+    for i, (one, other) in enumerate(pairwise(parts), 1):
+        if one.n != other.n or np.abs(other.start - one.end).max() > _GAP:
+            raise UsageError(
+                f"joined: expected motion {i + 1} to start at {one.end}, where motion {i} ends, got {other.start}."
+            )
+    begins = np.cumsum([0.0] + [part.duration for part in parts])
+    knots = [part.knots[:-1] + begin for part, begin in zip(parts, begins, strict=False)]
+    notes = dict.fromkeys(note for part in parts for note in part.notes)
+    return Motion(
+        np.append(np.concatenate(knots), begins[-1]),
+        np.concatenate([part.coefficients for part in parts]),
+        tuple(notes),
+    )

@@ -1,0 +1,234 @@
+"""Motions from files: the table ``[motion]`` of a TOML file, and points of the joints from CSV files."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vdfmu.arm.drive.limits import motor_torque
+from vdfmu.arm.dynamics import inverse_dynamics
+from vdfmu.arm.motion.arguments import NUMBERS, ONE, SINGLE, TEXTS, WHOLE
+from vdfmu.arm.motion.cartesian import circle, line
+from vdfmu.arm.motion.excitation import multisine, sweep
+from vdfmu.arm.motion.joint_space import samples, waypoints
+from vdfmu.arm.motion.minimum_time import LOOKS, fastest
+from vdfmu.arm.motion.polynomial import Motion
+from vdfmu.arm.robot import Robot
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import ModelError, UsageError
+from vdfmu.base.measure import WIDE_ANGLE
+from vdfmu.base.toml_file import read_toml
+from vdfmu.base.toml_tables import Problems, Table, shape_of, shown
+from vdfmu.engine.plan.inputs import csv_columns
+
+_KINDS: tuple[Callable[..., Motion], ...] = (waypoints, samples, fastest, line, circle, sweep, multisine)
+KINDS: dict[str, tuple[Callable[..., Motion], dict[str, inspect.Parameter]]] = {
+    make.__name__: (make, {k: p for k, p in inspect.signature(make).parameters.items() if k != "robot"})
+    for make in _KINDS
+}
+"""Kind to the function that works it out, and its parameters, which are the keys of the table."""
+OF_FILE = ("waypoints", "samples", "fastest")
+"""Kinds whose points may be in a CSV file."""
+_OF_ROBOT = ("fastest", "line", "circle")
+_FACTORS = {"revolute": {"rad": 1.0, "deg": math.pi / 180.0}, "prismatic": {"m": 1.0, "mm": 1e-3}}
+_EXAMPLE = "time [s], q1 [rad], q2 [deg]"
+
+
+def load_motion(path: str | os.PathLike[str], robot: Robot) -> Motion:
+    """Work out the motion of a file for a robot.
+
+    Parameters
+    ----------
+    path : path
+        A TOML file with a table ``[motion]``, such as a scenario, or with its keys by themselves; or a CSV file of
+        samples.
+    robot : Robot
+
+    Returns
+    -------
+    Motion
+
+    Raises
+    ------
+    ModelError
+        For what is wrong with the file or with the motion; it lists every problem.
+    """
+    path = Path(path)
+    problems = Problems(str(path))
+    if path.suffix.lower() == ".csv":
+        data: Any = {"kind": "samples", "file": path.name}
+    else:
+        data = read_toml(path)
+        if "motion" not in data and "stop" in data:
+            problems.add(
+                "motion", "a table", "a scenario without one",
+                f"It goes along (57), which 'vdfmu run {path.stem}' shows; or add the table.",
+            )  # fmt: skip
+            problems.raise_any()
+        data = data.get("motion", data)
+    motion = read_motion(problems, data, robot, path.parent)
+    problems.raise_any()
+    assert motion is not None
+    return motion
+
+
+def read_motion(problems: Problems, data: object, robot: Robot, folder: Path) -> Motion | None:
+    """Work out the motion of a table ``[motion]``, or of the TOML file that its text names; None with problems."""
+    if isinstance(data, str):
+        try:
+            return load_motion(folder / data, robot)
+        except ModelError as error:
+            problems.lines.extend(error.problems)
+            return None
+    before = len(problems.lines)
+    kind = Table(problems, data, "motion", list(data) if isinstance(data, dict) else ()).text(
+        "kind", choices=(*KINDS,)
+    )
+    if kind not in KINDS:
+        return None
+    make, keys = KINDS[kind]
+    table = Table(problems, data, "motion", ("kind", *(("file",) if kind in OF_FILE else ()), *keys))
+    values = {key: _value(table, key) for key in table.data if key in keys}
+    if kind in OF_FILE and "file" in table.data:
+        read = read_points(folder / table.text("file"), robot, problems, keys)
+        if twice := [key for key in read if key in values]:
+            problems.add(
+                "motion.file", "values in one place", f"{', '.join(twice)} twice", "Remove one of them."
+            )
+        values |= read
+    for key, parameter in keys.items():
+        if parameter.default is parameter.empty and key not in values and len(problems.lines) == before:
+            way = 'Add the key, or file = "points.csv".' if kind in OF_FILE else "The key is missing: add it."
+            problems.add(table.key(key), f"a value for {kind}", "nothing", way)
+    if len(problems.lines) > before:
+        return None
+    try:
+        motion = make(**values, **({"robot": robot} if kind in _OF_ROBOT else {}))
+        check_motion(motion, robot)
+        notes = _wide_angles(motion, robot)
+    except UsageError as error:
+        problems.lines.extend(f"{problems.where}: motion: {one}" for one in str(error).splitlines())
+        return None
+    return replace(motion, notes=(*motion.notes, *notes))
+
+
+def _wide_angles(motion: Motion, robot: Robot) -> list[str]:
+    """Return notes on joints whose positions look like degrees."""
+    widest = np.abs(motion.coefficients[:, 0]).max(axis=0)  # at the knots
+    return [
+        f"joint {j + 1}: positions up to {widest[j]:.4g} rad look like degrees: {math.radians(widest[j]):.4g} rad."
+        for j, kind in enumerate(robot.joint_types)
+        if kind == "revolute" and widest[j] > WIDE_ANGLE
+    ]
+
+
+def check_motion(motion: Motion, robot: Robot) -> None:
+    """Raise UsageError for a motion of other joints, beyond end stops, or beyond what motors give to rigid links."""
+    if motion.n != robot.n:
+        raise UsageError(f"expected positions of the {robot.n} joints of {robot.name}, got {motion.n}.")
+    if not robot.limits:
+        return
+    low, high = motion.extremes(0)
+    labels = robot.joint_labels
+    stops = [
+        f"joint {labels[j]}: expected positions between its end stops, {robot.q_min[j]:g} and {robot.q_max[j]:g}, got "
+        f"{value[i, j]:.4g} at {motion.knots[i]:.4g} to {motion.knots[i + 1]:.4g} s."
+        for j in range(robot.n)
+        for value, beyond in ((low, low < robot.q_min), (high, high > robot.q_max))
+        for i in np.flatnonzero(beyond[:, j])[:1]
+    ]
+    t = np.linspace(0.0, motion.duration, LOOKS)
+    q, q_dot, q_ddot = motion.at(t)[:3]
+    tau = inverse_dynamics(robot, q, q_dot, q_ddot) / robot.ell + robot.I_m * q_ddot
+    lacking = np.abs(tau) - np.abs(motor_torque(robot, tau, q_dot))
+    weak = [
+        f"joint {labels[j]}: expected at most the torque that its motor has at this speed, got {abs(tau[i, j]):.4g} "
+        f"N.m, {lacking[i, j]:.4g} N.m more, at {t[i]:.4g} s."
+        for j, i in enumerate(lacking.argmax(axis=0))
+        if lacking[i, j] > 1e-9 * abs(tau[i, j])
+    ]
+    ways = ((stops, "Choose other points."), (weak, "Give more time."))
+    if problems := ["\n".join(lines) + f" {way}" for lines, way in ways if lines]:
+        raise UsageError("\n".join(problems))
+
+
+def _value(table: Table, key: str) -> Any:
+    """Return the value of a key: a text, or a number or an array."""
+    value = table.data[key]
+    if key in TEXTS and isinstance(value, str):
+        return table.text(key)
+    shape, numbers = shape_of(value), np.array(value, dtype=object).ravel()
+    if shape and key in SINGLE:
+        table.problems.add(table.key(key), ONE, shown(value), "Correct it.")
+    elif shape is None or len(shape) > 2 or 0 in shape:
+        table.problems.add(table.key(key), NUMBERS, shown(value), "Correct it.")
+    elif key in WHOLE and any(type(one) is not int for one in numbers):
+        table.problems.add(table.key(key), "whole numbers", shown(value), "Correct it.")
+    elif not shape:
+        return int(value) if key in WHOLE else table.number(key, "")
+    else:
+        return table.numbers(key, shape, "")
+    return None
+
+
+def read_points(path: Path, robot: Robot, problems: Problems, known: Any) -> dict[str, Floats]:
+    """Read a CSV file of positions of the joints; what is wrong is noted, with lines.
+
+    The heading names the columns in any order: ``q1`` to ``qn``, or the names that the robot's file has for the joints,
+    with rad or deg in brackets, or m or mm for a prismatic joint, SI where no unit is given; ``time [s]`` and
+    ``dwell [s]`` where they are `known`.
+
+    Returns
+    -------
+    dict of str to array
+        ``points`` (k, n) [rad or m], ``times`` and ``dwell`` (k,) [s].
+    """
+    found: list[str] = []
+    columns = csv_columns(path, found, timed=False)
+    if columns is not None:
+        names, units, values, _ = columns
+        keys = {"time": "times", "dwell": "dwell"}
+        numbered = [f"q{j + 1}" for j in range(robot.n)]
+        of_names = dict(zip(robot.joint_names, numbered, strict=False))
+        table: dict[str, Floats] = {}
+        unknown: list[str] = []
+        wrong: dict[str, list[str]] = {}
+        for heading, unit, column in zip(names, units, values.T, strict=True):
+            name = of_names.get(heading, heading)
+            factors = {"s": 1.0}
+            if name in numbered:
+                factors = _FACTORS[robot.joint_types[numbered.index(name)]]
+            elif keys.get(name) not in known:
+                unknown.append(heading)
+                continue
+            if unit and unit not in factors:
+                wrong.setdefault(f"expected {' or '.join(factors)}, got {unit!r}", []).append(heading)
+            if name in table:
+                found.append(f"{path}: row 1: {heading}: expected one column for {name}, got another one.")
+            table[name] = column * factors.get(unit, 1.0)
+        if unknown:
+            also = "".join(f", {key}" for key, value in keys.items() if value in known)
+            own = f", or {', '.join(filter(None, of_names))}" if any(of_names) else ""
+            found.append(
+                f"{path}: row 1: {', '.join(unknown)}: expected q1 to q{robot.n}{own}{also}. Write a heading such as "
+                f"{_EXAMPLE}."
+            )
+        for what, headings in wrong.items():
+            columns_are = "columns" if len(headings) > 1 else "column"
+            found.append(f"{path}: row 1: {', '.join(headings)}: {what}. Convert the {columns_are}.")
+        if missing := [name for name in numbered if name not in table]:
+            found.append(
+                f"{path}: row 1: expected a column for each joint, got none of {', '.join(missing)}."
+            )
+        if not found:
+            points = np.column_stack([table[name] for name in numbered])
+            return {"points": points} | {keys[key]: table[key] for key in keys if key in table}
+    problems.lines.extend(found)
+    return {}

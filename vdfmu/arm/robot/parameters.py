@@ -1,0 +1,282 @@
+"""THE table of a robot's parameters: every number of a robot, once.
+
+`Robot`, the robot file with its checks, the kernel's parameter vector, the FMI variables, ``vdfmu models show`` and the
+docs read it. A new parameter is a field of `Parameters`, and an equation that uses it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from vdfmu.base.measure import unit_of
+from vdfmu.base.toml_tables import LARGEST_NUMBER, POSITIVE
+
+Array = npt.NDArray[Any]
+Section = Literal[
+    "robot", "payload", "joint", "link", "drive", "friction", "limits", "hysteresis", "load_loss", "backlash",
+    "bristles", "winding", "thermal",
+]  # fmt: skip
+Fold = Literal["never", "always", "zeros", "inertia", "lumped friction", "no kinematic error"]
+
+JOINT_OPTIONS: tuple[Section, ...] = (
+    "limits", "hysteresis", "load_loss", "backlash", "bristles", "winding", "thermal",
+)  # fmt: skip
+"""Tables that all joints of a robot have or none."""
+OPTIONAL: tuple[Section, ...] = ("payload", *JOINT_OPTIONS)
+"""Sections that a robot may lack; the flag of `Robot` that says so has the same name."""
+
+
+def read_only(values: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """Return a contiguous float copy that refuses assignment."""
+    array = np.array(values, dtype=float)
+    array.flags.writeable = False
+    return array
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of the table.
+
+    Attributes
+    ----------
+    name : str
+        Field of `Robot` and group of the FMI variables.
+    section : str
+        Where the robot file has it: "robot" is the top of the file, "joint" that of each ``[[joints]]``, "payload" a
+        table of the file, the others are tables of each joint.
+    quantity : str
+        Unit of measurement, or what `unit_of` has different units for on revolute and prismatic joints.
+    text : str
+        What it is; ``Eq. {}`` cites `equation`.
+    equation : str
+        The paper's, "(2)"; empty for what the paper does not have.
+    largest : float
+        Largest absolute value, in SI units, far above that of any machine.
+    smallest : float or None
+        Smallest value. `POSITIVE` stands for "above 0", None for minus the largest.
+    default : float, matrix or None
+        Of every entry, or of all, where the file says nothing. None: the file must have it.
+    shape : tuple of int
+        Of one joint, or of what there is once.
+    fold : str
+        Which entries are constants of the functions and no parameters at run time, so that they cost nothing: "never"
+        any, "always" all, "zeros", of an "inertia" the zeros off the diagonal and what symmetry gives, all in an arm
+        with "lumped friction", those of joints with "no kinematic error".
+    hint : str
+        Way out of a problem with it; else the text.
+    given : str
+        What a file of another tool calls it: an attribute of a URDF's <limit> or <dynamics>, MJCF's armature and
+        gravity, the tip.
+    scaled_as : str
+        What a user who scales it scales; all parameters of one word are scaled together.
+    """
+
+    name: str
+    section: Section
+    quantity: str
+    text: str
+    equation: str = ""
+    largest: float = LARGEST_NUMBER
+    smallest: float | None = None
+    default: Any = None
+    shape: tuple[int, ...] = ()
+    fold: Fold = "never"
+    hint: str = ""
+    given: str = ""
+    scaled_as: str = ""
+
+    @property
+    def per_joint(self) -> bool:
+        """Whether each joint has its own."""
+        return self.section not in ("robot", "payload")
+
+    @property
+    def key(self) -> str:
+        """Key in its table of the robot file."""
+        return self.name.removeprefix(f"{self.section}_")
+
+    @property
+    def table(self) -> str:
+        """Table of the robot file: ``joints.link``, empty for the top of the file."""
+        if not self.per_joint:
+            return "" if self.section == "robot" else self.section
+        return "joints" if self.section == "joint" else f"joints.{self.section}"
+
+    @property
+    def path(self) -> str:
+        """Key in the robot file, as in its [sources]: ``joints.link.mass``."""
+        return f"{self.table}.{self.key}".lstrip(".")
+
+    @property
+    def description(self) -> str:
+        """The text with the number of the equation."""
+        return self.text.replace("{}", self.equation)
+
+    @property
+    def way_out(self) -> str:
+        """Last sentence of a problem with it."""
+        return self.hint or f"It is the {self.description[0].lower()}{self.description[1:]}."
+
+    def unit(self, joint_type: str = "revolute") -> str:
+        """Return the unit of measurement for a joint type."""
+        return unit_of(self.quantity, joint_type)
+
+    def is_free(self, robot: Any, index: tuple[int, ...]) -> bool:
+        """Whether an entry of this robot's array is a parameter at run time."""
+        if self.section in OPTIONAL and not getattr(robot, self.section):
+            return False
+        array = getattr(robot, self.name)
+        match self.fold:
+            case "zeros":
+                return bool(array[index] != 0.0)
+            case "inertia":  # one that is all zero, of a point mass, has no parameters
+                j, k = index[-2:]
+                return bool((j == k and array.any()) or (j < k and array[index] != 0.0))
+            case "lumped friction":
+                return robot.friction == "split"
+            case "no kinematic error":
+                return bool(robot.theta_err_amplitude[index] != 0.0)
+            case _:
+                return self.fold == "never"
+
+
+def _row(*row: Any, **rest: Any) -> Any:
+    """Field of `Parameters` that is a `Row`."""
+    return field(metadata={"row": row, "rest": rest})
+
+
+_VECTOR, _MATRIX = (3,), (3, 3)
+_ALIGNED = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+_MOMENTS = "One number (isotropic), 3 principal moments or a symmetric 3 x 3 matrix will do."
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Parameters:
+    """The table: a field is a row, in the order of the FMI value references. Arrays have the joint first."""
+
+    # fmt: off
+    gravity: Array = _row(
+        "robot", "m/s2", "Gravity vector of Eq. {} in {I}, upward", "(62)", 1e4, shape=_VECTOR, fold="zeros",
+        hint="Write +9.81 along the upward axis.", given="gravity")
+    tool_offset: Array = _row(
+        "robot", "m", "Origin of the end-effector frame {O} in the last link frame", "(44)", 1e4, default=0.0,
+        shape=_VECTOR, fold="zeros", given="tip")
+    tool_rotation: Array = _row(
+        "robot", "1", "Rotation matrix from {O} to the last link frame", "(44)", default=_ALIGNED, shape=_MATRIX,
+        fold="always", given="tip_axes")
+    payload_mass: Array = _row(
+        "payload", "kg", "Mass of the payload", "(51)", 1e6, 0.0, hint="Give 0 for none; it can be set at run time.",
+        scaled_as="payload")
+    payload_centroid: Array = _row(
+        "payload", "m", "Centre of mass of the payload in {O}", "(51)", 1e4, default=0.0, shape=_VECTOR)
+    payload_inertia: Array = _row(
+        "payload", "kg.m2", "Inertia of the payload about its centre of mass", "(51)", 1e9, default=0.0,
+        shape=_MATRIX, fold="inertia", hint=_MOMENTS)
+    rotation: Array = _row(
+        "joint", "1", "Rotation matrix from the link frame to the frame of the previous link at q = 0", "(34)-(36)",
+        shape=_MATRIX, fold="always")
+    offset: Array = _row(
+        "joint", "m", "Origin of the link frame in the frame of the previous link", "(34)-(36)", 1e4, shape=_VECTOR,
+        fold="zeros")
+    centroid: Array = _row("link", "m", "Centre of mass in the link frame", "(60)", 1e4, shape=_VECTOR, fold="zeros")
+    mass: Array = _row("link", "kg", "mass of the link", "(60)", 1e6, POSITIVE, scaled_as="mass")
+    inertia: Array = _row(
+        "link", "kg.m2", "Inertia about the centre of mass", "(60)", 1e9, shape=_MATRIX, fold="inertia",
+        hint=_MOMENTS, scaled_as="mass")
+    ell: Array = _row(
+        "drive", "ratio", "reduction ratio", "(1)", 1e6, 1.0,
+        hint="Give the rotor angle for one unit of joint motion.")
+    I_m: Array = _row("drive", "rotor inertia", "rotor inertia times ell, Eq. {}", "(56)", 1e6, POSITIVE,
+        given="armature")
+    K_f0: Array = _row("drive", "stiffness", "flexspline stiffness, link-side, Eq. {}", "(2)", 1e12, POSITIVE,
+        scaled_as="stiffness")
+    c_f: Array = _row(
+        "drive", "per torque", "flexspline stiffening, link-side, Eq. {}", "(2)", 1e6, POSITIVE,
+        hint="For a linear spring give a small value such as 1e-6.")
+    K_w0: Array = _row("drive", "N.m/rad", "wave generator stiffness, motor-side, Eq. {}", "(3)", 1e12, POSITIVE,
+        scaled_as="stiffness")
+    c_w: Array = _row(
+        "drive", "1/(N.m)", "wave generator stiffening, motor-side, Eq. {}", "(3)", 1e9, POSITIVE,
+        hint="For a linear spring give a small value such as 1e-3.")
+    f_c: Array = _row(
+        "friction", "torque", "Coulomb friction, link-side, Eq. {}", "(54)", 1e9, 0.0, given="friction",
+        scaled_as="friction")
+    f_s: Array = _row(
+        "friction", "torque", "static friction, link-side, Eq. {}", "(54)", 1e9, 0.0, given="friction",
+        scaled_as="friction")
+    f_v: Array = _row(
+        "friction", "damping", "viscous friction, link-side, Eq. {}", "(54)", 1e9, 0.0, given="damping",
+        scaled_as="friction")
+    v_s: Array = _row(
+        "friction", "velocity", "Stribeck velocity, Eq. {}", "(54)", 1e6, POSITIVE,
+        hint="For friction without the Stribeck effect set f_s = f_c.")
+    eps: Array = _row(
+        "friction", "velocity", "velocity that regularises sgn as tanh(v/eps)", "(54)-(55)", 1e6, POSITIVE,
+        default=1e-3)
+    f_ck: Array = _row(
+        "friction", "N.m", "Coulomb friction of the rotor, motor-side, Eq. {}", "(55)", 1e9, 0.0,
+        fold="lumped friction", scaled_as="friction")
+    q_min: Array = _row("limits", "position", "lower end stop", "", 1e6, given="lower")
+    q_max: Array = _row("limits", "position", "upper end stop", "", 1e6, given="upper")
+    stop_stiffness: Array = _row("limits", "stiffness", "stiffness of the end stops, link-side", "", 1e12, POSITIVE)
+    stop_damping: Array = _row(
+        "limits", "per velocity", "damping of the end stops over stiffness and depth", "", 1e6, 0.0,
+        hint="Give 0 for stops without loss.")
+    tau_stall: Array = _row(
+        "limits", "N.m", "largest torque of the motor, motor-side", "", 1e9, POSITIVE, given="effort")
+    kappa_dot_max: Array = _row(
+        "limits", "velocity", "no-load speed of the motor divided by ell", "", 1e9, POSITIVE, given="velocity")
+    full_speed: Array = _row(
+        "limits", "1", "share of the no-load speed up to which the motor has its largest torque", "", 0.99, 0.0,
+        default=0.0, fold="zeros", given="velocity",
+        hint="Give 0 for a line from standstill, 0.95 for a drive that limits the speed.")
+    K_h: Array = _row(
+        "hysteresis", "stiffness", "stiffness of the hysteresis element, link-side", "", 1e12, POSITIVE,
+        hint="For none give a small value such as 1e-6.")
+    f_h: Array = _row(
+        "hysteresis", "torque", "torque at which the hysteresis element slips, link-side", "", 1e9, POSITIVE)
+    mu_l: Array = _row(
+        "load_loss", "1", "friction of the mesh over the torque that the drive carries", "", 1.0, 0.0,
+        scaled_as="friction")
+    w_gap: Array = _row("backlash", "position", "width of the backlash, link-side", "", 1.0, 0.0)
+    tau_gap: Array = _row(
+        "backlash", "torque", "torque that takes up 71 % of the backlash, link-side", "", 1e9, POSITIVE)
+    sigma_0: Array = _row("bristles", "stiffness", "stiffness of the bristles, link-side", "", 1e12, POSITIVE)
+    sigma_1: Array = _row("bristles", "damping", "damping of the bristles, link-side", "", 1e9, 0.0)
+    k_t: Array = _row(
+        "winding", "N.m/A", "torque constant of the motor, and its back-EMF in V.s/rad", "", 1e6, POSITIVE)
+    R_w: Array = _row("winding", "Ohm", "resistance of the winding", "", 1e9, 0.0)
+    L_w: Array = _row("winding", "H", "inductance of the winding", "", 1e6, POSITIVE)
+    U_max: Array = _row("winding", "V", "largest voltage", "", 1e9, POSITIVE)
+    i_max: Array = _row("winding", "A", "largest current", "", 1e9, POSITIVE)
+    w_i: Array = _row("winding", "1/s", "bandwidth of the current loop", "", 1e9, POSITIVE)
+    T_ref: Array = _row("thermal", "K", "temperature for which the viscous friction is given", "", 1e4, 0.0)
+    T_v: Array = _row(
+        "thermal", "K", "rise of temperature by which viscous friction falls to 1/e", "", 1e9, POSITIVE,
+        hint="For friction that does not depend on temperature give a large value such as 1e9.")
+    T_amb: Array = _row("thermal", "K", "temperature of the surroundings", "", 1e4, 0.0)
+    C_th: Array = _row("thermal", "J/K", "heat capacity of the joint", "", 1e9, POSITIVE)
+    G_th: Array = _row("thermal", "W/K", "heat flow to the surroundings over the rise of temperature", "", 1e6, 0.0)
+    theta_err_amplitude: Array = _row(
+        "drive", "position", "amplitude of the kinematic error, link-side, Eq. {}", "(3)", 1.0, 0.0, default=0.0,
+        fold="no kinematic error", hint="Give 0 for none; shift the phase by pi for a sign.")
+    theta_err_phase: Array = _row(
+        "drive", "rad", "phase of the kinematic error, Eq. {}", "(3)", 1e6, default=0.0, fold="no kinematic error")
+    # fmt: on
+
+
+PARAMETERS = {f.name: Row(f.name, *f.metadata["row"], **f.metadata["rest"]) for f in fields(Parameters)}
+"""Name of a parameter to its row."""
+
+
+def section(name: Section) -> list[Row]:
+    """Return the rows of a section."""
+    return [row for row in PARAMETERS.values() if row.section == name]
+
+
+SPRING_KEYS = tuple(row.name for row in section("drive") if row.name != "I_m")
+"""What the deformation of a drive depends on: all of the drive but the inertia of its rotor."""

@@ -1,0 +1,214 @@
+"""The layout of a robot file: from its tables to a `Robot`, with every problem reported at once."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Mapping
+from typing import Any, cast
+
+import numpy as np
+
+from vdfmu.arm.robot.catalogue import NAMED, completed
+from vdfmu.arm.robot.parameters import JOINT_OPTIONS, PARAMETERS, Row, Section, read_only, section
+from vdfmu.arm.robot.physical import check_drive, check_friction, check_inertia, check_rotation, check_stops
+from vdfmu.arm.robot.robot import ENDS, FRICTION_ARRANGEMENTS, JOINT_TYPES, Robot, joint_free, robot_argument
+from vdfmu.arm.robot.visual import read_visuals
+from vdfmu.base.toml_tables import POSITIVE, FloatArray, Problems, Table, nearest, shape_of, shown
+
+Numbers = dict[str, float | FloatArray]
+
+
+def _keys(name: Section) -> list[str]:
+    return [row.key for row in section(name)]
+
+
+ROBOT_KEYS = (
+    "name", "description", "friction", "rotor_coupling", *ENDS, *_keys("robot"), "payload", "joints", "sources",
+    "visuals",
+)  # fmt: skip
+JOINT_KEYS = ("type", *_keys("joint"), "link", "drive", "friction", *JOINT_OPTIONS, *NAMED, "name")
+SOURCE_KEYS = tuple(row.path for row in PARAMETERS.values())
+
+
+def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
+    """Build a robot from the content of a robot file.
+
+    Parameters
+    ----------
+    data : mapping
+        The layout of a robot's TOML file; the inverse of `Robot.to_dict`.
+    where : str
+        What messages call the data.
+
+    Raises
+    ------
+    ModelError
+        With every problem found.
+    """
+    problems = Problems(where)
+    file = Table(problems, data, "", ROBOT_KEYS)
+    name = file.label("name")
+    description = file.text("description", "")
+    friction = file.text("friction", "lumped", FRICTION_ARRANGEMENTS)
+    rotor_coupling = file.flag("rotor_coupling", True)
+    flags = {flag: file.flag(flag, False) for flag in ENDS}
+    whole = section_numbers(file, "robot") | {row.name: np.zeros(row.shape) for row in section("payload")}
+    if "payload" in file.data:
+        whole |= section_numbers(file.table("payload", _keys("payload")), "payload")
+    for row in section("robot"):
+        if row.shape == (3, 3):
+            check_rotation(problems, row.key, np.asarray(whole[row.name]))
+    sources = _sources(file)
+    expected = "one table [[joints]] for each joint"
+    joints = file.value("joints", expected)
+    if joints is not None and (not isinstance(joints, list) or not joints):
+        problems.add("joints", expected, shown(joints), "Write [[joints]] in double brackets, at least once.")
+        joints = None
+    read: list[dict[str, Any]] = []
+    of_catalogue: dict[str, str] = {}
+    for i, joint in enumerate(cast("list[Any]", joints or []), 1):
+        joint, where_from = completed(problems, joint, f"joints[{i}]")
+        of_catalogue |= where_from
+        read.append(_joint(problems, joint, f"joints[{i}]"))
+    names = [joint["name"] for joint in read]
+    for i, name_of in enumerate(names, 1):
+        if name_of and names.index(name_of) < i - 1:
+            other = names.index(name_of) + 1
+            problems.add(f"joints[{i}].name", "a name of its own", f"that of joints[{other}]", "Rename one.")
+    options = {option: any(joint[option] for joint in read) for option in JOINT_OPTIONS}
+    for i, joint in enumerate(read, 1):
+        for option in JOINT_OPTIONS:
+            if options[option] and not joint[option]:
+                problems.add(
+                    f"joints[{i}].{option}",
+                    "a table, as other joints have",
+                    "nothing",
+                    "Give it to all or none.",
+                )
+    visuals = read_visuals(problems, file.data.get("visuals", []), len(read))
+    problems.raise_any()
+    arrays: dict[str, Any] = {
+        name: read_only(whole[name] if name in whole else [joint.get(name, 0.0) for joint in read])
+        for name in PARAMETERS
+    }
+    return Robot(
+        name=name,
+        description=description,
+        joint_types=tuple(cast(str, joint["type"]) for joint in read),
+        joint_names=tuple(names),
+        friction=friction,
+        rotor_coupling=rotor_coupling,
+        sources=of_catalogue | sources,
+        payload="payload" in file.data,
+        visuals=visuals,
+        **options,
+        **flags,
+        **arrays,
+    )
+
+
+def check_robot(robot: Robot, where: str = "") -> Robot:
+    """Return the robot if it is physical, such as one from `Robot.with_parameters`.
+
+    Raises
+    ------
+    ModelError
+        With every problem found.
+    """
+    robot_argument(robot)
+    robot_from_dict(robot.to_dict(), where or f"robot {robot.name}")
+    return robot
+
+
+def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
+    """Read one [[joints]] table: field of `Robot` to this joint's value."""
+    table = Table(problems, data, path, JOINT_KEYS)
+    kind = table.text("type", choices=JOINT_TYPES)
+    options = {option: option in table.data for option in JOINT_OPTIONS}
+    name = table.label("name") if "name" in table.data else ""
+    joint: dict[str, Any] = {"name": name, "type": kind, **options} | section_numbers(table, "joint", kind)
+    check_rotation(problems, f"{path}.rotation", joint["rotation"])
+    parts: tuple[Section, ...] = (
+        "link",
+        "drive",
+        "friction",
+        *(part for part in JOINT_OPTIONS if options[part]),
+    )
+    for part in parts:
+        joint |= section_numbers(table.table(part, _keys(part)), part, kind)
+    check_drive(problems, f"{path}.drive", joint["ell"], joint["theta_err_amplitude"])
+    check_friction(problems, f"{path}.friction", joint["f_c"], joint["f_s"])
+    if options["limits"]:
+        check_stops(problems, f"{path}.limits", joint["q_min"], joint["q_max"])
+    return joint
+
+
+def section_numbers(
+    table: Table, part: Section, joint_type: str = "revolute", keys: Container[str] | None = None
+) -> Numbers:
+    """Read the numbers of a section, or some `keys` of it: field of `Robot` to its value."""
+    found: Numbers = {}
+    for row in (row for row in section(part) if keys is None or row.key in keys):
+        options = bounds(row, joint_type)
+        if row.fold == "inertia":
+            found[row.name] = _inertia(table, row, options)
+        elif row.shape:
+            default = None if row.default is None else np.full(row.shape, row.default).tolist()
+            found[row.name] = table.numbers(row.key, row.shape, default=default, **options)
+        else:
+            found[row.name] = table.number(row.key, default=row.default, **options)
+    return found
+
+
+def bounds(row: Row, joint_type: str) -> dict[str, Any]:
+    """Return the options of `Table.number` for a parameter."""
+    unit = row.unit(joint_type)
+    low = {"above": 0.0} if row.smallest == POSITIVE else {"at_least": row.smallest}
+    return low | {"at_most": row.largest, "way_out": row.way_out, "unit": "" if unit == "1" else unit}
+
+
+def _inertia(table: Table, row: Row, options: dict[str, Any]) -> FloatArray:
+    """Read an inertia as 3 x 3 matrix, from one number, three principal moments or the matrix itself.
+
+    One that has a default may be 0, that of a point mass.
+    """
+    key, value = row.key, table.data.get(row.key)
+    shape = shape_of(value)
+    if value is None and row.default is not None:
+        inertia = np.full(row.shape, row.default)
+    elif shape == row.shape:
+        inertia = table.numbers(key, row.shape, **options)
+    elif shape != () or value is None:
+        inertia = np.diag(table.numbers(key, (3,), **options))
+    else:
+        inertia = table.number(key, **options) * np.eye(3)
+    if row.default is None or inertia.any():
+        check_inertia(table.problems, table.key(key), inertia)
+    return inertia
+
+
+def _sources(file: Table) -> dict[str, str]:
+    """Read [sources], whose keys may be quoted or nested: "joints.link.mass" or joints.link.mass."""
+    found: dict[str, str] = {}
+
+    def walk(value: object, path: str) -> None:
+        if isinstance(value, dict):
+            for key, entry in cast("dict[str, object]", value).items():
+                walk(entry, f"{path}.{key}" if path else key)
+        elif not isinstance(value, str):
+            file.problems.add(f"sources.{path}", "a string", shown(value), "Say where the number is from.")
+        elif joint_free(path) not in SOURCE_KEYS:
+            file.problems.add(
+                f"sources.{path}", "a key of this file", "an unknown one", nearest(path, SOURCE_KEYS)
+            )
+        else:
+            file.check_text(f"sources.{path}", value)
+            found[path] = value
+
+    sources = file.value("sources", "a table", {})
+    if isinstance(sources, dict):
+        walk(cast(object, sources), "")
+    else:
+        file.problems.add(
+            "sources", "a table", shown(sources), "Its entries are: key = where its number is from."
+        )
+    return found

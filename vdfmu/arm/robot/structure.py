@@ -1,0 +1,105 @@
+"""Which numbers of a robot stay parameters at run time, and which are folded into the traced functions.
+
+Structural zeros and the fixed rotations of the frames are folded: the functions are three times as fast for
+it. What is folded cannot be changed later, so :func:`parameters` is the one list of what can; the table of
+:mod:`vdfmu.arm.robot.parameters` says of each entry whether it can.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from hashlib import sha256
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from vdfmu.arm.robot import Robot
+from vdfmu.arm.robot.parameters import OPTIONAL, PARAMETERS
+from vdfmu.arm.robot.robot import ENDS
+from vdfmu.compiler.functions.sources import source_digest
+from vdfmu.compiler.scalar.symbol import Symbol
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter:
+    """One number of a robot that can be set at run time: the field of `Robot` and the index in it, from 0."""
+
+    field: str
+    index: tuple[int, ...]
+
+    @property
+    def name(self) -> str:
+        """Structured name, counted from 1: ``centroid[1,3]``."""
+        return self.field + (f"[{','.join(str(i + 1) for i in self.index)}]" if self.index else "")
+
+
+def parameters(robot: Robot) -> list[Parameter]:
+    """Run-time parameters of a robot, in the order of the parameter vector of every traced function."""
+    return [
+        Parameter(name, index)
+        for name, row in PARAMETERS.items()
+        for index in np.ndindex(getattr(robot, name).shape)
+        if row.is_free(robot, index)
+    ]
+
+
+def values(robot: Robot) -> np.ndarray:
+    """Parameter vector of a robot, in the order of :func:`parameters`."""
+    return np.array([getattr(robot, p.field)[p.index] for p in parameters(robot)], dtype=float)
+
+
+def set_parameters(robot: Robot, vector: Sequence[float] | np.ndarray) -> Robot:
+    """Copy of a robot with the run-time parameters replaced by `vector`; the inverse of :func:`values`."""
+    return _replace(robot, parameters(robot), list(vector), float)
+
+
+def symbolic_robot(robot: Robot) -> tuple[Robot, ca.SX]:
+    """Copy of a robot with symbols for run-time parameters, constants elsewhere; and the symbols' vector."""
+    listed = parameters(robot)
+    vector = ca.SX.sym("p", len(listed))
+    constants = {
+        f.name: _constants(getattr(robot, f.name))
+        for f in dataclasses.fields(robot)
+        if isinstance(getattr(robot, f.name), np.ndarray)
+    }
+    robot = dataclasses.replace(robot, **constants)
+    return _replace(robot, listed, [Symbol(vector[i]) for i in range(len(listed))], object), vector
+
+
+def _constants(array: np.ndarray) -> np.ndarray:
+    out = np.empty(array.shape, dtype=object)
+    for index in np.ndindex(array.shape):
+        out[index] = Symbol(float(array[index]))
+    return out
+
+
+def _replace(robot: Robot, listed: Sequence[Parameter], new: Sequence[Any], dtype: Any) -> Robot:
+    arrays: dict[str, np.ndarray] = {}
+    for parameter, value in zip(listed, new, strict=True):
+        array = arrays.setdefault(parameter.field, np.array(getattr(robot, parameter.field), dtype=dtype))
+        array[parameter.index] = value
+        if PARAMETERS[parameter.field].fold == "inertia":
+            *joint, j, k = parameter.index
+            array[(*joint, k, j)] = value
+    for array in arrays.values():
+        array.flags.writeable = False
+    return dataclasses.replace(robot, **arrays)
+
+
+def structure_key(robot: Robot) -> str:
+    """Key of the traced functions: equal for robots that differ in run-time parameters only."""
+    listed = parameters(robot)
+    fixed = set_parameters(robot, [0.0] * len(listed))
+    structure = {
+        "source": source_digest("kernel"),
+        "joints": robot.joint_types,
+        "friction": robot.friction,
+        "rotor_coupling": robot.rotor_coupling,
+        "flags": [name for name in (*OPTIONAL, *ENDS) if getattr(robot, name)],
+        "parameters": [p.name for p in listed],
+        "folded": {name: np.asarray(getattr(fixed, name), dtype=float).tolist() for name in PARAMETERS},
+    }
+    return sha256(json.dumps(structure, sort_keys=True).encode()).hexdigest()[:32]

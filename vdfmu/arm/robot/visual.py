@@ -1,0 +1,90 @@
+"""What a link looks like: shapes and meshes that a robot file names for a 3D view, and that nothing calculates with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vdfmu.arm.robot.parameters import Array, read_only
+from vdfmu.arm.robot.physical import check_rotation
+from vdfmu.base.toml_tables import FloatArray, Problems, Table, shown
+
+SHAPES = {"mesh": 3, "box": 3, "ellipsoid": 3, "cylinder": 2, "capsule": 2, "sphere": 1}
+"""Shape to the numbers of its size: scale of a mesh, sides, half-axes, radius and length along z, radius."""
+_KEYS = ("joint", "shape", "file", "size", "rotation", "offset", "color")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Visual:
+    """A shape that is fixed to a link.
+
+    Attributes
+    ----------
+    joint : int
+        Number of the joint that moves it, from 1; 0 for what stands still.
+    shape : str
+        One of `SHAPES`.
+    size : (k,) [m], or 1 of a mesh
+    rotation : (3, 3)
+        Its axes as columns, in the link frame {B_i}.
+    offset : (3,) [m]
+        Its origin in {B_i}, of boxes, spheres, cylinders and the like their centre.
+    color : (4,)
+        Red, green, blue and opacity, 0 to 1.
+    file : str
+        Of a mesh: a path from the folder of the robot file, or what the robot's first file says.
+    """
+
+    joint: int
+    shape: str
+    size: Array
+    rotation: Array
+    offset: Array
+    color: Array
+    file: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the table of a robot file."""
+        return {
+            "joint": self.joint,
+            "shape": self.shape,
+            **({"file": self.file} if self.file else {}),
+            **{name: getattr(self, name).tolist() for name in ("size", "rotation", "offset", "color")},
+        }
+
+
+def read_visuals(problems: Problems, data: object, n: int) -> tuple[Visual, ...]:
+    """Read the tables [[visuals]] of a robot of `n` joints; what is wrong is noted."""
+    if not isinstance(data, list):
+        problems.add("visuals", "tables", shown(data), "Write [[visuals]] in double brackets.")
+        return ()
+    return tuple(_visual(problems, entry, f"visuals[{i}]", n) for i, entry in enumerate(data, 1))
+
+
+def _visual(problems: Problems, data: object, path: str, n: int) -> Visual:
+    table = Table(problems, data, path, _KEYS)
+    joint = table.value("joint", f"a joint from 0 to {n}")
+    if joint is not None and (isinstance(joint, bool) or not isinstance(joint, int) or not 0 <= joint <= n):
+        problems.add(f"{path}.joint", f"a joint from 0 to {n}", shown(joint), "0 is what stands still.")
+    shape = table.text("shape", choices=tuple(SHAPES))
+
+    def numbers(key: str, size: tuple[int, ...], unit: str, default: Any, **bounds: Any) -> FloatArray:
+        return read_only(table.numbers(key, size, unit, default, **bounds))
+
+    rotation = numbers("rotation", (3, 3), "", np.eye(3).tolist())
+    check_rotation(problems, f"{path}.rotation", rotation)
+    mesh = shape == "mesh"
+    return Visual(
+        joint=joint if isinstance(joint, int) else 0,
+        shape=shape,
+        size=numbers(
+            "size", (SHAPES.get(shape, 0),), "" if mesh else "m", [1.0] * 3 if mesh else None,
+            **({} if mesh else {"at_least": 0.0}),
+        ),
+        rotation=rotation,
+        offset=numbers("offset", (3,), "m", [0.0] * 3),
+        color=numbers("color", (4,), "", [0.7, 0.7, 0.7, 1.0], at_least=0.0, at_most=1.0),
+        file=table.text("file") if mesh else table.text("file", ""),
+    )  # fmt: skip

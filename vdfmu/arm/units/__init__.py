@@ -1,0 +1,65 @@
+"""The units of the package, one file each. Users write theirs the same way."""
+
+from __future__ import annotations
+
+import os
+from functools import lru_cache
+from importlib import import_module
+from pathlib import Path
+from pkgutil import iter_modules
+
+from vdfmu.base.errors import UsageError
+from vdfmu.compiler.unit.base import Unit
+from vdfmu.compiler.unit.load import load_units
+
+__all__ = ["find_unit", "package_units", "shipped_units"]
+
+
+def shipped_units() -> dict[str, type[Unit]]:
+    """Return the units of an arm by name, without those of what is around it, which need no robot."""
+    return {name: unit for name, unit in package_units().items() if unit.needs_robot()}
+
+
+@lru_cache
+def package_units() -> dict[str, type[Unit]]:
+    """Return the units by name, which is that of their file."""
+    names = sorted(module.name for module in iter_modules(__path__) if not module.name.startswith("_"))
+    modules = {name: import_module(f"{__name__}.{name}") for name in names}
+    return {
+        name: unit
+        for name, module in modules.items()
+        for unit in vars(module).values()
+        if isinstance(unit, type) and issubclass(unit, Unit) and unit.__module__ == module.__name__
+    }
+
+
+def find_unit(name: str | os.PathLike[str]) -> type[Unit]:
+    """Return a unit by what names it: ``plant`` of the package, ``my_unit.py``, or ``my_units.py:Name``.
+
+    Raises
+    ------
+    UsageError
+        If there is none of the name.
+    UnitError
+        If the file fails or declares a unit wrongly; with file and line.
+    """
+    text = os.fspath(name)
+    shipped = package_units()
+    if text in shipped:
+        return shipped[text]
+    file, _, wanted = text.partition(":") if not Path(text).is_file() else (text, "", "")
+    if not file.endswith(".py"):
+        raise UsageError(
+            f"There is no unit {text!r}. There are: {', '.join(shipped)}, and files: my_unit.py, or my_units.py:Name."
+        )
+    units = load_units(Path(file))
+    classes = {unit.__name__: unit for unit in units.values()}
+    if wanted:
+        if wanted not in classes:
+            raise UsageError(f"{file} has no unit {wanted!r}. There are: {', '.join(classes)}.")
+        return classes[wanted]
+    if len(classes) != 1:
+        raise UsageError(
+            f"{file} has several units: {', '.join(classes)}. Name one, {file}:{next(iter(classes))}."
+        )
+    return next(iter(classes.values()))

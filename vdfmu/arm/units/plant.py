@@ -1,0 +1,236 @@
+"""The unit Plant: the arm with its drives."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vdfmu.arm.drive.thermal import ambient
+from vdfmu.arm.equations.flexible_joint import rotor_position, spring_rate
+from vdfmu.arm.equations.plant import (
+    BasePose,
+    balance,
+    base_load,
+    equilibrium_torque,
+    option_rates,
+    plant_derivative,
+    plant_outputs,
+    rest_state,
+    state_names,
+    tool_motion,
+)
+from vdfmu.arm.units._signals import (
+    ACCELERATION,
+    MASS,
+    VELOCITY,
+    WRENCH,
+    base_motion,
+    base_of,
+    six,
+    wave_wrench,
+    wrench,
+)
+from vdfmu.arm.world.attachment import Ends
+from vdfmu.compiler.unit import (
+    JOINTS,
+    Derivative,
+    Input,
+    Output,
+    Parameter,
+    RobotParameters,
+    State,
+    Switch,
+    Terminal,
+    Unit,
+)
+
+
+class Plant(Unit):
+    """Serial manipulator with flexible harmonic-drive joints, Eq. (4)-(11), (29)-(47), (54)-(56).
+
+    Numbers in brackets are those of the paper. q is the position of a link, kappa that of its rotor divided by the
+    reduction ratio ell, tau_s the spring torque, link-side. For a prismatic joint read m for rad and N for N.m on the
+    link side. The state is q, q_dot, kappa_dot, tau_s::
+
+        M(q) q_ddot + C q_dot + G = tau_s - xi_l - J_q' F_e                       links, (9)
+        I_m kappa_ddot = tau - tau_s / ell - xi_m                                 rotors, (10), (56)
+        tau_s_dot = [kappa_dot (1 - theta_err'(kappa)) - q_dot] / D'(tau_s)       springs, (2)-(3)
+        kappa = q + D(tau_s) + theta_err(kappa)
+
+    with the deformation of the harmonic drive, its kinematic error, and friction::
+
+        D(tau) = atan(c_f tau) / (c_f K_f0) + sgn(tau) (1 - exp(-c_w |tau| / ell)) / (c_w ell K_w0)
+        theta_err(kappa) = A sin(2 ell kappa + phi)
+        xi(v) = [f_c + (f_s - f_c) exp(-(v / v_s)^2)] tanh(v / eps) + f_v v       (54)
+        lumped: xi_l = 0, xi_m = xi(kappa_dot) / ell
+        split:  xi_l = xi(q_dot), xi_m = f_ck tanh(kappa_dot / eps)               (54)-(55)
+
+    A robot with rotor_coupling has rotors as bodies that turn with the links, (4), (7), (11). Drives and motors may
+    have options, some with states of their own: hysteresis (tau_h), friction that holds at rest (tau_z), a winding with
+    its current loop (i_m), a temperature (T_j), load-dependent loss, backlash.
+
+    The springs start with the torque that holds the arm under F_e unless equilibrium is false. Outputs depend on the
+    state alone. Friction is regularised by tanh(v / eps), so the equations are smooth and there are no events; sticking
+    is a creep slower than eps. Energies: E_kin of links and rotors, E_pot of gravity, E_spring of drives and stops.
+
+    A robot with moving_base stands on a frame {S} whose motion is an input; the wrench of the base on the arm depends
+    on its acceleration A_S, and so does the acceleration A_O of the tool of a robot with coupled_tool on its load::
+
+        F_S = M_S A_S + F_S0                 M_S: apparent mass matrix of the arm, F_S0: wrench at A_S = 0
+        F   = M_e A_O + F_e                  wrench of the arm on a load; M_e = 0: on its surroundings, F_e
+
+    M_S and F_S0 of an arm are M_e and F_e of the one that carries it.
+    """
+
+    tau = Input("N.m", JOINTS, "motor torque, motor-side")
+    F_e = wrench("of the arm on its surroundings")
+    M_e = Input(*MASS, "Apparent mass matrix of the load at the end effector in {O}", when="coupled_tool")
+    p_S = Input("m", 3, "Position of the base frame {S} in {I}, axis", when="moving_base")
+    R_S, V_S, A_S = base_motion()
+    q = State("position", JOINTS, "position of the link")
+    q_dot = State("velocity", JOINTS, "velocity of the link")
+    kappa_dot = State("velocity", JOINTS, "velocity of the rotor divided by ell")
+    tau_s = State("torque", JOINTS, "spring torque, link-side")
+    tau_h = State("torque", JOINTS, "torque of the hysteresis, link-side", when="hysteresis")
+    tau_z = State("torque", JOINTS, "torque of the bristles of friction, link-side", when="bristles")
+    i_m = State("A", JOINTS, "current of the motor", when="winding")
+    T_j = State("K", JOINTS, "temperature of the joint", when="thermal")
+    der_q = Derivative(q)
+    der_q_dot = Derivative(q_dot)
+    der_kappa_dot = Derivative(kappa_dot)
+    der_tau_s = Derivative(tau_s)
+    der_tau_h = Derivative(tau_h)
+    der_tau_z = Derivative(tau_z)
+    der_i_m = Derivative(i_m)
+    der_T_j = Derivative(T_j)
+    kappa = Output("position", JOINTS, "position of the rotor divided by ell")
+    p_O = Output("m", 3, "Position of the end effector in {I}, axis")
+    R_O = Output("1", (3, 3), "Rotation matrix of the end effector in {I}")
+    E_kin = Output("J", text="Kinetic energy of links and rotors")
+    E_pot = Output("J", text="Potential energy of gravity")
+    E_spring = Output("J", text="Elastic energy of drives and end stops")
+    V_O = Output(
+        *VELOCITY,
+        six("Velocity of the end effector in {O}", "Angular velocity of the end effector in {O}"),
+        when="coupled_tool",
+    )
+    A_O = Output(
+        *ACCELERATION,
+        six("Acceleration of the origin of {O} in {O}", "Angular acceleration of the end effector in {O}"),
+        when="coupled_tool",
+    )
+    F_S = Output(
+        *WRENCH,
+        six("Force of the base on the arm in {S}", "Moment of the base on the arm in {S}"),
+        when="moving_base",
+    )
+    M_S = Output(*MASS, "Apparent mass matrix of the arm at its base in {S}", when="moving_base")
+    F_S0 = Output(
+        *WRENCH,
+        six(
+            "Force of the base on the arm at A_S = 0 in {S}",
+            "Moment of the base on the arm at A_S = 0 in {S}",
+        ),
+        when="moving_base",
+    )
+    q_0 = Parameter("position", JOINTS, "start position of the link")
+    q_dot_0 = Parameter("velocity", JOINTS, "start velocity of the link")
+    equilibrium = Switch(
+        True,
+        "Start the springs with the torque that holds the arm under F_e, and the rotors with the velocity of their "
+        "links; otherwise from kappa_dot_0 and tau_s_0",
+    )
+    kappa_dot_0 = Parameter("velocity", JOINTS, "start velocity of the rotor, without equilibrium")
+    tau_s_0 = Parameter("torque", JOINTS, "start spring torque, link-side, without equilibrium")
+    tau_h_0 = Parameter("torque", JOINTS, "start of the hysteresis, without equilibrium", when="hysteresis")
+    tau_z_0 = Parameter("torque", JOINTS, "start of the bristles, without equilibrium", when="bristles")
+    i_m_0 = Parameter("A", JOINTS, "start current, without equilibrium", when="winding")
+    T_j_0 = Parameter("K", JOINTS, "start temperature", start=ambient, minimum=0.0, when="thermal")
+    robot = RobotParameters()
+    terminals = (
+        Terminal(
+            "joints",
+            "left",
+            ("tau", "q", "q_dot", "kappa_dot", "tau_s", "kappa", "tau_h", "tau_z", "i_m", "T_j"),
+            "Motor torques and motion of the joints",
+        ),
+        Terminal(
+            "end_effector",
+            "right",
+            ("F_e", "p_O", "R_O", "V_O", "A_O", "M_e"),
+            "Wrench and pose of the end effector",
+        ),
+        Terminal(
+            "base",
+            "bottom",
+            ("p_S", "R_S", "V_S", "A_S", "F_S", "M_S", "F_S0"),
+            "Motion and wrench of the base",
+        ),
+    )
+    # positions, rotors and springs are each tied to their own joint; the links' dense block last
+    elimination = ("q", "T_j", "i_m", "tau_z", "tau_h", "kappa_dot", "tau_s", "q_dot")
+    chain = 9  # from here on elimination along the chain takes fewer operations than that of the dense block
+    experiment_stop = 0.2
+
+    def _x(self) -> Any:
+        return np.concatenate([getattr(self, name) for name in state_names(self.of_robot)])
+
+    def _ends(self) -> Ends:
+        return Ends(base_of(self), self.M_e if self.robot.coupled_tool else None)
+
+    def start(self) -> None:
+        """Rest under the wrench on a base at rest, or what the parameters say."""
+        self.q, self.q_dot = self.q_0, self.q_dot_0
+        if self.equilibrium:
+            self.kappa_dot = self.q_dot_0
+            R_S = self.R_S if self.robot.moving_base else None
+            self.tau_s = equilibrium_torque(self.robot, self.q_0, self.F_e, R_S)
+        else:
+            self.kappa_dot, self.tau_s = self.kappa_dot_0, self.tau_s_0
+        rest = rest_state(self.robot, self.tau_s) if self.equilibrium else {}
+        for name in state_names(self.of_robot)[4:]:
+            setattr(self, name, rest[name] if name in rest else getattr(self, f"{name}_0"))
+
+    def outputs(self) -> None:
+        """Calculate what the plant shows beside its state."""
+        robot, x = self.robot, self._x()
+        base = BasePose(self.p_S, self.R_S, self.V_S) if robot.moving_base else None
+        self.kappa, self.p_O, self.R_O, self.E_kin, self.E_pot, self.E_spring = plant_outputs(robot, x, base)
+        if robot.coupled_tool:
+            V_O, self.A_O = tool_motion(robot, x, self.tau, self.F_e, self._ends())
+            if base is not None:
+                V_O = V_O + np.concatenate([self.R_O.T @ (base.R_S @ base.V_S[:3]), np.zeros(3)])
+            self.V_O = V_O
+        if base is not None:
+            self.M_S, self.F_S0 = base_load(robot, x, self.tau, self.F_e, self._ends())
+            self.F_S = self.M_S @ self.A_S + self.F_S0
+
+    def derivatives(self) -> None:
+        """Eq. (9), (10) and the springs."""
+        x_dot = plant_derivative(self.robot, self._x(), self.tau, self.F_e, self._ends())
+        names = state_names(self.of_robot)
+        for name, rate in zip(names, np.split(x_dot, len(names)), strict=True):
+            setattr(self, f"der_{name}", rate)
+
+    def balance(self) -> Any:
+        """Balance forces, by the inverse dynamics: shorter derivatives than those of accelerations."""
+        links, rotors = balance(
+            self.robot, self._x(), self.der_q_dot, self.tau, self.F_e, self.cut, self._ends()
+        )
+        kappa = rotor_position(self.robot, self.q, self.tau_s)
+        springs = spring_rate(self.robot, kappa, self.kappa_dot, self.q_dot, self.tau_s)
+        rates = [self.q_dot - self.der_q, links, rotors - self.der_kappa_dot, springs - self.der_tau_s]
+        for name, rate in option_rates(self.robot, self._x(), self.tau).items():
+            rates.append(rate - getattr(self, f"der_{name}"))
+        return np.concatenate(rates)
+
+    def experiment(self) -> None:
+        """Torques that hold the arm at its start and push it somewhat harder than friction, and a small wrench."""
+        hold = equilibrium_torque(self.robot, self.q_0)
+        ramp = np.sin(np.pi * self.t / self.experiment_stop) ** 2
+        push = 1.5 * self.robot.f_s * ramp * (-1.0) ** np.arange(self.n)
+        self.tau = (hold + push) / self.robot.ell
+        self.F_e = wave_wrench(self.t)
+        if self.robot.moving_base:
+            self.V_S, self.A_S = wave_wrench(self.t), 2.0 * wave_wrench(self.t + 0.5 * np.pi)

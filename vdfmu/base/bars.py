@@ -1,0 +1,144 @@
+"""Progress bars, on a terminal and in a notebook, and the one place through which text goes there."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, Self
+
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
+
+from vdfmu.base.progress import LOG
+from vdfmu.base.text import shown
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+
+
+class Terminal(Console):
+    """Text to the terminal: what it would act on is shown, but for rich's own."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Print as rich does."""
+        super().print(*(shown(item) if isinstance(item, str) else item for item in objects), **options)
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """Render as rich does."""
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else segment._replace(text=shown(segment.text))
+
+
+errors = Terminal(stderr=True, highlight=False)
+"""All but results; ``errors.quiet`` lets nothing through."""
+_SOON = 0.5
+"""Time [s] after which a line that moves appears."""
+
+
+class Bars:
+    """Progress bars, one a stage, and above them a line that moves whatever else does not.
+
+    Parameters
+    ----------
+    title : str, optional
+        Of that line, which appears after half a second and goes at the end; without a title there is none.
+    """
+
+    def __init__(self, title: str = "") -> None:
+        self._title = title
+        self._lock = threading.RLock()
+        self._timer: threading.Timer | None = None
+        self._progress: Progress | None = None
+        self._tasks: dict[str, TaskID] = {}
+        self._began: dict[str, float] = {}
+
+    def __enter__(self) -> Self:
+        if self._title and _seen():
+            self._timer = threading.Timer(_SOON, self._show)
+            self._timer.daemon = True
+            self._timer.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        with self._lock:
+            progress, self._progress, tasks, self._tasks = self._progress, None, self._tasks, {}
+            if progress is not None:
+                if "" in tasks:
+                    progress.remove_task(tasks[""])
+                progress.stop()
+
+    def rest(self) -> None:
+        """Leave the terminal to what else is printed there; what takes long after it begins new bars."""
+        self.__exit__()
+        self.__enter__()
+
+    def _show(self) -> None:
+        with self._lock:
+            if self._progress is None and _seen() and (self._timer is not None or not self._title):
+                self._progress = _progress()
+                if self._title:
+                    self._tasks[""] = self._progress.add_task(self._title, total=None)
+                self._progress.start()
+
+    def update(self, stage: str, done: int, total: int) -> None:
+        """Show how far a stage is."""
+        began = self._began.setdefault(stage, time.perf_counter())
+        if done >= total:
+            del self._began[stage]
+            LOG.info("%s: %.2f s", f"{stage}, {total}" if total > 1 else stage, time.perf_counter() - began)
+        with self._lock:
+            self._show()
+            if self._progress is None:
+                return
+            if stage not in self._tasks:
+                self._tasks[stage] = self._progress.add_task(stage, total=None)
+            steps = total if total > 1 or done else None  # a bar without a total moves
+            self._progress.update(self._tasks[stage], completed=done, total=steps)
+
+
+def _seen() -> bool:
+    return (errors.is_terminal or errors.is_jupyter) and not errors.quiet
+
+
+def _progress() -> Progress:
+    """Return bars with as many columns as the terminal has room for, which are shown only if it is one."""
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        ProgressColumn,
+        Task,
+        TaskProgressColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+    from rich.text import Text
+
+    class Rate(ProgressColumn):
+        """Steps in a second."""
+
+        def render(self, task: Task) -> Text:
+            rate = task.finished_speed or task.speed
+            return Text(f"{rate:.3g}/s" if rate and task.total != 1 else "")
+
+    class Count(MofNCompleteColumn):
+        """Steps, where there are several."""
+
+        def render(self, task: Task) -> Text:
+            return super().render(task) if (task.total or 1) > 1 else Text("")
+
+    wide = errors.width >= 80
+    room = max(errors.width - (60 if wide else 26), 1)
+    elapsed = TimeElapsedColumn()
+    return Progress(
+        TextColumn(f"{{task.description:{min(20, room)}.{room}}}"),
+        BarColumn(20 if wide else 8),
+        TaskProgressColumn("{task.percentage:3.0f} %"),
+        *((Count(), Rate(), elapsed, TimeRemainingColumn()) if wide else (elapsed,)),
+        console=errors, transient=False, redirect_stdout=False,
+    )  # fmt: skip

@@ -1,0 +1,140 @@
+"""Files that take their place when they are whole, and zip files whose bytes depend on their members alone."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import stat
+import zipfile
+import zlib
+from collections.abc import Generator, Iterable, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from vdfmu.base.errors import StorageError, UsageError, VdfmuError
+from vdfmu.base.progress import LOG
+
+_EPOCH = (1980, 1, 1, 0, 0, 0)
+MARK = b'generationTool="vdfmu'
+"""In the first kilobytes of what is written for other tools."""
+_HEAD = 8192
+_PACKED = (".fmu", ".ssp", ".png")
+
+
+def pack_zip(path: Path, members: Mapping[str, bytes]) -> None:
+    """Write a zip file whose bytes depend on its members alone: sorted names, one time stamp, one mode."""
+    with replacing(path) as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in sorted(members):
+            entry = zipfile.ZipInfo(name, _EPOCH)
+            packed = name.endswith(_PACKED)  # already: to pack it again would take time and save nothing
+            entry.compress_type = zipfile.ZIP_STORED if packed else zipfile.ZIP_DEFLATED
+            entry.create_system = 3
+            entry.external_attr = 0o644 << 16
+            archive.writestr(entry, members[name])
+
+
+@contextmanager
+def replacing(path: Path) -> Generator[BinaryIO]:
+    """Open a new file that takes the place of `path` once it is whole; nothing is left of one that fails.
+
+    A link stays, and what it leads to is replaced. The file has the mode that any new file gets.
+
+    Raises
+    ------
+    StorageError
+        If `path` is no regular file.
+    OSError
+        If it cannot be written.
+    """
+    with _replacing(regular_target(path)) as stream:
+        yield stream
+
+
+@contextmanager
+def _replacing(target: Path) -> Generator[BinaryIO]:
+    temporary = target.with_name(f"{secrets.token_hex(8)}.tmp")
+    handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            yield stream
+        os.replace(temporary, target)
+        LOG.info("written: %s", target)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def write_whole(path: Path, blocks: Iterable[bytes]) -> None:
+    """Write a file of results, which appears under its name once it is whole.
+
+    Raises
+    ------
+    UsageError, VdfmuError
+        It cannot be written: for want of its folder, or of the right to; for another reason.
+    """
+    try:
+        with _replacing(path) as stream:
+            stream.writelines(blocks)
+    except OSError as error:
+        kind = UsageError if isinstance(error, (FileNotFoundError, PermissionError)) else VdfmuError
+        raise kind(f"cannot write {path}: {error.strerror or error}") from None
+
+
+@contextmanager
+def storing(path: Path) -> Generator[None]:
+    """Make a StorageError of what keeps `path` from being written in the block."""
+    try:
+        yield
+    except OSError as error:
+        raise StorageError(
+            f"{path}: cannot be written: {error}. Choose another folder or free space."
+        ) from error
+
+
+def regular_target(path: Path) -> Path:
+    """Return the file that writing to `path` makes or replaces; StorageError if that is no regular file."""
+    try:
+        target = path.resolve()
+        if not os.path.lexists(target):
+            return target
+        mode = target.lstat().st_mode
+    except (OSError, RuntimeError) as error:  # RuntimeError: links in a circle, before Python 3.13
+        raise StorageError(f"{path}: cannot be written: {error}. Choose another folder.") from None
+    if stat.S_ISDIR(mode):
+        raise StorageError(f"{path}: is a folder; expected the name of a file to write")
+    if not stat.S_ISREG(mode):
+        raise StorageError(
+            f"{path}: is a device, a pipe or another special file; expected a regular file or a new name"
+        )
+    return target
+
+
+def require_ours(*paths: Path) -> None:
+    """Raise UsageError for files that are there and that vdfmu did not write; FMUs and packages say what did."""
+    foreign = [str(path) for path in paths if path.is_file() and not _is_ours(path)]
+    if foreign:
+        raise UsageError(
+            f"{', '.join(foreign)}: expected no file of this name, or one that vdfmu wrote. Move it away, or choose "
+            "another name or folder with --out."
+        )
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether the generation tool that a file names is vdfmu; an empty file is no loss."""
+    described = (read_member(path, name) for name in ("modelDescription.xml", "SystemStructure.ssd"))
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEAD)
+    except OSError:
+        return False
+    return not head or any(MARK in text[:_HEAD] for text in (*described, head) if text)
+
+
+def read_member(path: Path, name: str) -> bytes | None:
+    """Content of one member; None if there is none that can be read."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return archive.read(name)
+    except (OSError, KeyError, ValueError, zipfile.BadZipFile, zlib.error):
+        return None

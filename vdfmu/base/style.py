@@ -1,0 +1,254 @@
+"""One look for all pictures: size, colours, panels, and files that do not depend on when they are made.
+
+Figures are drawn with matplotlib's objects on an Agg canvas: no pyplot, no display, no settings of the user.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import io
+import math
+import textwrap
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, ParamSpec
+
+import matplotlib.style
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import ScalarFormatter
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError
+from vdfmu.base.files import write_whole
+from vdfmu.base.thinning import extremes
+
+P = ParamSpec("P")
+
+DPI = 150
+WIDTH = 8.0
+"""Width of a figure [in]."""
+
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+"""Okabe and Ito (2008), safe for colour-blind readers; their yellow is left out, too faint on white."""
+
+DASHES = ("-", "--", "-.", ":")
+_GREY = "#555555"
+_MARGIN = 0.1
+_PLAIN = range(-2, 4)  # decades that an axis shows without a power of ten
+_CAPTION_CHARACTERS = 15.6  # that fit into an inch
+_RC: dict[str, Any] = {
+    "font.family": "DejaVu Sans",  # comes with matplotlib
+    "font.size": 10.0,
+    "axes.titlesize": 10.0,
+    "axes.labelsize": 10.0,
+    "axes.titlelocation": "left",
+    "axes.titleweight": "bold",
+    "axes.edgecolor": _GREY,
+    "axes.linewidth": 0.8,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.xmargin": 0.0,
+    "axes.ymargin": 0.08,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "grid.color": "#DDDDDD",
+    "grid.linewidth": 0.7,
+    "lines.linewidth": 1.6,
+    "lines.solid_capstyle": "round",
+    "legend.frameon": False,
+    "legend.fontsize": 10.0,
+    "xtick.labelsize": 9.0,
+    "ytick.labelsize": 9.0,
+    "xtick.color": _GREY,
+    "ytick.color": _GREY,
+    "xtick.labelcolor": "black",
+    "ytick.labelcolor": "black",
+    "svg.hashsalt": "vdfmu",
+    "figure.constrained_layout.h_pad": 0.06,
+    "figure.constrained_layout.w_pad": 0.06,
+    "figure.constrained_layout.hspace": 0.03,
+    "figure.constrained_layout.wspace": 0.03,
+}
+
+
+def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
+    """Let a function draw its figure in the style of this module."""
+
+    @functools.wraps(draw)
+    def wrapper(*args: P.args, **kwargs: P.kwargs) -> Figure:
+        with matplotlib.style.context(["default", _RC]):
+            return draw(*args, **kwargs)
+
+    return wrapper
+
+
+def new_figure(
+    title: str, caption: str, *, height: float, width: float = WIDTH, legend: Sequence[Artist] = ()
+) -> Figure:
+    """Return a figure of `width` by `height` [in] with empty space for panels.
+
+    Title and, in a line of its own, a legend stand above that space, the caption below: neither hides
+    data.
+    """
+    figure = _Picture(figsize=(width, height), dpi=DPI, layout="constrained")
+    FigureCanvasAgg(figure)
+    left = _MARGIN / width
+    figure.text(left, 1.0 - _MARGIN / height, title, va="top", fontsize=12.0, fontweight="bold")
+    above = _MARGIN + 0.25
+    if legend:
+        figure.legend(
+            handles=list(legend),
+            loc="upper left",
+            bbox_to_anchor=(left, 1.0 - above / height),
+            ncols=len(legend),
+            borderaxespad=0.0,
+            borderpad=0.2,
+            handlelength=3.0,
+        )
+        above += 0.3
+    lines = [
+        line
+        for text in caption.splitlines()
+        for line in textwrap.wrap(text, round(_CAPTION_CHARACTERS * width))
+    ]
+    figure.text(
+        left, _MARGIN / height, "\n".join(lines), va="bottom", fontsize=8.2, color=_GREY, linespacing=1.3
+    )
+    below = _MARGIN + 0.16 * len(lines) + 0.02
+    figure.set_layout_engine("constrained", rect=(0.0, below / height, 1.0, 1.0 - (above + below) / height))
+    return figure
+
+
+def dress(axes: Axes, title: str, quantity: str, unit: str, time: Floats | None = None) -> None:
+    """Give a panel with its curves a title, a y label with unit and, over time, the limits of its x axis.
+
+    Very small or large values get a power of ten in the label, never a separate factor above the axis. Values
+    that are constant but for rounding are drawn from 0. A logarithmic axis shows whole decades, three to nine.
+    """
+    axes.set_title(title)
+    low, high = axes.dataLim.intervaly
+    largest = float(max(abs(low), abs(high)))
+    if axes.get_yscale() == "log":
+        top = math.ceil(math.log10(high))
+        bottom = math.floor(math.log10(max(low, 1e-8 * high)))
+        axes.set_ylim(10.0 ** min(bottom, top - 3), 10.0**top)
+    else:
+        if high - low < 1e-6 * largest < math.inf:
+            axes.set_ylim(min(0.0, 1.1 * low), max(0.0, 1.1 * high))
+        exponent = math.floor(math.log10(largest)) if 0.0 < largest < math.inf else 0
+        formatter = ScalarFormatter(useOffset=False)
+        formatter.set_scientific(exponent not in _PLAIN)
+        if exponent not in _PLAIN:
+            formatter.set_powerlimits((exponent, exponent))
+            unit = rf"$10^{{{exponent}}}$ {unit}"
+        axes.yaxis.set_major_formatter(formatter)
+        axes.yaxis.get_offset_text().set_visible(False)
+    axes.set_ylabel(" ".join(part for part in (quantity, f"[{unit}]" if unit else "") if part))
+    if time is not None and len(time) and time[-1] > time[0]:
+        axes.set_xlim(float(time[0]), float(time[-1]))
+
+
+def label_time(panels: Sequence[Axes], columns: int) -> None:
+    """Write "Time [s]" below the lowest panel of each column; panels come row by row."""
+    for axes in panels[-columns:]:
+        axes.set_xlabel("Time [s]")
+
+
+def grid_of(count: int) -> tuple[int, int]:
+    """Return rows and columns for `count` panels: one or two columns up to eight panels, then a square."""
+    columns = math.ceil(math.sqrt(count)) if count > 8 else 1 if count in (1, 3) else 2
+    return math.ceil(count / columns), columns
+
+
+def legend_beside(axes: Axes, handles: Sequence[Artist]) -> None:
+    """Put a legend right of a panel, where it hides no data; it wraps into columns of 14."""
+    axes.legend(
+        handles=list(handles),
+        loc="upper left",
+        bbox_to_anchor=(1.01, 1.0),
+        ncols=math.ceil(len(handles) / 14),
+        borderaxespad=0.0,
+        handlelength=1.8,
+    )
+
+
+def joint_look(i: int) -> dict[str, Any]:
+    """Return colour and dashes of joint `i`, from 0: a joint looks the same in every panel."""
+    return {"color": COLORS[i % len(COLORS)], "linestyle": DASHES[i // len(COLORS) % len(DASHES)]}
+
+
+def joint_handles(joints: Sequence[int]) -> list[Line2D]:
+    """Return the entries of a legend of joints."""
+    return [Line2D([], [], label=f"Joint {i + 1}", **joint_look(i)) for i in joints]
+
+
+def curve(axes: Axes, time: Floats, values: Floats, **look: Any) -> Line2D:
+    """Draw one thinned curve."""
+    return axes.plot(*thin(time, values), **look)[0]
+
+
+def thin(time: Floats, values: Floats, buckets: int = 1000) -> tuple[Floats, Floats]:
+    """Keep the first, the last, and of each of `buckets` equal stretches the smallest and the largest value.
+
+    So no peak is lost, and a curve of many points looks the same at the resolution of the picture.
+    Up to ``2 * buckets`` points all are kept.
+    """
+    if len(values) <= 2 * buckets:
+        return time, values
+    rows = extremes(values, buckets)
+    return time[rows], values[rows]
+
+
+class _Picture(Figure):
+    """A figure that a notebook shows, also without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        stream = io.BytesIO()
+        with matplotlib.style.context(["default", _RC]):
+            _png(self, stream)
+        return stream.getvalue()
+
+
+def save(figure: Figure, path: Path) -> Path:
+    """Write a figure as PNG, SVG or PDF, by the suffix; the same figure gives the same bytes.
+
+    The folder is made if it is missing.
+
+    Raises
+    ------
+    UsageError, VdfmuError
+        The suffix is another one, or the file cannot be written.
+    """
+    write = _WRITERS.get(path.suffix.lower())
+    if write is None:
+        raise UsageError(
+            f"{path}: expected a picture {', '.join(_WRITERS)}, got {path.suffix or 'no suffix'}."
+        )
+    stream = io.BytesIO()
+    with matplotlib.style.context(["default", _RC]):
+        write(figure, stream)
+    with contextlib.suppress(OSError):  # of which the writing then says more
+        path.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(path, [stream.getvalue()])
+    return path
+
+
+def _png(figure: Figure, stream: io.BytesIO) -> None:
+    # not by savefig, which draws all twice, for the layout first
+    FigureCanvasAgg(figure).print_png(stream, metadata={"Software": None}, pil_kwargs={"compress_level": 3})
+
+
+def _svg(figure: Figure, stream: io.BytesIO) -> None:
+    figure.savefig(stream, format="svg", metadata={"Date": None})
+
+
+def _pdf(figure: Figure, stream: io.BytesIO) -> None:
+    figure.savefig(stream, format="pdf", metadata={"CreationDate": None})
+
+
+_WRITERS: dict[str, Callable[[Figure, io.BytesIO], None]] = {".png": _png, ".svg": _svg, ".pdf": _pdf}

@@ -1,0 +1,322 @@
+"""Reading of TOML tables that collects every problem.
+
+A problem is one line: file, key, what was expected, what was got, and the way out. Joints count from 1 in
+keys, as in the paper and in FMI names.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections.abc import Sequence
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from vdfmu.base.errors import ModelError
+from vdfmu.base.text import shown as written_out
+
+FloatArray = npt.NDArray[np.float64]
+POSITIVE = 1e-12
+"""Smallest value of what must be positive, in SI units: smaller ones underflow in products."""
+LARGEST_NUMBER = 1e12
+"""Largest absolute value of a number that has no bound of its own."""
+
+
+class Problems:
+    """The problems of one file.
+
+    Parameters
+    ----------
+    where : str
+        Name of the file, or of what else holds the data.
+    """
+
+    def __init__(self, where: str) -> None:
+        self.where = where
+        self.lines: list[str] = []
+
+    def add(self, key: str, expected: str, got: str, way_out: str) -> None:
+        """Note that `key` holds something else than expected."""
+        key = printable(key)
+        self.lines.append(f"{self.where}: {key}: expected {expected}, got {got}. {way_out}")
+
+    def raise_any(self) -> None:
+        """Raise `ModelError` with all that was noted, if anything was."""
+        if self.lines:
+            raise ModelError(self.lines)
+
+
+def shown(value: object) -> str:
+    """Return a value as it goes into a message, shortened."""
+    if isinstance(value, dict):
+        return "a table"
+    if isinstance(value, str):
+        value = f'"{value}"'
+    elif isinstance(value, bool):
+        value = "true" if value else "false"
+    try:
+        text = str(value)
+    except ValueError:  # of integers with more than 4300 digits
+        return "a number of thousands of digits"
+    return printable(text)
+
+
+def printable(text: str) -> str:
+    """Return a text of a file as it goes into a message: shortened, and control characters written out."""
+    text = text if len(text) <= 70 else text[:66] + " ..."
+    return written_out(text, _FORBIDDEN)
+
+
+_FORBIDDEN = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
+"""Characters that XML does not have or a terminal obeys."""
+_LONGEST_NAME = 100
+"""Characters of a name: with what is added to it, it must fit into the 255 bytes of a file's name."""
+_LONGEST_TEXT = 4000
+"""Characters of any other text."""
+
+
+def nearest(name: str, known: Sequence[str]) -> str:
+    """Return the way out for a wrong name: the nearest known one, and all of them."""
+    lower = [k.lower() for k in known]
+    match = difflib.get_close_matches(name.lower(), lower, n=1, cutoff=0.6)
+    match = match or [k for k in lower if len(name) > 1 and k.startswith(name.lower())]
+    hint = next((f'Did you mean "{k}"? ' for k in known if match and k.lower() == match[0]), "")
+    return f"{hint}There are: {', '.join(known)}."
+
+
+def as_number(value: object) -> float | None:
+    """Return a TOML number as float (infinity where it is too large), None for anything else."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+
+
+class Table:
+    """A TOML table that is being read. Wrong values are noted and read as NaN, so that reading goes on.
+
+    Parameters
+    ----------
+    problems : Problems
+        Where problems go.
+    data : object
+        The table.
+    path : str
+        Its key in the file, "" for the whole file.
+    known : sequence of str
+        The keys it may have; any other is a problem.
+    """
+
+    def __init__(self, problems: Problems, data: object, path: str, known: Sequence[str]) -> None:
+        self.problems = problems
+        self.path = path
+        self.usable = isinstance(data, dict)
+        self.data: dict[str, Any] = cast("dict[str, Any]", data) if self.usable else {}
+        if not self.usable:
+            problems.add(path or "the file", "a table", shown(data), f"Its keys are: {', '.join(known)}.")
+        for key in self.data:
+            if key not in known:
+                problems.add(self.key(key), "a known key", "an unknown one", nearest(key, known))
+
+    def key(self, key: str) -> str:
+        """Return the full key of an entry."""
+        return f"{self.path}.{key}" if self.path else key
+
+    def value(self, key: str, expected: str, default: object = None) -> Any:
+        """Return an entry; a missing one without a default is a problem and reads as None."""
+        if key in self.data:
+            return self.data[key]
+        if default is None and self.usable:
+            self.problems.add(self.key(key), expected, "nothing", "The key is missing: add it.")
+        return default
+
+    def table(self, key: str, known: Sequence[str]) -> Table:
+        """Return an entry that must be a table."""
+        value = self.value(key, "a table")
+        if value is None:
+            table = Table(self.problems, {}, self.key(key), known)
+            table.usable = False
+            return table
+        return Table(self.problems, value, self.key(key), known)
+
+    def optional_table(self, key: str, known: Sequence[str]) -> Table:
+        """Return an entry that is a table, an empty one if it is missing."""
+        return Table(self.problems, self.data.get(key, {}), self.key(key), known)
+
+    def text(self, key: str, default: str | None = None, choices: Sequence[str] = ()) -> str:
+        """Return a string, one of `choices` if there are any."""
+        expected = " or ".join(f'"{choice}"' for choice in choices) or "a string that is not empty"
+        value = self.value(key, expected, default)
+        if value is None:
+            return ""
+        if not isinstance(value, str):
+            self.problems.add(self.key(key), expected, shown(value), "Write a string in quotes.")
+            return ""
+        if choices and value not in choices:
+            self.problems.add(self.key(key), expected, shown(value), nearest(value, choices))
+        elif not value.strip() and default != "":
+            self.problems.add(self.key(key), expected, shown(value), "Write some text.")
+        else:
+            self.check_text(self.key(key), value)
+        return value
+
+    def check_text(self, place: str, value: str) -> None:
+        """Note characters of a text that XML does not have or a terminal obeys, and a text that is too long."""
+        found = _FORBIDDEN.search(value.replace("\n", " ").replace("\t", " "))
+        if found:
+            expected = "a text without control characters"
+            self.problems.add(place, expected, shown(value[max(0, found.start() - 20) :]), "Remove them.")
+        if len(value) > _LONGEST_TEXT:
+            expected = f"at most {_LONGEST_TEXT} characters"
+            self.problems.add(place, expected, str(len(value)), "Shorten it.")
+
+    def flag(self, key: str, default: bool) -> bool:
+        """Return true or false."""
+        value = self.data.get(key, default)
+        if not isinstance(value, bool):
+            self.problems.add(self.key(key), "true or false", shown(value), "Write it without quotes.")
+            return default
+        return value
+
+    def name(self, key: str) -> str:
+        """Return a string that can name a file: results of a scenario go into a folder of its name."""
+        value = self.label(key)
+        if value and not re.fullmatch(r"\w[\w .+-]*", value):
+            self.problems.add(
+                self.key(key),
+                "a name of letters, digits, spaces and . _ + -, a letter, digit or _ first",
+                shown(value),
+                "It names files and folders.",
+            )
+        return value
+
+    def label(self, key: str) -> str:
+        """Return a string of one short line."""
+        value = self.text(key)
+        if len(value) > _LONGEST_NAME:
+            expected = f"at most {_LONGEST_NAME} characters"
+            self.problems.add(self.key(key), expected, str(len(value)), "It names files and folders.")
+        elif "\n" in value or "\t" in value:
+            self.problems.add(self.key(key), "one line without tabs", shown(value), "Write one line.")
+        return value
+
+    def number(
+        self,
+        key: str,
+        unit: str,
+        default: float | None = None,
+        *,
+        above: float | None = None,
+        at_least: float | None = None,
+        at_most: float = LARGEST_NUMBER,
+        way_out: str = "",
+    ) -> float:
+        """Return one number, NaN where it is wrong; `at_most` bounds its absolute value."""
+        bounds = _Bounds(unit, above, at_least, at_most)
+        expected = bounds.expected("a finite number")
+        value = self.value(key, expected, default)
+        if value is None:
+            return math.nan
+        return self._checked(value, self.key(key), bounds, way_out)
+
+    def numbers(
+        self,
+        key: str,
+        shape: tuple[int, ...],
+        unit: str,
+        default: npt.ArrayLike | None = None,
+        *,
+        scalar: bool = False,
+        above: float | None = None,
+        at_least: float | None = None,
+        at_most: float = LARGEST_NUMBER,
+        infinite: bool = False,
+        way_out: str = "",
+    ) -> FloatArray:
+        """Return an array of numbers, NaN where they are wrong.
+
+        `scalar` allows one number for all entries, `infinite` allows plus infinity.
+        """
+        size = " x ".join(str(k) for k in shape)
+        bounds = _Bounds(unit, above, at_least, at_most, infinite)
+        expected = bounds.expected(f"{size} finite numbers" + (" or one for all" if scalar else ""))
+        value = self.value(key, expected, cast(Any, default))
+        if value is None:
+            return np.full(shape, math.nan)
+        if scalar and as_number(value) is not None:
+            return np.full(shape, self._checked(value, self.key(key), bounds, way_out))
+        found = shape_of(value)
+        if found != shape:
+            got = shown(value) if found is None else f"{' x '.join(str(k) for k in found) or 'one number'}"
+            rows = "" if len(shape) < 2 else " as a list of rows"
+            self.problems.add(self.key(key), expected, got, f"Write {size} numbers{rows}. {way_out}".strip())
+            return np.full(shape, math.nan)
+        result = np.empty(shape)
+        for index in np.ndindex(shape):
+            entry = value
+            for k in index:
+                entry = entry[k]
+            place = self.key(key) + "".join(f"[{k + 1}]" for k in index)
+            result[index] = self._checked(entry, place, bounds, way_out)
+        return result
+
+    def _checked(self, value: object, place: str, bounds: _Bounds, way_out: str) -> float:
+        number = as_number(value)
+        if number is None:
+            expected = bounds.expected("a finite number")
+            self.problems.add(place, expected, shown(value), f"Write a number. {way_out}".strip())
+            return math.nan
+        expected = bounds.broken(number)
+        if expected is not None:
+            self.problems.add(place, expected, shown(value), way_out or "Correct the number.")
+            return math.nan
+        return number
+
+
+class _Bounds(NamedTuple):
+    """What a number must be: above a number or at least one, and finite; `at_most` bounds its absolute value."""
+
+    unit: str
+    above: float | None
+    at_least: float | None
+    at_most: float
+    infinite: bool = False
+
+    def expected(self, what: str, bound: str | None = None) -> str:
+        """Return what is expected, with its bound and unit."""
+        if bound is None:
+            low = f" >= {self.at_least:g}" if self.at_least is not None else ""
+            bound = f" > {self.above:g}" if self.above is not None else low
+        return f"{what}{bound}{' in ' + self.unit if self.unit else ''}"
+
+    def broken(self, number: float) -> str | None:
+        """Return what was expected of a number that is out of bounds; None for one that is not."""
+        what = "a finite number"
+        if self.infinite and number == math.inf:
+            return None
+        if not math.isfinite(number) or (self.above is not None and not number > self.above):
+            return self.expected(what)
+        if self.at_least is not None and not number >= self.at_least:
+            return self.expected(what, f" >= {self.at_least:g}")
+        if self.above == 0 and number < POSITIVE:
+            return self.expected(what, f" >= {POSITIVE:g}")
+        if abs(number) > self.at_most:
+            return self.expected("a number", f" of at most {self.at_most:g}")
+        return None
+
+
+def shape_of(value: object) -> tuple[int, ...] | None:
+    """Return the shape of nested lists, () for what is no list, None where rows differ in shape."""
+    if not isinstance(value, list):
+        return ()
+    rows = cast("list[object]", value)
+    shapes = {shape_of(row) for row in rows}
+    if len(shapes) > 1 or None in shapes:
+        return None
+    inner = shapes.pop() if shapes else ()
+    return (len(rows), *cast("tuple[int, ...]", inner))

@@ -1,0 +1,1 @@
+"""A class in numpy becomes functions, C and an FMU. Nothing here knows a robot."""

@@ -1,0 +1,323 @@
+"""Compilation with the C compiler of the package ziglang: one compiler on every machine, for every platform.
+
+The same sources give the same bits: objects are compiled under relative names without debug information, and
+what the linker takes from the clock is replaced. Objects and libraries are cached by the digest of all that they
+are made from, so that FMUs that differ in start values share the compiled equations.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import struct
+import subprocess
+import tempfile
+import time
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from hashlib import sha256
+from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from itertools import chain
+from pathlib import Path, PurePosixPath
+
+from vdfmu.base.errors import FmuError
+from vdfmu.base.process import end_group
+from vdfmu.base.progress import LOG, counted
+from vdfmu.base.temporary import temporary_folder
+from vdfmu.compiler.c.platforms import PLATFORMS, WASM, Platform, this_platform
+from vdfmu.compiler.functions.cache import COMPILER, cache_folder, load, store, trusted
+
+_FLAGS = (
+    "-std=c11", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden",
+    "-Wall", "-Wextra", "-I.", "-DDISABLE_PREFIX", "-g0",
+    # the search for operations to join takes half of the time to compile traced functions, and gains none at run time
+    "-fno-slp-vectorize",
+)  # fmt: skip
+_INCLUDE = re.compile(rb'^\s*#\s*include\s*["<]([^">]+)[">]', re.MULTILINE)
+
+
+def native_available() -> bool:
+    """Whether native FMUs can be built and run here: whether the compiler is installed."""
+    try:
+        this_platform()
+        _zig()
+    except FmuError:
+        return False
+    return True
+
+
+def compiler_version() -> str:
+    """Name and version of the compiler; its name alone where it is not installed."""
+    try:
+        return f"ziglang {version('ziglang')}"
+    except PackageNotFoundError:
+        return "ziglang"
+
+
+@lru_cache
+def _zig() -> str:
+    """Path of the compiler's program."""
+    spec = find_spec("ziglang")
+    for folder in (spec.submodule_search_locations if spec else None) or ():
+        for name in ("zig", "zig.exe"):
+            program = Path(folder) / name
+            if program.is_file():
+                return str(program)
+    raise FmuError(
+        "native FMUs need the C compiler of the package ziglang, which is not installed. Install it with "
+        "`pip install 'vdfmu[native]'`, or build with the backend `python`."
+    )
+
+
+@dataclass(frozen=True)
+class Job:
+    """One library to make.
+
+    Attributes
+    ----------
+    name : str
+        Model name.
+    sources : mapping of str to bytes
+        File name to content, of C files and headers.
+    platform : str
+        One of :data:`~vdfmu.compiler.c.platforms.PLATFORMS`.
+    flags : tuple of str
+        Further flags of the compiler and the linker.
+    exported : tuple of str
+        Of a module of WebAssembly the functions that it exports, without what no function of them calls; default: all.
+    """
+
+    name: str
+    sources: Mapping[str, bytes]
+    platform: str
+    flags: tuple[str, ...] = ()
+    exported: tuple[str, ...] = ()
+
+    @cached_property
+    def target(self) -> Platform:
+        """Platform of the name."""
+        return PLATFORMS[self.platform]
+
+    @cached_property
+    def objects(self) -> dict[str, str]:
+        """C file to the key of its object."""
+        return {
+            name: self._key("object", self._needed(name))
+            for name in sorted(self.sources)
+            if name.endswith(".c")
+        }
+
+    def _needed(self, name: str) -> dict[str, bytes]:
+        """Return a file and those of the sources that it includes, by way of others too."""
+        found: dict[str, bytes] = {}
+        names = [name]
+        while names:
+            one = names.pop()
+            if one not in found and one in self.sources:
+                found[one] = self.sources[one]
+                names += [header.decode() for header in _INCLUDE.findall(found[one])]
+        return found
+
+    @cached_property
+    def key(self) -> str:
+        """Key of the library."""
+        return self._key(f"library {' '.join(self.exported)}", self.sources)
+
+    def _key(self, kind: str, files: Mapping[str, bytes]) -> str:
+        digest = sha256(repr((kind, compiler_version(), self.target, _FLAGS, self.flags)).encode())
+        for name, text in sorted(files.items()):
+            digest.update(f"\n{name} {len(text)}\n".encode())
+            digest.update(text)
+        return digest.hexdigest()
+
+
+def compile_library(
+    sources: Mapping[str, bytes], platform: str, *, name: str, flags: Sequence[str] = ()
+) -> bytes:
+    """Return a shared library; see :func:`compile_libraries`."""
+    return compile_libraries([Job(name, sources, platform, tuple(flags))])[0]
+
+
+def compile_libraries(jobs: Iterable[Job]) -> list[bytes]:
+    """Return the shared library of each job: from the cache, or compiled with all processors.
+
+    Jobs that are made one after the other are compiled while the next one is made.
+
+    Raises
+    ------
+    FmuError
+        If the compiler is not installed, refuses a file, or the disk is full.
+    """
+    found: dict[int, bytes] = {}
+
+    def not_found() -> Iterator[tuple[int, Job]]:
+        for i, job in enumerate(jobs):
+            library = load(cache_folder() / "native" / job.key)
+            if library is None:
+                yield i, job
+            else:
+                found[i] = library
+
+    missing = not_found()
+    first = next(missing, None)
+    if first is not None:
+        _zig()
+        try:
+            with temporary_folder("vdfmu_native_") as folder, _Workshop(folder) as workshop:
+                made = workshop.make(chain([first], missing))
+        except OSError as error:
+            where = error.filename or tempfile.gettempdir()
+            raise FmuError(
+                f"the native FMUs cannot be compiled: {where}: {error.strerror}. {_ROOM}"
+            ) from error
+        for i, (key, library) in made.items():
+            store(cache_folder() / "native" / key, library)
+            found[i] = library
+    return [found[i] for i in sorted(found)]
+
+
+_ROOM = "Free space there, or choose other folders with TMPDIR and VDFMU_CACHE_DIR."
+
+
+class _Workshop:
+    """One subfolder of a folder for each job, and the processes that work in it."""
+
+    def __init__(self, folder: str) -> None:
+        self._folder = Path(folder)
+        self._running: set[subprocess.Popen[bytes]] = set()
+        self._stopped = False
+        self._environment = os.environ | {
+            "ZIG_LOCAL_CACHE_DIR": str(self._folder / "zig"),
+            "ZIG_GLOBAL_CACHE_DIR": self._support_folder(),
+        }
+
+    def __enter__(self) -> _Workshop:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop()
+
+    def _support_folder(self) -> str:
+        """Folder in which zig keeps what it compiles of its own for each platform, with locks of its own."""
+        chosen = os.environ.get("ZIG_GLOBAL_CACHE_DIR")
+        if chosen and trusted(Path(chosen)):
+            return chosen
+        cache = cache_folder()
+        folder = cache / COMPILER
+        try:
+            for made in (cache, folder):
+                made.mkdir(parents=True, exist_ok=True, mode=0o700)
+            with tempfile.TemporaryFile(dir=folder):
+                return str(folder)
+        except OSError:
+            return str(self._folder / "zig_support")
+
+    def make(self, jobs: Iterable[tuple[int, Job]]) -> dict[int, tuple[str, bytes]]:
+        """Return the key and the library of each job, by its number."""
+        places: dict[int, tuple[Job, Path]] = {}
+        objects: dict[str, Path] = {}
+        with self._pool() as pool:
+            tasks: list[Future[None]] = []
+            for i, job in jobs:
+                place = self._folder / str(i)
+                place.mkdir()
+                for name, text in job.sources.items():
+                    (place / name).write_bytes(text)
+                places[i] = job, place
+                tasks += self._compile(pool, job, place, objects)
+            for task in counted("compile", as_completed(tasks), len(tasks)):
+                task.result()
+            links = {i: pool.submit(self._link, *where, objects) for i, where in places.items()}
+            return {i: (places[i][0].key, link.result()) for i, link in links.items()}
+
+    @contextmanager
+    def _pool(self) -> Generator[ThreadPoolExecutor]:
+        """Threads that wait for processes; an error or an interrupt ends the processes."""
+        with ThreadPoolExecutor(max_workers=os.cpu_count() or 1) as pool:
+            try:
+                yield pool
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                self._stop()
+                raise
+
+    def _compile(
+        self, pool: ThreadPoolExecutor, job: Job, place: Path, objects: dict[str, Path]
+    ) -> list[Future[None]]:
+        """Start to compile the objects that no job before has, the longest first; `objects`: key to file of all."""
+        missing: list[tuple[str, str]] = []
+        for name, key in job.objects.items():
+            if key in objects:
+                continue
+            objects[key] = place / f"{PurePosixPath(name).stem}.o"
+            stored = load(cache_folder() / "native" / key)
+            if stored is None:
+                missing.append((name, key))
+            else:
+                objects[key].write_bytes(stored)
+        missing.sort(key=lambda item: -len(job.sources[item[0]]))
+        return [pool.submit(self._object, job, place, *item) for item in missing]
+
+    def _object(self, job: Job, place: Path, name: str, key: str) -> None:
+        file = f"{PurePosixPath(name).stem}.o"
+        self._run(job, place, name, ["-c", *_FLAGS, *job.target.flags, *job.flags, "-o", file, name])
+        store(cache_folder() / "native" / key, (place / file).read_bytes())
+
+    def _link(self, job: Job, place: Path, objects: Mapping[str, Path]) -> bytes:
+        files = [os.path.relpath(objects[key], place) for key in job.objects.values()]
+        library = f"{job.name}{job.target.suffix}"
+        extra = ["-lm"] if job.platform.endswith("linux") else []
+        # the name inside the library is that of its file, not of the folder in which it was made
+        if job.platform.endswith("darwin"):
+            extra.append(f"-Wl,-install_name,@rpath/{library}")
+        if job.platform == WASM:
+            extra += [f"-Wl,--export={function}" for function in job.exported] or ["-Wl,--export-dynamic"]
+        self._run(job, place, library, [*job.target.link, "-s", *job.flags, "-o", library, *files, *extra])
+        return _without_time((place / library).read_bytes())
+
+    def _run(self, job: Job, place: Path, what: str, arguments: Sequence[str]) -> None:
+        command = [_zig(), "cc", "-target", job.target.target, *arguments]
+        # in a session of its own a process does not get Ctrl-C, and its children end with it
+        environment, began = self._environment, time.perf_counter()
+        process = subprocess.Popen(
+            command, cwd=place, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE, start_new_session=os.name == "posix",
+        )  # fmt: skip
+        self._running.add(process)
+        if self._stopped:
+            self._stop()
+        try:
+            _, output = process.communicate()
+        finally:
+            self._running.discard(process)
+        if process.returncode == 0:
+            LOG.info("%s: zig %s: %.2f s", job.name, " ".join(command[1:]), time.perf_counter() - began)
+            return
+        words = output.decode("utf-8", "replace")
+        full = "NoSpaceLeft" in words or "No space left" in words
+        spare = str(self._folder / "zig_support")
+        if full and environment["ZIG_GLOBAL_CACHE_DIR"] != spare:  # without the cache it only takes longer
+            self._environment = self._environment | {"ZIG_GLOBAL_CACHE_DIR": spare}
+            return self._run(job, place, what, arguments)
+        errors = "\n".join(
+            line for line in words.splitlines() if line and not line.startswith("warning(zcu)")
+        )
+        hint = f" {_ROOM}" if full else ""
+        raise FmuError(f"{job.name} for {job.platform}: {what} cannot be compiled:\n{errors}{hint}")
+
+    def _stop(self) -> None:
+        self._stopped = True
+        for process in list(self._running):
+            end_group(process)
+
+
+def _without_time(library: bytes) -> bytes:
+    """Library without the time of its making, which the header of a Windows library holds."""
+    if library[:2] != b"MZ":
+        return library
+    (header,) = struct.unpack_from("<I", library, 0x3C)
+    return library[: header + 8] + bytes(4) + library[header + 12 :]

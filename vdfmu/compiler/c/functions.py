@@ -1,0 +1,254 @@
+"""C text of traced functions, one C function each, from the instructions of the trace.
+
+CasADi's own generator puts a check for null around every access, and around each function an interface that a
+solver asks for; here a function is what the equations are, with plain pointers, so that a compiler sees all of
+it. The arithmetic is that of the trace, operation by operation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from typing import NamedTuple
+
+import casadi as ca
+
+from vdfmu.base.errors import KernelError
+from vdfmu.compiler.c.lookup import c_lookup
+from vdfmu.compiler.scalar.symbol import LOOKUP
+
+EXPRESSIONS = {
+    ca.OP_ASSIGN: "{0}",
+    ca.OP_NEG: "-{0}",
+    ca.OP_ADD: "{0} + {1}",
+    ca.OP_SUB: "{0} - {1}",
+    ca.OP_MUL: "{0} * {1}",
+    ca.OP_DIV: "{0} / {1}",
+    ca.OP_SQ: "{0} * {0}",
+    ca.OP_TWICE: "2.0 * {0}",
+    ca.OP_INV: "1.0 / {0}",
+    ca.OP_POW: "pow({0}, {1})",
+    ca.OP_CONSTPOW: "pow({0}, {1})",
+    ca.OP_SQRT: "sqrt({0})",
+    ca.OP_SIN: "sin({0})",
+    ca.OP_COS: "cos({0})",
+    ca.OP_TAN: "tan({0})",
+    ca.OP_ASIN: "asin({0})",
+    ca.OP_ACOS: "acos({0})",
+    ca.OP_ATAN: "atan({0})",
+    ca.OP_ATAN2: "atan2({0}, {1})",
+    ca.OP_FLOOR: "floor({0})",
+    ca.OP_CEIL: "ceil({0})",
+    ca.OP_TANH: "tanh({0})",
+    ca.OP_SINH: "sinh({0})",
+    ca.OP_COSH: "cosh({0})",
+    ca.OP_EXP: "exp({0})",
+    ca.OP_EXPM1: "expm1({0})",
+    ca.OP_LOG: "log({0})",
+    ca.OP_LOG1P: "log1p({0})",
+    ca.OP_FMOD: "fmod({0}, {1})",
+    ca.OP_FABS: "fabs({0})",
+    ca.OP_SIGN: "({0} > 0.0 ? 1.0 : 0.0) - ({0} < 0.0 ? 1.0 : 0.0)",
+    ca.OP_COPYSIGN: "copysign({0}, {1})",
+    ca.OP_FMIN: "fmin({0}, {1})",
+    ca.OP_FMAX: "fmax({0}, {1})",
+    ca.OP_LT: "{0} < {1} ? 1.0 : 0.0",
+    ca.OP_LE: "{0} <= {1} ? 1.0 : 0.0",
+    ca.OP_EQ: "{0} == {1} ? 1.0 : 0.0",
+    ca.OP_NE: "{0} != {1} ? 1.0 : 0.0",
+    ca.OP_NOT: "{0} == 0.0 ? 1.0 : 0.0",
+    ca.OP_AND: "(({0} != 0.0) & ({1} != 0.0)) ? 1.0 : 0.0",
+    ca.OP_OR: "(({0} != 0.0) | ({1} != 0.0)) ? 1.0 : 0.0",
+    ca.OP_IF_ELSE_ZERO: "{0} != 0.0 ? {1} : 0.0",
+}
+"""Operation: C expression of its operands {0} and {1}, which may be vectors too (``fmu_src/batch/lanes.h``)."""
+
+
+def c_prototype(function: ca.Function) -> str:
+    """Return the declaration of :func:`c_texts`, without semicolon."""
+    arguments = [f"const double *restrict {name}" for name in function.name_in()]
+    results = [f"double *restrict {name}_out" for name in function.name_out()]
+    return f"void {function.name()}({', '.join([*arguments, *results])})"
+
+
+def c_texts(function: ca.Function, whole: int | None = None, apart: Collection[str] = ()) -> list[str]:
+    """Return a C11 function of a trace, as texts that can be compiled side by side; the last has the function itself.
+
+    ``void name(const double *restrict argument, .., double *restrict result_out, ..)``, with a pointer for
+    scalars too, matrices as in :class:`~vdfmu.compiler.functions.functions.KernelFunction`. It needs ``<math.h>``.
+
+    A trace of more than `whole` operations, by default :data:`_WHOLE`, becomes a chain of functions
+    ``name_part_1``, ..: the time in which compilers place variables in registers grows with the square of a function's
+    length. The values are the same bits. Functions that it calls come before it, but for those in `apart`.
+
+    Raises
+    ------
+    KernelError
+        If the trace has an operation that this module does not know.
+    """
+    if not function.is_a("SXFunction"):
+        return _calling(function, apart)
+    operations = _operations(function)
+    if len(operations) <= (_WHOLE if whole is None else whole):
+        read = {name for operation in operations for name in operation.arguments}
+        head = [f"(void){name};" for name in function.name_in() if name not in read]
+        return [_lookups(function) + _definition(c_prototype(function), operations, head, [])]
+    first, *parts = _chain(function, operations)
+    return [_lookups(function) + first, *parts]
+
+
+_WHOLE = 18_000
+"""Operations that go into one C function; the shipped arms have no longer trace."""
+_PART = 1_000
+"""Operations of one part of a longer trace."""
+_ALONE = 3_000
+"""Operations of a called function from which on it has a text of its own."""
+_TOGETHER = 30
+"""Parts that one compiler gets, which takes some 200 MB for them."""
+
+
+def is_long(function: ca.Function) -> bool:
+    """Whether a trace is too long for one C function."""
+    return function.n_instructions() > _WHOLE
+
+
+def _calling(function: ca.Function, apart: Collection[str]) -> list[str]:
+    """Return the texts of a function that only calls others: long ones each by itself, the last has the others."""
+    places: dict[int, str] = {}  # part of CasADi's memory to the C name of what it holds
+    sizes: dict[str, int] = {}
+    callees: dict[str, ca.Function] = {}
+    lines: list[str] = []
+    for k in range(function.n_instructions()):
+        operation = function.instruction_id(k)
+        source, target = function.instruction_input(k), function.instruction_output(k)
+        if operation == ca.OP_INPUT:
+            places[target[0]] = function.name_in(source[0])
+        elif operation == ca.OP_OUTPUT:
+            size = function.numel_out(target[0])
+            name = f"{function.name_out(target[0])}_out"
+            lines.append(f"memcpy({name}, {places[source[0]]}, {size} * sizeof(double));")
+        elif operation == ca.OP_CALL:
+            callee = function.instruction_MX(k).which_function()
+            callees[callee.name()] = callee
+            read = [places[i] for i in source]
+            for i, place in enumerate(target):
+                places[place] = f"v{len(sizes)}"
+                sizes[places[place]] = callee.numel_out(i)
+            lines.append(f"{callee.name()}({', '.join([*read, *(places[i] for i in target)])});")
+        else:
+            raise KernelError(f"{function.name()}: expected calls only, got operation {operation}.")
+    declared = [f"double {name}[{size}];" for name, size in sizes.items()]
+    body = "\n".join(f"    {line}" for line in (*declared, *lines))
+    prototypes = "".join(f"{c_prototype(callee)};\n" for callee in callees.values())
+    texts: list[str] = []
+    together = [f"#include <string.h>\n\n{prototypes}"]
+    for callee in callees.values():
+        if callee.name() not in apart:
+            long = callee.n_instructions() > _ALONE
+            (texts if long else together).extend(c_texts(callee))
+    return [*texts, "\n".join([*together, f"{c_prototype(function)}\n{{\n{body}\n}}\n"])]
+
+
+def _lookups(function: ca.Function) -> str:
+    """Return the C functions of the tables that a trace looks rows up in."""
+    return "".join(c_lookup(one) for one in function.find_functions(0) if one.name().startswith(LOOKUP))
+
+
+def _chain(function: ca.Function, operations: list[_Operation]) -> list[str]:
+    """Return the texts of a long trace."""
+    parts = [operations[i : i + _PART] for i in range(0, len(operations), _PART)]
+    live: set[int] = set()  # values that later parts read
+    texts: list[str] = []
+    for number, part in reversed(list(enumerate(parts, 1))):
+        written: set[int] = set()
+        needed: set[int] = set()
+        for operation in part:
+            needed |= set(operation.reads) - written
+            written |= set(operation.writes)
+        load = [f"w{i} = w[{i}];" for i in sorted(needed)]
+        keep = [f"w[{i}] = w{i};" for i in sorted(written & live)]
+        read = {name for operation in part for name in operation.arguments}
+        used = read | {name for operation in part for name in operation.results}
+        names = (*function.name_in(), *(f"{name}_out" for name in function.name_out()))
+        head = [f"(void){name};" for name in names if name not in used]
+        prototype = _part_prototype(function, number)
+        texts.append(f"{prototype};\n{_definition(prototype, part, [*head, '(void)w;', *load], keep)}")
+        live = (live - written) | needed
+    size = 1 + max(i for operation in operations for i in operation.writes)
+    call = ", ".join((*function.name_in(), *(f"{name}_out" for name in function.name_out()), "w"))
+    calls = "".join(f"    {function.name()}_part_{k}({call});\n" for k in range(1, len(parts) + 1))
+    declared = "".join(f"{_part_prototype(function, k)};\n" for k in range(1, len(parts) + 1))
+    texts.reverse()
+    return [
+        *("\n".join(texts[i : i + _TOGETHER]) for i in range(0, len(texts), _TOGETHER)),
+        f"{declared}\n{c_prototype(function)}\n{{\n    double w[{size}];\n{calls}}}\n",
+    ]
+
+
+class _Operation(NamedTuple):
+    """One line of C: the values ``w`` that it reads and writes, and the arguments and results that it names."""
+
+    text: str
+    reads: tuple[int, ...] = ()
+    writes: tuple[int, ...] = ()
+    arguments: tuple[str, ...] = ()
+    results: tuple[str, ...] = ()
+
+
+def _operations(function: ca.Function) -> list[_Operation]:
+    arguments, results = function.name_in(), function.name_out()
+    found: list[_Operation] = []
+    for k in range(function.n_instructions()):
+        operation = function.instruction_id(k)
+        source, target = tuple(function.instruction_input(k)), tuple(function.instruction_output(k))
+        if operation == ca.OP_OUTPUT:
+            name = f"{results[target[0]]}_out"
+            found.append(_Operation(f"{name}[{target[1]}] = w{source[0]};", source[:1], results=(name,)))
+        elif operation == ca.OP_CONST:
+            value = c_constant(function.instruction_constant(k))
+            found.append(_Operation(f"w{target[0]} = {value};", (), target))
+        elif operation == ca.OP_CALL:
+            called = function.instructions_sx()[k].which_function()
+            found.append(_call(called, source, target))
+        elif operation == ca.OP_INPUT:
+            name = arguments[source[0]]
+            found.append(_Operation(f"w{target[0]} = {name}[{source[1]}];", (), target, arguments=(name,)))
+        else:
+            pattern = EXPRESSIONS.get(operation)
+            if pattern is None:
+                raise KernelError(f"{function.name()}: operation {operation} of the trace has no C text.")
+            value = pattern.format(*[f"w{i}" for i in source])
+            found.append(_Operation(f"w{target[0]} = {value};", source, target))
+    return found
+
+
+def _call(called: ca.Function, source: tuple[int, ...], target: tuple[int, ...]) -> _Operation:
+    """Look up a row; what else a trace calls is a derivative of that, which is 0."""
+    wanted = [(j, i) for j, i in enumerate(target) if i >= 0]
+    writes = tuple(i for _, i in wanted)
+    if not called.name().startswith(LOOKUP):
+        return _Operation(" ".join(f"w{i} = 0.0;" for i in writes), (), writes)
+    taken = " ".join(f"w{i} = row[{j}];" for j, i in wanted)
+    text = f"{{ double row[{called.numel_out(0)}]; {called.name()}(&w{source[0]}, row); {taken} }}"
+    return _Operation(text, source[:1], writes)
+
+
+def _definition(prototype: str, operations: list[_Operation], head: list[str], tail: list[str]) -> str:
+    used = sorted({i for operation in operations for i in (*operation.reads, *operation.writes)})
+    declared = [f"double {', '.join(f'w{i}' for i in used)};"] if used else []
+    first = [line for line in head if line.startswith("(void)")]
+    lines = [*first, *declared, *(line for line in head if line not in first)]
+    body = "\n".join(f"    {line}" for line in (*lines, *(o.text for o in operations), *tail))
+    return f"{prototype}\n{{\n{body}\n}}\n"
+
+
+def _part_prototype(function: ca.Function, number: int) -> str:
+    head, _, arguments = c_prototype(function).partition("(")
+    return f"{head}_part_{number}({arguments.removesuffix(')')}, double *restrict w)"
+
+
+def c_constant(value: float) -> str:
+    """Return a number as C text."""
+    if math.isnan(value):
+        return "NAN"
+    return repr(float(value)) if math.isfinite(value) else f"({'-' if value < 0 else ''}INFINITY)"

@@ -1,0 +1,147 @@
+"""The platforms of native FMUs: compiler target, folders and file names."""
+
+from __future__ import annotations
+
+import platform as machine
+import struct
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from vdfmu.base.errors import FmuError, UsageError
+
+
+@dataclass(frozen=True)
+class Platform:
+    """One platform.
+
+    Attributes
+    ----------
+    name : str
+        Platform tuple of FMI 3.0, which names its folder in ``binaries/``; of WebAssembly that of the processor alone,
+        as the module asks no system for anything.
+    target : str
+        Target of zig: the oldest system on which the library loads.
+    folder_2 : str
+        Folder in FMI 2.0. It has names of its own for x86; others are platform tuples (FMI 2.0.4, section 2.3).
+    suffix : str
+        Of the library.
+    flags : tuple of str
+        Of the compiler.
+    link : tuple of str
+        Of the linker.
+    """
+
+    name: str
+    target: str
+    folder_2: str
+    suffix: str
+    flags: tuple[str, ...] = ()
+    link: tuple[str, ...] = ("-shared",)
+
+
+_X86 = ("-march=x86_64_v2",)
+WASM = "wasm32"
+"""Name of the platform of WebAssembly."""
+_MODULE = (
+    "-mexec-model=reactor", "-Wl,--export=malloc", "-Wl,--export=free", "-Wl,--export-table", "-Wl,--growable-table",
+)  # fmt: skip
+"""A module with memory for their arguments, and a table that takes the importer's callbacks."""
+PLATFORMS = {
+    p.name: p
+    for p in (
+        Platform("x86_64-linux", "x86_64-linux-gnu.2.17", "linux64", ".so", _X86),
+        Platform("aarch64-linux", "aarch64-linux-gnu.2.17", "aarch64-linux", ".so"),
+        Platform("x86_64-windows", "x86_64-windows-gnu", "win64", ".dll", _X86),
+        Platform("x86_64-darwin", "x86_64-macos.11.0", "darwin64", ".dylib", _X86),
+        Platform("aarch64-darwin", "aarch64-macos.11.0", "aarch64-darwin", ".dylib"),
+        Platform(WASM, "wasm32-wasi", WASM, ".wasm", (), _MODULE),
+    )
+}
+"""Name to platform."""
+ALL = tuple(name for name in PLATFORMS if name != WASM)
+"""What ``all`` means: those whose libraries importers of native FMUs load."""
+
+_SYSTEMS = {"linux": "linux", "win32": "windows", "darwin": "darwin"}
+_MACHINES = {"amd64": "x86_64", "x86_64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}
+
+
+def this_platform() -> str:
+    """Name of this machine's platform.
+
+    Raises
+    ------
+    FmuError
+        If native FMUs cannot be built for it.
+    """
+    found = machine.machine()
+    name = f"{_MACHINES.get(found.lower(), found)}-{_SYSTEMS.get(sys.platform, sys.platform)}"
+    if name not in PLATFORMS:
+        raise FmuError(
+            f"there are no native FMUs for this machine, {name}. There are: {', '.join(PLATFORMS)}."
+        )
+    return name
+
+
+def chosen_platforms(chosen: Sequence[str] | str | None) -> tuple[str, ...]:
+    """Names of platforms, in the order of :data:`PLATFORMS`.
+
+    Parameters
+    ----------
+    chosen : sequence of str, str or None
+        Names; ``"all"`` for :data:`ALL`; None for this machine's.
+
+    Raises
+    ------
+    UsageError
+        If one does not exist, or none is chosen.
+    FmuError
+        See :func:`this_platform`.
+    """
+    if chosen is None:
+        return (this_platform(),)
+    names = [chosen] if isinstance(chosen, str) else list(chosen)
+    unknown = [name for name in names if name not in (*PLATFORMS, "all")]
+    if unknown or not names:
+        what = f"There is no platform {unknown[0]!r}." if unknown else "No platform is chosen."
+        raise UsageError(f"{what} There are: {', '.join(PLATFORMS)}; and all.")
+    return tuple(name for name in PLATFORMS if name in names or ("all" in names and name in ALL))
+
+
+def binaries(model_name: str, libraries: Mapping[str, bytes], fmi_version: str) -> dict[str, bytes]:
+    """Path in the FMU to content, for libraries by platform.
+
+    Importers of FMI 2.0 on Arm may look into the folder of their system's x86: fmpy and OpenModelica do. So
+    ``darwin64`` holds a library for both processors where both are chosen, and ``linux64`` that for Arm where
+    there is no other.
+    """
+    files: dict[str, bytes] = {}
+
+    def add(folder: str, platform: str, content: bytes) -> None:
+        files[f"binaries/{folder}/{model_name}{PLATFORMS[platform].suffix}"] = content
+
+    for name, content in libraries.items():
+        add(PLATFORMS[name].folder_2 if fmi_version == "2.0" else name, name, content)
+    if fmi_version == "2.0":
+        for system in ("linux", "darwin"):
+            arm, x86 = f"aarch64-{system}", f"x86_64-{system}"
+            if arm in libraries and x86 not in libraries:
+                add(PLATFORMS[x86].folder_2, arm, libraries[arm])
+            elif arm in libraries and system == "darwin":
+                add(PLATFORMS[x86].folder_2, x86, _universal(libraries[x86], libraries[arm]))
+    return files
+
+
+def _universal(x86: bytes, arm: bytes) -> bytes:
+    """Universal binary of macOS: a header, then the library of each processor on a page of its own."""
+    page = 14  # 2^14 bytes, a page of the larger of the two
+    processors = ((0x01000007, 3, x86), (0x0100000C, 0, arm))
+    header = struct.pack(">II", 0xCAFEBABE, len(processors))
+    body = b""
+    end = 1 << page
+    for cpu, subtype, content in processors:
+        offset = -(-end >> page) << page
+        header += struct.pack(">IIIII", cpu, subtype, offset, len(content), page)
+        body += bytes(offset - end) + content
+        end = offset + len(content)
+    return header.ljust(1 << page, b"\0") + body

@@ -1,0 +1,190 @@
+"""Build of the FMUs of a robot, Python or native, reproducible to the bit."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from pathlib import Path
+
+from vdfmu.arm.robot import Robot, check_robot
+from vdfmu.arm.units import find_unit, shipped_units
+from vdfmu.base.errors import UsageError
+from vdfmu.base.files import regular_target, require_ours, storing
+from vdfmu.base.once import one_job
+from vdfmu.base.progress import Shown, with_progress
+from vdfmu.compiler.c import native_available
+from vdfmu.compiler.fmu.built import is_built, keep_record
+from vdfmu.compiler.fmu.content import BACKENDS, FMI_VERSIONS, Content
+from vdfmu.compiler.unit.base import Unit, unit_name
+from vdfmu.compiler.unit.requirements import unmet
+
+_MOST_JOINTS = 64
+_SLOW_JOINTS = 9
+"""Joints from which on a first build is announced."""
+
+
+def _build_seconds(n: int) -> float:
+    """Processor time of a first native build of all units for `n` joints [s], as measured for 6 to 64."""
+    return 1.7 * n + 2.0
+
+
+def build_notes(robot: Robot | None, backend: str | None = None) -> list[str]:
+    """Return what to say before the FMUs of a robot are built: how long the first build of many joints takes."""
+    if robot is None or robot.n < _SLOW_JOINTS or choose_backend(backend) == "python":
+        return []
+    seconds = _build_seconds(robot.n)
+    return [f"the first build for {robot.n} joints takes some {seconds:.0f} s of processor time; it is kept."]
+
+
+def choose_backend(backend: str | None) -> str:
+    """Return the backend that is asked for, or the default: native where its compiler is installed.
+
+    Raises
+    ------
+    UsageError
+        For an unknown one.
+    ImportError
+        If the package is missing that Python FMUs need.
+    """
+    if backend is None:
+        return "native" if native_available() else "python"
+    if backend not in BACKENDS:
+        raise UsageError(f"There is no backend {backend!r}. There are: {', '.join(BACKENDS)}.")
+    if backend == "python":
+        import_module("pythonfmu")  # an FMU that is built already would only say that it needs vdfmu
+    return backend
+
+
+Units = Sequence[str | os.PathLike[str] | type[Unit]]
+
+
+@with_progress
+@one_job()
+def build_fmus(
+    robot: Robot | None,
+    out_dir: str | os.PathLike[str],
+    *,
+    units: Units | None = None,
+    start_values: Mapping[str, Mapping[str, float]] | None = None,
+    backend: str | None = None,
+    fmi_version: str = "2.0",
+    platforms: Sequence[str] | str | None = None,
+    progress: Shown = None,
+) -> dict[str, Path]:
+    """Build FMUs of units, each ``<Name>.fmu``.
+
+    The same sources, robot, start values and options give the same bytes. An FMU that is, to the byte, one that the
+    user built of these before, and has the platforms asked for, is left alone, with others that it may have; any
+    other is replaced.
+
+    Parameters
+    ----------
+    robot : Robot or None
+        None will do for units without joints.
+    out_dir : path
+        Folder, made if it does not exist.
+    units : sequence of str, path or type of Unit, optional
+        Names of units of the package, files ``my_unit.py`` or ``my_units.py:Name``, or classes; default all units of
+        the package.
+    start_values : mapping of unit to mapping of variable to number, optional
+        Start values in place of those of the declaration.
+    backend : "python" or "native", optional
+        A Python FMU runs in a Python that has vdfmu; a native one needs nothing but its platform. Default
+        native where its compiler is installed.
+    fmi_version : "2.0" or "3.0", optional
+        Python FMUs are of FMI 2.0.
+    platforms : sequence of str, or "all", optional
+        Platforms of native FMUs; default that of this machine.
+    progress : callable or bool, optional
+        Called with stage, done, total; True shows bars, on the terminal or in the notebook.
+
+    Returns
+    -------
+    dict of str to Path
+        Name of the unit to its FMU.
+
+    Raises
+    ------
+    UsageError
+        If a unit, variable, backend or platform does not exist, or a start value is not allowed.
+    UnitError
+        If a unit is declared wrongly, or its methods cannot be run or traced.
+    ModelError
+        If the robot is not physical.
+    FmuError
+        If a file cannot be written, or the compiler is missing or fails.
+    """
+    if backend is None and (fmi_version == "3.0" or platforms is not None):
+        backend = "native"  # what only native FMUs have asks for them
+    chosen = [one if isinstance(one, type) else find_unit(one) for one in units or shipped_units()]
+    named = {unit_name(unit): unit for unit in chosen}
+    backend = choose_backend(backend)
+    _check_names(named, start_values or {}, backend, fmi_version, platforms)
+    if robot is not None:
+        check_robot(robot)
+        if robot.n > _MOST_JOINTS:
+            raise UsageError(
+                f"robot {robot.name}: expected at most {_MOST_JOINTS} joints for FMUs, got {robot.n}. Tracing and "
+                f"compiling would take some {_build_seconds(robot.n) / 60:.0f} minutes or more, and gigabytes of "
+                "memory; vdfmu.inverse_dynamics and forward_dynamics take more joints."
+            )
+    out = Path(out_dir)
+    contents = {
+        out / f"{unit.__name__}.fmu": Content(
+            unit,
+            robot if unit.needs_robot() else None,
+            dict((start_values or {}).get(name, {})),
+            "python" if unit.backend == "python" else backend,
+            "2.0" if unit.backend == "python" else fmi_version,
+        )
+        for name, unit in named.items()
+    }
+    for content in contents.values():
+        _check(content)
+    for path in contents:  # all of them before the first is replaced
+        regular_target(path)
+        require_ours(path)
+    native = {path: content for path, content in contents.items() if content.backend == "native"}
+    if native:
+        from vdfmu.compiler.fmu.native import build_native_fmus
+
+        build_native_fmus(native, platforms)
+    for path, content in contents.items():
+        if content.backend == "native" or is_built(path, content.guid):
+            continue
+        from vdfmu.compiler.fmu.python.package import build_python_fmu
+
+        with storing(path):
+            out.mkdir(parents=True, exist_ok=True)
+            build_python_fmu(content, path)
+            keep_record(path, content.guid)
+    return dict(zip(named, contents, strict=True))
+
+
+def _check_names(
+    units: Mapping[str, type[Unit]],
+    start_values: Mapping[str, Mapping[str, float]],
+    backend: str,
+    fmi_version: str,
+    platforms: Sequence[str] | str | None,
+) -> None:
+    unknown = [unit for unit in start_values if unit not in units]
+    if unknown:
+        raise UsageError(f"start_values: there is no unit {unknown[0]!r}. There are: {', '.join(units)}.")
+    if fmi_version not in FMI_VERSIONS:
+        raise UsageError(
+            f"There is no FMI {fmi_version!r} here. There are: {', '.join(map(repr, FMI_VERSIONS))}."
+        )
+    if backend == "python" and fmi_version != "2.0":
+        raise UsageError(f"Python FMUs are of FMI 2.0, got {fmi_version}. Native ones are of 3.0 too.")
+    if backend == "python" and platforms is not None:
+        raise UsageError("Platforms can be chosen for native FMUs only.")
+
+
+def _check(content: Content) -> None:
+    """Raise for start values with which the unit could not start."""
+    interface = content.interface
+    problems = unmet(interface, interface.memory_of({}))
+    if problems:
+        raise UsageError(f"start values of {interface.name}: {' '.join(problems)}")

@@ -1,0 +1,169 @@
+"""What an FMU carries beside its script: its unit, its robot, start values, and the version that built it."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import uuid
+from collections.abc import Mapping
+from functools import cached_property, lru_cache
+from hashlib import sha256
+from importlib.metadata import version as version_of
+from pathlib import Path
+from typing import Any
+
+from vdfmu.arm.robot import Robot, robot_from_dict
+from vdfmu.arm.units import package_units
+from vdfmu.base.data import data_path
+from vdfmu.base.errors import FmuError, VdfmuError
+from vdfmu.base.version import __version__
+from vdfmu.compiler.fmu.about import ABOUT, about
+from vdfmu.compiler.functions.sources import source_digest
+from vdfmu.compiler.unit.base import Unit, unit_name
+from vdfmu.compiler.unit.interface import Interface
+from vdfmu.compiler.unit.load import load_units
+
+CONTENT_FILE = "vdfmu.json"
+_UNIT_FILE = "unit.py"
+"""Source of a unit that is not one of the package, in a Python FMU."""
+BACKENDS = ("python", "native")
+FMI_VERSIONS = ("2.0", "3.0")
+_DATA = {"python": ("python/*.py",), "native": ("c/*.[ch]", "icons/*")}
+"""Data files that decide what the FMUs of a backend are, in addition to the modules."""
+
+
+@lru_cache
+def installed_digest(backend: str = "python") -> str:
+    """Digest of all that decides what FMUs compute: vdfmu's sources, scripts or C files, CasADi's version."""
+    digest = sha256(source_digest("units", "fmu", f"fmu.{backend}").encode())
+    for pattern in _DATA[backend]:
+        for file in sorted(data_path("fmu_src").glob(pattern)):
+            digest.update(f"{file.name}\n".encode())
+            digest.update(file.read_bytes().replace(b"\r\n", b"\n"))
+    return digest.hexdigest()
+
+
+def _tool(backend: str) -> str:
+    """Name and version of what makes the library of an FMU."""
+    if backend == "python":
+        return f"pythonfmu {version_of('pythonfmu')}"
+    from vdfmu.compiler.c.compile import compiler_version
+
+    return compiler_version()
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Content:
+    """Content of one FMU."""
+
+    unit: type[Unit]
+    robot: Robot | None
+    start_values: Mapping[str, float]
+    """Start values that differ from those of the declaration."""
+    backend: str = "python"
+    """``python`` or ``native``."""
+    fmi_version: str = "2.0"
+    version: str = __version__
+    """Version of vdfmu that built the FMU."""
+    digest: str = ""
+    """:func:`installed_digest` there; empty: that of here."""
+    tool: str = ""
+    """Name and version of what made the FMU's libraries; empty: that of here."""
+    made_by: Mapping[str, str] | None = None
+    """Author, licence, copyright and version of the unit; None: see :func:`~vdfmu.compiler.fmu.about.about`."""
+
+    def __post_init__(self) -> None:
+        if not self.digest:
+            object.__setattr__(self, "digest", installed_digest(self.backend))
+        if not self.tool:
+            object.__setattr__(self, "tool", _tool(self.backend))
+        if self.made_by is None:
+            object.__setattr__(self, "made_by", about(self.unit))
+
+    @property
+    def generation_tool(self) -> str:
+        """Names and versions of what made the FMU; by the first a later build knows that it may be replaced."""
+        return f"vdfmu {self.version}, {self.tool}"
+
+    @property
+    def model_name(self) -> str:
+        """Model identifier."""
+        return self.unit.__name__
+
+    @cached_property
+    def guid(self) -> str:
+        """GUID made from the content: the same content has the same GUID on every machine."""
+        return "{" + str(uuid.UUID(bytes=sha256(self.to_json().encode()).digest()[:16])) + "}"
+
+    @property
+    def model_key(self) -> str:
+        """What decides the results of the unit: its source and robot, but neither version of FMI nor start values."""
+        robot = None if self.robot is None else self.robot.to_dict(looks=False)
+        what = [self.digest, unit_name(self.unit), robot, self.interface.functions.digest]
+        return json.dumps(what, sort_keys=True)
+
+    @cached_property
+    def interface(self) -> Interface:
+        """Variables with the start values of this FMU; raises as :class:`~vdfmu.compiler.unit.interface.Interface`."""
+        return Interface(self.unit, self.robot, self.start_values)
+
+    def to_json(self, **further: Any) -> str:
+        """Text of the content file, with `further` entries."""
+        data = further | {
+            "unit": unit_name(self.unit),
+            "backend": self.backend,
+            "fmi_version": self.fmi_version,
+            "version": self.version,
+            "digest": self.digest,
+            "functions": self.interface.functions.digest,
+            "tool": self.tool,
+            "made_by": dict(self.made_by or {}),
+            "start_values": {name: float(value) for name, value in sorted(self.start_values.items())},
+            "robot": None if self.robot is None else self.robot.to_dict(looks=False),
+        }
+        return json.dumps(data, indent=1, ensure_ascii=False) + "\n"
+
+    @staticmethod
+    def read(resources: Path, model_name: str) -> Content:
+        """Content of the unpacked Python FMU of a model from its folder ``resources``.
+
+        Raises
+        ------
+        FmuError
+            If it cannot be used, or another vdfmu than the installed one built it.
+        """
+        file = f"resources/{CONTENT_FILE}"
+        try:
+            data = json.loads((resources / CONTENT_FILE).read_text(encoding="utf-8"))
+            name, version, digest = str(data["unit"]), str(data["version"]), str(data["digest"])
+            _check_version(f"{model_name}.fmu", version, digest)
+            source = resources / _UNIT_FILE
+            unit = (load_units(source) if source.is_file() else package_units()).get(name)
+            if unit is None or unit.__name__ != model_name:
+                raise FmuError(f"{file} belongs to unit {name!r}, expected that of {model_name}.")
+            robot = None if data["robot"] is None else robot_from_dict(data["robot"], file)
+            values, tool = dict(data["start_values"]), str(data["tool"])
+            made_by = {name: str(data["made_by"][name]) for name in ABOUT if name in data["made_by"]}
+            content = Content(unit, robot, values, version=version, digest=digest, tool=tool, made_by=made_by)
+            _ = content.interface
+        except FmuError:
+            raise
+        except (OSError, LookupError, AttributeError, TypeError, ValueError, VdfmuError) as error:
+            what = str(error) if isinstance(error, VdfmuError) else f"{type(error).__name__}: {error}"
+            raise FmuError(f"{file} cannot be used: {what}. Build the FMU again.") from None
+        return content
+
+
+def _check_version(fmu: str, version: str, digest: str) -> None:
+    """Raise if the installed vdfmu is not the one that built the FMU."""
+    here = installed_digest()
+    if version != __version__:
+        raise FmuError(
+            f"{fmu} was built with vdfmu {version}, but this Python has vdfmu {__version__}. "
+            f"Build the FMU again with `vdfmu build`, or install vdfmu {version}."
+        )
+    if digest != here:
+        raise FmuError(
+            f"{fmu} was built with vdfmu {version} of other sources or with another CasADi (digest "
+            f"{digest[:8]}, here {here[:8]}). Build the FMU again with `vdfmu build`."
+        )

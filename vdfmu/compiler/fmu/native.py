@@ -1,0 +1,151 @@
+"""What a native FMU holds, and its build."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
+from importlib.metadata import files as installed_files
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Literal
+
+from vdfmu.base.data import PACKAGE, data_path
+from vdfmu.base.errors import FmuError, StorageError
+from vdfmu.base.files import pack_zip, read_member
+from vdfmu.compiler.c.compile import Job, compile_libraries
+from vdfmu.compiler.c.generate import generated_sources
+from vdfmu.compiler.c.platforms import binaries, chosen_platforms
+from vdfmu.compiler.fmu.about import terms
+from vdfmu.compiler.fmu.built import is_built, keep_record
+from vdfmu.compiler.fmu.content import CONTENT_FILE, Content
+from vdfmu.compiler.fmu.description import document, model_description
+from vdfmu.compiler.fmu.description3 import build_description, model_description_3
+from vdfmu.compiler.fmu.documentation import documentation_files
+from vdfmu.compiler.fmu.reference_results import reference_files
+from vdfmu.compiler.fmu.terminals import icon_files
+
+_CONTENT = f"extra/vdfmu/{CONTENT_FILE}"
+_MAJOR: dict[str, Literal[2, 3]] = {"2.0": 2, "3.0": 3}
+THIRD_PARTY = """
+The libraries in binaries/ contain parts of the run-time support of the compiler zig: compiler-rt (Apache-2.0 WITH
+LLVM-exception) and zig (MIT); those for Windows also parts of mingw-w64 (ZPL-2.1 and public domain), those for
+WebAssembly of wasi-libc (Apache-2.0 WITH LLVM-exception) and in it musl (MIT, Copyright 2005-2020 Rich Felker, et al.).
+"""
+
+
+def build_native_fmus(contents: Mapping[Path, Content], platforms: Sequence[str] | str | None) -> None:
+    """Write the FMUs that are not up to date.
+
+    Parameters
+    ----------
+    contents : mapping of path to Content
+    platforms : sequence of str, str or None
+        See :func:`~vdfmu.compiler.c.platforms.chosen_platforms`.
+    """
+    names = chosen_platforms(platforms)
+    stale = {path: content for path, content in contents.items() if not _up_to_date(path, content, names)}
+    sources: dict[Path, dict[str, bytes]] = {}
+
+    def jobs() -> Iterator[Job]:
+        for path, content in stale.items():
+            sources[path] = unit_sources(content)
+            files = sources[path] | fmi_headers(content.fmi_version)
+            yield from (Job(content.model_name, files, name) for name in names)
+
+    made = iter(compile_libraries(jobs()))
+    for path, content in stale.items():
+        libraries = {name: next(made) for name in names}
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            pack_zip(path, _members(content, sources[path], libraries))
+            keep_record(path, content.guid)
+        except OSError as error:
+            raise StorageError(
+                f"{path}: cannot be written: {error}. Choose another folder or free space."
+            ) from error
+
+
+def unit_sources(content: Content) -> dict[str, bytes]:
+    """Return file name to content of the folder ``sources`` of an FMU.
+
+    With :func:`fmi_headers` beside them, and ``-I.``, all C files compile to the library.
+    """
+    files = {name: text.encode() for name, text in generated_sources(content.interface, content.guid).items()}
+    other = "fmi3.c" if content.fmi_version == "2.0" else "fmi2.c"
+    for file in sorted((data_path("fmu_src") / "c").glob("*.[ch]")):
+        if file.name != other:
+            files[file.name] = file.read_bytes().replace(b"\r\n", b"\n")
+    return files
+
+
+@lru_cache
+def fmi_headers(fmi_version: str) -> dict[str, bytes]:
+    """Return file name to content of the headers of FMI, as fmpy has them.
+
+    By the standard an importer has its own; an FMU does not carry them.
+    """
+    spec = find_spec("fmpy")
+    for folder in (spec.submodule_search_locations if spec else None) or ():
+        headers = sorted((Path(folder) / "c-code").glob(f"fmi{_MAJOR[fmi_version]}*.h"))
+        if headers:
+            return {header.name: header.read_bytes().replace(b"\r\n", b"\n") for header in headers}
+    raise FmuError("fmpy has no headers of FMI (folder fmpy/c-code). Install fmpy again.")
+
+
+def _up_to_date(path: Path, content: Content, platforms: Sequence[str]) -> bool:
+    if not is_built(path, content.guid):
+        return False
+    try:
+        inside = json.loads(read_member(path, _CONTENT) or b"{}").get("platforms", [])
+    except (ValueError, AttributeError):
+        return False
+    return set(platforms) <= set(inside)
+
+
+def _members(
+    content: Content, sources: Mapping[str, bytes], libraries: Mapping[str, bytes]
+) -> dict[str, bytes]:
+    """Path to content of everything in the FMU."""
+    major = _MAJOR[content.fmi_version]
+    c_files = [name for name in sorted(sources) if name.endswith(".c")]
+    interface, guid, tool = content.interface, content.guid, content.generation_tool
+    about = content.made_by or {}
+    members = {f"sources/{name}": text for name, text in sources.items()}
+    if major == 2:
+        root = model_description(interface, guid, tool, about, c_files)
+    else:
+        root = model_description_3(interface, guid, tool, about)
+        definitions = {"DISABLE_PREFIX": "1"}
+        build = build_description(c_files, definitions, content.model_name)
+        members["sources/buildDescription.xml"] = document(build)
+    members["modelDescription.xml"] = document(root)
+    members |= binaries(content.model_name, libraries, content.fmi_version)
+    members |= icon_files(interface, major)
+    members |= documentation_files(content)
+    members |= reference_files(content)
+    members["documentation/licenses/license.txt"] = (
+        _of_the_unit(content) + _license() + THIRD_PARTY
+    ).encode()
+    members[_CONTENT] = content.to_json(platforms=list(libraries)).encode()
+    return members
+
+
+def _of_the_unit(content: Content) -> str:
+    """Return the terms of a unit of a user's own, and which files are under those that follow."""
+    if content.interface.functions.shipped:
+        return ""
+    return (
+        f"The unit {content.model_name} (sources/unit.c and sources/kernel_*.c): {terms(content.made_by or {})}\n\n"
+        "All other files in sources/, and what binaries/ has of them, are of vdfmu:\n\n"
+    )
+
+
+@lru_cache
+def _license() -> str:
+    """Text of the licence: an installed package has it among its metadata, a source tree at its root."""
+    listed = [Path(str(file.locate())) for file in installed_files("vdfmu") or () if file.name == "LICENSE"]
+    for place in (*listed, PACKAGE.parent / "LICENSE"):
+        if place.is_file():
+            return place.read_text(encoding="utf-8")
+    raise FmuError("the licence of vdfmu is not among its installed files. Install vdfmu again.")

@@ -1,0 +1,81 @@
+"""What a unit computes over time: its methods on its memory and its solver, with no FMI in sight."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import FmuError, KernelError, UnitError
+from vdfmu.compiler.unit.evaluate import Traced, evaluation
+from vdfmu.compiler.unit.integrator import Integrator
+from vdfmu.compiler.unit.interface import Interface
+from vdfmu.compiler.unit.requirements import unmet
+from vdfmu.compiler.unit.scipy_solver import Motion
+
+
+class Behaviour:
+    """A unit on its memory.
+
+    Parameters
+    ----------
+    interface : Interface
+    memory : (interface.size,) array
+        Values of all variables; booleans and integers as floats.
+    """
+
+    def __init__(self, interface: Interface, memory: Floats) -> None:
+        self.interface = interface
+        self.memory = memory
+        self._unit = evaluation(interface, memory)
+        own = interface.has_states and isinstance(self._unit, Traced)
+        self._solver = Integrator(self._unit) if own else Motion(self._unit)
+        self._saved = ("h", "tolerance", "start") if interface.has_states else ("start",)
+
+    def check(self) -> list[str]:
+        """Problems of the parameter values together; those of each alone are checked when they are set."""
+        return unmet(self.interface, self.memory)
+
+    def start(self, t: float, tolerance: float | None) -> None:
+        """Take the parameters as they are and set the states to those of the start time `t` [s].
+
+        `tolerance` is that of the experiment; the smaller of it and the parameter holds.
+        """
+        if self.interface.has_states:
+            own = float(self._unit.group("tolerance")[0])
+            self._solver.tolerance = own if tolerance is None else min(own, tolerance)
+            self._solver.h = 1e-4
+        self._solver.start = self.memory[-1] = t
+        self._unit.start()
+
+    def outputs(self, t: float) -> None:
+        """Calculate the outputs at time `t` [s] from inputs, parameters and states."""
+        self.memory[-1] = t
+        self._unit.outputs()
+
+    def step(self, t: float, duration: float) -> None:
+        """Move from `t` to `t + duration` [s] with the inputs held.
+
+        A unit without a state calculates its outputs from the inputs at `t`.
+        """
+        before = self.memory.copy()
+        try:
+            self._solver.move(t, t + duration, duration)
+            if self._unit.x.size and not np.isfinite(self._unit.x).all():
+                raise KernelError(
+                    f"the states are not finite before t = {t + duration:.9g} s. Check the parameters."
+                )
+            self._unit.outputs()
+        except (KernelError, UnitError) as error:
+            self.memory[:] = before
+            raise FmuError(str(error)) from None
+
+    def state(self) -> Any:
+        """Everything beyond the variables that decides the future, JSON-able."""
+        return {name: getattr(self._solver, name) for name in self._saved}
+
+    def restore(self, state: Any) -> None:
+        """Take a state of :meth:`state` back; raise and change nothing if it is none."""
+        for name, value in {name: float(state[name]) for name in self._saved}.items():
+            setattr(self._solver, name, value)

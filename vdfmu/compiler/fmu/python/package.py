@@ -1,0 +1,45 @@
+"""Build of a Python FMU with pythonfmu: it runs in a Python that has vdfmu."""
+
+from __future__ import annotations
+
+import sys
+import zipfile
+from pathlib import Path
+
+from pythonfmu import FmuBuilder
+
+from vdfmu.base.data import data_path
+from vdfmu.base.files import pack_zip
+from vdfmu.base.interrupt import InterruptGuard
+from vdfmu.base.temporary import temporary_folder
+from vdfmu.compiler.fmu.content import CONTENT_FILE, Content
+from vdfmu.compiler.fmu.documentation import documentation_files
+
+# pythonfmu puts a copy of itself into every FMU. A process that loads an FMU first would take that copy for
+# the package; it lacks the binaries that a later build needs. The slaves use the installed one.
+_LEFT_OUT = "resources/pythonfmu/"
+
+
+def build_python_fmu(content: Content, path: Path) -> None:
+    """Write the FMU of a content."""
+    template = (data_path("fmu_src") / "python" / "slave.py").read_text(encoding="utf-8")
+    with temporary_folder("vdfmu_build_") as folder:
+        script = Path(folder) / f"vdfmu_{content.interface.name}_slave.py"
+        script.write_text(template.replace("Model", content.model_name), encoding="utf-8")
+        files = {CONTENT_FILE: content.to_json().encode()}
+        if not content.interface.functions.shipped:
+            files |= content.interface.functions.sources
+        resources = [Path(folder) / "files" / name for name in files]
+        resources[0].parent.mkdir()
+        for resource in resources:
+            resource.write_bytes(files[resource.name])
+        search_path = list(sys.path)
+        try:
+            with InterruptGuard():  # it has a temporary folder of its own
+                raw = FmuBuilder.build_FMU(script, dest=folder, project_files=resources)
+        finally:
+            sys.path[:] = search_path
+        with zipfile.ZipFile(raw) as archive:
+            names = [name for name in archive.namelist() if not name.startswith(_LEFT_OUT)]
+            members = {name: archive.read(name) for name in names}
+    pack_zip(path, members | documentation_files(content))

@@ -1,0 +1,129 @@
+"""What the native wrapper of pythonfmu 0.7 asks of a slave, read in its source (PySlaveInstance.cpp).
+
+- Every exception becomes fmi2Fatal. Its ``repr`` is the message, which importers use as a format of printf.
+- A message that waits in the queue while an exception is reported makes the wrapper lose the exception.
+- When a call fails, the wrapper releases the slave, its class and its message queue, and again at the next
+  failure, in fmi2Reset and in fmi2FreeInstance. What it releases last is no longer there.
+- fmi2Reset releases the slave before it makes a new one. If that fails, it still uses the old one's queue.
+- At each instantiation it runs the script again and then releases the globals of its module, once too often.
+- At each instantiation it puts the FMU's resources folder in front of ``sys.path`` and leaves it there.
+- A library that is still loaded when the process exits frees its data twice, and the process may abort. The
+  first one of a process is always still loaded, others if an importer did not free an instance that failed.
+
+So this module holds further references to all that the wrapper releases, and makes the libraries free their data
+before the exit. Of a slave that is free, as far as that can be known, an empty shell stays.
+"""
+
+from __future__ import annotations
+
+import _ctypes
+import atexit
+import contextlib
+import ctypes
+import logging
+import os
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+from vdfmu.base.errors import FmuError
+
+_logger = logging.getLogger("vdfmu.compiler.fmu")
+
+_SPARE = 8
+"""References held to what an instance uses: as many failures as Python does not see may precede its end."""
+_held: list[tuple[Any, ...]] = []
+_for_ever: list[Any] = []
+_libraries: set[str] = set()
+"""Native libraries that made slaves, by the names under which the loader knows them."""
+
+
+class RefusalError(FmuError):
+    """The error that ends an FMI call. Its ``repr``, which the wrapper shows, is the bare message."""
+
+    def __repr__(self) -> str:
+        return str(self)
+
+
+def refusal(text: str) -> RefusalError:
+    """Return the error of a call that fails.
+
+    Its text goes to the logger ``vdfmu.compiler.fmu`` too: in many importers the FMI logger is off unless asked for,
+    and then they show nothing but "fatal".
+    """
+    text = plain(text)
+    _logger.error("%s", text)
+    return RefusalError(text)
+
+
+def plain(text: str) -> str:
+    """Return a text in one line that printf and the conversion to UTF-8 leave as it is."""
+    text = " ".join(text.split()).replace("%", " percent").replace("\0", " ")
+    return text.encode("utf-8", "replace").decode("utf-8")
+
+
+def hold(slave: Any) -> None:
+    """Keep a new slave, and empty those that the wrapper has released."""
+    for entry in [entry for entry in _held if _released(entry)]:
+        vars(entry[0]).clear()
+        _held.remove(entry)
+        _for_ever.append(entry)
+    _held.append(_references(slave, _SPARE))
+
+
+def hold_for_ever(slave: Any) -> None:
+    """Keep a slave whose call fails; once more for each such call."""
+    slave.log_queue.clear()
+    _for_ever.append(_references(slave, 2))
+
+
+def hold_all_for_ever() -> None:
+    """Keep all slaves: a call failed and it is not known whose, or a slave could not be made."""
+    for entry in _held:
+        _for_ever.append(_references(entry[0], 2))
+
+
+def hold_globals(script: dict[str, Any]) -> None:
+    """Keep the globals of a script that runs."""
+    _for_ever.append(script)
+
+
+def loaded_from(resources: str, model_name: str) -> None:
+    """Note the library that makes a slave, and take its folder out of ``sys.path``."""
+    if resources in sys.path:
+        sys.path.remove(resources)
+    if sys.platform == "linux":
+        with contextlib.suppress(OSError):  # some other library than pythonfmu's made the slave
+            _libraries.add(_loader_name(Path(resources).parent / "binaries" / "linux64" / f"{model_name}.so"))
+
+
+def _loader_name(path: Path) -> str:
+    """Return the name under which the loader knows a library: it is found by that when its file is gone."""
+    library = ctypes.CDLL(str(path), os.RTLD_LAZY | os.RTLD_NOLOAD)
+    try:
+        # the handle is glibc's and musl's struct link_map: an address, then the name
+        return os.fsdecode((ctypes.c_char_p * 2).from_address(library._handle)[1])
+    finally:
+        _ctypes.dlclose(library._handle)
+
+
+def _references(slave: Any, count: int) -> tuple[Any, ...]:
+    return (slave,) * count + (slave.log_queue,) * count + (type(slave),) * count
+
+
+def _released(entry: tuple[Any, ...]) -> bool:
+    # nobody has the slave but its entry and the argument of getrefcount
+    return sys.getrefcount(entry[0]) <= _SPARE + 1
+
+
+@atexit.register
+def _free_libraries() -> None:
+    if sys.platform != "linux" or threading.get_native_id() != os.getpid():
+        return  # under Windows it is in order; elsewhere it is a library that ends the interpreter
+    for path in _libraries:
+        try:
+            library = ctypes.CDLL(path, os.RTLD_LAZY | os.RTLD_NOLOAD)
+        except OSError:  # it is not loaded any more
+            continue
+        library.finalizePythonInterpreter()

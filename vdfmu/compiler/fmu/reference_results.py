@@ -1,0 +1,204 @@
+"""Reference results inside an FMU, `extra/org.fmi-standard.fmi-ls-ref/`, as the layered standard FMI-LS-REF has them.
+
+They are made without the generated C and without the unit's own solver: continuous states by scipy's LSODA at a
+tolerance of 1e-12, all else by the unit's methods in numpy. The inputs are constant between the rows of a table, so
+that co-simulation and model exchange have the same solution.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from hashlib import sha256
+from typing import Any
+from xml.etree.ElementTree import Element, SubElement, register_namespace
+
+import numpy as np
+
+from vdfmu.compiler.fmu.content import Content
+from vdfmu.compiler.fmu.description import document
+from vdfmu.compiler.functions.cache import cache_folder, load, store
+from vdfmu.compiler.unit.evaluate import Evaluation, Plain, evaluation
+from vdfmu.compiler.unit.interface import Interface
+from vdfmu.compiler.unit.scipy_solver import TOLERANCE, Motion, margin
+
+FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
+INTERVALS = 20
+"""Intervals of the experiment: the inputs are constant in each, and the results have a row for its end."""
+_NAMESPACE = "http://fmi-standard.org/fmi-ls-manifest"
+_DIGITS = "%.12g"
+"""What rounding makes of the last digits differs from one machine to the next."""
+
+
+def reference_files(content: Content) -> dict[str, bytes]:
+    """Path in the FMU to content: manifest, inputs, results, and a page about them."""
+    interface, name = content.interface, content.model_name
+    stored = _stored(content)
+    stop = interface.unit.experiment_stop
+    times = [stop * k / INTERVALS for k in range(INTERVALS + 1)]
+    arrays = content.fmi_version == "3.0"
+    files = {f"{FOLDER}/{name}_out.csv": _csv(interface, times, stored["results"], arrays)}
+    inputs = stored["inputs"]
+    if inputs:
+        # every change is a row for the value before it and one for the value after it
+        double = [t for t in times for _ in (0, 1)][1:-1]
+        held = {group: [row for row in rows for _ in (0, 1)] for group, rows in inputs.items()}
+        files[f"{FOLDER}/{name}_in.csv"] = _csv(interface, double, held, arrays)
+    files[f"{FOLDER}/fmi-ls-manifest.xml"] = document(_manifest(name, stop, bool(inputs)))
+    files["documentation/fmi-ls-ref.txt"] = _page(interface, bool(inputs)).encode()
+    return files
+
+
+def _stored(content: Content) -> dict[str, Any]:
+    """Return inputs and results by group, from the cache: they are the same for both versions of FMI."""
+    what = {"model": content.model_key, "start": content.interface.start_values().tolist()}
+    key = sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()
+    cached = load(cache_folder() / "reference" / key)
+    if cached is not None:
+        return json.loads(cached)
+    with np.errstate(all="ignore"):
+        made = reference_results(content.interface)
+    store(cache_folder() / "reference" / key, json.dumps(made).encode())
+    return made
+
+
+def reference_results(interface: Interface) -> dict[str, dict[str, list[list[float]]]]:
+    """Return ``inputs`` in each interval and ``results`` at the start and at the end of each, by group."""
+    unit = Plain(interface)
+    stop = interface.unit.experiment_stop
+    held: list[dict[str, list[float]]] = []
+    for k in range(INTERVALS):
+        unit.memory[-1] = stop * k / INTERVALS
+        unit.experiment()
+        # what the table says to the last digit
+        row = _values(unit, "input")
+        held.append({group: [float(_DIGITS % v) for v in values] for group, values in row.items()})
+    rows = list(_rows(unit, held))
+    return {
+        "inputs": {group: [row[group] for row in held] for group in held[0]},
+        "results": {
+            group: [row[group] for row in rows] for group in rows[0] if all(group in row for row in rows)
+        },
+    }
+
+
+def _values(unit: Evaluation, causality: str) -> dict[str, list[float]]:
+    """Return the values of a causality by group."""
+    return {
+        group: unit.memory[where].tolist() for group, where in unit.interface.groups_of(causality).items()
+    }
+
+
+def _rows(unit: Plain, held: Sequence[Mapping[str, list[float]]]) -> Iterator[dict[str, list[float]]]:
+    """Yield the outputs at the end of each interval; before them, those of the initialization."""
+    interface = unit.interface
+    hold = interface.unit.experiment_stop / INTERVALS
+    motion = Motion(evaluation(interface, unit.memory))
+    unit.memory[-1] = 0.0
+    for group, values in held[0].items():
+        unit.group(group)[:] = values
+    unit.start()
+    unit.outputs()
+    yield _values(unit, "output")
+    for k, row in enumerate(held):
+        for group, values in row.items():
+            unit.group(group)[:] = values
+        motion.move(hold * k, hold * (k + 1))
+        yield _settled(unit, hold * (k + 1))
+
+
+def _settled(unit: Plain, t: float) -> dict[str, list[float]]:
+    """Return the outputs at a time without those that switch at it, whose value rounding of the time decides."""
+    unit.outputs()
+    values = _values(unit, "output")
+    if not unit.switches:
+        return values
+    sides: list[dict[str, list[float]]] = []
+    for time in (t - 2.0 * margin(t), t + 2.0 * margin(t), t):
+        unit.memory[-1] = time
+        unit.outputs()
+        sides.append(_values(unit, "output"))
+    before, after, _ = sides
+    return {group: row for group, row in values.items() if np.allclose(before[group], after[group])}
+
+
+# ------------------------------------------------------------------ files
+
+
+def _csv(
+    interface: Interface, times: Sequence[float], rows: Mapping[str, Sequence[Sequence[float]]], arrays: bool
+) -> bytes:
+    """Table of variables over time. In FMI 3.0 a cell holds an array, its elements separated by spaces.
+
+    Readers split the head at commas, so variables with a comma in their name are left out.
+    """
+    columns: list[tuple[str, str, slice]] = []
+    for array in interface.arrays:
+        group = interface.memory[array.first].group
+        if group not in rows:
+            continue
+        first = array.first - interface.groups[group].start
+        if arrays:
+            columns.append((array.name, group, slice(first, first + array.size)))
+        else:
+            names = [v.name for v in interface.memory[array.positions]]
+            columns += [(name, group, slice(first + i, first + i + 1)) for i, name in enumerate(names)]
+    columns = [column for column in columns if "," not in column[0]]
+    lines = [",".join(["time", *[name for name, _, _ in columns]])]
+    for k, t in enumerate(times):
+        cells = [_DIGITS % t]
+        cells += [" ".join(_DIGITS % v for v in rows[group][k][where]) for _, group, where in columns]
+        if all(np.isfinite(rows[group][k]).all() for _, group, _ in columns):
+            lines.append(",".join(cells))
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _manifest(name: str, stop: float, has_inputs: bool) -> Element:
+    register_namespace("fmi-ls", _NAMESPACE)
+    root = Element(
+        "fmiReferences",
+        {
+            f"{{{_NAMESPACE}}}fmi-ls-name": "org.fmi-standard.fmi-ls-ref",
+            f"{{{_NAMESPACE}}}fmi-ls-version": "1.0.0-alpha.1",
+            f"{{{_NAMESPACE}}}fmi-ls-description": "Layered Standard providing information on related files "
+            "included in an FMU.",
+        },
+    )
+
+    def add(source: str, kind: str, role: str, description: str) -> None:
+        attributes = {"type": kind, "source": source, "role": role, "description": description}
+        SubElement(root, "Related", attributes)
+
+    what = f"an experiment of {stop:g} s"
+    if has_inputs:
+        add(f"{name}_in.csv", "text/csv", "testcase", f"Inputs of {what}")
+    add(f"{name}_out.csv", "text/csv", "result", f"Outputs of {what}")
+    add("../../documentation/fmi-ls-ref.txt", "text/plain", "document", "What the experiment is")
+    return root
+
+
+def _page(interface: Interface, has_inputs: bool) -> str:
+    name, stop = interface.model_name, interface.unit.experiment_stop
+    hold = f"{stop / INTERVALS:g} s"
+    lines = [
+        f"Reference results of {name}",
+        "",
+        f"Start at 0 s, stop at {stop:g} s, all parameters at their start values.",
+    ]
+    if has_inputs:
+        lines += [
+            f"Inputs: {name}_in.csv. They are constant for {hold} at a time; a change is two rows of the same",
+            "time. Co-simulation steps must end where the inputs change.",
+        ]
+    lines += [
+        f"Outputs: {name}_out.csv, at the end of each {hold}, before the inputs change; the first row is that of",
+        "the initialization. Variables with a comma in their name are left out in FMI 2.0.",
+    ]
+    if interface.has_states:
+        lines += [
+            f"Made by scipy's LSODA at a relative and absolute tolerance of {TOLERANCE:g}, not by the FMU's solver.",
+            "Expect differences of about the parameter `tolerance`, times the size of the variable.",
+        ]
+    else:
+        lines += ["Made by the equations in numpy, not by the FMU. Expect differences of rounding."]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,179 @@
+"""One step of Rodas4, an L-stable, stiffly accurate Rosenbrock method of order 4 with error estimate.
+
+Hairer and Wanner, Solving Ordinary Differential Equations II, 2nd ed. 1996, sections VI.3 and VI.4. The step is traced
+like the equations: its matrix with the elimination, and what a stage calculates once for all six.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import chain
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+
+from vdfmu.compiler.scalar.elimination import factorize, pattern, solve
+from vdfmu.compiler.scalar.symbol import from_sx, to_sx
+
+ORDER = 4
+GAMMA = 0.25
+# Coefficients in the transformed variables u_i of the book: a_ij of the stage values, c_ij of the stage
+# equations, alpha_i of the stage times, gamma_i of the time derivative.
+A = (
+    (),
+    (1.544,),
+    (0.9466785280815826, 0.2557011698983284),
+    (3.314825187068521, 2.896124015972201, 0.9986419139977817),
+    (1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950),
+    (1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950, 1.0),
+)
+ALPHA = (0.0, 0.386, 0.21, 0.63, 1.0, 1.0)
+GAMMA_I = (0.25, -0.1043, 0.1035, -0.03620000000000023, 0.0, 0.0)
+C = (
+    (),
+    (-5.6688,),
+    (-2.430093356833875, -0.2063599157091915),
+    (-0.1073529058151375, -9.594562251023355, -20.47028614809616),
+    (7.496443313967647, -10.24680431464352, -33.99990352819905, 11.70890893206160),
+    (8.083246795921522, -7.981132988064893, -31.52159432874371, 16.31930543123136, -6.058818238834054),
+)
+
+
+class Stages(NamedTuple):
+    """The equations of the stages of ``R(x, y, t) = 0`` with ``y = x_dot``, factorized."""
+
+    factors: ca.SX
+    """Elements (l, 1) of the factors, of E and of R_t that are not constant, each once."""
+    solve: ca.Function
+    """Function of them, of `right` (m, 1), of `slope` of the carried rows and of the factor of R_t [s], to the
+    increment. The right-hand side of the stage is ``right + (E - explicit) slope``, with R_t."""
+    explicit: ca.DM
+    """(m, 1): 1 for rows ``f(x, t) - y``, whose y is never needed, else 0."""
+    carried: list[int]
+    """Rows of which y is carried from stage to stage; none of a plain right-hand side."""
+
+
+def stage_equations(
+    h: ca.SX, E: ca.SX, J: ca.SX, R_t: ca.SX, order: npt.NDArray[np.int_], m: int, name: str = "rodas"
+) -> Stages:
+    """Factorize the matrix of the stage equations, and trace their solution.
+
+    Parameters
+    ----------
+    h : (1, 1) step [s]
+    E, J : (m + k, m + k) derivatives of R with respect to y, times -1, and to x, at the start. E is invertible; where
+        it holds a mass matrix, the step needs no inverse of it. With k rows and columns of algebraic equations and
+        unknowns after the m states, the columns of E are 0 there.
+    R_t : (m + k, 1) partial derivative of R with respect to time
+    order : elimination order of the m + k unknowns; it decides the fill-in, not the result
+    name : of the function, ``<name>_solve``
+    """
+    size = len(order)
+    W = from_sx(E / (h * GAMMA) - J).reshape(size, size)
+    factorized = factorize(W[np.ix_(order, order)])
+    filled = pattern(factorized)
+    explicit = ca.DM([E[i, :].nnz() == 1 and E[i, i].is_one() for i in range(m)])
+    rest = ca.sparsify(E[:, :m] - ca.vertcat(ca.diag(ca.SX(explicit)), ca.SX(size - m, m)))
+    carried = [j for j in range(m) if rest[:, j].nnz()]
+    columns, rows = np.nonzero(filled.T)
+    factors, symbols, (kept, rest, R_t) = _varying([to_sx(factorized[rows, columns]), rest[:, carried], R_t])
+    LU = from_sx(ca.SX(ca.Sparsity.triplet(size, size, rows, columns), kept)).reshape(size, size)
+    right, slope, delay = ca.SX.sym("right", m), ca.SX.sym("slope", len(carried)), ca.SX.sym("delay")
+    u = np.empty(size, dtype=object)
+    known = ca.vertcat(right, ca.SX(size - m, 1)) + rest @ slope + delay * R_t
+    u[order] = solve(LU, from_sx(known)[order], filled)
+    arguments = (
+        {"factors": symbols, "right": right} | ({"slope": slope} if carried else {}) | {"delay": delay}
+    )
+    increment = ca.cse([to_sx(u[:m])])
+    function = ca.Function(f"{name}_solve", list(arguments.values()), increment, list(arguments), ["u"])
+    return Stages(factors, function, explicit, carried)
+
+
+def _varying(expressions: list[ca.SX]) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
+    """Return the different elements that are not constant, symbols for them, and the expressions of the symbols."""
+    expressions = ca.cse(expressions)
+    nonzeros: list[list[Any]] = [expression.nonzeros() for expression in expressions]
+    elements: dict[int, Any] = {}
+    for element in chain.from_iterable(nonzeros):
+        if not element.is_constant():
+            elements.setdefault(element.element_hash(), element)
+    symbols = ca.SX.sym("factors", len(elements))
+    places: dict[int, Any] = dict(zip(elements, symbols.nonzeros(), strict=True))
+    replaced = [
+        ca.SX(expression.sparsity(), ca.vertcat(*(places.get(one.element_hash(), one) for one in row)))
+        for expression, row in zip(expressions, nonzeros, strict=True)
+    ]
+    return ca.vertcat(*elements.values()), symbols, replaced
+
+
+def rodas_step(
+    f: Callable[..., Any], x: Any, x_dot: Any, h: Any, factors: Any, stages: Stages, name: str = "rodas"
+) -> tuple[Any, Any]:
+    """Take one step of the system ``R(x, x_dot, t) = 0``.
+
+    x_dot is carried along as the algebraic unknown of ``x_dot = y, 0 = R(x, y, t)``, for which Rodas4 was made: no
+    stage solves R for x_dot. Of rows ``f(x, t) - y`` y cancels, and the step is that for ordinary differential
+    equations.
+
+    Of SX, the step is traced as a whole; of MX, it calls functions that are traced once: `f`, that of `stages` and
+    those that form the arguments of the two, ``<name>_point_2``, ``<name>_right_1``, ..
+
+    Parameters
+    ----------
+    f : of state, time since the start of the step and, where y is carried, y of these rows: R, (m, 1), and f in
+        explicit rows
+    x, x_dot : (m, 1) state at the start of the step, and its derivative there
+    h : (1, 1) step [s]
+    factors, stages : as of :func:`stage_equations`; the factors may be numbers
+
+    Returns
+    -------
+    x_new : (m, 1) state at the end, local error O(h^5)
+    error : (m, 1) difference to the embedded solution of order 3
+    """
+    m, l = x.numel(), len(stages.carried)
+    start, rate, size = ca.SX.sym("x", m), ca.SX.sym("x_dot", m), ca.SX.sym("h")
+    begin, point = ca.SX.sym("y_0", l), ca.SX.sym("y", l)
+    before: list[ca.SX] = []  # increments of x and, where it is carried, of y
+    rises: list[ca.SX] = []
+    u: list[Any] = []
+    w: list[Any] = []
+    explicit = ca.SX(stages.explicit)
+    value: Any = ca.Function(f"{name}_begin", [rate], [explicit * rate])(x_dot)
+    y_0: Any = ca.Function(f"{name}_carried", [rate], [rate[stages.carried]])(x_dot) if l else None
+    y_i = y_0
+    x_i = x
+    for k, (a_i, c_i, alpha, gamma) in enumerate(zip(A, C, ALPHA, GAMMA_I, strict=True), 1):
+        given = [start, size, *before]
+        if k > 1:
+            at = start + _combined(a_i, before, m)
+            x_i, time = ca.Function(f"{name}_point_{k}", given, [at, alpha * size])(x, h, *u)
+            if l:
+                moved = begin + _combined(a_i, rises, l)
+                y_i = ca.Function(f"{name}_slope_{k}", [begin, *rises], [moved])(y_0, *w)
+            value = f(x_i, time, y_i) if l else f(x_i, time)
+        past = _combined(c_i, before, m) / size
+        right = rate + explicit * past
+        equation = ca.Function(f"{name}_right_{k}", [rate, size, *before], [right, gamma * size])
+        right_i, delay = equation(value, h, *u)
+        if l:
+            slope = ca.Function(f"{name}_along_{k}", [point, size, *before], [point + past[stages.carried]])
+            slope_i = slope(y_i, h, *u)
+            u.append(stages.solve(factors, right_i, slope_i, delay))
+            rise = ca.Function(
+                f"{name}_rise", [start, point, size], [start[stages.carried] / (size * GAMMA) - point]
+            )
+            w.append(rise(u[-1], slope_i, h))
+            rises.append(ca.SX.sym(f"w_{k}", l))
+        else:
+            u.append(stages.solve(factors, right_i, delay))
+        before.append(ca.SX.sym(f"u_{k}", m))
+    # stiffly accurate: the last stage is the embedded solution of order 3, and its increment the error
+    return ca.Function(f"{name}_end", [start, rate], [start + rate])(x_i, u[5]), u[5]
+
+
+def _combined(coefficients: Sequence[float], vectors: Sequence[ca.SX], m: int) -> ca.SX:
+    return sum((c * v for c, v in zip(coefficients, vectors, strict=True)), start=ca.SX(m, 1))

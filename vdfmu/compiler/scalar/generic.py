@@ -1,0 +1,134 @@
+"""Elementwise functions that numpy cannot dispatch to objects by itself.
+
+``np.sin`` and its like call the method ``sin`` of every element of an object array. The functions here have
+no such method dispatch in numpy (they compare, which a symbol must refuse), so they call the element's own
+method by name and fall back to numpy on floats.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vdfmu.base.errors import UsageError
+
+
+def sgn(x: Any) -> Any:
+    """Sign of every element, -1 or 1; that of the zero at zero, so that sgn(x) * f(|x|) keeps its slope."""
+    if isinstance(x, np.ndarray) and x.dtype == object:
+        return np.frompyfunc(sgn, 1, 1)(x)
+    own = getattr(x, "sgn", None)
+    return np.copysign(1.0, x) if own is None else own()
+
+
+def clip(x: Any, low: Any, high: Any) -> Any:
+    """Limit every element of `x` to [`low`, `high`]."""
+    x, low, high = np.broadcast_arrays(x, low, high, subok=True)
+    if not any(a.dtype == object for a in (x, low, high)):
+        return np.clip(x, low, high)
+    return np.frompyfunc(_clip_one, 3, 1)(x, low, high)
+
+
+def _clip_one(x: Any, low: Any, high: Any) -> Any:
+    symbol = next(v for v in (x, low, high) if hasattr(v, "clip_between"))
+    return symbol.clip_between(x, low, high)
+
+
+def where(condition: Any, a: Any, b: Any) -> Any:
+    """Return elements of `a` where the condition holds, else of `b`."""
+    condition, a, b = np.broadcast_arrays(condition, a, b, subok=True)
+    if condition.dtype != object:
+        if not any(x.dtype == object for x in (a, b)):
+            return np.where(condition, a, b)[()]
+        return np.frompyfunc(lambda c, x, y: x if c else y, 3, 1)(condition, a, b)
+    return np.frompyfunc(_where_one, 3, 1)(condition, a, b)
+
+
+def _where_one(condition: Any, a: Any, b: Any) -> Any:
+    return condition.where(a, b) if hasattr(condition, "where") else (a if condition else b)
+
+
+def minimum(a: Any, b: Any) -> Any:
+    """Return the smaller of two, element by element."""
+    return _by_pairs(a, b, "minimum", np.minimum)
+
+
+def maximum(a: Any, b: Any) -> Any:
+    """Return the larger of two, element by element."""
+    return _by_pairs(a, b, "maximum", np.maximum)
+
+
+def _by_pairs(a: Any, b: Any, method: str, on_floats: Any) -> Any:
+    def one(x: Any, y: Any) -> Any:
+        if hasattr(x, method):
+            return getattr(x, method)(y)
+        return getattr(y, method)(x) if hasattr(y, method) else on_floats(x, y)
+
+    return (
+        np.frompyfunc(one, 2, 1)(a, b)
+        if object in (np.asarray(a).dtype, np.asarray(b).dtype)
+        else on_floats(a, b)
+    )
+
+
+def interpolate(x: Any, points: Any, values: Any) -> Any:
+    """Interpolate linearly in a table, with the first and the last value beyond its ends.
+
+    Parameters
+    ----------
+    x : scalar or array
+    points : (m,) floats or parameters, increasing
+    values : (m, ...) values at the points
+
+    Raises
+    ------
+    UsageError
+        For points and values of different lengths.
+    """
+    if np.ndim(points) != 1 or np.shape(values)[:1] != np.shape(points):
+        raise UsageError(
+            f"interpolate: expected points (m,) and values (m, ...), got {np.shape(points)} and {np.shape(values)}."
+        )
+    result = values[0]
+    for k in range(len(points) - 1):
+        share = clip((x - points[k]) / (points[k + 1] - points[k]), 0.0, 1.0)
+        result = result + share * (values[k + 1] - values[k])
+    return result
+
+
+def lookup(x: Any, edges: Any, rows: Any) -> Any:
+    """Return the row of the interval that `x` lies in, of a table of any length; the first before, the last after it.
+
+    Parameters
+    ----------
+    x : scalar
+    edges : (m + 1,) floats, increasing
+    rows : (m, w) or (m,) floats; row k belongs to ``edges[k] <= x < edges[k + 1]``
+
+    Raises
+    ------
+    UsageError
+        For other shapes.
+    """
+    shapes = np.shape(x), np.shape(edges), np.shape(rows)
+    if shapes[0] or len(shapes[2]) not in (1, 2) or shapes[1] != (shapes[2][0] + 1,):
+        raise UsageError(
+            "lookup: expected a scalar x, edges (m + 1,) and rows (m, w) or (m,), got the shapes "
+            f"{shapes[0]}, {shapes[1]} and {shapes[2]}. Values at points are for interpolate."
+        )
+    if hasattr(x, "row_of"):
+        return x.row_of(edges, rows)
+    return rows[min(max(int(np.searchsorted(edges, x, "right")) - 1, 0), len(rows) - 1)]
+
+
+def piecewise_hold(s: Any) -> tuple[Any, Any]:
+    """Return a scalar `s` limited to [0, 1], and a factor that is 1 inside that interval and 0 outside."""
+    if hasattr(s, "hold_unit_interval"):
+        return s.hold_unit_interval()
+    return min(max(s, 0.0), 1.0), 1.0 if 0.0 <= s <= 1.0 else 0.0
+
+
+def zeros(shape: tuple[int, ...], *like: Any) -> np.ndarray:
+    """Zeros of a dtype that can hold the elements of all arrays in `like` (object if any of them is)."""
+    return np.zeros(shape, dtype=object if any(np.asarray(a).dtype == object for a in like) else float)

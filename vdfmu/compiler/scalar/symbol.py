@@ -1,0 +1,335 @@
+"""A scalar symbol that numpy treats as an opaque object, so that the equations trace as they are written.
+
+Bare ``casadi.SX`` scalars in numpy arrays lead to silent NaN on assignment into a float array, and to
+products that turn into SX matrices. A `Symbol` cannot: it refuses ``float()`` unless it is constant, and
+``bool()`` always.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Mapping
+from contextvars import ContextVar
+from hashlib import sha256
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from vdfmu.base.errors import KernelError
+
+refusals: ContextVar[list[Exception] | None] = ContextVar("refusals", default=None)
+"""What has been refused since a list was set here. A method that catches such an error goes another way than it does on
+floats, so whoever traces it raises the first of them in the end."""
+
+
+def refusal(error: Exception) -> Exception:
+    """Keep an error that is raised in `refusals`, whoever catches it."""
+    kept = refusals.get()
+    if kept is not None:
+        kept.append(error)
+    return error
+
+
+_binary = ca.SX.binary
+"""Operation of two scalars; CasADi's operators take seven times as long to find the types of theirs."""
+
+
+def _sx(value: Any) -> ca.SX:
+    return value.sx if isinstance(value, Symbol) else ca.SX(float(value))
+
+
+def _rint(x: Any) -> Any:
+    low = ca.floor(x)
+    rest, odd = x - low, low - 2.0 * ca.floor(0.5 * low)
+    return low + ca.logic_or(rest > 0.5, ca.logic_and(rest >= 0.5, odd))
+
+
+def _log_to(base: float) -> Callable[[Any], Any]:
+    """Return the logarithm to a base, which is exact at whole powers, as the floor of a logarithm needs."""
+
+    def logarithm(x: Any) -> Any:
+        whole = _rint(ca.log(x) / np.log(base))
+        return whole + ca.log(x / base**whole) / np.log(base)
+
+    return logarithm
+
+
+def _remainder(a: Any, b: Any) -> Any:
+    """Remainder with the sign of `b`, as in Python; exact, unlike ``a - b floor(a / b)``."""
+    rest = ca.fmod(a, b)
+    return rest + b * (rest * b < 0.0)
+
+
+def _quotient(a: Any, b: Any) -> Any:
+    return _rint((a - _remainder(a, b)) / b)
+
+
+def _method(function: Callable[[ca.SX], ca.SX]) -> Callable[[Symbol], Symbol]:
+    """Return the method of a function of one scalar; numpy calls it by its name."""
+    return lambda symbol: Symbol(function(symbol.sx))
+
+
+def _operator(function: Callable[[ca.SX, ca.SX], ca.SX]) -> Callable[[Symbol, Any], Any]:
+    """Return the method of an operator."""
+    return lambda a, b: NotImplemented if _foreign(b) else Symbol(function(a.sx, _sx(b)))
+
+
+class Symbol:
+    """One scalar expression. Arithmetic and the functions that numpy calls by name build larger ones."""
+
+    __slots__ = ("sx",)
+
+    def __init__(self, sx: Any) -> None:
+        self.sx = sx if isinstance(sx, ca.SX) else ca.SX(sx)  # a copy takes half the time of a trace
+
+    def __repr__(self) -> str:
+        text = str(self.sx)
+        return f"Symbol({text if len(text) < 60 else text[:57] + '...'})"
+
+    def __bool__(self) -> bool:
+        raise refusal(
+            KernelError(
+                "a condition on a value is not known while equations are traced. Write it with where(condition, a, b), "
+                "clip, minimum, maximum or sgn of vdfmu.unit"
+            )
+        )
+
+    def __eq__(self, other: object) -> Any:
+        return bool(self)  # raises: numpy and Python would take the identity of two objects for equality
+
+    __hash__ = None  # pyright: ignore[reportAssignmentType]
+
+    def __float__(self) -> float:
+        if not self.sx.is_constant():
+            raise refusal(
+                KernelError(
+                    f"{self!r} has no value while equations are traced, so it cannot become a float. "
+                    "Take numpy's functions, np.sin, instead of math's, and interpolate of vdfmu.unit for a table, "
+                    "solve, inv and expm for matrices; an array to put it into is zeros(shape, *like) of vdfmu.unit"
+                )
+            )
+        return float(self.sx)
+
+    def is_zero(self) -> bool:
+        """Whether the expression is the constant 0, a structural zero."""
+        return bool(self.sx.is_zero())
+
+    def __neg__(self) -> Symbol:
+        return Symbol(-self.sx)
+
+    def __add__(self, other: Any) -> Any:
+        return NotImplemented if _foreign(other) else Symbol(_binary(ca.OP_ADD, self.sx, _sx(other)))
+
+    def __sub__(self, other: Any) -> Any:
+        return NotImplemented if _foreign(other) else Symbol(_binary(ca.OP_SUB, self.sx, _sx(other)))
+
+    def __mul__(self, other: Any) -> Any:
+        return NotImplemented if _foreign(other) else Symbol(_binary(ca.OP_MUL, self.sx, _sx(other)))
+
+    def __truediv__(self, other: Any) -> Any:
+        return NotImplemented if _foreign(other) else Symbol(_binary(ca.OP_DIV, self.sx, _sx(other)))
+
+    __radd__, __rmul__ = __add__, __mul__
+    __abs__, __floor__, __ceil__, __invert__ = map(_method, (ca.fabs, ca.floor, ca.ceil, ca.logic_not))
+
+    def __rsub__(self, other: Any) -> Any:
+        return NotImplemented if _foreign(other) else Symbol(_binary(ca.OP_SUB, _sx(other), self.sx))
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return NotImplemented if _foreign(other) else Symbol(_binary(ca.OP_DIV, _sx(other), self.sx))
+
+    __pow__, __floordiv__, __mod__ = map(_operator, (operator.pow, _quotient, _remainder))
+    __lt__, __le__, __gt__, __ge__ = map(_operator, (operator.lt, operator.le, operator.gt, operator.ge))
+    __and__, __or__ = map(_operator, (ca.logic_and, ca.logic_or))
+    __rand__, __ror__ = __and__, __or__
+
+    def __rpow__(self, base: Any) -> Symbol:
+        return Symbol(_sx(base) ** self.sx)
+
+    def __rfloordiv__(self, other: Any) -> Any:
+        return NotImplemented if _foreign(other) else Symbol(_quotient(_sx(other), self.sx))
+
+    def __rmod__(self, other: Any) -> Any:
+        return NotImplemented if _foreign(other) else Symbol(_remainder(_sx(other), self.sx))
+
+    def where(self, a: Any, b: Any) -> Symbol:
+        """Return `a` where the symbol is not 0, else `b`."""
+        return Symbol(ca.if_else(self.sx, _sx(a), _sx(b)))
+
+    sin, cos, tan = map(_method, (ca.sin, ca.cos, ca.tan))
+    arcsin, arccos, arctan = map(_method, (ca.asin, ca.acos, ca.atan))
+    sinh, cosh, tanh = map(_method, (ca.sinh, ca.cosh, ca.tanh))
+    exp, expm1, log, log1p = map(_method, (ca.exp, ca.expm1, ca.log, ca.log1p))
+    arcsinh, arccosh, arctanh = map(_method, (ca.asinh, ca.acosh, ca.atanh))
+    sqrt, rint, fabs = map(_method, (ca.sqrt, _rint, ca.fabs))
+    cbrt = _method(lambda x: ca.copysign(ca.fabs(x) ** (1.0 / 3.0), x))
+    log2, log10, exp2 = map(_method, (_log_to(2.0), _log_to(10.0), lambda x: ca.SX(2.0) ** x))
+    radians = deg2rad = _method(lambda x: x * (np.pi / 180.0))
+    degrees = rad2deg = _method(lambda x: x * (180.0 / np.pi))
+    trunc = __trunc__ = _method(lambda x: ca.copysign(ca.floor(ca.fabs(x)), x))
+
+    def conjugate(self) -> Symbol:
+        """Return the symbol, which is real."""
+        return self
+
+    def arctan2(self, x: Any) -> Symbol:
+        """Angle of the point (x, self)."""
+        return Symbol(ca.atan2(self.sx, _sx(x)))
+
+    def hypot(self, other: Any) -> Symbol:
+        """Length of the vector (self, other)."""
+        return Symbol(ca.hypot(self.sx, _sx(other)))
+
+    def __array_ufunc__(self, function: np.ufunc, method: str, *inputs: Any, **kwargs: Any) -> Any:
+        return _elementwise(function, method, inputs, kwargs)
+
+    def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
+        return _of_arrays(function, args, kwargs)
+
+    def sgn(self) -> Symbol:
+        """Sign, that of the zero at zero."""
+        return Symbol(ca.copysign(1.0, self.sx))
+
+    def minimum(self, other: Any) -> Symbol:
+        """Return the smaller of two."""
+        return Symbol(ca.fmin(self.sx, _sx(other)))
+
+    def maximum(self, other: Any) -> Symbol:
+        """Return the larger of two."""
+        return Symbol(ca.fmax(self.sx, _sx(other)))
+
+    @staticmethod
+    def clip_between(x: Any, low: Any, high: Any) -> Symbol:
+        """Limit `x` to [`low`, `high`]; any of them may be a number."""
+        return Symbol(ca.fmin(ca.fmax(_sx(x), _sx(low)), _sx(high)))
+
+    def row_of(self, edges: Any, rows: Any) -> Any:
+        """Return the row of a table of the interval that the symbol lies in."""
+        rows = np.asarray(rows, dtype=float)
+        table = lookup_function(np.asarray(edges, dtype=float), rows.reshape(len(rows), -1))
+        row = from_sx(table(self.sx))
+        return row if rows.ndim > 1 else row[0]
+
+    def hold_unit_interval(self) -> tuple[Symbol, Symbol]:
+        """Limit the symbol to [0, 1]; with a factor that is 1 inside the interval and 0 outside."""
+        inside = ca.logic_and(self.sx >= 0.0, self.sx <= 1.0)
+        return Symbol(ca.fmin(ca.fmax(self.sx, 0.0), 1.0)), Symbol(inside)
+
+
+class SymbolArray(np.ndarray):
+    """Array of symbols that can be compared; the result is an array of conditions for ``where``."""
+
+    def __array_ufunc__(self, function: np.ufunc, method: str, *inputs: Any, **kwargs: Any) -> Any:
+        return _elementwise(function, method, inputs, kwargs)
+
+    def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
+        return _of_arrays(function, args, kwargs)
+
+
+def _pairs(function: Callable[[ca.SX, ca.SX], ca.SX]) -> np.ufunc:
+    """Return a function of two scalars as numpy has its own, with broadcasting and ``reduce``."""
+    return np.frompyfunc(lambda a, b: Symbol(function(_sx(a), _sx(b))), 2, 1)
+
+
+_ELEMENTWISE: Mapping[np.ufunc, np.ufunc] = {
+    np.maximum: _pairs(ca.fmax), np.fmax: _pairs(ca.fmax), np.minimum: _pairs(ca.fmin), np.fmin: _pairs(ca.fmin),
+    np.arctan2: _pairs(ca.atan2), np.hypot: _pairs(ca.hypot), np.copysign: _pairs(ca.copysign),
+    np.fmod: _pairs(ca.fmod), np.float_power: _pairs(operator.pow),
+    np.heaviside: _pairs(lambda x, at_zero: ca.if_else(x == 0.0, at_zero, x > 0.0)),
+    np.logaddexp: _pairs(lambda a, b: ca.fmax(a, b) + ca.log1p(ca.exp(-ca.fabs(a - b)))),
+    np.sign: np.frompyfunc(lambda a: Symbol(ca.sign(_sx(a))), 1, 1),
+}  # fmt: skip
+"""Functions of numpy that compare elements of objects, take none, or take the method of a float before a symbol."""
+_COMPARISONS = (np.less, np.less_equal, np.greater, np.greater_equal)
+
+
+def _elementwise(function: np.ufunc, method: str, inputs: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
+    """Call an elementwise function of numpy on symbols, and arrays of them."""
+    if function in _COMPARISONS:
+        kwargs["dtype"] = object
+    if "out" in kwargs:
+        kwargs["out"] = tuple(map(_plain, kwargs["out"]))
+    try:
+        result = getattr(_ELEMENTWISE.get(function, function), method)(*map(_plain, inputs), **kwargs)
+    except TypeError as error:
+        raise refusal(KernelError(f"np.{function.__name__} takes no symbols: {error}")) from None
+    return _with_symbols(result)
+
+
+def _of_arrays(function: Any, args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
+    """Call another function of numpy on symbols, and arrays of them."""
+    from vdfmu.compiler.scalar.generic import clip, where
+    from vdfmu.compiler.scalar.matrices import inv, solve
+
+    own: dict[Any, Any] = {np.where: where, np.clip: clip, np.linalg.solve: solve, np.linalg.inv: inv}
+    try:
+        if function in own:
+            return _with_symbols(own[function](*args, **kwargs))
+        result = np.ndarray.__array_function__(np.empty(0), function, (np.ndarray,), args, kwargs)
+    except TypeError as error:
+        raise refusal(KernelError(f"{function.__name__} of numpy takes no symbols: {error}")) from None
+    return _with_symbols(result)
+
+
+def _plain(value: Any) -> Any:
+    """Return an array without its class, a symbol as an array."""
+    if isinstance(value, Symbol):
+        array = np.empty((), dtype=object)
+        array[()] = value
+        return array
+    return value.view(np.ndarray) if isinstance(value, SymbolArray) else value
+
+
+def _with_symbols(result: Any) -> Any:
+    if isinstance(result, (tuple, list)):
+        return type(result)(map(_with_symbols, result))
+    return result.view(SymbolArray) if type(result) is np.ndarray and result.dtype == object else result
+
+
+def _foreign(other: Any) -> bool:
+    """Whether the other operand must handle the operation: an array, or a jet."""
+    return isinstance(other, np.ndarray) or hasattr(other, "x_ddot")
+
+
+LOOKUP = "lookup_"
+"""Begin of the names of the functions that look rows of a table up."""
+
+
+def lookup_function(edges: np.ndarray, rows: np.ndarray) -> ca.Function:
+    """Return the row of the interval of `edges`, (m + 1,), in `rows`, (m, w); its derivative is 0.
+
+    A trace calls it, whatever the length of the table. CasADi knows no function with steps: a place is found by its
+    binary search, and taken from the rows by linear interpolation at a whole number, which is exact.
+    """
+    m, w = rows.shape
+    if m == 1:  # which nothing can interpolate
+        edges, rows, m = np.append(edges, edges[-1] + 1.0), np.repeat(rows, 2, axis=0), 2
+    x = ca.MX.sym("x")
+    place = ca.low(ca.DM(edges), x, {"lookup_mode": "binary"})
+    values = ca.interpolant("rows", "linear", [np.arange(float(m))], w, {"lookup_mode": ["exact"]})
+    name = LOOKUP + sha256(edges.tobytes() + rows.tobytes()).hexdigest()[:12]
+    zero = ca.Function(
+        f"jac_{name}", [x, ca.MX.sym("y", w)], [ca.MX(ca.DM.zeros(w, 1))], ["i0", "out_o0"], ["jac_o0_i0"]
+    )
+    options = {
+        "never_inline": True,
+        "custom_jacobian": zero,
+        "enable_forward": False,
+        "enable_reverse": False,
+    }
+    return ca.Function(name, [x], [values(place, ca.MX(ca.DM(rows.ravel())))], options)
+
+
+def from_sx(expression: ca.SX) -> np.ndarray:
+    """Object array of symbols from a column (m,) or a matrix (m, k) expression; structural zeros are one symbol."""
+    rows, columns = expression.shape
+    array = np.full((rows, columns), Symbol(0.0), dtype=object)
+    for i, j, value in zip(*expression.sparsity().get_triplet(), expression.nonzeros(), strict=True):
+        array[i, j] = Symbol(value)
+    return array[:, 0] if columns == 1 else array
+
+
+def to_sx(values: Any) -> ca.SX:
+    """Column expression from a scalar or an array of symbols and floats, a matrix row by row, as in FMI 3."""
+    return ca.vertcat(*[_sx(v) for v in np.ravel(np.asarray(values, dtype=object))])

@@ -1,0 +1,402 @@
+"""What a unit is: one class that declares variables and says in numpy what it computes.
+
+The methods run on floats as they stand, and on symbols, from which the functions of an FMU are traced.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
+
+import numpy as np
+
+from vdfmu.arm.robot import Robot
+from vdfmu.base.errors import UnitError, UsageError
+from vdfmu.compiler.unit.declaration import (
+    JOINTS,
+    SOLVER_TOLERANCE,
+    Declared,
+    Input,
+    Parameter,
+    RobotParameters,
+    Sampled,
+    State,
+    Terminal,
+)
+from vdfmu.compiler.unit.follow import MARK, followers, mark_parameter, roots, start_arrays, with_mark
+
+if TYPE_CHECKING:
+    from vdfmu.base.state_space import StateSpace
+    from vdfmu.compiler.unit.simulation import Solution
+
+
+class Watch(Protocol):
+    """Sees what a method of a unit reads and sets, and decides what it reads; see :mod:`vdfmu.compiler.unit.trace`."""
+
+    def read(self, declared: Declared) -> Any:
+        """Value of a variable."""
+        ...
+
+    def write(self, declared: Declared, value: Any) -> None:
+        """Take the value of a variable."""
+        ...
+
+    def keep(self, name: str) -> None:
+        """Allow an attribute that is not a variable to be set; UnitError if it may not."""
+        ...
+
+    def time(self) -> Any:
+        """Time [s]."""
+        ...
+
+    def robot(self, fields: tuple[str, ...]) -> Any:
+        """Robot with what a unit declares of it."""
+        ...
+
+    def cut(self, joint: int, value: Any) -> Any:
+        """See :meth:`Unit.cut`."""
+        ...
+
+
+class Unit:
+    """Base of all units. A subclass declares variables and overrides some of the four methods.
+
+    Its docstring is the unit's description: the first line says what it is, the rest is for its page.
+
+    Parameters
+    ----------
+    robot : Robot, optional
+        Of a unit that has variables for joints, or :class:`RobotParameters`.
+    **values : array_like
+        Parameters and inputs in place of their start values.
+
+    Raises
+    ------
+    UnitError
+        For a unit without the robot that it needs.
+    UsageError
+        For a name or a value that does not fit.
+    """
+
+    backend: ClassVar[Literal["native", "python"]] = "native"
+    """``"python"``: the methods cannot be traced; the FMU runs them in Python."""
+    files: ClassVar[tuple[str, ...]] = ()
+    """Modules and data beside the unit's file that it loads; a Python FMU carries them."""
+    made_of: ClassVar[Mapping[str, bytes] | None] = None
+    """Name to content of ``unit.py`` and the files beside it, of a class that no file declares."""
+    author: ClassVar[str | None] = None
+    """Of the FMU, as `license`, `copyright` and `version` are; None: that of the project that the file belongs to."""
+    license: ClassVar[str | None] = None
+    copyright: ClassVar[str | None] = None
+    version: ClassVar[str | None] = None
+    terminals: ClassVar[tuple[Terminal, ...]] = ()
+    elimination: ClassVar[tuple[str, ...]] = ()
+    """States in the order in which the solver eliminates them; it decides the cost, not the result."""
+    chain: ClassVar[int | None] = None
+    """Joints from which on :meth:`balance` is linearised with what it hands to :meth:`cut` as unknowns of their own."""
+    experiment_stop: ClassVar[float] = 1.0
+    """End of the experiment of the FMU's reference results [s]."""
+    declared: Mapping[str, Declared] = {}
+    """Variables by name: of the class all, of an instance those that it has for its robot."""
+    follows: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    """Parameters whose start value is a function of others, to these; see :mod:`vdfmu.compiler.unit.follow`."""
+    robot_fields: ClassVar[tuple[str, ...] | None] = None
+    """Fields of the :class:`RobotParameters`; empty: all; None: the unit has none."""
+    _watch: Watch | None = None
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        own = {key: v for key, v in vars(cls).items() if isinstance(v, (Declared, RobotParameters))}
+        for name in own:
+            if hasattr(Unit, name) or name in ("of_robot", "store"):
+                raise UnitError(
+                    f"{cls.__name__}: a variable cannot be called {name}, which every unit has already."
+                )
+        found = dict(cls.declared)
+        for name, value in own.items():
+            if isinstance(value, Declared):
+                found[name] = value
+            else:
+                cls.robot_fields = value.fields
+        states = [d for d in found.values() if isinstance(d, State)]
+        if cls.start is Unit.start:
+            for state in states:
+                name = f"{state.name}_0"
+                if name not in found:
+                    found[name] = _added(name, _start_parameter(state), cls)
+        if any(not isinstance(d, Sampled) for d in states) and "tolerance" not in found:
+            found["tolerance"] = _added("tolerance", _tolerance(), cls)
+        cls.declared = found
+        cls.follows = follows = followers(found)
+        if follows:
+            found[MARK] = _added(MARK, mark_parameter(follows), cls)
+            cls.follows = {**follows, MARK: roots(follows)}
+            cls.requirements = with_mark(cls.requirements)  # pyright: ignore[reportAttributeAccessIssue]
+
+    def __init__(self, robot: Robot | None = None, **values: Any) -> None:
+        if robot is None and self.needs_robot():
+            raise UnitError(
+                f"{type(self).__name__} needs a robot, for its joints. Give one: robot=load_robot(..)."
+            )
+        self.of_robot = robot
+        self.declared = self.declared_for(robot)
+        self.store: dict[str, Any] = {}
+        self.t = 0.0
+        self._given: set[str] = set()
+        for name, declared in self.declared.items():
+            if declared.set_by is None and name not in self.follows:
+                start = declared.start_value(robot)[()]
+                self.store[name] = declared.choices[int(start)] if declared.choices else start
+        for name, value in values.items():
+            if name not in self.store and name not in self.follows:
+                raise UsageError(
+                    f"{type(self).__name__} has no {name!r} to set. There are: {', '.join(self.store)}."
+                )
+            setattr(self, name, value)
+        self._follow()
+
+    @classmethod
+    def needs_robot(cls) -> bool:
+        """Whether some variable has an element for each joint, or belongs to the robot."""
+        return cls.robot_fields is not None or any(JOINTS in d.shape for d in cls.declared.values())
+
+    @classmethod
+    def declared_for(cls, robot: Robot | None) -> dict[str, Declared]:
+        """Variables by name, without those of options that the robot lacks."""
+        return {
+            name: d for name, d in cls.declared.items() if d.when is None or getattr(robot, d.when, False)
+        }
+
+    @classmethod
+    def description(cls) -> str:
+        """First line of the docstring, without its full stop."""
+        return ((cls.__doc__ or "").strip() or cls.__name__).splitlines()[0].rstrip(".")
+
+    # ---------------------------------------------------------------- what a subclass overrides
+
+    def start(self) -> None:
+        """Set the states from the parameters."""
+        for name, declared in self.declared.items():
+            if isinstance(declared, State):
+                setattr(self, name, getattr(self, f"{name}_0"))
+
+    def outputs(self) -> None:
+        """Set the outputs."""
+
+    def derivatives(self) -> None:
+        """Set the derivatives of the continuous states."""
+
+    def update(self) -> None:
+        """Set the sampled states for the time until the next sample; what is not set keeps its value."""
+
+    def balance(self) -> Any:
+        """Return what is zero where the derivatives are right, in the order of the states, (n_x,).
+
+        The methods that solve stiff equations use its derivatives, which may be much shorter than those of
+        ``derivatives``: those of a balance of forces need no inverse of a mass matrix.
+        """
+        raise NotImplementedError
+
+    def requirements(self) -> Mapping[str, tuple[str, Any]]:
+        """Return what parameters must meet that their limits cannot say.
+
+        A parameter's name to what is expected of it, and a number that is above 0 where that holds. It is calculated
+        from parameters alone, without choices. A scenario is refused before its run, an FMU at its initialization.
+        """
+        return {}
+
+    def cut(self, joint: int, value: Any) -> Any:
+        """Return `value`; in the linearisation of a long chain, symbols that stand for it.
+
+        What links hand on to each other is cut there, so that the system of the solver is sparse, and its elimination
+        joint by joint, from the end effector to the base, takes O(n) operations.
+        """
+        return value if self._watch is None else self._watch.cut(joint, value)
+
+    def experiment(self) -> None:
+        """Set the inputs for the time ``self.t`` of the experiment of the FMU's reference results."""
+        phase = 0.0
+        for name, declared in self.declared.items():
+            if isinstance(declared, Input):
+                size = np.shape(getattr(self, name))
+                count = math.prod(size)
+                wave = 0.1 * np.sin(2.0 * self.t + phase + 0.4 * np.arange(count)).reshape(size)
+                setattr(self, name, wave)
+                phase += 1.0
+
+    # ---------------------------------------------------------------- the unit by itself
+
+    def simulate(
+        self,
+        inputs: Mapping[str, Any] | None = None,
+        *,
+        stop: float,
+        step: float = 1e-3,
+        tolerance: float = 1e-9,
+    ) -> Solution:
+        """Run the unit from time 0 by scipy, with the parameters and inputs that are set.
+
+        Parameters
+        ----------
+        inputs : mapping of str to value or function of time, optional
+            Inputs that change, or are to have another value.
+        stop, step : float [s]
+            End, and time from one row to the next.
+        tolerance : float
+            Of the continuous states, relative and absolute.
+
+        Returns
+        -------
+        Solution
+            ``solution.t`` and ``solution["y"]``: inputs and outputs, (m, ...) each.
+
+        Raises
+        ------
+        UsageError
+            For an unknown input.
+        UnitError
+            If a method fails.
+        """
+        from vdfmu.compiler.unit.simulation import simulate
+
+        return simulate(self, inputs, stop=stop, step=step, tolerance=tolerance)
+
+    def linearize(self, *, x: Any = None, t: float = 0.0) -> StateSpace:
+        """Return the linear model at the inputs and parameters that are set, and a state.
+
+        Parameters
+        ----------
+        x : (n_x,) array_like, optional
+            Continuous states in the order of their declaration; default those at the start.
+        t : float [s]
+
+        Returns
+        -------
+        vdfmu.StateSpace
+            ``A, B, C, D`` with the names of their rows and columns; outputs are the states and what follows from them.
+        """
+        from vdfmu.compiler.unit.simulation import linearize
+
+        return linearize(self, x=x, t=t)
+
+    # ---------------------------------------------------------------- values
+
+    def watch(self, watch: Watch | None) -> None:
+        """Let `watch` decide what is read and take what is set; None: the instance's own values."""
+        self._watch = watch
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if self._watch is not None and name not in self.declared and name != "_watch":
+            self._watch.keep(name)
+        super().__setattr__(name, value)
+
+    def _read(self, declared: Declared) -> Any:
+        self._check_there(declared)
+        if self._watch is not None:
+            return self._watch.read(declared)
+        if declared.name not in self.store:
+            raise UnitError(f"{type(self).__name__}.{declared.name} is read before it is set.")
+        return self.store[declared.name]
+
+    def _write(self, declared: Declared, value: Any) -> None:
+        self._check_there(declared)
+        if self._watch is not None:
+            self._watch.write(declared, value)
+            return
+        self.store[declared.name] = self.fitting(declared, value)
+        if declared.name in self.follows:
+            self._given.add(declared.name)
+        if MARK in self.store and declared.causality == "parameter":
+            self._follow()
+
+    def _follow(self) -> None:
+        """Calculate the parameters that follow from others, without those that were set."""
+        if self.follows:
+            known = {k: v for k, v in self.store.items() if k not in self.follows or k in self._given}
+            found = start_arrays(type(self), self.of_robot, known)
+            self.store.update({name: found[name][()] for name in self.follows if name not in self._given})
+
+    def _check_there(self, declared: Declared) -> None:
+        if declared.name not in self.declared:
+            raise UnitError(
+                f"{type(self).__name__}.{declared.name} is there for a robot with {declared.when} only"
+            )
+
+    def fitting(self, declared: Declared, value: Any) -> Any:
+        """Return a value in the shape of a variable; UsageError if it does not fit."""
+        where = f"{type(self).__name__}.{declared.name}"
+        if declared.choices:
+            if value not in declared.choices:
+                raise UsageError(f"{where}: expected {' or '.join(declared.choices)}, got {value!r}.")
+            return value
+        sizes = declared.sizes(self.n)
+        array = np.asarray(value)
+        if array.dtype.kind not in "biuf" and not all(_is_number(v) for v in array.flat):
+            raise UsageError(f"{where}: expected numbers, got {value!r}.")
+        try:
+            shaped = np.broadcast_to(array, sizes)
+        except ValueError:
+            raise UsageError(f"{where}: expected shape {sizes}, got {array.shape}.") from None
+        return shaped if sizes else shaped[()]
+
+    @property
+    def n(self) -> int:
+        """Number of joints of the robot; 0 without one."""
+        return self.of_robot.n if self.of_robot is not None else 0
+
+    @property
+    def t(self) -> Any:
+        """Time [s]."""
+        return self._watch.time() if self._watch is not None else self._time
+
+    @t.setter
+    def t(self, value: float) -> None:
+        self._time = value
+
+    def _robot(self, fields: tuple[str, ...]) -> Any:
+        if self._watch is not None:
+            return self._watch.robot(fields)
+        return self.of_robot
+
+
+def unit_name(unit: type[Unit]) -> str:
+    """Name of a unit in commands, systems and scenarios: that of the file of a shipped one, ``pd_controller`` else."""
+    package, _, module = unit.__module__.rpartition(".")
+    if package == "vdfmu.arm.units":
+        return module
+    return snake_case(unit.__name__)
+
+
+def snake_case(name: str) -> str:
+    """Return ``my_filter`` of ``MyFilter``."""
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a value is a number, or a symbol."""
+    return isinstance(value, (float, int, np.number)) or hasattr(value, "sx")
+
+
+def _added(name: str, parameter: Parameter, owner: type) -> Parameter:
+    parameter.__set_name__(owner, name)
+    setattr(owner, name, parameter)
+    return parameter
+
+
+def _start_parameter(state: State) -> Parameter:
+    text = state.text if isinstance(state.text, str) else list(state.text)
+    text = f"start of {text or state.name}" if isinstance(text, str) else [f"start of {one}" for one in text]
+    return Parameter(
+        state.unit, state.shape, text, start=state.start, minimum=state.minimum, maximum=state.maximum,
+        when=state.when,
+    )  # fmt: skip
+
+
+def _tolerance() -> Parameter:
+    text = (
+        "Tolerance of the solver, relative and absolute in SI units; a smaller tolerance of the experiment "
+        "replaces it"
+    )
+    return Parameter("1", (), text, start=SOLVER_TOLERANCE, minimum=1e-12, maximum=1e-1)

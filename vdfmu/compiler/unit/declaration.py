@@ -1,0 +1,271 @@
+"""The variables that the class of a unit declares.
+
+    class Filter(Unit):
+        u = Input("1", text="signal")
+        T = Parameter("s", text="time constant", start=0.1, minimum=1e-6)
+        y = State("1", text="filtered signal")
+        y_dot = Derivative(y)
+
+        def derivatives(self) -> None:
+            self.y_dot = (self.u - self.y) / self.T
+
+:mod:`vdfmu.compiler.unit.base` has the class.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, overload
+
+import numpy as np
+
+from vdfmu.arm.robot import Robot
+from vdfmu.base.errors import UnitError
+
+if TYPE_CHECKING:
+    from vdfmu.compiler.unit.base import Unit
+
+
+class _Joints:
+    """The axis of a shape that has an element for each joint, or link."""
+
+    def __repr__(self) -> str:
+        return "JOINTS"
+
+
+JOINTS = _Joints()
+"""Length of an axis: the number of joints, or links, of the robot."""
+
+Axis = int | _Joints
+SOLVER_TOLERANCE = 1e-7
+"""Tolerance of the plant's solver where nothing else is said, relative and absolute in SI units."""
+PHASES = ("start", "outputs", "derivatives", "update")
+"""The methods of a unit: what they set is in `Declared.set_by`."""
+
+
+class Declared:
+    """A variable of a unit, an attribute of its class.
+
+    On an instance it is the variable's value: a number of shape ``()``, else an array.
+
+    Parameters
+    ----------
+    unit : str or sequence of str
+        Unit of measurement, ``"N.m"``, or a quantity of a joint, ``"position"``, whose unit follows from the joint's
+        type; or one for each element. ``"1"`` is a number without a unit.
+    shape : int, :data:`JOINTS`, or tuple of them
+        ``()``, the default, is a scalar.
+    text : str or sequence of str
+        What it is, or one for each element. An element of a joint gets ``Joint 1:`` before it, others their indices
+        behind it.
+    start : number, array_like or function
+        Start value, broadcast to the shape. The arguments of a function are the parameters of their names, and the
+        robot, of any other name.
+    minimum, maximum : float, optional
+    when : str, optional
+        Optional section of a robot file: the unit of a robot without it lacks the variable.
+    """
+
+    causality: ClassVar[str] = "parameter"
+    variability: str = "continuous"
+    type: ClassVar[str] = "Real"
+    set_by: ClassVar[str | None] = None
+    choices: tuple[str, ...] = ()
+    name = ""
+
+    def __init__(
+        self,
+        unit: str | Sequence[str] = "1",
+        shape: Axis | tuple[Axis, ...] = (),
+        text: str | Sequence[str] = "",
+        *,
+        start: Any = 0.0,
+        minimum: float | None = None,
+        maximum: float | None = None,
+        when: str | None = None,
+    ) -> None:
+        self.unit = unit
+        self.shape = shape if isinstance(shape, tuple) else (shape,)
+        self.text = text
+        self.start = start
+        self.minimum, self.maximum = minimum, maximum
+        self.when = when
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    @overload
+    def __get__(self, unit: None, owner: type) -> Self: ...
+    @overload
+    def __get__(self, unit: Unit, owner: type) -> Any: ...
+    def __get__(self, unit: Unit | None, owner: type) -> Any:
+        return self if unit is None else unit._read(self)  # pyright: ignore[reportPrivateUsage]
+
+    def __set__(self, unit: Unit, value: Any) -> None:
+        unit._write(self, value)  # pyright: ignore[reportPrivateUsage]
+
+    def sizes(self, n: int) -> tuple[int, ...]:
+        """Shape for a robot of `n` joints."""
+        return tuple(n if isinstance(axis, _Joints) else axis for axis in self.shape)
+
+    def start_value(self, robot: Robot | None) -> np.ndarray[Any, Any]:
+        """Start value in the shape for a robot; UnitError if it does not fit."""
+        start: Any = self.start
+        return self.shaped(np.asarray(start(robot) if callable(start) else start), robot)
+
+    def shaped(self, value: np.ndarray[Any, Any], robot: Robot | None) -> np.ndarray[Any, Any]:
+        """Return a value in the shape for a robot; UnitError if it does not fit."""
+        sizes = self.sizes(robot.n if robot is not None else 0)
+        try:
+            return np.broadcast_to(value, sizes).copy()
+        except ValueError:
+            raise UnitError(f"{self.name}: start value: expected shape {sizes}, got {value.shape}.") from None
+
+
+class Input(Declared):
+    """What the unit is given."""
+
+    causality = "input"
+
+
+class Output(Declared):
+    """What ``outputs`` calculates from inputs, parameters, states and time."""
+
+    causality = "output"
+    set_by = "outputs"
+
+
+class State(Declared):
+    """A continuous state, an output as well. It has a :class:`Derivative`.
+
+    ``start`` sets it from parameters; without that method it starts at a parameter ``<name>_0``.
+    """
+
+    causality = "output"
+    set_by = "start"
+
+
+class Sampled(State):
+    """A state that ``update`` sets every ``period``, a parameter of the unit [s]; it is held in between.
+
+    Its value is that of the time from the sample on, so the unit is stepped before those that read it. One that is
+    `delayed` reaches them at the next communication point: that breaks a loop of sampled units.
+
+    Parameters as of :class:`Declared`, and
+
+    delayed : bool
+    """
+
+    variability = "discrete"
+
+    def __init__(
+        self,
+        unit: str | Sequence[str] = "1",
+        shape: Axis | tuple[Axis, ...] = (),
+        text: str | Sequence[str] = "",
+        *,
+        start: Any = 0.0,
+        minimum: float | None = None,
+        maximum: float | None = None,
+        when: str | None = None,
+        delayed: bool = False,
+    ) -> None:
+        super().__init__(unit, shape, text, start=start, minimum=minimum, maximum=maximum, when=when)
+        self.delayed = delayed
+
+
+class Derivative(Declared):
+    """The derivative in time of a state, which ``derivatives`` sets."""
+
+    causality = "local"
+    set_by = "derivatives"
+
+    def __init__(self, state: State) -> None:
+        super().__init__(state.unit, state.shape, state.text, when=state.when)
+        self.state = state
+
+
+class Parameter(Declared):
+    """A value that is fixed over a run, or `tunable` in it.
+
+    Parameters as of :class:`Declared`.
+    """
+
+    def __init__(
+        self,
+        unit: str | Sequence[str] = "1",
+        shape: Axis | tuple[Axis, ...] = (),
+        text: str | Sequence[str] = "",
+        *,
+        start: Any = 0.0,
+        minimum: float | None = None,
+        maximum: float | None = None,
+        when: str | None = None,
+        tunable: bool = False,
+    ) -> None:
+        super().__init__(unit, shape, text, start=start, minimum=minimum, maximum=maximum, when=when)
+        self.variability = "tunable" if tunable else "fixed"
+
+
+class Choice(Declared):
+    """A fixed parameter with named values; on an instance it is the name. The first is the default."""
+
+    variability = "fixed"
+    type = "Integer"
+
+    def __init__(self, *choices: str, text: str = "") -> None:
+        super().__init__(text=text, start=0, minimum=0, maximum=len(choices) - 1)
+        self.choices = choices
+
+
+class Switch(Declared):
+    """A fixed parameter that is true or false."""
+
+    variability = "fixed"
+    type = "Boolean"
+
+    def __init__(self, start: bool, text: str = "") -> None:
+        super().__init__(text=text, start=start)
+
+
+class RobotParameters:
+    """Parameters of the robot that the unit is for; on an instance, a robot.
+
+    Parameters
+    ----------
+    *fields : str
+        Those of `Robot` that the unit has; default all that can be set at run time.
+    """
+
+    def __init__(self, *fields: str) -> None:
+        self.fields = fields
+
+    @overload
+    def __get__(self, unit: None, owner: type) -> Self: ...
+    @overload
+    def __get__(self, unit: Unit, owner: type) -> Any: ...
+    def __get__(self, unit: Unit | None, owner: type) -> Any:
+        return self if unit is None else unit._robot(self.fields)  # pyright: ignore[reportPrivateUsage]
+
+
+@dataclass(frozen=True)
+class Terminal:
+    """Variables of a unit that are connected together.
+
+    Units are connected by joining their terminals of the same name, output to input, member by member.
+
+    Attributes
+    ----------
+    name : str
+    side : "left", "right", "bottom" or "top"
+        Where it is drawn.
+    groups : tuple of str
+        Names of the variables.
+    description : str
+    """
+
+    name: str
+    side: Literal["left", "right", "bottom", "top"]
+    groups: tuple[str, ...]
+    description: str

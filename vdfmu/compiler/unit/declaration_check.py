@@ -1,0 +1,181 @@
+"""What is wrong with the declaration of a unit, all at once, each with file and line."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from typing import Any, cast
+
+import numpy as np
+
+from vdfmu.arm.robot import Robot
+from vdfmu.arm.robot.parameters import OPTIONAL, PARAMETERS
+from vdfmu.arm.robot.robot import ENDS
+from vdfmu.base.errors import UnitError, UsageError
+from vdfmu.base.measure import unit_of
+from vdfmu.compiler.unit.base import Unit
+from vdfmu.compiler.unit.declaration import (
+    Choice,
+    Declared,
+    Derivative,
+    Parameter,
+    RobotParameters,
+    Sampled,
+    State,
+    Switch,
+)
+from vdfmu.compiler.unit.place import place
+
+_NAME = re.compile(r"[A-Za-z](_?[A-Za-z0-9])*_?")
+
+
+def check_unit(unit: type[Unit], robot: Robot | None) -> None:
+    """Check the declaration of a unit for a robot.
+
+    Raises
+    ------
+    UnitError
+        With all problems, a line for each.
+    """
+    found = [*_of_unit(unit)]
+    for declared in unit.declared_for(robot).values():
+        found += [(declared.name, problem) for problem in _of_variable(unit, declared, robot)]
+    if found:
+        raise UnitError(
+            "\n".join(f"{place(unit, name)}: {unit.__name__}: {problem}." for name, problem in found)
+        )
+
+
+def _of_unit(unit: type[Unit]) -> Iterator[tuple[str, str]]:
+    """Variables or methods, and what is wrong with them together."""
+    states = [d for d in unit.declared.values() if type(d) is State]
+    derived = [d.state for d in unit.declared.values() if isinstance(d, Derivative)]
+    for state in states:
+        if derived.count(state) != 1:
+            yield (
+                state.name,
+                f"{state.name} is a continuous state and needs one derivative: "
+                f"{state.name}_dot = Derivative({state.name})",
+            )
+    for name, declared in unit.declared.items():
+        if declared.when is not None and declared.when not in (*OPTIONAL, *ENDS):
+            yield (
+                name,
+                f"{name}: when: expected one of {', '.join((*OPTIONAL, *ENDS))}, got {declared.when!r}",
+            )
+        if isinstance(declared, Derivative) and declared.state not in states:
+            yield name, f"{name} is the derivative of what is not a continuous state of the unit"
+    sampled = any(isinstance(d, Sampled) for d in unit.declared.values())
+    for name, needed, start in (
+        ("period", sampled, 'period = Parameter("s", start=1e-3, minimum=1e-6)'),
+        ("tolerance", bool(states), 'tolerance = Parameter("1", start=1e-7, minimum=1e-12)'),
+    ):
+        declared = unit.declared.get(name)
+        if needed and declared is None:
+            yield "", f"sampled states need a {name}: {start}"
+        elif needed and (not isinstance(declared, Parameter) or declared.shape):
+            yield name, f"{name}: expected a parameter without a shape, {start}"
+        elif needed and not (declared is not None and declared.minimum and declared.minimum > 0.0):
+            yield name, f"{name}: expected a minimum above 0, {start}"
+    if unit.backend not in ("native", "python"):
+        yield "backend", f'backend: expected "native" or "python", got {unit.backend!r}'
+    for name in ("author", "license", "copyright", "version"):
+        text = getattr(unit, name)
+        if text is not None and not (isinstance(text, str) and text):
+            yield name, f"{name}: expected a text, got {text!r}"
+    for terminal in unit.terminals:
+        if unknown := [group for group in terminal.groups if group not in unit.declared]:
+            yield (
+                "terminals",
+                f"terminal {terminal.name}: expected variables of the unit, got {', '.join(unknown)}",
+            )
+        if terminal.side not in ("left", "right", "bottom", "top"):
+            yield (
+                "terminals",
+                f"terminal {terminal.name}: expected the side left, right, bottom or top, got {terminal.side!r}",
+            )
+    for name in unit.robot_fields or ():
+        row = PARAMETERS.get(name)
+        if row is None or not row.per_joint or row.shape:
+            fitting = ", ".join(n for n, r in PARAMETERS.items() if r.per_joint and not r.shape)
+            yield (
+                next(n for c in unit.__mro__ for n, v in vars(c).items() if isinstance(v, RobotParameters)),
+                f"RobotParameters({name!r}): expected parameters with one number for each joint: {fitting}",
+            )
+        if name in unit.declared:
+            yield name, f"{name} is there twice: as a variable and in RobotParameters. Rename the variable"
+
+
+def _of_variable(unit: type[Unit], declared: Declared, robot: Robot | None) -> Iterator[str]:
+    name = declared.name
+    if not _NAME.fullmatch(name) or name == "time":
+        yield (
+            f"a variable cannot be called {name}: expected a letter, then letters, digits and single underscores, "
+            "and not time, which every unit has"
+        )
+    if isinstance(declared, Switch) and not isinstance(declared.start, bool):
+        yield f"{name}: expected True or False, got {declared.start!r}"
+    if isinstance(declared, Choice) and not _texts(declared.choices):
+        yield f"{name}: expected choices that are texts, got {declared.choices}"
+    if isinstance(declared, Choice) and len(set(declared.choices)) != max(2, len(declared.choices)):
+        yield f"{name}: expected two or more different choices, got {declared.choices}"
+    if isinstance(declared, (Choice, Switch)):
+        return
+    if not all(axis == "JOINTS" or (isinstance(axis, int) and axis > 0) for axis in _axes(declared)):
+        yield f"{name}: expected a shape of positive integers and JOINTS, got {declared.shape}"
+        return
+    sizes = declared.sizes(robot.n if robot is not None else 0)
+    count = int(np.prod(sizes, dtype=int))
+    for what, value in (("units of measurement", declared.unit), ("texts", declared.text)):
+        if isinstance(value, str):
+            continue
+        if not _texts(value):
+            yield f"{name}: expected {what}, one or one for each element, got {value!r}"
+            return
+        if len(value) != count:
+            yield f"{name}: expected {count} {what}, one for each element, got {len(value)}"
+    for one in dict.fromkeys([declared.unit] if isinstance(declared.unit, str) else declared.unit):
+        try:
+            unit_of(one, "revolute")
+        except UsageError as error:
+            yield f"{name}: {str(error).rstrip('.')}"
+    if declared.set_by is None and name not in unit.follows:  # which are checked where they are calculated
+        yield from (f"{name}: {problem}" for problem in _of_start(declared, robot, sizes))
+
+
+def _texts(value: object) -> bool:
+    """Whether a value is a sequence of texts."""
+    return isinstance(value, Sequence) and all(
+        isinstance(one, str) for one in cast("Sequence[object]", value)
+    )
+
+
+def _axes(declared: Declared) -> list[object]:
+    return [axis if isinstance(axis, int) else repr(axis) for axis in declared.shape]
+
+
+def _of_start(declared: Declared, robot: Robot | None, sizes: tuple[int, ...]) -> Iterator[str]:
+    low, high = declared.minimum, declared.maximum
+    for what, bound in (("minimum", low), ("maximum", high)):
+        if bound is not None and (np.asarray(bound).dtype.kind not in "if" or np.ndim(bound)):
+            yield f"{what}: expected a number, got {bound!r}"
+            return
+    if low is not None and high is not None and low > high:
+        yield f"expected a minimum below the maximum, got {low:g} and {high:g}"
+        return
+    try:
+        start: Any = declared.start(robot) if callable(declared.start) else declared.start
+    except Exception as error:
+        yield f"start: the function fails for {'the robot' if robot else 'no robot'}: {type(error).__name__}: {error}"
+        return
+    try:
+        values = np.broadcast_to(np.asarray(start, dtype=float), sizes)
+    except (TypeError, ValueError):
+        yield f"start: expected numbers of shape {sizes}, got {start!r}"
+        return
+    if not np.isfinite(values).all():
+        yield f"start: expected finite numbers, got {start!r}"
+    elif low is not None and (values < low).any():
+        yield f"start: expected at least {low:g}, the minimum, got {values.min():g}"
+    elif high is not None and (values > high).any():
+        yield f"start: expected at most {high:g}, the maximum, got {values.max():g}"

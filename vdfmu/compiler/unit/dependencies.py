@@ -1,0 +1,136 @@
+"""Which inputs, parameters and states each calculated variable depends on, read off the unit's program.
+
+An entry of a traced function's Jacobian that is not zero by structure is a dependency, so the declaration
+follows the equations and the robot's geometry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+
+from vdfmu.compiler.unit.base import Unit
+from vdfmu.compiler.unit.declaration import Sampled
+from vdfmu.compiler.unit.program import Call
+
+if TYPE_CHECKING:
+    from vdfmu.compiler.unit.interface import Interface
+
+Pattern = npt.NDArray[np.bool_]
+"""(N, N): row `i` marks the positions on which position `i` depends."""
+
+
+def patterns(interface: Interface) -> tuple[Pattern, Pattern, Pattern]:
+    """Return the patterns over the whole memory of a unit: variables, derivatives of the states, time.
+
+    Returns
+    -------
+    step : (N, N)
+        What outputs and derivatives depend on after initialization: inputs, continuous states and time. A continuous
+        state depends on itself, a sampled one on all that its unit reads for a sample, unless it is delayed.
+    start : (N, N)
+        What they depend on during initialization: inputs, parameters and time.
+    between : (N, N)
+        What they depend on from one sample to the next, while sampled states are held.
+
+    A unit that cannot be traced may depend on everything, but for states that start at parameters.
+    """
+    if interface.unit.backend == "python":
+        between = np.ones((interface.size, interface.size), dtype=bool)
+        states = np.array([v.variability == "discrete" for v in interface.memory])
+        states[interface.states] = True
+        between[states] = np.eye(interface.size, dtype=bool)[states]
+        start = np.ones_like(between)
+        if interface.unit.start is Unit.start:  # which reads parameters
+            start[states] = [v.causality == "parameter" for v in interface.memory]
+        read = np.ones(interface.size, dtype=bool)
+    else:
+        program = interface.program
+        moving = (*program.outputs, *program.derivatives)
+        between, start = _after(interface, moving), _after(interface, (*program.start, *moving))
+        read = _after(interface, program.update)[interface.sampled].any(axis=0)
+    step = between.copy()
+    outputs = [i for i, v in enumerate(interface.memory) if v.causality == "output"]
+    for name, declared in interface.unit.declared.items():
+        if isinstance(declared, Sampled) and not declared.delayed and name in interface.groups:
+            step[outputs] |= between[outputs, interface.groups[name]].any(axis=1, keepdims=True) & read
+    return _known(interface, step, start, between)
+
+
+def _known(
+    interface: Interface, step: Pattern, start: Pattern, between: Pattern
+) -> tuple[Pattern, Pattern, Pattern]:
+    """Return the patterns without the rows of what is given, and the columns of what is not known then.
+
+    Sampled states are no knowns of FMI.
+    """
+    causality = np.array([v.causality for v in interface.memory])
+    of_state = np.zeros(interface.size, dtype=bool)
+    of_state[interface.states] = True
+    time = causality == "independent"
+    inputs, given = causality == "input", np.isin(causality, ("input", "parameter"))
+    calculated = np.isin(causality, ("output", "local"))
+    moving = inputs | of_state | time
+    for found, known in ((step, moving), (start, given | time), (between, moving)):
+        found[~calculated] = False
+        found[:, ~known] = False
+    return step, start, between
+
+
+def _after(interface: Interface, calls: Sequence[Call]) -> Pattern:
+    """Return what each position depends on after the calls, in terms of the positions before them."""
+    found = np.eye(interface.size, dtype=bool)
+    chosen = np.zeros(interface.size, dtype=bool)  # what an earlier choice has written
+    differs = _differs(interface, calls)
+    for call in calls:
+        direct, rows = _of_call(interface, call)
+        through = direct[rows] @ found
+        for parameter, _ in call.when:
+            through[through.any(axis=1) & differs[rows], interface.reference[parameter]] = True
+        if call.when:
+            through |= found[rows] & chosen[rows, None]
+            chosen |= rows
+        found[rows] = through
+    return found
+
+
+def _differs(interface: Interface, calls: Sequence[Call]) -> npt.NDArray[np.bool_]:
+    """Return which positions are not set to one and the same position by all choices."""
+    memory = ca.SX.sym("memory", interface.size)
+    found: dict[int, list[ca.SX]] = {}
+    for call in calls:
+        if not call.when:
+            continue
+        function = interface.functions.casadi_function(call.function)
+        given = {name: memory[interface.slice(call.group(name))] for name in function.name_in()}
+        for name, value in function(**given).items():
+            for row, position in enumerate(_positions(interface.slice(call.group(name)))):
+                found.setdefault(position, []).append(value[row])
+    differs = np.ones(interface.size, dtype=bool)
+    for position, values in found.items():
+        differs[position] = not all(ca.is_equal(values[0], value) for value in values)
+    return differs
+
+
+def _of_call(interface: Interface, call: Call) -> tuple[Pattern, npt.NDArray[np.bool_]]:
+    """Return the pattern of what one call sets, and what it sets."""
+    pattern = np.zeros((interface.size, interface.size), dtype=bool)
+    rows = np.zeros(interface.size, dtype=bool)
+    function = interface.functions.casadi_function(call.function)
+    for result in function.name_out():
+        set_here = _positions(interface.slice(call.group(result)))
+        rows[set_here] = True
+        for argument in function.name_in():
+            columns = _positions(interface.slice(call.group(argument)))
+            sparsity = function.jac_sparsity(function.index_out(result), function.index_in(argument))
+            i, j = (np.array(index, np.intp) for index in sparsity.get_triplet())
+            pattern[set_here[i], columns[j]] = True
+    return pattern, rows
+
+
+def _positions(where: slice) -> npt.NDArray[np.intp]:
+    return np.arange(where.start, where.stop)

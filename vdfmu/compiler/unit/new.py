@@ -1,0 +1,164 @@
+"""The first file of a unit of one's own and its test, and the example units."""
+
+from __future__ import annotations
+
+import keyword
+import re
+import sys
+from collections.abc import Mapping
+from contextlib import ExitStack
+from pathlib import Path
+
+from vdfmu.base.data import data_path
+from vdfmu.base.errors import StorageError, UsageError
+from vdfmu.base.files import replacing
+from vdfmu.base.interrupt import InterruptGuard
+from vdfmu.compiler import unit
+from vdfmu.compiler.unit.base import snake_case
+
+_FORMS = re.compile(r"[A-Z][A-Za-z0-9]*|[a-z][a-z0-9]*(_[a-z0-9]+)*")
+
+_UNIT = '''"""A unit of one's own. To build its FMU: vdfmu build FILE.py"""
+
+from vdfmu.unit import Derivative, Input, Output, Parameter, State, Unit
+
+
+class NAME(Unit):
+    """Proportional-integral controller.
+
+    The first line is the description of the FMU, all of it is on the FMU's page::
+
+        e     = r - y
+        z_dot = e
+        u     = K (e + z / T)
+    """
+
+    # Variables: unit of measurement ("1" is a number without one), shape (none is a scalar, JOINTS one for each joint),
+    # and a text. They are attributes of the class here, and their values in the methods.
+    r = Input("1", text="setpoint")
+    y = Input("1", text="measured value")
+    u = Output("1", text="actuating signal")
+    # Without tunable=True a parameter is fixed over a run.
+    K = Parameter("1", text="gain", start=2.0, minimum=0.0, tunable=True)
+    T = Parameter("s", text="integral time", start=0.5, minimum=1e-6, tunable=True)
+    # A continuous state is integrated by the FMU. It starts at the parameter z_0, which comes with it.
+    z = State("s", text="integral of the error")
+    z_dot = Derivative(z)
+
+    def outputs(self) -> None:
+        """Set the outputs, in numpy. Branches on values are where(condition, a, b), clip, minimum, maximum."""
+        e = self.r - self.y
+        self.u = self.K * (e + self.z / self.T)
+
+    def derivatives(self) -> None:
+        """Set the derivatives of the states."""
+        self.z_dot = self.r - self.y
+'''
+
+_TEST = '''"""Tests of FILE.py. To run them: python -m pytest test_FILE.py"""
+
+import fmpy
+import pytest
+from FILE import NAME
+
+import vdfmu
+
+
+def test_outputs_and_derivatives():
+    """A unit is a Python object: inputs and parameters by name, then its methods."""
+    unit = NAME(r=1.0, y=0.4, K=3.0, T=2.0, z_0=0.5)
+    unit.start()
+    unit.outputs()
+    unit.derivatives()
+    assert unit.u == pytest.approx(3.0 * (0.6 + 0.5 / 2.0))
+    assert unit.z_dot == pytest.approx(0.6)
+
+
+def test_fmu(tmp_path):
+    """The FMU integrates: a constant error gives a ramp."""
+    fmu = next(iter(vdfmu.build_fmus(None, tmp_path, units=[NAME]).values()))
+    result = fmpy.simulate_fmu(
+        fmu, stop_time=1.0, output_interval=0.1, start_values={"r": 1.0, "K": 3.0, "T": 2.0}, output=["u"]
+    )
+    # the tolerance of the solver is 1e-7
+    assert result["u"] == pytest.approx(3.0 * (1.0 + result["time"] / 2.0), abs=1e-6)
+'''
+
+
+def new_unit(name: str, out: Path | None = None) -> tuple[Path, Path]:
+    """Write the file of a new unit, which builds, and a test beside it, which passes.
+
+    Parameters
+    ----------
+    name : str
+        ``MyFilter`` or ``my_filter``.
+    out : path, optional
+        File to write; default ``my_filter.py``. The test is ``test_my_filter.py`` in its folder.
+
+    Returns
+    -------
+    (path, path)
+        The unit and the test.
+
+    Raises
+    ------
+    UsageError
+        For a name that cannot be that of a class and a file, and for files that exist.
+    StorageError
+        If a file cannot be written.
+    """
+    if not _FORMS.fullmatch(name):
+        raise UsageError(
+            f"name: expected CamelCase or snake_case of letters and digits, MyFilter or my_filter, got {name!r}."
+        )
+    camel = name if name[0].isupper() else "".join(part[:1].upper() + part[1:] for part in name.split("_"))
+    path = out if out is not None else Path(f"{snake_case(name)}.py")
+    stem = path.stem
+    if path.suffix != ".py" or not stem.isidentifier():
+        raise UsageError(f"{path}: expected a Python file that can be imported, such as my_filter.py.")
+    if camel in unit.__all__:
+        raise UsageError(f"name: {camel} is a name of vdfmu.compiler.unit, which units need. Choose another.")
+    if keyword.iskeyword(stem) or keyword.iskeyword(camel) or stem in {*sys.stdlib_module_names, "vdfmu"}:
+        raise UsageError(f"{path}: {stem} is a name of Python's own, or of vdfmu. Choose another.")
+    test = path.with_name(f"test_{stem}.py")
+    texts = {
+        file: text.replace("NAME", camel).replace("FILE", stem)
+        for file, text in ((path, _UNIT), (test, _TEST))
+    }
+    _write({file: text.encode() for file, text in texts.items()})
+    return path, test
+
+
+def copy_examples(folder: Path) -> list[Path]:
+    """Copy the example units, and the system and scenario of them, to a folder, and return the files.
+
+    Raises
+    ------
+    UsageError
+        For files that exist.
+    StorageError
+        If a file cannot be written.
+    """
+    shipped = sorted(file for file in (data_path("examples") / "units").iterdir() if file.is_file())
+    files = {folder / file.name: file.read_bytes() for file in shipped}
+    _write(files)
+    return list(files)
+
+
+def _write(files: Mapping[Path, bytes]) -> None:
+    """Write new files into a folder, which is made."""
+    if there := [str(file) for file in files if file.exists()]:
+        verb = "is" if len(there) == 1 else "are"
+        raise UsageError(
+            f"{' and '.join(there)} {verb} there already, and not replaced. Choose another name."
+        )
+    first = next(iter(files))
+    try:
+        first.parent.mkdir(parents=True, exist_ok=True)
+        with InterruptGuard(), ExitStack() as stack:
+            for file, content in files.items():
+                stack.enter_context(replacing(file)).write(content)
+    except OSError as error:
+        for file in files:
+            file.unlink(missing_ok=True)
+        raise StorageError(f"{first}: cannot be written: {error.strerror}. Choose another folder.") from error

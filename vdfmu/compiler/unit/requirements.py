@@ -1,0 +1,85 @@
+"""What the parameters of a unit must meet together, those of its robot and its own, on floats and as a function."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from vdfmu.arm.robot.requirements import STRICT, Requirement, margins, requirements
+from vdfmu.arm.robot.structure import Parameter, set_parameters
+from vdfmu.arm.robot.traced import traced_function
+from vdfmu.base.errors import UnitError
+from vdfmu.compiler.scalar.symbol import to_sx
+from vdfmu.compiler.unit.base import Unit
+from vdfmu.compiler.unit.evaluate import Floats, Plain
+from vdfmu.compiler.unit.interface import Interface
+from vdfmu.compiler.unit.place import place
+from vdfmu.compiler.unit.trace import SymbolicWatch, run
+
+
+def unmet(interface: Interface, memory: Floats) -> list[str]:
+    """Return what the parameters in a unit's memory do not meet together, in the words of native FMUs."""
+    found: list[tuple[Requirement, float]] = []
+    if interface.has_robot and interface.robot is not None:
+        listed = requirements(interface.robot)
+        robot = set_parameters(interface.robot, memory[interface.slice("p")])
+        found += zip(listed, margins(robot, listed), strict=True)
+    if interface.unit.requirements is not Unit.requirements:
+        found += _listed(interface, Plain(interface, memory).requirements())
+    problems: list[str] = []
+    for requirement, margin in found:
+        if not margin >= 0.0:
+            places = [interface.reference[parameter.name] for parameter in requirement.parameters]
+            units = [f" {v.unit}" if v.unit != "1" else "" for v in (interface.memory[i] for i in places)]
+            names = [interface.memory[i].name for i in places]
+            got = (
+                f"{name} = {memory[i]:.9g}{unit}" for name, i, unit in zip(names, places, units, strict=True)
+            )
+            problems.append(f"{names[0]}: expected {requirement.expected}, got {', '.join(got)}.")
+    return problems
+
+
+def traced_requirements(interface: Interface) -> tuple[list[Requirement], ca.Function | None]:
+    """Return what a unit requires itself, and the function of its groups to the margins; one holds from 0 on."""
+    if interface.unit.requirements is Unit.requirements:
+        return [], None
+    unit = interface.unit(interface.robot)
+    watch = SymbolicWatch(unit, "requirements", {})
+    found = _listed(interface, run(unit, "requirements", watch))
+    sizes = ca.vertcat(*(to_sx(margin) for _, margin in found))
+    inputs = {name: watch.symbols[name] for name in watch.reads}
+    function = traced_function(f"{interface.name}_requirements", inputs, {"margin": sizes})
+    return [requirement for requirement, _ in found], function
+
+
+def _listed(interface: Interface, found: Any) -> list[tuple[Requirement, Any]]:
+    """Return requirements with their margins; UnitError if the method returned something else."""
+    if not isinstance(found, Mapping):
+        raise _other(interface, repr(found))
+    listed: list[tuple[Requirement, Any]] = []
+    for group, one in found.items():
+        match one:
+            case (str() as expected, size) if np.ndim(size) == 0:
+                pass
+            case _:
+                raise _other(interface, f"{group!r}: {one!r}")
+        parameters = [
+            v for v in interface.memory[interface.groups.get(group, slice(0))] if v.causality == "parameter"
+        ]
+        if not parameters:
+            raise _other(interface, f"{group!r}, which is no parameter")
+        listed.append(
+            (Requirement(expected, tuple(Parameter(group, v.index) for v in parameters)), size - STRICT)
+        )
+    return listed
+
+
+def _other(interface: Interface, got: str) -> UnitError:
+    unit = interface.unit
+    return UnitError(
+        f"{place(unit, 'requirements')}: requirements() of {unit.__name__}: expected a parameter's name to what is "
+        f'expected of it and one number, such as {{"k": ("k > 0", self.k)}}, got {got}.'
+    )

@@ -1,0 +1,394 @@
+"""A unit's methods as traced functions: what each reads and sets, by choice, and its expressions."""
+
+from __future__ import annotations
+
+import re
+import traceback
+from collections.abc import Iterator, Mapping
+from typing import Any, NoReturn
+
+import casadi as ca
+import numpy as np
+
+from vdfmu.arm.robot.structure import symbolic_robot
+from vdfmu.base.errors import KernelError, UnitError, UsageError
+from vdfmu.compiler.scalar.symbol import SymbolArray, from_sx, refusal, to_sx
+from vdfmu.compiler.unit.base import Unit
+from vdfmu.compiler.unit.call import call
+from vdfmu.compiler.unit.declaration import Choice, Declared, Derivative, Output, Sampled, State, Switch
+from vdfmu.compiler.unit.place import place, shown, source_file
+
+Fixed = Mapping[str, int]
+"""Choice or switch to its value."""
+
+_MAY_SET: dict[str, tuple[type[Declared], ...]] = {
+    "start": (State, Sampled),
+    "outputs": (Output,),
+    "derivatives": (Derivative,),
+    "update": (Sampled,),
+    "balance": (),
+    "requirements": (),
+}
+
+
+_MEMORY = "What is kept from one call to the next is a Sampled state; what is not, a local variable"
+
+
+_TAKEN = re.compile(
+    r"p|x|x_dot|t|h|tolerance|norm|ratio|w\d*|null|jac|hess|(own|d|bar|rate)_.*|.*_(new|out)"
+    # keywords of C, and functions of math.h that traced functions call
+    r"|auto|bool|break|case|char|const|continue|default|do|double|else|enum|extern|false|float|for|goto|if|inline|int"
+    r"|long|register|restrict|return|short|signed|sizeof|static|struct|switch|true|typedef|typeof|union|unsigned|void"
+    r"|volatile|while|a?(cos|sin|tan)h?|atan2|ceil|copysign|exp|expm1|fabs|floor|fmax|fmin|fmod|log|log1p|pow|sqrt"
+    r"|NAN|INFINITY"
+)
+
+
+def argument_name(name: str) -> str:
+    """Name of a variable as an argument or result of traced functions, which have other uses for some names."""
+    return f"own_{name}" if _TAKEN.fullmatch(name) else name
+
+
+class Leaf:
+    """One method of a unit for some choices: what it reads and sets.
+
+    Attributes
+    ----------
+    phase : one of :data:`~vdfmu.compiler.unit.declaration.PHASES`
+    fixed : mapping of str to int
+        The choices that it reads, and their values.
+    reads, sets : tuple of str
+        Names of arguments for variables, ``p`` for the robot's parameters and ``t`` for the time.
+    """
+
+    def __init__(self, phase: str, fixed: Fixed, reads: tuple[str, ...], sets: tuple[str, ...]) -> None:
+        self.phase, self.fixed, self.reads, self.sets = phase, fixed, reads, sets
+
+
+class _ForkError(Exception):
+    """A method reads a choice of which no value is fixed."""
+
+    def __init__(self, choice: Declared) -> None:
+        self.choice = choice
+
+
+class _Watch:
+    """What the watches on floats and on symbols have in common."""
+
+    def __init__(self, unit: Unit, phase: str, fixed: Fixed) -> None:
+        self.unit, self.phase, self.fixed = unit, phase, fixed
+        self.reads: dict[str, None] = {}
+        self.sets: dict[str, Any] = {}
+
+    def read(self, declared: Declared) -> Any:
+        choice = isinstance(declared, (Choice, Switch))
+        if self.phase == "requirements" and (choice or declared.causality != "parameter"):
+            raise refusal(UnitError(f"{declared.name} is no parameter with numbers"))
+        if choice:
+            if declared.name not in self.fixed:
+                raise refusal(_ForkError(declared))
+            value = self.fixed[declared.name]
+            return declared.choices[value] if declared.choices else bool(value)
+        if declared.name in self.sets:
+            return self.sets[declared.name]
+        if isinstance(declared, Output) or (isinstance(declared, Derivative) and self.phase != "balance"):
+            raise refusal(UnitError(f"{declared.name} is read before it is set"))
+        if isinstance(declared, State) and self.phase == "start":
+            raise refusal(UnitError(f"{declared.name} is a state, which has no value before start() sets it"))
+        self.reads[argument_name(declared.name)] = None
+        return self.value(declared)
+
+    def write(self, declared: Declared, value: Any) -> None:
+        if not isinstance(declared, _MAY_SET[self.phase]) or (
+            self.phase == "update" and not isinstance(declared, Sampled)
+        ):
+            raise refusal(
+                UnitError(f"{self.phase}() sets {declared.name}, {_kind(declared)}, which it may not")
+            )
+        self.sets[declared.name] = self.unit.fitting(declared, value)
+
+    def keep(self, name: str) -> None:
+        if self.unit.backend == "python":
+            return
+        raise refusal(
+            UnitError(
+                f"{self.phase}() sets {name}, which {type(self.unit).__name__} does not declare. {_MEMORY}"
+            )
+        )
+
+    def time(self) -> Any:
+        self.reads["t"] = None
+        return self.time_value()
+
+    def robot(self, fields: tuple[str, ...]) -> Any:
+        if not fields:
+            self.reads["p"] = None
+            return self.robot_value()
+        return _RobotPart(self, fields)
+
+    def cut(self, joint: int, value: Any) -> Any:
+        return value
+
+    def value(self, declared: Declared) -> Any:
+        raise NotImplementedError
+
+    def field(self, name: str) -> Any:
+        raise NotImplementedError
+
+    def time_value(self) -> Any:
+        raise NotImplementedError
+
+    def robot_value(self) -> Any:
+        raise NotImplementedError
+
+
+class _RobotPart:
+    """Those fields of a robot that a unit declares."""
+
+    def __init__(self, watch: _Watch, fields: tuple[str, ...]) -> None:
+        self._watch, self._fields = watch, fields
+        self.n = watch.unit.n
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in self._fields:
+            known = ", ".join(repr(field) for field in (*self._fields, name))
+            raise refusal(
+                UnitError(f"the unit declares no {name} of the robot. Write RobotParameters({known})")
+            )
+        self._watch.reads[argument_name(name)] = None
+        return self._watch.field(name)
+
+
+class _FloatWatch(_Watch):
+    """Runs a method on the values of an instance, to see what it reads and sets."""
+
+    def write(self, declared: Declared, value: Any) -> None:
+        super().write(declared, value)
+        if not np.isfinite(np.asarray(self.sets[declared.name], dtype=float)).all():
+            raise UnitError(
+                f"{declared.name} is {self.sets[declared.name]} at the start values, expected finite numbers"
+            )
+
+    def value(self, declared: Declared) -> Any:
+        return self.unit.store[declared.name]
+
+    def field(self, name: str) -> Any:
+        return getattr(self.unit.of_robot, name)
+
+    def time_value(self) -> float:
+        return 0.0
+
+    def robot_value(self) -> Any:
+        return self.unit.of_robot
+
+
+class SymbolicWatch(_Watch):
+    """Runs a method on symbols, or those of another watch.
+
+    Attributes
+    ----------
+    symbols : dict of str to casadi.SX
+        Columns of the variables read, of ``x``, the continuous states, ``x_dot``, ``p`` and ``t``.
+    cuts : list of (joint, symbols, values), or None to cut nothing
+        What :meth:`~vdfmu.compiler.unit.base.Unit.cut` has put symbols in place of, in the order of their
+        calculation.
+    """
+
+    def __init__(self, unit: Unit, phase: str, fixed: Fixed, other: SymbolicWatch | None = None) -> None:
+        super().__init__(unit, phase, fixed)
+        self.symbols: dict[str, ca.SX] = {} if other is None else dict(other.symbols)
+        self._robot: Any = None if other is None else other._robot
+        self.cuts: list[tuple[int, ca.SX, ca.SX]] | None = None
+
+    def symbol(self, name: str, size: int) -> ca.SX:
+        """Column of a name."""
+        if name not in self.symbols:
+            self.symbols[name] = ca.SX.sym(name, size)
+        return self.symbols[name]
+
+    def cut(self, joint: int, value: Any) -> Any:
+        """Put symbols in place of the elements of an array that are not constant."""
+        if self.cuts is None:
+            return value
+        column = to_sx(value)
+        free = [k for k in range(column.numel()) if not column[k].is_constant()]
+        symbols = ca.SX.sym("cut", len(free))
+        self.cuts.append((joint, symbols, column[free]))
+        out = np.array(value, dtype=object)
+        for symbol, k in enumerate(free):
+            out.flat[k] = from_sx(symbols[symbol])[0]
+        return out
+
+    def value(self, declared: Declared) -> Any:
+        """Symbols of a variable."""
+        where = state_slices(self.unit)
+        shape = declared.sizes(self.unit.n)
+        size = int(np.prod(shape, dtype=int))
+        state = declared.state if isinstance(declared, Derivative) else declared
+        if state.name in where:
+            column = self.symbol("x_dot" if isinstance(declared, Derivative) else "x", where[""].stop)
+            column = column[where[state.name]]
+        else:
+            column = self.symbol(argument_name(declared.name), size)
+        array = from_sx(ca.SX(column)).reshape(shape)
+        return array.view(SymbolArray) if shape else array[()]
+
+    def field(self, name: str) -> Any:
+        """Symbols of a field of the robot."""
+        return from_sx(self.symbol(argument_name(name), self.unit.n)).view(SymbolArray)
+
+    def time_value(self) -> Any:
+        """Symbol of the time."""
+        return from_sx(self.symbol("t", 1))[0]
+
+    def robot_value(self) -> Any:
+        """Robot whose run-time parameters are symbols."""
+        if self._robot is None:
+            assert self.unit.of_robot is not None
+            self._robot, self.symbols["p"] = symbolic_robot(self.unit.of_robot)
+        return self._robot
+
+    def expressions(self) -> dict[str, ca.SX]:
+        """Return what the method has set, as columns; continuous states as ``x``, derivatives as ``x_dot``."""
+        found: dict[str, ca.SX] = {}
+        together: dict[str, dict[str, ca.SX]] = {"x": {}, "x_dot": {}}
+        where = state_slices(self.unit)
+        for name, value in self.sets.items():
+            declared = self.unit.declared[name]
+            if isinstance(declared, Derivative):
+                together["x_dot"][declared.state.name] = to_sx(value)
+            elif name in where:
+                together["x"][name] = to_sx(value)
+            else:
+                argument = argument_name(name)
+                found[f"{argument}_new" if self.phase == "update" else argument] = to_sx(value)
+        for name, columns in together.items():
+            if columns:
+                found[name] = ca.vertcat(*[columns[state] for state in where if state])
+        return found
+
+
+def state_slices(unit: Unit) -> dict[str, slice]:
+    """Continuous state to its place in ``x``; ``""`` to the whole."""
+    found: dict[str, slice] = {}
+    begin = 0
+    for declared in unit.declared.values():
+        if type(declared) is State:
+            end = begin + int(np.prod(declared.sizes(unit.n), dtype=int))
+            found[declared.name] = slice(begin, end)
+            begin = end
+    return found | {"": slice(0, begin)}
+
+
+def _kind(declared: Declared) -> str:
+    names = {
+        "Output": "an output",
+        "Input": "an input",
+        "State": "a continuous state",
+        "Sampled": "a sampled state",
+    }
+    return names.get(type(declared).__name__, f"a {type(declared).__name__.lower()}")
+
+
+def leaves(unit: Unit, phase: str) -> list[Leaf]:
+    """Return what a method reads and sets for each value of the choices that it reads; none for one that sets nothing.
+
+    Raises
+    ------
+    UnitError
+        For a method that fails, or sets not all that it must.
+    """
+    return list(_leaves(unit, phase, {}))
+
+
+def _leaves(unit: Unit, phase: str, fixed: Fixed) -> Iterator[Leaf]:
+    watch = _FloatWatch(unit, phase, fixed)
+    try:
+        run(unit, phase, watch)
+    except _ForkError as fork:
+        choice = fork.choice
+        for value in range(max(2, len(choice.choices))):
+            yield from _leaves(unit, phase, {**fixed, choice.name: value})
+        return
+    _check_complete(unit, phase, fixed, watch.sets)
+    if unit.backend != "python":
+        _check_repeatable(unit, phase, watch)
+    for name, value in watch.sets.items():
+        unit.store.setdefault(name, value)
+    if watch.sets:
+        yield Leaf(phase, fixed, tuple(watch.reads), tuple(map(argument_name, watch.sets)))
+
+
+def _check_repeatable(unit: Unit, phase: str, first: _FloatWatch) -> None:
+    """Raise for a method that gives something else the second time: its trace would be one case of many."""
+    again = _FloatWatch(unit, phase, first.fixed)
+    run(unit, phase, again)
+    for name, value in first.sets.items():
+        if not np.array_equal(value, again.sets.get(name, np.nan)):
+            raise UnitError(
+                f"{place(type(unit), phase)}: {phase}() of {type(unit).__name__} gives {name} = {value}, then "
+                f"{again.sets.get(name)} from the same values. {_MEMORY}; noise is an input."
+            )
+
+
+def _check_complete(unit: Unit, phase: str, fixed: Fixed, sets: Mapping[str, Any]) -> None:
+    """Raise for what a method must set and does not."""
+    if phase == "update":
+        return
+    needed = [name for name, d in unit.declared.items() if d.set_by == phase]
+    missing = [name for name in needed if name not in sets]
+    if missing:
+        choices = [
+            f"{name} = {unit.declared[name].choices[value] if unit.declared[name].choices else bool(value)}"
+            for name, value in fixed.items()
+        ]
+        with_choices = f" with {', '.join(choices)}" if choices else ""
+        where = missing[0] if getattr(type(unit), phase) is getattr(Unit, phase) else phase
+        what = f"{phase}() of {type(unit).__name__} never sets {', '.join(missing)}{with_choices}"
+        raise UnitError(f"{place(type(unit), where)}: {what}.")
+
+
+def run(unit: Unit, phase: str, watch: Any) -> Any:
+    """Run a method of a unit under a watch.
+
+    Raises
+    ------
+    UnitError
+        Naming file, line and reason.
+    """
+    unit.watch(watch)
+    symbols = isinstance(watch, SymbolicWatch)
+    try:
+        return call(getattr(unit, phase), source_file(type(unit)) if symbols else None)
+    except _ForkError:
+        raise
+    except RecursionError as error:
+        _fail(unit, phase, error, "it calls itself without end")
+    except (KernelError, UnitError, UsageError) as error:
+        _fail(unit, phase, error, str(error).rstrip("."), symbols)
+    except Exception as error:
+        reason = f"{type(error).__name__}: {error}".rstrip(".: ")
+        if "read-only" in reason:
+            reason = (
+                "an element of a variable cannot be set alone. Set the variable as a whole, self.y = array"
+            )
+        _fail(unit, phase, error, reason, symbols and "self.y" not in reason)
+    finally:
+        unit.watch(None)
+
+
+_WAY_OUT = (
+    ". Write it with arithmetic, elementwise functions of numpy, and where, lookup, solve, inv, expm and others "
+    "of vdfmu.compiler.unit"
+)
+_OTHER_WAY_OUT = '; or write backend = "python" in the class, and its FMU runs the method in Python'
+
+
+def _fail(unit: Unit, phase: str, error: Exception, reason: str, symbols: bool = False) -> NoReturn:
+    file = str(source_file(type(unit)))
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
+    where = f"{shown(type(unit))}, line {lines[-1]}" if lines else shown(type(unit))
+    what = f"{phase}() of {type(unit).__name__} {'cannot be traced' if symbols else 'fails'}: {reason}"
+    if symbols:  # a symbol that is compared names its own way out
+        what += ("" if "Write it with" in reason else _WAY_OUT) + _OTHER_WAY_OUT
+    raise UnitError(f"{where}: {what}.") from None

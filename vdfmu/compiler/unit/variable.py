@@ -1,0 +1,198 @@
+"""One scalar variable of a unit, and the declared variables of a unit as scalars for a robot.
+
+FMI names are structured and count from 1. Python indices count from 0; `Variable.name` is where the two meet.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vdfmu.arm.robot import Robot
+from vdfmu.arm.robot.parameters import PARAMETERS
+from vdfmu.arm.robot.structure import parameters
+from vdfmu.base.measure import derivative_of, measure, unit_of
+from vdfmu.base.toml_tables import POSITIVE
+from vdfmu.compiler.unit.base import Unit
+from vdfmu.compiler.unit.declaration import JOINTS, Declared, Derivative, Input, Output, Sampled, State
+from vdfmu.compiler.unit.follow import start_arrays
+
+NO_LIMIT = 1e12
+"""Start value of a limit that does not limit; FMI has no portable infinity."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One scalar variable.
+
+    Attributes
+    ----------
+    group : str
+        Name without indices, the paper's symbol.
+    index : tuple of int
+        Indices from 0; empty for a scalar.
+    type : "Real", "Integer" or "Boolean"
+    causality : "input", "output" or "parameter"
+        Beside them a native unit has "local" derivatives and the "independent" time.
+    variability : "continuous", "discrete", "fixed" or "tunable"
+    unit : str or None
+    start : float, int, bool or None
+        None for an output, whose value is calculated.
+    minimum, maximum : float or None
+    description : str
+    choices : tuple of str
+        Names of the values 0, 1, .. of an integer.
+    """
+
+    group: str
+    index: tuple[int, ...]
+    type: str
+    causality: str
+    variability: str
+    unit: str | None
+    start: Any
+    minimum: float | None
+    maximum: float | None
+    description: str
+    choices: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Structured FMI name, counted from 1: ``q[1]``, ``inertia[1,3,3]``, ``T``, ``der(q[1])``."""
+        if not self.index:
+            return self.group
+        indices = f"[{','.join(str(i + 1) for i in self.index)}]"
+        return f"{self.group[:-1]}{indices})" if self.group.endswith(")") else self.group + indices
+
+    @property
+    def display_unit(self) -> str | None:
+        """First display unit of the unit, if it has any."""
+        return next(iter(measure(self.unit).display), None) if self.unit else None
+
+    def problem(self, value: Any) -> str | None:
+        """Return what is wrong with a value, as ``expected .., got ..``; None if nothing."""
+        unit = f" {self.unit}" if self.unit and self.unit != "1" else ""
+        try:
+            value = float(value)
+        except (TypeError, ValueError):
+            names = " or ".join(self.choices)
+            return f"expected {names or 'a number' + (unit and ' in' + unit)}, got {value!r}"
+        low, high = self.minimum, self.maximum
+        if self.choices:
+            if value in range(len(self.choices)):
+                return None
+            expected = " or ".join(f"{i} ({name})" for i, name in enumerate(self.choices))
+        elif not math.isfinite(value):
+            expected = "a finite number"
+        elif low is not None and value < low:
+            strict = low == POSITIVE and value <= 0.0
+            expected = "a number above 0" if strict else f"at least {low:g}{unit}"
+        elif high is not None and value > high:
+            expected = f"at most {high:g}{unit}"
+        else:
+            return None
+        return f"expected {expected}, got {value:.9g}{unit}"
+
+
+_ORDER = (Input, State, Sampled, Output)
+
+
+def scalar_variables(unit: type[Unit], robot: Robot | None) -> list[Variable]:
+    """Variables of a unit in the order of their value references.
+
+    Inputs, continuous states, sampled states, outputs, parameters, parameters of the robot.
+    """
+    groups = [d for d in unit.declared_for(robot).values() if not isinstance(d, Derivative)]
+    groups.sort(key=lambda d: _ORDER.index(type(d)) if type(d) in _ORDER else len(_ORDER))
+    start = start_arrays(unit, robot, {})
+    found = [v for declared in groups for v in _scalars(declared, robot, start.get(declared.name))]
+    if unit.robot_fields is not None:
+        assert robot is not None
+        found += _robot_parameters(robot, unit.robot_fields)
+    return found
+
+
+def derivative_variables(unit: type[Unit], robot: Robot | None) -> list[Variable]:
+    """Return the derivatives of the continuous states of a unit, in the order of the states."""
+    declared = unit.declared_for(robot).values()
+    by_state = {d.state: d for d in declared if isinstance(d, Derivative)}
+    states = [d for d in declared if type(d) is State]
+    return [v for state in states for v in _scalars(by_state[state], robot)]
+
+
+def _scalars(declared: Declared, robot: Robot | None, start: Any = None) -> Iterator[Variable]:
+    shape = declared.sizes(robot.n if robot is not None else 0)
+    for position, index in enumerate(np.ndindex(shape)):
+        joint = (
+            robot.joint_types[index[0]] if robot is not None and JOINTS in declared.shape[:1] else "revolute"
+        )
+        quantity = declared.unit if isinstance(declared.unit, str) else declared.unit[position]
+        unit = unit_of(quantity, joint)
+        yield Variable(
+            f"der({declared.state.name})" if isinstance(declared, Derivative) else declared.name,
+            index,
+            declared.type,
+            declared.causality,
+            declared.variability,
+            (derivative_of(unit) if isinstance(declared, Derivative) else unit)
+            if declared.type == "Real"
+            else None,
+            None if start is None else start[index].item(),
+            declared.minimum,
+            declared.maximum,
+            _text(declared, position, index),
+            declared.choices,
+        )
+
+
+def _text(declared: Declared, position: int, index: tuple[int, ...]) -> str:
+    """Return the description of an element."""
+    if not isinstance(declared.text, str):
+        return declared.text[position]
+    text = declared.text
+    if not text and not isinstance(declared, Derivative):
+        return ""
+    counted = tuple(i + 1 for i in index)
+    joint = f"Joint {counted[0]}: " if declared.shape[:1] == (JOINTS,) else ""
+    if isinstance(declared, Derivative):
+        text = f"derivative of the {text}" if text else f"derivative of {declared.state.name}"
+    if joint:
+        counted = counted[1:]
+    else:
+        text = text[:1].upper() + text[1:]
+    if len(counted) == 2:
+        return f"{joint}{text}, row {counted[0]}, column {counted[1]}"
+    return f"{joint}{text} {','.join(map(str, counted))}".rstrip()
+
+
+def _robot_parameters(robot: Robot, fields: tuple[str, ...]) -> Iterator[Variable]:
+    """Parameters of the robot that are not folded, in the order of the kernel's parameter vector; or some fields."""
+    if not fields:
+        for p in parameters(robot):
+            yield _of_robot(robot, p.field, p.index)
+    for field in fields:
+        yield from (_of_robot(robot, field, (i,)) for i in range(robot.n))
+
+
+def _of_robot(robot: Robot, field: str, index: tuple[int, ...]) -> Variable:
+    """One entry of a robot's array."""
+    row = PARAMETERS[field]
+    counted = ",".join(str(i + 1) for i in index)
+    text = f"{row.description}{_PLACES[row.per_joint, len(row.shape)]} {counted}".rstrip()
+    if row.per_joint and not row.shape:
+        text = f"Joint {counted}: {row.description}"
+    unit = row.unit(robot.joint_types[index[0]] if row.per_joint else "revolute")
+    start = float(getattr(robot, field)[index])
+    low = -row.largest if row.smallest is None else row.smallest
+    return Variable(field, index, "Real", "parameter", "fixed", unit, start, low, row.largest, text)
+
+
+_PLACES = {
+    (False, 0): "", (False, 1): ", axis", (False, 2): ", (row, column)",
+    (True, 0): "", (True, 1): ", (link, axis)", (True, 2): ", (link, row, column)",
+}  # fmt: skip
+"""Whether each joint has its own and number of axes, to what the indices are."""

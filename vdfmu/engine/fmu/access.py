@@ -1,0 +1,155 @@
+"""Values between the memory of the master and the calls of FMUs, which may have other types and whole arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from ctypes import addressof, byref, c_char, c_size_t, c_uint, create_string_buffer, string_at
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vdfmu.engine.fmu.variables import Value, Variable
+
+Call = tuple[Any, Any, Any, Any, Any, str]
+"""An FMI function, its last four arguments, and its name for messages."""
+DTYPES: dict[str, Any] = {
+    "Real": np.float64, "Integer": np.int64, "Boolean": np.int32, "String": np.object_, "Binary": np.object_,
+}  # fmt: skip
+"""How the master holds the kinds of variables; texts and binary values as ``bytes``."""
+KINDS = tuple(DTYPES)
+TEXTS = ("String", "Binary")
+"""Kinds that tables do not hold and no guess improves."""
+
+
+def held(kind: str, value: Any) -> Any:
+    """Return how the master holds a value."""
+    if kind == "String":
+        return str(value).encode("utf-8", "surrogateescape")
+    return bytes(value) if kind == "Binary" else value
+
+
+def shown(kind: str, number: Any) -> Value:
+    """Return the value that the master holds so."""
+    if kind == "String":
+        return number.decode("utf-8", "surrogateescape")
+    return number if kind == "Binary" else number.item()
+
+
+class Transfer:
+    """Variables of one type of an FMU between a window of the master's memory and the memory of a call.
+
+    That is the window itself where both have the same type and order. An array of FMI 3.0 is got and set as a whole:
+    elements that the window does not have are set to `known`.
+
+    Parameters
+    ----------
+    verb : "Get" or "Set"
+    variables : sequence of Variable
+    places : sequence of int
+        Their positions in `values`.
+    values : array
+        The window.
+    dtype : type
+        Of the memory of the call.
+    known : callable
+        Returns the values of all elements of a variable, by its value reference.
+    failure : callable
+        Returns the error of a call, from its name and the reason.
+    """
+
+    def __init__(
+        self,
+        verb: str,
+        variables: Sequence[Variable],
+        places: Sequence[int],
+        values: NDArray[Any],
+        dtype: Any,
+        known: Callable[[int], Sequence[Value]],
+        failure: Callable[[str, str], Exception],
+    ) -> None:
+        self._failure = failure
+        self.verb, self.native, self._kind = verb, variables[0].native, variables[0].kind
+        self.name = f"{verb.lower()}{self.native}"
+        lengths = {v.reference: v.length for v in variables}
+        whole = [(reference, i) for reference, length in lengths.items() for i in range(length)]
+        elements = [(v.reference, v.index) for v in variables]
+        self.references = (c_uint * len(lengths))(*lengths)
+        self._values, self._where = values, np.array(places, np.intp)
+        ordered = elements == whole and list(places) == list(range(places[0], places[0] + len(places)))
+        self.direct = ordered and np.dtype(dtype) == values.dtype
+        position = {element: i for i, element in enumerate(whole)}
+        self._places = np.array([position[element] for element in elements], np.intp)
+        self.sizes = np.zeros(len(whole), np.uintp)
+        """Of binary values."""
+        if self.direct:
+            self.memory = values[places[0] : places[0] + len(places)]
+            return
+        self.memory = np.zeros(len(whole), dtype)
+        """What the call reads or fills."""
+        self._slots: dict[int, tuple[bytes, Any]] = {}
+        """Of texts and binary values by place: the content, and the copy whose address is in the memory."""
+        if verb == "Set" and len(elements) < len(whole):
+            rest = [held(self._kind, value) for reference in lengths for value in known(reference)]
+            self._put(range(len(rest)), rest)
+
+    @property
+    def counts(self) -> tuple[Any, Any]:
+        """Numbers of references and of values as arguments."""
+        return c_size_t.from_param(len(self.references)), c_size_t.from_param(self.memory.size)
+
+    @property
+    def pointer(self) -> Any:
+        """The memory as an argument."""
+        return byref(c_char.from_buffer(self.memory))  # pyright: ignore[reportArgumentType]
+
+    def around(self, function: Callable[..., int]) -> Callable[..., int]:
+        """Return the function of a call with what moves the values."""
+        if self.direct:
+            return function
+
+        def get(*arguments: Any) -> int:
+            status = function(*arguments)
+            self._fetch()
+            return status
+
+        def put(*arguments: Any) -> int:
+            self._bring()
+            return function(*arguments)
+
+        return get if self.verb == "Get" else put
+
+    def _fetch(self) -> None:
+        found = self.memory[self._places]
+        if self._kind in TEXTS:
+            sizes = self.sizes[self._places] if self._kind == "Binary" else [-1] * len(found)
+            for i, address, size in zip(self._where, found, sizes, strict=True):
+                self._values[i] = string_at(int(address), int(size)) if address else b""
+            return
+        if self.native == "UInt64":
+            self._refuse(
+                found > np.iinfo(np.int64).max, found, "the largest that the master passes on, 2^63 - 1"
+            )
+        self._values[self._where] = found
+
+    def _bring(self) -> None:
+        wanted = self._values[self._where]
+        self._put(self._places, wanted)
+        if self._kind == "Integer":
+            bad = (self.memory[self._places] != wanted) | (wanted < 0) & (self.native == "UInt64")
+            self._refuse(bad, wanted, f"a value of type {self.native}")
+
+    def _put(self, places: Any, values: Any) -> None:
+        """Put values into the memory of the call; a text stays where it is until its variable gets another."""
+        if self._kind not in TEXTS:
+            with np.errstate(over="ignore"):  # of Float32: infinite, as the type has it
+                self.memory[places] = values
+            return
+        for place, content in zip(places, values, strict=True):
+            if place not in self._slots or self._slots[place][0] is not content:
+                self._slots[place] = content, create_string_buffer(content, len(content) + 1)
+                self.memory[place], self.sizes[place] = addressof(self._slots[place][1]), len(content)
+
+    def _refuse(self, bad: NDArray[np.bool_], values: NDArray[Any], expected: str) -> None:
+        if bad.any():
+            raise self._failure(self.name, f"expected {expected}, got {values[int(np.argmax(bad))]}")

@@ -1,0 +1,146 @@
+"""A component of FMI 2.0."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from ctypes import byref, c_double, c_int, c_size_t, c_uint, c_void_p
+from typing import Any
+
+import fmpy
+import numpy as np
+from fmpy import fmi2
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import CosimError
+from vdfmu.engine.fmu.access import Call, Transfer
+from vdfmu.engine.fmu.component import Slave, Starts
+from vdfmu.engine.fmu.messages import on_message
+from vdfmu.engine.fmu.variables import Variable
+
+try:
+    from fmpy.logging import addLoggerProxy
+except Exception:  # no proxy library for this platform: messages come without their arguments
+    addLoggerProxy = None
+
+_LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3
+"""Of fmi2StatusKind."""
+
+
+def _on_message(token: int | None, instance: bytes, status: int, category: bytes, text: bytes) -> None:
+    on_message(token, status, category, text)
+
+
+_RECEIVER = fmi2.fmi2CallbackLoggerTYPE(_on_message)
+_ALLOCATE = fmi2.fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
+_FREE = fmi2.fmi2CallbackFreeMemoryTYPE(fmpy.free)
+
+
+class Slave2(Slave):
+    """An instance of an FMU of FMI 2.0."""
+
+    prefix, state_name, derivatives_name = "fmi2", "FMUstate", "GetDerivatives"
+    counted = False
+    results = {"Instantiate": c_void_p, "FreeInstance": None}  # noqa: RUF012
+    dtypes = {"Real": np.float64, "Integer": np.int32, "Boolean": np.int32, "String": np.uintp}  # noqa: RUF012
+
+    def make(self) -> int | None:
+        """See `Slave.make`."""
+        self._callbacks = fmi2.fmi2CallbackFunctions()
+        self._callbacks.logger = _RECEIVER
+        self._callbacks.allocateMemory = _ALLOCATE
+        self._callbacks.freeMemory = _FREE
+        self._callbacks.componentEnvironment = self.token
+        # pythonfmu passes its text as the format, without arguments: a percent sign must not be formatted.
+        if addLoggerProxy is not None and not self.python:
+            addLoggerProxy(byref(self._callbacks))
+        # FMPy's container would log every call to its units, in a millisecond a step; their errors come anyway
+        talkative = self.description.identifier == "container_fmu"
+        return self.function("Instantiate")(
+            self.name.encode(), c_int(not self.description.exchange), self.description.guid.encode(),
+            (self.folder / "resources").as_uri().encode(), byref(self._callbacks), c_int(0), c_int(not talkative),
+        )  # fmt: skip
+
+    def prepare(self, tolerance: float | None, start: float, stop: float, values: Starts) -> None:
+        """See `Slave.prepare`."""
+        self.tolerance = tolerance
+        self.call(
+            "SetupExperiment", c_int(tolerance is not None), c_double(tolerance or 0.0), c_double(start),
+            c_int(1), c_double(stop),
+        )  # fmt: skip
+        self.set_all(values)
+
+    def enter_initialization(self) -> None:
+        """See `Slave.enter_initialization`."""
+        self.call("EnterInitializationMode")
+
+    def value_call(self, moved: Transfer) -> Call:
+        """See `Slave.value_call`."""
+        count, _ = moved.counts
+        function = moved.around(self.function(moved.verb + moved.native))
+        return function, self.argument, byref(moved.references), count, moved.pointer, moved.name
+
+    def simulation_call(self, clock: c_double, size: c_double) -> Call:
+        """See `Slave.simulation_call`."""
+        return self.function("DoStep"), self.argument, clock, size, 1, "doStep"
+
+    def rate_call(
+        self, variables: Sequence[Variable], starts: Floats, slopes: Floats, clock: c_double
+    ) -> Call:
+        """See `Slave.rate_call`."""
+        if self.integrator:
+            return super().rate_call(variables, starts, slopes, clock)
+        references = (c_uint * len(variables))(*(v.reference for v in variables))
+        values = byref(c_double.from_buffer(slopes))  # pyright: ignore[reportArgumentType]
+        return self._first_order("SetRealInputDerivatives", len(variables), references, values)
+
+    def slope_call(self, moved: Transfer) -> Call:
+        """See `Slave.slope_call`."""
+        called = self._first_order(
+            "GetRealOutputDerivatives", len(moved.references), moved.references, moved.pointer
+        )
+        return moved.around(called[0]), *called[1:]
+
+    def _first_order(self, name: str, n: int, references: Any, values: Any) -> Call:
+        """Return the call that gets or sets n first derivatives by time."""
+        orders, function = (c_int * n)(*([1] * n)), self.function(name)
+
+        def call(component: Any, references: Any, count: Any, values: Any) -> int:
+            return function(component, references, count, orders, values)
+
+        return call, self.argument, references, c_size_t.from_param(n), values, name[0].lower() + name[1:]
+
+    def sizes(self) -> tuple[int, int]:
+        """See `Slave.sizes`."""
+        return self.description.sizes
+
+    def update(self, time: float) -> None:
+        """See `Slave.update`."""
+        info = fmi2.fmi2EventInfo()
+
+        def update() -> tuple[bool, bool, float]:
+            self.call("NewDiscreteStates", byref(info))
+            after = info.nextEventTime if info.nextEventTimeDefined else math.inf
+            return bool(info.newDiscreteStatesNeeded), bool(info.terminateSimulation), after
+
+        self.updated(time, update)
+
+    def completed_step(self) -> bool:
+        """See `Slave.completed_step`."""
+        enter, end = c_int(), c_int()
+        self.call("CompletedIntegratorStep", c_int(1), byref(enter), byref(end))
+        return self.ended_step(bool(enter.value), bool(end.value))
+
+    def has_ended(self) -> bool:
+        """See `Slave.has_ended`."""
+        before, ended, time = len(self.box.pending), c_int(), c_double(math.nan)
+        try:
+            status = self.function("GetBooleanStatus")(self.component, c_int(_TERMINATED), byref(ended))
+            if status == 0 and ended.value:
+                self.function("GetRealStatus")(self.component, c_int(_LAST_SUCCESSFUL_TIME), byref(time))
+                self.box.ended[self.name] = time.value
+                return True
+        except CosimError:  # a library without them
+            pass
+        del self.box.pending[before:]  # what it says of these calls is not why it discarded the step
+        return False

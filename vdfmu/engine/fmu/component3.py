@@ -1,0 +1,266 @@
+"""A component of FMI 3.0."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from ctypes import CFUNCTYPE, byref, c_bool, c_char, c_char_p, c_double, c_int, c_size_t, c_uint32, c_void_p
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from vdfmu.base.errors import CosimError
+from vdfmu.engine.fmu.access import Call, Transfer
+from vdfmu.engine.fmu.component import Slave, Starts
+from vdfmu.engine.fmu.messages import on_message
+from vdfmu.engine.fmu.variables import Variable
+
+_RECEIVER = CFUNCTYPE(None, c_void_p, c_int, c_char_p, c_char_p)(on_message)
+_UPDATE = CFUNCTYPE(None, c_void_p, c_double, c_bool, c_bool, c_bool, c_bool, c_void_p, c_void_p)
+_EVENT, _END, _EARLY = range(3)
+"""Answers of doStep."""
+_CLOSE = 1e-9
+"""Part of a step that an early return may leave undone by rounding."""
+_CHANGED = 2
+"""Of fmi3IntervalQualifier."""
+
+
+class Slave3(Slave):
+    """An instance of an FMU of FMI 3.0."""
+
+    prefix, state_name = "fmi3", "FMUState"
+    derivatives_name = "GetContinuousStateDerivatives"
+    results = {  # noqa: RUF012
+        "InstantiateCoSimulation": c_void_p, "InstantiateModelExchange": c_void_p, "FreeInstance": None,
+    }  # fmt: skip
+    dtypes = {  # noqa: RUF012
+        "Float64": np.float64, "Float32": np.float32, "Boolean": np.bool_, "String": np.uintp, "Binary": np.uintp,
+        **{f"{sign}Int{bits}": np.dtype(f"{sign.lower()}int{bits}") for sign in ("", "U") for bits in (8, 16, 32, 64)},
+    }  # fmt: skip
+
+    event_mode = event_needed = False
+    """Whether the master handles events of its co-simulation; whether a step has ended at an event."""
+    updates = False
+    """Whether its inputs run on lines, in its intermediate updates."""
+    _begin, _end, _at, _held = math.nan, 0.0, 0.0, 0.0
+    """Begin and end of a step, the last update in it, and the time on the line whose values the inputs have [s]."""
+    _piece, _late = math.inf, 0.0
+    """Length of the last internal step [s]; `_lag` up to the last update."""
+    _opening = _piece, _late
+    """Those at the begin of the step."""
+    _failed: CosimError | None = None
+    """What failed in an intermediate update."""
+
+    def make(self) -> int | None:
+        """See `Slave.make`."""
+        self._update = _UPDATE(self._updated)
+        whose = (
+            self.name.encode(),
+            self.description.guid.encode(),
+            f"{self.folder / 'resources'}{os.sep}".encode(),
+        )
+        if self.description.exchange:
+            return self.function("InstantiateModelExchange")(
+                *whose, c_bool(False), c_bool(True), c_void_p(self.token), _RECEIVER
+            )
+        return self.function("InstantiateCoSimulation")(
+            *whose, c_bool(False), c_bool(True), c_bool(self.event_mode), c_bool(self.event_mode), None, c_size_t(0),
+            c_void_p(self.token), _RECEIVER, self._update if self.updates else None,
+        )  # fmt: skip
+
+    def prepare(self, tolerance: float | None, start: float, stop: float, values: Starts) -> None:
+        """See `Slave.prepare`."""
+        self.tolerance = tolerance
+        self._experiment = (
+            c_bool(tolerance is not None), c_double(tolerance or 0.0), c_double(start), c_bool(True), c_double(stop),
+        )  # fmt: skip
+        structure = [(v, x) for v, x in values if v.causality == "structuralParameter"]
+        if structure:
+            self.call("EnterConfigurationMode")
+            self.set_all(structure)
+            self.call("ExitConfigurationMode")
+        self.set_all([pair for pair in values if pair not in structure])
+
+    def enter_initialization(self) -> None:
+        """See `Slave.enter_initialization`."""
+        self.call("EnterInitializationMode", *self._experiment)
+
+    def value_call(self, moved: Transfer) -> Call:
+        """See `Slave.value_call`."""
+        function, count, n = self.function(moved.verb + moved.native), *moved.counts
+        references = byref(moved.references)
+        if moved.native == "Binary":
+            sizes = byref(c_char.from_buffer(moved.sizes))  # pyright: ignore[reportArgumentType]
+            called = moved.around(partial(function, self.argument, references))
+            return called, count, sizes, moved.pointer, n, moved.name
+        called = moved.around(partial(function, self.argument))
+        return called, references, count, moved.pointer, n, moved.name
+
+    # ------------------------------------------------------------------ steps
+
+    def simulation_call(self, clock: c_double, size: c_double) -> Call:
+        """See `Slave.simulation_call`."""
+        step, last = self.function("DoStep"), c_double()
+        flags = (c_bool * 4)()
+        any_flag = c_uint32.from_buffer(flags)
+        answers = *(byref(flags, i) for i in (_EVENT, _END, _EARLY)), byref(last)
+
+        def do_step(component: Any, clock: c_double, size: c_double, keep: Any) -> int:
+            if self.updates:
+                self._run_line(clock.value, clock.value + size.value)
+            status = step(component, clock, size, keep, *answers)
+            if self._failed is not None:
+                raise self._failed
+            end = clock.value + size.value
+            close = end - _CLOSE * size.value
+            while any_flag.value and status < 2:
+                if self._answered(flags, last.value, last.value >= close):
+                    break
+                rest = c_double(last.value), c_double(end - last.value)
+                status = step(component, *rest, keep, *answers)
+            return status
+
+        return do_step, self.argument, clock, size, c_bool(True), "doStep"
+
+    def _run_line(self, begin: float, end: float) -> None:
+        """Begin a step whose inputs run on lines."""
+        if begin != self._begin:  # a step that is repeated begins as it did
+            self._begin, self._opening = begin, (self._piece, self._late + self._lag(self._end))
+        self._piece, self._late = self._opening
+        self._at, self._end, self._failed = begin, end, None
+        self._hold(min(self._piece, end - begin))
+        self._piece = math.inf
+
+    def _updated(
+        self, _: int | None, time: float, requested: bool, _get: bool, finished: bool, *more: Any
+    ) -> None:
+        """Set the inputs in an intermediate update, between two internal steps."""
+        if requested and finished and self._at < time < self._end:
+            self._late += self._lag(time)
+            self._piece, self._at = time - self._at, time
+            try:
+                self._hold(min(self._piece, self._end - time))
+            except CosimError as error:
+                self._failed = error
+
+    def _lag(self, time: float) -> float:
+        """Return the integral of the time minus that of the value which is held, since the last update [s^2]."""
+        return (time - self._at) * (0.5 * (self._at + time) - self._held)
+
+    def _hold(self, length: float) -> None:
+        """Set the inputs for an internal step of a length that is a guess, so that their integral is that of the line.
+
+        What a wrong guess has left of the integral before is made up for.
+        """
+        self._held = self._at + 0.5 * length + self._late / length
+        self.line(self._held)
+
+    def slope_call(self, moved: Transfer) -> Call:
+        """See `Slave.slope_call`."""
+        n = len(moved.references)
+        orders, function = (c_int * n)(*([1] * n)), self.function("GetOutputDerivatives")
+
+        def call(references: Any, count: Any, values: Any, size: Any) -> int:
+            return function(self.argument, references, count, orders, values, size)
+
+        count, size = moved.counts
+        return moved.around(call), byref(moved.references), count, moved.pointer, size, "getOutputDerivatives"
+
+    def _answered(self, flags: Any, last: float, done: bool) -> bool:
+        """Take what a step has answered beside its status; False if the rest of it, but for rounding, is to be done."""
+        self.event_needed = bool(flags[_EVENT])
+        if flags[_END]:
+            self.box.ended[self.name] = last
+            return True
+        if done or not flags[_EARLY]:
+            return True
+        if not self.event_mode:
+            reason = f"it returned early, at t = {last:.9g} s, which it was not allowed to"
+            raise CosimError(self.name, "doStep", self.box.time, reason)
+        if self.event_needed:  # alone: others may have stepped beyond
+            self.enter_event()
+            own = [
+                v.reference
+                for v in self.description.variables.values()
+                if v.clock and v.causality == "output"
+            ]
+            if any(self.clocks(own)):
+                raise CosimError(
+                    self.name, "getClock", self.box.time,
+                    f"a clock ticks at t = {last:.9g} s, between two communication points, when others cannot be told; "
+                    "choose a step that ends there",
+                )  # fmt: skip
+            self.update(last)
+            self.leave_event()
+        return self.name in self.box.ended
+
+    # ------------------------------------------------------------------ events
+
+    def discrete(self, variable: Variable) -> bool:
+        """Whether an input is set in event mode only."""
+        return self.event_mode and (variable.variability == "discrete" or bool(variable.clocks))
+
+    def between_events(self, variable: Variable) -> bool:
+        """See `Slave.between_events`."""
+        if not self.event_mode:
+            return True
+        return not variable.clocks and (variable.causality == "output" or not self.discrete(variable))
+
+    def exit_initialization(self) -> None:
+        """See `Slave.exit_initialization`."""
+        self.event_needed = False
+        super().exit_initialization()
+        self.in_event = self.event_mode or self.description.exchange
+
+    def enter_event(self) -> None:
+        """Enter event mode."""
+        self.event_needed = False
+        super().enter_event()
+
+    def update(self, time: float) -> None:
+        """See `Slave.update`."""
+        flags, at = (c_bool * 5)(), c_double()
+        arguments = *(byref(flags, i) for i in range(5)), byref(at)
+
+        def update() -> tuple[bool, bool, float]:
+            self.call("UpdateDiscreteStates", *arguments)
+            again, end, _, _, defined = flags
+            return again, end, at.value if defined else math.inf
+
+        self.updated(time, update)
+
+    def completed_step(self) -> bool:
+        """See `Slave.completed_step`."""
+        enter, end = c_bool(), c_bool()
+        self.call("CompletedIntegratorStep", c_bool(True), byref(enter), byref(end))
+        return self.ended_step(enter.value, end.value)
+
+    def sizes(self) -> tuple[int, int]:
+        """See `Slave.sizes`."""
+        found = c_size_t(), c_size_t()
+        for name, size in zip(("ContinuousStates", "EventIndicators"), found, strict=True):
+            self.call(f"GetNumberOf{name}", byref(size))
+        return found[0].value, found[1].value
+
+    def set_clocks(self, references: Sequence[int]) -> None:
+        """Let input clocks tick."""
+        n = len(references)
+        if n:
+            self.call("SetClock", (c_uint32 * n)(*references), c_size_t(n), (c_bool * n)(*[True] * n))
+
+    def clocks(self, references: Sequence[int]) -> list[bool]:
+        """Return which output clocks tick."""
+        n = len(references)
+        ticks = (c_bool * max(n, 1))()
+        if n:
+            self.call("GetClock", (c_uint32 * n)(*references), c_size_t(n), ticks)
+        return list(ticks)[:n]
+
+    def intervals(self, references: Sequence[int]) -> list[float | None]:
+        """Return the intervals of clocks [s]; None for those that have not changed."""
+        n = len(references)
+        intervals, qualifiers = (c_double * n)(), (c_int * n)()
+        self.call("GetIntervalDecimal", (c_uint32 * n)(*references), c_size_t(n), intervals, qualifiers)
+        return [x if q == _CHANGED else None for x, q in zip(intervals, qualifiers, strict=True)]

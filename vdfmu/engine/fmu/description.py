@@ -1,0 +1,242 @@
+"""What the master needs to know of an FMU, read from its model description."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import fmpy
+import numpy as np
+from fmpy.model_description import CoSimulation, ModelDescription, ValidationError, read_model_description
+
+from vdfmu.base.errors import SspError
+from vdfmu.engine.fmu.variables import Value, Variable, element_names, read_variables, type_of
+from vdfmu.engine.package.archive import Archive
+from vdfmu.engine.package.elements import read_units
+from vdfmu.engine.package.parse import parse_xml
+from vdfmu.engine.rules import fmpy_found, found
+
+KINDS = ("CoSimulation", "ModelExchange", "ScheduledExecution")
+_TRUE = {"true", "1"}
+_SAMPLED = ".//{urn:org.vdfmu.sampled}Sampled[@period]"
+_CONTINUOUS_INPUT = {("input", None), ("input", "continuous")}
+
+
+@dataclass(frozen=True)
+class Description:
+    """An FMU, for co-simulation or for model exchange."""
+
+    source: str
+    identifier: str
+    guid: str
+    once_per_process: bool
+    variables: Mapping[str, Variable]
+    """Arrays by their elements."""
+    step_dependencies: Mapping[str, frozenset[str] | None]
+    """For each output the names it depends on in the steps. None where the FMU does not say, which means: on all."""
+    initial_dependencies: Mapping[str, frozenset[str] | None]
+    """The same during initialization, for each initial unknown."""
+    version: str = "2.0"
+    """Of FMI."""
+    shapes: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    """Of the arrays."""
+    saves_state: bool = False
+    """Whether its state can be saved and restored, so that a step can be repeated."""
+    serializes_state: bool = False
+    """Whether its saved state can be written to bytes."""
+    interpolates_inputs: bool = False
+    """Whether it takes derivatives of its real inputs, and lets them run linearly over a step."""
+    updates_inputs: bool = False
+    """Whether its real inputs can be set within a step of co-simulation, in its intermediate updates (FMI 3.0)."""
+    derives_outputs: bool = False
+    """Whether it gives derivatives of its outputs by time."""
+    derives_unknowns: bool = False
+    """Whether it gives directional derivatives."""
+    states: tuple[tuple[int, int, int], ...] = ()
+    """Value references of the continuous states and of their derivatives that it declares, and their lengths."""
+    varies_steps: bool = True
+    """Whether its steps may differ in length."""
+    event_mode: bool = False
+    """Whether its events of co-simulation can be handled by the master."""
+    exchange: bool = False
+    """Whether it is for model exchange: the master integrates it."""
+    sizes: tuple[int, int] = (0, 0)
+    """Numbers of continuous states and of event indicators."""
+    period: str = ""
+    """Parameter with the time between samples of its discrete outputs, as an annotation of this project names it: they
+    are states that change by the inputs at the begin of a step. Directional derivatives give the next sample's."""
+
+    @property
+    def sampled(self) -> list[Variable]:
+        """The sampled states, of an FMU that names their period."""
+        return [v for v in self.named("output") if self.period and v.variability == "discrete"]
+
+    @property
+    def names(self) -> list[str]:
+        """The variables as the FMU names them: scalars, and arrays as a whole."""
+        return [*(v.name for v in self.variables.values() if v.length == 1), *self.shapes]
+
+    def elements(self, name: str, index: Sequence[int] = ()) -> list[Variable]:
+        """Return a variable, or the elements of an array, or of a part of it; empty if there is none of the name."""
+        if name not in self.shapes:
+            return [self.variables[name]] if name in self.variables else []
+        inside = np.ndindex(*self.shapes[name])
+        names = zip(inside, element_names(name, self.shapes[name]), strict=True)
+        start = tuple(i - 1 for i in index)
+        return [self.variables[each] for at, each in names if at[: len(start)] == start]
+
+    def named(self, causality: str) -> list[Variable]:
+        """Return the variables of one causality, in the order of the FMU."""
+        return [v for v in self.variables.values() if v.causality == causality]
+
+
+def library_name(identifier: str, version: str) -> str:
+    """Return the member of an FMU that holds the binary for this platform."""
+    platform = fmpy.platform if version == "2.0" else fmpy.platform_tuple
+    return f"binaries/{platform}/{identifier}{fmpy.sharedLibraryExtension}"
+
+
+def inspect_description(
+    unit: Archive, source: str, implementation: str = "any", sizes: Mapping[str, Value] | None = None
+) -> tuple[Description | None, list[str]]:
+    """Read an FMU as far as it goes, with all problems.
+
+    Parameters
+    ----------
+    unit : Archive
+        The FMU.
+    source : str
+        Its name in messages.
+    implementation : str
+        What the SSD asks for.
+    sizes : mapping of str to value, optional
+        Values of structural parameters, of which the shapes of arrays are made, in place of their start values.
+
+    Returns
+    -------
+    Description or None
+        None when the model description cannot be understood.
+    list of str
+        The problems, empty for an FMU that the master can use.
+    """
+    try:
+        return _inspect(unit, source, implementation, sizes or {})
+    except SspError as error:
+        return None, error.problems
+
+
+def _inspect(
+    unit: Archive, source: str, implementation: str, sizes: Mapping[str, Value]
+) -> tuple[Description | None, list[str]]:
+    xml, names = unit.read("modelDescription.xml"), unit.names
+    root = parse_xml(xml, f"{source}: modelDescription.xml")
+    version = root.get("fmiVersion")
+    if version not in ("2.0", "3.0"):
+        text = f"{source}: is an FMU of FMI {version}; the master runs FMI 2.0 and 3.0"
+        raise SspError(found("RUN007", text, root))
+    problems: list[str] = []
+    try:
+        model = read_model_description(unit.file)
+    except Exception as error:  # fmpy raises bare exceptions
+        faults = error.problems if isinstance(error, ValidationError) else [error]
+        broken = [fmpy_found(str(f), f"{source}: faulty model description: {f}") for f in faults]
+        problems += [text for text in broken if text.rule.number != "FMI013"]  # what is missing counts as all
+        try:
+            model = read_model_description(unit.file, validate=False)
+        except Exception:
+            raise SspError(problems or broken) from None
+    for variable in model.modelVariables if sizes else ():
+        chosen = [
+            sizes.get(d.variable.name, d.variable.start) if d.variable else d.start
+            for d in variable.dimensions
+        ]
+        variable.shape = tuple(int(size) for size in chosen)  # pyright: ignore[reportArgumentType]
+    kinds = [kind for kind in KINDS if getattr(model, kind[0].lower() + kind[1:], None) is not None]
+    parts = {"CoSimulation": model.coSimulation, "ModelExchange": model.modelExchange}
+    wanted = [kind for kind in kinds if kind in parts and implementation in ("any", kind)]
+    if implementation not in ("any", *kinds):
+        text = f"the SSD asks for {implementation}, {source} has {' and '.join(kinds) or 'none'}"
+        problems.append(found("SSP045", text))
+    elif not wanted:
+        text = f"{source}: expected an FMU for {' or '.join(parts)}, got one for {' and '.join(kinds) or 'neither'}"
+        problems.append(found("RUN007", text, root))
+    part = parts[wanted[0]] if wanted else None
+    identifier = "" if part is None else str(part.modelIdentifier)
+    library = library_name(identifier, version)
+    if identifier and library not in names:
+        has = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
+        text = f"{source}: has no binary for this platform ({library}); it has {', '.join(has) or 'none'}"
+        problems.append(found("FMI017", text))
+    try:
+        return _describe(model, root, source, wanted[:1] == ["ModelExchange"]), problems
+    except (ValueError, TypeError, AttributeError):  # texts that the schema refuses
+        if not problems:
+            raise
+        return None, problems
+
+
+def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -> Description:
+    rates: list[Any] = [u.variable for u in model.derivatives]
+    part: Any = (model.modelExchange if exchange else model.coSimulation) or CoSimulation()
+    relative = {
+        v.get("name") for v in root.iterfind("ModelVariables/*")
+        for typed in (v, *v.iterfind("Real")) if typed.get("relativeQuantity") in _TRUE
+    }  # fmt: skip
+    return Description(
+        source=source,
+        identifier=str(part.modelIdentifier or ""),
+        guid=str(model.guid),
+        once_per_process=bool(part.canBeInstantiatedOnlyOncePerProcess),
+        variables=read_variables(
+            model,
+            relative,
+            read_units(root.iterfind("UnitDefinitions/Unit")),
+            {v.get("name"): v for v in root.iterfind("ModelVariables/Clock")},
+        ),
+        shapes={v.name: tuple(v.shape) for v in model.modelVariables if v.shape},
+        step_dependencies=_unknowns(model.outputs),
+        initial_dependencies=_unknowns(model.initialUnknowns),
+        version=str(model.fmiVersion),
+        saves_state=bool(part.canGetAndSetFMUstate),
+        serializes_state=_declared(root, exchange, "canSerializeFMUstate", "canSerializeFMUState"),
+        varies_steps=exchange or bool(part.canHandleVariableCommunicationStepSize),
+        interpolates_inputs=exchange or bool(part.canInterpolateInputs),
+        updates_inputs=not exchange
+        and bool(part.providesIntermediateUpdate)
+        and all(
+            v.get("intermediateUpdate") in _TRUE
+            for v in root.iterfind("ModelVariables/*")
+            if type_of(v.tag) == "Real" and (v.get("causality"), v.get("variability")) in _CONTINUOUS_INPUT
+        ),
+        derives_outputs=not exchange and part.maxOutputDerivativeOrder > 0,
+        derives_unknowns=_declared(
+            root, exchange, "providesDirectionalDerivative", "providesDirectionalDerivatives"
+        ),
+        states=tuple(
+            (v.derivative.valueReference, v.valueReference, math.prod(v.shape or ()))
+            for v in rates
+            if v.derivative is not None
+        ),
+        event_mode=not exchange and bool(part.hasEventMode),
+        exchange=exchange,
+        sizes=(model.numberOfContinuousStates, model.numberOfEventIndicators),
+        period=next((e.get("period", "") for e in root.iterfind(_SAMPLED)), ""),
+    )
+
+
+def _declared(root: Any, exchange: bool, *flags: str) -> bool:
+    """Whether an FMU declares an ability, by its name in FMI 2.0 or in FMI 3.0; FMPy reads few of those."""
+    parts = root.iterfind("ModelExchange" if exchange else "CoSimulation")
+    return any(part.get(flag) in _TRUE for part in parts for flag in flags)
+
+
+def _unknowns(unknowns: Iterable[Any]) -> dict[str, frozenset[str] | None]:
+    return {
+        name: None
+        if u.dependencies is None
+        else frozenset(each for v in u.dependencies for each in element_names(v.name, v.shape))
+        for u in unknowns
+        for name in element_names(u.variable.name, u.variable.shape)
+    }

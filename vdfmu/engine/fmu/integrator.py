@@ -1,0 +1,184 @@
+"""Steps of a model-exchange component: the master integrates it, and locates its events.
+
+The component is in event mode at communication points, where its inputs are set and its outputs got; every step begins
+with an update of its discrete states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from ctypes import c_double, c_size_t, c_void_p
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import CosimError
+from vdfmu.engine.fmu.access import Call
+from vdfmu.engine.fmu.variables import Variable
+
+if TYPE_CHECKING:
+    from vdfmu.engine.fmu.component import Slave
+TOLERANCE = 1e-6
+"""Relative, where none is asked for; absolute, times the nominal values of the states."""
+_STIFF = 200
+"""Steps of the explicit method in a communication step from which on an implicit one takes over."""
+_DIFFERENCE = 1e-6
+"""Of differences, relative to sizes and nominal values."""
+_EVENTS = 1000
+"""Events in a communication step at most."""
+
+
+class Integrator:
+    """Integrates the states of a component over communication steps.
+
+    By DOP853; where a communication step takes many steps of it, by Radau from then on. An event indicator that changes
+    its sign within a step is located by bisection, to rounding; the event is just behind.
+
+    Parameters
+    ----------
+    slave : Slave
+        After the initialization.
+    tolerance : float or None
+    """
+
+    def __init__(self, slave: Slave, tolerance: float | None) -> None:
+        self.slave, self.tolerance = slave, tolerance or TOLERANCE
+        n_x, n_z = slave.sizes()
+        self._x, self._rates, self._z = np.zeros(n_x), np.zeros(n_x), np.zeros(n_z)
+        self._nominals = np.ones(n_x)
+        from scipy.integrate import DOP853, Radau  # takes a third of a second to import
+
+        self._method: Any = DOP853
+        self._stiff: Any = Radau
+        self._h: float | None = None
+        self._values("GetNominalsOfContinuousStates", self._nominals)
+
+    def step_call(self, clock: c_double, size: c_double) -> Call:
+        """Return the call of a step from `clock` by `size` [s]."""
+
+        def step(*_: Any) -> int:
+            self.step(clock.value, clock.value + size.value)
+            return 0
+
+        return step, None, None, None, None, "doStep"
+
+    def step(self, time: float, end: float) -> None:
+        """Step from `time` to `end`."""
+        slave = self.slave
+        slave.update(time)
+        steps, events = 0, 0
+        while True:
+            slave.leave_event()
+            target = min(max(slave.next_event, time), end)
+            time, state_event, taken = self._continue(time, target)
+            steps += taken
+            if steps > _STIFF:
+                self._method = self._stiff
+            slave.enter_event()
+            at_event = state_event or time >= slave.next_event
+            if at_event or time >= end:
+                slave.update(time)
+            events += at_event
+            if time >= end or slave.name in slave.box.ended:
+                return
+            if events > _EVENTS:
+                reason = f"there are more than {_EVENTS} events in a step, the last at t = {time:.9g} s"
+                raise CosimError(slave.name, "doStep", slave.box.time, f"{reason}; choose a shorter step")
+
+    def _continue(self, time: float, end: float) -> tuple[float, bool, int]:
+        """Integrate to an event or to `end`; return where that is, whether it is an event, and the number of steps."""
+        if end <= time:
+            return time, False, 0
+        self._values("GetContinuousStates", self._x)
+        signs = self._signs(time, self._x)
+        x = self._x.copy()
+        solver = None
+        if x.size:
+            first = None if self._h is None else min(self._h, end - time)
+            solver = self._method(
+                self._derivatives, time, x, end, rtol=self.tolerance, atol=self.tolerance * self._nominals,
+                first_step=first,
+            )  # fmt: skip
+        steps = 0
+        while True:
+            before = time
+            if solver is None:
+                time, state = end, lambda t, x=x: x
+            else:
+                why = solver.step()
+                if solver.status == "failed":
+                    raise CosimError(
+                        self.slave.name, "doStep", self.slave.box.time,
+                        f"the states cannot be integrated beyond t = {solver.t:.9g} s: {why}. Loosen the tolerance, "
+                        "or look for what becomes infinite",
+                    )  # fmt: skip
+                time, state = solver.t, solver.dense_output()
+                self._h = solver.step_size if solver.status == "running" else self._h or solver.step_size
+            steps += 1
+            if np.any(self._signs(time, state(time)) != signs):
+                time = self._crossing(before, time, state, signs)
+                self._set(time, np.asarray(state(time)))
+                return time, True, steps
+            self._set(time, x if solver is None else solver.y)
+            if self.slave.completed_step():
+                return time, True, steps
+            if time >= end:
+                return time, False, steps
+
+    def _crossing(
+        self, low: float, high: float, state: Callable[[float], Any], signs: NDArray[np.bool_]
+    ) -> float:
+        """Return the first time behind a change of sign [s]."""
+        while True:
+            middle = 0.5 * (low + high)
+            if not low < middle < high:
+                return high
+            if np.any(self._signs(middle, state(middle)) != signs):
+                high = middle
+            else:
+                low = middle
+
+    def differences(self, time: float, inputs: Sequence[Variable], outputs: Sequence[Variable]) -> Floats:
+        """Return what `vdfmu.engine.masters.interface.derivatives` does, by central differences."""
+        slave, n = self.slave, self._x.size
+        slave.leave_event()
+        self._values("GetContinuousStates", self._x)
+        center = np.array([*self._x, *(slave.get(v) for v in inputs)], np.float64)
+
+        def both(at: Floats) -> Floats:
+            slave.set_all(list(zip(inputs, at[n:].tolist(), strict=True)))
+            rates = self._derivatives(time, at[:n])
+            return np.array([*rates, *(slave.get(v) for v in outputs)], np.float64)
+
+        sizes = np.maximum(np.abs(center), [*self._nominals, *(v.size for v in inputs)])
+        steps = np.diag(_DIFFERENCE * sizes)
+        columns = [(both(center + d) - both(center - d)) / (2.0 * d.sum()) for d in steps]
+        both(center)
+        slave.enter_event()
+        return np.array(columns).reshape(len(steps), n + len(outputs)).T
+
+    # ------------------------------------------------------------------ calls
+
+    def _set(self, time: float, x: Floats) -> None:
+        self.slave.call("SetTime", c_double(time))
+        self.slave.line(time)
+        if x.size:
+            np.copyto(self._x, x)
+            self._values("SetContinuousStates", self._x)
+
+    def _derivatives(self, time: float, x: Floats) -> Floats:
+        self._set(time, x)
+        self._values(self.slave.derivatives_name, self._rates)
+        return self._rates.copy()
+
+    def _signs(self, time: float, x: Floats) -> NDArray[np.bool_]:
+        if self._z.size:
+            self._set(time, np.asarray(x))
+            self._values("GetEventIndicators", self._z)
+        return self._z > 0.0
+
+    def _values(self, name: str, values: Floats) -> None:
+        if values.size:
+            self.slave.call(name, c_void_p(values.ctypes.data), c_size_t(values.size))

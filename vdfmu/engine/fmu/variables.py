@@ -1,0 +1,185 @@
+"""The variables of an FMU, from its model description."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from fmpy.model_description import ModelDescription
+
+from vdfmu.engine.fmu.clock import Clock, read_clock
+from vdfmu.engine.package.system import Unit
+
+Value = float | int | bool | str | bytes
+_KIND = {"Enumeration": "Integer"}
+RANGES = {"Integer": (-(2**31), 2**31 - 1)} | {
+    f"{sign}Int{bits}": (0, min(2**bits, 2**63) - 1) if sign else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+    for sign in ("", "U")
+    for bits in (8, 16, 32, 64)
+}
+"""Least and largest value of types of integers; of those of UInt64 that the master passes on."""
+_TYPES = {"Float32": "Real", "Float64": "Real"} | {
+    f"{sign}Int{bits}": "Integer" for sign in ("", "U") for bits in (8, 16, 32, 64)
+}
+"""Types of FMI 3.0 that are one of FMI 2.0 for the master."""
+
+
+def type_of(name: str) -> str:
+    """Return what a type of FMI 2.0 or 3.0 is for the master: floats of any length are Real, integers Integer."""
+    return _TYPES.get(name, name)
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A scalar variable of an FMU, or an element of an array of FMI 3.0.
+
+    `reference` is its value reference, `type` Real, Integer, Enumeration, Boolean, String or Binary, `items` those of
+    an enumeration, `nominal` the size of its values, in its unit, None where the FMU does not say, `limits` the least
+    and the largest value, `native` the type in the names of the FMI functions that get and set it, `index` its position
+    among the `length` elements, row by row, `start` its start value, `clocks` the value references of its clocks,
+    `clock` what a clock is.
+    """
+
+    name: str
+    reference: int
+    type: str
+    causality: str
+    variability: str
+    initial: str | None
+    unit: Unit | None = None
+    relative: bool = False
+    items: Mapping[str, int] | None = None
+    nominal: float | None = None
+    limits: tuple[float, float] = (-math.inf, math.inf)
+    native: str = ""
+    index: int = 0
+    length: int = 1
+    start: Value = 0
+    clocks: tuple[int, ...] = ()
+    clock: Clock | None = None
+
+    @property
+    def kind(self) -> str:
+        """How the master holds it: Real, Integer (enumerations too), Boolean, String or Binary."""
+        return _KIND.get(self.type, self.type)
+
+    @property
+    def declared(self) -> str:
+        """The type that the FMU states."""
+        return self.type if self.type == "Enumeration" else self.native
+
+    @property
+    def size(self) -> float:
+        """The nominal value; 1, as FMI has it, where the FMU states none."""
+        return self.nominal or 1.0
+
+    @property
+    def settable(self) -> bool:
+        """Whether FMI lets the value be set before initialization mode."""
+        return self.causality == "input" or (
+            self.variability != "constant" and self.initial in {"exact", "approx"}
+        )
+
+
+def limits_of(variable: Any) -> tuple[float, float]:
+    """Return the limits of fmpy's variable, else those of its type; infinite where there are none that can be read."""
+    found = [-math.inf, math.inf]
+    for k, name in enumerate(("min", "max")):
+        text = getattr(variable, name)
+        if text is None:
+            text = getattr(variable.declaredType, name, None)
+        try:
+            found[k] = found[k] if text is None else float(text)
+        except ValueError:  # reported by the check of the unit
+            pass
+    return found[0], found[1]
+
+
+def limit_fault(value: float, limits: tuple[float, float]) -> str | None:
+    """Say that a value lies outside of limits; None if it does not."""
+    low, high = limits
+    if value < low or value > high:
+        side = f"least {low:g}" if value < low else f"most {high:g}"
+        return f"expected at {side}, the limit of the FMU, got {value:g}"
+    return None
+
+
+def element_names(name: str, shape: Sequence[int] | None) -> list[str]:
+    """Return the names of the elements of a variable, row by row, that count from 1; of a scalar its name."""
+    if not shape:
+        return [name]
+    return [f"{name}[{','.join(str(i + 1) for i in index)}]" for index in np.ndindex(*shape)]
+
+
+def read_variables(
+    model: ModelDescription, relative: set[str], units: Mapping[str, Unit], clocks: Mapping[str, Any]
+) -> dict[str, Variable]:
+    """Return the variables of fmpy's description by their names, arrays by their elements."""
+    variables: dict[str, Variable] = {}
+    for v in model.modelVariables:
+        declared = v.declaredType
+        unit = v.unit or (declared.unit if declared is not None else None)
+        names = element_names(v.name, v.shape)
+        starts = start_values(v)
+        nominals = _elements(v.nominal or (declared.nominal if declared is not None else None), len(names))
+        for index, (name, start, nominal) in enumerate(zip(names, starts, nominals, strict=True)):
+            variables[name] = Variable(
+                name=name,
+                reference=v.valueReference,
+                type=type_of(v.type),
+                causality=v.causality,
+                variability=v.variability,
+                initial=v.initial,
+                unit=units.get(unit, Unit(unit)) if unit else None,
+                relative=v.name in relative or bool(declared is not None and declared.relativeQuantity),
+                items={str(i.name): int(str(i.value)) for i in declared.items}
+                if declared is not None
+                else None,
+                nominal=_nominal(nominal),
+                limits=limits_of(v),
+                native=_native(v.type, str(model.fmiVersion)),
+                index=index,
+                length=len(names),
+                start=start,
+                clocks=tuple(each.valueReference for each in v.clocks or ()),  # pyright: ignore[reportAttributeAccessIssue]
+                clock=read_clock(clocks[name]) if name in clocks else None,
+            )
+    return variables
+
+
+def _native(kind: str, version: str) -> str:
+    """Return the type in the names of the functions for a variable of a type."""
+    return kind if kind != "Enumeration" else "Integer" if version == "2.0" else "Int64"
+
+
+def _elements(text: str | None, length: int) -> list[str | None]:
+    """Return the text of each element from that of an array, or of one for all."""
+    parts: list[str | None] = [None] if text is None else [*text.split()]
+    return parts if len(parts) == length else [parts[0] if parts else None] * length
+
+
+def start_values(variable: Any) -> list[Value]:
+    """Return the start values of the elements of fmpy's variable.
+
+    What cannot be read, which the check of the unit reports, is 0.
+    """
+    kind, text = type_of(variable.type), variable.start
+    length = math.prod(variable.shape or ())
+    if kind in ("String", "Binary"):
+        value: Value = text or ""
+        return [bytes.fromhex(text or "") if kind == "Binary" else value] * length
+    found: list[Value] = []
+    for part in _elements(text, length):
+        try:
+            found.append(part in ("true", "1") if kind == "Boolean" else float(part or 0))
+        except ValueError:
+            found.append(0)
+    return found if kind in ("Real", "Boolean") else [int(value) for value in found]
+
+
+def _nominal(text: Any) -> float | None:
+    """Size of a variable's values; None where the FMU states none or zero."""
+    return abs(float(text)) if text is not None and float(text) != 0.0 else None

@@ -1,0 +1,188 @@
+"""Calls beyond plain steps that an FMU declares: inputs, event mode, FMU state, directional derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from ctypes import byref, c_byte, c_double, c_size_t, c_void_p
+from pathlib import Path
+
+import fmpy
+import numpy as np
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import CosimError
+from vdfmu.engine.fmu.component import Slave
+from vdfmu.engine.fmu.component2 import Slave2
+from vdfmu.engine.fmu.component3 import Slave3
+from vdfmu.engine.fmu.description import Description, inspect_description
+from vdfmu.engine.fmu.messages import MessageBox
+from vdfmu.engine.fmu.variables import Variable
+from vdfmu.engine.inspect.findings import Findings
+from vdfmu.engine.package.archive import Archive
+from vdfmu.engine.rules import found
+
+_MOST = 20
+"""Most outputs whose directional derivatives are asked for: the first."""
+_REPEATED = 1e-9
+"""Relative difference between a step and its repetition: the same operations, each within 1e-16."""
+
+
+def try_abilities(path: Path, start: float, step: float) -> Findings:
+    """Make the calls that an FMU declares it takes, each kind with an instance of its own.
+
+    Parameters
+    ----------
+    path : Path
+    start, step : float
+        Start time and communication step [s].
+    """
+    findings = Findings()
+    with Archive(path, path.name) as archive:
+        description, _ = inspect_description(archive, path.name)
+    if description is None or not description.identifier or description.once_per_process:
+        return findings
+    folder = Path(fmpy.extract(str(path)))
+    simulated = not description.exchange
+    attempts: dict[str, tuple[bool, Callable[[Slave, float, float], str]]] = {
+        "event mode (hasEventMode)": (description.event_mode, _event_mode),
+        "inputs, set to their start values": (bool(_inputs(description)), _stepped),
+        "FMU state (canGetAndSetFMUState)": (simulated and description.saves_state, _state),
+        "FMU state (canSerializeFMUState)": (simulated and description.serializes_state, _serialized),
+        "directional derivatives": (description.derives_unknowns, _derivatives),
+    }
+    for what, (declared, attempt) in attempts.items():
+        if declared:
+            problem = _attempt(description, folder, attempt, start, step)
+            if problem:
+                findings.problems.append(found("RUN009", f"{what}: {problem}"))
+    return findings
+
+
+def _attempt(
+    description: Description,
+    folder: Path,
+    attempt: Callable[[Slave, float, float], str],
+    start: float,
+    step: float,
+) -> str:
+    """Take an instance through initialization and an attempt; return what is wrong."""
+    version = Slave2 if description.version == "2.0" else Slave3
+    slave = version("FMU", description, folder, MessageBox(lambda message: None), set())
+    if isinstance(slave, Slave3):
+        slave.event_mode = attempt is _event_mode
+    slave.box.time = start
+    try:
+        slave.instantiate()
+        slave.prepare(None, start, start + 10 * step, [])
+        slave.enter_initialization()
+        slave.exit_initialization()
+        return attempt(slave, start, step)
+    except CosimError as error:
+        return str(error).removeprefix("FMU: ")
+    finally:
+        slave.close()  # the plain run has shown whether that fails
+
+
+def _inputs(description: Description) -> list[Variable]:
+    """Return the inputs that are set between steps."""
+    return [v for v in description.named("input") if not v.clocks and v.clock is None]
+
+
+def _event_mode(slave: Slave, start: float, step: float) -> str:
+    slave.update(start)
+    slave.leave_event()
+    _step(slave, start, step)
+    return ""
+
+
+def _stepped(slave: Slave, start: float, step: float) -> str:
+    """Set the inputs and step, twice; they are set again once the instance has states."""
+    for k in range(2):
+        if slave.description.exchange and k:
+            slave.enter_event()
+        slave.set_all([(v, v.start) for v in _inputs(slave.description)])
+        slave.leave_event()
+        _step(slave, start + k * step, step)
+    return ""
+
+
+def _step(slave: Slave, time: float, step: float) -> None:
+    slave.box.time = time
+    slave.run([slave.step_call(c_double(time), c_double(step))])
+
+
+def _outputs(slave: Slave) -> Floats:
+    """Return the real outputs that are got between steps."""
+    own = [v for v in slave.description.named("output") if v.kind == "Real" and not v.clocks]
+    values = np.zeros(len(own))
+    slave.run(slave.access("Get", own, values))
+    return values
+
+
+def _state(slave: Slave, start: float, step: float) -> str:
+    """Step, step again from the saved state, and compare."""
+    _step(slave, start, step)
+    state = slave.saved_state()
+    return _repeated(slave, start + step, step, state)
+
+
+def _serialized(slave: Slave, start: float, step: float) -> str:
+    """Do the same with a state that has been bytes in between."""
+    _step(slave, start, step)
+    state, size = slave.saved_state(), c_size_t()
+    names = ("SerializedFMU{}Size", "SerializeFMU{}", "DeSerializeFMU{}")
+    if slave.prefix == "fmi3":
+        names = (*names[:2], "DeserializeFMU{}")
+    length, write, read = (name.format(slave.state_name.removeprefix("FMU")) for name in names)
+    slave.call(length, state, byref(size))
+    content, again = (c_byte * size.value)(), c_void_p()
+    slave.call(write, state, content, size)
+    slave.free_state(state)
+    slave.call(read, content, size, byref(again))
+    return _repeated(slave, start + step, step, again)
+
+
+def _repeated(slave: Slave, time: float, step: float, state: c_void_p) -> str:
+    """Step from where the instance is, and from the state that says the same; return how the outputs differ."""
+    _step(slave, time, step)
+    first = _outputs(slave)
+    slave.restore_state(state)
+    _step(slave, time, step)
+    second = _outputs(slave)
+    slave.free_state(state)
+    with np.errstate(invalid="ignore"):
+        wrong = ~(np.abs(second - first) <= _REPEATED * (1.0 + np.abs(first))) & np.isfinite(first)
+    if not wrong.any():
+        return ""
+    k = int(np.argmax(wrong))
+    name = [v.name for v in slave.description.named("output") if v.kind == "Real" and not v.clocks][k]
+    return (
+        f"the step from t = {time:.9g} s, repeated from the saved state, gives {name} = {second[k]:.9g}; "
+        f"the first time it gave {first[k]:.9g}"
+    )
+
+
+def _derivatives(slave: Slave, start: float, step: float) -> str:
+    """Ask for the directional derivative of each output by the inputs on which it depends."""
+    slave.leave_event()
+    _step(slave, start, step)
+    description = slave.description
+
+    def continuous(causality: str) -> list[Variable]:
+        return [
+            v
+            for v in description.named(causality)
+            if v.kind == "Real" and v.variability == "continuous" and not v.index
+        ]
+
+    for unknown in continuous("output")[:_MOST]:
+        needs = description.step_dependencies.get(unknown.name)
+        knowns = [v for v in continuous("input") if needs is None or v.name in needs]
+        seed = np.ones(sum(v.length for v in knowns))
+        if knowns:
+            value = slave.differentiate(
+                [unknown.reference], unknown.length, [v.reference for v in knowns], seed
+            )
+            if not np.isfinite(value).all():
+                return f"{unknown.name} by {', '.join(v.name for v in knowns)} is {value[~np.isfinite(value)][0]}"
+    return ""

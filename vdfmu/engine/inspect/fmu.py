@@ -1,0 +1,237 @@
+"""Check of one FMU."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import fmpy
+
+from vdfmu.base.errors import SspError, StorageError
+from vdfmu.engine.inspect.binary import ENDINGS, architecture_fault, library_fault
+from vdfmu.engine.inspect.description import DESCRIPTION, description_faults
+from vdfmu.engine.inspect.findings import Findings
+from vdfmu.engine.inspect.fmi import (
+    BUILD,
+    TERMINALS,
+    build_faults,
+    manifest_faults,
+    terminal_faults,
+    variable_faults,
+)
+from vdfmu.engine.package.archive import Archive
+from vdfmu.engine.package.parse import parse_xml
+from vdfmu.engine.rules import found, reworded
+
+_VERSION = re.compile(r"[12]\.0|3\.0(\.\d+)?")
+"""FMI 1.0 and 2.0 fix the text of fmiVersion; FMI 3.0 leaves a third number open."""
+NOT_RUN = found("RUN006", "not run: code of a file with problems is not run; mend them first")
+_XML_FOLDERS = ("terminalsAndIcons/", "sources/", "extra/")
+
+
+@dataclass(frozen=True)
+class _Unit:
+    """What is in an FMU: its members, the roots of its XML files by name, and the processors of its libraries."""
+
+    names: list[str]
+    roots: Mapping[str, Any]
+    misbuilt: Mapping[str, str]
+    """Libraries in a folder of this platform that are for another processor, and what to say of them."""
+
+
+def store(archive: Archive, source: str, folder: Path) -> Path:
+    """Write an FMU of a package into a temporary folder, under a number: its name there may be too long for a file."""
+    path = folder / f"{sum(1 for _ in folder.iterdir())}.fmu"
+    try:
+        with path.open("wb") as file:
+            archive.copy(source, file)
+    except OSError as error:
+        raise StorageError(
+            f"{path}: cannot be written: {error.strerror}; free space there, or name another folder in TMPDIR"
+        ) from error
+    return path
+
+
+def check_unit(
+    path: Path, run: bool = True, name: str = "", outer: Archive | None = None
+) -> tuple[Findings, str | None]:
+    """Check an FMU of FMI 1.0, 2.0 or 3.0.
+
+    Parameters
+    ----------
+    path : Path
+    name : str, optional
+        Its name in messages, if not that of the file.
+    run : bool, optional
+        Whether to make ten steps and to compare with reference results, in a process of its own, if nothing else is
+        wrong.
+    outer : Archive, optional
+        The package of which it is: they share one limit of what may be unpacked.
+
+    Returns
+    -------
+    Findings
+    str or None
+        The standard, such as ``FMI 2.0``; None where the model description does not say.
+    """
+    findings, standard = _examine(path, name or path.name, outer)
+    if not run:
+        findings.notes.append(found("RUN006", "not run (--no-run): the binary was not loaded"))
+    elif findings.problems:
+        findings.notes.append(NOT_RUN)
+    else:
+        from vdfmu.engine.inspect.trial import run_apart
+
+        findings.add(run_apart(path))
+    return findings, standard
+
+
+def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, str | None]:
+    """Check all that needs no run; arguments and result as of `check_unit`."""
+    findings = Findings()
+    try:
+        unit = _read(path, name, findings, outer)
+    except SspError as error:
+        why = f"{name} is no FMU that can be read"
+        return Findings([reworded(p, f"{why}: {p.removeprefix(f'{name}: ')}") for p in error.problems]), None
+    root = unit.roots[DESCRIPTION]
+    version = root.get("fmiVersion")
+    standard = f"FMI {version}" if version else None
+    if not _VERSION.fullmatch(version or ""):
+        got = f"fmiVersion is {version!r}" if version else "has no fmiVersion"
+        findings.problems.append(found("FMI002", f"{DESCRIPTION}: {got}; expected 1.0, 2.0 or 3.0", root))
+        return findings, standard
+    if version == "1.0":
+        text = "FMI 1.0: fmpy and other importers run it, the master of vdfmu takes FMI 2.0 and 3.0"
+        findings.notes.append(found("RUN008", text, root))
+    broken, mended = _rules(unit)
+    findings.add(broken)
+    try:
+        description = read_unit(path)
+    except Exception:  # fmpy raises bare ones where an element is not as it expects; `_rules` says which
+        description = mended
+    if description is None:
+        return findings, standard
+    kinds = [
+        name
+        for name in ("coSimulation", "modelExchange", "scheduledExecution")
+        if getattr(description, name, None) is not None
+    ]
+    if version != "1.0" and "coSimulation" not in kinds:
+        text = "no co-simulation: a master needs it; other importers bring a solver of their own"
+        findings.notes.append(found("FMI019", text, root))
+    if not any("'DefaultExperiment'" in problem for problem in findings.problems):  # by the schema
+        findings.problems += _experiment(description)
+    _binaries(unit, description, kinds, findings)
+    return findings, standard
+
+
+def _rules(unit: _Unit) -> tuple[Findings, Any]:
+    """Return what breaks the schema or a rule of the standard, and fmpy's description of what is left."""
+    root = unit.roots[DESCRIPTION]
+    ours = variable_faults(root)
+    if TERMINALS in unit.roots:
+        ours += terminal_faults(unit.roots[TERMINALS], root)
+    for name, other in unit.roots.items():
+        if name.endswith("/fmi-ls-manifest.xml"):
+            ours += manifest_faults(name, other)
+    build = build_faults(root, unit.roots.get(BUILD), unit.names)
+    problems, description = description_faults(root)
+    if description is None:  # faults against the schema come alone
+        return Findings(problems), None
+    return Findings([*problems, *ours, *build.problems], build.notes), description
+
+
+def read_unit(path: Path) -> Any:
+    """Return fmpy's model description, whatever rules it breaks."""
+    return fmpy.read_model_description(str(path), validate=False)
+
+
+def _experiment(description: Any) -> list[str]:
+    """Return what is wrong with the times of the default experiment."""
+    experiment = description.defaultExperiment
+    problems: list[str] = []
+
+    def fault(text: str) -> None:
+        problems.append(found("FMI016", f"{DESCRIPTION}: DefaultExperiment: {text}", (DESCRIPTION, 0)))
+
+    times: dict[str, float] = {}
+    for name in ("startTime", "stopTime", "stepSize"):
+        text = getattr(experiment, name, None)
+        if text is None:
+            continue
+        try:
+            times[name] = float(text)
+        except ValueError:
+            times[name] = math.nan
+        if not math.isfinite(times[name]) or (name == "stepSize" and times[name] <= 0.0):
+            wanted = "a positive number" if name == "stepSize" else "a finite number"
+            fault(f"{name} is {text!r}; expected {wanted}")
+    start, stop = times.get("startTime", 0.0), times.get("stopTime", math.inf)
+    if not problems and stop < start:
+        fault(f"stopTime {stop:g} lies before startTime {start:g}")
+    return problems
+
+
+def _read(path: Path, label: str, findings: Findings, outer: Archive | None) -> _Unit:
+    """Read what an FMU holds; XML that must not be parsed is reported and goes no further."""
+    with Archive(path, label, outer) as archive:
+        findings.notes += [
+            found("PKG007", f"entry {name!r} occurs more than once, with the same content")
+            for name in archive.doubled
+        ]
+        if DESCRIPTION not in archive:
+            hint = "; it is a package of SSP, name it .ssp" if "SystemStructure.ssd" in archive else ""
+            raise SspError(found("FMI001", f"it has no {DESCRIPTION!r}{hint}"))
+        root = parse_xml(archive.read(DESCRIPTION), DESCRIPTION)
+        if root.tag != "fmiModelDescription":
+            text = f"{DESCRIPTION}: expected the root fmiModelDescription, got {root.tag!r}"
+            raise SspError(found("FMI001", text, root))
+        roots, misbuilt = {DESCRIPTION: root}, dict[str, str]()
+        for name in archive.names:
+            if name.endswith(".xml") and name.startswith(_XML_FOLDERS):
+                try:
+                    roots[name] = parse_xml(archive.read(name), name)
+                except SspError as error:
+                    findings.problems += error.problems
+        for name in archive.names:
+            if name.startswith("binaries/") and name.count("/") == 2 and name.endswith(ENDINGS):
+                data = archive.head(name)
+                fault = library_fault(name, data)
+                if fault is not None:
+                    findings.problems.append(found("FMI018", fault))
+                elif name.split("/")[1] in (fmpy.platform, fmpy.platform_tuple):
+                    fault = architecture_fault(name, data)
+                    if fault is not None:
+                        misbuilt[name] = fault
+        return _Unit(archive.names, roots, misbuilt)
+
+
+def _binaries(unit: _Unit, description: Any, kinds: list[str], findings: Findings) -> None:
+    """Check that there is a binary for this platform."""
+    names = unit.names
+    folders = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") >= 2})
+    here = [p for p in (fmpy.platform, fmpy.platform_tuple) if p in folders]
+    if not here:
+        has_sources = any(n.startswith("sources/") and n.endswith((".c", ".cpp", ".cc")) for n in names)
+        sources = "; it has sources, which must be compiled first" if has_sources else ""
+        text = f"no binary for this platform, {fmpy.platform}; there are: {', '.join(folders) or 'none'}{sources}"
+        findings.problems.append(found("FMI017", text))
+        return
+    libraries = {
+        str(getattr(description, kind).modelIdentifier) + fmpy.sharedLibraryExtension for kind in kinds
+    }
+    for library in sorted(libraries):
+        here_too = [
+            f"binaries/{folder}/{library}" for folder in here if f"binaries/{folder}/{library}" in names
+        ]
+        if not here_too:
+            text = f"binaries/{here[0]} has no {library}, as the model identifier asks for"
+            findings.problems.append(found("FMI017", text))
+        findings.problems += [
+            found("FMI018", unit.misbuilt[name]) for name in here_too if name in unit.misbuilt
+        ]

@@ -1,0 +1,168 @@
+"""Check of an FMU or a system: schema, rules of the standard, binaries, a short run, reference results."""
+
+from __future__ import annotations
+
+import html
+import os
+import posixpath
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+from vdfmu.base.errors import SspError, StorageError, UsageError
+from vdfmu.base.files import pack_zip
+from vdfmu.base.temporary import temporary_folder
+from vdfmu.engine.inspect.findings import Findings, one_line
+from vdfmu.engine.inspect.fmu import check_unit
+from vdfmu.engine.inspect.osp import NAMESPACE as OSP_NAMESPACE
+from vdfmu.engine.inspect.osp import check_osp
+from vdfmu.engine.inspect.package import check_package
+from vdfmu.engine.package.archive import is_inside
+from vdfmu.engine.package.read import DEFAULT
+from vdfmu.engine.rules import Finding
+
+FORMAT = 1
+"""Version of the structure of `Report`; it changes when a key changes its meaning or goes."""
+_ENDINGS = ".fmu, .ssp, .ssd, or an OspSystemStructure.xml"
+
+
+@dataclass
+class Report(Findings):
+    """What the check of a file found; `vdfmu check --json` prints these keys."""
+
+    file: str = ""
+    """The path as it was given."""
+    kind: str = ""
+    """``FMU``, ``SSP``, ``SSD`` or ``OSP``."""
+    standard: str | None = None
+    """Such as ``FMI 3.0``; None where the file does not get that far."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the report for JSON; ``findings`` are problems and notes with rule and place."""
+        head = {name: getattr(self, name) for name in ("file", "kind", "standard", "ran", "compared")}
+        findings = [
+            {
+                "rule": text.rule.number, "severity": severity, "file": text.file or None, "line": text.line or None,
+                "message": str(text), "way_out": text.rule.way,
+            }
+            for severity, texts in (("problem", self.problems), ("note", self.notes))
+            for text in texts
+            if isinstance(text, Finding)
+        ]  # fmt: skip
+        texts = {"problems": self.problems, "notes": self.notes}
+        return {"format": FORMAT, **head, **texts, "findings": findings}
+
+
+def check_file(path: str | os.PathLike[str], run: bool = True) -> list[str]:
+    """Return the problems of a file, every one; an empty list for none. See :func:`inspect_file`."""
+    return inspect_file(path, run).problems
+
+
+def inspect_file(path: str | os.PathLike[str], run: bool = True) -> Report:
+    """Check an FMU, an SSP, an SSD or an OSP system structure, by the ending of its name.
+
+    Parameters
+    ----------
+    path : path
+        ``.fmu``; ``.ssp``; ``.ssd`` with its resources beside it; ``.xml`` of OSP with the FMUs beside it.
+    run : bool, optional
+        Whether to make ten steps of the unit or system and to compare an FMU with the reference results that it
+        may carry (FMI-LS-REF). That runs the units' code, in a process of its own.
+
+    Raises
+    ------
+    UsageError
+        If there is no such file, or one that cannot be opened, or of another ending.
+    StorageError
+        If the temporary folder cannot be written.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    _require(path, suffix)
+    try:
+        return _inspect(path, suffix, run)
+    except OSError as error:
+        raise StorageError(
+            f"{path}: was not checked: {error}. The check needs a temporary folder with free space; "
+            "TMPDIR names another one."
+        ) from error
+
+
+def _inspect(path: Path, suffix: str, run: bool) -> Report:
+    if suffix == ".fmu":
+        return _report(path, "FMU", *check_unit(path, run))
+    if suffix == ".xml":
+        return _report(path, "OSP", check_osp(path, run), "OSP system structure 0.1")
+    with temporary_folder("vdfmu_check_") as folder:
+        package = path
+        if suffix == ".ssd":
+            package = Path(folder, path.name)  # the name in messages: there is no package
+            try:
+                _pack(path, package)
+            except SspError as error:
+                return _report(path, "SSD", Findings(error.problems), None)
+        findings, standard = check_package(package, Path(folder), run)
+        if suffix == ".ssd":
+            findings = _renamed(findings, f"{path.name}: {DEFAULT}", path.name)
+    return _report(path, suffix[1:].upper(), findings, standard)
+
+
+def _renamed(findings: Findings, old: str, new: str) -> Findings:
+    """Return findings with another name for a place."""
+    findings.problems, findings.notes = (
+        [
+            Finding(text.replace(old, new), text.rule, text.file.replace(old, new), text.line)
+            if isinstance(text, Finding)
+            else text.replace(old, new)
+            for text in texts
+        ]
+        for texts in (findings.problems, findings.notes)
+    )
+    return findings
+
+
+def _report(path: Path, kind: str, findings: Findings, standard: str | None) -> Report:
+    problems, notes = (
+        list(dict.fromkeys(map(one_line, texts))) for texts in (findings.problems, findings.notes)
+    )
+    return Report(problems, notes, findings.compared, findings.ran, str(path), kind, standard)
+
+
+def _require(path: Path, suffix: str) -> None:
+    """Raise UsageError for what is no file that can be checked."""
+    if path.is_dir():
+        inside = path / DEFAULT
+        hint = f"; give {inside}" if inside.is_file() else f"; expected a file, {_ENDINGS}"
+        raise UsageError(f"{path}: is a folder{hint}.")
+    if not path.is_file():
+        raise UsageError(f"{path}: there is no such file.")
+    try:
+        with path.open("rb") as file:
+            head = file.read(4096)
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be opened: {error.strerror}.") from error
+    known = suffix in (".fmu", ".ssp", ".ssd") or (suffix == ".xml" and OSP_NAMESPACE.encode() in head)
+    if not known:
+        raise UsageError(f"{path}: is not of a kind that can be checked; expected {_ENDINGS}.")
+
+
+def _pack(ssd: Path, package: Path) -> None:
+    """Pack an SSD with the files beside it that it names, and with those that an SSD among these names."""
+    members = {DEFAULT: ssd.read_bytes()}
+    home = ssd.parent.resolve()
+    waiting = [("", members[DEFAULT])]
+    while waiting:
+        base, text = waiting.pop()
+        for found in re.findall(rb"""source\s*=\s*["']([^"']+)["']""", text):
+            source = unquote(html.unescape(found.decode(errors="replace"))).partition("#")[0]
+            name = posixpath.normpath(posixpath.join(base, source)) if source else ""
+            if name in members or not is_inside(name):
+                continue  # what points outside is reported by the check
+            file = (home / name).resolve()
+            if len(file.name) < 256 and file.is_file() and file.is_relative_to(home):
+                members[name] = file.read_bytes()
+                if name.lower().endswith(".ssd"):
+                    waiting.append((posixpath.dirname(name), members[name]))
+    pack_zip(package, members)

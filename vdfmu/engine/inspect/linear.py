@@ -1,0 +1,357 @@
+"""A system of FMUs linearised at a time of its run: its components side by side, and their connections.
+
+Each component is ``x_dot = A x + B u``, ``y = C x + D u`` by its directional derivatives; all together have block
+diagonal matrices. A connected input gets what the connections bring, ``L y``, and a disturbance d: ``u = L y + d``.
+
+In continuous time ``y = (1 - D L)^-1 (C x + D d)``. Sampled, as the master has it, inputs are held over a step h, over
+which x is solved exactly, ``x[k+1] = Phi x[k] + Gamma u[k]``; outputs at its end are ``y[k+1] = C x[k+1] + D u[k]``.
+An input gets ``u[k] = L y[k] + d[k]``, a sample of delay for what feeds through, or, where `gauss-seidel` passes fresh
+values on, ``u[k] = L y[k+1] + d[k]``.
+
+Sampled states s change at the begin of the step, ``s[k+1] = F (x[k], u[k], s[k])``, and are held over it: they are
+further inputs of x and y.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import block_diag
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError
+from vdfmu.base.state_space import Linear, Signal, StateSpace, held
+from vdfmu.engine.fmu.component import Slave
+from vdfmu.engine.masters.components import Components
+from vdfmu.engine.masters.interface import derivatives
+from vdfmu.engine.masters.multirate import periods
+from vdfmu.engine.package.system import System
+from vdfmu.engine.run.simulator import Simulator
+
+
+class Samples(NamedTuple):
+    """Sampled states of all components: their signals, and how they enter."""
+
+    signals: Sequence[Signal]
+    E: Floats
+    """Derivatives of the continuous states by them, (n_x, n_s)."""
+    G: Floats
+    """Derivatives of the outputs by them, (n_y, n_s)."""
+    F: Floats
+    """Derivatives of the next sample by continuous states, inputs and sampled states, (n_s, n_x + n_u + n_s)."""
+
+
+@dataclass(frozen=True)
+class LinearSystem:
+    """Linear components of a system, and what connects them.
+
+    Attributes
+    ----------
+    parts : StateSpace
+        The components side by side; names are ``component.variable``.
+    links : (n_u, n_y) array
+        L.
+    fresh : (n_u,) bool array
+        Inputs that get the value of the same step.
+    step : float [s]
+    algorithm : str
+        Of the master.
+    samples : Samples
+        The sampled states.
+    constant : tuple of str
+        Connected signals that change at communication points only, in a way that is not known.
+    slow : tuple of str
+        Components that do not sample at each communication point.
+    """
+
+    parts: StateSpace
+    links: Floats
+    fresh: npt.NDArray[np.bool_]
+    step: float
+    algorithm: str
+    samples: Samples
+    constant: tuple[str, ...] = ()
+    slow: tuple[str, ...] = ()
+
+    def places(self, inputs: Sequence[str]) -> list[int]:
+        """Return the places of inputs, ``component.variable`` with or without an index; UsageError for others."""
+        known = {name: i for i, name in enumerate(self.parts.inputs) if self.links[i].any()}
+        found = [
+            [i for name, i in known.items() if wanted in (name, name.split("[")[0])] for wanted in inputs
+        ]
+        if missing := [name for name, each in zip(inputs, found, strict=True) if not each]:
+            groups = ", ".join(dict.fromkeys(name.split("[")[0] for name in known)) or "none"
+            raise UsageError(
+                f"{', '.join(missing)}: expected connected continuous inputs. There are: {groups}."
+            )
+        return list(dict.fromkeys(i for each in found for i in each))
+
+    def around(self, opened: Sequence[str]) -> LinearSystem:
+        """Return the part of the system that lies on ways from the opened inputs back to them.
+
+        Whatever else there is neither sees these loops nor acts on their stability.
+
+        Raises
+        ------
+        UsageError
+            For unknown inputs.
+        """
+        p, samples = self.parts, self.samples
+        (n, m), r, k = p.B.shape, len(p.C), len(samples.signals)
+        ends = np.cumsum([n, m, r])
+        acts = np.zeros(
+            (n + m + r + k,) * 2, bool
+        )  # of columns on rows: states, inputs, outputs, sampled states
+        knows = np.r_[: n + m, n + m + r : n + m + r + k]
+        acts[np.ix_(range(n), knows)] = np.hstack([p.A, p.B, samples.E]) != 0.0
+        acts[np.ix_(range(n + m, n + m + r), knows)] = np.hstack([p.C, p.D, samples.G]) != 0.0
+        acts[n + m + r :, knows] = samples.F != 0.0
+        acts[n : n + m, n + m : n + m + r] = self.links != 0.0
+        cut = n + np.array(self.places(opened), np.intp)
+        on = _reached(acts, cut) & _reached(acts.T, cut)
+        on[cut] = True
+        x, u, y, s = (np.flatnonzero(part) for part in np.split(on, ends))
+        whole = np.block([[p.A[np.ix_(x, x)], p.B[np.ix_(x, u)]], [p.C[np.ix_(y, x)], p.D[np.ix_(y, u)]]])
+        signals = (
+            [(names[i], units[i], float(values[i])) for i in places]
+            for names, units, values, places in (
+                (p.states, p.state_units, p.x, x), (p.inputs, p.input_units, p.u, u),
+                (p.outputs, p.output_units, p.y, y),
+            )
+        )  # fmt: skip
+        kept = Samples(
+            [samples.signals[i] for i in s.tolist()], samples.E[np.ix_(x, s)], samples.G[np.ix_(y, s)],
+            samples.F[np.ix_(s, np.concatenate([x, n + u, n + m + s]))],
+        )  # fmt: skip
+        return replace(
+            self, parts=replace(StateSpace.of(whole, *signals), notes=p.notes), links=self.links[np.ix_(u, y)],
+            fresh=self.fresh[u], samples=kept,
+        )  # fmt: skip
+
+    def continuous(self, opened: Sequence[str] = ()) -> StateSpace:
+        """Return the system in continuous time.
+
+        Parameters
+        ----------
+        opened : sequence of str
+            Inputs whose connections are cut: they get d alone, and what would come to them is an output, the last.
+
+        Raises
+        ------
+        UsageError
+            For unknown inputs, or an algebraic loop without a solution.
+        """
+        A, B, C, D = (getattr(self.parts, name) for name in "ABCD")
+        cut = self.places(opened)
+        fed = self.links.copy()
+        fed[cut] = 0.0
+        inner = np.eye(len(fed)) - fed @ D
+        try:
+            U: Any = np.linalg.solve(inner, np.hstack([fed @ C, np.eye(len(fed))]))  # u = U (x, d)
+        except np.linalg.LinAlgError:
+            raise UsageError(
+                "linearize: the feed-through of the connections has a loop of gain 1; the system is not solvable."
+            ) from None
+        x = np.hstack([A, np.zeros_like(B)]) + B @ U
+        y = np.hstack([C, np.zeros_like(D)]) + D @ U
+        found = self._named(x, np.vstack([y, (self.links @ y)[cut]]), cut, None)
+        still = [*self.constant, *(name for name, _, _ in self.samples.signals)]
+        notes = [f"taken as constant, for it changes at communication points only: {name}" for name in still]
+        return replace(found, notes=(*found.notes, *notes))
+
+    def sampled(self, opened: Sequence[str] = ()) -> StateSpace:
+        """Return the system from one communication point to the next; parameters as of :meth:`continuous`.
+
+        States are those of the components, sampled ones after the others, and the values L y that wait at their inputs.
+        Outputs are ``C x + D u``.
+
+        Raises
+        ------
+        UsageError
+            For unknown inputs, or signals and samples of which it is not known how they go from one communication point
+            to the next.
+        """
+        if self.constant:
+            raise UsageError(
+                f"{', '.join(self.constant)}: expected signals with derivatives; these change at communication points "
+                "in a way that the FMU does not tell, so the sampled loop is not known. FMUs of this project tell it "
+                "of their sampled states."
+            )
+        if self.slow:
+            raise UsageError(
+                f"{', '.join(self.slow)}: expected a period of {self.step:g} s, the communication step, since the loop "
+                "is linearised from one point to the next. Run it with the period as the step, or change the period."
+            )
+        A, B, C, D = (getattr(self.parts, name) for name in "ABCD")
+        (n_x, m), n_s, cut = B.shape, len(self.samples.signals), self.places(opened)
+        _, E, G, F = self.samples
+        Phi, Gamma = held(Linear(A, np.hstack([B, E])), self.step)
+        by_s, keeps = np.vstack([Gamma[:, m:], np.eye(n_s)]), np.zeros((n_x + n_s, n_x + n_s))
+        keeps[:n_x, :n_x] = Phi
+        # the sample is the first of the step: F tells the s that x and y have through it
+        Phi = keeps + by_s @ np.hstack([F[:, :n_x], F[:, n_x + m :]])
+        Gamma = np.vstack([Gamma[:, :m], np.zeros((n_s, m))]) + by_s @ F[:, n_x : n_x + m]
+        C, n = np.hstack([C, G]), n_x + n_s
+        ends = np.hstack([self.links @ C @ Phi, np.zeros((m, m))])  # L y at the end of the step, by (x, w)
+        by_u = self.links @ (C @ Gamma + D)
+        fresh = np.diag(self.fresh.astype(float))
+        late = np.hstack([np.zeros((m, n)), np.eye(m) - fresh])
+        keep = np.eye(m)
+        keep[cut, cut] = 0.0
+        U: Any = np.linalg.solve(
+            np.eye(m) - keep @ fresh @ by_u, np.hstack([keep @ (fresh @ ends + late), np.eye(m)])
+        )  # u by (x, w, d)
+        none = np.zeros((m, m))
+        waits = np.hstack([ends, none]) + by_u @ U
+        x = np.hstack([Phi, np.zeros((n, 2 * m))]) + Gamma @ U
+        y = np.hstack([C, np.zeros((len(C), 2 * m))]) + D @ U
+        back = fresh @ waits + np.hstack([late, none])
+        return self._named(np.vstack([x, waits]), np.vstack([y, back[cut]]), cut, self.step)
+
+    def _named(self, motion: Floats, outputs: Floats, cut: list[int], step: float | None) -> StateSpace:
+        """Return the state space of matrices by (states, d); what comes to cut inputs are the last outputs."""
+        p, size, value = self.parts, len(motion), self.links @ self.parts.y
+        waiting, signals = (len(value), self.samples.signals) if step is not None else (0, ())
+        return replace(
+            p, A=motion[:, :size], B=motion[:, size:], C=outputs[:, :size], D=outputs[:, size:], step=step,
+            states=(*p.states, *(name for name, _, _ in signals), *(f"at {name}" for name in p.inputs[:waiting])),
+            state_units=(*p.state_units, *(unit for _, unit, _ in signals), *p.input_units[:waiting]),
+            x=np.concatenate([p.x, [x for _, _, x in signals], value[:waiting]]),
+            outputs=(*p.outputs, *(p.inputs[i] for i in cut)),
+            output_units=(*p.output_units, *(p.input_units[i] for i in cut)),
+            y=np.concatenate([p.y, value[cut]]),
+        )  # fmt: skip
+
+
+def _reached(acts: npt.NDArray[np.bool_], begins: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
+    """Whether something acts on each place, in any number of steps, from some of them."""
+    found = np.zeros(len(acts), bool)
+    new = np.zeros(len(acts), bool)
+    new[begins] = True
+    while new.any():
+        new = acts[:, new].any(axis=1) & ~found
+        found |= new
+    return found
+
+
+def linear_system(
+    system: System | str | Path,
+    at: float | None = None,
+    *,
+    step: float | None = None,
+    **options: Any,
+) -> LinearSystem:
+    """Run a system to a time and linearise its components there.
+
+    By their directional derivatives; those of a component for model exchange that has none by central differences, of
+    which `notes` tells. Sampled states are linearised where an annotation names their period.
+
+    Parameters
+    ----------
+    system, step
+        As of :func:`vdfmu.simulate`.
+    at : float, optional [s]
+        Default the start.
+    options
+        Of :class:`vdfmu.Simulator`, such as `algorithm` and `parameters`.
+
+    Raises
+    ------
+    SspError, UsageError, CosimError, Interrupted
+        As of :func:`vdfmu.simulate`; for components for co-simulation without directional derivatives.
+    """
+    simulator = Simulator(system, isolate=False, **options)
+    step = simulator.grid(None, None, step)[2]
+    with simulator:
+        components = simulator.stand(at, step)
+        return linearised(components, step, components.box.time if at is None else at)
+
+
+def linearised(components: Components, step: float, time: float, values: bool = True) -> LinearSystem:
+    """Linearise components in this process where they are, at a time [s]; see :func:`linear_system`.
+
+    Without `values` those of states, inputs and outputs are 0.
+    """
+    checked = components.checked
+    blind = [
+        name for name, each in checked.descriptions.items() if not (each.derives_unknowns or each.exchange)
+    ]
+    if blind:
+        raise UsageError(
+            f"{', '.join(blind)}: expected FMUs with directional derivatives, or for model exchange, whose "
+            "derivatives are differenced. Export them so; of the FMUs of this project the native ones have them."
+        )
+    notes: list[str] = [f"its step is {n} times that of the others, and is taken as one: {name}"
+                        for name, n in checked.multiples.items() if n != 1]  # fmt: skip
+    each = [_part(name, slave, time, notes, values) for name, slave in components.slaves.items()]
+    blocks: list[Any] = [
+        block_diag(*each_of) for each_of in zip(*(matrices for matrices, _ in each), strict=True)
+    ]
+    A, B, E, C, D, G, *F = blocks
+    states, inputs, outputs, sampled = ([s for _, signals in each for s in signals[i]] for i in range(4))
+    whole: list[list[Any]] = [[A, B], [C, D]]
+    parts = StateSpace.of(np.block(whole), states, inputs, outputs)
+    rows = {name: i for i, name in enumerate(parts.inputs)}
+    columns = {name: i for i, name in enumerate(parts.outputs)}
+    links, fresh = np.zeros((len(rows), len(columns))), np.zeros(len(rows), bool)
+    constant: list[str] = []
+    for link in checked.links:
+        start, end = ".".join(link.start), ".".join(link.end)
+        if start in columns and end in rows and link.stepped:
+            links[rows[end], columns[start]] = link.conversion.factor
+            fresh[rows[end]] = link.end in checked.schedule.fresh
+        elif link.source.type == "Real" and end.partition(".")[0] in components.slaves and link.discrete:
+            constant.append(start)
+    parts = replace(parts, notes=tuple(dict.fromkeys(notes)))
+    slow = [name for name, period in periods(checked).items() if round(period / step) != 1]
+    return LinearSystem(
+        parts, links, fresh, step, checked.algorithm, Samples(sampled, E, G, np.hstack(F)),
+        tuple(dict.fromkeys(constant)), tuple(slow),
+    )  # fmt: skip
+
+
+def _part(
+    name: str, slave: Slave, time: float, notes: list[str], values: bool
+) -> tuple[list[Floats], list[list[Signal]]]:
+    """Return the matrices of a component at the point where it is, and its states, inputs, outputs, sampled states.
+
+    In the order A, B, E, C, D, G, and F by parts.
+    """
+    known = slave.description.variables.values()
+    sampled = [v for v in slave.description.sampled if v.type == "Real" and not slave.description.exchange]
+    inputs, outputs = (
+        [v for v in known if v.causality == causality and v.type == "Real" and v.variability != "discrete"]
+        for causality in ("input", "output")
+    )
+    order = {(reference, i): k for k, (reference, i) in enumerate(
+        (x, i) for x, _, length in slave.description.states for i in range(length))}  # fmt: skip
+    states = sorted(
+        (v for v in known if (v.reference, v.index) in order), key=lambda v: order[v.reference, v.index]
+    )
+    if slave.description.derives_unknowns:
+        J = derivatives(slave, [*inputs, *sampled], [*outputs, *sampled])
+    else:
+        assert slave.integrator is not None
+        J = slave.integrator.differences(time, inputs, outputs)
+        notes.append(f"without directional derivatives, by differences: {name}")
+    m, s = len(inputs), len(sampled)
+    n = J.shape[1] - m - s
+    if not n and inputs and not J.any():
+        notes.append(f"without declared states, and no output depends on an input directly: {name}")
+    p = n + len(outputs)
+    F = J[p:]
+    J = np.vstack([J[:p], np.eye(s, J.shape[1], n + m)])  # sampled states are outputs, too
+    signals: list[list[Signal]] = [
+        [
+            (f"{name}.{v.name}", v.unit.name if v.unit else "1", float(slave.get(v)) if values else 0.0)
+            for v in part
+        ]
+        for part in (states[:n], inputs, [*outputs, *sampled], sampled)
+    ]
+    parts = [slice(0, n), slice(n, n + m), slice(n + m, None)]
+    return [M[:, part] for M in (J[:n], J[n:], F) for part in parts], signals

@@ -1,0 +1,343 @@
+"""Stability of the sampled loops of a system: margins of each, and the mode that grows fastest.
+
+Loop i is opened while all others stay closed: with the loop of all ``L(z) = -z^-d K (z - A)^-1 B``, d samples of delay,
+and ``S = (1 + L)^-1`` it is ``L_i = 1 / S_ii - 1``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import eig
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.base.state_space import Linear, StateSpace, held
+from vdfmu.engine.algorithms import CONTINUOUS
+from vdfmu.engine.inspect.linear import LinearSystem, linearised
+from vdfmu.engine.masters.components import Components
+
+Complex = npt.NDArray[np.complex128]
+
+_GRID = 400
+"""Frequencies at which a loop is calculated by default."""
+_COARSE = 100
+"""Those for the modulus margin alone: a hundred a run of 4 decades, and poles have their own."""
+_AROUND = np.concatenate([-np.geomspace(8.0, 0.25, 6), [0.0], np.geomspace(0.25, 8.0, 6)])
+"""Distances to the frequency of a pole, as shares of its decay rate."""
+_SLOWEST = 1e-4
+"""Lowest of them, as a share of half the sampling frequency."""
+GROWTH = 2.0
+"""Rate [1/s] up to which what grows counts as stable: a fast mode of links on springs, which friction holds."""
+_HARM = 50.0
+"""Factor by which disturbances grow, beyond what this rate gives, before a run is unstable: vibration and the ends of a
+motion, where friction falls with speed, let them grow for a while."""
+_POSES, _FEWEST, _SPARSE = 60, 8, 25
+"""Rows at which a run is linearised: at most, at least, and steps for each of the others. Stick-slip at the ends of a
+motion of 4 s lasts for 0.1 s."""
+_MARGINS = 3
+"""Poses at which margins are calculated, which takes longer than the growth."""
+_NONE = 1e-300
+"""Smallest pole, of which there is a logarithm."""
+_ROUNDING = 1e-9
+"""Of rates over a step, as a share of the state's largest."""
+
+
+class Margins(NamedTuple):
+    """Margins of each joint's loop, (n,) each."""
+
+    modulus: Floats
+    """Smallest distance of the loop to -1, min |1 + L|."""
+    gain: Floats
+    """Smallest factor above 1 of the loop's gain that destabilises it."""
+    phase: Floats
+    """Smallest lag [rad] that does."""
+    delay: Floats
+    """Smallest further delay [s] that does."""
+    radius: float
+    """Largest absolute eigenvalue of the closed loop, but for those of constants; unless it is below 1, or what the
+    growth allows, modulus, phase and delay are 0."""
+
+
+@dataclass(frozen=True)
+class Loop:
+    """The loop at one time."""
+
+    t: float
+    """In s."""
+    plant: Linear
+    """Continuous, with the motor torques as inputs."""
+    K: Floats
+    """Feedback (n, n_x): deviation of the motor torques by those of the plant's states."""
+    step: float
+    """In s."""
+    growth: float = 0.0
+    """Rate [1/s] up to which what grows counts as stable: margins are those on the circle ``|z| = exp(growth
+    step)``."""
+    discrete: bool = False
+    """Whether the plant is given from one communication point to the next already."""
+    points: int = _GRID
+    """Frequencies at which it is calculated, in addition to those around its poles."""
+
+    @cached_property
+    def sampled(self) -> Linear:
+        """The plant from one communication point to the next."""
+        return self.plant if self.discrete else held(self.plant, self.step)
+
+    @cached_property
+    def constants(self) -> int:
+        """Number of combinations of states that stay as they are whatever the inputs do.
+
+        At rest hysteresis and bristles are springs, parallel to those of the drives: the states of such springs have
+        a common rate. Their pole is 1, and no loop reaches it.
+        """
+        A, B = self.sampled
+        rates = np.hstack([A - np.eye(len(A)), B])
+        largest = np.abs(rates).max(axis=1, keepdims=True)
+        rank = np.linalg.matrix_rank(rates / np.where(largest > 0.0, largest, 1.0), tol=_ROUNDING)
+        return len(A) - int(rank)
+
+    @cached_property
+    def grid(self) -> tuple[Floats, Complex]:
+        """Frequencies [rad/s], (m,), up to half the sampling frequency, and the response there."""
+        w = np.geomspace(_SLOWEST, 1.0, self.points) * np.pi / self.step
+        w = np.union1d(w, self.around(np.linalg.eigvals(self.sampled.A)))
+        return w, self.response(w)
+
+    def around(self, poles: Any) -> Floats:
+        """Frequencies [rad/s] at and around lightly damped poles, whose peaks a grid would miss."""
+        s = np.log(poles[np.abs(poles) > 0.5].astype(complex)) / self.step
+        s = s[(s.imag > _SLOWEST * np.pi / self.step)]
+        w = s.imag[:, None] + np.abs(s.real - self.growth)[:, None] * _AROUND
+        return np.unique(w[(w > 0.0) & (w < np.pi / self.step)])
+
+    def response(self, w: Floats) -> Any:
+        """Response of the sampled plant's states to the motor torques at frequencies (m,) [rad/s]: (m, n_x, n)."""
+        A, B = self.sampled
+        return np.linalg.solve(self.z(w)[:, None, None] * np.eye(len(A)) - A, B.astype(complex))
+
+    def z(self, w: Floats) -> Complex:
+        """Points of the circle on which the loop is calculated."""
+        return np.exp((self.growth + 1j * w) * self.step)
+
+    def closed(self, K: Floats | None = None, delay: int = 1) -> Floats:
+        """Matrix of the closed loop's states from one communication point to the next; K in place of its own."""
+        A, B = self.sampled
+        K = self.K if K is None else K
+        if not delay:
+            return A + B @ K
+        n, m = B.shape
+        size = n + delay * m  # states, then the torques of the coming steps, the next one first
+        whole = np.zeros((size, size))
+        whole[:n, :n], whole[:n, n : n + m] = A, B
+        whole[n : size - m, n + m :] = np.eye(size - m - n)
+        whole[size - m :, :n] = K
+        return whole
+
+    def margins(self, K: Floats | None = None, delay: int = 1) -> Margins:
+        """Margins with feedback K, by default its own."""
+        K = self.K if K is None else K
+        n = len(K)
+        poles = np.linalg.eigvals(self.closed(K, delay))
+        poles = poles[np.argsort(np.abs(poles - 1.0))[self.constants :]]
+        radius = float(np.abs(poles).max())
+        if not radius < np.exp(self.growth * self.step):
+            return Margins(np.zeros(n), np.ones(n), np.zeros(n), np.zeros(n), radius)
+        w, G = self.grid
+        more = np.setdiff1d(self.around(poles), w)
+        order = np.argsort(w := np.concatenate([w, more]))
+        G = np.concatenate([G, self.response(more)])[order]
+        late = self.z(w[order])[:, None, None] ** -delay
+        S = np.linalg.inv(np.eye(n) - late * (K @ G))
+        modulus, gain, phase, left = _margins(1.0 / np.diagonal(S, axis1=1, axis2=2) - 1.0, w[order])
+        return Margins(modulus, gain, phase, left, radius)
+
+
+def system_margins(
+    system: LinearSystem, opened: Sequence[str], growth: float = 0.0, points: int = _GRID
+) -> Margins:
+    """Margins of the sampled loops of any system, with the delays that its master gives them.
+
+    Parameters
+    ----------
+    system : LinearSystem
+    opened : sequence of str
+        Connected inputs at which the loops are opened, ``plant.tau``: each while those of all others are closed.
+    growth, points
+        As of :class:`Loop`.
+
+    Raises
+    ------
+    UsageError
+        For unknown inputs, and for a master that takes signals as continuous.
+    """
+    if system.algorithm in CONTINUOUS:
+        raise UsageError(
+            f"margins: expected gauss-seidel or jacobi, which sample the signals, got {system.algorithm}."
+        )
+    system = system.around(opened)
+    loops, cut = system.sampled(opened), system.places(opened)
+    returned = loops.C[len(loops.C) - len(cut) :]  # nothing comes back in the same step: no algebraic loop
+    plant = Linear(loops.A, loops.B[:, cut])
+    while not (seen := np.vstack([plant.A, returned]).any(axis=0)).all():  # places that wait for nothing
+        plant, returned = Linear(plant.A[np.ix_(seen, seen)], plant.B[seen]), returned[:, seen]
+    return Loop(0.0, plant, returned, system.step, growth, discrete=True, points=points).margins(delay=0)
+
+
+def fastest_mode(system: LinearSystem) -> tuple[float, str]:
+    """Return the largest rate [1/s] of a mode, and the state with the largest part in it.
+
+    The part is the product of the mode's two eigenvectors, which has no unit of measurement.
+    """
+    found = _moving(system)
+    modes: Any = eig(found.A, left=True, right=True)
+    poles, left, right = modes
+    rates = _rates(poles, found.step)
+    mode = int(rates.argmax())
+    return float(rates[mode]), found.states[int(np.abs(left[:, mode] * right[:, mode]).argmax())]
+
+
+def _moving(system: LinearSystem) -> StateSpace:
+    return system.continuous() if system.algorithm in CONTINUOUS else system.sampled()
+
+
+def _rates(poles: Any, step: float | None) -> Floats:
+    return poles.real if step is None else np.log(np.maximum(np.abs(poles), _NONE)) / step
+
+
+class Growth(NamedTuple):
+    """Where disturbances grow most along a run."""
+
+    exponent: float
+    """Logarithm of the factor by which they grow, beyond what the rate `GROWTH` gives."""
+    begin: float
+    """In s."""
+    end: float
+    """In s."""
+    rate: float
+    """Largest rate in this time [1/s]."""
+    state: str
+    """State with the largest part in the mode of this rate."""
+    lasts: bool
+    """Whether they grow until the end of the run."""
+
+    @property
+    def unstable(self) -> bool:
+        """Whether disturbances grow by a factor of `_HARM` beyond what the rate `GROWTH` gives; e-fold if they last."""
+        return self.exponent > (1.0 if self.lasts else math.log(_HARM))
+
+
+class Poses:
+    """Linearises the loops of a run at some of its rows: a visitor of the run.
+
+    Parameters
+    ----------
+    group : str
+        Connected inputs of this name, at any component, are where the loops are opened.
+
+    Attributes
+    ----------
+    systems : list of (time, LinearSystem)
+        What lies in the loops.
+    lacking : str
+        Why there is nothing, or not all.
+    """
+
+    def __init__(self, group: str) -> None:
+        self._group = group
+        self.systems: list[tuple[float, LinearSystem]] = []
+        self.lacking = ""
+        self.opened: list[str] = []
+
+    def rows(self, n: int) -> frozenset[int]:
+        """Return the rows, of a run with n steps: closer together where it begins and ends, where motors are slow."""
+        poses = min(_POSES, _FEWEST + n // _SPARSE)
+        shares = (1.0 - np.cos(np.pi * (np.arange(poses) + 0.5) / poses)) / 2.0
+        return frozenset({*(n * shares).astype(int).tolist(), min(2, n), min(10, n)})
+
+    def visit(self, components: Components, time: float, step: float) -> None:
+        """Linearise the components."""
+        if self.lacking:
+            return
+        try:
+            found = linearised(components, step, time, values=False)
+            self.lacking = "; ".join(found.parts.notes)
+            connected = (name for name, row in zip(found.parts.inputs, found.links, strict=True) if row.any())
+            groups = dict.fromkeys(name.split("[")[0] for name in connected)
+            self.opened = [name for name in groups if name.endswith(f".{self._group}")]
+            if not self.opened:
+                self.lacking = f"nothing is connected to an input {self._group}"
+            if not self.lacking:
+                loops = found.around(self.opened)
+                if not self.systems and loops.algorithm not in CONTINUOUS:
+                    loops.sampled()  # refuses what is not known
+                elif loops.algorithm in CONTINUOUS and loops.samples.signals:
+                    self.lacking = f"{loops.algorithm} takes as continuous what has sampled states"
+                self.systems.append((time, loops))
+        except VdfmuError as error:
+            self.lacking = str(error)
+
+    def growth(self, begin: float, end: float) -> Growth:
+        """Return where disturbances grow most, of a run from `begin` to `end` [s]."""
+        times = [t for t, _ in self.systems]
+        bounds = [begin, *((a + b) / 2.0 for a, b in pairwise(times)), max(end, times[-1])]
+        moving = [_moving(system) for _, system in self.systems]
+        rates = [float(_rates(np.linalg.eigvals(each.A), each.step).max()) for each in moving]
+        most, run, first, place = -np.inf, 0.0, 0, range(0)
+        for k, rate in enumerate(rates):
+            if run < 0.0 or not k:
+                run, first = 0.0, k
+            run += (rate - GROWTH) * (bounds[k + 1] - bounds[k])
+            if run > most:
+                most, place = run, range(first, k + 1)
+        fastest = max(place, key=rates.__getitem__)
+        rate, state = fastest_mode(self.systems[fastest][1])
+        return Growth(most, bounds[place.start], bounds[place.stop], rate, state, place.stop == len(rates))
+
+    def margin(self) -> tuple[float, float, str] | None:
+        """Return the smallest modulus margin, its time [s], and the input at which that loop is opened.
+
+        Without a margin the state that grows most. None for a master that takes signals as continuous.
+        """
+        if self.systems[0][1].algorithm in CONTINUOUS:
+            return None
+        found: list[tuple[float, float, str]] = []
+        for k in np.unique(np.linspace(0, len(self.systems) - 1, _MARGINS + 2).astype(int)[1:-1]).tolist():
+            time, system = self.systems[k]
+            modulus = system_margins(system, self.opened, GROWTH, _COARSE).modulus
+            i = system.places(self.opened)[int(modulus.argmin())]
+            name = system.parts.inputs[i] if modulus.any() else fastest_mode(system)[1]
+            found.append((float(modulus.min()), time, name))
+        return min(found)
+
+
+def _margins(L: Any, w: Floats) -> Floats:
+    """Modulus, gain, phase and delay margin of loops L (m, n) at frequencies w (m,): (4, n).
+
+    Between frequencies the logarithm of a loop is taken as linear.
+    """
+    found = np.full((4, L.shape[1]), np.inf)
+    found[0] = np.abs(1.0 + L).min(axis=0)
+    for i, loop in enumerate(L.T):
+        size = np.log(np.abs(loop))
+        left = np.angle(-loop)  # the lag that is left until -1
+        if loop[-1].real < 0.0:  # at half the sampling frequency a loop is real
+            left[-1] = 0.0
+        change = np.angle(loop[1:] / loop[:-1])
+        turn = np.flatnonzero((left[1:] * left[:-1] <= 0.0) & (np.abs(left[:-1]) < np.pi / 2.0))
+        share = np.clip(-left[turn] / change[turn], 0.0, 1.0)
+        gains = -(size[turn] + share * (size[turn + 1] - size[turn]))
+        found[1, i] = np.exp(gains[gains > 0.0].min(initial=np.inf))
+        cross = np.flatnonzero(size[1:] * size[:-1] <= 0.0)
+        share = size[cross] / (size[cross] - size[cross + 1])
+        lag = np.mod(left[cross] + share * change[cross], 2.0 * np.pi)
+        found[2, i] = lag.min(initial=np.inf)
+        found[3, i] = (lag / (w[cross] + share * (w[cross + 1] - w[cross]))).min(initial=np.inf)
+    return found

@@ -1,0 +1,155 @@
+"""Check of a system of SSP 1.0 or 2.0: the package, its files, the wiring, and every FMU."""
+
+from __future__ import annotations
+
+import posixpath
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+from vdfmu.base.errors import SspError
+from vdfmu.engine.inspect.findings import Findings
+from vdfmu.engine.inspect.fmu import NOT_RUN, check_unit, store
+from vdfmu.engine.inspect.reference import FOLDER as REFERENCES
+from vdfmu.engine.inspect.trial import master_of, run_apart
+from vdfmu.engine.package.archive import Archive, is_inside
+from vdfmu.engine.package.parse import parse_xml, version_of
+from vdfmu.engine.package.read import DEFAULT, read_system, variants
+from vdfmu.engine.package.system import System
+from vdfmu.engine.plan.check import check_system
+from vdfmu.engine.rules import Finding, found
+
+
+def check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str | None]:
+    """Check every SSD of a package, and run the default one.
+
+    Parameters
+    ----------
+    path : Path
+        The package.
+    folder : Path
+        A place for FMUs.
+    run : bool
+        Whether to run the system, and the FMUs that carry reference results, if nothing is wrong.
+    """
+    findings = Findings()
+    heads: dict[str, Any] = {}
+    try:
+        with Archive(path, path.name) as archive:
+            findings.notes += [
+                found("PKG007", f"entry {name!r} occurs more than once, with the same content")
+                for name in archive.doubled
+            ]
+            names = variants(archive)
+            if DEFAULT not in names:
+                has = f"; it has {', '.join(names)}" if names else ""
+                has += "; it is an FMU, name it .fmu" if "modelDescription.xml" in archive else ""
+                return Findings([found("SSP001", f"{path.name}: the package has no {DEFAULT!r}{has}")]), None
+            for name in names:
+                heads[name], broken = _head(archive, path.name, name)
+                findings.add(broken, "" if name == DEFAULT else name)
+            documented = any(name.startswith("documentation/") for name in archive.names)
+            if documented and "documentation/index.html" not in archive:
+                text = "has documentation/ without documentation/index.html, where readers start"
+                findings.problems.append(found("SSP007", f"{path.name}: {text}"))
+            findings.notes += _same_names(heads)
+    except SspError as error:
+        return Findings(error.problems), None
+    stored: dict[str, Path] = {}
+    for name in heads:
+        findings.add(_check_variant(path, name, folder, stored), "" if name == DEFAULT else name)
+    if run and findings.problems:
+        findings.notes.append(NOT_RUN)
+    elif run:
+        findings.add(run_apart(path, "SSP"))
+        for source, fmu in stored.items():
+            with Archive(fmu, source) as archive:
+                has = any(name.startswith(REFERENCES) for name in archive.names)
+            if has:
+                findings.add(run_apart(fmu), source, f"{path.name}: {source}")
+    version = heads[DEFAULT].get("version") if heads[DEFAULT] is not None else None
+    return findings, f"SSP {version}" if version else None
+
+
+def _check_variant(path: Path, variant: str, folder: Path, stored: dict[str, Path]) -> Findings:
+    """Check one SSD, and each of its FMUs that is not yet among those in the folder, whatever else is wrong."""
+    system, problems = read_system(path, variant)
+    findings, units = Findings(list(problems)), dict[str, list[str]]()
+    with Archive(path, path.name) as archive:
+        sources = [n for n in archive.names if n.lower().endswith(".fmu")]
+        if system is not None:
+            sources = [c.source for c in system.components if c.source]
+        for source in dict.fromkeys(sources):
+            if source in stored:
+                continue
+            try:
+                stored[source] = store(archive, source, folder)
+                unit, _ = check_unit(stored[source], False, posixpath.basename(source), archive)
+                units[source] = unit.problems
+            except SspError as error:
+                units[source] = error.problems
+    if system is not None:
+        findings.problems += system.faults
+        against = _against_units(system)
+        starts = tuple(f"{c.name}: {c.source}: " for c in system.components if units.get(c.source))
+        findings.notes += against.notes
+        findings.problems += [
+            text
+            for text in against.problems
+            if not (
+                text.startswith(starts)
+                and isinstance(text, Finding)
+                and text.rule.number.startswith(_OF_UNIT)
+            )
+        ]
+        findings.problems = list(dict.fromkeys(findings.problems))
+    for source, faults in units.items():
+        findings.add(Findings(faults), source, f"{path.name}: {source}")
+    return findings
+
+
+_OF_UNIT = ("FMI", "PKG")
+"""Rules whose breach the check of an FMU tells, too."""
+
+
+def _against_units(system: System) -> Findings:
+    """Check the system against its FMUs."""
+    try:
+        checked = check_system(system, algorithm=master_of(system), ignore_unmatched=True)
+        return Findings(notes=list(checked.notes))
+    except SspError as error:
+        return Findings(error.problems, list(error.notes))
+
+
+def _same_names(heads: Mapping[str, Any]) -> list[Finding]:
+    """Return notes on SSDs of one package that cannot be told apart by their names."""
+    users: dict[str, list[str]] = {}
+    for file, root in heads.items():
+        users.setdefault("" if root is None else root.get("name") or "", []).append(file)
+    text = "have the same name, {!r}, by which tools let users choose"
+    return [
+        found("SSP006", f"{' and '.join(files)}: {text.format(name)}")
+        for name, files in users.items()
+        if name and len(files) > 1
+    ]
+
+
+def _head(archive: Archive, label: str, name: str) -> tuple[Any, Findings]:
+    """Return the root of an SSD, None where it cannot be read, and notes on its version and its icons."""
+    try:
+        root = parse_xml(archive.read(name), f"{label}: {name}")
+    except SspError:
+        return None, Findings()  # reported by its check
+    version = root.get("version")
+    notes: list[str] = []
+    if version and version not in ("1.0", "2.0"):
+        text = f"the SSD states version {version!r}; it was checked as SSP {version_of(root)}"
+        notes.append(found("SSP005", text, root))
+    for element in root.iter():
+        icon = element.get("iconSource")
+        member = posixpath.normpath(unquote(icon)) if icon else ""
+        if is_inside(member) and member not in archive:
+            owner = element.getparent().get("name") or "the system"
+            notes.append(found("SSP008", f"{owner}: icon: the package has no {icon!r}", element))
+    return root, Findings(notes=notes)

@@ -1,0 +1,1 @@
+"""The master: values between components, and one file for each way to step them."""

@@ -1,0 +1,102 @@
+"""The memory that units and master share: values of all connected variables of a type, in place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vdfmu.base.arrays import Floats
+from vdfmu.engine.fmu.access import DTYPES, TEXTS, Call
+from vdfmu.engine.fmu.component import Slave
+from vdfmu.engine.fmu.variables import Variable
+from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.link import Link, Port
+
+
+class Bank:
+    """All outputs and connected inputs of one kind, in one array: ``[outputs | inputs]``.
+
+    FMI calls fill it in place where they have the same type, one window for each unit's outputs and one
+    for its inputs. In an input window the fresh inputs (see `Schedule`) come first.
+    """
+
+    def __init__(self, kind: str, checked: Checked, words: Floats) -> None:
+        self.kind = kind
+        fresh = checked.schedule.fresh
+        links = {link.end: link for link in checked.links if link.stepped}
+        outputs: list[tuple[str, Variable]] = []
+        inputs: list[tuple[str, Variable]] = []
+        self.output_windows: dict[str, slice] = {}
+        self.input_windows: dict[str, slice] = {}
+        for unit, description in checked.sources.items():
+            own = [v for v in description.named("output") if v.kind == kind]
+            self.output_windows[unit] = slice(len(outputs), len(outputs) + len(own))
+            outputs += [(unit, v) for v in own]
+            fed = [
+                v for v in description.named("input")
+                if v.kind == kind and (unit, v.name) in links
+            ]  # fmt: skip
+            fed.sort(key=lambda v, unit=unit: (unit, v.name) not in fresh)
+            self.input_windows[unit] = slice(len(inputs), len(inputs) + len(fed))
+            inputs += [(unit, v) for v in fed]
+        self.variables = [*outputs, *inputs]
+        if kind in TEXTS:  # which other processes do not see
+            self.memory: NDArray[Any] = np.full(len(self.variables), b"", DTYPES[kind])
+            self.words = 0
+        else:
+            self.memory = words.view(DTYPES[kind])[: len(self.variables)]
+            self.words = -(-self.memory.nbytes // words.itemsize)
+        self.outputs = self.memory[: len(outputs)]
+        self.inputs = self.memory[len(outputs) :]
+        self.position: dict[Port, int] = {(u, v.name): i for i, (u, v) in enumerate(self.variables)}
+        self.links: list[Link] = [links[u, v.name] for u, v in inputs]
+        self.fresh_counts = {
+            unit: sum((u, v.name) in fresh for u, v in inputs[window])
+            for unit, window in self.input_windows.items()
+        }
+
+    def gather(self, window: slice) -> Callable[[], None] | None:
+        """Return a function that brings the inputs of a window up to date; None for an empty window."""
+        links = self.links[window]
+        if not links:
+            return None
+        sources = np.array([self.position[link.start] for link in links], np.intp)
+        target, take = self.inputs[window], self.outputs.take
+        factor = np.array([link.conversion.factor for link in links])
+        offset = np.array([link.conversion.offset for link in links])
+        tables = [
+            (i, link.conversion.table) for i, link in enumerate(links) if link.conversion.table is not None
+        ]
+
+        def plain() -> None:
+            take(sources, None, target, "clip")  # the mode that needs no buffer; the indices are valid
+
+        def scaled() -> None:
+            take(sources, None, target, "clip")
+            np.multiply(target, factor, target)
+            np.add(target, offset, target)
+
+        def mapped() -> None:
+            take(sources, None, target, "clip")
+            for i, table in tables:
+                target[i] = table.get(int(target[i]), int(target[i]))
+
+        if tables:
+            return mapped
+        return plain if all(link.conversion.trivial for link in links) else scaled
+
+    def calls(self, slave: Slave, verb: str, chosen: Callable[[Variable], bool] | None = None) -> list[Call]:
+        """Return the vectorised calls that ``Get`` or ``Set`` a unit's window; none when it is empty.
+
+        Without `chosen`, which says which variables they are for, those that the unit has between its events.
+        """
+        window = (self.output_windows if verb == "Get" else self.input_windows)[slave.name]
+        shift = 0 if verb == "Get" else self.outputs.size
+        variables = [v for _, v in self.variables[window.start + shift : window.stop + shift]]
+        part = (self.outputs if verb == "Get" else self.inputs)[window]
+        if chosen is None:
+            chosen = slave.between_events
+        return slave.access(verb, variables, part, chosen)

@@ -1,0 +1,202 @@
+"""The components of one run in this process: loading, initialization, coupling, freeing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from ctypes import c_double, c_void_p
+from pathlib import Path
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import CosimError
+from vdfmu.base.interrupt import InterruptGuard
+from vdfmu.engine.algorithms import CONTINUOUS
+from vdfmu.engine.fmu.access import TEXTS
+from vdfmu.engine.fmu.component import Slave, Watch
+from vdfmu.engine.fmu.component2 import Slave2
+from vdfmu.engine.fmu.component3 import Slave3
+from vdfmu.engine.fmu.messages import LogMessage, MessageBox
+from vdfmu.engine.masters.continuous import ContinuousStepper
+from vdfmu.engine.masters.events import Events, EventStepper
+from vdfmu.engine.masters.exchange import Exchange, SampledStepper
+from vdfmu.engine.masters.multirate import MultirateStepper
+from vdfmu.engine.masters.probe import reader
+from vdfmu.engine.plan.checked import Checked
+
+CONVERGENCE = 1e-8
+"""Default relative change at which repetitions end."""
+
+
+class Components:
+    """The components of one run.
+
+    Parameters
+    ----------
+    checked : Checked
+    folders : mapping of str to Path
+        Where the FMUs are unpacked, by source.
+    box : MessageBox
+    words : array, optional
+        Memory of the exchange; see `Exchange`.
+    watch : callable, optional
+        Around all that runs code of an FMU; see `Slave`.
+    """
+
+    exchanges = Exchange
+    """The class of the exchange."""
+
+    def __init__(
+        self,
+        checked: Checked,
+        folders: Mapping[str, Path],
+        box: MessageBox,
+        words: Floats | None = None,
+        watch: Watch | None = None,
+    ) -> None:
+        self.checked, self.folders, self.box = checked, folders, box
+        self.slaves: dict[str, Slave] = {}
+        self.exchange = self.exchanges(checked, self.slaves, box, words)
+        self._watch = watch
+        self._events: Events | None = None
+        self._stepper: SampledStepper | ContinuousStepper | None = None
+        self._kept: list[list[tuple[Slave, c_void_p]]] = []
+
+    def load(self) -> None:
+        """Load the libraries and create the instances."""
+        corrupt: set[str] = set()
+        own_steps = any(component.step is not None for component in self.checked.system.components)
+        for name, description in self.checked.descriptions.items():
+            folder = self.folders[description.source]
+            version = Slave2 if description.version == "2.0" else Slave3
+            slave = self.slaves[name] = version(name, description, folder, self.box, corrupt, self._watch)
+            if isinstance(slave, Slave3):
+                sampled = self.checked.algorithm not in CONTINUOUS and not own_steps
+                slave.event_mode = description.event_mode and sampled
+                slave.updates = description.updates_inputs and self.checked.algorithm in CONTINUOUS
+            with InterruptGuard():  # of which units written in Python would make an error
+                self._instantiate(slave)
+
+    def _instantiate(self, slave: Slave) -> None:
+        """Create an instance; without event mode where it declares that and refuses it."""
+        try:
+            slave.instantiate()
+        except CosimError as error:
+            clocked = any(v.clock is not None for v in slave.description.variables.values())
+            if clocked or not isinstance(slave, Slave3) or not slave.event_mode:
+                raise
+            self.box.pending.clear()
+            slave.event_mode = False
+            slave.instantiate()
+            text = f"{slave.name}: declares event mode (hasEventMode) and refuses it, runs without: {error.reason}"
+            self.box.pending.append(LogMessage("", self.box.time, "note", "", text))
+
+    def initialize(
+        self, begin: float, end: float, tolerance: float | None, convergence: float = CONVERGENCE
+    ) -> None:
+        """Take all through initialization; leaves the outputs at `begin` in the exchange."""
+        self.box.time = begin
+        with InterruptGuard():
+            for name, slave in self.slaves.items():
+                slave.prepare(tolerance, begin, end, list(self.checked.starts.get(name, ())))
+            for slave in self.slaves.values():
+                slave.enter_initialization()
+            self.exchange.initialize(begin, convergence)
+            for slave in self.slaves.values():
+                slave.exit_initialization()
+            self.exchange.read_outputs()
+            if any(isinstance(slave, Slave3) and slave.event_mode for slave in self.slaves.values()):
+                self._events = Events(self.exchange, begin)
+        self.box.flush()
+
+    def couple(
+        self, adaptive: float | None, convergence: float | None, span: float, record: Sequence[str] | None
+    ) -> SampledStepper | ContinuousStepper:
+        """Return what steps them, with the algorithm of `checked`; parameters as of `simulate`."""
+        if self.checked.algorithm in CONTINUOUS:
+            self._stepper = ContinuousStepper(
+                self.exchange,
+                self.box,
+                repeat=self.checked.algorithm == "iterative",
+                convergence=convergence or (CONVERGENCE if adaptive is None else 0.01 * adaptive),
+                error=adaptive,
+                span=span,
+            )
+        elif self.checked.multiples:
+            self._stepper = MultirateStepper(self.exchange, span)
+        elif self._events is not None:
+            self._stepper = EventStepper(self.exchange, self._events)
+        else:
+            self._stepper = SampledStepper(self.exchange)
+        return self._stepper
+
+    def bring_inputs(self, time: float) -> None:
+        """Set all inputs to what the outputs are that feed them."""
+        self.exchange.feed(time)
+        for bank in self.exchange.banks:
+            gather = bank.gather(slice(0, bank.inputs.size))
+            if gather is not None:
+                gather()
+            for slave in self.slaves.values():
+                slave.run(bank.calls(slave, "Set"))
+
+    def keep(self, names: Sequence[str]) -> None:
+        """Keep the states that components have now, for `look`."""
+        self._kept.append([(self.slaves[name], self.slaves[name].saved_state()) for name in names])
+
+    def look(
+        self, steps: Mapping[str, float], times: Sequence[float], end: float
+    ) -> list[dict[str, list[list[float]]]]:
+        """Return the numbers of components in the states that were kept at `times` [s], and after one more step.
+
+        Parameters
+        ----------
+        steps : mapping of str to float
+            Length of the step [s] by component; none is done for 0, and none beyond `end` [s].
+        """
+        found: list[dict[str, list[list[float]]]] = []
+        read = {name: reader(self.slaves[name]) for name in steps}
+        for time, kept in zip(times, self._kept, strict=True):
+            found.append({})
+            for slave, state in kept:
+                slave.restore_state(state)
+                slave.free_state(state)
+                listed = found[-1][slave.name] = [read[slave.name]()]
+                size, slave.line = steps[slave.name], lambda time: None  # inputs hold
+                if size and slave.integrator is None and time + size <= end:
+                    slave.run([slave.step_call(c_double(time), c_double(size))])
+                    listed.append(read[slave.name]())
+        self._kept.clear()
+        return found
+
+    def reset(self) -> None:
+        """Take all back to what they were after loading."""
+        stepper, self._stepper, self._events = self._stepper, None, None
+        with InterruptGuard():
+            if isinstance(stepper, ContinuousStepper):
+                stepper.close()
+            for slave in self.slaves.values():
+                slave.reset()
+        self.exchange.checked = self.checked
+        for bank in self.exchange.banks:
+            bank.memory[:] = b"" if bank.kind in TEXTS else 0
+        self.box.flush()
+
+    def close(self) -> CosimError | None:
+        """Terminate and free them all; return the first failure in that. The others are messages."""
+        failures: list[CosimError] = []
+        try:
+            if isinstance(self._stepper, ContinuousStepper):
+                self._stepper.close()
+        except CosimError as error:
+            failures.append(error)
+        failures += [
+            error for error in [slave.close() for slave in self.slaves.values()] if error is not None
+        ]
+        for error in failures[1:]:
+            self.box.pending.append(failure_message(error))
+        self.box.flush()
+        return failures[0] if failures else None
+
+
+def failure_message(error: CosimError) -> LogMessage:
+    """Return a failure as a message."""
+    return LogMessage("", error.time, "error", "", str(error))

@@ -1,0 +1,365 @@
+"""Steps for continuous coupling: inputs run linearly over a step, steps are repeated until the units agree.
+
+The algorithms `extrapolated` and `iterative`, with or without error control; `docs/cosimulation.md` derives them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from ctypes import c_void_p
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import CosimError
+from vdfmu.engine.fmu.component import Slave
+from vdfmu.engine.fmu.messages import MessageBox
+from vdfmu.engine.masters.coupled import Block, Coupled, Unit
+from vdfmu.engine.masters.exchange import Exchange, largest_step
+from vdfmu.engine.masters.interface import interface_inverse
+
+_FIRST = 1e-5
+"""First step of the error control, relative to the longest: it finds the slopes of the signals."""
+_SHORTEST = 1e-11
+"""Shortest step of the error control, relative to the run, of whose times it leaves four digits."""
+_SAFETY, _LEAST, _MOST = 0.9, 0.2, 2.0
+"""Next step relative to the last: factor to the wanted one, and its bounds, as one-step methods have them."""
+_BETWEEN_JUMPS = 5
+"""Accepted steps between two jumps of a signal; where there are fewer, it is no jump that makes them fail."""
+_BLIND = 0.1
+"""Allowed error over the largest value of a signal from which on it is as good as none."""
+
+
+class ContinuousStepper:
+    """Steps the units from one communication point to the next.
+
+    All outputs at the end of the step are predicted from their last two values. The units step in the order of the
+    schedule; each input runs linearly from its value at the start of the step to that at its end, which is the
+    computed output where its source has stepped, else the predicted one; a signal from outside is known.
+    `iterative` repeats that from the saved states, with better guesses, until the outputs come out as they went in.
+    What is discrete (integers, booleans, discrete reals) does not run: it changes at the end of a step, and over
+    the step has the value at its start. Where an output depends on it directly (see `Schedule.fresh`), the unit
+    gets its value at the end of the step.
+
+    Parameters
+    ----------
+    exchange : Exchange
+        After the initialization, with the outputs at the start.
+    box : MessageBox
+    repeat : bool
+        `iterative`; else `extrapolated`.
+    convergence : float
+        Largest change of a coupled signal, relative to its size and at least to its nominal value, at which the
+        repetitions end.
+    error : float or None
+        Largest error of a coupled signal in a step, relative in the same way; None for steps of the given length.
+    span : float
+        Length of the run [s].
+    """
+
+    def __init__(
+        self,
+        exchange: Exchange,
+        box: MessageBox,
+        *,
+        repeat: bool,
+        convergence: float,
+        error: float | None,
+        span: float,
+    ) -> None:
+        self.exchange, self.box = exchange, box
+        self.repeat, self.convergence, self.error = repeat, convergence, error
+        self.steps = self.unit_steps = self.rejected = self.jumps = 0
+        self._floor = _SHORTEST * span
+        self._since_jump = _BETWEEN_JUMPS
+        self._tried = 0.0, 0.0
+        self.shortest, self.longest = math.inf, 0.0
+        coupled = self._coupled = Coupled(exchange)
+        self._outputs, self._variables = coupled.outputs, coupled.bank.variables
+        self._repeated = [
+            u for b in coupled.blocks for u in b.units if error is not None or (repeat and b.torn.size)
+        ]
+        torn = [block.torn for block in coupled.blocks if not repeat]
+        self._extrapolated = np.concatenate([np.zeros(0, np.intp), *torn])
+        self._largest = np.abs(self._outputs)
+        self._changing = np.zeros(sum(own.size for _, _, own in coupled.switches), bool)
+        self._states: dict[str, c_void_p] = {}
+        self._previous, self._last, self._h = self._outputs.copy(), 0.0, math.inf
+        self.pressed: Callable[[], bool] = lambda: False
+        """Whether the user wants to stop, asked between the steps of a row."""
+
+    # ------------------------------------------------------------------ steps
+
+    def advance(self, start: float, step: float, stop: float) -> None:
+        """Step all units from `start` by `step` to `stop`, in as many steps as the error control wants."""
+        if self.error is None:
+            self._step(start, step)
+            self._done(step)
+        else:
+            time = start
+            if self._h == math.inf:
+                self._h = _FIRST * step
+            while time < stop and not self.box.ended:
+                target = self._target(time, stop)
+                left = target - time
+                parts = math.ceil(left / min(self._h, left) - 1e-9)  # equal ones, so that none is tiny
+                end = target if parts <= 1 else time + left / parts
+                if end <= time:
+                    raise CosimError(
+                        self._repeated[0].slave.name, "doStep", time,
+                        f"the next step, of {left / parts:.3g} s, is below the resolution of time at {time:.9g} s; "
+                        "begin nearer to zero",
+                    )  # fmt: skip
+                if self.pressed():
+                    raise KeyboardInterrupt
+                if self._attempt(time, largest_step(time, end), step):
+                    time = end
+        # what a row holds of an input is its value at the end
+        np.copyto(self._coupled.inputs, self._coupled.ends)
+
+    def _target(self, time: float, stop: float) -> float:
+        """Return where a step under error control ends at the latest: no signal from outside jumps or bends in it."""
+        breaks, close = self.exchange.breaks, self.exchange.close
+        i = int(breaks.searchsorted(time + close, "right")) if breaks.size else 0
+        return float(breaks[i]) if i < breaks.size and breaks[i] < stop - close else stop
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the summary says of the steps."""
+        return {
+            "communication": {
+                "steps": self.steps,
+                "convergence": self.convergence if self.repeat else None,
+                "rejected": self.rejected,
+                "jumps": self.jumps,
+                "unit_steps": self.unit_steps,
+                # differences of times, rounded to what is more than rounding errors
+                "shortest_step": round(self.shortest, 12),
+                "longest_step": round(self.longest, 12),
+            }
+        }
+
+    def notes(self) -> list[str]:
+        """Return notes on the run: the signals for which the allowed error is none."""
+        allowed = self.convergence if self.error is None else self.error
+        if self.error is None and not any(block.torn.size for block in self._coupled.blocks if self.repeat):
+            return []
+        small = [
+            f"{unit}.{variable.name}"
+            for i in self._coupled.lines
+            for unit, variable in [self._variables[i]]
+            if variable.nominal is None and 0.0 < self._largest[i] < allowed / _BLIND
+        ]
+        if not small:
+            return []
+        more = f" and {len(small) - 3} more" if len(small) > 3 else ""
+        return [
+            f"{', '.join(small[:3])}{more}: smaller than {allowed / _BLIND:.3g} all the time, and without a nominal "
+            f"value in the FMU; so an error of {allowed:g} relative to 1 is allowed. Ask for a smaller one"
+        ]
+
+    def _step(self, time: float, h: float) -> Floats:
+        """Step all units; return the outputs that were predicted."""
+        self.box.time = time
+        self._coupled.begin()
+        for unit in self._repeated:
+            self._save(unit.slave)
+        start = self._coupled.begun[0]
+        if self._last > 0.0:
+            np.multiply(start - self._previous, h / self._last, self._outputs)
+            np.add(self._outputs, start, self._outputs)
+            for slave, call, own, rates in self._coupled.rates:
+                slave.run([call])
+                self._outputs[own] = start[own] + h * rates
+            self._outputs[self._coupled.discrete] = start[self._coupled.discrete]
+        self.exchange.feed(time + h)
+        predicted = self._outputs.copy()
+        for block in self._coupled.blocks:
+            if self.repeat and block.torn.size:
+                self._solve(block, time, h)
+            else:
+                self._sweep(block, time, h)
+        return predicted
+
+    def _done(self, h: float) -> None:
+        np.copyto(self._previous, self._coupled.begun[0])
+        self._last = h
+        np.maximum(self._largest, np.abs(self._outputs), out=self._largest)
+        self.steps += 1
+        self.shortest, self.longest = min(self.shortest, h), max(self.longest, h)
+
+    def _attempt(self, time: float, h: float, longest: float) -> bool:
+        """Do a step under error control and choose the next; False, with everything restored, if it is too long.
+
+        A unit that refuses the step makes it too long, unless the refusal is fatal: FMI 2.0 lets a unit go on from a
+        restored state after fmi2Discard and fmi2Error. A step in which a discrete signal changes is shortened until the
+        change is found, and one in which a continuous signal jumps or a unit ends the simulation.
+        """
+        assert self.error is not None
+        before, failure = len(self.box.pending), None
+        try:
+            sizes = self._errors(self._step(time, h), h) / self.error
+        except CosimError as error:
+            if any(unit.slave.dead for unit in self._repeated):
+                raise
+            sizes, failure = np.zeros(0), error
+        ratio = math.inf if failure is not None else float(sizes.max(initial=0.0))
+        changed = self._changed()
+        # what changes with every step has the communication points themselves for its time
+        switched = ratio <= 1.0 and bool(np.any(changed & ~self._changing))
+        early = any(at < time + h - self._floor for at in self.box.ended.values())
+        if (switched or early) and _LEAST * h >= self._floor:
+            ratio = math.inf  # the others are to know when
+        self._h = min(h * min(max(_SAFETY / math.sqrt(max(ratio, 1e-12)), _LEAST), _MOST), longest)
+        if ratio <= 1.0:
+            self._since_jump += 1
+            self._accept(h, longest, changed, switched)
+            return True
+        if self._h < self._floor:
+            if failure is not None:
+                raise failure
+            if math.isfinite(ratio) and self._since_jump >= _BETWEEN_JUMPS:
+                self._since_jump = 0
+                self._accept(h, longest, changed, True)  # so short that what is wrong with it does not count
+                return True
+            self.exchange.refuse_not_finite("doStep", time + h)
+            raise self._too_short(int(np.argmax(sizes)), time, h, ratio)
+        self._tried = h, ratio
+        self.rejected += 1
+        del self.box.pending[before:]
+        self._coupled.undo()
+        self._restore(self._repeated)
+        return False
+
+    def _too_short(self, i: int, time: float, h: float, ratio: float) -> CosimError:
+        """Return the error of a step that is too long and cannot be shortened."""
+        assert self.error is not None
+        (unit, variable), (longer, larger) = self._variables[i], self._tried
+        if longer > h and ratio <= larger * math.sqrt(h / longer):
+            why = (
+                f"it falls with the step, but none is shorter than {self._floor:.3g} s, {_SHORTEST:g} of the run. "
+                "Simulate the fast part in a run of its own, or allow a larger error"
+            )
+        else:
+            why = (
+                "a shorter step does not lower it: the signal jumps again and again, or that is the error of the "
+                "units' solvers. Allow a larger error, lower their tolerance, or use a master without error control"
+            )
+        return CosimError(
+            unit, "doStep", time,
+            f"the error of {variable.name} in a step of {h:.3g} s is {ratio:.3g} times the allowed "
+            f"{self.error:g}; {why}",
+        )  # fmt: skip
+
+    def _accept(self, h: float, longest: float, changed: NDArray[np.bool_], jump: bool) -> None:
+        """Accept a step; after a jump what was predicted from the signals before it is worth nothing."""
+        self._done(h)
+        self._tried = 0.0, 0.0
+        self._changing = changed
+        if jump:
+            self._last, self._h = 0.0, _FIRST * longest
+            self.jumps += 1
+
+    def _changed(self) -> NDArray[np.bool_]:
+        """Which discrete signals have another value than at the start of the step."""
+        return np.concatenate([now[own] != before[own] for now, before, own in self._coupled.switches])
+
+    def _errors(self, predicted: Floats, h: float) -> Floats:
+        """Return the errors of the outputs in the step, relative to their sizes; infinite where they are not numbers.
+
+        Predicted and computed value of a signal y differ by h (h + h_last) / 2 times its second derivative, to first
+        order, or by h^2 / 2 times that where the component gives the first derivative; the line between its values at
+        the ends of the step departs from it by at most h^2 / 8 times that. In a step far shorter than the last that
+        would make an error of a jump small, which it is not; but an output that passes an input on starts with the
+        error that its prediction had in the last step, which is no jump.
+        """
+        difference = np.abs(self._outputs - predicted) / self._scale()
+        difference[np.isnan(difference)] = math.inf
+        sizes = np.zeros(difference.size)
+        if self._last > 0.0:  # else there is no prediction yet
+            least = np.where(self._coupled.passing, h, max(h, _LEAST * self._last))
+            line = least / (4.0 * (h + self._last * ~self._coupled.derived[self._coupled.lines]))
+            sizes[self._coupled.lines] = line * difference[self._coupled.lines]
+            sizes[self._extrapolated] = difference[self._extrapolated]
+        return sizes
+
+    def _scale(self) -> Floats:
+        return np.maximum(np.abs(self._outputs), self._coupled.nominal)
+
+    def _solve(self, block: Block, time: float, h: float) -> None:
+        """Step the units of a block until the guess of the torn outputs comes out as it went in."""
+        torn, outputs = block.torn, self._outputs
+        reported = len(self.box.pending)
+        first = True
+        if block.solver.inverse is None:
+            block.solver.inverse = interface_inverse(block, self._coupled, h)
+
+        def repeat(guess: Floats) -> Floats:
+            nonlocal first
+            if not first:
+                del self.box.pending[reported:]  # of a step that is taken back
+                self._restore(block.units)
+                for values, before, chosen in block.stepwise:
+                    values[chosen] = before[chosen]
+                outputs[torn] = guess
+            first = False
+            self._sweep(block, time, h)
+            return outputs[torn]
+
+        sizes, count = block.solver.solve(
+            outputs[torn], repeat, lambda residual: np.abs(residual) / self._scale()[torn], self.convergence
+        )
+        if np.all(sizes <= self.convergence):
+            return
+        i = int(np.argmax(sizes))
+        unit, variable = self._variables[torn[i]]
+        still = (
+            f"still changes by {sizes[i]:.3g} of its size" if math.isfinite(sizes[i]) else "is not a number"
+        )
+        way = "" if self.error is not None else ", or error control (adaptive)"
+        raise CosimError(
+            unit, "doStep", time,
+            f"the coupling does not converge: {variable.name} {still} after "
+            f"{count} repetitions of the step (wanted: {self.convergence:g}); choose a shorter step{way}",
+        )  # fmt: skip
+
+    def _sweep(self, block: Block, time: float, h: float) -> None:
+        """Step each unit of a block once, with the latest outputs at the end of the step."""
+        clock, size = self.exchange.clock, self.exchange.size
+        for unit in block.units:
+            for gather in unit.gathers:
+                gather()
+            np.copyto(unit.ends, unit.inputs)
+            if unit.held.size:
+                unit.ends[unit.held] = unit.starts[unit.held]
+            change = unit.ends - unit.starts
+            n = len(unit.parts)
+            self.unit_steps += n
+            for i, (hold, calls) in enumerate(unit.parts):
+                np.add(unit.starts, hold * change, unit.inputs)
+                np.multiply(change, (1.0 - hold) / h, unit.slopes)
+                clock.value = time + i * h / n
+                size.value = largest_step(clock.value, time + h) if i and i == n - 1 else h / n
+                unit.slave.run(calls)
+
+    # ------------------------------------------------------------------ states
+
+    def _save(self, slave: Slave) -> None:
+        self._free(slave)
+        self._states[slave.name] = slave.saved_state()
+
+    def _restore(self, units: list[Unit]) -> None:
+        for unit in units:
+            unit.slave.restore_state(self._states[unit.slave.name])
+
+    def _free(self, slave: Slave) -> None:
+        state = self._states.pop(slave.name, None)
+        if state is not None:
+            slave.free_state(state)
+
+    def close(self) -> None:
+        """Free the saved states."""
+        for name in list(self._states):
+            self._free(self.exchange.slaves[name])

@@ -1,0 +1,200 @@
+"""The plan of a continuous coupling: units with inputs that run on lines, in blocks that depend on themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vdfmu.base.arrays import Floats
+from vdfmu.engine.fmu.access import Call
+from vdfmu.engine.fmu.component import Slave
+from vdfmu.engine.masters.bank import Bank
+from vdfmu.engine.masters.broyden import Broyden
+from vdfmu.engine.masters.exchange import Exchange
+from vdfmu.engine.plan.link import SOURCE
+
+Indices = NDArray[np.intp]
+
+
+@dataclass
+class Unit:
+    """One unit: its calls and its real inputs, which are windows of one array each."""
+
+    slave: Slave
+    gathers: list[Callable[[], None]]
+    parts: list[tuple[Floats, list[Call]]]
+    """The equal parts of a step: where on the line through the whole step each input begins, and the calls. It is 0 for
+    an input that runs; any other stays there."""
+    inputs: Floats
+    """What is set before a part."""
+    starts: Floats
+    ends: Floats
+    slopes: Floats
+    runs: bool
+    """Whether inputs run over a step; else they hold over a part of it."""
+    held: Indices
+    """Those that keep their value at the start of the step."""
+
+
+@dataclass
+class Block:
+    """Units that depend on each other, in the order of their steps; or a unit alone.
+
+    `torn` are the continuous outputs that a unit of the block reads before they are computed: those that are guessed.
+    """
+
+    units: list[Unit]
+    torn: Indices
+    stepwise: list[tuple[NDArray[Any], NDArray[Any], Indices]]
+    """Of each type: outputs, those at the start of the step, and which are discrete."""
+    solver: Broyden = field(default_factory=Broyden)
+
+
+class Coupled:
+    """What a step works on: memory of inputs and outputs, and the units in the order of their steps."""
+
+    def __init__(self, exchange: Exchange) -> None:
+        self.exchange = exchange
+        bank = self.bank = exchange.banks[0]
+        self.outputs, self.inputs = bank.outputs, bank.inputs
+        """All real outputs, the latest; all connected real inputs, as they are set."""
+        n = len(bank.links)
+        self.starts, self.ends, self.slopes = np.zeros(n), np.zeros(n), np.zeros(max(n, 1))
+        """Of the real inputs: at the start and the end of the step, and what the units are told of the way between."""
+        variables = [v for _, v in bank.variables[: bank.outputs.size]]
+        self.discrete = np.array([v.variability == "discrete" for v in variables], bool)
+        """Which real outputs change at communication points only."""
+        self.nominal = np.array([v.size for v in variables])
+        self.begun = [each.outputs.copy() for each in exchange.banks]
+        """Outputs at the start of the step, of each type."""
+        self.waiting = {each.kind: np.zeros_like(each.inputs) for each in exchange.banks[1:]}
+        """Inputs at the start of the step, of the other types."""
+        self._gathers = [each.gather(slice(0, len(each.links))) for each in exchange.banks]
+        self.blocks = self._cut([self._unit(name) for name in exchange.checked.schedule.units])
+        lines = {bank.position[k.start] for k in bank.links if not k.discrete and k.start[0] != SOURCE}
+        self.lines = np.array(sorted(lines), np.intp)
+        """Real outputs of which a step uses the line from start to end."""
+        direct = {bank.position[port] for port in exchange.checked.schedule.direct if port in bank.position}
+        self.passing = np.isin(self.lines, list(direct))
+        """Which of them depend directly on an input."""
+        self.derived = np.zeros(self.outputs.size, bool)
+        """Of which real outputs a unit gives the derivatives by time."""
+        self.rates: list[tuple[Slave, Call, Indices, Floats]] = []
+        """What gets these, of which outputs, and where they are then."""
+        for name, slave in exchange.slaves.items():
+            own = self.read_of(name)
+            if slave.description.derives_outputs and own.size:
+                rates = np.zeros(own.size)
+                call = slave.slopes([bank.variables[i][1] for i in own], rates)
+                self.rates.append((slave, call, own, rates))
+                self.derived[own] = True
+        self.switches: list[tuple[NDArray[Any], NDArray[Any], Indices]] = []
+        """Of each type: outputs, those at the start of the step, and which of them are read and discrete."""
+        for each, before in zip(exchange.banks, self.begun, strict=True):
+            read = {each.position[k.start] for k in each.links if k.discrete and k.start[0] != SOURCE}
+            read -= set() if each is not bank else set(np.flatnonzero(~self.discrete))
+            self.switches.append((each.outputs, before, np.array(sorted(read), np.intp)))
+
+    def read_of(self, name: str) -> Indices:
+        """Return which real outputs of a component have lines that a step uses."""
+        window = self.bank.output_windows[name]
+        return self.lines[(self.lines >= window.start) & (self.lines < window.stop)]
+
+    def begin(self) -> None:
+        """Keep the outputs and the inputs at the start of a step."""
+        for bank, before in zip(self.exchange.banks, self.begun, strict=True):
+            np.copyto(before, bank.outputs)
+        for bank, gather in zip(self.exchange.banks, self._gathers, strict=True):
+            if gather is not None:
+                gather()
+                np.copyto(self.waiting.get(bank.kind, self.starts), bank.inputs)
+
+    def undo(self) -> None:
+        """Bring the outputs at the start of the step back."""
+        for bank, before in zip(self.exchange.banks, self.begun, strict=True):
+            np.copyto(bank.outputs, before)
+
+    def _unit(self, name: str) -> Unit:
+        exchange, bank = self.exchange, self.bank
+        slave, window, calls = exchange.slaves[name], bank.input_windows[name], exchange.calls(name)
+        moving = slave.description.interpolates_inputs
+        # An input that cannot run is needed at the end of the step if an output depends on it directly. Any other is
+        # integrated: the middle of a line has the line's integral, and a discrete one stays as it is at the start.
+        schedule = exchange.checked.schedule
+        gathers = [self._gather_of(each, name) for each in exchange.banks]
+        links = bank.links[window]
+        through = [not k.discrete and not moving and k.end in schedule.through for k in links]
+        # what a component computes last from an input set within the step is not of the end of the line
+        runs = moving or (slave.description.updates_inputs and not any(through))
+        hold = np.array([
+            1.0 if k.discrete or needed else 0.0 if runs else 0.5 for k, needed in zip(links, through, strict=True)
+        ])  # fmt: skip
+        if runs and links:
+            calls.insert([call[-1] for call in calls].index("doStep"), self._rate_call(slave, window))
+        parts = [(hold, calls)]
+        if any(through) and slave.description.varies_steps:
+            # The unit may integrate such an input, too. Half the step with the value at the start and half with that
+            # at the end have the integral of the line, and end with the value at the end.
+            gets = [call for call in calls if call[-1].startswith("get")]
+            first = np.array([1.0 if k.discrete else 0.0 for k in links])
+            parts = [(first, calls[: len(calls) - len(gets)]), (np.ones(len(links)), calls)]
+        held = [i for i, k in enumerate(links) if k.discrete and k.end not in schedule.fresh]
+        return Unit(
+            slave, [gather for gather in gathers if gather is not None], parts,
+            self.inputs[window], self.starts[window], self.ends[window], self.slopes[window],
+            runs, np.array(held, np.intp),
+        )  # fmt: skip
+
+    def _gather_of(self, bank: Bank, name: str) -> Callable[[], None] | None:
+        """Return the function that brings a unit's inputs of one type up to date.
+
+        Discrete ones wait for the next step; reals of them in the sweep.
+        """
+        window = bank.input_windows[name]
+        gather = bank.gather(window)
+        fresh = self.exchange.checked.schedule.fresh
+        held = np.array([i for i, k in enumerate(bank.links[window]) if k.end not in fresh], np.intp)
+        if gather is None or bank is self.bank or not held.size:
+            return gather
+        inputs, starts = bank.inputs[window], self.waiting[bank.kind][window]
+
+        def some() -> None:
+            gather()
+            inputs[held] = starts[held]
+
+        return some
+
+    def _rate_call(self, slave: Slave, window: slice) -> Call:
+        """Return the call that lets a unit's inputs run over a step."""
+        first = self.bank.outputs.size
+        variables = [v for _, v in self.bank.variables[first + window.start : first + window.stop]]
+        return slave.rate_call(variables, self.inputs[window], self.slopes[window], self.exchange.clock)
+
+    def _cut(self, units: list[Unit]) -> list[Block]:
+        """Put the units of each loop into a block, with the outputs to be guessed."""
+        by_name = {unit.slave.name: unit for unit in units}
+        position = self.bank.position
+        blocks: list[Block] = []
+        for names in self.exchange.checked.schedule.blocks:
+            rank = {name: i for i, name in enumerate(names)}
+            torn = {
+                position[k.start]
+                for k in self.bank.links
+                if k.start[0] in rank
+                and k.end[0] in rank
+                and rank[k.start[0]] >= rank[k.end[0]]
+                and not k.discrete
+            }
+            stepwise: list[tuple[NDArray[Any], NDArray[Any], Indices]] = []
+            for bank, before in zip(self.exchange.banks, self.begun, strict=True):
+                windows = [range(w.start, w.stop) for w in (bank.output_windows[name] for name in names)]
+                own = np.array([i for w in windows for i in w], np.intp)
+                chosen = own[self.discrete[own]] if bank is self.bank else own
+                if chosen.size:
+                    stepwise.append((bank.outputs, before, chosen))
+            blocks.append(Block([by_name[name] for name in names], np.array(sorted(torn), np.intp), stepwise))
+        return blocks

@@ -1,0 +1,224 @@
+"""Event mode of co-simulation: events at communication points, and clocks (FMI 3.0).
+
+Components with event mode get their discrete and clocked inputs in it only. At a communication point those with a
+clock that ticks, with an event, or with a discrete input that has changed, one after the other in the order of the
+steps: what a clocked component computes at its tick, its readers have from then on. Clocks that components tick
+themselves (triggered) tick those that they are connected to, at the same time; discrete outputs that change are passed
+on until nothing changes any more.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vdfmu.base.errors import CosimError
+from vdfmu.engine.fmu.access import Call
+from vdfmu.engine.fmu.component3 import Slave3
+from vdfmu.engine.fmu.variables import Variable
+from vdfmu.engine.masters.exchange import Exchange, SampledStepper, largest_step
+
+_ROUNDS = 100
+"""Events at one time, one after the other, at most."""
+_CLOSE = 1e-9
+"""Part of the communication step within which a time is a communication point."""
+
+
+class _Ticking:
+    """A time-based clock: ticks `count` intervals after `origin` next; never for an interval that is not known."""
+
+    def __init__(self, variable: Variable, start: float) -> None:
+        assert variable.clock is not None
+        self.variable, self.clock = variable, variable.clock
+        self.interval = math.nan if self.clock.asked else self.clock.interval
+        self.origin, self.count = start + self.clock.shift, 0
+
+    @property
+    def next(self) -> float:
+        if math.isnan(self.interval):
+            return math.inf
+        return self.origin + self.count * self.interval
+
+    def ticked(self, time: float) -> None:
+        if self.clock.variability == "countdown":
+            self.interval = math.nan
+        elif self.clock.variability == "changing":
+            self.origin, self.count = time, 1
+        else:
+            self.count += 1
+
+    def given(self, interval: float, time: float) -> None:
+        """Take an interval that the component has said: from now on, or, of a clock with a period, from the start."""
+        if self.clock.variability in ("countdown", "changing"):
+            self.origin, self.count = time, 1
+        self.interval = interval
+
+
+class _Unit:
+    """A component with event mode: its calls in it, by the clock of the variables (None: of none), and its clocks."""
+
+    def __init__(self, exchange: Exchange, slave: Slave3, start: float) -> None:
+        self.slave = slave
+        variables = slave.description.variables.values()
+        clocks = [v for v in variables if v.clock is not None]
+        timed = [v for v in clocks if v.clock is not None and not v.clock.triggered]
+        self.ticking = [_Ticking(v, start) for v in timed if v.causality == "input"]
+        self.triggered = [v for v in clocks if v.causality == "output"]
+        self.sets: dict[int | None, list[Call]] = {}
+        self.gets: dict[int | None, list[Call]] = {}
+        for reference in (None, *(v.reference for v in clocks)):
+
+            def own(v: Variable, reference: int | None = reference) -> bool:
+                return reference in v.clocks if reference is not None else not v.clocks
+
+            for verb, calls in (("Set", self.sets), ("Get", self.gets)):
+                calls[reference] = [c for bank in exchange.banks for c in bank.calls(slave, verb, own)]
+        self.gathers: list[Callable[[], None]] = []
+        self.watched: list[tuple[NDArray[Any], NDArray[np.intp], NDArray[Any]]] = []
+        for bank in exchange.banks:
+            window = bank.input_windows[slave.name]
+            gather = bank.gather(window)
+            if gather is not None:
+                self.gathers.append(gather)
+                links = bank.links[window]
+                places = [i for i, k in enumerate(links) if slave.discrete(k.sink) and not k.sink.clocks]
+                part = bank.inputs[window]
+                where = np.array(places, np.intp)
+                self.watched.append((part, where, part[where]))
+
+    def gather(self) -> None:
+        """Bring the inputs up to date."""
+        for gather in self.gathers:
+            gather()
+
+    @property
+    def changed(self) -> bool:
+        """Whether a discrete input has another value than was set last."""
+        return any(not np.array_equal(part[where], last) for part, where, last in self.watched)
+
+    def noted(self) -> None:
+        """Take the discrete inputs as set."""
+        for part, where, last in self.watched:
+            last[:] = part[where]
+
+
+class Events:
+    """The events of a run.
+
+    Parameters
+    ----------
+    exchange : Exchange
+        After the initialization; components with event mode are in it.
+    start : float [s]
+    """
+
+    def __init__(self, exchange: Exchange, start: float) -> None:
+        self._exchange, self._box = exchange, exchange.box
+        slaves = [exchange.slaves[name] for name in exchange.checked.schedule.units]
+        self._units = {
+            s.name: _Unit(exchange, s, start) for s in slaves if isinstance(s, Slave3) and s.event_mode
+        }
+        self._sinks: dict[tuple[str, int], list[tuple[str, int]]] = {}
+        for (a, source), (b, sink) in exchange.checked.clock_links:
+            ends = [
+                exchange.checked.descriptions[u].variables[v].reference for u, v in ((a, source), (b, sink))
+            ]
+            self._sinks.setdefault((a, ends[0]), []).append((b, ends[1]))
+        for unit in self._units.values():
+            unit.slave.in_event = True
+            self._intervals(unit, start)
+        self._handle(start, set(self._units), 0.0)
+
+    def next(self, time: float, stop: float) -> float:
+        """Return when the next event is that is known before, after `time` and at `stop` at the latest [s]."""
+        close = _CLOSE * (stop - time)
+        times = [tick.next for unit in self._units.values() for tick in unit.ticking]
+        times += [unit.slave.next_event for unit in self._units.values()]
+        return min((t for t in times if time + close < t < stop - close), default=stop)
+
+    def handle(self, time: float, step: float) -> None:
+        """Handle the events at a communication point, `step` after the last."""
+        self._exchange.feed(time)
+        self._handle(time, set(), _CLOSE * step)
+
+    def _handle(self, time: float, involved: set[str], close: float) -> None:
+        ticks: dict[str, set[int]] = {}
+        for _ in range(_ROUNDS):
+            for name, unit in self._units.items():
+                slave = unit.slave
+                for tick in unit.ticking:
+                    if tick.next <= time + close:
+                        tick.ticked(time)
+                        ticks.setdefault(name, set()).add(tick.variable.reference)
+                unit.gather()
+                if slave.event_needed or slave.next_event <= time + close or unit.changed or name in ticks:
+                    involved.add(name)
+            if not involved:
+                for unit in self._units.values():
+                    unit.slave.leave_event()
+                return
+            # in the order of the steps: what ticks another comes first or again
+            for name, unit in self._units.items():
+                if name in involved:
+                    involved.discard(name)
+                    self._event(unit, time, ticks.pop(name, set()), ticks)
+        names = ", ".join(sorted(involved | set(ticks))) or "the components"
+        raise CosimError(
+            names, "updateDiscreteStates", time, f"events do not end: there were {_ROUNDS} at one time"
+        )
+
+    def _event(self, unit: _Unit, time: float, active: set[int], ticks: dict[str, set[int]]) -> None:
+        """Take a component through an event, with its active clocks; add what it ticks."""
+        slave = unit.slave
+        slave.enter_event()
+        slave.set_clocks(sorted(active))
+        unit.gather()
+        self._run(slave, unit.sets, active)
+        unit.noted()
+        if unit.triggered:
+            own = [v.reference for v in unit.triggered]
+            for reference in (r for r, ticked in zip(own, slave.clocks(own), strict=True) if ticked):
+                active.add(reference)
+                for name, sink in self._sinks.get((slave.name, reference), ()):
+                    ticks.setdefault(name, set()).add(sink)
+        self._run(slave, unit.gets, active)
+        slave.update(time)
+        slave.run(unit.gets[None])
+        self._intervals(unit, time)
+
+    @staticmethod
+    def _run(slave: Slave3, calls: dict[int | None, list[Call]], active: set[int]) -> None:
+        for reference, own in calls.items():
+            if reference is None or reference in active:
+                slave.run(own)
+
+    @staticmethod
+    def _intervals(unit: _Unit, time: float) -> None:
+        """Ask for the intervals of clocks that the component sets."""
+        asked = [tick for tick in unit.ticking if tick.clock.asked]
+        if asked:
+            found = unit.slave.intervals([tick.variable.reference for tick in asked])
+            for tick, interval in zip(asked, found, strict=True):
+                if interval is not None:
+                    tick.given(interval, time)
+
+
+class EventStepper(SampledStepper):
+    """Steps the units as `SampledStepper` does, from event to event."""
+
+    def __init__(self, exchange: Exchange, events: Events) -> None:
+        super().__init__(exchange)
+        self._events, self._ended = events, exchange.box.ended
+
+    def advance(self, time: float, step: float, stop: float) -> None:
+        """Step all units from `time` by `step`, to the next event where that is before `stop`, and so on."""
+        start = time
+        while time < stop and not self._ended:
+            end = self._events.next(time, stop)
+            super().advance(time, step if (time, end) == (start, stop) else largest_step(time, end), end)
+            self._events.handle(end, end - time)
+            time = end

@@ -1,0 +1,359 @@
+"""What flows between units and master: initialization, the calls of a step, recording."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from ctypes import c_double, c_int
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import CosimError, UsageError
+from vdfmu.base.text import matching
+from vdfmu.engine.algorithms import CONTINUOUS
+from vdfmu.engine.fmu.access import KINDS, TEXTS, Call, held
+from vdfmu.engine.fmu.component import Slave
+from vdfmu.engine.fmu.messages import MessageBox
+from vdfmu.engine.fmu.variables import Value
+from vdfmu.engine.masters.bank import Bank
+from vdfmu.engine.masters.broyden import Broyden
+from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.inputs import Course
+from vdfmu.engine.plan.link import SOURCE, Link
+from vdfmu.engine.results.results import Signal
+
+_HEAD = 4
+"""Words before the values: clock, size, running, pressed."""
+
+
+def words_of(checked: Checked) -> int:
+    """Return the number of 8-byte words that an exchange needs at most."""
+    return _HEAD + sum(len(description.variables) for description in checked.sources.values()) + len(KINDS)
+
+
+def largest_step(time: float, stop: float) -> float:
+    """Return the step from `time` to `stop` that, added to `time`, is not beyond `stop` for any rounding."""
+    step = stop - time
+    while time + step > stop:
+        step = math.nextafter(step, 0.0)
+    return step
+
+
+class Exchange:
+    """Plans the data flow of a run: initialization, the stages of a step and the recording.
+
+    Parameters
+    ----------
+    checked : Checked
+    slaves : mapping of str to Slave
+        Empty where only the values are read, of components in another process.
+    box : MessageBox
+    words : (`words_of`,) array, optional
+        The memory for all values, zeros; default one of its own.
+    """
+
+    def __init__(
+        self,
+        checked: Checked,
+        slaves: Mapping[str, Slave],
+        box: MessageBox,
+        words: Floats | None = None,
+    ) -> None:
+        self.checked = checked
+        self.slaves = slaves
+        self.box = box
+        words = np.zeros(words_of(checked)) if words is None else words
+        self.clock, self.size = (c_double.from_buffer(words, 8 * i) for i in (0, 1))  # pyright: ignore[reportArgumentType]
+        """Arguments currentCommunicationPoint and communicationStepSize of every doStep."""
+        self.running, self.pressed = (c_int.from_buffer(words, 8 * i) for i in (2, 3))  # pyright: ignore[reportArgumentType]
+        """For two processes that share the memory: what the components' process is doing, and whether to stop."""
+        self.banks: list[Bank] = []
+        taken = _HEAD
+        for kind in KINDS:
+            self.banks.append(Bank(kind, checked, words[taken:]))
+            taken += self.banks[-1].words
+        self._watched = np.zeros(0, np.intp)
+        self._zeros = np.zeros(0)
+        self._fed: list[tuple[NDArray[Any], NDArray[np.intp], Course]] = []
+        for kind, names, course in checked.feed.courses if checked.feed else ():
+            bank = self._bank(kind)
+            places = np.array([bank.position[SOURCE, name] for name in names], np.intp)
+            self._fed.append((bank.memory, places, course))
+        self.breaks = np.unique(np.concatenate([np.zeros(0), *(course.breaks for *_, course in self._fed)]))
+        """Times [s] at which a signal from outside jumps or bends."""
+        self.close = max((course.tolerance for *_, course in self._fed), default=0.0)
+        """Difference [s] within which a time is one of them."""
+
+    def _bank(self, kind: str) -> Bank:
+        return next(bank for bank in self.banks if bank.kind == kind)
+
+    def feed(self, time: float) -> None:
+        """Give the signals from outside their values at a time."""
+        for memory, places, course in self._fed:
+            memory[places] = course.at(time)
+
+    def initialize(self, time: float, convergence: float) -> None:
+        """Carry the values over the connections in initialization mode, in the order of dependencies.
+
+        Where they depend on themselves, until they agree: to `convergence`, relative to their size and at least to
+        their nominal value. CosimError if they do not.
+        """
+        self.feed(time)
+        initial = self.checked.schedule.initial
+        if not initial.torn:
+            self._pass(initial.links)
+            return
+        texts = [link for link in initial.torn if link.sink.type in TEXTS]
+        torn = [link for link in initial.torn if link.sink.type not in TEXTS]
+        values = np.array([self._value(link) for link in torn], np.float64)
+        least = np.array([1.0 if link.discrete else link.sink.size for link in torn])
+
+        def repeat(guess: Floats) -> Floats:
+            for link, value in zip(torn, guess.tolist(), strict=True):
+                self._carry(link, value if link.sink.kind == "Real" else round(value))
+            self._pass(initial.links, texts)
+            values[:] = [self._value(link) for link in torn]
+            return values
+
+        def size(residual: Floats) -> Floats:
+            sizes = np.abs(residual) / np.maximum(np.abs(values), least)
+            return np.where(np.isnan(sizes), np.inf, sizes)
+
+        sizes, count = Broyden().solve(values.copy(), repeat, size, convergence)
+        if not np.all(sizes <= convergence):
+            worst = int(np.argmax(sizes))
+            link = torn[worst]
+            still = (
+                f"still changes by {sizes[worst]:.3g} of its size"
+                if np.isfinite(sizes[worst])
+                else "is not a number"
+            )
+            raise CosimError(
+                link.start[0], "initialization", time,
+                f"the values do not agree after {count} repetitions: {link} {still} "
+                f"(wanted: {convergence:g}). Algebraic loop: {initial.loops[initial.torn.index(link)]}. Give "
+                "start values nearer to the solution, or break the loop",
+            )  # fmt: skip
+
+    def _pass(self, links: Sequence[Link], torn: Sequence[Link] = ()) -> None:
+        """Carry values over connections, first over `torn` ones."""
+        for link in (*torn, *links):
+            self._carry(link, self._value(link))
+
+    def _value(self, link: Link) -> Any:
+        """Return what a connection carries now."""
+        value: Any = self._source(link)
+        if link.conversion.table is not None:
+            return link.conversion.table.get(int(value), int(value))
+        return value if link.conversion.trivial else link.conversion.factor * value + link.conversion.offset
+
+    def _source(self, link: Link) -> Any:
+        """Return the value at the start of a connection."""
+        if link.start[0] == SOURCE:
+            bank = self._bank(link.source.kind)
+            return bank.memory[bank.position[link.start]].item()
+        return self.slaves[link.start[0]].get(link.source)
+
+    def _carry(self, link: Link, value: Value) -> None:
+        self.slaves[link.end[0]].set(link.sink, value)
+        if link.stepped:
+            bank = self._bank(link.sink.kind)
+            bank.memory[bank.position[link.end]] = held(bank.kind, value)
+
+    def read_outputs(self) -> None:
+        """Get all outputs."""
+        for slave in self.slaves.values():
+            slave.run([call for bank in self.banks for call in bank.calls(slave, "Get")])
+
+    def calls(self, name: str) -> list[Call]:
+        """Return the calls of a unit in a step: set its inputs, step, get its outputs."""
+        slave = self.slaves[name]
+        sets, gets = (
+            [call for bank in self.banks for call in bank.calls(slave, verb)] for verb in ("Set", "Get")
+        )
+        return [*sets, slave.step_call(self.clock, self.size), *gets]
+
+    def recorders(
+        self, rows: int, record: Sequence[str] | None
+    ) -> tuple[list[Signal], dict[str, NDArray[Any]], Callable[[int], None]]:
+        """Return the recorded signals, their arrays, and the function that stores row k.
+
+        Names may have ``*`` for any text. Signals come unit by unit in the order of the SSD, outputs first. A signal
+        that has the values of another in all rows has its column too.
+        """
+        wanted = None if record is None else self._match(record)
+        order = {unit: i for i, unit in enumerate(self.checked.descriptions)}
+        found: list[tuple[int, int, int, Signal]] = []
+        data: dict[str, NDArray[Any]] = {}
+        stores: list[Callable[[int], None]] = []
+        for bank in (each for each in self.banks if each.kind not in TEXTS):
+            kind = bank.kind.lower()
+            chosen = [
+                i for i, (unit, v) in enumerate(bank.variables)
+                if unit != SOURCE and (wanted is None or f"{unit}.{v.name}" in wanted)
+            ]  # fmt: skip
+            copies = self._copies(bank, set(chosen))
+            picked = [i for i in chosen if i not in copies or copies[i][0] == i]
+            try:
+                rec = np.empty((rows, len(picked)), bank.memory.dtype)
+            except (MemoryError, ValueError):
+                raise UsageError(
+                    f"{rows} rows of {len(picked)} signals do not fit into memory; record fewer signals"
+                ) from None
+            data[kind] = rec
+            columns = {i: column for column, i in enumerate(picked)}
+            for i in chosen:
+                unit, v = bank.variables[i]
+                is_input = int(i >= bank.outputs.size)
+                place, of, late = copies.get(i, (i, i, 0))
+                source, copied = bank.variables[of]
+                signal = Signal(
+                    f"{unit}.{v.name}", kind, v.unit.name if v.unit else "", columns[place],
+                    f"{source}.{copied.name}" if of != i else "", late,
+                )  # fmt: skip
+                found.append((2 * order[unit] + is_input, v.reference, v.index, signal))
+            if bank is self.banks[0]:
+                read = {bank.position[link.start] for link in bank.links}
+                self._watched = np.array(sorted(read | {i for i in chosen if i < bank.outputs.size}), np.intp)
+                self._zeros = np.zeros(self._watched.size)
+            if picked:
+                stores.append(_store(rec, bank.memory, picked))
+        found.sort(key=lambda item: item[0])
+
+        def store(k: int) -> None:
+            for each in stores:
+                each(k)
+
+        return [signal for *_, signal in found], data, stores[0] if len(stores) == 1 else store
+
+    def reals(self, wanted: Iterable[str]) -> tuple[list[str], Floats, list[int]]:
+        """Return names of real signals that match, their memory, and the place of each in it."""
+        bank = self.banks[0]
+        names = {f"{unit}.{v.name}": i for i, (unit, v) in enumerate(bank.variables) if unit != SOURCE}
+        found = sorted(matching(list(names), list(wanted)), key=names.__getitem__)
+        return found, bank.memory, [names[name] for name in found]
+
+    def _copies(self, bank: Bank, among: Set[int]) -> dict[int, tuple[int, int, int]]:
+        """Return input to where its values are, the signal whose values they are, and how many rows before.
+
+        Of those `among` others, where the algorithm holds inputs over a step: a fresh one is what it reads, any other
+        what that was a row before, as are all that read the same.
+        """
+        if self.checked.algorithm in CONTINUOUS or self.checked.multiples:
+            return {}
+        found: dict[int, tuple[int, int, int]] = {}
+        first: dict[int, int] = {}
+        for i, link in enumerate(bank.links, start=bank.outputs.size):
+            of = bank.position[link.start]
+            fresh = link.end in self.checked.schedule.fresh
+            # not what comes from outside or is converted; initialization may have left something else
+            same = bank.memory[i].tobytes() == bank.memory[of].tobytes()
+            if same and link.conversion.trivial and {i, of} <= among:
+                found[i] = (of, of, 0) if fresh else (first.setdefault(of, i), of, 1)
+        return found
+
+    def finite(self) -> bool:
+        """Whether all real outputs that are read or recorded are finite numbers."""
+        return float(self.banks[0].outputs.take(self._watched).dot(self._zeros)) == 0.0
+
+    def refuse_not_finite(self, call: str, time: float) -> None:
+        """Raise CosimError if an output that is read or recorded is no finite number at `time`."""
+        bank = self.banks[0]
+        order = {unit: i for i, unit in enumerate(self.checked.schedule.units)}
+        found = sorted(
+            (i for i in self._watched if not math.isfinite(bank.outputs[i])),
+            key=lambda i: order[bank.variables[i][0]],
+        )
+        if not found:
+            return
+        unit, variable = bank.variables[found[0]]
+        others = [".".join((owner, v.name)) for owner, v in (bank.variables[i] for i in found[1:])]
+        also = f" (also {', '.join(others[:3])}{', ...' if others[3:] else ''})" if others else ""
+        read = any((unit, variable.name) == link.start for link in bank.links)
+        way = (
+            "" if read else ". No component reads it: run on without it by what you record (record, --record)"
+        )
+        raise CosimError(
+            unit, call, self.box.time,
+            f"{variable.name} is {bank.outputs[found[0]]} at t = {time:.9g} s, expected a finite number{also}{way}",
+        )  # fmt: skip
+
+    def _match(self, record: Iterable[str]) -> set[str]:
+        variables = [
+            each
+            for bank in self.banks
+            if bank.kind not in TEXTS
+            for each in bank.variables
+            if each[0] != SOURCE
+        ]
+        names = [f"{unit}.{v.name}" for unit, v in variables]
+        wanted: set[str] = set()
+        for text in record:
+            hits = matching(names, [text])
+            if not hits:
+                raise UsageError(f"record: no output or connected input matches {text!r}")
+            wanted.update(hits)
+        return wanted
+
+
+class SampledStepper:
+    """Steps the units as `gauss-seidel` or `jacobi`: inputs are held over a step."""
+
+    def __init__(self, exchange: Exchange) -> None:
+        self._clock, self._size = exchange.clock, exchange.size
+        self.pressed: Callable[[], bool] = lambda: False
+        """Whether the user wants to stop; the master asks between the rows, which are the steps here."""
+        gathers = [bank.gather(slice(0, bank.inputs.size)) for bank in exchange.banks]
+        self.opening = [gather for gather in gathers if gather is not None]
+        """Bring all inputs to the outputs at the start of the step."""
+        if exchange.checked.feed is not None:
+            self.opening.insert(0, lambda: exchange.feed(exchange.clock.value))
+        self.stages: list[tuple[Slave, list[Callable[[], None]], list[Call]]] = []
+        """Unit by unit: the slave, what brings its fresh inputs up to date, its calls."""
+        for name in exchange.checked.schedule.units:
+            fresh: list[Callable[[], None]] = []
+            for bank in exchange.banks:
+                start = bank.input_windows[name].start
+                gather = bank.gather(slice(start, start + bank.fresh_counts[name]))
+                if gather is not None:
+                    fresh.append(gather)
+            self.stages.append((exchange.slaves[name], fresh, exchange.calls(name)))
+
+    def advance(self, time: float, step: float, stop: float) -> None:
+        """Step all units from `time` by `step`."""
+        self._clock.value, self._size.value = time, step
+        for gather in self.opening:
+            gather()
+        for slave, gathers, calls in self.stages:
+            for gather in gathers:
+                gather()
+            for function, a, b, c, d, name in calls:
+                status = function(a, b, c, d)
+                if status:
+                    slave.judge(status, name)
+
+    def notes(self) -> list[str]:
+        """Return notes on the run: none."""
+        return []
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the summary says of the steps: nothing."""
+        return {}
+
+
+def _store(rec: NDArray[Any], memory: NDArray[Any], picked: list[int]) -> Callable[[int], None]:
+    if len(picked) == memory.size:
+
+        def whole(k: int) -> None:
+            rec[k] = memory
+
+        return whole
+    columns = np.array(picked, np.intp)
+
+    def part(k: int) -> None:
+        memory.take(columns, None, rec[k], "clip")
+
+    return part

@@ -1,0 +1,84 @@
+"""What may look at a run while it goes on."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Container, Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from vdfmu.base.arrays import Floats
+from vdfmu.engine.masters.exchange import Exchange
+from vdfmu.engine.results.results import Results
+
+
+class Observer(Protocol):
+    """Is given rows of a run, which waits for it. A class needs those of these that it wants, and ``row``."""
+
+    wanted: Sequence[str]
+    """Names of real signals that it is to be given, with ``*`` for any text; there need not be any. Default: all."""
+    period: float
+    """Wall time between two rows [s], at least; 0, the default, for every row."""
+
+    def begin(self, names: Sequence[str], about: Mapping[str, Any]) -> None:
+        """Take the names of the signals that there are, and the facts of the run."""
+        ...
+
+    def row(self, time: float, values: Floats) -> None:
+        """Take the values (k,) at a time [s]; the array is the observer's."""
+        ...
+
+    def end(self, results: Results) -> None:
+        """Take all rows of the run, which may have failed."""
+        ...
+
+
+class Visitor(Protocol):
+    """Is shown the components of a run at some of its rows, to ask them; it leaves them as they are."""
+
+    def rows(self, n: int) -> Container[int]:
+        """Return the rows of a run of n steps that it is to be shown."""
+        ...
+
+    def visit(self, components: Any, time: float, step: float) -> None:
+        """Take the components, as they are at a time [s], and the communication step [s]."""
+        ...
+
+
+def visited(
+    visitor: Visitor, components: Any, n: int, begin: float, step: float, store: Callable[[int], None]
+) -> Callable[[int], None]:
+    """Return what stores a row k and shows the components to a visitor of it."""
+    rows = visitor.rows(n)
+
+    def storing(k: int) -> None:
+        store(k)
+        if k in rows:
+            visitor.visit(components, begin + k * step, step)
+
+    return storing
+
+
+def observed(
+    observer: Observer,
+    exchange: Exchange,
+    about: Mapping[str, Any],
+    begin: float,
+    step: float,
+    store: Callable[[int], None],
+) -> Callable[[int], None]:
+    """Return what stores a row k, of the time ``begin + k * step``, and shows it to the observer when it is due."""
+    names, memory, places = exchange.reals(getattr(observer, "wanted", ("*",)))
+    getattr(observer, "begin", lambda names, about: None)(names, about)
+    period, due, now = getattr(observer, "period", 0.0), 0.0, clock.perf_counter
+    columns = np.array(places, np.intp)
+
+    def storing(k: int) -> None:
+        nonlocal due
+        store(k)
+        if now() >= due:
+            observer.row(begin + k * step, memory.take(columns))
+            due = now() + period
+
+    return storing

@@ -1,0 +1,133 @@
+"""What components hold at some rows of a run, and where one more step takes them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vdfmu.base.errors import CosimError
+from vdfmu.engine.fmu.access import DTYPES, Call
+from vdfmu.engine.fmu.component import Slave
+from vdfmu.engine.fmu.variables import Variable
+from vdfmu.engine.masters.exchange import Exchange
+from vdfmu.engine.plan.checked import Checked
+
+_PLACES = (0.0, 0.21, 0.47, 0.76, 1.0)
+"""Of the rows in a run: uneven, since at the quarters of a motion from rest to rest some signals are zero."""
+_KINDS = ("Real", "Integer", "Boolean")
+
+Numbers = Mapping[int, float]
+"""Value reference, plus the index of an element of an array, to value."""
+
+
+class Kept(Protocol):
+    """Components that keep states: `Components` and `Isolated`."""
+
+    exchange: Exchange
+
+    def keep(self, names: Sequence[str]) -> None:
+        """See `Components.keep`."""
+        ...
+
+    def look(
+        self, steps: Mapping[str, float], times: Sequence[float], end: float
+    ) -> list[dict[str, list[list[float]]]]:
+        """See `Components.look`."""
+        ...
+
+
+class Reading(NamedTuple):
+    """The numbers of components by their names, at a row and after one more step from there."""
+
+    row: int
+    time: float
+    values: Mapping[str, Numbers]
+    after: Mapping[str, Numbers]
+
+
+class Probe:
+    """Reads all numbers of some components at five rows of a run.
+
+    Their states are kept during the run, and restored and read after it: the run is the same with and without.
+
+    Parameters
+    ----------
+    steps : mapping of str to float
+        Components, and the length [s] of the further step that each does from its kept state, with its inputs held.
+        0, or an end beyond that of the run: none.
+
+    Attributes
+    ----------
+    readings : list of Reading
+    failure : str
+        Why there are fewer; empty if there are all.
+    """
+
+    def __init__(self, steps: Mapping[str, float]) -> None:
+        self.steps = steps
+        self.readings: list[Reading] = []
+        self.failure = ""
+        self._rows: dict[int, float] = {}
+
+    def keeping(
+        self, components: Kept, checked: Checked, begin: float, n: int, store: Callable[[int], None]
+    ) -> Callable[[int], None]:
+        """Return what stores a row k of n + 1, and keeps the states where it is one of the five."""
+        whole = int(np.lcm.reduce(list(checked.multiples.values()) or [1]))  # where all steps end
+        rows = {n if place == 1.0 else whole * round(place * n / whole) for place in _PLACES}
+        clock, size = components.exchange.clock, components.exchange.size
+        self.readings, self.failure, self._rows = [], "", {}
+
+        def storing(k: int) -> None:
+            store(k)
+            if k in rows and not self.failure:
+                try:
+                    components.keep(list(self.steps))
+                except CosimError as error:
+                    self.failure = str(error)
+                self._rows[k] = clock.value + size.value if k else begin
+
+        return storing
+
+    def read(self, components: Kept, checked: Checked, end: float) -> None:
+        """Read the kept states of a run that is over."""
+        if self.failure:
+            return
+        try:
+            found = components.look(dict(self.steps), list(self._rows.values()), end)
+        except CosimError as error:
+            self.failure = str(error)
+            return
+        of = {name: numeric(checked.descriptions[name].variables) for name in self.steps}
+        for (row, time), each in zip(self._rows.items(), found, strict=True):
+            parts: list[dict[str, Numbers]] = [{}, {}]
+            for name, listed in each.items():
+                for part, numbers in zip(parts, listed, strict=False):
+                    places = (v.reference + v.index for v in of[name])
+                    part[name] = dict(zip(places, numbers, strict=True))
+            self.readings.append(Reading(row, time, *parts))
+
+
+def numeric(variables: Mapping[str, Variable]) -> list[Variable]:
+    """Return the variables that are numbers, or true or false, kind by kind."""
+    return [v for kind in _KINDS for v in variables.values() if v.kind == kind]
+
+
+def reader(slave: Slave) -> Callable[[], list[float]]:
+    """Return what gets all numbers of a component, in the order of :func:`numeric`."""
+    own = numeric(slave.description.variables)
+    parts: list[tuple[NDArray[Any], list[Call]]] = []
+    for kind in dict.fromkeys(v.kind for v in own):
+        variables = [v for v in own if v.kind == kind]
+        values = np.zeros(len(variables), DTYPES[kind])
+        parts.append((values, slave.access("Get", variables, values)))
+
+    def read() -> list[float]:
+        for _, calls in parts:
+            slave.run(calls)
+        return [float(value) for values, _ in parts for value in values.tolist()]
+
+    return read

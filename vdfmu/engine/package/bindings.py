@@ -1,0 +1,300 @@
+"""Parameter bindings of SSP: parameter sets (SSV), mappings (SSM), prefixes and precedence."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+from vdfmu.base.errors import SspError
+from vdfmu.engine.package.archive import resolve
+from vdfmu.engine.package.elements import (
+    Node,
+    Scope,
+    read_boolean,
+    read_shape,
+    read_transformation,
+    read_units,
+)
+from vdfmu.engine.package.parse import NAMESPACES, validate
+from vdfmu.engine.package.system import Hop, Parameter, Shape, Unit, Value
+from vdfmu.engine.package.wiring import Key, Wiring, show, show_shape
+from vdfmu.engine.rules import Finding, Place, found, place_of
+
+_SSV = f"{{{NAMESPACES['ssv']}}}"
+SET_TYPE = "application/x-ssp-parameter-set"
+MAPPING_TYPE = "application/x-ssp-parameter-mapping"
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """One value of a parameter set on its way to a variable."""
+
+    name: str
+    value: Value | tuple[Value, ...]
+    type: str
+    unit: Unit | None
+    hop: Hop
+    origin: str
+    place: Place
+    dimensions: Shape
+
+
+@dataclass(frozen=True)
+class _Bound:
+    """A value that arrived: at a variable of a component, or at a connector of a system."""
+
+    entry: _Entry
+    node: Node
+    level: int
+    """Depth of the binding in the tree; 0 for those of the whole system."""
+    elsewhere: tuple[tuple[str, str], ...]
+
+
+class Bindings:
+    """Collects the parameter bindings of a tree.
+
+    Bindings of a higher level take precedence over those of a lower one, later ones over earlier ones of the
+    same level (SSP 1.0, ParameterBindings). A prefix is put before every name of the set; with a mapping, only the
+    values that it names are applied. A value goes to everything that has its name: dots may be part of the names of
+    elements, so these need not be unique. What is connected to a connector with a value takes that value, whatever
+    it is given itself.
+    """
+
+    def __init__(self, wiring: Wiring) -> None:
+        self.wiring = wiring
+        self.fatal: list[str] = []
+        """What makes a parameter source unreadable."""
+        self.unmatched: list[Finding] = []
+        self.notes: list[str] = []
+        """Values without effect."""
+        self._bound: dict[Key, _Bound] = {}
+        self._lost: dict[tuple[str, ...], list[Parameter]] = {}
+        self._values: dict[tuple[str, ...], dict[str, Parameter]] = {}
+
+    def of(self, path: tuple[str, ...]) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...]]:
+        """Return the values for one component, and those that they overrule."""
+        return tuple(self._values.get(path, {}).values()), tuple(self._lost.get(path, ()))
+
+    def collect(self, top: Node) -> None:
+        """Apply all bindings of a tree."""
+        self._collect(top)
+        for key, bound in self._bound.items():
+            if not self._is_connector(key):
+                self._store(key, bound, (bound.entry.hop,))
+        for key, bound in self._bound.items():
+            if self._is_connector(key):
+                self._pass_on(key, bound)
+
+    def _is_connector(self, key: Key) -> bool:
+        return self.wiring.kinds.get(key, "component") != "component"
+
+    def _collect(self, node: Node) -> None:
+        """Apply the bindings below `node`, then its own, then those of a component that it stands for."""
+        for child in node.children.values():
+            self._collect(child)
+        self._own(node, node.element, node.scope)
+        if node.outer is not None:
+            self._own(node, *node.outer)
+
+    def _own(self, node: Node, element: Any, scope: Scope) -> None:
+        for binding in element.iterfind("ssd:ParameterBindings/ssd:ParameterBinding", NAMESPACES):
+            if binding.get("sourceBase") == "component" and node.kind == "component" and not node.source:
+                continue  # lies in an FMU that is not there, which is reported
+            try:
+                entries = self._entries(node, binding, scope)
+            except SspError as error:
+                self.fatal += error.problems
+                continue
+            for entry in entries:
+                places = list(node.places(entry.name))
+                for place, name in places:
+                    others = tuple((self._name(n), m) for n, m in places if n is not place)
+                    key = place.path, name
+                    if key in self._bound and place.kind == "component":
+                        old = self._bound[key]
+                        self._lost.setdefault(place.path, []).append(
+                            self._parameter(key, old, (old.entry.hop,))
+                        )
+                    self._bound[key] = _Bound(entry, place, len(node.path), others)
+                if not places:
+                    text = f"{node.label or 'the system'}: parameter {entry.name!r} ({entry.origin}) "
+                    text += "matches no element or connector"
+                    self.unmatched.append(found("SSP052", text, entry.place))
+
+    def _name(self, node: Node) -> str:
+        return self.wiring.names.get(node.path, node.label)
+
+    def _pass_on(self, key: Key, bound: _Bound) -> None:
+        """Give the value of a connector of a system to all variables that it feeds."""
+        connector = bound.node.connectors[key[1]]
+        hop = bound.entry.hop
+        where = f"{bound.node.label or 'the system'}: parameter {key[1]!r} ({bound.entry.origin})"
+        if not self._passes_on(key):
+            text = f"{where}: has no effect, {show(key)} is of kind {connector.kind} and has the value of its source"
+            self.notes.append(found("SSP057", text, bound.entry.place))
+            return
+        for above in self.wiring.above(key):
+            if self._passes_on(above):
+                self._overruled(key, bound, above)
+                return
+        first = Hop(hop.transformation, hop.suppress_unit_conversion, connector.unit, connector.type)
+        fed = False
+        for sink, hops, indices in self.wiring.reach(key):
+            if any(indices):
+                text = (
+                    f"{where}: is set, and {show(sink)} takes or gives a part of it; set {show(sink)} itself"
+                )
+                self.fatal.append(found("SSP054", text, bound.entry.place))
+            fed = True
+            if sink in self._bound:
+                self._overruled(sink, self._bound[sink], key)
+            self._store(sink, bound, (first, *hops))
+        if not fed:
+            text = f"{where}: has no effect, nothing of a component is connected to {show(key)}"
+            self.notes.append(found("SSP057", text, bound.entry.place))
+
+    def _passes_on(self, key: Key) -> bool:
+        """Whether a connector of a system has a value for what it feeds; outputs get theirs from inside."""
+        bound = self._bound.get(key) if self._is_connector(key) else None
+        return bound is not None and bound.node.connectors[key[1]].kind not in {
+            "output",
+            "calculatedParameter",
+        }
+
+    def _overruled(self, key: Key, bound: _Bound, source: Key) -> None:
+        """Note a value that one would expect to win over that of the source."""
+        winner = self._bound[source]
+        if bound.level <= winner.level:
+            text = f"{bound.node.label or 'the system'}: parameter {key[1]!r} ({bound.entry.origin}): has no effect, "
+            text += f"{show(key)} is connected to {show(source)} and takes its value ({winner.entry.origin})"
+            self.notes.append(found("SSP057", text, bound.entry.place))
+
+    def _store(self, key: Key, bound: _Bound, hops: tuple[Hop, ...]) -> None:
+        self._values.setdefault(key[0], {})[key[1]] = self._parameter(key, bound, hops)
+
+    def _parameter(self, key: Key, bound: _Bound, hops: tuple[Hop, ...]) -> Parameter:
+        entry = bound.entry
+        elsewhere = () if self._is_connector((bound.node.path, key[1])) else bound.elsewhere
+        return Parameter(
+            self.wiring.names[key[0]], key[1], entry.value, entry.type, entry.unit, hops, entry.origin, entry.place,
+            entry.dimensions, elsewhere,
+        )  # fmt: skip
+
+    def _document(self, node: Node, scope: Scope, element: Any, kind: str, where: str) -> Any:
+        """Return the root of an external file (`source`) or of the inline content; None when empty."""
+        source = element.get("source")
+        if source and element.get("sourceBase", "SSD") == "component":
+            member = resolve(source, where, element)
+            if node.outer is not None and scope is not node.scope:
+                return node.scope.read(member, kind)
+            if node.kind != "component":
+                raise SspError(found("SSP050", f"{where}: sourceBase 'component' needs a component", element))
+            return scope.read(member, kind, scope.archive.inside(node.source.removeprefix(scope.prefix)))
+        if source:
+            return scope.read(scope.member(source, where, element), kind)
+        tag, box = (
+            ("ssv:ParameterSet", element.find("ssd:ParameterValues", NAMESPACES))
+            if kind == "ssv"
+            else ("ssm:ParameterMapping", element)
+        )
+        root = None if box is None else box.find(tag, NAMESPACES)
+        if root is not None:
+            validate(root, kind, where, scope.version)
+        return root
+
+    def _entries(self, node: Node, binding: Any, scope: Scope) -> list[_Entry]:
+        """Return the values of a binding under the names of the node; SspError with the faults of set and mapping."""
+        where = f"{scope.label}: parameter binding of {node.label or 'the system'}"
+        problems: list[str] = []
+        entries: list[_Entry] = []
+        mapping: Any = None
+
+        def refuse(at: Any, text: str) -> SspError:
+            return SspError(found("SSP050", f"{where}: {text}", at))
+
+        try:
+            if binding.get("type", SET_TYPE) != SET_TYPE:
+                raise refuse(binding, f"type {binding.get('type')!r} is not supported; only {SET_TYPE} is")
+            root = self._document(node, scope, binding, "ssv", where)
+            if root is None:
+                raise refuse(binding, "has neither a source nor inline values")
+            label = binding.get("source") or root.get("name")
+            entries = self._values_of(root, binding.get("prefix", ""), label, scope)
+        except SspError as error:
+            problems += error.problems
+        element = binding.find("ssd:ParameterMapping", NAMESPACES)
+        if element is not None:
+            try:
+                if element.get("type", MAPPING_TYPE) != MAPPING_TYPE:
+                    raise refuse(element, f"mapping type {element.get('type')!r} is not supported")
+                mapping = self._document(node, scope, element, "ssm", f"{where}, mapping")
+                if mapping is None:
+                    raise refuse(element, "its mapping has neither a source nor inline entries")
+            except SspError as error:
+                problems += error.problems
+        if problems:
+            raise SspError(problems)
+        return entries if mapping is None else self._mapped(entries, mapping, where)
+
+    def _mapped(self, entries: list[_Entry], mapping: Any, where: str) -> list[_Entry]:
+        by_name = {entry.name: entry for entry in entries}
+        mapped: list[_Entry] = []
+        items = list(mapping.iterfind("ssm:MappingEntry", NAMESPACES))
+        sources: dict[str, list[str]] = {}
+        for item in items:
+            sources.setdefault(item.get("target"), []).append(repr(item.get("source")))
+        for target, names in sources.items():
+            if len(names) > 1:
+                text = f"the mapping has several entries for target {target!r}, from {', '.join(names)}; keep one"
+                self.fatal.append(found("SSP051", f"{where}: {text}", mapping))
+        for item in items:
+            entry = by_name.get(item.get("source"))
+            if entry is None:
+                text = f"{where}: the mapping's source {item.get('source')!r} is not in the parameter set"
+                self.unmatched.append(found("SSP052", text, item))
+                continue
+            transformation = read_transformation(item, f"{where}: {entry.name!r}")
+            hop = Hop(transformation, read_boolean(item.get("suppressUnitConversion")))
+            mapped.append(replace(entry, name=item.get("target"), hop=hop))
+        return mapped
+
+    def _values_of(self, root: Any, prefix: str, label: str, scope: Scope) -> list[_Entry]:
+        units = {**scope.units_here(), **read_units(root.iterfind("ssv:Units/ssc:Unit", NAMESPACES))}
+        entries: dict[str, _Entry] = {}
+        for item in root.iterfind("ssv:Parameters/ssv:Parameter", NAMESPACES):
+            name = item.get("name")
+            typed = next(c for c in item if c.tag.startswith(_SSV))
+            kind, origin = typed.tag[len(_SSV) :], f"{label}: {name}"
+            if kind == "Binary" and scope.version == "1.0":
+                text = f"{scope.label}: {origin}: binary parameters are not part of FMI 2.0"
+                self.fatal.append(found("SSP054", text, item))
+                continue
+            if name in entries:
+                text = f"{scope.label}: {origin}: occurs twice in the parameter set"
+                self.fatal.append(found("SSP051", text, item))
+            shape, text = read_shape(item), typed.get("value")
+            texts = [value.get("value") for value in typed.iterfind("ssv:Value", NAMESPACES)]
+            if not texts:
+                texts = [text] if kind in ("String", "Enumeration") else text.split()
+            read = _READ.get(kind.rstrip("0123456789"), str)
+            values: list[Value] = [read(text) for text in texts]
+            count = math.prod(size or 0 for size in shape)
+            if None not in shape and len(values) != count:
+                text = f"{scope.label}: {origin}: {len(values)} value(s) for {show_shape(shape)}"
+                self.fatal.append(found("SSP054", text, item))
+            unit = typed.get("unit")
+            entries[name] = _Entry(
+                prefix + name, tuple(values) if shape or not values else values[0], kind,
+                units.get(unit, Unit(unit)) if unit else None, Hop(), origin, place_of(item), shape,
+            )  # fmt: skip
+        return list(entries.values())
+
+
+_READ = {
+    "Real": float,
+    "Float": float,
+    "Boolean": read_boolean,
+    **dict.fromkeys(("Integer", "Int", "UInt"), int),
+}
+"""Types without the number of bits, to what reads their values."""

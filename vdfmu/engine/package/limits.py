@@ -1,0 +1,80 @@
+"""Limits of what a package may cost, with all that is inside it."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+
+from vdfmu.base.errors import SspError
+from vdfmu.engine.rules import found
+
+XML_LIMIT = 64 * 2**20
+"""Largest member that is taken into memory, such as XML [byte]."""
+MEMBER_LIMIT = 512 * 2**20
+"""Largest member of any kind [byte]."""
+TOTAL_LIMIT = 2 * 2**30
+"""Most bytes that are unpacked of one package, packages and FMUs inside it included; `package_limit` changes it."""
+MEMORY_LIMIT = 256 * 2**20
+"""Most bytes of these that are taken into memory."""
+COUNT_LIMIT = 65_535
+"""Most members of one package: more need the ZIP64 format, which SSP 1.0 excludes."""
+DIRECTORY_LIMIT = 16 * 2**20
+"""Largest directory of a zip file [byte]: some 250 for each of the most members."""
+PACKAGE_LIMIT = 256
+"""Most packages inside one package, on all levels; each is a file that is open."""
+NESTING_LIMIT = 8
+"""Most packages inside each other."""
+ELEMENT_LIMIT = 10_000
+"""Most elements of a system and the systems in it, each counted as often as it is referred to."""
+DEPTH_LIMIT = 32
+"""Most systems inside each other, written there or referred to."""
+_WAY = "that is the limit. If you trust the file: --unpack-limit, or vdfmu.package_limit in Python"
+
+_chosen: ContextVar[int | None] = ContextVar("_chosen", default=None)
+
+
+@contextmanager
+def package_limit(total: int | None) -> Generator[None]:
+    """Set how much may be unpacked of each package that is opened in a ``with`` block.
+
+    Parameters
+    ----------
+    total : int or None [byte]
+        In place of `TOTAL_LIMIT`; None leaves it. The limits of single members and of memory change in proportion.
+    """
+    token = _chosen.set(_chosen.get() if total is None else total)
+    try:
+        yield
+    finally:
+        _chosen.reset(token)
+
+
+def unpack_limit() -> int:
+    """Return how many bytes may be unpacked of each package that is opened now."""
+    return _chosen.get() or TOTAL_LIMIT
+
+
+@dataclass
+class Budget:
+    """What a package has cost, with all inside it, in bytes that were really unpacked."""
+
+    label: str
+    scale: float
+    unpacked: int = 0
+    kept: int = 0
+    packages: int = 0
+
+    def spend(self, count: int, kept: bool) -> None:
+        """Count bytes that were unpacked; SspError beyond the limit."""
+        self.unpacked += count
+        self.kept += count if kept else 0
+        for spent, limit, what in (
+            (self.unpacked, TOTAL_LIMIT, "bytes unpacked"),
+            (self.kept, MEMORY_LIMIT, "bytes of XML"),
+        ):
+            if spent > limit * self.scale:
+                text = f"{self.label}: has more than {limit * self.scale:.0f} {what}, those of packages inside it"
+                text += f" and of what is named several times included; {_WAY}"
+                raise SspError(found("PKG004", text))

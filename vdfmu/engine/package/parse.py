@@ -1,0 +1,122 @@
+"""Safe reading of XML, and of that of SSP 1.0 and 2.0 against its schemas."""
+
+from __future__ import annotations
+
+import importlib.util
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import fmpy.ssp
+from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
+
+from vdfmu.base.errors import SspError
+from vdfmu.engine.rules import found
+
+_FILES = {
+    "ssc": "SystemStructureCommon",
+    "ssd": "SystemStructureDescription",
+    "ssv": "SystemStructureParameterValues",
+    "ssm": "SystemStructureParameterMapping",
+    "ssb": "SystemStructureSignalDictionary",
+}
+NAMESPACES = {prefix: f"http://ssp-standard.org/SSP1/{name}" for prefix, name in _FILES.items()}
+"""Those of SSP 1.0 and 2.0 are the same."""
+_NAMED = {
+    f"{{{NAMESPACES[prefix]}}}{tag}"
+    for prefix, tag in (
+        ("ssd", "Connector"), ("ssd", "Component"), ("ssd", "SignalDictionaryReference"), ("ssv", "Parameter"),
+        ("ssb", "DictionaryEntry"),
+    )
+}  # fmt: skip
+
+
+def _url(name: str) -> str:
+    """Return a name as a URL that lxml takes: bytes of a name that are not UTF-8 are written out."""
+    return name.encode("utf-8", "backslashreplace").decode()
+
+
+def parse_xml(data: bytes, where: str) -> Any:
+    """Parse XML without entities, external files or network, and return its root, which knows `where` as its URL.
+
+    Raises
+    ------
+    SspError
+        The text is not well-formed XML, or has a document type declaration or an XInclude.
+    """
+    parser = etree.XMLParser(
+        resolve_entities=False, no_network=True, load_dtd=False, dtd_validation=False, huge_tree=False,
+        remove_comments=True, remove_pis=True,
+    )  # fmt: skip
+    try:
+        root = etree.fromstring(data, parser, base_url=_url(where))
+    except (etree.XMLSyntaxError, ValueError) as error:
+        if b"<!DOCTYPE" in data:  # entities may be what the parser stumbles over
+            raise SspError(found("PKG009", f"{where}: {_DOCTYPE}", (where, 0))) from None
+        place = where, getattr(error, "lineno", None) or 0
+        raise SspError(found("PKG008", f"{where}: is not well-formed XML: {error}", place)) from None
+    if root.getroottree().docinfo.doctype or root.getroottree().docinfo.internalDTD is not None:
+        raise SspError(found("PKG009", f"{where}: {_DOCTYPE}", (where, 0)))
+    include = next(root.iter(f"{{{_XINCLUDE}}}*"), None)
+    if include is not None:
+        text = f"{where}, line {include.sourceline}: has an XInclude, which is refused; write the text in its place"
+        raise SspError(found("PKG009", text, include))
+    return root
+
+
+_DOCTYPE = "has a document type declaration, which is refused (entities); remove it"
+_XINCLUDE = "http://www.w3.org/2001/XInclude"
+
+
+@lru_cache
+def schema_of(kind: str, version: str) -> Any:
+    """Return a schema of SSP; None for 2.0 where the package that brings them is not installed."""
+    if version == "1.0":
+        return etree.XMLSchema(file=str(Path(fmpy.ssp.__file__).parent / "schema" / f"{_FILES[kind]}.xsd"))
+    spec = importlib.util.find_spec("pyssp_standard")
+    if spec is None or not spec.submodule_search_locations:
+        return None
+    file = Path(spec.submodule_search_locations[0], "resources", "ssp2", f"{_FILES[kind]}.xsd")
+    return etree.XMLSchema(file=str(file)) if file.is_file() else None
+
+
+def validate(root: Any, kind: str, where: str, version: str = "1.0") -> None:
+    """Check a tree against a schema of SSP; without one, that elements have names.
+
+    Parameters
+    ----------
+    root : element
+    kind : str
+        ``ssd``, ``ssv``, ``ssm`` or ``ssb``.
+    where : str
+        The name used in messages.
+    version : str, optional
+        Of SSP, 1.0 or 2.0.
+    """
+    schema = schema_of(kind, version)
+    if schema is None:
+        wrong = [
+            (item.sourceline, f"{item.tag.rsplit('}')[1]} has no name")
+            for item in root.iter(*_NAMED)
+            if item.get("name") is None
+        ]
+    else:
+        wrong = [] if schema.validate(root) else [(entry.line, entry.message) for entry in schema.error_log]
+    if wrong:
+        raise SspError([found("SSP003", f"{where}, line {n}: {text}", (where, n)) for n, text in wrong])
+
+
+def parse_ssp_xml(data: bytes, kind: str, where: str, version: str | None = "1.0") -> Any:
+    """Parse and validate one SSP file; `kind` as in `validate`, a version None is that which the file states."""
+    root = parse_xml(data, where)
+    space = etree.QName(root).namespace
+    if space != NAMESPACES[kind]:
+        text = f"{where}: expected namespace {NAMESPACES[kind]} (SSP {version or '1.0 and 2.0'}), got {space}"
+        raise SspError(found("SSP002", text, root))
+    validate(root, kind, where, version or version_of(root))
+    return root
+
+
+def version_of(root: Any) -> str:
+    """Return the version of SSP by which a file is read: 2.0 for 2.x, else 1.0."""
+    return "2.0" if (root.get("version") or "").startswith("2") else "1.0"

@@ -1,0 +1,151 @@
+"""`load_ssp` and `read_system`: from the file to a flattened `System`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from vdfmu.base.errors import SspError
+from vdfmu.engine.package import parse
+from vdfmu.engine.package.archive import Archive
+from vdfmu.engine.package.bindings import Bindings
+from vdfmu.engine.package.elements import Scope
+from vdfmu.engine.package.experiment import read_experiment
+from vdfmu.engine.package.lint import file_faults
+from vdfmu.engine.package.parse import NAMESPACES, version_of
+from vdfmu.engine.package.system import Component, System
+from vdfmu.engine.package.tree import TreeReader
+from vdfmu.engine.package.wiring import Wiring
+from vdfmu.engine.rules import found, place_of
+
+DEFAULT = "SystemStructure.ssd"
+"""The SSD that a package must have."""
+
+
+def load_ssp(path: str | Path, variant: str = DEFAULT) -> System:
+    """Read a system structure package (SSP 1.0 or 2.0) and flatten it.
+
+    Nested systems, system connectors, signal dictionaries, packages inside the package and components that
+    name another SSD are resolved to connections from component to component; parameter bindings of all levels
+    to one value a variable (a higher level wins over a lower one, a later binding over an earlier one of its
+    level).
+
+    Parameters
+    ----------
+    path : str or Path
+        The ``.ssp`` file.
+    variant : str, optional
+        The SSD to read, where the package has several at its root.
+
+    Returns
+    -------
+    System
+        Faults of the wiring, such as two sources for one connector, are in its `problems`, so that
+        `vdfmu.engine.run.check_system` can report them together with those that only the FMUs show.
+
+    Raises
+    ------
+    SspError
+        The file cannot be understood: no zip, an entry outside the package, a missing resource, a member
+        over the size limit, XML with a document type, a violation of the schemas, an element this reader does
+        not know. All problems of these kinds that were found are listed.
+    """
+    system, problems = read_system(path, variant)
+    if system is None or problems:
+        raise SspError(problems)
+    return system
+
+
+def read_system(path: str | Path, variant: str = DEFAULT) -> tuple[System | None, list[str]]:
+    """Read as much of a package as can be read, with all problems; `load_ssp` raises them instead.
+
+    Returns
+    -------
+    System or None
+        None when there is no SSD to speak of: the package or its SSD cannot be parsed, or is over a limit. Otherwise
+        the system without what could not be read; a component whose FMU is not there has the source "". Its
+        `problems` hold those of the reading too, so `vdfmu.engine.run.check_system` reports everything at once.
+    list of str
+        The problems of the reading, empty for a package that `load_ssp` takes.
+    """
+    path = Path(path)
+    try:
+        with Archive(path, path.name) as archive:
+            return _read(archive, path, variant)
+    except SspError as error:
+        return None, error.problems
+
+
+def _read(archive: Archive, path: Path, variant: str) -> tuple[System, list[str]]:
+    scope = Scope(archive, "", "", variant, path.name)
+    try:
+        root = _structure(scope)
+        scope = replace(scope, version=version_of(root))
+        return _flattened(root, scope, path)
+    except (ValueError, TypeError, AttributeError, StopIteration) as error:
+        if scope.version == "1.0" or parse.schema_of("ssd", scope.version) is not None:
+            raise
+        text = f"{path.name}: {variant}: cannot be read, an element or attribute is missing or odd: {error}"
+        raise SspError(found("SSP003", text)) from None  # what the schema refuses, where there is none
+
+
+def _flattened(root: Any, scope: Scope, path: Path) -> tuple[System, list[str]]:
+    scope.define(root)
+    reader = TreeReader(_structure)
+    top = reader.system(root.find("ssd:System", NAMESPACES), scope, None)
+    wiring = Wiring(top)
+    bindings = Bindings(wiring)
+    bindings.collect(top)
+    experiment, faults = read_experiment(root, f"{path.name}: {scope.document}")
+    problems = list(dict.fromkeys(reader.problems + bindings.fatal + faults))
+    connections = tuple(wiring.flatten())
+    notes = [*wiring.notes, *bindings.notes]
+    if parse.schema_of("ssd", scope.version) is None:
+        notes.insert(0, found("SSP009", _NO_SCHEMA))
+    system = System(
+        path=path,
+        name=root.get("name"),
+        components=tuple(
+            Component(
+                wiring.names[node.path],
+                node.source,
+                node.implementation,
+                node.connectors,
+                *bindings.of(node.path),
+                node.step,
+                place_of(node.element),
+            )
+            for node in top.components()
+        ),
+        connections=connections,
+        units=dict(scope.units),
+        experiment=experiment,
+        problems=(*problems, *wiring.problems),
+        unmatched=tuple(bindings.unmatched),
+        notes=tuple(notes),
+        faults=tuple(file_faults(scope.files.values())),
+        version=scope.version,
+    )
+    return system, problems
+
+
+_NO_SCHEMA = "the schemas of SSP 2.0 were not applied: pip install pyssp_standard brings them"
+
+
+def variants(archive: Archive) -> list[str]:
+    """Return the SSDs at the root of a package, the default first."""
+    names = [n for n in archive.names if "/" not in n and n.lower().endswith(".ssd") and n != DEFAULT]
+    return [*([DEFAULT] if DEFAULT in archive.names else []), *sorted(names)]
+
+
+def _structure(scope: Scope) -> Any:
+    """Return the root of the SSD of a scope."""
+    if scope.document not in scope.archive:
+        others = variants(scope.archive)
+        has = f"; it has {', '.join(others)}" if others else ""
+        raise SspError(found("SSP001", f"{scope.label}: the package has no {scope.document!r}{has}"))
+    root = scope.read(scope.document, "ssd")
+    if root.find("ssd:System", NAMESPACES) is None:  # as it can be without a schema
+        raise SspError(found("SSP003", f"{scope.label}: {scope.document}: has no system", root))
+    return root

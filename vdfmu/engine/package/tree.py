@@ -1,0 +1,244 @@
+"""The elements of an SSD as a tree of `Node`, with the systems that other files describe in their places."""
+
+from __future__ import annotations
+
+import posixpath
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+from vdfmu.base.errors import SspError
+from vdfmu.engine.package import limits
+from vdfmu.engine.package.elements import Node, Scope, read_connector, read_connectors
+from vdfmu.engine.package.experiment import read_step
+from vdfmu.engine.package.parse import NAMESPACES, version_of
+from vdfmu.engine.package.system import Connector
+from vdfmu.engine.rules import found
+
+FMU_TYPE = "application/x-fmu-sharedlibrary"
+PACKAGE_TYPE = "application/x-ssp-package"
+DEFINITION_TYPE = "application/x-ssp-definition"
+_SUFFIXES = {".ssp": PACKAGE_TYPE, ".ssd": DEFINITION_TYPE}
+
+
+class LimitError(SspError):
+    """A system over a limit of size, which ends the reading."""
+
+
+class TreeReader:
+    """Turns the XML of systems and components into `Node` objects; keeps the problems it meets.
+
+    A system over ``ELEMENT_LIMIT`` or ``DEPTH_LIMIT`` raises `LimitError`: references to systems that refer to
+    systems multiply.
+
+    Parameters
+    ----------
+    structure : callable
+        Returns the root of the SSD of a scope.
+    """
+
+    def __init__(self, structure: Callable[[Scope], Any]) -> None:
+        self.problems: list[str] = []
+        self._structure = structure
+        self._open: list[str] = []
+        """The systems that are being read from files or by reference, to find circles."""
+        self._count = 0
+
+    def system(self, element: Any, scope: Scope, parent: Node | None, name: str = "") -> Node:
+        """Read a system with everything below it."""
+        path = () if parent is None else (*parent.path, name)
+        if len(path) > limits.DEPTH_LIMIT:
+            text = f"{scope.label}: {'.'.join(path[:3])}...: more than {limits.DEPTH_LIMIT} systems inside each other; "
+            raise LimitError(
+                found("SSP016", f"{text}that is the limit (DEPTH_LIMIT). Join some of them", element)
+            )
+        node = Node(path, "system", read_connectors(element, scope), element, scope)
+        self._dictionaries(node, element, parent)
+        for child in element.iterfind("ssd:Elements/*", NAMESPACES):
+            self._count += 1
+            if self._count > limits.ELEMENT_LIMIT:
+                text = (
+                    f"{scope.label}: the system has more than {limits.ELEMENT_LIMIT} elements, those of systems "
+                    "that components refer to included; that is the limit (ELEMENT_LIMIT). Look for systems that "
+                    "refer to one another many times, or split the system"
+                )
+                raise LimitError(found("SSP016", text, child))
+            child_name = child.get("name")
+            if child_name in node.children:
+                text = f"{scope.label}: two elements are named {node.dotted(child_name)!r}"
+                self.problems.append(found("SSP017", text, child))
+            tag = child.tag.rsplit("}", 1)[1]
+            if tag == "System":
+                node.children[child_name] = self.system(child, scope, node, child_name)
+            elif tag == "Component":
+                node.children[child_name] = self.component(child, node, child_name)
+            else:
+                node.children[child_name] = self.dictionary_reference(child, node, child_name)
+        return node
+
+    def component(self, element: Any, parent: Node, name: str) -> Node:
+        """Read a component: an FMU, or a system that a package, an SSD or an element of this SSD describes."""
+        scope = parent.scope
+        node = Node((*parent.path, name), "component", read_connectors(element, scope), element, scope)
+        where = f"{scope.label}: component {node.label!r}"
+        source = element.get("source") or ""
+        kind = element.get("type", FMU_TYPE)
+        if not source:
+            text = f"{where}: has no source, so that there is nothing to run; name an FMU"
+            self.problems.append(found("SSP013", text, element))
+            return node
+        try:
+            if source.startswith("#"):
+                return self._by_reference(node, source, where)
+            if kind in (PACKAGE_TYPE, DEFINITION_TYPE):
+                return self._from_file(node, kind, source, where)
+            if kind != FMU_TYPE:
+                text = f"{where}: type {kind!r} is not supported; "
+                text += f"expected {FMU_TYPE}, {PACKAGE_TYPE} or {DEFINITION_TYPE}"
+                self.problems.append(found("SSP014", text, element))
+                return node
+            member = scope.member(source, where, element)
+            if member not in scope.archive:
+                self.problems.append(found("SSP011", f"{where}: the package has no {member!r}", element))
+            elif (other := _SUFFIXES.get(posixpath.splitext(member)[1].lower())) is not None:
+                text = f"{where}: {member!r} is no FMU; set the component's type to {other!r}"
+                self.problems.append(found("SSP014", text, element))
+            else:
+                node.source = scope.prefix + member
+        except LimitError:
+            raise
+        except SspError as error:
+            self.problems += error.problems
+        node.implementation = element.get("implementation", "any")
+        node.step, faults = read_step(element, where)
+        self.problems += faults
+        return node
+
+    def _from_file(self, node: Node, kind: str, source: str, where: str) -> Node:
+        """Read the system of an SSD, or of a package inside the package."""
+        outer, element = node.scope, node.element
+        file, _, fragment = source.partition("#")
+        member = outer.member(file, where, element)
+        if member not in outer.archive:
+            raise SspError(found("SSP011", f"{where}: the package has no {member!r}", element))
+        scope = replace(outer, aliases={})
+        if kind == PACKAGE_TYPE:
+            archive, prefix = outer.inside(member)
+            scope = replace(
+                scope, archive=archive, prefix=prefix, base="", document=fragment or "SystemStructure.ssd",
+                label=f"{outer.label}: {member}",
+            )  # fmt: skip
+        elif fragment:
+            text = f"{where}: a fragment, '#{fragment}', can follow the name of a package only"
+            raise SspError(found("SSP012", text, element))
+        else:
+            scope = replace(scope, base=posixpath.dirname(member), document=member)
+        with self._opened(scope.prefix + scope.document, where, element):
+            root = self._structure(scope)
+            scope = replace(scope, version=version_of(root))
+            scope.define(root)
+            return self._stand_in(node, root.find("ssd:System", NAMESPACES), scope, where)
+
+    def _by_reference(self, node: Node, source: str, where: str) -> Node:
+        """Read a system of the same SSD once more, in the place of a component."""
+        tree = node.element.getroottree()
+        named = [s for s in tree.getroot().iterfind(".//ssd:System", NAMESPACES) if s.get("id") == source[1:]]
+        if not named:
+            text = f"{where}: source {source!r}: the SSD has no system with that id"
+            raise SspError(found("SSP015", text, node.element))
+        with self._opened(node.scope.prefix + node.scope.document + source, where, node.element):
+            if any(named[0] is above for above in node.element.iterancestors()):
+                text = f"{where}: source {source!r} is a system that holds the component itself"
+                raise SspError(found("SSP015", text, node.element))
+            return self._stand_in(node, named[0], node.scope, where)
+
+    @contextmanager
+    def _opened(self, key: str, where: str, at: Any) -> Generator[None]:
+        if key in self._open:
+            circle = " -> ".join([*self._open, key])
+            raise SspError(found("SSP015", f"{where}: its system holds itself: {circle}", at))
+        self._open.append(key)
+        try:
+            yield
+        finally:
+            self._open.pop()
+
+    def _stand_in(self, node: Node, element: Any, scope: Scope, where: str) -> Node:
+        """Return the system that a component stands for, under the component's name."""
+        parent = Node(node.path[:-1], "system", {}, None, scope)
+        inner = self.system(element, scope, parent, node.path[-1])
+        inner.outer = node.element, node.scope
+        for name, connector in node.connectors.items():
+            other = inner.connectors.get(name)
+            if other is None:
+                known = ", ".join(inner.connectors) or "none"
+                text = f"{where}: its system has no connector {name!r}; it has {known}"
+                self.problems.append(found("SSP019", text, connector.place))
+            elif connector.kind != other.kind:
+                text = (
+                    f"{where}: connector {name!r} is of kind {connector.kind}, its system says {other.kind}"
+                )
+                self.problems.append(found("SSP019", text, connector.place))
+            else:  # what the system leaves open, the component may say
+                inner.connectors[name] = replace(
+                    other, type=other.type or connector.type, unit=other.unit or connector.unit
+                )
+        return inner
+
+    def _dictionaries(self, node: Node, element: Any, parent: Node | None) -> None:
+        scope = node.scope
+        node.dictionaries = {} if parent is None else dict(parent.dictionaries)
+        for item in element.iterfind("ssd:SignalDictionaries/ssd:SignalDictionary", NAMESPACES):
+            where = f"{scope.label}: signal dictionary {node.dotted(item.get('name'))!r}"
+            try:
+                source = item.get("source")
+                if source:
+                    root = scope.read(scope.member(source, where, item), "ssb")
+                else:
+                    root = item.find("ssb:SignalDictionary", NAMESPACES)
+                    if root is None:
+                        text = f"{where}: has neither a source nor an inline dictionary"
+                        raise SspError(found("SSP020", text, item))
+            except SspError as error:
+                self.problems += error.problems
+                continue
+            own = replace(scope, aliases=dict(scope.aliases), document=source or item.get("name"))
+            own.define(root, "ssb")
+            known: dict[str, Connector] = {}
+            for part in root.iterfind("ssb:DictionaryEntry", NAMESPACES):
+                entry = read_connector(part, "inout", own)
+                if entry.name in known:
+                    text = f"{where}: two entries are named {entry.name!r}"
+                    self.problems.append(found("SSP020", text, part))
+                known[entry.name] = entry
+            node.dictionaries[item.get("name")] = ((*node.path, item.get("name")), known)
+
+    def dictionary_reference(self, element: Any, parent: Node, name: str) -> Node:
+        """Read a reference to a signal dictionary."""
+        scope = parent.scope
+        path = (*parent.path, name)
+        node = Node(path, "dictionary", read_connectors(element, scope), element, scope)
+        named = parent.dictionaries.get(element.get("dictionary"))
+        if named is None:
+            text = f"{scope.label}: {node.label!r} refers to signal dictionary {element.get('dictionary')!r}"
+            self.problems.append(found("SSP020", f"{text}, which does not exist", element))
+            return node
+        node.path, entries = ("signal dictionary", *named[0]), named[1]
+        for name_, connector in node.connectors.items():
+            entry = entries.get(name_)
+            text = f"{scope.label}: signal dictionary of {name!r} has "
+            if entry is None:
+                self.problems.append(found("SSP020", f"{text}no entry {name_!r}", connector.place))
+            elif connector.type not in (None, entry.type) or connector.dimensions not in (
+                (),
+                entry.dimensions,
+            ):
+                text += f"an entry {name_!r} of another type or size than the connector"
+                self.problems.append(found("SSP020", text, connector.place))
+        node.connectors = {
+            c.name: replace(entries[c.name], kind=c.kind)
+            for c in node.connectors.values()
+            if c.name in entries
+        }
+        return node

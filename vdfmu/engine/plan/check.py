@@ -1,0 +1,141 @@
+"""Everything that can be said about a system before it runs: all problems at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+from vdfmu.base.errors import SspError, UsageError
+from vdfmu.engine.algorithms import ALGORITHMS
+from vdfmu.engine.package.system import System
+from vdfmu.engine.plan.abilities import check_abilities
+from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.checker import Checker
+from vdfmu.engine.plan.conversion import Value
+from vdfmu.engine.plan.feed import feed_inputs
+from vdfmu.engine.plan.inputs import Table
+from vdfmu.engine.plan.link import SOURCE, Port
+from vdfmu.engine.plan.overrides import overrides
+from vdfmu.engine.plan.schedule import choose_schedule
+from vdfmu.engine.rules import found
+
+
+def check_system(
+    system: System,
+    parameters: Mapping[str, Value] | None = None,
+    *,
+    inputs: Sequence[Table] = (),
+    algorithm: str | None = None,
+    repeats: bool = False,
+    strict: bool = False,
+    ignore_unmatched: bool = False,
+) -> Checked:
+    """Check a system against its FMUs and prepare its run.
+
+    Parameters
+    ----------
+    system : System
+    parameters : mapping of str to value, optional
+        Values of ``component.variable``, in the unit of the FMU; without an index, of all ``component.variable[...]``:
+        one value, or a list or array with one for each. They win over those of the package.
+    inputs : sequence of Table
+        Signals for inputs that nothing is connected to.
+    algorithm : str, optional
+        One of `vdfmu.engine.run.ALGORITHMS`; default as `vdfmu.engine.plan.schedule.choose_schedule` has it.
+    repeats : bool
+        Whether steps may be repeated and vary, so that units must save and restore their state.
+    strict : bool
+        Makes an input that has neither a connection nor a bound value a problem instead of a note.
+    ignore_unmatched : bool
+        Makes a bound parameter that no variable matches a note, as SSP 1.0 has it. By default it is a
+        problem, because it is nearly always a misspelling.
+
+    Returns
+    -------
+    Checked
+
+    Raises
+    ------
+    SspError
+        With all problems: of the wiring, connectors, types, units, parameters, FMUs and algebraic loops.
+    UsageError
+        An unknown algorithm, `inputs` that fit no free input, or `parameters` that name something unknown, not settable
+        or of another type.
+    """
+    if algorithm not in (None, *ALGORITHMS):
+        raise UsageError(f"unknown algorithm {algorithm!r}; there are {', '.join(ALGORITHMS)}")
+    checker = Checker(system, strict, ignore_unmatched, parameters or {})
+    checker.read()
+    links = checker.link()
+    known = {
+        c.name: checker.descriptions[c.name] for c in system.components if c.name in checker.descriptions
+    }
+    feed, wrong = feed_inputs(inputs, known, links, checker.port_unit, system.units)
+    if wrong and not checker.problems:
+        raise UsageError("\n".join(wrong))
+    if feed is not None:
+        links += feed.links
+        checker.notes += feed.notes
+    checker.inputs(links)
+    starts = checker.start_values()
+    # start values of inputs in parameter sets are common, and worth no word
+    fixed = {link.end: link.start for link in links if not link.stepped}
+    for name, values in starts.items():
+        notes = _fed(name, values, fixed, "the value of the parameter set")
+        checker.notes += [found("SSP057", note) for note in notes]
+    sources = known if feed is None else {**known, SOURCE: feed.description}
+    algorithm, schedule, loops, notes = choose_schedule(sources, links, algorithm)
+    if feed is not None:
+        blocks = tuple(block for block in schedule.blocks if SOURCE not in block)
+        schedule = replace(schedule, units=tuple(u for u in schedule.units if u != SOURCE), blocks=blocks)
+    checker.problems += [found("SSP039", loop) for loop in loops]
+    checker.notes += [found("SSP039", note) for note in notes]
+    for loop in dict.fromkeys(schedule.initial.loops):
+        checker.notes.append(found("SSP039", f"algebraic loop during initialization, solved: {loop}"))
+    problems, notes = check_abilities(known, links, schedule, algorithm, repeats)
+    checker.problems += [found("RUN007", problem) for problem in problems]
+    checker.notes += [found("RUN007", note) for note in notes]
+    if checker.problems:
+        error = SspError(list(dict.fromkeys(checker.problems)))
+        error.notes = checker.notes
+        raise error
+    checked = Checked(
+        system=system,
+        descriptions=known,
+        links=tuple(links),
+        algorithm=algorithm,
+        schedule=schedule,
+        starts={name: list(values.values()) for name, values in starts.items()},
+        notes=tuple(checker.notes),
+        feed=feed,
+        clock_links=tuple(checker.clock_links),
+    )
+    return with_parameters(checked, parameters or {})
+
+
+def with_parameters(checked: Checked, parameters: Mapping[str, Value]) -> Checked:
+    """Return a checked system with other `parameters`, as of `check_system`; they win over those that it has.
+
+    Raises
+    ------
+    UsageError
+        If they name something unknown, not settable or of another type.
+    """
+    fed = {link.end: link.start for link in checked.links}
+    starts = {name: {v.name: (v, value) for v, value in each} for name, each in checked.starts.items()}
+    notes = [*checked.notes]
+    for name, values in overrides(checked.descriptions, parameters).items():
+        starts.setdefault(name, {}).update(values)
+        notes += _fed(name, values, fed, "the value that was given")
+    return replace(
+        checked, starts={name: list(each.values()) for name, each in starts.items()}, notes=tuple(notes)
+    )
+
+
+def _fed(name: str, values: Iterable[str], sources: Mapping[Port, Port], what: str) -> list[str]:
+    """Return the notes on values of variables of a component that a connection feeds, by what feeds each."""
+    return [
+        f"{name}.{variable}: {what} has no effect; it is that of {'.'.join(sources[name, variable])}, which feeds it"
+        for variable in values
+        if (name, variable) in sources
+    ]

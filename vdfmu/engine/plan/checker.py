@@ -1,0 +1,322 @@
+"""What is wrong with a system beside its FMUs: connectors, connections, parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from typing import Any
+
+from vdfmu.base.errors import SspError
+from vdfmu.base.text import close_to
+from vdfmu.engine.fmu.description import Description, inspect_description
+from vdfmu.engine.fmu.variables import Variable, limit_fault, type_of
+from vdfmu.engine.package.archive import Archive
+from vdfmu.engine.package.system import (
+    Component,
+    Connection,
+    Connector,
+    Index,
+    Parameter,
+    Shape,
+    System,
+    Unit,
+)
+from vdfmu.engine.package.wiring import fits, show_shape
+from vdfmu.engine.plan.conversion import Conversion, MisfitError, Value, as_type, compose
+from vdfmu.engine.plan.link import Link, Port
+from vdfmu.engine.plan.overrides import Starts, why_not
+from vdfmu.engine.rules import Finding, found, within
+
+_PAIRS = {("output", "input"), ("calculatedParameter", "parameter"), ("calculatedParameter", "input")}
+
+
+class Checker:
+    """Problems and notes of a system, as they are found.
+
+    Parameters as of `vdfmu.engine.plan.check.check_system`.
+    """
+
+    def __init__(
+        self, system: System, strict: bool, ignore_unmatched: bool, parameters: Mapping[str, Value]
+    ) -> None:
+        self.system, self.parameters = system, parameters
+        self.strict = strict
+        self.problems = list(system.problems)
+        self.notes = list(system.notes)
+        self.descriptions: dict[str, Description] = {}
+        self.ignore_unmatched = ignore_unmatched
+        self.clock_links: list[tuple[Port, Port]] = []
+        for text in system.unmatched:
+            self._unmatched(text)
+
+    def _unmatched(self, text: Finding) -> None:
+        if self.ignore_unmatched:
+            self.notes.append(text.reworded(f"{text}; the value is ignored"))
+        else:
+            way = "ignore_unmatched, 'vdfmu simulate --ignore-unmatched'"
+            self.problems.append(text.reworded(f"{text}; correct the name, or have it ignored: {way}"))
+
+    def read(self) -> None:
+        """Read the FMUs and check the connectors against their variables."""
+        if not self.system.components:
+            text = f"{self.system.path.name}: the system has no components"
+            self.problems.append(found("SSP023", text))
+        read: dict[Any, Description | None] = {}
+        with Archive(self.system.path, self.system.path.name) as archive:
+            for component in self.system.components:
+                if not component.source:
+                    continue  # among the system's problems
+                description = self._inspect(archive, component, {}, read)
+                if description is not None and (sizes := self._sizes(component, description)):
+                    description = self._inspect(archive, component, sizes, read)
+                if description is not None:
+                    self.descriptions[component.name] = description
+                    for connector in component.connectors.values():
+                        for rule, text in self._connector(connector, description):
+                            text = f"{component.name}.{connector.name}: {text}"
+                            self.problems.append(found(rule, text, connector.place))
+        self._same_names()
+        users: dict[str, list[str]] = {}
+        for name, description in self.descriptions.items():
+            if description.once_per_process:
+                users.setdefault(description.source, []).append(name)
+        for source, names in users.items():
+            if len(names) > 1:
+                text = f"{', '.join(names)}: {source} can be instantiated only once per process"
+                self.problems.append(found("SSP046", text))
+
+    def _inspect(
+        self,
+        archive: Archive,
+        component: Component,
+        sizes: dict[str, Value],
+        read: dict[Any, Description | None],
+    ) -> Description | None:
+        """Read an FMU once for each choice of its sizes."""
+        key = component.source, component.implementation, frozenset(sizes.items())
+        if key not in read:
+            try:
+                with archive.opened(component.source, component.source) as unit:
+                    read[key], problems = inspect_description(unit, *key[:2], sizes)
+            except SspError as error:
+                read[key], problems = None, error.problems
+            self.problems += [within(component.name, problem) for problem in problems]
+        return read[key]
+
+    def _sizes(self, component: Component, description: Description) -> dict[str, Value]:
+        """Return the values of structural parameters that differ from their start values and are whole numbers."""
+        given = {p.name: p.value for p in component.parameters if not isinstance(p.value, tuple)}
+        sizes: dict[str, Value] = {}
+        for v in description.named("structuralParameter"):
+            value = self.parameters.get(f"{component.name}.{v.name}", given.get(v.name, v.start))
+            with suppress(ValueError):  # which the check of its value reports
+                size = as_type(value, v)
+                sizes |= {v.name: size} if size != v.start and not limit_fault(float(size), v.limits) else {}
+        return sizes
+
+    def _same_names(self) -> None:
+        """Note variables of two components that have one dotted name; the results show one of them."""
+        for name, description in self.descriptions.items():
+            parts = name.split(".")
+            for i in range(1, len(parts)):
+                outer = self.descriptions.get(".".join(parts[:i]))
+                for variable in description.variables if outer is not None else ():
+                    full = ".".join((*parts, variable))
+                    if outer is not None and ".".join((*parts[i:], variable)) in outer.variables:
+                        text = (
+                            f"{full}: two variables have this name, of {'.'.join(parts[:i])} and of {name}; "
+                        )
+                        text += "rename a component to tell them apart"
+                        self.notes.append(found("SSP021", text))
+
+    def _connector(self, connector: Connector, description: Description) -> Iterator[tuple[str, str]]:
+        """Yield the rules that a connector breaks beside the variable of its name."""
+        shape = description.shapes.get(connector.name, ())
+        variable = next(iter(description.elements(connector.name)), None)
+        if variable is None:
+            known = close_to(connector.name, description.names)
+            yield "SSP040", f"{description.source} has no such variable{known}"
+            return
+        if connector.kind not in (variable.causality, "unspecified"):
+            kinds = f"the SSD declares kind {connector.kind!r}, the FMU causality {variable.causality!r}"
+            yield "SSP041", kinds
+        if connector.type is not None and not _same_type(connector.type, variable.declared):
+            yield "SSP042", f"the SSD declares type {connector.type}, the FMU {variable.declared}"
+        elif connector.unit and variable.unit is not None:
+            declared = self._unit(connector.unit)
+            if not declared.same_as(variable.unit):
+                units = f"the SSD declares {declared.name!r} ({_full(declared)}), "
+                units += f"the FMU {variable.unit.name!r} ({_full(variable.unit)})"
+                yield "SSP043", f"unit mismatch, {units}"
+        if not fits(connector.dimensions, shape):
+            sizes = f"the SSD declares {show_shape(connector.dimensions)}, the FMU {show_shape(shape)}"
+            yield "SSP044", sizes
+
+    def _unit(self, name: str) -> Unit:
+        return self.system.units.get(name, Unit(name))
+
+    def port_unit(self, port: Port, variable: Variable) -> Unit | None:
+        """Return the unit of the FMU, else the one that the SSD declares for the connector."""
+        if variable.unit is not None:
+            return variable.unit
+        connector = self.system.component(port[0]).connectors.get(port[1])
+        return self._unit(connector.unit) if connector is not None and connector.unit else None
+
+    def _as_declared(self, port: Port, variable: Variable) -> bool:
+        """Whether the connector is of a kind that the variable has; what is not is reported with the connectors."""
+        kind = self.system.component(port[0]).connectors[port[1]].kind
+        return kind in (variable.causality, "unspecified")
+
+    def _elements(self, port: Port, index: Index = ()) -> tuple[list[Variable], Shape]:
+        """Return the variables that are one end of a connection, none if there are none, and their shape."""
+        description = self.descriptions.get(port[0])
+        if description is None:
+            return [], ()
+        return description.elements(port[1], index), description.shapes.get(port[1], ())[len(index) :]
+
+    def link(self) -> list[Link]:
+        """Check every connection."""
+        links: list[Link] = []
+        for connection in self.system.connections:
+            ends = (connection.start, connection.end)
+            (sources, shape), (sinks, other) = map(self._elements, ends, connection.indices)
+            if not sources or not sinks:
+                continue  # reported with the connectors
+            source, sink, stepped = sources[0], sinks[0], sources[0].causality == "output"
+            if source.type == sink.type == "Clock":
+                self.clock_links.append(ends)
+                continue
+
+            def fault(rule: str, text: str, connection: Connection = connection) -> None:
+                self.problems.append(
+                    found(rule, f"connection {connection}: {text}", connection.hops[-1].place)
+                )
+
+            types = [source.declared, *(h.type for h in connection.hops[:-1] if h.type), sink.declared]
+            if len({type_of(name) for name in types}) > 1:
+                fault("SSP033", f"type mismatch, {' to '.join(types)}")
+                continue
+            if (source.causality, sink.causality) not in _PAIRS:
+                if self._as_declared(connection.start, source) and self._as_declared(connection.end, sink):
+                    what = f"{source.causality} to {sink.causality}"
+                    fault(
+                        "RUN007",
+                        f"the master carries no values from {what}; set the value in a parameter set",
+                    )
+                continue
+            if sink.causality == "parameter" and not (sink.settable and sink.variability != "constant"):
+                fault("SSP053", f"parameter {'.'.join(connection.end)} is not settable")
+            conversion = Conversion()
+            try:
+                conversion = compose(
+                    connection.hops,
+                    self.port_unit(connection.start, source),
+                    self.port_unit(connection.end, sink),
+                    source.type,
+                    self.system.units,
+                    sink.relative,
+                    (source.items, sink.items),
+                )
+            except MisfitError as error:
+                fault(_OF_CONNECTION[error.what], str(error))
+            if shape != other:
+                fault("SSP035", f"dimension mismatch, {show_shape(shape)} to {show_shape(other)}")
+            links += [
+                Link((connection.start[0], a.name), (connection.end[0], b.name), a, b, conversion, stepped)
+                for a, b in zip(sources, sinks, strict=False)
+            ]
+        return links
+
+    def inputs(self, links: Sequence[Link]) -> None:
+        """Report the inputs that nothing feeds."""
+        set_here = {(p.component, p.name): () for c in self.system.components for p in c.parameters}
+        named = {c.end: c.indices[1] for c in self.system.connections} | set_here
+        fed = {link.end for link in links}
+        fed |= {(port[0], v.name) for port, index in named.items() for v in self._elements(port, index)[0]}
+        report = self.problems if self.strict else self.notes
+        for name, description in self.descriptions.items():
+            for variable in description.named("input"):
+                if variable.clock is not None and not variable.clock.triggered:
+                    continue  # the master ticks it
+                if (name, variable.name) not in fed:
+                    text = f"{name}.{variable.name}: input is not connected and keeps its start value"
+                    report.append(found("SSP038", text))
+
+    def start_values(self) -> Starts:
+        """Check the bound parameters and convert them to the units of the FMUs."""
+        starts: Starts = {}
+        for component in self.system.components:
+            description = self.descriptions.get(component.name)
+            given = () if description is None else (*component.overruled, *component.parameters)
+            for parameter in given:
+                where = f"{component.name}: parameter {parameter.name!r} ({parameter.origin})"
+                assert description is not None
+                elements, shape = self._elements((component.name, parameter.name))
+                if not elements:
+                    if not any(self._exists(*place) for place in parameter.elsewhere):
+                        text = f"{where}: {description.source} has no such variable"
+                        text += close_to(parameter.name, description.names)
+                        self._unmatched(found("SSP052", text, parameter.place))
+                    continue
+                values = parameter.value if isinstance(parameter.value, tuple) else (parameter.value,)
+                faults = [("SSP053", why_not(elements[0]))] if not elements[0].settable else []
+                if not fits(parameter.dimensions, shape):
+                    sizes = f"is {show_shape(parameter.dimensions)}, the FMU declares {show_shape(shape)}"
+                    faults.append(("SSP054", sizes))
+                for variable, value in zip(elements, values, strict=False) if not faults else ():
+                    try:
+                        value = self._converted(parameter, value, variable)
+                        starts.setdefault(component.name, {})[variable.name] = (variable, value)
+                        if not isinstance(value, (str, bytes)) and (
+                            fault := limit_fault(value, variable.limits)
+                        ):
+                            faults.append(("SSP056", fault))
+                    except MisfitError as error:
+                        faults.append((_OF_VALUE[error.what], str(error)))
+                for rule, text in dict.fromkeys(faults):
+                    self.problems.append(found(rule, f"{where}: {text}", parameter.place))
+        return starts
+
+    def _exists(self, component: str, name: str) -> bool:
+        """Whether a component has a variable; connectors of systems exist."""
+        description = self.descriptions.get(component)
+        return description is None or bool(description.elements(name))
+
+    def _converted(self, parameter: Parameter, value: Value, variable: Variable) -> Value:
+        hops = parameter.hops
+        if isinstance(value, str) and variable.type == "Enumeration":  # mapped by the names of its items
+            for hop in hops:
+                if hop.transformation is not None and hop.transformation.kind == "enumeration":
+                    value = hop.transformation.names.get(value, value)
+            hops = ()
+        value = as_type(value, variable, exact=parameter.type)
+        unit = self.port_unit((parameter.component, parameter.name), variable)
+        conversion = compose(
+            hops, parameter.unit, unit, variable.type, self.system.units, variable.relative,
+            (variable.items, variable.items),
+        )  # fmt: skip
+        if conversion.table is not None:
+            return as_type(conversion.table.get(int(value), int(value)), variable)
+        if isinstance(value, float) and not conversion.trivial:
+            return conversion.factor * value + conversion.offset
+        return value
+
+
+_OF_CONNECTION = {"type": "SSP033", "unit": "SSP034", "transformation": "SSP036"}
+_OF_VALUE = {"type": "SSP054", "unit": "SSP055", "transformation": "SSP036"}
+"""What does not fit, to the rule that it breaks."""
+_SAME = {"Real": "Float64", "Integer": "Int32"}
+"""Types of SSP 1.0 and FMI 2.0 to those of SSP 2.0 and FMI 3.0."""
+
+
+def _same_type(stated: str, declared: str) -> bool:
+    """Whether a connector has the type of a variable; those of SSP 1.0 are of any length."""
+    if stated in _SAME:
+        return stated == type_of(declared)
+    return stated == _SAME.get(declared, declared)
+
+
+def _full(unit: Unit) -> str:
+    factor, offset = (repr(value).removesuffix(".0") for value in (unit.factor, unit.offset))
+    scale = f", factor {factor}, offset {offset}"
+    return unit.dimension + (scale if (unit.factor, unit.offset) != (1.0, 0.0) else "")

@@ -1,0 +1,187 @@
+"""Transformations, unit conversions and types of connections and parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from vdfmu.engine.fmu.variables import RANGES, Value, Variable, type_of
+from vdfmu.engine.package.system import Hop, Transformation, Unit
+
+
+class MisfitError(ValueError):
+    """Why values do not pass: `what` does not fit, the type, the unit or the transformation."""
+
+    def __init__(self, what: str, text: str) -> None:
+        super().__init__(text)
+        self.what = what
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """``target = factor * source + offset``, or a table of values for booleans and integers.
+
+    Values that are not in the table pass unchanged.
+    """
+
+    factor: float = 1.0
+    offset: float = 0.0
+    table: Mapping[int, int] | None = None
+
+    @property
+    def trivial(self) -> bool:
+        """Whether the value passes unchanged."""
+        return self.table is None and self.factor == 1.0 and self.offset == 0.0
+
+
+def between(source: Unit, target: Unit, relative: bool = False) -> tuple[float, float]:
+    """Return factor and offset from one unit to another; MisfitError says why there are none.
+
+    `relative` is the relativeQuantity of FMI: a difference, to which offsets do not apply.
+    """
+    if source.same_as(target):
+        return 1.0, 0.0
+    for unit in (source, target):
+        if unit.exponents is None or not unit.usable:
+            has = "has no unit definition" if unit.exponents is None else "has a factor or offset of no use"
+            text = f"unit mismatch, {source.name!r} to {target.name!r}: {unit.name!r} {has}"
+            raise MisfitError("unit", text)
+    if source.exponents != target.exponents:
+        text = f"{source.name!r} ({source.dimension}) to {target.name!r} ({target.dimension})"
+        raise MisfitError("unit", f"unit mismatch, {text}")
+    offset = 0.0 if relative else (source.offset - target.offset) / target.factor
+    return source.factor / target.factor, offset
+
+
+def compose(
+    hops: Sequence[Hop],
+    source: Unit | None,
+    target: Unit | None,
+    kind: str,
+    units: Mapping[str, Unit],
+    relative: bool = False,
+    items: tuple[Mapping[str, int] | None, Mapping[str, int] | None] = (None, None),
+) -> Conversion:
+    """Compose what lies between two variables.
+
+    At each hop the unit is converted first, unless the hop suppresses it or one side has no unit, then the
+    transformation is applied (SSP 1.0, GTransformationChoice). A connector of a system without a unit takes
+    the unit of what feeds it.
+
+    Parameters
+    ----------
+    hops : sequence of Hop
+    source, target : Unit or None
+        Units of the two variables.
+    kind : str
+        Type of both variables, such as ``Real``.
+    units : mapping of str to Unit
+        Unit definitions of the SSD.
+    relative : bool
+        Whether the target is a relative quantity.
+    items : pair of mappings
+        Items of the two variables where they are enumerations: name to value.
+
+    Raises
+    ------
+    MisfitError
+        Units of different dimension, or a transformation that does not fit the type.
+    """
+    factor, offset = 1.0, 0.0
+    table: dict[int, int] | None = None
+    here = source
+    for index, hop in enumerate(hops):
+        last = index == len(hops) - 1
+        there = target if last else units.get(hop.unit, Unit(hop.unit)) if hop.unit else here
+        if kind == "Real" and here is not None and there is not None and not hop.suppress_unit_conversion:
+            f, o = between(here, there, relative)
+            factor, offset = f * factor, f * offset + o
+        here = here if there is None else there
+        transformation = hop.transformation
+        if transformation is None:
+            continue
+        if transformation.kind == "linear":
+            if kind != "Real":
+                raise MisfitError("transformation", f"a linear transformation does not apply to {kind}")
+            factor = transformation.factor * factor
+            offset = transformation.factor * offset + transformation.offset
+        elif {"boolean": "Boolean", "integer": "Integer"}.get(transformation.kind) == kind or (
+            transformation.kind == "integer" and kind == "Enumeration"
+        ):
+            table = _chain(table, transformation.table)
+        elif transformation.kind == "enumeration" and kind == "Enumeration":
+            table = _chain(table, _values_of(transformation, *items))
+        else:
+            raise MisfitError("transformation", f"a {transformation} is not supported for {kind}")
+    return Conversion(factor, offset, table)
+
+
+def _chain(first: Mapping[int, int] | None, then: Mapping[int, int]) -> dict[int, int]:
+    """Return one table for two in a row; what a table does not mention it leaves as it is."""
+    before = first or {}
+    return {**then, **{source: then.get(value, value) for source, value in before.items()}}
+
+
+def _values_of(
+    transformation: Transformation, source: Mapping[str, int] | None, target: Mapping[str, int] | None
+) -> dict[int, int]:
+    """Return the table of a mapping of item names, by the items of both variables; MisfitError for an unknown name."""
+    table: dict[int, int] = {}
+    for name, meaning in transformation.names.items():
+        for which, item, known in (("source", name, source), ("target", meaning, target)):
+            if item not in (known or {}):
+                there = ", ".join(known or {}) or "none"
+                text = f"the mapping names {item!r}, which is no item of the {which}; there are {there}"
+                raise MisfitError("transformation", text)
+        table[(source or {})[name]] = (target or {})[meaning]
+    return table
+
+
+def as_type(value: Value, variable: Variable, exact: str | None = None) -> Value:
+    """Turn a value into the type of a variable.
+
+    With `exact`, the type that a parameter set states, only integers pass to reals and enumerations.
+    Without, text is read as a value of the variable's type, and whole numbers as integers.
+
+    Raises
+    ------
+    MisfitError
+        The value does not fit the type.
+    """
+    allowed = {"Real": {"Real", "Integer"}, "Enumeration": {"Enumeration", "Integer"}}
+    kind = variable.type
+    if exact is not None and type_of(exact) not in allowed.get(kind, {kind}):
+        raise MisfitError("type", f"type mismatch, {exact} for a {kind} variable")
+    misfit = MisfitError("type", f"expected a value of type {kind}, got {value!r}")
+    if kind == "String":
+        if not isinstance(value, str):
+            raise misfit
+        return value
+    if kind == "Binary":
+        try:
+            return value if isinstance(value, bytes) else bytes.fromhex(str(value))
+        except ValueError:
+            raise misfit from None
+    if kind == "Boolean":
+        text = str(value).strip().lower()
+        if text not in {"true", "false", "1", "0"}:
+            raise misfit
+        return text in {"true", "1"}
+    if kind == "Enumeration" and isinstance(value, str) and value in (variable.items or {}):
+        return (variable.items or {})[value]
+    if isinstance(value, bool):
+        raise misfit
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise misfit from None
+    if kind == "Real":
+        return number
+    if not (math.isfinite(number) and number == int(number)):
+        raise misfit
+    whole = value if isinstance(value, int) else int(number)  # a float has 53 bits
+    low, high = RANGES.get(variable.native, RANGES["Integer"])
+    if not low <= whole <= high:
+        raise misfit
+    return whole

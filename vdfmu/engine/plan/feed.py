@@ -1,0 +1,174 @@
+"""Inputs that signals from outside feed, checked: the signals are outputs of a source beside the components."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from vdfmu.base.errors import UsageError
+from vdfmu.base.measure import coherent, measure
+from vdfmu.base.text import close_to
+from vdfmu.engine.fmu.description import Description
+from vdfmu.engine.fmu.variables import Variable, limit_fault
+from vdfmu.engine.package.system import BASE_UNITS, Unit
+from vdfmu.engine.plan.conversion import Conversion, between
+from vdfmu.engine.plan.inputs import Course, Table
+from vdfmu.engine.plan.link import SOURCE, Link, Port
+
+
+class Fed(NamedTuple):
+    """Signals of one FMI type, and their names as outputs of the source."""
+
+    kind: str
+    names: tuple[str, ...]
+    course: Course
+
+
+class Feed(NamedTuple):
+    """The source's signals, what it is for the schedule and the exchange, its connections, and notes."""
+
+    courses: tuple[Fed, ...]
+    description: Description
+    links: tuple[Link, ...]
+    notes: tuple[str, ...]
+
+
+def feed_inputs(
+    tables: Sequence[Table],
+    descriptions: Mapping[str, Description],
+    links: Sequence[Link],
+    unit_of: Callable[[Port, Variable], Unit | None],
+    units: Mapping[str, Unit],
+) -> tuple[Feed | None, list[str]]:
+    """Connect the columns of tables to the inputs that they name.
+
+    Parameters
+    ----------
+    tables : sequence of Table
+    descriptions : mapping of str to Description
+        By component.
+    links : sequence of Link
+        Connections of the system.
+    unit_of : callable
+        Returns the unit of measurement of an input.
+    units : mapping of str to Unit
+        Definitions of the SSD.
+
+    Returns
+    -------
+    Feed or None
+        None without tables.
+    list of str
+        All problems: names of no input, inputs that are connected, units of measurement and values that do not fit.
+    """
+    if not tables:
+        return None, []
+    connected = {link.end: ".".join(link.start) for link in links}
+    variables = {
+        f"{component}.{variable.name}": (component, variable)
+        for component, description in descriptions.items()
+        for variable in description.variables.values()
+    }
+    free = [
+        name
+        for name, (component, v) in variables.items()
+        if v.causality == "input" and (component, v.name) not in connected
+    ]
+    problems: list[str] = []
+    notes: list[str] = []
+    made: dict[str, tuple[Variable, Link]] = {}
+    courses: list[Fed] = []
+    for table in tables:
+        groups: dict[tuple[str, bool], list[int]] = {}
+        left = 0
+        for i, (name, unit) in enumerate(zip(table.names, table.units, strict=True)):
+            if not table.chosen and name not in free:
+                left += 1
+                continue
+            where = f"{table.where}: {name}"
+            if name not in free:
+                problems.append(f"{where}: {_why_not(name, variables, connected, free)}")
+                continue
+            if name in made:
+                problems.append(f"{where}: is given twice; give each input one signal")
+                continue
+            component, sink = variables[name]
+            port = component, sink.name
+            try:
+                conversion = _conversion(unit, unit_of(port, sink), sink, units)
+                _check_values(table.values[:, i], sink, conversion)
+            except (ValueError, UsageError) as error:
+                problems.append(f"{where}: {error}")
+                continue
+            held = table.held or sink.type != "Real" or sink.variability == "discrete"
+            source = dataclasses.replace(
+                sink, name=name, causality="output", initial="exact",
+                variability="discrete" if held else "continuous",
+            )  # fmt: skip
+            made[name] = source, Link((SOURCE, name), port, source, sink, conversion, stepped=True)
+            groups.setdefault((sink.kind, held), []).append(i)
+        for (kind, held), columns in groups.items():
+            course = Course(table.t, table.values[:, columns], held)
+            courses.append(Fed(kind, tuple(table.names[i] for i in columns), course))
+        if left == len(table.names):
+            problems.append(
+                f"{table.where}: no column names an input that nothing is connected to{_list(free)}"
+            )
+        elif left:
+            notes.append(
+                f"{table.where}: {len(table.names) - left} columns feed inputs; {left} name no free one"
+            )
+    sources = {name: source for name, (source, _) in made.items()}
+    nothing: dict[str, frozenset[str] | None] = dict.fromkeys(sources, frozenset())
+    description = Description("", "", "", False, sources, nothing, nothing)
+    return Feed(tuple(courses), description, tuple(link for _, link in made.values()), tuple(notes)), problems
+
+
+def _why_not(
+    name: str,
+    variables: Mapping[str, tuple[str, Variable]],
+    connected: Mapping[Port, str],
+    free: Sequence[str],
+) -> str:
+    if name not in variables:
+        return "no component has such an input" + (close_to(name, free) or _list(free))
+    component, variable = variables[name]
+    if variable.causality != "input":
+        return f"expected an input, got a variable of causality {variable.causality}{_list(free)}"
+    return f"expected an input that nothing is connected to; {connected[component, variable.name]} feeds it"
+
+
+def _list(free: Sequence[str]) -> str:
+    more = f" and {len(free) - 8} more" if len(free) > 8 else ""
+    return f". Free inputs: {', '.join(free[:8]) or 'none'}{more}"
+
+
+def _conversion(name: str, target: Unit | None, sink: Variable, units: Mapping[str, Unit]) -> Conversion:
+    """Return the conversion from a unit of measurement by its name; an empty one is that of the input."""
+    if not name or (target is not None and target.name == name):
+        return Conversion()
+    unit = units.get(name)
+    if unit is None:
+        base_name, factor = coherent(name)
+        exponents = measure(base_name).exponents
+        unit = Unit(name, tuple(exponents.get(base, 0) for base in BASE_UNITS), factor)
+    if sink.type != "Real":
+        raise ValueError(f"expected no unit of measurement for a variable of type {sink.type}, got {name!r}")
+    return Conversion(*between(unit, target, sink.relative)) if target is not None else Conversion()
+
+
+def _check_values(values: np.ndarray, sink: Variable, conversion: Conversion) -> None:
+    if sink.type == "String":
+        raise ValueError("text cannot be given as a signal; set a value")
+    allowed = values == (values != 0.0) if sink.type == "Boolean" else values == np.rint(values)
+    if sink.type != "Real" and not allowed.all():
+        what = "0 or 1" if sink.type == "Boolean" else "whole numbers"
+        raise ValueError(
+            f"expected {what} for a variable of type {sink.type}, got {values[np.argmin(allowed)]:g}"
+        )
+    for value in (values.min(), values.max()):
+        if fault := limit_fault(float(conversion.factor * value + conversion.offset), sink.limits):
+            raise ValueError(fault)

@@ -1,0 +1,273 @@
+"""Signals from outside for inputs that nothing is connected to: read from CSV files or given as arrays."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import os
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError
+from vdfmu.engine.results.csv_file import summary_beside
+from vdfmu.engine.results.results import copies_in, later
+
+_HEADING = re.compile(r"(.*?)(?:\s+\[(.+)\])?")
+"""A name, and a unit of measurement in brackets behind a space."""
+_CLOSE = 1e-12
+"""Part of the largest time within which a time is that of a row: both are rounded."""
+_STRAIGHT = 1e-9
+"""Part of the largest slope below which a change of it is rounding and no bend."""
+_MOST_PROBLEMS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Signals of one file, or one array: what they are for, and their values at times."""
+
+    where: str
+    """The file, or the name of the array, for messages."""
+    names: tuple[str, ...]
+    """``component.variable`` of each column."""
+    units: tuple[str, ...]
+    """Unit of measurement of each; empty for that of the input."""
+    t: Floats
+    """(m,) [s], increasing."""
+    values: Floats
+    """(m, n)."""
+    held: bool
+    """Whether a value holds until the next row; else the way between two rows is a line."""
+    chosen: bool = True
+    """Whether every column must name an input; else, in a results file, those that do are taken."""
+
+    @property
+    def digest(self) -> str:
+        """Digest of all that decides a run: names, units, times, values, and what holds between them."""
+        head = repr((self.names, self.units, self.values.shape, self.held, self.chosen)).encode()
+        return sha256(head + self.t.tobytes() + self.values.tobytes()).hexdigest()[:16]
+
+
+Inputs = (
+    str | os.PathLike[str] | Sequence[str | os.PathLike[str] | Table] | Mapping[str, tuple[Any, Any]] | None
+)
+"""A CSV file, several of them, or signal to its times and values."""
+
+
+class Course:
+    """Columns of a table as functions of time; before the first row and after the last its values hold.
+
+    Parameters
+    ----------
+    t : (m,) [s]
+    values : (m, n)
+    held : bool
+    """
+
+    def __init__(self, t: Floats, values: Floats, held: bool) -> None:
+        self.held, self.t, self.values = held, t, values
+        self.tolerance = _CLOSE * float(np.abs(t).max())
+        """Difference [s] within which a time is that of a row."""
+        change, least = np.diff(values, axis=0), 0.0
+        if not held:
+            slope = change / np.diff(t)[:, None]
+            change = np.diff(slope, axis=0, prepend=0.0, append=0.0)
+            least = _STRAIGHT * np.abs(slope).max(0, initial=0.0)
+        self.breaks: Floats = t[len(t) - len(change) :][np.any(np.abs(change) > least, axis=1)]
+        """Times [s] at which a value jumps or a line bends."""
+
+    def at(self, time: float) -> Floats:
+        """Return the values (n,) at a time."""
+        t, values = self.t, self.values
+        i = int(t.searchsorted(time + self.tolerance, "right")) - 1
+        if i < 0:
+            return values[0]
+        if self.held or i == len(t) - 1:
+            return values[i]
+        part = max((time - t[i]) / (t[i + 1] - t[i]), 0.0)
+        return values[i] + part * (values[i + 1] - values[i])
+
+
+def read_inputs(inputs: Inputs, hold: bool = False) -> tuple[Table, ...]:
+    """Read signals for inputs.
+
+    The first column of a CSV file is the time in seconds; the others are named by their inputs, with the unit of
+    measurement in brackets where it is to be checked: ``time,plant.F_e[1] [N]``. A second line of units, as
+    ``results.csv`` has it, does the same; of such a file the columns are taken that name an input that nothing feeds.
+
+    Parameters
+    ----------
+    inputs : path, sequence of paths, mapping of str to (t, values), or tables
+        Times (m,) [s], and values (m,) of ``component.variable``, or (m, n) of ``component.variable[1]`` to ``[n]``.
+    hold : bool
+        Whether values hold until the next row; what is not real does in any case.
+
+    Raises
+    ------
+    UsageError
+        For files or arrays of another form, with every problem and its row.
+    """
+    problems: list[str] = []
+    tables: list[Table | None] = []
+    if inputs is None:
+        inputs = ()
+    if isinstance(inputs, Mapping):
+        tables += [_from_arrays(name, pair, hold, problems) for name, pair in inputs.items()]
+    else:
+        for one in (inputs,) if isinstance(inputs, (str, os.PathLike)) else inputs:
+            tables.append(one if isinstance(one, Table) else _from_csv(Path(one), hold, problems))
+    if problems:
+        raise UsageError("\n".join(problems))
+    return tuple(table for table in tables if table is not None)
+
+
+def _from_arrays(name: str, pair: tuple[Any, Any], hold: bool, problems: list[str]) -> Table | None:
+    where = f"inputs[{name!r}]"
+    try:
+        t, values = (np.array(each, np.float64) for each in pair)
+    except (TypeError, ValueError):
+        problems.append(f"{where}: expected a pair of arrays of numbers, times and values")
+        return None
+    if t.ndim != 1 or not t.size or values.shape[:1] != t.shape:
+        problems.append(
+            f"{where}: expected times (m,) and values (m,) or (m, n), got {t.shape} and {values.shape}"
+        )
+        return None
+    indices = np.ndindex(values.shape[1:])
+    names = [name + (f"[{','.join(str(i + 1) for i in index)}]" if index else "") for index in indices]
+    columns = values.reshape(len(t), -1)
+    _check_rows(where, lambda i: f"element {i}", names, t, columns, problems)
+    return Table(where, tuple(names), ("",) * len(names), t, columns, hold)
+
+
+class Columns(NamedTuple):
+    """A CSV file: names and units of measurement of its columns, values (m, n); whether it is one of results."""
+
+    names: list[str]
+    units: list[str]
+    values: Floats
+    results: bool
+
+
+def csv_columns(path: Path, problems: list[str], *, timed: bool = True) -> Columns | None:
+    """Read a CSV file of named columns of numbers, of which ``time`` increases; None if it has none.
+
+    What is wrong with a row is noted, and a row that cannot be read left out.
+
+    `timed`: the first column must be the time. A second row of units, as in ``results.csv``, is as good as brackets.
+    """
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+        reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+        lines = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if any(row)]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        why = getattr(error, "strerror", None) or error
+        problems.append(f"{path}: expected a CSV file, got what cannot be read: {why}")
+        return None
+    headings = [_heading(cell) for cell in lines[0][1]] if lines else []
+    names, units = [name for name, _ in headings], [unit for _, unit in headings]
+    body = lines[1:]
+    results = bool(body) and body[0][1][0] == "s"
+    if results:
+        units = [unit if unit not in ("integer", "boolean") else "" for unit in body.pop(0)[1]]
+    fault = ""
+    if timed and (names[:1] != ["time"] or units[:1] not in ([""], ["s"])):
+        got = repr(lines[0][1][0]) if lines else "an empty file"
+        fault = f"row 1: expected 'time' as the first column, in s, got {got}. Separate columns with commas"
+    elif (timed and len(names) == 1) or not all(names):
+        fault = "row 1: expected an input in each column, such as 'plant.F_e[1] [N]'"
+    elif twice := sorted({name for name in names if names.count(name) > 1}):
+        fault = f"row 1: {', '.join(twice)}: more than one column has this name"
+    elif len(units) != len(names):
+        fault = f"row 2: expected {len(names)} units of measurement, got {len(units)}"
+    elif not body:
+        fault = "expected rows of numbers below the names, got none"
+    if fault:
+        problems.append(f"{path}: {fault}")
+        return None
+    rows: dict[int, list[float]] = {}
+    found: list[str] = []
+    for number, cells in body:
+        before = len(found)
+        if len(cells) != len(names):
+            found.append(f"row {number}: expected {len(names)} cells, got {len(cells)}")
+            continue
+        rows[number] = []
+        for name, cell in zip(names, cells, strict=True):
+            try:
+                rows[number].append(float(cell))
+            except ValueError:
+                found.append(f"row {number}: {name}: expected a number, got {cell!r}")
+        if len(found) > before:
+            del rows[number]
+    if found:
+        more = [f"{len(found) - _MOST_PROBLEMS} more rows like these"] if len(found) > _MOST_PROBLEMS else []
+        problems += [f"{path}: {text}" for text in (*found[:_MOST_PROBLEMS], *more)]
+    table, numbers = np.array([*rows.values()]).reshape(-1, len(names)), [*rows]
+    t = table[:, names.index("time")] if "time" in names else np.arange(float(len(rows)))
+    others = [i for i, name in enumerate(names) if name != "time"]
+    _check_rows(
+        str(path), lambda i: f"row {numbers[i]}", [names[i] for i in others], t, table[:, others], problems
+    )
+    return Columns(names, units, table, results)
+
+
+def _from_csv(path: Path, hold: bool, problems: list[str]) -> Table | None:
+    before = len(problems)
+    columns = csv_columns(path, problems)
+    if columns is None or len(problems) > before:
+        return None
+    names, units, table, results = columns
+    copies = copies_in(summary_beside(path)) if results else {}
+    for name, (of, late) in copies.items():
+        if of in names and name not in names:
+            place = names.index(of)
+            names, units = [*names, name], [*units, units[place]]
+            table = np.column_stack([table, later(table[:, place], late)])
+    return Table(
+        str(path), tuple(names[1:]), tuple(units[1:]), table[:, 0].copy(), table[:, 1:], hold, not results
+    )
+
+
+def _heading(cell: str) -> tuple[str, str]:
+    match = _HEADING.fullmatch(cell)
+    return (match[1], match[2] or "") if match else (cell, "")
+
+
+def _check_rows(
+    where: str,
+    row: Callable[[int], str],
+    names: Sequence[str],
+    t: Floats,
+    values: Floats,
+    problems: list[str],
+) -> None:
+    """Note the first row of each kind that is not finite or not later than that before."""
+    for name, column in zip(("time", *names), (t, *values.T), strict=True):
+        bad = np.flatnonzero(~np.isfinite(column))
+        if bad.size:
+            problems.append(f"{where}: {row(bad[0])}: {name}: expected a finite number, got {column[bad[0]]}")
+    late = np.flatnonzero(np.diff(t) <= 0.0)
+    if late.size:
+        i = int(late[0])
+        problems.append(
+            f"{where}: {row(i + 1)}: time: expected more than the {t[i]:g} s of the row before, got {t[i + 1]:g} s"
+        )
+
+
+def outside(tables: Sequence[Table], begin: float, end: float) -> list[str]:
+    """Return a note for each table that does not reach over a run from `begin` to `end` [s]."""
+    slack = _CLOSE * max(abs(begin), abs(end), math.ulp(0.0))
+    return [
+        f"{table.where}: its times are {table.t[0]:g} to {table.t[-1]:g} s, those of the run {begin:g} to {end:g} s; "
+        "before the first row and after the last its values hold"
+        for table in tables
+        if table.t[0] > begin + slack or table.t[-1] < end - slack
+    ]

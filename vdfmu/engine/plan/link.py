@@ -1,0 +1,33 @@
+"""A connection between two variables of FMUs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from vdfmu.engine.fmu.variables import Variable
+from vdfmu.engine.plan.conversion import Conversion
+
+Port = tuple[str, str]
+"""Component and variable."""
+SOURCE = "(inputs)"
+"""In the place of a component: where signals from outside come from."""
+
+
+@dataclass(frozen=True)
+class Link:
+    """A checked connection between two variables. `stepped` is False for links from parameters."""
+
+    start: Port
+    end: Port
+    source: Variable
+    sink: Variable
+    conversion: Conversion
+    stepped: bool
+
+    @property
+    def discrete(self) -> bool:
+        """Whether the value changes at communication points only."""
+        return self.sink.type != "Real" or "discrete" in (self.source.variability, self.sink.variability)
+
+    def __str__(self) -> str:
+        return f"{'.'.join(self.start)} -> {'.'.join(self.end)}"

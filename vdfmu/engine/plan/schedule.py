@@ -1,0 +1,364 @@
+"""The order of initialization and of the steps, from the declared dependencies of the units."""
+
+from __future__ import annotations
+
+import heapq
+from collections import deque
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from graphlib import CycleError, TopologicalSorter
+from itertools import pairwise
+from typing import TypeVar
+
+import numpy as np
+
+from vdfmu.engine.algorithms import CONTINUOUS
+from vdfmu.engine.fmu.description import Description
+from vdfmu.engine.plan.link import SOURCE, Link, Port
+
+N = TypeVar("N", bound=Hashable)
+DEFAULT = "gauss-seidel"
+"""Master algorithm where none is named."""
+
+
+@dataclass(frozen=True)
+class Initial:
+    """How values are carried over in initialization mode."""
+
+    links: tuple[Link, ...]
+    """Connections in their order."""
+    torn: tuple[Link, ...]
+    """Connections that close an algebraic loop: what they carry is guessed."""
+    loops: tuple[str, ...]
+    """The cycle of each, for messages."""
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """In which order things happen."""
+
+    initial: Initial
+    units: tuple[str, ...]
+    """The components in the order of their doStep."""
+    fresh: frozenset[Port]
+    """Inputs that get the value their source computed in the same step. All others get the value that their source had
+    at the start of the step; with a `CONTINUOUS` algorithm all other discrete ones."""
+    through: frozenset[Port] = frozenset()
+    """Connected inputs that an output of their unit depends on directly which another unit reads, or which any does if
+    none is read."""
+    direct: frozenset[Port] = frozenset()
+    """Outputs that depend directly on a connected input."""
+    blocks: tuple[tuple[str, ...], ...] = ()
+    """The components again, those that depend on each other in one block; for `CONTINUOUS` algorithms."""
+
+
+def choose_schedule(
+    descriptions: Mapping[str, Description], links: Sequence[Link], algorithm: str | None
+) -> tuple[str, Schedule, list[str], list[str]]:
+    """Order a system by an algorithm; for None by `DEFAULT`, or jacobi if only undeclared dependencies forbid that.
+
+    Returns
+    -------
+    str
+        The algorithm.
+    Schedule
+    list of str
+        Problems, as of `make_schedule`.
+    list of str
+        Notes: that it is jacobi, and why.
+    """
+    schedule, problems = make_schedule(descriptions, links, algorithm or DEFAULT)
+    if algorithm is not None or not problems:
+        return algorithm or DEFAULT, schedule, problems, []
+    declared = {
+        unit: replace(
+            each, step_dependencies={k: v or frozenset() for k, v in each.step_dependencies.items()}
+        )
+        for unit, each in descriptions.items()
+    }
+    if make_schedule(declared, links, DEFAULT)[1]:
+        return DEFAULT, schedule, problems, []
+    more = f" (and {len(problems) - 1} more)" if problems[1:] else ""
+    note = f"the master is jacobi: {DEFAULT}, the default, has no order for this system. {problems[0]}{more}"
+    return "jacobi", make_schedule(descriptions, links, "jacobi")[0], [], [note]
+
+
+def make_schedule(
+    descriptions: Mapping[str, Description], links: Sequence[Link], algorithm: str
+) -> tuple[Schedule, list[str]]:
+    """Order a system.
+
+    FMI 2.0 lets no output be read between setting an input and doStep, so the output of a controller for
+    [t_k, t_k+1] is what its own doStep from t_k computes with the inputs at t_k. Hence:
+
+    gauss-seidel
+        An output that depends on a connected input (feed-through) is passed on *fresh*: its readers get
+        the value of this very step. An output that depends on none (the state of a plant, a trajectory)
+        is passed on as it was at t_k, to every reader, whichever unit steps first. Feed-through units
+        come first, each after those whose fresh outputs it reads, then the others, both else in the order
+        of the SSD. Sampled control has no delay beyond its zero-order hold. Units without feed-through
+        that read each other do so with values at t_k.
+    jacobi
+        Every input is the output at t_k. Feed-through costs one more step of delay.
+    extrapolated, iterative
+        Every continuous input runs over the step to the value of its source at t_k+1, computed or predicted (see
+        `vdfmu.engine.masters.continuous`). A discrete one keeps its value at t_k, unless it feeds through and comes
+        from a component. Units step after those that they read; where units read each other, in the
+        order of gauss-seidel within their block.
+
+    Parameters
+    ----------
+    descriptions : mapping of str to Description
+        By component name, in the order of the SSD.
+    links : sequence of Link
+    algorithm : str
+        One of `ALGORITHMS`.
+
+    Returns
+    -------
+    Schedule
+    list of str
+        One problem for each algebraic loop in the steps of gauss-seidel, with its cycle. Jacobi breaks it by its
+        delay, extrapolated by its prediction, and iterative solves it. Loops of the initialization are solved.
+    """
+    problems: list[str] = []
+    ports, edges = variable_graph(descriptions, links, initial=True)
+    torn = _tear(ports, edges, links)
+    rank = {port: i for i, port in enumerate(topological(ports, edges))}
+    order = sorted(links, key=lambda link: rank.get(link.end, 0))
+    initial = Initial(
+        tuple(k for k in order if k.end not in torn),
+        tuple(link for link, _ in torn.values()),
+        tuple(_loop_message(cycle, descriptions) for _, cycle in torn.values()),
+    )
+    sequential = algorithm == "gauss-seidel"
+    if sequential:
+        for _, cycle in cycles(*variable_graph(descriptions, links, initial=False)):
+            problems.append(
+                f"algebraic loop in the steps: {_loop_message(cycle, descriptions)}; jacobi breaks it by the delay "
+                "of a step, iterative solves it"
+            )
+
+    connected = {link.end for link in links if link.stepped}
+    read = {
+        (unit, output): _dependencies(description, output, False, connected, unit)
+        for unit, description in descriptions.items()
+        for output in [v.name for v in description.named("output")]
+    }
+    through = _through(read, {k.start for k in links if k.stepped})
+    direct = frozenset(output for output, names in read.items() if names)
+    feeding = {k.start[0] for k in links if k.start in direct}
+    if algorithm in CONTINUOUS:
+        stepped = [k for k in links if k.stepped]
+        internal = [k for k in stepped if k.start[0] != SOURCE]
+        fresh = _fresh_discrete(list(descriptions), internal, through)
+        blocks = _blocks(
+            list(descriptions), [k for k in stepped if not k.discrete or k.end in fresh], feeding
+        )
+        names = tuple(name for block in blocks for name in block)
+        return Schedule(initial, names, fresh, through, direct, blocks), problems
+    fresh = [k for k in links if sequential and k.stepped and read[k.start]]
+    names = sorted(descriptions, key=lambda name: name not in feeding) if sequential else list(descriptions)
+    unit_edges = {(k.start[0], k.end[0]) for k in fresh}
+    if not problems:
+        for _, cycle in cycles(names, unit_edges):
+            joins = [
+                next(str(k) for k in fresh if (k.start[0], k.end[0]) == pair) for pair in pairwise(cycle)
+            ]
+            problems.append(
+                f"gauss-seidel cannot order {', '.join(cycle[:-1])}: each must step before the next although "
+                f"no variable depends on itself ({'; '.join(joins)}); use jacobi, or split a unit"
+            )
+    units = names if problems else topological(names, unit_edges)
+    return Schedule(initial, tuple(units), frozenset(k.end for k in fresh), through, direct), problems
+
+
+def _through(read: Mapping[Port, Sequence[str]], starts: set[Port]) -> frozenset[Port]:
+    """Return the inputs that an output depends on directly which another unit reads, or any if none is read.
+
+    An output that nobody reads must not decide how the others are computed.
+    """
+    coupled = {unit for unit, _ in starts}
+    return frozenset(
+        (unit, name)
+        for (unit, output), names in read.items()
+        if unit not in coupled or (unit, output) in starts
+        for name in names
+    )
+
+
+def _fresh_discrete(names: Sequence[str], links: Sequence[Link], through: frozenset[Port]) -> frozenset[Port]:
+    """Return the discrete inputs that get the value of the end of the step: those that outputs depend on directly.
+
+    But for those through which, within the step, the value depends on itself: a switch in such a loop would have no
+    value to settle on.
+    """
+    edges = {(k.start[0], k.end[0]) for k in links if not k.discrete or k.end in through}
+    loop_of = {name: i for i, (part, _) in enumerate(cycles(names, edges)) for name in part}
+    return frozenset(
+        k.end
+        for k in links
+        if k.discrete
+        and k.end in through
+        and (k.start[0] not in loop_of or loop_of[k.start[0]] != loop_of.get(k.end[0]))
+    )
+
+
+def _blocks(names: Sequence[str], links: Sequence[Link], feeding: set[str]) -> tuple[tuple[str, ...], ...]:
+    """Group units that read each other, blocks in the order of the data.
+
+    Within a block, the `feeding` units, whose connected outputs depend on inputs directly, come first, each after
+    those whose feed-through it reads; so only outputs of units without are guessed. Where that order has a cycle (an
+    algebraic loop), the order of the SSD stands.
+    """
+    edges = {(k.start[0], k.end[0]) for k in links}
+    loops = {name: tuple(part) for part, _ in cycles(names, edges) for name in part}
+    block_of = {name: loops.get(name, (name,)) for name in names}
+    ordered = topological(
+        list(dict.fromkeys(block_of.values())),
+        {(block_of[a], block_of[b]) for a, b in edges if block_of[a] != block_of[b]},
+    )
+    blocks: list[tuple[str, ...]] = []
+    for part in ordered:
+        inner = {(a, b) for a, b in edges if a in part and b in part and a in feeding}
+        listed = sorted(part, key=lambda name: name not in feeding)
+        blocks.append(tuple(listed if cycles(listed, inner) else topological(listed, inner)))
+    return tuple(blocks)
+
+
+def _dependencies(
+    description: Description, output: str, initial: bool, connected: set[Port], unit: str
+) -> list[str]:
+    """Return the connected inputs (initially also parameters) of a unit that an output depends on."""
+    everything = [name for owner, name in connected if owner == unit]
+    if initial:
+        variable = description.variables[output]
+        if output in description.initial_dependencies:
+            known = description.initial_dependencies[output]
+        elif variable.initial == "exact":
+            known = frozenset()
+        else:
+            known = description.step_dependencies.get(output)
+    else:
+        known = description.step_dependencies.get(output)
+        if description.variables[output].causality != "output":
+            known = frozenset()
+    return everything if known is None else [name for name in everything if name in known]
+
+
+def variable_graph(
+    descriptions: Mapping[str, Description], links: Sequence[Link], *, initial: bool
+) -> tuple[list[Port], set[tuple[Port, Port]]]:
+    """Return the connected variables, and the pairs of which the second depends on the first directly."""
+    used = [link for link in links if initial or link.stepped]
+    connected = {link.end for link in used}
+    ports = list(dict.fromkeys(port for link in used for port in (link.start, link.end)))
+    edges = {(link.start, link.end) for link in used}
+    for unit, output in {link.start for link in used}:
+        for name in _dependencies(descriptions[unit], output, initial, connected, unit):
+            edges.add(((unit, name), (unit, output)))
+    return ports, edges
+
+
+def _tear(
+    ports: Sequence[Port], edges: set[tuple[Port, Port]], links: Sequence[Link]
+) -> dict[Port, tuple[Link, Sequence[Port]]]:
+    """Take connections away until the edges have no cycle; return them by their ends, with a cycle of their loop.
+
+    Of a loop all connections into one unit go, that with the fewest discrete ones, which no guess improves, and the
+    fewest at all.
+    """
+    torn: dict[Port, tuple[Link, Sequence[Port]]] = {}
+    loop_of: dict[Port, Sequence[Port]] = {}
+    while found := cycles(ports, edges):
+        for part, cycle in found:
+            inside = set(part)
+            into: dict[str, list[Link]] = {}
+            for link in links:
+                if link.start in inside and link.end in inside and (link.start, link.end) in edges:
+                    into.setdefault(link.end[0], []).append(link)
+            for port in part:
+                loop_of.setdefault(port, cycle)
+            for link in min(into.values(), key=lambda each: (sum(k.discrete for k in each), len(each))):
+                torn[link.end] = link, loop_of[link.end]
+                edges.discard((link.start, link.end))
+    return torn
+
+
+def _loop_message(cycle: Sequence[Port], descriptions: Mapping[str, Description]) -> str:
+    silent = sorted(
+        {unit for unit, name in cycle if descriptions[unit].step_dependencies.get(name, frozenset()) is None}
+    )
+    text = " -> ".join(".".join(port) for port in cycle)
+    if silent:
+        text += f". Note: no dependencies are declared by {', '.join(silent)}, so all inputs count"
+    return text
+
+
+def _sorter(nodes: Sequence[N], edges: Iterable[tuple[N, N]]) -> TopologicalSorter[N]:
+    graph = TopologicalSorter(dict.fromkeys(nodes, ()))
+    for a, b in edges:
+        graph.add(b, a)
+    return graph
+
+
+def topological(nodes: Sequence[N], edges: Iterable[tuple[N, N]]) -> list[N]:
+    """Order the nodes of an acyclic graph; ties stay in the given order."""
+    rank = {node: i for i, node in enumerate(nodes)}
+    graph = _sorter(nodes, edges)
+    graph.prepare()
+    ready: list[int] = []
+    order: list[N] = []
+    while graph.is_active():
+        for node in graph.get_ready():
+            heapq.heappush(ready, rank[node])
+        order.append(nodes[heapq.heappop(ready)])
+        graph.done(order[-1])
+    return order
+
+
+def cycles(nodes: Sequence[N], edges: Iterable[tuple[N, N]]) -> list[tuple[list[N], list[N]]]:
+    """Return, for each strongly connected part with a cycle, its nodes and a shortest cycle in it.
+
+    The cycle repeats its first node at its end.
+    """
+    edges = list(edges)
+    index = {node: i for i, node in enumerate(nodes)}
+    try:
+        _sorter(nodes, edges).prepare()
+        return []
+    except CycleError:
+        pass
+    from scipy.sparse import coo_array  # takes 0.3 s to import, and most systems have no cycle
+    from scipy.sparse.csgraph import connected_components
+
+    rows, columns = (np.array([index[e[k]] for e in edges]) for k in (0, 1))
+    graph = coo_array((np.ones(len(edges)), (rows, columns)), shape=(len(nodes), len(nodes)))
+    _, labels = connected_components(graph, directed=True, connection="strong")
+    parts: dict[int, list[N]] = {}
+    for node, label in zip(nodes, labels, strict=True):
+        parts.setdefault(int(label), []).append(node)
+    after: dict[N, list[N]] = {}
+    for a, b in edges:
+        if labels[index[a]] == labels[index[b]]:
+            after.setdefault(a, []).append(b)
+    return [(part, _shortest(part[0], after)) for part in parts.values() if part[0] in after]
+
+
+def _shortest(start: N, after: Mapping[N, Sequence[N]]) -> list[N]:
+    """Return a shortest cycle through `start`, by breadth-first search."""
+    before: dict[N, N] = {}
+    queue = deque([start])
+    while queue:
+        node = queue.popleft()
+        for following in sorted(after.get(node, ()), key=str):
+            if following == start:
+                path = [start]
+                while node != start:
+                    path.append(node)
+                    node = before[node]
+                return [*path, start][::-1]
+            if following not in before:
+                before[following] = node
+                queue.append(following)
+    raise AssertionError("every node of a strongly connected part lies on a cycle")

@@ -1,0 +1,69 @@
+"""The FMUs of a system, unpacked for a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import fmpy
+
+from vdfmu.base.errors import VdfmuError
+from vdfmu.engine.package.archive import Archive
+from vdfmu.engine.plan.checked import Checked
+
+_OURS = {"resources/vdfmu.json", "extra/vdfmu/vdfmu.json"}
+"""Members of which an FMU has one if this project built it; see `vdfmu.compiler.fmu.content`."""
+_UNIT = "resources/unit.py"
+"""Member of a Python FMU of ours that runs a unit of the user, which may do anything."""
+
+
+def unpack_units(checked: Checked, folder: Path) -> tuple[dict[str, Path], bool]:
+    """Unpack the FMUs of a system below a folder.
+
+    Returns
+    -------
+    dict of str to Path
+        The folder of each by source.
+    bool
+        Whether this project did not build one of them.
+
+    Raises
+    ------
+    VdfmuError
+        If there is no room, or the folder's name has what a Python FMU cannot be run from.
+    """
+    unpacked: dict[str, Path] = {}
+    path, foreign = checked.system.path, False
+    with Archive(path, path.name) as package:
+        for source in dict.fromkeys(d.source for d in checked.descriptions.values()):
+            unpacked[source] = folder / f"{len(unpacked)}"
+            try:
+                with package.opened(source, source) as unit:
+                    foreign = foreign or _OURS.isdisjoint(unit.names) or _UNIT in unit.names
+                    unit.extract(unpacked[source], _needed)
+            except OSError as error:
+                raise no_room(str(folder), error) from error
+            _refuse_escapes(unpacked[source])
+    return unpacked, foreign
+
+
+def _refuse_escapes(folder: Path) -> None:
+    """Raise where a Python FMU would crash the process: its wrapper decodes no escape of a URI but that of a space."""
+    uri = folder.as_uri()
+    if (folder / "resources" / "slavemodule.txt").is_file() and "%" in uri.replace("%20", " "):
+        raise VdfmuError(
+            f"{folder}: Python FMUs cannot be run from a folder whose name has other than ASCII letters, digits and "
+            "spaces. Choose another folder for temporary files with TMPDIR."
+        )
+
+
+def no_room(folder: str, error: OSError) -> VdfmuError:
+    """Return the error of FMUs that cannot be unpacked."""
+    return VdfmuError(
+        f"{folder}: FMUs cannot be unpacked there: {error}. Free space, or choose another folder with TMPDIR."
+    )
+
+
+def _needed(member: str) -> bool:
+    """Whether a member of an FMU is needed to run it."""
+    places = "resources/", f"binaries/{fmpy.platform}/", f"binaries/{fmpy.platform_tuple}/"
+    return member == "modelDescription.xml" or member.startswith(places)

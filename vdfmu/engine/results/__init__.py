@@ -1,0 +1,1 @@
+"""Results of a run: in memory, on disk, as tables and pictures."""

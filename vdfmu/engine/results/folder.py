@@ -1,0 +1,220 @@
+"""The folder of a run's results: a run is written beside an earlier one and takes its place when it is complete."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Generator, Iterable, Sequence
+from contextlib import contextmanager, suppress
+from itertools import count, islice
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+from vdfmu.base.errors import CosimError, UsageError, VdfmuError
+from vdfmu.base.interrupt import InterruptGuard
+from vdfmu.base.json_text import to_json
+from vdfmu.engine.results.parquet import needed
+from vdfmu.engine.results.verdict import Check, verdict_of
+from vdfmu.engine.run import Interrupted
+
+SYSTEM_OUTPUTS = ("results.csv", "results.parquet", "signals.png", "summary.json")
+"""Files that a run of a package writes, and replaces in the folder of an earlier one; no package is among them."""
+PICTURES = ("png", "svg", "pdf")
+"""Kinds of files of a picture."""
+DRAWN = 20_000
+"""Rows that a picture shows at most: 8 for each of its pixels."""
+
+
+def known_formats(formats: Sequence[str]) -> None:
+    """Raise UsageError for a format of results that there is not, or whose package is not installed."""
+    if not formats or not set(formats) <= {"csv", "parquet"}:
+        got = ",".join(formats) or "none"
+        raise UsageError(f"format: expected csv, parquet, or csv,parquet for both, got {got}.")
+    if "parquet" in formats:
+        needed()
+
+
+def known_pictures(pictures: Sequence[str]) -> None:
+    """Raise UsageError for a kind of picture that there is not."""
+    unknown = [kind for kind in pictures if kind not in PICTURES]
+    if unknown:
+        raise UsageError(f"pictures: expected some of {', '.join(PICTURES)}, got {', '.join(unknown)}.")
+
+
+@contextmanager
+def replacing_results(folder: Path, outputs: Sequence[str], overwrite: bool) -> Generator[Path]:
+    """Give a run a folder in `folder` to write to; what it holds in the end replaces an earlier run.
+
+    A run that fails or is stopped leaves its rows in ``partial``, which its error says, and the earlier run as it was.
+    Without rows it leaves nothing. One that is killed leaves ``partial_PID``. Several at once, in threads or processes,
+    do not meet: the last that is complete stays.
+
+    Raises
+    ------
+    UsageError
+        If the folder cannot be written to, or has files of these names that no run wrote, without `overwrite`.
+    """
+    names = (f"partial_{os.getpid()}" + (f"_{k}" if k > 1 else "") for k in count(1))
+    with _LOCK:
+        partial = folder / next(name for name in names if (folder / name).absolute() not in _TAKEN)
+        taken = partial.absolute()
+        _TAKEN.add(taken)
+    try:
+        with _replacing(partial, folder, outputs, overwrite):
+            yield partial
+    finally:
+        _TAKEN.remove(taken)
+
+
+_TAKEN: set[Path] = set()
+"""Folders of the runs of this process that are under way."""
+_LOCK = Lock()
+
+
+@contextmanager
+def _replacing(partial: Path, folder: Path, outputs: Sequence[str], overwrite: bool) -> Generator[None]:
+    made = not folder.exists()
+    try:
+        _prepare(partial, folder, outputs, overwrite)
+        yield
+        with InterruptGuard(), _LOCK, _one_process(folder):
+            _publish(partial, folder, outputs)
+    except BaseException as error:
+        if _has_rows(partial / "results.csv") or (partial / "results.parquet").exists():
+            others = f"; {folder} is as it was" if written(folder, outputs) else ""
+            error.add_note(f"The rows so far are in {_set_aside(partial, outputs)}{others}.")
+        else:
+            with suppress(OSError):
+                _remove(partial, outputs)
+            for empty in (partial, folder) if made else (partial,):
+                with suppress(OSError):
+                    empty.rmdir()
+        raise
+
+
+@contextmanager
+def _one_process(folder: Path) -> Generator[None]:
+    """Let no other process publish in a folder meanwhile, where the system has such locks."""
+    if os.name != "posix":
+        yield
+        return
+    import fcntl
+
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
+
+
+def _prepare(partial: Path, folder: Path, outputs: Sequence[str], overwrite: bool) -> None:
+    try:
+        found = written(folder, outputs)
+        folders = [name for name in found if (folder / name).is_dir()]
+        if folders:
+            raise UsageError(
+                f"{folder}: has folders of the names {', '.join(folders)}; expected files, or nothing of these names. "
+                "Choose another folder with --out."
+            )
+        foreign = sorted(set(found) - _ours(folder))
+        if foreign and not overwrite:
+            raise UsageError(
+                f"{folder}: has {', '.join(foreign)}, which no run wrote there; expected a new folder, or that of an "
+                "earlier run. Choose another one with --out, or let them be replaced with --overwrite."
+            )
+        partial.mkdir(parents=True, exist_ok=True)
+        _remove(partial, outputs)
+    except OSError as error:
+        raise UsageError(
+            f"{folder}: cannot hold the results: {error}. Choose another folder with --out."
+        ) from error
+
+
+def _has_rows(path: Path) -> bool:
+    try:
+        with open(path, "rb") as file:
+            return len(list(islice(file, 3))) == 3  # names, units, a row
+    except OSError:
+        return False
+
+
+def _set_aside(partial: Path, outputs: Sequence[str]) -> Path:
+    """Give the folder of a failed run its name, in place of that of the one before."""
+    target = partial.with_name("partial")
+    with suppress(OSError):
+        if target.exists():
+            _remove(target, outputs)
+            target.rmdir()
+        return partial.rename(target)
+    return partial
+
+
+def _ours(folder: Path) -> set[str]:
+    """Return the names of the files that the last run wrote."""
+    try:
+        return set(json.loads((folder / "summary.json").read_text(encoding="utf-8"))["files"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return set()
+
+
+def _remove(folder: Path, names: Iterable[str]) -> None:
+    for name in names:
+        (folder / name).unlink(missing_ok=True)
+
+
+def _publish(partial: Path, folder: Path, outputs: Sequence[str]) -> None:
+    """Move the files of a complete run to their place, the summary, which says what is ours, as the last.
+
+    Those of the earlier run are kept until all are there, and come back if one cannot be moved.
+    """
+    new = [name for name in written(partial, outputs) if name != "summary.json"] + ["summary.json"]
+    ours, before = _ours(folder), partial / "before"
+    old = [name for name in written(folder, outputs) if name in ours or name in new]
+    moved: list[tuple[Path, Path]] = []
+    try:
+        before.mkdir()
+        for source, target, names in ((folder, before, old), (partial, folder, new)):
+            for name in names:
+                os.replace(source / name, target / name)
+                moved.append((source / name, target / name))
+    except OSError as error:
+        with suppress(OSError):
+            for source, target in reversed(moved):
+                os.replace(target, source)
+            before.rmdir()
+        raise VdfmuError(
+            f"{folder}: cannot be written: {error}. Choose another folder with --out."
+        ) from error
+    with suppress(OSError):  # something else is in it
+        _remove(before, old)
+        before.rmdir()
+        partial.rmdir()
+
+
+def written(folder: Path, outputs: Sequence[str]) -> list[str]:
+    """Return the names of the files that a run has written."""
+    return sorted(name for name in outputs if (folder / name).exists())
+
+
+def write_summary(summary: dict[str, Any], folder: Path) -> None:
+    """Write ``summary.json``, with the names of the files of the run, by which a later one knows them as ours."""
+    path = folder / "summary.json"
+    summary["files"] = sorted({*(file.name for file in folder.iterdir()), path.name})
+    try:
+        path.write_text(to_json(summary) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise VdfmuError(
+            f"{path}: cannot be written: {error}. Free space or choose another folder."
+        ) from error
+
+
+def keep(error: CosimError | Interrupted, folder: Path, checks: Iterable[Check] = ()) -> None:
+    """Write the summary of a failed run, with why it ended and what else was checked; the rows are there."""
+    results = error.results
+    if results is not None:
+        results.summary["error"] = str(error)
+        results.summary["verdict"] = verdict_of([Check("Ran to its end", False, str(error)), *checks])
+        write_summary(results.summary, folder)

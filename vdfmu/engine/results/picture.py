@@ -1,0 +1,170 @@
+"""The picture of any system's run, or of several: a panel for each variable, arrays as the curves of one panel."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from vdfmu.base import style
+from vdfmu.base.errors import UsageError
+from vdfmu.engine.results.results import Results
+
+PANELS = 12
+"""Panels of a picture; more would be too small to read."""
+_CURVES, _CURVES_ALONE = 8, 28
+"""Curves of a panel whose legend fits beside it, and of one that is alone; those differ in colour or dashes."""
+_TITLE, _TITLE_ALONE = 38, 80
+"""Characters of the title of a panel."""
+_LEAST, _LARGEST = 1e-290, 1e290
+"""Values that matplotlib can draw."""
+
+
+class _Panel(NamedTuple):
+    component: str
+    title: str
+    unit: str
+    curves: list[tuple[str, str]]
+    """Label and name of the signal."""
+
+
+def signals_figure(
+    results: Results, folder: Path, hidden: Collection[str] = (), pictures: Sequence[str] = ("png",)
+) -> list[Path]:
+    """Write ``signals.png``, or of the suffixes `pictures`, unless nothing is recorded; see :func:`draw_signals`."""
+    if all(name in hidden for name in results.names):
+        return []
+    figure = draw_signals(results, hidden)
+    return [style.save(figure, folder / f"signals.{suffix}") for suffix in pictures]
+
+
+def plot(
+    results: Results, names: Sequence[str], over: Mapping[str, Results], path: str | Path | None
+) -> Figure:
+    """Draw chosen signals, and write the picture if there is a path; see `Results.plot`."""
+    runs: list[Any] = list(over.values()) if hasattr(over, "values") else [None]
+    if not all(isinstance(run, Results) for run in runs):
+        raise UsageError(
+            f"plot: expected results by what they are called, over={{'soft': other}}, got {over!r:.60}."
+        )
+    wanted = [signal for name in names or results.names for signal in results.members(name)]
+    figure = draw_signals(results, set(results.names).difference(wanted), over)
+    if path is not None:
+        style.save(figure, Path(path))
+    return figure
+
+
+@style.styled
+def draw_signals(
+    results: Results, hidden: Collection[str] = (), over: Mapping[str, Results] | None = None
+) -> Figure:
+    """Draw the recorded variables over time.
+
+    Of more than `PANELS` variables each component shows its first ones.
+
+    Parameters
+    ----------
+    results : Results
+    hidden : collection of str
+        Signals to leave out.
+    over : mapping of str to Results, optional
+        Other runs to draw over these, by what they are called.
+    """
+    panels = _panels(results, hidden)
+    shown = _chosen(panels)
+    facts = results.summary
+    runs = {str(facts.get("scenario") or "this run"): results, **(over or {})}
+    about = [Path(facts.get("package", "")).name, str(facts.get("algorithm", ""))]
+    about += [f"step {1e3 * facts['step']:g} ms"] if "step" in facts else []
+    caption = ", ".join(filter(None, about)) + "." if any(about) else ""
+    left = len(panels) - len(shown)
+    if left:
+        caption += f" {left} more variables are in the results; --record chooses others."
+    alone = len(shown) == 1
+    most = _CURVES_ALONE if alone else _CURVES
+    if any(len(p.curves) > most for p in shown):
+        caption += f" Of arrays the first {most} elements."
+    columns = 1 if alone else 2 if len(shown) <= 6 else 3
+    rows = -(-len(shown) // columns)
+    figure = style.new_figure(
+        _plain(f"Signals of {facts.get('system', 'a run')}", _TITLE_ALONE),
+        _plain(caption, 10 * _TITLE_ALONE),
+        width=3.9 * columns if columns > 1 else style.WIDTH,
+        height=1.0 + (3.2 if rows == 1 else 2.2) * rows,
+        legend=[Line2D([], [], label=name, color="black", **_run_look(k)) for k, name in enumerate(runs)]
+        if len(runs) > 1
+        else (),
+    )
+    grid: NDArray[Any] = figure.subplots(rows, columns, squeeze=False)
+    axes: list[Axes] = grid.ravel().tolist()
+    for spare in axes[len(shown) :]:
+        spare.remove()
+    for place, panel in zip(axes, shown, strict=False):
+        _draw(place, list(runs.values()), panel, most, _TITLE_ALONE if alone else _TITLE)
+    style.label_time(axes[: len(shown)], columns)
+    return figure
+
+
+def _run_look(k: int) -> dict[str, Any]:
+    """Dashes and width of run `k`, from 0: what is drawn over another is dashed and thinner."""
+    return {"linestyle": style.DASHES[k % len(style.DASHES)], "linewidth": 1.6 if k == 0 else 1.2}
+
+
+def _draw(axes: Axes, runs: Sequence[Results], panel: _Panel, most: int, length: int) -> None:
+    handles: list[Line2D] = []
+    for i, (label, name) in enumerate(panel.curves[:most]):
+        for k, results in enumerate(runs):
+            if name not in results.kinds:
+                continue
+            look = style.joint_look(i) | (_run_look(k) if len(runs) > 1 else {})
+            if results.kinds[name] != "real":
+                look["drawstyle"] = "steps-post"
+            values = results[name].astype(float)
+            values[~(np.abs(values) <= _LARGEST)] = np.nan
+            values[np.abs(values) < _LEAST] = 0.0
+            line = style.curve(axes, results.time, values, label=label, **look)
+            if k == 0:
+                handles.append(line)
+    style.dress(axes, _plain(panel.title, length), "", _plain(panel.unit, length), runs[0].time)
+    if len(handles) > 1:
+        style.legend_beside(axes, handles)
+
+
+def _plain(text: str, length: int) -> str:
+    """Return a text that matplotlib takes for no formula, shortened in its middle."""
+    if len(text) > length:
+        text = f"{text[: length // 2 - 1]}…{text[-(length - length // 2) :]}"
+    return text.replace("$", r"\$")
+
+
+def _panels(results: Results, hidden: Collection[str]) -> list[_Panel]:
+    """Return the groups in the order of the results; elements of another unit are another panel."""
+    panels: dict[tuple[str, str], _Panel] = {}
+    for group, elements in results.groups.items():
+        for name in elements.values():
+            if name in hidden:
+                continue
+            unit = results.units[name]
+            panel = panels.setdefault((group, unit), _Panel(group.rpartition(".")[0], group, unit, []))
+            panel.curves.append((name.removeprefix(group) or name, name))
+    return list(panels.values())
+
+
+def _chosen(panels: list[_Panel]) -> list[_Panel]:
+    """As many first panels of every component as there is room for."""
+    for most in range(len(panels), 0, -1):
+        seen: dict[str, int] = {}
+        chosen: list[_Panel] = []
+        for panel in panels:
+            seen[panel.component] = seen.get(panel.component, 0) + 1
+            if seen[panel.component] <= most:
+                chosen.append(panel)
+        if len(chosen) <= PANELS:
+            return chosen
+    return panels[:PANELS]

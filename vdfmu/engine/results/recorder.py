@@ -1,0 +1,125 @@
+"""Rows of a run on their way to disk: as CSV, which a crash leaves, and as numbers that are read back in place."""
+
+from __future__ import annotations
+
+import tempfile
+import time as clock
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vdfmu.base.arrays import Floats
+from vdfmu.engine.results.csv_file import csv_head, csv_lines
+from vdfmu.engine.results.results import Signal, no_rows
+
+ROWS = 512
+"""Rows that are kept in memory at most."""
+_SECONDS = 2.0
+"""Time for which a row is kept in memory at most, if another follows."""
+
+
+class Recorder:
+    """Writes rows to disk block by block, at least every two seconds.
+
+    Parameters
+    ----------
+    path : Path
+        The CSV file; a file of that name is replaced. A Parquet file is only named in messages, and the numbers go to
+        its folder: it is written when all rows are there.
+    signals : sequence of Signal
+        Copies of others are left out: ``summary.json`` has their names.
+    data : mapping of str to (`ROWS`, columns) array
+        The block, by kind.
+    put : callable
+        Called as ``put(i)`` to store what the signals are now in row `i` of the block.
+    times : callable
+        Called as ``times(first, end)``: the times [s] of the rows from `first` to before `end`, (end - first,).
+
+    Attributes
+    ----------
+    seconds : float [s]
+        Wall time that writing took.
+
+    Raises
+    ------
+    VdfmuError
+        From every method: the disk is full, or the file cannot be written. All complete blocks are in it.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        signals: Sequence[Signal],
+        data: Mapping[str, NDArray[Any]],
+        put: Callable[[int], None],
+        times: Callable[[int, int], Floats],
+    ) -> None:
+        self._path, self._data = path, data
+        self._signals = [signal for signal in signals if not signal.of]
+        self._put, self._times = put, times
+        self._first = 0
+        self._due = clock.perf_counter() + _SECONDS
+        self.seconds = 0.0
+        self._files: dict[str, BinaryIO] = {}
+        self._csv: BinaryIO | None = None
+        try:
+            if path.suffix.lower() != ".parquet":
+                self._csv = open(path, "wb", buffering=0)  # noqa: SIM115 - closed with the recorder
+                self._write(self._csv, csv_head(self._signals).encode())
+            for kind, block in data.items():
+                if block.shape[1]:
+                    self._files[kind] = tempfile.TemporaryFile(dir=path.parent, buffering=0)  # noqa: SIM115
+        except OSError as error:
+            raise no_rows(self._path, error) from error
+
+    def store(self, k: int) -> None:
+        """Store row `k`, the one after the last."""
+        if k - self._first == ROWS or clock.perf_counter() > self._due:
+            self._flush(self._times(self._first, k))
+        self._put(k - self._first)
+
+    def finish(self, time: Floats) -> dict[str, NDArray[Any]]:
+        """Write the rows that are left, up to that of the last `time`; return all of them, by kind, from disk."""
+        self._flush(time[self._first :])
+        if self._csv is not None:
+            self._csv.close()
+        found: dict[str, NDArray[Any]] = {}
+        for kind, block in self._data.items():
+            shape = len(time), block.shape[1]
+            if 0 in shape:
+                found[kind] = np.empty(shape, block.dtype)
+            else:
+                found[kind] = np.memmap(self._files[kind], block.dtype, "c", shape=shape)
+                self._files[kind].close()  # the map stays
+        return found
+
+    def _flush(self, time: Floats) -> None:
+        began = clock.perf_counter()
+        rows = slice(0, len(time))
+        text = [] if self._csv is None else [self._csv]
+        before = [(file, file.tell()) for file in (*text, *self._files.values())]
+        try:
+            for file in text:
+                self._write(file, csv_lines(time, self._signals, self._data, rows).encode())
+            for kind, file in self._files.items():
+                self._write(file, self._data[kind][rows].tobytes())
+        except BaseException as error:  # a second Ctrl-C too
+            for file, position in before:
+                file.truncate(position)
+                file.seek(position)
+            if isinstance(error, OSError):
+                raise no_rows(self._path, error) from error
+            raise
+        self._first += len(time)
+        now = clock.perf_counter()
+        self.seconds += now - began
+        self._due = now + _SECONDS
+
+    @staticmethod
+    def _write(file: BinaryIO, content: bytes) -> None:
+        rest = memoryview(content)
+        while rest:
+            rest = rest[file.write(rest) :]

@@ -1,0 +1,163 @@
+"""A run whose steps the user makes, as the loop of a controller or of reinforcement learning wants it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from ctypes import c_void_p
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vdfmu.base.errors import CosimError, UsageError
+from vdfmu.engine.fmu.access import KINDS
+from vdfmu.engine.fmu.component import Slave
+from vdfmu.engine.fmu.variables import Variable
+from vdfmu.engine.masters.components import Components
+from vdfmu.engine.masters.exchange import TEXTS, SampledStepper
+from vdfmu.engine.package.system import spread
+from vdfmu.engine.plan.conversion import Value, as_type
+from vdfmu.engine.plan.overrides import overrides
+from vdfmu.engine.run.session import Run
+
+
+class ByHand:
+    """Steps of components that are initialized and coupled.
+
+    Parameters
+    ----------
+    run : Run
+        Its components are not isolated.
+    begin, end, step : float [s]
+    n : int
+        Number of steps to the end.
+    """
+
+    def __init__(self, run: Run, begin: float, end: float, step: float, n: int) -> None:
+        assert isinstance(run.components, Components)
+        self._run, self._slaves = run, run.components.slaves
+        run.exchange.recorders(1, ())  # what is read must be finite
+        run.exchange.refuse_not_finite("initialization", begin)
+        self._one = run.stepping(begin, end, step, n)
+        self._begin, self._end, self._step, self.n, self._k = begin, end, step, n, 0
+        self._sinks: dict[str, list[tuple[Slave, Variable]]] = {}
+        self._sources: dict[str, Callable[[], Any]] = {}
+        self._memory = [(bank.memory, bank.memory.copy()) for bank in run.exchange.banks]
+        self._states: list[tuple[Slave, c_void_p]] = []
+        # arrays of FMI 3.0 are set as a whole, with elements that the slave remembers
+        simple = all(d.saves_state and d.version == "2.0" for d in run.checked.descriptions.values())
+        if simple and type(run.stepper) is SampledStepper:
+            self._states = [(slave, slave.saved_state()) for slave in self._slaves.values()]
+
+    @property
+    def time(self) -> float:
+        """Time [s]."""
+        return self._end if self._k == self.n else self._begin + self._k * self._step
+
+    def restart(self) -> bool:
+        """Go back to the start from saved states; False where that needs a new initialization."""
+        for slave, state in self._states:
+            slave.restore_state(state)
+        for memory, before in self._memory:
+            memory[:] = before
+        self._k = 0
+        return bool(self._states)
+
+    def close(self) -> None:
+        """Free the saved states."""
+        for slave, state in self._states:
+            slave.free_state(state)
+        self._states = []
+
+    def step(self, count: int) -> None:
+        """Do some steps."""
+        if count > self.n - self._k:
+            raise UsageError(
+                f"step: the run ends at t = {self._end:g} s, {self.n - self._k} steps from t = {self.time:g} s. "
+                "Reset it, with a later stop."
+            )
+        run = self._run
+        for _ in range(count):
+            self._one(self._k)
+            self._k += 1
+            if run.box.pending:
+                run.box.flush()
+            if run.box.ended:
+                name, time = next(iter(run.box.ended.items()))
+                raise CosimError(name, "doStep", time, "it ended the simulation")
+
+    def set(self, name: str, value: Any) -> None:
+        """Set an input that nothing feeds, or a tunable parameter."""
+        sinks = self._sinks.get(name) or self._sinks.setdefault(name, self._sinks_of(name, value))
+        try:
+            values = spread(value, [variable.name for _, variable in sinks])
+            made = [(v, as_type(x, v)) for (_, v), x in zip(sinks, values, strict=True)]
+        except ValueError as error:
+            raise UsageError(f"{name!r}: {error}") from None
+        sinks[0][0].set_all(made)
+
+    def _sinks_of(self, name: str, value: Value) -> list[tuple[Slave, Variable]]:
+        checked = self._run.checked
+        fed = {link.end: link.start for link in checked.links}
+        found: list[tuple[Slave, Variable]] = []
+        for owner, named in overrides(checked.descriptions, {name: value}).items():
+            slave = self._slaves[owner]
+            for variable, _ in named.values():
+                source = fed.get((owner, variable.name))
+                if source is not None:
+                    raise UsageError(
+                        f"{name!r}: {'.'.join(source)} feeds it. Take the connection out to set it."
+                    )
+                tunable = variable.causality == "parameter" and variable.variability == "tunable"
+                if not (variable.causality == "input" or tunable) or not slave.between_events(variable):
+                    raise UsageError(
+                        f"{name!r}: expected an input or a tunable parameter, got a {variable.variability} "
+                        f"{variable.causality}, which is set before the run: reset(parameters={{{name!r}: ..}})."
+                    )
+                found.append((slave, variable))
+        return found
+
+    def get(self, name: str) -> Any:
+        """Return a number, or the array of those whose names begin with it."""
+        source = self._sources.get(name) or self._sources.setdefault(name, self._source_of(name))
+        return source()
+
+    def _source_of(self, name: str) -> Callable[[], Any]:
+        for owner, description in self._run.checked.descriptions.items():
+            if not name.startswith(f"{owner}."):
+                continue
+            wanted, slave = name[len(owner) + 1 :], self._slaves[owner]
+            variables = [v for v in description.variables.values() if v.name.partition("[")[0] == wanted]
+            if wanted in description.variables:
+                return self._number(slave, description.variables[wanted])
+            if variables:
+                return self._array(slave, variables)
+        raise UsageError(f"there is no signal {name!r}.")
+
+    def _number(self, slave: Slave, variable: Variable) -> Callable[[], Any]:
+        place = self._place(slave, variable)
+        return (lambda: slave.get(variable)) if place is None else lambda: place[0][place[1]].item()
+
+    def _array(self, slave: Slave, variables: list[Variable]) -> Callable[[], Any]:
+        indices = [tuple(map(int, v.name.rstrip("]").partition("[")[2].split(","))) for v in variables]
+        shape = [max(axis) for axis in zip(*indices, strict=True)]
+        numbers = [self._number(slave, v) for v in variables]
+        places = [self._place(slave, v) for v in variables]
+        order = [np.ravel_multi_index([i - 1 for i in index], shape) for index in indices]
+        if order != list(range(len(order))) or len(order) != np.prod(shape):
+            raise UsageError(
+                f"{slave.name}: {variables[0].name} and the others of its name do not fill an array."
+            )
+        if all(place is not None for place in places):
+            memory = places[0][0]  # pyright: ignore[reportOptionalSubscript]
+            columns = np.array([place[1] for place in places if place is not None], np.intp)
+            return lambda: memory.take(columns).reshape(shape)
+        return lambda: np.array([number() for number in numbers]).reshape(shape)
+
+    def _place(self, slave: Slave, variable: Variable) -> tuple[NDArray[Any], int] | None:
+        """Return where the master has a number; None for one that only the component has."""
+        if variable.kind in TEXTS:
+            return None
+        bank = self._run.exchange.banks[KINDS.index(variable.kind)]
+        place = bank.position.get((slave.name, variable.name))
+        return None if place is None else (bank.memory, place)

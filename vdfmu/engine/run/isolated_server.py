@@ -1,0 +1,159 @@
+"""The process of isolated components; see `vdfmu.engine.run.isolated`."""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import os
+import pickle
+import sys
+import traceback
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from vdfmu.base.errors import CosimError, UsageError, VdfmuError
+from vdfmu.base.process import limit, private_pipes
+from vdfmu.engine.fmu.messages import LogMessage, MessageBox
+from vdfmu.engine.masters.components import Components
+from vdfmu.engine.masters.exchange import Exchange
+from vdfmu.engine.run.isolated import CALLS, REPLY, REQUEST, mapped
+
+
+class Server:
+    """What runs in the process: the methods of `Isolated` call those of the same name here."""
+
+    components = Components
+    """Their class."""
+
+    def __init__(self, memory: str) -> None:
+        self._said: list[LogMessage] = []
+        self._box = MessageBox(self._said.append)
+        self._words = mapped(Path(memory))
+        self._calls, self._lines = open(Path(memory).with_name(CALLS), "w", encoding="utf-8"), 0
+
+    def load(self, start: bytes) -> None:
+        """Load what `start`, pickled, holds: a Checked, and where its FMUs are unpacked."""
+        checked, folders = pickle.loads(start)
+        positions = {name: i for i, name in enumerate(checked.descriptions)}
+        running = Exchange(checked, {}, self._box, self._words).running
+
+        def watch(unit: str, call: str, function: Any) -> Any:
+            self._calls.write(f"{positions[unit]} {call}\n")
+            self._calls.flush()
+            self._lines += 1
+            number = self._lines
+
+            def noted(*arguments: Any) -> Any:
+                running.value = number
+                returned = function(*arguments)
+                running.value = -number
+                return returned
+
+            return noted
+
+        self._components = self.components(checked, folders, self._box, self._words, watch)
+        self._components.load()
+
+    def initialize(self, *arguments: Any) -> None:
+        """See `Components.initialize`."""
+        self._components.initialize(*arguments)
+
+    def couple(self, adaptive: float | None, convergence: float | None, span: float, record: Any) -> None:
+        """See `Components.couple`."""
+        exchange = self._components.exchange
+        self._stepper = self._components.couple(adaptive, convergence, span, record)
+        self._stepper.pressed = lambda: bool(exchange.pressed.value)
+        with suppress(UsageError):  # the master says so
+            exchange.recorders(1, record)
+
+    def advance(self, time: float, step: float, stop: float) -> None:
+        """Step all components."""
+        self._box.time = time
+        self._stepper.advance(time, step, stop)
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the summary says of the steps."""
+        return self._stepper.facts()
+
+    def notes(self) -> list[str]:
+        """Return what is worth knowing after the run."""
+        return self._stepper.notes()
+
+    def keep(self, *arguments: Any) -> None:
+        """See `Components.keep`."""
+        self._components.keep(*arguments)
+
+    def look(self, *arguments: Any) -> Any:
+        """See `Components.look`."""
+        return self._components.look(*arguments)
+
+    def close(self, time: float) -> list[Any] | None:
+        """See `Components.close`; `time` is that of the last row."""
+        self._box.time = time
+        failure = self._components.close()
+        return None if failure is None else list(failure.args[:4])
+
+    def answer(self, requests: BinaryIO) -> bytes | None:
+        """Serve a request; return the reply, None when there is no request any more."""
+        head = requests.read(REQUEST.size)
+        if len(head) < REQUEST.size:
+            return None
+        size, *times = REQUEST.unpack(head)
+        reply: dict[str, Any] = {"result": None, "failure": None, "fault": None, "interrupted": False}
+        try:
+            if not size:
+                self.advance(*times)
+                if not (self._box.pending or self._box.ended):
+                    return REPLY.pack(0)
+            else:
+                name, arguments = pickle.loads(requests.read(size))
+                reply["result"] = getattr(self, name)(*arguments)
+        except CosimError as error:
+            reply["failure"] = error.args[:4]
+        except VdfmuError as error:
+            reply["fault"] = str(error)
+        except KeyboardInterrupt:
+            reply["interrupted"] = True
+        except Exception as error:
+            reply["failure"] = ("vdfmu", "step", self._box.time, _fault(error))
+        messages = [*self._said, *self._box.pending]
+        self._said.clear()
+        self._box.pending.clear()
+        reply |= {"messages": [asdict(message) for message in messages], "ended": self._box.ended}
+        answer = json.dumps(reply, default=np.generic.item).encode()
+        return REPLY.pack(len(answer)) + answer
+
+
+def _fault(error: Exception) -> str:
+    """Return the words for an error that no component has raised."""
+    if isinstance(error, MemoryError):
+        return "the process of the components has no more memory: memory_limit (--memory-limit) gives it more"
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    place = f"{Path(frame.filename).name}, line {frame.lineno}"
+    return f"{type(error).__name__}: {error} ({place}). This is a fault of vdfmu, not of a component; please report it"
+
+
+def serve(make: Callable[[str], Server], memory: str, most: str) -> None:
+    """Serve requests until there are no more; `memory` is a file, `most` in MB."""
+    requests, replies = private_pipes()
+    if math.isfinite(float(most)):
+        limit("DATA", int(float(most) * 2**20))
+    logging.getLogger("vdfmu.compiler.fmu").addHandler(
+        logging.NullHandler()
+    )  # what it says comes back as messages
+    server = make(memory)
+    reply: bytes | None = REPLY.pack(0)  # it has started
+    while reply is not None:
+        while reply:
+            reply = reply[os.write(replies, reply) :]
+        reply = server.answer(requests)
+
+
+if __name__ == "__main__":
+    serve(Server, *sys.argv[1:])

@@ -1,0 +1,350 @@
+"""`Simulator`: one system, loaded once and run as often as wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vdfmu.base.errors import CosimError, UsageError
+from vdfmu.base.progress import Steps, shown_steps
+from vdfmu.engine.algorithms import ALGORITHMS, CONTINUOUS, count_steps
+from vdfmu.engine.fmu.messages import LogMessage
+from vdfmu.engine.masters.components import CONVERGENCE, Components
+from vdfmu.engine.masters.multirate import with_steps
+from vdfmu.engine.masters.observer import Observer, Visitor
+from vdfmu.engine.masters.probe import Probe
+from vdfmu.engine.package.read import load_ssp
+from vdfmu.engine.package.system import System
+from vdfmu.engine.plan.check import Value, check_system, with_parameters
+from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.inputs import Inputs, outside, read_inputs
+from vdfmu.engine.plan.schedule import DEFAULT
+from vdfmu.engine.results.parquet import needed
+from vdfmu.engine.results.results import Results
+from vdfmu.engine.run.by_hand import ByHand
+from vdfmu.engine.run.isolated import Limits
+from vdfmu.engine.run.session import Run
+
+if TYPE_CHECKING:
+    from vdfmu.engine.federation import Federation
+
+
+class Simulator:
+    """A system whose components are loaded once for many runs, and reset between them.
+
+    A run costs its steps then, and next to nothing else. Isolated components are loaded anew for each, as are those of
+    a run that failed.
+
+    Parameters
+    ----------
+    system, algorithm, adaptive, convergence, tolerance, parameters, inputs, input_hold, log, strict, ignore_unmatched,
+    isolate, time_limit, memory_limit, federation
+        As of :func:`vdfmu.simulate`.
+
+    Raises
+    ------
+    SspError, UsageError
+        As of :func:`vdfmu.simulate`, here and at the beginning of the block.
+
+    Examples
+    --------
+    >>> with vdfmu.Simulator("tracking.ssp") as simulator:
+    ...     for mass in (0.5, 1.0, 1.5):
+    ...         results = simulator.run(parameters={"plant.payload_mass": mass})
+    ...     simulator.reset(stop=1.0)
+    ...     while simulator.time < 1.0:
+    ...         simulator.set("plant.F_e[3]", -10.0 * simulator.get("plant.p_O[3]"))
+    ...         simulator.step()
+    """
+
+    def __init__(
+        self,
+        system: System | str | Path,
+        *,
+        algorithm: str | None = None,
+        adaptive: float | None = None,
+        convergence: float | None = None,
+        tolerance: float | None = None,
+        parameters: Mapping[str, Value] | None = None,
+        inputs: Inputs = None,
+        input_hold: bool = False,
+        log: Callable[[LogMessage], None] | None = None,
+        strict: bool = False,
+        ignore_unmatched: bool = False,
+        isolate: bool | None = None,
+        time_limit: float | None = None,
+        memory_limit: float | None = None,
+        federation: Federation | None = None,
+    ) -> None:
+        self._system = system if isinstance(system, System) else load_ssp(system)
+        experiment = self._system.experiment
+        if federation is not None:
+            if algorithm not in (None, "jacobi"):
+                raise UsageError(f"federates step as jacobi has it, not {algorithm}")
+            algorithm = "jacobi"
+        if algorithm is None:
+            algorithm = experiment.algorithm
+            adaptive = experiment.adaptive if adaptive is None else adaptive
+        if tolerance is not None and not 0.0 < tolerance < np.inf:
+            raise UsageError(f"tolerance must be positive and finite, got {tolerance}")
+        check_coupling(algorithm or DEFAULT, adaptive, convergence)
+        self._algorithm, self._adaptive, self._convergence = algorithm, adaptive, convergence
+        self._tolerance, self._parameters = tolerance, parameters
+        self._inputs, self._input_hold = inputs, input_hold
+        self._log, self._isolate, self._limits = log, isolate, Limits(time_limit, memory_limit)
+        self._strict, self._ignore_unmatched, self._federation = strict, ignore_unmatched, federation
+        self._checked: Checked | None = None
+        self._run: Run | None = None
+        self._by_hand: ByHand | None = None
+        self._begun: Any = None
+
+    def __enter__(self) -> Simulator:
+        self._tables = read_inputs(self._inputs, self._input_hold)
+        self._checked = check_system(
+            self._system, self._parameters, inputs=self._tables, algorithm=self._algorithm,
+            repeats=self._adaptive is not None, strict=self._strict, ignore_unmatched=self._ignore_unmatched,
+        )  # fmt: skip
+        self._apart = None
+        if self._federation is not None:
+            self._checked, self._apart = self._federation.apart(self._checked)
+        return self
+
+    def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
+        self._end_by_hand()
+        run, self._run, self._checked = self._run, None, None
+        if run is not None:
+            run.__exit__(None, error)
+
+    def run(
+        self,
+        *,
+        start: float | None = None,
+        stop: float | None = None,
+        step: float | None = None,
+        parameters: Mapping[str, Value] | None = None,
+        record: Sequence[str] | None = None,
+        progress: Steps | bool | None = None,
+        stream: Path | Sequence[Path] | None = None,
+        about: Mapping[str, Any] | None = None,
+        observer: Observer | None = None,
+        probe: Probe | None = None,
+        visitor: Visitor | None = None,
+    ) -> Results:
+        """Run the system, from its start.
+
+        Parameters
+        ----------
+        parameters : mapping of str to value, optional
+            For this run, before those of the simulator.
+        start, stop, step, record, progress, stream, about, observer
+            As of :func:`vdfmu.simulate`.
+        probe : Probe, optional
+            Reads the numbers of some components at five rows.
+        visitor : Visitor, optional
+            Is shown the components at some rows, where they are in this process.
+
+        Raises
+        ------
+        UsageError, CosimError, Interrupted, VdfmuError
+            As of :func:`vdfmu.simulate`; UsageError outside the block, too.
+        """
+        begin, end, step, n = self.grid(start, stop, step)
+        files = [stream] if isinstance(stream, Path) else list(stream or ())
+        if any(path.suffix.lower() == ".parquet" for path in files):
+            needed()
+        checked = self._prepared(step, parameters)
+        reach = outside(self._tables, begin, end)
+        with self._freeing():
+            run = self._ready(checked)
+            run.box.pending += [LogMessage("", begin, "note", "", note) for note in reach]
+            run.components.initialize(begin, end, self._tolerance, self._convergence or CONVERGENCE)
+            run.summary |= {
+                **(about or {}),
+                "system": self._system.name, "algorithm": checked.algorithm, "adaptive": self._adaptive,
+                "order": list(checked.schedule.units), "start": begin, "stop": end, "step": step, "steps": n,
+                "isolated": run.isolated, "notes": [*checked.notes, *reach],
+            }  # fmt: skip
+            run.stepper = run.components.couple(self._adaptive, self._convergence, end - begin, record)
+            with shown_steps(progress, "co-simulation") as advance:
+                run.results = run.steps(begin, end, step, n, record, advance, files, observer, probe, visitor)
+        return run.results
+
+    def reset(
+        self,
+        *,
+        start: float | None = None,
+        stop: float | None = None,
+        step: float | None = None,
+        parameters: Mapping[str, Value] | None = None,
+    ) -> None:
+        """Begin a run whose steps are made by :meth:`step`; arguments as of :meth:`run`.
+
+        With the same arguments as before, components of FMI 2.0 that save their state go back to it, under gauss-seidel
+        and jacobi; others are initialized anew.
+
+        Raises
+        ------
+        UsageError, CosimError
+            As of :meth:`run`; UsageError for components that are isolated, too.
+        """
+        given = {key: np.asarray(value).tolist() for key, value in (parameters or {}).items()}
+        wanted = self.grid(start, stop, step), given
+        if self._by_hand is not None and self._begun == wanted:
+            with self._freeing():
+                if self._by_hand.restart():
+                    return
+        begin, end, step, n = wanted[0]
+        checked = self._prepared(step, parameters)
+        with self._freeing():
+            run = self._ready(checked)
+            if not isinstance(run.components, Components):
+                raise UsageError("reset: isolated components are not stepped by hand; use isolate=False.")
+            run.components.initialize(begin, end, self._tolerance, self._convergence or CONVERGENCE)
+            run.stepper = run.components.couple(self._adaptive, self._convergence, end - begin, ())
+            self._by_hand, self._begun = ByHand(run, begin, end, step, n), wanted
+
+    def step(self, count: int = 1) -> None:
+        """Do steps by hand; UsageError beyond the stop, CosimError if a component fails or ends the run."""
+        steps = self._stepped
+        with self._freeing(CosimError):
+            steps.step(count)
+
+    def set(self, name: str, value: Any) -> None:
+        """Set an input that nothing feeds, or a tunable parameter, for the steps that follow.
+
+        Parameters
+        ----------
+        name : str
+            ``component.variable``; without an index all elements.
+        value : number, or list or array with one for each element
+        """
+        self._stepped.set(name, value)
+
+    def get(self, name: str) -> Any:
+        """Return the value of ``component.variable`` now; of an array, without an index, all elements."""
+        return self._stepped.get(name)
+
+    @property
+    def time(self) -> float:
+        """Time [s] of a run by hand."""
+        return self._stepped.time
+
+    @property
+    def _stepped(self) -> ByHand:
+        if self._by_hand is None:
+            raise UsageError("Simulator: reset() begins a run by hand, in its block and after each run().")
+        return self._by_hand
+
+    @contextmanager
+    def _freeing(self, kind: type[BaseException] = BaseException) -> Generator[None]:
+        """Free the components if what is done in the block fails."""
+        try:
+            yield
+        except kind as error:
+            failed, self._run, self._by_hand = self._run, None, None
+            if failed is not None:
+                failed.__exit__(type(error), error)
+            raise
+
+    def _prepared(self, step: float, parameters: Mapping[str, Value] | None) -> Checked:
+        """Return the system with the parameters of a run."""
+        if self._checked is None:
+            raise UsageError(
+                "Simulator: its runs are made in a block, 'with vdfmu.Simulator(...) as simulator:'."
+            )
+        checked = with_steps(with_parameters(self._checked, parameters or {}), step)
+        if changed := _sizes(checked).items() - _sizes(self._checked).items():
+            names = ", ".join(sorted(name for name, _ in changed))
+            raise UsageError(
+                f"parameters: {names}: sizes of arrays are the same in all runs; give them to the Simulator."
+            )
+        return checked
+
+    def stand(self, time: float | None = None, step: float | None = None) -> Components:
+        """Run the system to a time, by default its start; return its components, with their inputs of that time.
+
+        They stay until the next run or the end of the block. The simulator must not isolate them.
+
+        Raises
+        ------
+        UsageError, CosimError, Interrupted, VdfmuError
+            As of :meth:`run`.
+        """
+        begin, end, step, _ = self.grid(None, None, step)
+        if time is None or time == begin:
+            assert self._checked is not None
+            components = self._ready(with_steps(self._checked, step)).components
+            components.initialize(begin, end, self._tolerance, self._convergence or CONVERGENCE)
+            assert isinstance(components, Components)
+            return components
+        if not begin < time < np.inf:
+            raise UsageError(f"at: expected a time of the run, which starts at {begin:g} s; got {time:g} s.")
+        self.run(stop=time, step=step, record=())
+        assert self._run is not None
+        components = self._run.components
+        assert isinstance(components, Components)
+        components.bring_inputs(time)
+        return components
+
+    def _ready(self, checked: Checked) -> Run:
+        """Return the components as they are after loading."""
+        self._end_by_hand()
+        run = self._run
+        if run is not None and run.isolated:
+            self._run = None
+            run.__exit__(None, None)
+            run = None
+        if run is None:
+            self._run = run = Run(checked, self._log, self._isolate, self._limits, self._apart).__enter__()
+        else:
+            run.reset(checked)
+        return run
+
+    def _end_by_hand(self) -> None:
+        if self._by_hand is not None:
+            self._by_hand.close()
+            self._by_hand = None
+
+    def grid(
+        self, start: float | None, stop: float | None, step: float | None
+    ) -> tuple[float, float, float, int]:
+        """Return start, stop, step and number of steps; UsageError when they do not fit."""
+        experiment = self._system.experiment
+        begin = start if start is not None else experiment.start or 0.0
+        end = stop if stop is not None else experiment.stop
+        step = step if step is not None else experiment.step
+        if end is None:
+            raise UsageError("no stop time: the system's default experiment has none, give stop")
+        if step is None:
+            raise UsageError("no communication step: the system's default experiment has none, give step")
+        return float(begin), float(end), float(step), count_steps(step, end, begin)
+
+
+def _sizes(checked: Checked) -> dict[str, Value]:
+    """Return the structural parameters that are set, and their values."""
+    return {
+        f"{name}.{variable.name}": value
+        for name, each in checked.starts.items()
+        for variable, value in each
+        if variable.causality == "structuralParameter"
+    }
+
+
+def check_coupling(algorithm: str, adaptive: float | None, convergence: float | None = None) -> None:
+    """Raise UsageError for options of the coupling that do not fit together."""
+    if adaptive is not None:
+        if algorithm in ALGORITHMS and algorithm not in CONTINUOUS:
+            raise UsageError(
+                f"adaptive: {algorithm} samples the signals with the step, so the step is a property of the system; "
+                f"use {' or '.join(CONTINUOUS)}"
+            )
+        if not 0.0 < adaptive < 1.0:
+            raise UsageError(f"adaptive: expected a relative error between 0 and 1, got {adaptive:g}")
+    if convergence is not None and algorithm in ALGORITHMS and algorithm != "iterative":
+        raise UsageError(f"convergence: {algorithm} repeats nothing; it is for iterative")
+    if convergence is not None and not 0.0 < convergence < 1.0:
+        raise UsageError(f"convergence: expected a relative change between 0 and 1, got {convergence:g}")

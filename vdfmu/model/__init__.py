@@ -1,7 +1,0 @@
-"""Robots as frozen dataclasses, and their loading from TOML files."""
-
-from vdfmu.model.load import load_robot, robot_names
-from vdfmu.model.robot import Robot
-from vdfmu.model.robot_file import check_robot, robot_from_dict
-
-__all__ = ["Robot", "check_robot", "load_robot", "robot_from_dict", "robot_names"]

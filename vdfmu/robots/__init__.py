@@ -1,5 +1,0 @@
-"""Robots from the files of other tools: URDF and MJCF become robot files of vdfmu."""
-
-from vdfmu.robots.imported import Imported, import_robot, robot_from_mjcf, robot_from_urdf
-
-__all__ = ["Imported", "import_robot", "robot_from_mjcf", "robot_from_urdf"]

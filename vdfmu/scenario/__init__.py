@@ -1,6 +1,0 @@
-"""Scenarios and systems: what is run, from TOML files to the values of each component."""
-
-from vdfmu.scenario.load import load_scenario, load_system, scenario_names
-from vdfmu.scenario.scenario import Scenario
-
-__all__ = ["Scenario", "load_scenario", "load_system", "scenario_names"]

@@ -1,0 +1,138 @@
+"""An arm at rest at a pose, or a system at a time of its run, as a linear system with names and units."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from vdfmu.arm.drive.limits import motor_torque
+from vdfmu.arm.equations.plant import state_names
+from vdfmu.arm.robot.robot import Robot, robot_argument
+from vdfmu.arm.units.plant import Plant
+from vdfmu.base.errors import UsageError
+from vdfmu.base.state_space import StateSpace
+from vdfmu.compiler.unit.evaluate import Evaluation, evaluation
+from vdfmu.compiler.unit.interface import Interface
+from vdfmu.compiler.unit.linear import state_space
+from vdfmu.study.analysis.linear import without_dry_friction
+from vdfmu.system.scenario import Scenario
+
+_INPUTS = ("tau", "F_e")
+_OUTPUTS = ("kappa", "p_O")
+"""Outputs beside the states."""
+
+
+def linearize(
+    system: Robot | Scenario | str | os.PathLike[str],
+    at: npt.ArrayLike,
+    *,
+    dry: bool = False,
+    sampled: bool = False,
+    opened: Sequence[str] = (),
+    **options: Any,
+) -> StateSpace:
+    """Linearise the plant of an arm at rest at a pose, or a whole system at a time of its run.
+
+    Exactly, by differentiation of the equations. Motors and springs hold an arm against gravity; its states are q,
+    q_dot, kappa_dot, tau_s; inputs the motor torques tau and the wrench F_e of the arm on its surroundings; outputs the
+    states, the rotors' positions kappa and the end effector's p_O, all as of the unit Plant.
+
+    A system is its FMUs, by their directional derivatives, with the connections closed; inputs are all of theirs, where
+    they are connected as a disturbance that adds to what comes; see :mod:`vdfmu.engine.inspect.linear`.
+
+    Parameters
+    ----------
+    system : Robot, Scenario, str or path
+        An arm; or a scenario, its name or file, or an ``.ssp``.
+    at : (n,) [rad or m], or float [s]
+        Positions of the joints, or the time.
+    dry : bool
+        Of an arm: whether Coulomb and Stribeck friction stay, with the slope at rest of their regularisation (54).
+        Viscous friction stays in any case.
+    sampled : bool
+        Of a system: from one communication point to the next, with the delays of the master, in place of continuous
+        time.
+    opened : sequence of str
+        Of a system: inputs whose connections are cut; what would come to them is an output, the last.
+    **options : Any
+        Of a system: `master`, `settings`, `backend`, as of :func:`vdfmu.study.analysis.system.linearized`.
+
+    Returns
+    -------
+    StateSpace
+        With the names and units of its states, inputs and outputs.
+
+    Raises
+    ------
+    UsageError
+        For a pose of anything but a robot; for a wrong number of positions or one that is not finite, or an arm with
+        limits that is beyond an end stop or heavier than its motors can hold; for FMUs without derivatives.
+    CosimError
+        If the run to the time fails.
+
+    Examples
+    --------
+    >>> system = vdfmu.linearize(vdfmu.load_robot("planar_2dof"), at=(0.3, -0.5))
+    >>> system.A.shape, system.inputs[:2], system.states[4:6], system.state_units[4:6]
+    ((8, 8), ('tau[1]', 'tau[2]'), ('kappa_dot[1]', 'kappa_dot[2]'), ('rad/s', 'rad/s'))
+    """
+    try:
+        place = np.asarray(at, dtype=float)
+    except (TypeError, ValueError):
+        raise UsageError(
+            f"linearize: at: expected positions of the joints, or a time in s, got {at!r:.60}."
+        ) from None
+    if not isinstance(system, Robot) and place.ndim == 0:
+        if dry:
+            raise UsageError(
+                "linearize: dry: this is for an arm; a system has the friction of its parameters."
+            )
+        from vdfmu.study.analysis.system import linearized
+
+        found = linearized(system, float(place), **options)
+        return found.sampled(opened) if sampled else found.continuous(opened)
+    if sampled or opened or options:
+        raise UsageError(
+            f"linearize: {', '.join(['sampled', 'opened', *options])}: these are for systems at a time."
+        )
+    try:
+        plant = _at_rest(robot_argument(system), at)
+    except UsageError as error:
+        if isinstance(system, Robot):
+            raise
+        raise UsageError(
+            f"{error} A scenario or a package takes a time in s in place of positions."
+        ) from None
+    if not dry:
+        without_dry_friction(plant)
+    return state_space(plant, _INPUTS, (*state_names(plant.interface.robot), *_OUTPUTS))
+
+
+def _at_rest(robot: Robot, at: npt.ArrayLike) -> Evaluation:
+    """Return the plant at rest at a pose, held by motors and springs."""
+    q = np.asarray(at, dtype=float)
+    if q.shape != (robot.n,) or not np.isfinite(q).all():
+        raise UsageError(f"{robot.name}: expected {robot.n} finite positions of the joints, got {at!r}.")
+    plant = evaluation(Interface(Plant, robot))
+    plant.group("q_0")[:] = q
+    plant.start()
+    tau = plant.group("tau")
+    tau[:] = plant.group("tau_s") / robot.ell
+    if robot.limits:
+        given = motor_torque(robot, tau, np.zeros(robot.n))
+        problems = [
+            f"joint {i + 1} at {q[i]:g}: expected {robot.q_min[i]:g} to {robot.q_max[i]:g}, between its end stops."
+            for i in np.flatnonzero((q < robot.q_min) | (q > robot.q_max))
+        ] + [
+            f"joint {i + 1}: expected a motor torque of at most {abs(given[i]):.4g} N.m, it takes "
+            f"{abs(tau[i]):.4g} N.m to hold the arm."
+            for i in np.flatnonzero(np.abs(tau) > np.abs(given))
+        ]
+        if problems:
+            raise UsageError("\n".join(f"{robot.name}: {problem}" for problem in problems))
+    plant.outputs()
+    return plant

@@ -1,0 +1,86 @@
+"""Frequency responses of a linear system, with their resonances and anti-resonances."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import block_diag, eigvals
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError
+from vdfmu.base.state_space import StateSpace
+from vdfmu.engine.inspect.loops import Complex
+
+_POINTS = 2000
+_SLOWEST = 1.0
+"""Frequency [Hz] from which on what oscillates is marked."""
+_DAMPED = 0.3
+"""Damping ratio from which on it is not: there is no peak."""
+
+
+class Bode(NamedTuple):
+    """Responses of outputs to one input: frequencies (m,) [Hz], responses (k, m), and what is marked."""
+
+    frequency: Floats
+    response: Complex
+    resonance: Floats
+    """Frequencies [Hz] of lightly damped poles."""
+    antiresonance: tuple[Floats, ...]
+    """Frequencies [Hz] of lightly damped zeros of each output's response."""
+
+
+def bode(system: StateSpace, source: str, outputs: Sequence[str]) -> Bode:
+    """Frequency responses of outputs to one input, from a tenth of the lowest marked frequency to ten of the highest.
+
+    Parameters
+    ----------
+    system : StateSpace
+        In continuous time.
+    source : str
+        Name of the input, ``tau[1]``.
+    outputs : sequence of str
+
+    Raises
+    ------
+    UsageError
+        For names that the system does not have, or a sampled one.
+    """
+    lacking = [name for name in (source,) if name not in system.inputs]
+    lacking += [name for name in outputs if name not in system.outputs]
+    if lacking or system.step is not None:
+        raise UsageError(
+            f"bode: expected a system in continuous time with {', '.join([source, *outputs])}; inputs are "
+            f"{', '.join(system.inputs)}; outputs {', '.join(system.outputs)}."
+        )
+    j, rows = system.inputs.index(source), [system.outputs.index(name) for name in outputs]
+    b, n = system.B[:, [j]], len(system.A)
+    every: Any = np.linalg.eigvals(system.A)
+    fastest = float(np.abs(every).max(initial=0.0))
+    poles = _oscillating(every, fastest)
+    zeros: list[Floats] = []
+    for row in rows:
+        pencil = np.block([[system.A, b], [system.C[[row]], system.D[[row]][:, [j]]]])
+        zeros.append(_oscillating(eigvals(pencil, block_diag(np.eye(n), 0.0)), fastest))
+    marked = np.concatenate([poles, *zeros, [] if len(poles) else [_SLOWEST]])
+    frequency = np.geomspace(marked.min() / 10.0, marked.max() * 10.0, _POINTS)
+    frequency = np.union1d(frequency, marked)
+    response = system.response(2.0 * np.pi * frequency)[:, rows, j].T
+    return Bode(frequency, response, poles, tuple(zeros))
+
+
+def _oscillating(s: Any, fastest: float) -> Floats:
+    """Frequencies [Hz] of those of poles or zeros that are lightly damped, from low to high.
+
+    Zeros at infinity, which rounding makes very large numbers, are beyond 100 times the `fastest` pole [1/s].
+    """
+    size = np.abs(s)
+    chosen = (s.imag > 0.0) & (size > 2.0 * np.pi * _SLOWEST) & (size <= 100.0 * fastest)
+    chosen &= np.abs(s.real) < _DAMPED * size
+    return np.sort(size[chosen]) / (2.0 * np.pi)
+
+
+def joint_bode(system: StateSpace, joint: int) -> Bode:
+    """Responses of the velocities of rotor and link of a joint to its motor torque; `joint` counts from 1."""
+    return bode(system, f"tau[{joint}]", (f"kappa_dot[{joint}]", f"q_dot[{joint}]"))

@@ -1,0 +1,165 @@
+"""Natural frequencies, damping and shapes of the modes of an arm at rest, with its motors free or held."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from vdfmu.arm.robot.robot import Robot, robot_argument
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError
+from vdfmu.base.progress import counted
+from vdfmu.base.state_space import StateSpace
+from vdfmu.engine.inspect.loops import Complex
+from vdfmu.study.analysis.arm_space import linearize
+from vdfmu.study.analysis.linear import lively
+from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.reference.wired import System
+from vdfmu.system.scenario import Scenario
+from vdfmu.system.scenario.values import system_values
+
+MOTORS = ("free", "held")
+_STILL = 1e-6
+"""What turns more slowly, as a share of the fastest eigenvalue, does not oscillate: the rounding of a double one."""
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Modes of an arm at a pose: m that oscillate, from low to high.
+
+    Attributes
+    ----------
+    frequency : (m,) [Hz]
+        ``|s| / 2 pi`` of an eigenvalue s.
+    damping : (m,)
+        Damping ratio ``-Re s / |s|``; of a mode that grows it is negative.
+    links, rotors : (m, n) complex
+        Displacements of links and of rotors divided by ell [rad or m]; the largest of a mode is 1.
+    share : (m, n)
+        Share of each joint in the largest energy of the springs.
+    rates : (k,) [1/s]
+        Real eigenvalues, what does not oscillate.
+    """
+
+    frequency: Floats
+    damping: Floats
+    links: Complex
+    rotors: Complex
+    share: Floats
+    rates: Floats
+
+    @property
+    def joint(self) -> npt.NDArray[np.intp]:
+        """Index of the joint whose spring has most of the energy, (m,)."""
+        return self.share.argmax(axis=1)
+
+
+def middle_pose(robot: Robot) -> list[float]:
+    """Return 0 for each joint [rad or m], or the middle between end stops that exclude it."""
+    stops = zip(robot.q_min, robot.q_max, strict=True) if robot.limits else [(0.0, 0.0)] * robot.n
+    return [0.0 if low <= 0.0 <= high else float(low + high) / 2.0 for low, high in stops]
+
+
+def natural_modes(robot: Robot, q: npt.ArrayLike, *, motors: str = "free", dry: bool = False) -> Modes:
+    """Modes of the plant of an arm, linearised at rest at a pose, where motors and springs hold it.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : (n,) [rad or m]
+        Positions of the joints.
+    motors : str
+        ``free``: the motors keep their torque, the rotors move. ``held``: brakes lock the rotors.
+    dry : bool
+        Whether Coulomb and Stribeck friction stay, with the slope at rest of their regularisation (54). It makes
+        most modes of rotors that are free creep.
+
+    Returns
+    -------
+    Modes
+
+    Raises
+    ------
+    UsageError
+        As of :func:`vdfmu.linearize`; for other `motors`.
+    """
+    if motors not in MOTORS:
+        raise UsageError(f"motors: expected {' or '.join(MOTORS)}, got {motors!r}.")
+    return _modes(linearize(robot_argument(robot), q, dry=dry), motors, dry)
+
+
+def _modes(system: StateSpace, motors: str, dry: bool) -> Modes:
+    keep = lively(system.states, dry)
+    groups = [system.states[i].split("[")[0] for i in keep]
+    n, m = groups.count("q"), len(groups)
+    A, B = system.A[np.ix_(keep, keep)], system.B[keep, :n]
+    currents = np.flatnonzero(np.array(groups) == "i_m")
+    if currents.size:  # they turn the rotors
+        B = A[:, currents]
+    links, speeds, rotors, springs = np.split(np.arange(4 * n), 4)
+    stiffness = -np.diag(A[np.ix_(springs, speeds)])  # tau_s_dot = K (kappa_dot (1 - theta_err') - q_dot)
+    states = np.eye(m)  # from those of the motion
+    if motors == "held":
+        brakes = -np.linalg.solve(B[rotors], A[rotors])
+        moving = np.delete(np.arange(m), np.concatenate([rotors, springs, currents]))
+        states = states[:, moving]
+        states[springs, links] = -stiffness
+        A = (A @ states + B @ (brakes @ states))[moving]
+    s: Any
+    s, vectors = np.linalg.eig(A)
+    turning = np.abs(s.imag) > _STILL * np.abs(s).max()
+    keep = np.flatnonzero(turning & (s.imag > 0.0))
+    keep = keep[np.argsort(np.abs(s[keep]))]
+    pole, x = s[keep], (states @ vectors[:, keep]).T
+    shapes: Any = np.hstack([x[:, links], x[:, rotors] / pole[:, None]])
+    largest = np.abs(shapes).argmax(axis=1)[:, None]
+    shapes = shapes / np.take_along_axis(shapes, largest, axis=1)
+    energy = np.abs(x[:, springs]) ** 2 / stiffness
+    return Modes(
+        np.abs(pole) / (2.0 * np.pi), -pole.real / np.abs(pole), shapes[:, :n], shapes[:, n:],
+        energy / energy.sum(axis=1, keepdims=True), np.sort(s[~turning].real),
+    )  # fmt: skip
+
+
+def modes_along(
+    scenario: Scenario, *, dry: bool = False, points: int = 101
+) -> tuple[Floats, dict[str, list[Modes]]]:
+    """Modes at the poses of the desired motion of a scenario, at rest at each, with motors free and held.
+
+    Returns
+    -------
+    times : (points,) [s]
+        Evenly spread from the start to the end.
+    modes : dict of str to list of Modes
+        By what the motors do.
+
+    Raises
+    ------
+    UsageError
+        As of :func:`natural_modes`; if no component ``trajectory`` says where the arm is to be.
+    """
+    system = System(SystemDescription(scenario, system_values(scenario)))
+    trajectory = system.units.get("trajectory")
+    if trajectory is None or "q_d" not in trajectory.interface.groups:
+        raise UsageError("modes: expected a system with a component trajectory that has an output q_d.")
+    system.start()
+    run = system.python(system.evaluate)
+    times, poses = np.linspace(0.0, scenario.stop, points), []
+    for t in times:
+        run(t)
+        poses.append(trajectory.group("q_d").copy())
+    systems = [linearize(scenario.arm, q, dry=dry) for q in counted("poses", poses, len(poses))]
+    return times, {motors: [_modes(system, motors, dry) for system in systems] for motors in MOTORS}
+
+
+def ranges(along: Sequence[Modes], count: int) -> list[tuple[float, float] | None]:
+    """Lowest and highest frequency [Hz] of each of the `count` fastest modes, from slow to fast; None for none."""
+    found: list[tuple[float, float] | None] = []
+    for place in range(count, 0, -1):
+        each = [modes.frequency[-place] for modes in along if len(modes.frequency) >= place]
+        found.append((float(min(each)), float(max(each))) if each else None)
+    return found

@@ -1,0 +1,155 @@
+"""A first motion for any arm: a scenario whose gains come from one rule, within the limits of joints and motors."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from vdfmu.arm.drive.limits import motor_torque
+from vdfmu.arm.dynamics import inverse_dynamics
+from vdfmu.arm.equations.trajectory import desired_motion
+from vdfmu.arm.robot import Robot, load_robot, robot_names
+from vdfmu.base.arrays import Floats
+from vdfmu.base.files import write_whole
+from vdfmu.base.temporary import temporary_folder
+from vdfmu.base.toml_file import locate
+from vdfmu.engine.inspect.loops import Margins
+from vdfmu.study.analysis.gains import GROWTH, Gains, arm_gains
+from vdfmu.study.analysis.margins import ArmLoops
+from vdfmu.system.scenario import Scenario, load_scenario
+
+_STEP = 1e-3
+_FAR = {"revolute": 0.5, "prismatic": 0.1}
+"""How far each joint moves [rad, m], where its end stops leave room."""
+_MANY = 8
+"""Joints from which on each moves less, so that long arms bend and do not coil."""
+_ROOM = 0.4
+"""Share of the way to the end stop that a joint moves at most."""
+_AWAY = 0.1
+"""Distance from the end stops at which the motion starts, as a share of the way between them."""
+_TIMES = (1.0, 2.0, 4.0, 8.0, 16.0)
+"""Durations [s] that are tried."""
+_RESERVE = 0.7
+"""Share of what a motor can give that the motion takes at most."""
+_POINTS = 21
+_STRONG = f"It takes at most {100 * _RESERVE:g} % of what the motors can give."
+_WEAK = "the motors are too weak to move or to hold the arm: see their torques"
+
+_TEXT = """\
+# A first motion of {robot}, written by vdfmu robot reach.
+# SI units, angles in rad. It keeps clear of end stops. {motors}
+
+name = {name}
+description = {description}
+kind = "cosimulation"
+robot = {written}
+stop = {stop!r}
+step = {step!r}
+
+[trajectory]
+q_start = {start}
+q_end = {end}
+T = {T!r}
+
+[controller]
+# By one rule for any arm: poles of each joint as far out as sampling and a sample of delay allow. Modulus margins of
+# the joints by themselves: {margins}.
+K_p = {K_p}  # N.m/rad or N/m, link-side
+K_v = {K_v}  # N.m.s/rad or N.s/m, link-side, on the rotors' velocity
+"""
+
+
+class Reach(NamedTuple):
+    """What was written: the file, its gains, the margins of the whole arm, and what is to be said of the motion."""
+
+    path: Path
+    gains: Gains
+    margins: Margins
+    notes: list[str]
+
+
+def write_reach(robot: str | os.PathLike[str], out: str | os.PathLike[str]) -> Reach:
+    """Write the scenario of a first motion of a robot.
+
+    Parameters
+    ----------
+    robot : str or path
+        As of :func:`~vdfmu.load_robot`.
+    out : path
+        File to write.
+
+    Raises
+    ------
+    UsageError, ModelError
+        As of :func:`~vdfmu.load_robot`; if the file cannot be written.
+    """
+    path, place = Path(out), locate(robot, "robots")
+    shipped = str(robot) in robot_names() and not Path(robot).exists()
+    written = str(robot) if shipped else Path(os.path.relpath(place, path.parent)).as_posix()
+    gains, notes = _write(load_robot(robot), place.stem, written, path)
+    return Reach(path, gains, ArmLoops(load_scenario(path), growth=GROWTH).margins(), notes)
+
+
+def reach_scenario(robot: Robot | str | os.PathLike[str] | None = None) -> Scenario:
+    """Return the scenario that :func:`write_reach` writes, of a robot or its file, by default of the paper's arm."""
+    if isinstance(robot, Robot):
+        name = robot.name
+    else:
+        name, robot = (
+            locate(robot or "manipulator_6dof", "robots").stem,
+            load_robot(robot or "manipulator_6dof"),
+        )
+    with temporary_folder("vdfmu_") as folder:
+        path = Path(folder) / f"{name}_reach.toml"
+        _, notes = _write(robot, name, name, path)
+        return replace(load_scenario(path, robot), notes=tuple(notes))
+
+
+def _write(arm: Robot, name: str, written: str, path: Path) -> tuple[Gains, list[str]]:
+    """Write the scenario; return its gains, and what is to be said of its motion."""
+    start, end, T, notes = _motion(arm)
+    gains = arm_gains(arm, np.linspace(start, end, _POINTS), _STEP)
+    text = _TEXT.format(
+        robot=name, name=json.dumps(path.stem), written=json.dumps(written), stop=T + 0.5, step=_STEP, T=T,
+        start=_list(start), end=_list(end), K_p=_list(gains.K_p), K_v=_list(gains.K_v),
+        motors="; ".join(notes).capitalize() + "." if notes else _STRONG,
+        margins=", ".join(f"{m:.2f}" for m in gains.modulus), description=json.dumps(f"A first motion of {name}"),
+    )  # fmt: skip
+    write_whole(path, [text.encode()])
+    return gains, notes
+
+
+def _motion(robot: Robot) -> tuple[Floats, Floats, float, list[str]]:
+    """Return start, end and duration of the motion, and what is to be said of it."""
+    start = np.zeros(robot.n)
+    step = np.array([_FAR[kind] for kind in robot.joint_types]) * min(1.0, _MANY / robot.n)
+    if robot.limits:
+        away = _AWAY * np.minimum(robot.q_max - robot.q_min, 10.0)
+        start = np.round(np.clip(start, robot.q_min + away, robot.q_max - away), 3)
+        up, down = robot.q_max - start, start - robot.q_min
+        step = np.where(up >= down, 1.0, -1.0) * np.minimum(step, _ROOM * np.maximum(up, down))
+    end = np.round(start + step, 3)
+    T = next((T for T in _TIMES if _within(robot, start, end, T)), None)
+    if T is None:
+        return start, end, _TIMES[-1], [_WEAK]
+    return start, end, T, []
+
+
+def _within(robot: Robot, start: Floats, end: Floats, T: float) -> bool:
+    """Whether the motors give what the motion takes, with some reserve."""
+    if not robot.limits:
+        return T > _TIMES[0]  # of speeds that are unknown, no fast one
+    motions = [desired_motion(t, start, end, T) for t in np.linspace(0.0, T, _POINTS)]
+    q, q_dot, q_ddot = (np.array([motion[k] for motion in motions]) for k in range(3))
+    tau = inverse_dynamics(robot, q, q_dot, q_ddot) / robot.ell + robot.I_m * q_ddot
+    asked = tau / _RESERVE
+    return bool(np.all(np.abs(motor_torque(robot, asked, q_dot) - asked) <= 1e-9 * np.abs(asked)))
+
+
+def _list(numbers: Floats) -> str:
+    return "[" + ", ".join(repr(float(f"{number:.4g}")) for number in numbers) + "]"

@@ -1,0 +1,130 @@
+"""Linear systems of scenarios and packages, by their FMUs."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from vdfmu.base.errors import UsageError
+from vdfmu.base.progress import counted
+from vdfmu.base.temporary import temporary_folder
+from vdfmu.engine.inspect.linear import LinearSystem, linear_system
+from vdfmu.engine.inspect.loops import Margins, fastest_mode, system_margins
+from vdfmu.engine.run.simulator import Simulator
+from vdfmu.system.package.write import write_ssp
+from vdfmu.system.scenario import Scenario, load_scenario
+from vdfmu.system.scenario.parts import cached_fmus
+from vdfmu.system.scenario.values import system_values
+
+
+@contextmanager
+def packaged(
+    system: Scenario | str | os.PathLike[str],
+    settings: Mapping[str, Any] | None = None,
+    backend: str | None = None,
+) -> Generator[tuple[Path, dict[str, Any]]]:
+    """Yield the package of a system, and the options of :class:`vdfmu.Simulator` that it takes.
+
+    Parameters
+    ----------
+    system : Scenario, str or path
+        A scenario, its name or file, or an ``.ssp``.
+    settings : mapping, optional
+        Changed parameters.
+    backend : str, optional
+        Of a scenario's FMUs, ``native`` or ``python``.
+    """
+    if not isinstance(system, Scenario):
+        if Path(system).suffix.lower() == ".ssp":
+            yield Path(system), {"parameters": settings}
+            return
+        system = load_scenario(system)
+    if system.kind == "contrast":
+        raise UsageError(f"scenario {system.name} has no units, so there is nothing to linearise.")
+    values = system_values(system, settings)
+    with temporary_folder("vdfmu_") as folder:
+        built = cached_fmus(system, folder, backend)
+        yield (
+            write_ssp(system, built, Path(folder) / "system.ssp", values, mixed=True),
+            {"algorithm": system.master, "inputs": system.inputs, "input_hold": system.input_hold},
+        )
+
+
+def linearized(
+    system: Scenario | str | os.PathLike[str],
+    at: float | None = None,
+    *,
+    master: str | None = None,
+    settings: Mapping[str, Any] | None = None,
+    backend: str | None = None,
+) -> LinearSystem:
+    """Linearise the components of a scenario or package at a time of its run, by default its start.
+
+    `master` in place of its own; the others as of :func:`packaged`; errors as of
+    :func:`vdfmu.engine.inspect.linear.linear_system`.
+    """
+    with packaged(system, settings, backend) as (package, options):
+        chosen: dict[str, Any] = options | ({"algorithm": master} if master else {})
+        return linear_system(package, at, **chosen)
+
+
+class SystemMargins(NamedTuple):
+    """Margins of the loops of a system: names of the inputs where they are opened, times [s], and margins at each."""
+
+    names: tuple[str, ...]
+    times: list[float]
+    margins: list[Margins]
+    algorithm: str
+    step: float
+    notes: tuple[str, ...]
+    growing: list[str]
+    """At each time the state with the largest part in the mode that grows most; empty where it is stable."""
+
+
+def margins_along(
+    system: Scenario | str | os.PathLike[str],
+    opened: Sequence[str] = ("plant.tau",),
+    at: Sequence[float] | None = None,
+    *,
+    growth: float = 0.0,
+    master: str | None = None,
+    settings: Mapping[str, Any] | None = None,
+    backend: str | None = None,
+) -> SystemMargins:
+    """Margins of stability of the sampled loops of a scenario or package, linearised at times of its run.
+
+    Parameters
+    ----------
+    system, settings, backend
+        As of :func:`packaged`.
+    opened, growth
+        As of :func:`vdfmu.engine.inspect.loops.system_margins`.
+    at : sequence of float, optional [s]
+        Default five, evenly spread from the start to the end.
+    master : str, optional
+        ``gauss-seidel`` or ``jacobi``, in place of the system's own.
+
+    Raises
+    ------
+    UsageError, SspError, CosimError
+        As of these, and of :func:`vdfmu.engine.inspect.linear.linear_system`.
+    """
+    with packaged(system, settings, backend) as (package, options):
+        chosen: dict[str, Any] = options | ({"algorithm": master} if master else {})
+        if at is None:
+            begin, end, step, n = Simulator(package, **chosen).grid(None, None, None)
+            at = [begin + round(k * n / 4) * step for k in range(4)] + [end]
+        systems = [linear_system(package, t, **chosen) for t in counted("loops", at, len(at))]
+    first = systems[0]
+    names = tuple(first.parts.inputs[i] for i in first.places(opened))
+    notes = tuple(dict.fromkeys(note for each in systems for note in each.parts.notes))
+    found = [system_margins(each, opened, growth) for each in systems]
+    growing = [
+        "" if m.radius < math.exp(growth * s.step) else fastest_mode(s.around(opened))[1]
+        for s, m in zip(systems, found, strict=True)
+    ]
+    return SystemMargins(names, [float(t) for t in at], found, first.algorithm, first.step, notes, growing)

@@ -1,0 +1,113 @@
+"""Runs of a program in lanes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from ctypes import c_int64, c_void_p
+from typing import Any
+
+import numpy as np
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.text import matching
+from vdfmu.compiler.c.loaded import load_library
+from vdfmu.engine.results.results import Results, Signal
+from vdfmu.study.batch.program import Program
+
+_ALIGNED = 64
+"""Bytes at multiples of which the memory begins."""
+_MOST = 2**30
+"""Most bytes of the rows of all lanes."""
+
+
+class Engine:
+    """Runs a program, side by side as many points as this processor has lanes for.
+
+    Parameters
+    ----------
+    program : Program
+    record : sequence of str
+        Patterns of the signals that the results have.
+    level : int, optional
+        Of the library, see :data:`~vdfmu.study.batch.make.LEVELS`; default the highest that the processor can run.
+    """
+
+    def __init__(self, program: Program, record: Sequence[str], level: int | None = None) -> None:
+        self._program = program
+        plain = load_library(program.libraries[0], "lanes")
+        self.level: int = plain.level() if level is None else level
+        self._library = load_library(program.libraries[self.level], "lanes") if self.level else plain
+        self.lanes: int = self._library.lanes()
+        run = self._library.run
+        run.argtypes = [
+            c_void_p, c_void_p, c_void_p, c_int64, c_void_p, c_int64, c_void_p, c_void_p, c_void_p, c_int64, c_void_p,
+            c_void_p,
+        ]  # fmt: skip
+        run.restype = c_int64
+        names = matching(program.signals, record)
+        self._signals = [Signal(name, "real", program.signals[name][1], i) for i, name in enumerate(names)]
+        self._recorded = np.array([program.signals[name][0] for name in names], dtype=np.int64)
+        known: set[int] = {program.signals[name][0] for name in names}
+        self._shown = np.array([not known.isdisjoint(places) for places in program.optional], dtype=np.bool_)
+        self._memory = _aligned(len(program.memory), self.lanes)
+
+    def run(self, points: Sequence[Mapping[str, Any]]) -> list[Results | None]:
+        """Run points, each the values of some parameters by ``component.variable``.
+
+        Returns
+        -------
+        list of Results or None
+            None for a point that has no result, or that sets what its system refuses: an FMU says why. None for all
+            if their rows need more than `_MOST` bytes.
+        """
+        if self.lanes * len(self._program.time) * len(self._signals) * 8 > _MOST:
+            return [None] * len(points)
+        found: list[Results | None] = []
+        for first in range(0, len(points), self.lanes):
+            found += self._together(points[first : first + self.lanes])
+        return found
+
+    def _together(self, points: Sequence[Mapping[str, Any]]) -> list[Results | None]:
+        program, memory = self._program, self._memory
+        memory[:] = program.memory[:, None]
+        fit = [self._set(lane, point) for lane, point in enumerate(points)]
+        memory[:, len(points) :] = memory[:, [0]]
+        n = len(program.points)
+        rows = np.empty((self.lanes, n + 1, len(self._signals)))
+        good = np.zeros(self.lanes, dtype=np.bool_)
+        pointers = [
+            array.ctypes.data
+            for array in (memory, program.points, program.sizes, program.fed, program.course, self._shown,
+                          self._recorded, rows, good)
+        ]  # fmt: skip
+        m, at, sizes, fed, course, shown, recorded, kept, ended = pointers
+        self._library.run(
+            m, at, sizes, n, fed, len(program.fed), course, shown, recorded, len(self._recorded), kept, ended
+        )
+        facts = {"start": 0.0, "stop": program.time[-1].item(), "steps": n}
+        return [
+            Results(program.time, self._signals, {"real": rows[lane]}, dict(facts))
+            if fits and good[lane]
+            else None
+            for lane, fits in enumerate(fit)
+        ]
+
+    def _set(self, lane: int, point: Mapping[str, Any]) -> bool:
+        """Set the parameters of a lane; whether they are within their limits."""
+        for name, value in point.items():
+            place, least, largest = self._program.parameters.get(name, (0, np.inf, -np.inf))
+            try:
+                number = float(value)
+            except (TypeError, ValueError):
+                return False
+            if not (least <= number <= largest and np.isfinite(number)):
+                return False
+            self._memory[place, lane] = number
+        return True
+
+
+def _aligned(rows: int, columns: int) -> Floats:
+    """Return an array whose memory begins where a vector may."""
+    bytes_ = np.zeros(rows * columns * 8 + _ALIGNED, dtype=np.uint8)
+    offset = -bytes_.ctypes.data % _ALIGNED
+    return bytes_[offset : offset + rows * columns * 8].view(np.float64).reshape(rows, columns)

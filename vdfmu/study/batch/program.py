@@ -1,0 +1,40 @@
+"""The compiled communication steps of a system, as a worker gets them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from vdfmu.base.arrays import Floats
+
+LANES = 8
+"""Most lanes that a processor has."""
+
+
+@dataclass(frozen=True)
+class Program:
+    """The compiled communication steps of a system."""
+
+    libraries: tuple[bytes, ...]
+    """As of :data:`vdfmu.study.batch.make.LEVELS`, as many as the platform has."""
+    memory: Floats
+    """Values before the start, (m,)."""
+    parameters: Mapping[str, tuple[int, float, float]]
+    """What a point may set, ``component.variable``: place, least and largest value."""
+    signals: Mapping[str, tuple[int, str]]
+    """What can be recorded: place and unit."""
+    optional: list[list[int]]
+    """Places that a call sets which runs where one of them is recorded."""
+    fed: npt.NDArray[np.int64]
+    """Places of the inputs from outside, (k,)."""
+    course: Floats
+    """Their values in the steps, (n, k)."""
+    points: Floats
+    """Begin of each step [s], (n,)."""
+    sizes: Floats
+    """Length of each step [s], (n,)."""
+    time: Floats
+    """Of the rows [s], (n + 1,)."""

@@ -1,0 +1,62 @@
+"""Base parameters: the combinations of inertial parameters that move a torque (Gautier and Khalil 1990)."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vdfmu.arm.robot import Robot
+from vdfmu.base.arrays import Floats
+from vdfmu.study.identify.regressor import BODY, regressor
+
+_STATES = 100
+"""States of which the columns are made, beside those of ten joints ten times as many rows as columns."""
+_ZERO = 1e-8
+"""Part of a column's size below which what is left of it is rounding."""
+
+
+class Base(NamedTuple):
+    """Base parameters ``matrix @ phi``: columns of the regressor (p,), matrix (p, 10 n), names and units."""
+
+    columns: list[int]
+    matrix: Floats
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+
+
+def base_parameters(robot: Robot) -> Base:
+    """Find the base parameters of an arm, from its structure: at random states, by projection column by column.
+
+    A column of the regressor that those before it give is left out, and its parameter joins theirs.
+    """
+    n, random = robot.n, np.random.default_rng(0)
+    q, q_dot, q_ddot = random.uniform(-2.0, 2.0, (3, max(_STATES, 20 * n), n))
+    Y = regressor(robot, q, q_dot, q_ddot, 0.0 * q, 0.0 * q).links
+    Y = Y.reshape(-1, 10 * n)
+    columns: list[int] = []
+    basis = np.zeros((len(Y), 0))
+    size = np.linalg.norm(Y, axis=0)
+    for k in np.flatnonzero(size > _ZERO * size.max()):
+        left = Y[:, k] - basis @ (basis.T @ Y[:, k])
+        left = left - basis @ (basis.T @ left)
+        if np.linalg.norm(left) > _ZERO * size[k]:
+            columns.append(int(k))
+            basis = np.column_stack([basis, left / np.linalg.norm(left)])
+    matrix: Any = np.linalg.lstsq(Y[:, columns], Y, rcond=None)[0]
+    matrix[np.abs(matrix) < _ZERO] = 0.0
+    parameters = [f"{name}{i + 1}" for i in range(n) for name in BODY]
+    names = tuple(_combination(row, parameters) for row in matrix)
+    kinds = ("kg", "kg.m", "kg.m2")
+    units = tuple(kinds[min(2, (k % 10 + 2) // 3)] for k in columns)
+    return Base(columns, matrix, names, units)
+
+
+def _combination(row: Floats, parameters: list[str]) -> str:
+    """Name of a base parameter: ``Izz1 + 0.25 m2 - my2``."""
+    text = ""
+    for factor, name in zip(row, parameters, strict=True):
+        if factor:
+            size = "" if abs(abs(factor) - 1.0) < _ZERO else f"{abs(factor):.4g} "
+            text += f" {'-' if factor < 0 else '+'} {size}{name}"
+    return text.removeprefix(" + ").strip()

@@ -1,0 +1,220 @@
+"""Estimation of the parameters of an arm from a log, by least squares of torques and deformations.
+
+For each joint there are two equations, link-side, with base parameters pi of the links and rotor inertias J = I_m ell:
+
+    ell tau - J (kappa_ddot + carried) - xi(kappa_dot) - tau_s = 0      rotor (7), (10)-(11), friction (54)
+    kappa - q - theta_err - D(tau_s) - offset = 0                       spring (2)-(3), where q is measured
+    tau_s = Y pi + R J                                                  links (44)-(47)
+
+Positions go through a Butterworth filter, forward and backward, so without phase, and are differentiated by central
+differences of fourth order; then both equations through a second one, four times as narrow, which acts on both sides
+alike, and one row is kept for every sample of its band, so that the noise of rows is independent. Each equation of
+each joint is weighted by its own residual. Torques may be late: ``delay`` is a parameter, the same for all joints.
+What a log cannot tell, by the standard deviation that the Jacobian gives, keeps its value of the robot file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from vdfmu.arm.equations.harmonic_drive import deformation, kinematic_error
+from vdfmu.arm.robot import Robot
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError
+from vdfmu.study.identify.base import Base, base_parameters
+from vdfmu.study.identify.log import Log
+from vdfmu.study.identify.problem import Problem
+from vdfmu.study.identify.regressor import body_parameters, regressor
+from vdfmu.study.identify.search import solve
+
+_POWER, _BANDS = 0.999, 3.0
+"""The band of the second filter: times the frequency below which this part of the velocities' power is."""
+_WIDE = 20.0
+_ORDER = 4
+_TRIM = 3.0
+"""Ends of the log that are left out, in periods of the band: transients of the filters."""
+_STILL = 1e-4
+"""Range of a joint [rad or m] below which it did not move."""
+_APART = 0.5
+"""Range of kappa - q, as a share of kappa's, beyond which one of them is not what it should be."""
+_LEFT = 0.3
+"""Share of the root mean square of a torque that the model leaves, beyond which a note says so."""
+
+
+@dataclass(frozen=True)
+class Identified:
+    """What was estimated.
+
+    Attributes
+    ----------
+    names, units : tuple of str
+        Drives and springs by joint, ``f_c[1]``, then the base parameters of the links.
+    values, deviation, nominal : (m,) arrays
+        With standard deviations, and the values of the robot file.
+    held : mapping of str to str
+        What is not identified and keeps its value: why, and the way out.
+    torque_level : (n,) array [N.m or N]
+        Root mean square of the spring torques.
+    stiffness, stiffness_deviation : (n,) arrays [N.m/rad or N/m]
+        Of the springs, link-side: torque by deformation at that torque.
+    delay : float [s]
+        By which torques are later than positions.
+    band : float [Hz]
+    t : (k,) [s]
+        Times of the rows.
+    torque, torque_error : (k, n) [N.m or N]
+        Measured torques, link-side, filtered, and what the model leaves of them.
+    deformation_error : (k, n) [rad or m] or None
+    base : Base
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Floats
+    deviation: Floats
+    nominal: Floats
+    held: Mapping[str, str]
+    torque_level: Floats
+    stiffness: Floats
+    stiffness_deviation: Floats
+    delay: float
+    band: float
+    t: Floats
+    torque: Floats
+    torque_error: Floats
+    deformation_error: Floats | None
+    base: Base
+
+    def interval(self, factor: float = 1.96) -> tuple[Floats, Floats]:
+        """Return the ends of the confidence intervals, 95 % by default."""
+        return self.values - factor * self.deviation, self.values + factor * self.deviation
+
+    def of(self, robot: Robot) -> list[float]:
+        """Return the values that another robot has for the parameters, in the same order."""
+        n = len(self.names) - len(self.base.names)
+        drives = [
+            float(getattr(robot, name)[int(i[:-1]) - 1])
+            for name, _, i in (v.partition("[") for v in self.names[:n])
+        ]
+        return [*drives, *(self.base.matrix @ body_parameters(robot)).tolist()]
+
+    @property
+    def advice(self) -> list[str]:
+        """What the log lacks altogether, or what does not fit."""
+        left, whole = ((each**2).mean(axis=0) for each in (self.torque_error, self.torque))
+        notes = [
+            f"joint {i + 1}: the model leaves more than {100 * _LEFT:.0f} % of the torque; check units, signs and "
+            "order of the columns"
+            for i in np.flatnonzero(left > _LEFT**2 * whole)
+        ]
+        if self.deformation_error is not None:
+            return notes
+        return [
+            *notes,
+            "the log has no positions of links, so stiffnesses are those of the robot file, by which links are placed: "
+            "log them by encoders behind the gears, or with the rotors' by a camera or tracker",
+        ]
+
+
+def identify(log: Log, robot: Robot, *, band: float | None = None) -> Identified:
+    """Estimate drives, friction, springs and base parameters from a log.
+
+    Parameters
+    ----------
+    log : Log
+    robot : Robot
+        Kinematics, ratios, width of the friction's sign, kinematic error; and the values to start at, which what is not
+        identified keeps.
+    band : float, optional [Hz]
+        Of the equations; default three times the frequency below which 99.9 % of the velocities' power lie.
+
+    Raises
+    ------
+    UsageError
+        For joints that did not move, or whose rotor and link did not move alike; a log that is too short for the band,
+        or tells nothing; a band that is not positive; the split arrangement of friction.
+    """
+    if robot.friction != "lumped":
+        raise UsageError(f"{robot.name}: expected friction in the lumped arrangement, got {robot.friction}.")
+    moved = np.ptp(log.kappa, axis=0)
+    if (still := np.flatnonzero(moved < _STILL)).size:
+        which = ", ".join(str(i + 1) for i in still)
+        raise UsageError(
+            f"{log.where}: joint {which} did not move: nothing can be told of it. Log a motion of all."
+        )
+    if log.q is not None:
+        apart = np.flatnonzero(np.ptp(log.kappa - log.q, axis=0) > _APART * moved)
+        if apart.size:
+            which = ", ".join(str(i + 1) for i in apart)
+            raise UsageError(
+                f"{log.where}: joint {which}: expected rotors, divided by the ratio, and links to move alike, to what "
+                "the springs give way. Check units, ratios, signs and order of the columns kappa and q."
+            )
+    if band is not None and not band > 0.0:
+        raise UsageError(f"band: expected more than 0 Hz, got {band:g} Hz.")
+    problem, rows, t, band = _prepare(log, robot, band)
+    x, covariance, held = solve(problem)
+    errors, shown, deviation = problem.errors(x), problem.shown, np.sqrt(np.diag(covariance))
+    level, stiffness, slopes = problem.stiffness(x)
+    return Identified(
+        tuple(problem.names), tuple(problem.units), x[:shown], deviation[:shown], problem.start[:shown], held,
+        level, stiffness, np.sqrt(np.einsum("ij,jk,ik->i", slopes, covariance, slopes)),
+        float(x[problem.places["delay"]][0]), band, t[rows], problem.tau, errors[0],
+        errors[1] if len(errors) > 1 else None, problem.base,
+    )  # fmt: skip
+
+
+def _prepare(log: Log, robot: Robot, band: float | None) -> tuple[Problem, slice, Floats, float]:
+    h = log.step
+    if band is None:
+        power = np.abs(np.fft.rfft(np.diff(log.kappa, axis=0), axis=0)) ** 2
+        share = np.cumsum(power, axis=0) / power.sum(axis=0)
+        last = max(int(np.searchsorted(column, _POWER)) for column in share.T)
+        band = _BANDS * last / (h * (len(log.t) - 1))
+    band = min(band, 0.1 / h)
+    trim = int(np.ceil(_TRIM / band / h))
+    stride = max(1, int(0.5 / band / h))
+    rows = slice(trim, len(log.t) - trim, stride)
+    count = len(range(*rows.indices(len(log.t))))
+    if count < 50:
+        raise UsageError(
+            f"{log.where}: expected a log of at least {(50 * stride + 2 * trim) * h:.3g} s for the band of "
+            f"{band:.3g} Hz, got {log.t[-1] - log.t[0]:.3g} s."
+        )
+    wide, narrow = (butter(_ORDER, f, fs=1.0 / h, output="sos") for f in (min(_WIDE * band, 0.4 / h), band))
+
+    def filtered(signal: Floats) -> Floats:
+        return sosfiltfilt(narrow, signal, axis=0)[rows]
+
+    kappa = np.asarray(sosfiltfilt(wide, log.kappa, axis=0), dtype=float)
+    kappa_dot = _slope(kappa, h)
+    kappa_ddot = _slope(kappa_dot, h)
+    error = kinematic_error(robot, kappa)
+    if log.q is not None:
+        q = np.asarray(sosfiltfilt(wide, log.q, axis=0), dtype=float)
+    else:  # where the springs of the robot file have the links, as far as they are not fast
+        rigid = regressor(robot, kappa, kappa_dot, kappa_ddot, kappa_dot, kappa_ddot)
+        tau_s = rigid.links @ body_parameters(robot) + rigid.rotors @ (robot.I_m * robot.ell)
+        q = kappa - error - deformation(robot, tau_s)
+    q_dot = _slope(q, h)
+    parts = regressor(robot, q, q_dot, _slope(q_dot, h), kappa_dot, kappa_ddot)
+    base = base_parameters(robot)
+    tau = log.tau * robot.ell
+    stretch = None if log.q is None else filtered(log.kappa - log.q - error)
+    problem = Problem(
+        robot, base, filtered(parts.links[:, :, base.columns]), filtered(parts.rotors),
+        filtered(kappa_ddot + parts.carried), filtered(tau), _slope(sosfiltfilt(narrow, tau, axis=0), h)[rows], stretch,
+        kappa_dot, filtered,
+    )  # fmt: skip
+    return problem, rows, log.t, band
+
+
+def _slope(signal: Floats, h: float) -> Floats:
+    """Differentiate by central differences of fourth order, at the ends of second."""
+    found = np.gradient(signal, h, axis=0)
+    found[2:-2] = (8.0 * (signal[3:-1] - signal[1:-3]) - (signal[4:] - signal[:-4])) / (12.0 * h)
+    return found

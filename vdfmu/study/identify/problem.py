@@ -1,0 +1,130 @@
+"""The equations of an identification: residuals of torques and deformations, and their derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vdfmu.arm.equations.harmonic_drive import deformation, deformation_derivative
+from vdfmu.arm.robot import Robot
+from vdfmu.arm.robot.parameters import PARAMETERS
+from vdfmu.base.arrays import Floats
+from vdfmu.study.identify.base import Base
+from vdfmu.study.identify.regressor import body_parameters
+
+DRIVES = ("I_m", "f_c", "f_s", "v_s", "f_v")
+SPRINGS = ("K_f0", "c_f", "K_w0", "c_w")
+
+
+@dataclass
+class Problem:
+    """The rows, and the parameters' places in one vector."""
+
+    robot: Robot
+    base: Base
+    Y: Floats
+    R: Floats
+    acceleration: Floats
+    tau: Floats
+    tau_dot: Floats
+    stretch: Floats | None
+    velocity: Floats
+    narrow: Callable[[Floats], Floats]
+    start: Floats = field(default_factory=lambda: np.zeros(0))
+    names: list[str] = field(default_factory=list[str])
+    units: list[str] = field(default_factory=list[str])
+    places: dict[str, slice] = field(default_factory=dict[str, slice])
+
+    def __post_init__(self) -> None:
+        robot, values = self.robot, []
+        for name in (*DRIVES, *(SPRINGS if self.stretch is not None else ())):
+            self._place(name, robot.n)
+            values.append(getattr(robot, name))
+            for i, kind in enumerate(robot.joint_types):
+                self.names.append(f"{name}[{i + 1}]")
+                self.units.append(PARAMETERS[name].unit(kind))
+        self._place("links", len(self.base.names))
+        self.names += self.base.names
+        self.units += self.base.units
+        values.append(self.base.matrix @ body_parameters(robot))
+        self.shown = len(self.names)
+        self._place("delay", 1)
+        self._place("offset", robot.n if self.stretch is not None else 0)
+        values.append(np.zeros(1 + self.places["offset"].stop - self.places["offset"].start))
+        self.start = np.concatenate(values).astype(float)
+
+    def _place(self, name: str, count: int) -> None:
+        begin = max((each.stop for each in self.places.values()), default=0)
+        self.places[name] = slice(begin, begin + count)
+
+    def errors(self, x: Floats) -> list[Floats]:
+        """Residuals (k, n) of torques, link-side, and of deformations."""
+        robot, at = self.robot, self.places
+        J = x[at["I_m"]] * robot.ell
+        sign, share, v = self._dry(x)
+        dry = (x[at["f_c"]] + (x[at["f_s"]] - x[at["f_c"]]) * share) * sign
+        tau_s = self._springs(x)
+        late = x[at["delay"]] * self.tau_dot
+        torque = self.tau + late - J * self.acceleration - self.narrow(dry + x[at["f_v"]] * v) - tau_s
+        if self.stretch is None:
+            return [torque]
+        return [torque, self.stretch - deformation(self._robot(x), tau_s) - x[at["offset"]]]
+
+    def jacobian(self, x: Floats) -> list[Floats]:
+        """Return the derivatives (k, n, p) of the residuals by all parameters."""
+        robot, at, n = self.robot, self.places, self.robot.n
+        each = np.arange(n)
+        sign, share, v = self._dry(x)
+        step = x[at["f_s"]] - x[at["f_c"]]
+        by_spring = np.zeros((*self.tau.shape, len(x)))
+        by_spring[:, :, at["links"]] = self.Y
+        by_spring[:, :, at["I_m"]] = self.R * robot.ell
+        torque = -by_spring
+        torque[:, each, at["I_m"].start + each] -= robot.ell * self.acceleration
+        for name, slope in (
+            ("f_c", (1.0 - share) * sign), ("f_s", share * sign), ("f_v", v),
+            ("v_s", step * share * sign * 2.0 * v**2 / x[at["v_s"]] ** 3),
+        ):  # fmt: skip
+            torque[:, each, at[name].start + each] = -self.narrow(slope)
+        torque[:, :, at["delay"].start] = self.tau_dot
+        if self.stretch is None:
+            return [torque]
+        springs, tau_s = self._robot(x), self._springs(x)
+        stretch = -np.asarray(deformation_derivative(springs, tau_s), dtype=float)[:, :, None] * by_spring
+        for name in SPRINGS:
+            here = getattr(springs, name)
+            ends = [
+                deformation(springs.with_parameters(**{name: here * f}), tau_s)
+                for f in (1.0 + 1e-5, 1.0 - 1e-5)
+            ]
+            stretch[:, each, at[name].start + each] = -(ends[0] - ends[1]) / (2e-5 * here)
+        stretch[:, each, at["offset"].start + each] = -1.0
+        return [torque, stretch]
+
+    def stiffness(self, x: Floats) -> tuple[Floats, Floats, Floats]:
+        """Root mean square of the spring torques, secant stiffness there, (n,) each, and its slopes (n, p)."""
+        torque = np.sqrt(np.mean(self._springs(x) ** 2, axis=0))
+        slopes = np.zeros((self.robot.n, len(x)))
+
+        def secant(x: Floats) -> Floats:
+            return torque / np.asarray(deformation(self._robot(x), torque), dtype=float)
+
+        for name in SPRINGS if self.stretch is not None else ():
+            for k in range(self.places[name].start, self.places[name].stop):
+                ends = [x.copy(), x.copy()]
+                ends[0][k], ends[1][k] = 1.00001 * x[k], 0.99999 * x[k]
+                slopes[:, k] = (secant(ends[0]) - secant(ends[1])) / (2e-5 * x[k])
+        return torque, secant(x), slopes
+
+    def _dry(self, x: Floats) -> tuple[Floats, Floats, Floats]:
+        """Sign and Stribeck share of the friction (54), and the velocity, (m, n) each."""
+        v = self.velocity
+        return np.tanh(v / self.robot.eps), np.exp(-((v / x[self.places["v_s"]]) ** 2)), v
+
+    def _springs(self, x: Floats) -> Floats:
+        return self.Y @ x[self.places["links"]] + self.R @ (x[self.places["I_m"]] * self.robot.ell)
+
+    def _robot(self, x: Floats) -> Robot:
+        return self.robot.with_parameters(**{n: x[self.places[n]] for n in SPRINGS if n in self.places})

@@ -1,0 +1,106 @@
+"""A robot file of what was identified."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from vdfmu.arm.imports.write import toml_value
+from vdfmu.arm.robot import Robot, check_robot
+from vdfmu.arm.robot.parameters import PARAMETERS
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import ModelError
+from vdfmu.study.identify.fit import Identified
+from vdfmu.study.identify.problem import DRIVES, SPRINGS
+from vdfmu.study.identify.regressor import body_parameters
+
+_SMALL = 1e-3
+"""Of a parameter that is 0, as a share of the largest of its kind in the link: its size."""
+_OWN = 0.1
+"""How much easier all parameters of a link change by the same factor than each by itself."""
+
+
+def identified_robot(found: Identified, robot: Robot, where: str) -> tuple[Robot, list[str]]:
+    """Return the robot with the identified values, whose sources name the log, and notes.
+
+    Base parameters leave the parameters of the links open: of those that have them, the ones nearest to the robot file
+    are taken: of the same shape, if that will do. Where these are not those of bodies, the links stay as they are.
+
+    Parameters
+    ----------
+    found : Identified
+    robot : Robot
+        That it was identified with.
+    where : str
+        The log, for sources.
+    """
+    values = dict(zip(found.names, found.values, strict=True))
+    sources, arrays, notes = dict(robot.sources), dict[str, Any](), list[str]()
+    text = f"Identified from {where}"
+    for name in (*DRIVES, *SPRINGS):
+        own = [f"{name}[{i + 1}]" for i in range(robot.n)]
+        if own[0] not in values:
+            continue
+        arrays[name] = np.array([values[each] for each in own])
+        for i, each in enumerate(own):
+            if each not in found.held:
+                sources[PARAMETERS[name].path.replace("joints", f"joints[{i + 1}]", 1)] = text
+    made = robot.with_parameters(**arrays)
+    links = _links(found, robot)
+    if robot.payload:
+        notes.append("the links stay as they are: the payload is identified with the last of them")
+    else:
+        try:
+            bodies = check_robot(made.with_parameters(**links))
+        except ModelError as error:
+            notes.append(f"the links stay as they are, for what was identified is that of no bodies: {error}")
+        else:
+            made = bodies
+            nearest = f"{text}: with its base parameters, nearest to the robot file"
+            sources |= {PARAMETERS[name].path: nearest for name in links}
+    return replace(check_robot(made), sources=sources), notes
+
+
+def _links(found: Identified, robot: Robot) -> dict[str, Floats]:
+    """Mass, centre of mass and inertia of the links, with the base parameters and nearest to the robot file."""
+    phi = body_parameters(robot)
+    table = np.abs(phi).reshape(-1, 10)
+    kinds = np.hstack([table[:, [0]], *(table[:, part].max(axis=1, keepdims=True).repeat(k, axis=1)
+                                        for part, k in ((slice(1, 4), 3), (slice(4, 10), 6)))])  # fmt: skip
+    sizes = np.maximum(table, _SMALL * np.maximum(kinds, _SMALL)).ravel()
+    together = np.repeat(np.eye(robot.n), 10, axis=0) * phi[:, None]
+    ways = np.hstack([_OWN * np.diag(sizes), together])
+    base = np.array(found.values[len(found.names) - len(found.base.names) :])
+    steps: Any = np.linalg.lstsq(found.base.matrix @ ways, base - found.base.matrix @ phi, rcond=None)[0]
+    m, x, y, z, *I = (phi + ways @ steps).reshape(-1, 10).T
+    c = np.stack([x, y, z], axis=1) / m[:, None]
+    rows = [[I[0], I[1], I[3]], [I[1], I[2], I[4]], [I[3], I[4], I[5]]]
+    about_origin = np.moveaxis(np.array(rows), -1, 0)
+    square = np.einsum("ni,ni->n", c, c)[:, None, None] * np.eye(3) - np.einsum("ni,nj->nij", c, c)
+    return {"mass": m, "centroid": c, "inertia": about_origin - m[:, None, None] * square}
+
+
+def robot_text(robot: Robot, head: str) -> str:
+    """Return the content of a robot file, under a comment."""
+    return "\n".join([f"# {head}", "# SI units, angles in rad.", "", *_lines(robot.to_dict(), "")]) + "\n"
+
+
+def _lines(table: Mapping[str, Any], path: str) -> Iterator[str]:
+    """Yield lines of TOML, values before tables."""
+    inner = {key: value for key, value in table.items() if _is_table(value)}
+    for key, value in table.items():
+        if key not in inner:
+            yield f"{key if key.isidentifier() else toml_value(key)} = {toml_value(value)}"
+    for key, value in inner.items():
+        name = f"{path}.{key}" if path else key
+        for each in value if isinstance(value, list) else [value]:
+            yield ""
+            yield f"[[{name}]]" if isinstance(value, list) else f"[{name}]"
+            yield from _lines(each, name)
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, dict) or (isinstance(value, list) and bool(value) and isinstance(value[0], dict))

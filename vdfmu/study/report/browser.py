@@ -1,0 +1,169 @@
+"""Chromium, headless, driven through its DevTools pipe: no driver and no package beside it."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any, Self
+
+from vdfmu.base.errors import UsageError, VdfmuError
+
+_FLAGS = (
+    *(["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []),  # root has none
+    "--headless=new", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader", "--disable-quic", "--no-first-run", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync", "--hide-scrollbars", "--remote-debugging-pipe",
+)  # fmt: skip
+_PROGRAMS = (
+    "chromium", "chromium-browser", "google-chrome", "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
+)  # fmt: skip
+
+
+class Browser:
+    """A page in a browser of its own, with a folder for its profile.
+
+    Raises
+    ------
+    UsageError
+        Chromium or Chrome is not installed, or this is Windows, whose processes have no such pipe.
+    VdfmuError
+        The browser does not do what it is told.
+    """
+
+    def __init__(self, profile: Path) -> None:
+        program = next(filter(None, map(shutil.which, _PROGRAMS)), None)
+        if program is None or os.name != "posix":
+            raise UsageError(
+                "pictures of a page are taken in Chromium or Chrome, "
+                + ("which is not installed" if program is None else "on Linux and macOS only")
+            )
+        import fcntl  # Windows has none
+
+        to_read, self._to = os.pipe()
+        self._from, to_write = os.pipe()
+        # above 9, so that neither is in the way of the other
+        ends = [fcntl.fcntl(end, fcntl.F_DUPFD_CLOEXEC, 10) for end in (to_read, to_write)]
+
+        def connect() -> None:  # the browser reads commands from its descriptor 3 and writes answers to 4
+            os.dup2(ends[0], 3)
+            os.dup2(ends[1], 4)
+
+        self._process = subprocess.Popen(
+            [program, *_FLAGS, f"--user-data-dir={profile}", "about:blank"],
+            preexec_fn=connect, pass_fds=(3, 4), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        for end in (to_read, to_write, *ends):
+            os.close(end)
+        self._rest, self._number = b"", 0
+        targets = self._call("Target.getTargets")["targetInfos"]
+        page = next(target for target in targets if target["type"] == "page")["targetId"]
+        self._session = self._call("Target.attachToTarget", targetId=page, flatten=True)["sessionId"]
+        for domain in ("Page", "Runtime"):
+            self.call(f"{domain}.enable")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        os.close(self._to)
+        try:
+            self._process.wait(10)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        os.close(self._from)
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """Call a method of the page's DevTools; its answer."""
+        return self._call(method, self._session, **parameters)
+
+    def _call(self, method: str, session: str = "", **parameters: Any) -> dict[str, Any]:
+        number = self.send(method, session, **parameters)
+        while True:
+            answer = self._message()
+            if answer.get("id") == number:
+                if "error" in answer:
+                    raise VdfmuError(f"browser: {method}: {answer['error']}")
+                return answer["result"]
+            self.happened(answer)
+
+    def send(self, method: str, session: str = "", **parameters: Any) -> int:
+        """Call a method of a session without waiting for its answer; the number of the call."""
+        self._number += 1
+        message = {"id": self._number, "method": method, "params": parameters}
+        text = json.dumps(message | ({"sessionId": session} if session else {}))
+        os.write(self._to, text.encode() + b"\0")
+        return self._number
+
+    def _message(self) -> dict[str, Any]:
+        while b"\0" not in self._rest:
+            block = os.read(self._from, 1 << 20)
+            if not block:
+                raise VdfmuError("the browser has ended")
+            self._rest += block
+        text, self._rest = self._rest.split(b"\0", 1)
+        return json.loads(text)
+
+    def happened(self, event: dict[str, Any]) -> None:
+        """Take note of an event; here of none."""
+
+    def run(self, script: str) -> Any:
+        """Value of an expression of JavaScript, which may be a promise."""
+        found = self.call("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
+        if "exceptionDetails" in found:
+            raise VdfmuError(f"browser: {script}: {found['exceptionDetails']}")
+        return found["result"].get("value")
+
+    def settle(self) -> None:
+        """Wait until what has changed is drawn."""
+        self.run(
+            "new Promise(d => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(d, 30))))"
+        )
+
+    def open(
+        self,
+        page: Path | str,
+        width: int = 1280,
+        height: int = 900,
+        scheme: str = "light",
+        motion: str = "",
+        scale: float = 1.0,
+    ) -> None:
+        """Open a file or an address in a window of a size; `scale`: pixels of the screen to each of the page."""
+        self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=scale,
+            mobile=width < 600,
+        )
+        features = {"prefers-color-scheme": scheme, "prefers-reduced-motion": motion}
+        media = [{"name": name, "value": value} for name, value in features.items()]
+        self.call("Emulation.setEmulatedMedia", features=media)
+        self.call("Page.navigate", url=page if isinstance(page, str) else page.resolve().as_uri())
+        self.run(
+            "new Promise(d => document.readyState === 'complete' ? d() : addEventListener('load', () => d()))"
+        )
+        self.run(  # a page of a run unpacks its libraries first
+            "new Promise(d => { const look = n => n && document.getElementById('vendor') && !globalThis.report"
+            " ? setTimeout(look, 20, n - 1) : d(); look(500); })"
+        )
+        self.settle()
+
+    def picture(self, selector: str = "") -> bytes:
+        """Picture of an element, or of all of the page, as PNG."""
+        size = self.call("Page.getLayoutMetrics")["cssContentSize"]
+        box = {"x": 0, "y": 0, "width": size["width"], "height": size["height"]}
+        if selector:
+            box = self.run(
+                f"(r => ({{x: r.x + scrollX, y: r.y + scrollY, width: r.width, height: r.height}}))"
+                f"(document.querySelector({selector!r}).getBoundingClientRect())"
+            )
+        found = self.call(
+            "Page.captureScreenshot", format="png", clip=box | {"scale": 1}, captureBeyondViewport=True
+        )
+        return base64.b64decode(found["data"])

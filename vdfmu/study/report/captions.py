@@ -1,0 +1,71 @@
+"""What a picture says of the run that it shows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from vdfmu.arm.robot import Robot
+from vdfmu.base.arrays import Floats
+from vdfmu.engine.results.results import Results
+from vdfmu.system.scenario import Scenario
+from vdfmu.system.scenario.values import group_value
+
+_SHOWN = 4
+"""Settings that a caption shows; more would leave no room for the panels."""
+
+
+def paper_table(scenario: Scenario) -> int:
+    """Return the number of the table of the paper that a scenario compares with; 0 for none."""
+    source = str(scenario.paper.get("source", ""))
+    return next((table for table in (3, 4, 5) if source.startswith(f"Table {table}")), 0)
+
+
+def run_caption(results: Results, scenario: Scenario, figures: Mapping[int, int]) -> str:
+    """Return which run a picture shows: scenario, robot, master, step, and how the plant is off the model.
+
+    Parameters
+    ----------
+    results : Results
+        What its summary says of master, step and settings goes before what the scenario asked for.
+    scenario : Scenario
+    figures : mapping of int to int
+        Table of the paper that the scenario compares with to the figure of the paper that this is then.
+    """
+    facts: Mapping[str, Any] = results.summary
+    master = facts.get("master") or facts.get("algorithm") or scenario.master
+    step = 1e3 * float(facts.get("step") or scenario.step)
+    figure = figures.get(paper_table(scenario))
+    settings: Mapping[str, Any] = facts.get("settings") or {}
+    chosen = {key: value for key, value in settings.items() if key == "feedforward.mode"}
+    mode = group_value(scenario, "feedforward.mode", chosen)
+    lines = [
+        f"{_figure(figure)}Scenario {scenario.name}, robot {scenario.arm.name}, master {master}, "
+        f"step {step:g} ms{'' if mode is None else f', feedforward {mode}'}."
+    ]
+    if scenario.plant_factors:
+        factors = [
+            f"{key} x {float(np.ravel(factor)[0]):g}" if np.ptp(factor) == 0.0 else f"{key} joint by joint"
+            for key, factor in scenario.plant_factors.items()
+        ]
+        lines.append(f"Plant off the feedforward's model: {', '.join(factors)}.")
+    if settings:
+        shown = ", ".join(f"{key} = {value}" for key, value in list(settings.items())[:_SHOWN])
+        more = f" and {len(settings) - _SHOWN} more" if len(settings) > _SHOWN else ""
+        lines.append(f"Settings: {shown}{more}.")
+    return "\n".join(lines)
+
+
+def contrast_caption(robot: Robot, time: Floats, scenario: Scenario | None, figure: int) -> str:
+    """Return which study a picture shows: scenario, robot, points, step."""
+    name = "" if scenario is None else f"scenario {scenario.name}, "
+    points = len(time)
+    step = f", step {1e3 * (time[-1] - time[0]) / (points - 1):g} ms" if points > 1 else ""
+    figure = figure if scenario is None or paper_table(scenario) == 3 else 0
+    return f"{_figure(figure)}Rigid links, {name}robot {robot.name}, {points} points{step}."
+
+
+def _figure(number: int | None) -> str:
+    return f"As figure {number} of the paper. " if number else ""

@@ -1,0 +1,278 @@
+"""``report.html``: one run, or several beside each other, as one file that needs no other and no network.
+
+Tables, checks and the diagram are HTML from here; what moves is drawn by ``web/*.js`` from the numbers of
+:mod:`vdfmu.study.report.content`. The modules stand in the page as one script: names are unique among them, and the
+lines of ``import`` and the words ``export`` go.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache
+from html import escape
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from vdfmu.base.errors import UsageError
+from vdfmu.base.files import write_whole
+from vdfmu.base.json_text import to_json
+from vdfmu.compiler.fmu.native import THIRD_PARTY
+from vdfmu.compiler.fmu.page import page, table
+from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.verdict import checks_of, not_checked
+from vdfmu.study.report.content import content_of
+from vdfmu.study.report.sheets import Sheet, comparison_sheet, facts, sheets
+from vdfmu.study.report.simulation import compressed, simulation_of
+from vdfmu.study.report.summary import read_summary
+from vdfmu.system.package.drawing import system_diagram
+
+NAME = "report.html"
+_WEB = Path(__file__).parent / "web"
+MODULES = (
+    "packed.js",
+    "vendor.js",
+    "data.js",
+    "chart.js",
+    "figures.js",
+    "arm.js",
+    "player.js",
+    "system.js",
+    "worker.js",
+    "simulation.js",
+    "main.js",
+)
+"""In an order in which each comes after those that it imports."""
+WORKER = ("packed.js", "fmu.js", "master.js")
+"""Modules of the worker that simulates, which stand in the page as text."""
+_VENDOR = ("three_uplot.min.js", "uplot.min.css")
+
+_POLICY = (
+    "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; script-src 'unsafe-inline' "
+    "'wasm-unsafe-eval'; worker-src blob:; style-src 'unsafe-inline'; img-src data:\">"
+)
+"""With which a browser refuses every request to a network; it runs WebAssembly, and workers made by the page."""
+
+_ALONE = (
+    "body { max-width: none; padding: 0 } body > :not(#arm, noscript) { display: none } #arm { margin: 0 } "
+    "@media (min-width: 560px) { .stage { grid-template-columns: minmax(0, 1fr) 16rem } .canvas { height: 58vh } }"
+)
+"""Style of a page with the arm alone."""
+
+
+class Run(NamedTuple):
+    """A run that a page shows."""
+
+    name: str
+    results: Results
+    summary: Mapping[str, Any]
+    package: Path
+    """Its ``system.ssp``; a missing one has no diagram."""
+
+
+def newest_run(folder: Path) -> Path:
+    """Return the folder of the newest run in a folder; UsageError if there is none."""
+    found = sorted(folder.glob("*/summary.json"), key=lambda path: path.stat().st_mtime)
+    if not found:
+        raise UsageError(
+            f"{folder}: has no results of a run. Say where they are, or run one: 'vdfmu run tracking'."
+        )
+    return found[-1].parent
+
+
+def read_run(folder: Path) -> Run:
+    """Return the run whose results are in a folder.
+
+    Raises
+    ------
+    UsageError
+        It has no results of a run.
+    """
+    table = folder / "results.parquet"
+    table = table if table.exists() else folder / "results.csv"
+    for file in (folder / "summary.json", table):
+        if file.exists() and not file.is_file():
+            raise UsageError(
+                f"{file}: expected a file, got a folder, a pipe or a device, which may never end."
+            )
+    summary = read_summary(folder / "summary.json")
+    results = Results.read(table)
+    if not len(results):
+        raise UsageError(f"{folder}: the results have no rows, so there is nothing to show.")
+    package = folder / "system.ssp"
+    return Run(
+        folder.resolve().name,
+        results,
+        summary,
+        package if package.exists() else Path(summary.get("package", "")),
+    )
+
+
+def write_report(runs: Sequence[Run], path: Path, *, simulate: bool = False) -> Path:
+    """Write the page of one run or of several.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+    path : Path
+    simulate : bool, optional
+        Whether the page can run them again by itself, for which their units are compiled.
+
+    Raises
+    ------
+    UsageError, VdfmuError
+        The file cannot be written.
+    """
+    write_whole(path, [report_page(runs, simulate=simulate)])
+    return path
+
+
+def arm_page(run: Run) -> bytes:
+    """Return a page of which only the arm is seen, for the size of any frame."""
+    return report_page([run], arm_alone=True)
+
+
+def report_page(runs: Sequence[Run], *, simulate: bool = False, arm_alone: bool = False) -> bytes:
+    """Return the page of one run or of several, or of their arms alone; `simulate` as of :func:`write_report`."""
+    first = runs[0].summary
+    names = _names(runs)
+    binaries: dict[str, str] = {}
+    parts = [
+        {
+            "name": name,
+            **content_of(run.results, run.summary),
+            "simulation": simulation_of(
+                run.results, run.summary, run.package, binaries if simulate else None
+            ),
+        }
+        for name, run in zip(names, runs, strict=True)
+    ]
+    if arm_alone:
+        parts = [part | {"figures": [], "signals": [], "simulation": None} for part in parts]
+    data = {"runs": parts} | ({"binaries": binaries} if binaries else {})
+    diagram = next(filter(None, (system_diagram(run.package) for run in runs)), "")
+    facts = (run.summary for run in runs)
+    each = [f"robot {s['robot']}" if "robot" in s else f"system {s.get('system', '')}" for s in facts]
+    about = "; ".join(dict.fromkeys(each))
+    about = about[0].upper() + about[1:]
+    body = "\n".join(
+        [
+            *_checks(names, runs),
+            '<section id="arm" class="card" hidden aria-label="The arm in 3D"></section>',
+            '<section id="simulate" class="card" hidden aria-label="Simulate"></section>',
+            '<section id="figures" class="card" hidden aria-label="Figures"></section>',
+            f'<section id="system" class="card" hidden><h2>System</h2><div class="wide">{diagram}</div></section>',
+            *_tables(names, runs),
+            *_facts(names, runs),
+            "<noscript><p>Figures and the arm are drawn by a script, which this browser does not run.</p></noscript>",
+            f'<script id="data" type="application/json">{_inert(to_json(data, indent=None))}</script>',
+            *([f'<script type="text/plain" id="worker">{script(WORKER)}</script>'] if binaries else []),
+            _libraries(),
+            f'<script type="module">\n{script()}\n</script>',
+        ]
+    )
+    head = f'{look()}<link rel="icon" href="data:,"><style>{_text(_VENDOR[1])}{_ALONE if arm_alone else ""}</style>'
+    what = (
+        f"{about}, {'one run' if len(runs) == 1 else f'{len(runs)} runs'} of vdfmu {first.get('vdfmu', '')}"
+    )
+    return page(", ".join(names), what.strip(), body, 84, head)
+
+
+def look() -> str:
+    """Return what a page's head has: its style, light or dark, and the policy with which it asks no network."""
+    return f"{_POLICY}<style>{_text('report.css')}</style>"
+
+
+@lru_cache
+def _libraries() -> str:
+    """Return the libraries, compressed, below their licences."""
+    text = _text(_VENDOR[0])
+    units = THIRD_PARTY.replace("libraries in binaries/", "units that a page simulates")
+    licences = "\n".join([*re.findall(r"/\*!(.*?)\*/", text, re.DOTALL), units])
+    packed = compressed(text.encode())
+    return f'<!--\n{licences}-->\n<script type="text/plain" id="vendor">{packed}</script>'
+
+
+def script(modules: Sequence[str] = MODULES) -> str:
+    """Return modules of the page as one script."""
+    lines = (line for name in modules for line in _text(name).splitlines() if not line.startswith("import "))
+    return "\n".join(re.sub("^export ", "", line) for line in lines)
+
+
+def _text(name: str) -> str:
+    return (_WEB / name).read_text(encoding="utf-8")
+
+
+def _inert(text: str) -> str:
+    """Return JSON in which nothing ends the script that it stands in."""
+    return text.replace("<", "\\u003c")
+
+
+def _names(runs: Sequence[Run]) -> list[str]:
+    """Return the scenarios, or, where two are the same, the folders; the same folder name gets a number."""
+    names = [str(run.summary.get("scenario") or run.summary.get("system") or run.name) for run in runs]
+    if len(set(names)) < len(names):
+        names = [run.name for run in runs]
+    return [
+        f"{name} ({names[: i + 1].count(name)})" if names.count(name) > 1 else name
+        for i, name in enumerate(names)
+    ]
+
+
+def _checks(names: Sequence[str], runs: Sequence[Run]) -> Iterator[str]:
+    for name, run in zip(names, runs, strict=True):
+        found = checks_of(run.summary)
+        if found:
+            rows = "".join(
+                f'<li class="{"pass" if one.passed else "fail"}"><b>{"pass" if one.passed else "fail"}</b> '
+                f"{escape(one.name)} <small>{escape(one.text)}</small></li>"
+                for one in found
+            )
+            rows += "".join(
+                f"<li>not checked <small>{escape(text)}</small></li>" for text in not_checked(run.summary)
+            )
+            title = "Checks" if len(runs) == 1 else f"Checks of {escape(name)}"
+            shown = "" if len(runs) > 1 else ' class="hidden"'
+            yield f'<section class="checks"><h2{shown}>{title}</h2><ul>{rows}</ul></section>'
+
+
+def _tables(names: Sequence[str], runs: Sequence[Run]) -> Iterator[str]:
+    shown: list[tuple[str, Sheet]] = []
+    if len(runs) > 1:
+        shown += [("", sheet) for sheet in comparison_sheet(names, [run.summary for run in runs])]
+    for name, run in zip(names, runs, strict=True):
+        shown += [(f"{name}: " if len(runs) > 1 else "", sheet) for sheet in sheets(run.summary)]
+    for before, sheet in shown:
+        heads = [escape(head).replace("\n", "<br>") for head in sheet.columns]
+        notes = "".join(f"<p class=note>{escape(note)}</p>" for note in sheet.notes)
+        yield (
+            f'<section class="card"><h2>{escape(before + sheet.title)}</h2><div class="wide">'
+            f"{_table(heads, sheet.rows)}</div>{notes}</section>"
+        )
+
+
+def _facts(names: Sequence[str], runs: Sequence[Run]) -> Iterator[str]:
+    yield '<section class="card"><h2>What was run</h2>'
+    columns = [dict(_facts_of(run.summary)) for run in runs]
+    rows = [
+        (key, *(column.get(key, "") for column in columns))
+        for key in dict.fromkeys(k for c in columns for k in c)
+    ]
+    heads = ("", *(map(escape, names) if len(runs) > 1 else [""]))
+    yield f'<div class="wide facts">{_table(heads, rows)}</div></section>'
+
+
+def _facts_of(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    found = facts(summary)
+    if "scenario" in summary and "settings" in summary and not summary["settings"]:
+        found.append(("Settings", "none: all values are those of the scenario"))
+    for key, factor in (summary.get("plant_factors") or {}).items():
+        found.append((f"Plant, {key}", f"times {factor}, unlike the model of the feedforward"))
+    if "scenario" in summary and "plant" in (summary.get("order") or ()):
+        found.append(("Solver", "Rodas4 in the plant, order 4, with error control"))
+    versions = {"vdfmu": summary.get("vdfmu"), **(summary.get("versions") or {})}
+    return [*found, ("Versions", ", ".join(f"{name} {version}" for name, version in versions.items()))]
+
+
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    return table(heads, ([escape(cell) for cell in row] for row in rows), ("name", *[""] * (len(heads) - 1)))

@@ -1,0 +1,117 @@
+"""What an arm looks like: shapes in the frames of its links, for the page of a run and for 3D views."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vdfmu.arm.equations.kinematics import joint_placements, poses
+from vdfmu.base.arrays import Floats
+
+_FRAMES = ("offset", "rotation", "tool_offset", "tool_rotation")
+
+
+class Part(NamedTuple):
+    """A shape that is fixed to a body."""
+
+    body: int
+    """0 is {I}, i is {B_i}, counted from 1."""
+    shape: str
+    """One of `vdfmu.arm.robot.visual.SHAPES`, with its `size`."""
+    size: Sequence[float]
+    offset: Floats
+    """Its centre in the frame of the body, (3,) [m]."""
+    rotation: Floats
+    """Its axes as columns, (3, 3)."""
+    colour: str = "light"
+    """As ``#rrggbb``; "light" and "dark" as the theme has them; "joint" of what shows the value of joint `body`."""
+
+
+class Chain:
+    """The frames of an arm, of what :func:`vdfmu.study.report.content.arm_of` says of it."""
+
+    def __init__(self, arm: Mapping[str, Any]) -> None:
+        self.types: list[str] = list(arm["types"])
+        self.n = len(self.types)
+        self.offset, self.rotation, self.tool_offset, self.tool_rotation, self.ell, gravity = (
+            np.array(arm[name], dtype=np.float64) for name in (*_FRAMES, "ell", "gravity")
+        )
+        self.shapes: Sequence[Mapping[str, Any]] = arm["shapes"]
+        length = float(np.linalg.norm(gravity))
+        self.up: Floats = gravity / length if length else np.array([0.0, 0.0, 1.0])
+        """Unit vector against the pull of gravity: its parameter is written upward."""
+        self.weightless = length == 0.0
+        self.reach = max(0.05, float(np.linalg.norm([*self.offset, self.tool_offset], axis=1).sum()))
+        """Length of the stretched arm at q = 0 [m], at least 5 cm."""
+        self._robot = SimpleNamespace(joint_types=self.types, **vars(self))
+
+    def placements(self, q: Floats) -> list[tuple[Floats, Floats]]:
+        """Rotation and origin of every {B_i} in {B_(i-1)}, Eq. (34)-(36)."""
+        return joint_placements(self._robot, q)
+
+    def points(self, q: Floats) -> Floats:
+        """Origins of {I}, of every {B_i} and of {O} in {I}: (n + 2, 3) [m]."""
+        return np.array([p for p, _ in poses(self._robot, q)], dtype=np.float64)
+
+    def parts(self, travel: ArrayLike, reach: float) -> Iterator[Part]:
+        """Yield housings along the axes of the joints, and the robot's own shapes or tubes from joint to joint.
+
+        Rails of prismatic joints are as long as `travel`, (n,) or one for all [m]; radii are shares of `reach` [m].
+        """
+
+        def radius(place: float) -> float:
+            return 0.06 * reach * (1.0 - 0.42 * place / max(1, self.n - 1))
+
+        here, rails = (np.zeros(3), np.eye(3)), np.broadcast_to(np.asarray(travel, dtype=float), self.n)
+        for i, kind in enumerate(self.types):
+            r, body, R = radius(i), i + 1, self.rotation[i]
+            if kind == "prismatic":
+                middle = self.offset[i] + R[:, 2] * rails[i] / 2.0
+                yield Part(i, "box", (1.5 * r, 1.5 * r, float(rails[i]) + 2.0 * r), middle, R)
+                yield Part(body, "box", (2.1 * r, 2.1 * r, 1.6 * r), *here, "joint")
+                continue
+            yield Part(body, "cylinder", (r, 2.2 * r), *here, "joint")
+            for side in (-1.16, 1.16):
+                cap = np.array([0.0, 0.0, side * r])
+                yield Part(body, "cylinder", (0.82 * r, 0.16 * r), cap, np.eye(3), "dark")
+        yield from own_shapes(self.shapes)
+        for body, to in enumerate([] if self.shapes else [*self.offset, self.tool_offset]):
+            length = float(np.linalg.norm(to))
+            if length > 1e-9:
+                r = 0.68 * radius(min(max(body - 1, 0) + 0.5, self.n - 1))
+                yield Part(body, "capsule", (r, length), to / 2.0, turn_to(to))
+
+
+def drawing_of(arm: Mapping[str, Any], travel: Floats) -> dict[str, Any]:
+    """Return what the page draws of an arm whose joints are at most at +-`travel`, (n,) [rad or m]: ready for JSON."""
+    chain = Chain(arm)
+    rails = [each for each, kind in zip(travel, chain.types, strict=True) if kind == "prismatic"]
+    reach = chain.reach + float(max(rails, default=0.0))
+    parts = [
+        part._replace(offset=part.offset.tolist(), rotation=part.rotation.tolist())._asdict()
+        for part in chain.parts(travel, reach)
+    ]
+    numbers = {name: arm[name] for name in ("types", *_FRAMES)}
+    return numbers | {"up": chain.up.tolist(), "reach": reach, "parts": parts}
+
+
+def own_shapes(shapes: Sequence[Mapping[str, Any]]) -> Iterator[Part]:
+    """Yield the tables ``[[visuals]]`` of a robot file but meshes."""
+    for shape in shapes:
+        if shape["shape"] != "mesh":
+            colour = "#" + bytes(round(255.0 * part) for part in shape["color"][:3]).hex()
+            offset, rotation = np.array(shape["offset"]), np.array(shape["rotation"])
+            yield Part(shape["joint"], shape["shape"], shape["size"], offset, rotation, colour)
+
+
+def turn_to(direction: Floats) -> Floats:
+    """Return a rotation that takes z to a direction, the identity for z itself: (3, 3)."""
+    z = direction / np.linalg.norm(direction)
+    x = np.eye(3)[int(abs(z[0]) > 0.9)]
+    x = x - (x @ z) * z
+    x /= np.linalg.norm(x)
+    return np.array([x, np.cross(z, x), z], dtype=np.float64).T

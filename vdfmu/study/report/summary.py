@@ -1,0 +1,211 @@
+"""What ``summary.json`` holds, as far as tables, checks and pages read it: its keys, their types, and the reader."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from vdfmu.base.errors import UsageError
+from vdfmu.base.text import elided
+
+
+@dataclass(frozen=True)
+class List:
+    """A list, of an entry a joint if `joints`."""
+
+    of: Any
+    joints: bool = False
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table whose keys are names."""
+
+    of: Any
+
+
+_TEXTS = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
+"""What JSON holds of numbers that are not finite."""
+NUMBER, WHOLE, TEXT, FLAG, ANY = "a number", "a whole number", "a text", "true or false", "anything"
+_JOINTS, _UNITS, _VECTOR = List(NUMBER, True), List(TEXT, True), List(NUMBER)
+_SPRINGS = ("rms_spring_torque_nm", "rms_tau_s_hat_error_nm", "rms_tau_f_hat_error_nm")
+_TRACKING = ("rms_position_error_deg", "max_position_error_deg", "rms_torque_compensation_error_nm")
+_CONTRAST = ("rms_torque_nm", "rms_torque_difference_nmm", "rms_torque_difference_nmm_low_g")
+_DIFFERENCES = ("position_difference", "torque_difference")
+KEYS: Mapping[str, Any] = {
+    **dict.fromkeys(("scenario", "kind", "robot", "friction", "vdfmu", "master", "backend", "fmi", "system"), TEXT),
+    **dict.fromkeys(("algorithm", "package", "no_reference", "error"), TEXT),
+    **dict.fromkeys(("adaptive", "step", "start", "stop", "tolerance", "wall_s", "real_time_factor"), NUMBER),
+    **dict.fromkeys(("joints", "steps"), WHOLE),
+    **dict.fromkeys(("inputs", "warnings", "notes", "left_out", "order", "files"), List(TEXT)),
+    "versions": Table(TEXT), "plant_factors": Table(NUMBER), "settings": Table(ANY), "joint_names": _UNITS,
+    **dict.fromkeys(("position_units", "torque_units"), _UNITS),
+    **dict.fromkeys((*_TRACKING, *_SPRINGS, *_CONTRAST), _JOINTS),
+    "gravities_m_s2": _VECTOR,
+    "paper": {"source": TEXT, **dict.fromkeys((*_TRACKING, *_CONTRAST), _VECTOR)},
+    "implied_gains": {"K_p_paper": _VECTOR, "K_p": _VECTOR},
+    "power_bond": dict.fromkeys(("residual_energy_j", "residual_energy_abs_j", "exchanged_energy_j"), _VECTOR),
+    "communication": dict.fromkeys(("steps", "rejected", "unit_steps"), WHOLE)
+    | dict.fromkeys(("shortest_step", "longest_step"), NUMBER),
+    "separation": {"change": NUMBER, "max_position_difference_rad": NUMBER},
+    "reference": Table({
+        "name": TEXT, "max_difference": Table(NUMBER), "max_position_difference_rad": NUMBER,
+        "max_torque_difference_nm": NUMBER, "rms_position_difference": NUMBER, "rms_torque_difference": NUMBER,
+    }),
+    "arm": {
+        "types": _UNITS, "ell": _JOINTS, "rotation": List(List(_VECTOR), True), "offset": List(_VECTOR, True),
+        "tool_offset": _VECTOR, "tool_rotation": List(_VECTOR), "gravity": _VECTOR, "shapes": List(Table(ANY)),
+    },
+    "verdict": {
+        "passed": FLAG, "checks": List({"name": TEXT, "passed": FLAG, "text": TEXT}),
+    },
+}  # fmt: skip
+"""Keys and the types of their values; other keys are not read. Of a table without names for its keys, all are read."""
+_NEEDS: Mapping[str, tuple[str, ...]] = {
+    "arm": ("types", "ell", "rotation", "offset", "tool_offset", "tool_rotation", "gravity", "shapes"),
+    "power_bond": ("residual_energy_j", "residual_energy_abs_j", "exchanged_energy_j"),
+    "communication": ("steps", "rejected", "unit_steps", "shortest_step", "longest_step"),
+    "separation": ("change", "max_position_difference_rad"),
+    "implied_gains": ("K_p_paper", "K_p"),
+    "verdict": ("passed", "checks"),
+}
+"""Keys that a table has together."""
+_TOGETHER = (_TRACKING, _SPRINGS)
+"""Keys of which a summary has all or none."""
+_SHAPES = {
+    "tool_offset": (3,), "gravity": (3,), "tool_rotation": (3, 3), "offset": (-1, 3), "rotation": (-1, 3, 3),
+}  # fmt: skip
+"""Of the arm's arrays; -1 is the number of joints."""
+_KNOWN = {"position_units": ("deg", "mm"), "arm.types": ("revolute", "prismatic")}
+"""Texts that a list may hold."""
+
+
+def read_summary(file: Path) -> dict[str, Any]:
+    """Return a summary whose keys have the types of `KEYS`, without keys that are null.
+
+    Raises
+    ------
+    UsageError
+        It cannot be read, or is another table; with every problem.
+    """
+    try:
+        found = json.loads(file.read_bytes())
+    except RecursionError:
+        raise UsageError(f"{file}: expected a table of facts, got lists within lists.") from None
+    except (OSError, ValueError) as error:
+        raise UsageError(
+            f"{file.parent}: expected the folder of a run, with summary.json and results.csv or results.parquet: "
+            f"{getattr(error, 'strerror', None) or elided(str(error))}. 'vdfmu run' writes one."
+        ) from None
+    lengths: dict[str, int] = {}
+    summary, problems = typed(found, KEYS, lengths)
+    if not problems:
+        problems = [*_missing(summary), *_unequal(summary, lengths)]
+    if problems:
+        raise UsageError("\n".join(f"{file}: {elided(problem)}. Run it again." for problem in problems[:20]))
+    return summary
+
+
+def typed(
+    found: Any, keys: Mapping[str, Any], lengths: dict[str, int] | None = None
+) -> tuple[dict[str, Any], list[str]]:
+    """Return a table whose keys have these types, without those that are null, and what is wrong with it.
+
+    Lists over the joints get their `lengths`.
+    """
+    if not isinstance(found, dict):
+        return {}, [f"expected a table of facts, got {_short(found)}"]
+    problems: list[str] = []
+    return _read(found, keys, "", problems, {} if lengths is None else lengths), problems
+
+
+def _unequal(summary: Mapping[str, Any], lengths: Mapping[str, int]) -> Iterator[str]:
+    """Yield lists over the joints that are of unequal lengths, and unknown texts in them."""
+    if len(set(lengths.values())) > 1:
+        counts = ", ".join(f"{key} has {count}" for key, count in lengths.items())
+        yield f"expected an entry for each joint, got other numbers: {counts}"
+    for key, known in _KNOWN.items():
+        table, _, last = key.rpartition(".")
+        texts = (summary.get(table, {}) if table else summary).get(last, ())
+        yield from (f"{key}: expected {' or '.join(known)}, got {_short(t)}" for t in texts if t not in known)
+
+
+def _missing(summary: Mapping[str, Any]) -> Iterator[str]:
+    """Yield what is not there, or not of the size, that another key needs."""
+    groups = [
+        *_TOGETHER,
+        *([(*_CONTRAST, "gravities_m_s2", "joints")] if summary.get("kind") == "contrast" else []),
+    ]
+    for keys in groups:
+        there = [key for key in keys if key in summary]
+        if there or "joints" in keys:
+            yield from (f"{key}: is missing" for key in keys if key not in summary)
+    for key, needs in _NEEDS.items():
+        yield from (
+            f"{key}.{need}: is missing" for need in needs if key in summary and need not in summary[key]
+        )
+    for i, check in enumerate(summary.get("verdict", {}).get("checks", ()), 1):
+        yield from (
+            f"verdict.checks[{i}].{k}: is missing" for k in ("name", "passed", "text") if k not in check
+        )
+    g = summary.get("gravities_m_s2", [0.0, 0.0])
+    if len(g) != 2:
+        yield f"gravities_m_s2: expected 2 numbers, got {len(g)}"
+    arm = summary.get("arm", {})
+    for key, shape in _SHAPES.items():
+        if key in arm and not _has_shape(arm[key], shape):
+            yield f"arm.{key}: expected {' x '.join('joints' if k < 0 else str(k) for k in shape)} numbers"
+    for name, entry in summary.get("reference", {}).items():
+        needs = () if "max_difference" in entry else tuple(
+            f"{way}_{what}" for way, what in (("max", "position_difference_rad"), ("max", "torque_difference_nm"))
+        )  # fmt: skip
+        if "separation" in summary:
+            needs = (*needs, *(f"rms_{what}" for what in _DIFFERENCES))
+        yield from (f"reference.{name}.{need}: is missing" for need in needs if need not in entry)
+
+
+def _has_shape(value: Any, shape: tuple[int, ...]) -> bool:
+    if not shape:
+        return not isinstance(value, list)
+    return (
+        isinstance(value, list)
+        and shape[0] in (-1, len(value))
+        and all(_has_shape(v, shape[1:]) for v in value)
+    )
+
+
+def _read(value: Any, of: Any, where: str, problems: list[str], lengths: dict[str, int]) -> Any:
+    """Return a value of a type, or note that it is of another."""
+
+    def inner(key: Any, entry: Any, kind: Any) -> Any:
+        place = f"{where}[{key + 1}]" if isinstance(key, int) else f"{where}.{key}".lstrip(".")
+        return _read(entry, kind, place, problems, lengths)
+
+    if isinstance(of, Mapping | Table) and isinstance(value, dict):
+        kinds = dict.fromkeys(value, of.of) if isinstance(of, Table) else of
+        entries = ((key, entry, kinds.get(key, ANY)) for key, entry in value.items())
+        return {key: inner(key, entry, kind) for key, entry, kind in entries if entry is not None}
+    if isinstance(of, List) and isinstance(value, list):
+        if of.joints:
+            lengths[where] = len(value)
+        return [inner(i, entry, of.of) for i, entry in enumerate(value)]
+    if of is NUMBER and isinstance(value, str) and value in _TEXTS:
+        return _TEXTS[value]
+    good = {
+        NUMBER: isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300,
+        WHOLE: isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 2**53,
+        TEXT: isinstance(value, str), FLAG: isinstance(value, bool), ANY: True,
+    }  # fmt: skip
+    if not (isinstance(of, str) and good[of]):
+        kind = "a list" if isinstance(of, List) else "a table" if not isinstance(of, str) else of
+        problems.append(f"{where}: expected {kind}, got {_short(value)}")
+    return value
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 60 else f"{text[:60]}..."

@@ -1,0 +1,72 @@
+"""The tables of a run for the terminal.
+
+A summary is what ``summary.json`` holds; :mod:`vdfmu.study.report.sheets` says what the tables show of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rich import box
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from vdfmu.engine.results.verdict import checks_of, not_checked
+from vdfmu.study.report.sheets import Sheet, facts
+
+Summary = Mapping[str, Any]
+
+
+def run_panel(summary: Summary) -> Panel:
+    """Return what the run was, a line a fact."""
+    grid = Table.grid(padding=(0, 2))
+    grid.add_column(style="bold", no_wrap=True)
+    grid.add_column(overflow="fold")
+    for name, text in facts(summary):
+        grid.add_row(Text(name), Text(text))
+    return Panel(grid, title="Run", title_align="left", expand=False, box=box.ROUNDED)
+
+
+def sheet_table(sheet: Sheet) -> Table:
+    """Return a sheet for the terminal."""
+    table = Table(
+        title=Text(f"\n{sheet.title}", style="bold"),
+        title_justify="left",
+        caption=Text("\n".join(sheet.notes), style="dim"),
+        caption_justify="left",
+        box=box.SIMPLE_HEAD,
+        show_edge=False,
+        padding=(0, 1, 0, 0),
+        pad_edge=False,
+    )
+    for i, heading in enumerate(sheet.columns):
+        justify = "left" if i == 0 else "right"
+        table.add_column(Text(heading), justify=justify, overflow="fold")  # a digit is never cut off
+    for row in sheet.rows:
+        table.add_row(*(Text(cell) for cell in row))
+    return table
+
+
+def verdict_table(summary: Summary) -> Table:
+    """Return the checks of a run, a line a check."""
+    checks = checks_of(summary)
+    failed = sum(not check.passed for check in checks)
+    title = (
+        f"{failed} of {len(checks)} checks failed"
+        if failed
+        else f"{len(checks)} of {len(checks)} checks pass"
+    )
+    table = Table(
+        title=Text(f"\n{title}", style="bold red" if failed else "bold"), title_justify="left", box=None,
+        show_header=False, show_edge=False, padding=(0, 1, 0, 0), pad_edge=False,
+    )  # fmt: skip
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold")
+    for check in checks:
+        sign = Text("pass", style="green") if check.passed else Text("FAIL", style="bold red")
+        table.add_row(sign, Text(f"{check.name}: {check.text}"))
+    for text in not_checked(summary):
+        table.add_row(Text("-"), Text(f"not checked: {text}"))
+    return table

@@ -1,0 +1,1 @@
+"""The run of a scenario: co-simulation, references, comparison, verdict."""

@@ -1,0 +1,107 @@
+"""Whether the sampled loops of a run are stable, from its linearisation at poses along it."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from vdfmu.arm.equations.friction import dry_friction
+from vdfmu.arm.robot import Robot
+from vdfmu.arm.robot.parameters import PARAMETERS
+from vdfmu.base.errors import CosimError
+from vdfmu.base.progress import doing
+from vdfmu.engine.inspect.loops import GROWTH, Growth, Poses
+from vdfmu.engine.results.verdict import Check
+from vdfmu.engine.run import Interrupted, Results, Simulator
+from vdfmu.system.scenario import Scenario
+
+_NAME = "Sampled loops"
+
+
+def simulated(scenario: Scenario, package: Path, parameters: Any = None, **options: Any) -> Results:
+    """Co-simulate a scenario; `options` of :meth:`vdfmu.Simulator.run`, and `log`."""
+    with Simulator(
+        package, algorithm=scenario.master, adaptive=scenario.adaptive, inputs=scenario.inputs,
+        parameters=parameters, log=options.pop("log", None),
+    ) as simulator:  # fmt: skip
+        return simulator.run(start=0.0, stop=scenario.stop, step=scenario.step, **options)
+
+
+def explain(error: CosimError | Interrupted, poses: Poses) -> list[Check]:
+    """Return the check of the loops of a run that failed, if they are unstable, and say so in the error."""
+    if not poses.systems or isinstance(error, Interrupted):
+        return []
+    growth = poses.growth(0.0, error.time)
+    if growth.rate <= GROWTH:
+        return []
+    check = Check(_NAME, False, _unstable(growth, poses))
+    error.add_note(f"{_NAME}: {check.text}")
+    return [check]
+
+
+def loop_checks(
+    poses: Poses, scenario: Scenario, package: Path, values: Mapping[str, Mapping[str, Any]]
+) -> Iterator[Check]:
+    """Yield the check of a run's loops, if they were linearised; `values` of parameters by component."""
+    if poses.lacking or not poses.systems:
+        return
+    growth = poses.growth(0.0, scenario.stop)
+    plant = scenario.system.parts.get("plant")
+    robot = plant.robot_of(scenario.robot) if plant else None
+    if not growth.unstable:
+        yield Check(_NAME, True, _stable(poses))
+    elif robot is not None and robot.friction == "split":
+        with doing("stability"):
+            smooth, still = Poses("tau"), _without_dry_friction(robot, values)
+            simulated(scenario, package, still, record=(), visitor=smooth)
+        alone = smooth.growth(0.0, scenario.stop)
+        excited = (
+            f"friction 'split' excites itself, most at {_place(growth.state, poses)}; without dry friction"
+        )
+        if not alone.unstable:
+            yield Check(_NAME, True, f"{excited} {_stable(smooth)}")
+        else:
+            yield Check(_NAME, False, f"{excited} {_unstable(alone, smooth)}")
+    else:
+        yield Check(_NAME, False, _unstable(growth, poses))
+
+
+def _without_dry_friction(robot: Robot, values: Mapping[str, Mapping[str, Any]]) -> dict[str, float | None]:
+    return {
+        f"plant.{name}": PARAMETERS[name.partition("[")[0]].smallest
+        for name in values.get("plant", {})
+        if name.partition("[")[0] in dry_friction(robot)
+    }
+
+
+def _stable(poses: Poses) -> str:
+    margin = poses.margin()
+    if margin is None:
+        return "stable; margins are those of sampled signals"
+    modulus, time, opened = margin
+    if not modulus:
+        return f"stable over the run, but without a margin at {_place(opened, poses)}, {time:.3g} s"
+    return f"stable with a modulus margin of {modulus:.2g} at {_place(opened, poses)}, {time:.3g} s"
+
+
+def _unstable(growth: Growth, poses: Poses) -> str:
+    factor = f"a factor of {math.exp(growth.rate * poses.systems[0][1].step):.3g} a step"
+    return (
+        f"unstable since {growth.begin:.3g} s, {_place(growth.state, poses)}: disturbances grow by {factor}; "
+        "its gains are too high, or too low, for this step"
+    )
+
+
+def _place(name: str, poses: Poses) -> str:
+    """Return the joint of a state or input of a plant, or of what waits at a controller; other names as they are."""
+    component, _, variable = name.removeprefix("at ").partition(".")
+    states = poses.systems[0][1].parts.states
+    arms = [arm for arm, _, _ in (opened.partition(".") for opened in poses.opened)]
+    arms = [arm for arm in arms if any(state.startswith(f"{arm}.") for state in states)]
+    index = re.search(r"\[(\d+)\]$", variable)
+    if index is None or (component not in arms and not name.startswith("at ")):
+        return name
+    return f"joint {index[1]}" + (f" of {component}" if len(arms) > 1 else "")

@@ -1,0 +1,249 @@
+"""Numbers of a run: tracking and compensation errors, differences to the references."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Iterable, Mapping
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from vdfmu.arm.robot import Robot
+from vdfmu.base.measure import unit_of
+from vdfmu.base.version import __version__
+from vdfmu.engine.results.results import Results
+from vdfmu.system.reference.reference import BLOCK, REFERENCE_OF, Reference
+from vdfmu.system.scenario import Scenario
+from vdfmu.system.scenario.parts import units_of
+from vdfmu.system.scenario.start import leaders
+
+_COMPARED = ("plant.q", "controller.tau", "feedforward.tau_m")
+_APART = 1e-6
+"""Largest difference [rad, m] of a start from where the motion begins that is not noted."""
+_ESTIMATES = ("tau_f_hat", "tau_s_hat")
+
+
+def run_facts(scenario: Scenario) -> dict[str, Any]:
+    """Return what is known of a run before it begins, and with which versions it is made."""
+    robot = scenario.robot
+    return {
+        "scenario": scenario.name,
+        "kind": scenario.kind,
+        **({} if robot is None else {"robot": robot.name, "friction": robot.friction, "joints": robot.n}),
+        "vdfmu": __version__,
+        "versions": _versions(),
+        "master": scenario.master,
+        "adaptive": scenario.adaptive,
+        "step": scenario.step,
+        "stop": scenario.stop,
+        "tolerance": scenario.tolerance,
+        "inputs": [table.where for table in scenario.inputs],
+        "plant_factors": {key: np.asarray(f).tolist() for key, f in scenario.plant_factors.items()},
+    }
+
+
+def _versions() -> dict[str, str]:
+    """Versions of what the numbers of a run depend on, beside the package's."""
+    return {"Python": platform.python_version()} | {
+        name: version(name) for name in ("numpy", "scipy", "casadi", "fmpy")
+    }
+
+
+def has_signals(results: Results, *groups: str) -> bool:
+    """Whether a run recorded the first element of groups ``component.signal``."""
+    return all(f"{group}[1]" in results for group in groups)
+
+
+def start_notes(results: Results, scenario: Scenario) -> list[str]:
+    """Return a note for each plant that starts elsewhere than the motion that leads it."""
+    notes: list[str] = []
+    for plant, leader in leaders(scenario.system, units_of(scenario.system)).items():
+        if has_signals(results, f"{leader}.q_d", f"{plant}.q"):
+            apart = np.abs(results[f"{leader}.q_d"][0] - results[f"{plant}.q"][0])
+            i = int(apart.argmax())
+            if apart[i] > _APART:
+                kind = (scenario.system.parts[plant].robot or scenario.arm).joint_types[i]
+                notes.append(
+                    f"{plant} starts {apart[i]:.4g} {unit_of('position', kind)} from the position that {leader} wants "
+                    f"of joint {i + 1}: set {plant}.q_0, or share it in [shared.start] of the system's file."
+                )
+    return notes
+
+
+def tracking_errors(results: Results, robot: Robot) -> dict[str, Any]:
+    """Position errors in deg (mm for prismatic joints) and torque compensation errors link-side in N m (N).
+
+    The compensation error is the control torque minus the feedforward torque that the controller added to, as the
+    paper's Fig. 11(b): ``ell (tau - tau_m)``. Empty for a system without these signals.
+    """
+    if not has_signals(results, "trajectory.q_d", "plant.q", "controller.tau", "controller.tau_m"):
+        return {}
+    revolute = np.array([t == "revolute" for t in robot.joint_types])
+    scale = np.where(revolute, 180.0 / np.pi, 1e3)
+    squares, largest = np.zeros((2, robot.n)), np.zeros(robot.n)
+    for part in results.blocks(BLOCK):
+        error = scale * (part["trajectory.q_d"] - part["plant.q"])
+        compensation = robot.ell * (part["controller.tau"] - part["controller.tau_m"])
+        squares += np.sum(np.square([error, compensation]), axis=1)
+        largest = np.maximum(largest, np.max(np.abs(error), axis=0))
+    rms_error, rms_compensation = np.sqrt(squares / len(results)).tolist()
+    return {
+        **({"joint_names": list(robot.joint_names)} if any(robot.joint_names) else {}),
+        "position_units": ["deg" if r else "mm" for r in revolute],
+        "torque_units": [unit_of("torque", t) for t in robot.joint_types],
+        "rms_position_error_deg": rms_error,
+        "max_position_error_deg": largest.tolist(),
+        "rms_torque_compensation_error_nm": rms_compensation,
+    }
+
+
+def implied_gains(
+    paper: Mapping[str, Any], robot: Robot, values: Mapping[str, Mapping[str, Any]]
+) -> dict[str, Any]:
+    """Position gains that the paper's errors imply, beside those of the run, link-side [N m/rad, N/m].
+
+    Where the errors change slowly, the torque of Eq. (58) is ``K_p (q_d - q)``: its RMS value over that of the position
+    error is K_p.
+
+    Returns
+    -------
+    dict
+        ``implied_gains``: ``K_p_paper`` and ``K_p``, for the joints that both lists of the paper have. Empty where the
+        paper has not both, or an error of 0.
+    """
+    torque, position = (
+        paper.get(key, ()) for key in ("rms_torque_compensation_error_nm", "rms_position_error_deg")
+    )
+    si = [np.pi / 180.0 if joint == "revolute" else 1e-3 for joint in robot.joint_types]
+    joints = range(min(len(torque), len(position)))
+    if "K_p[1]" not in values.get("controller", {}):
+        return {}
+    if not joints or not all(position[i] for i in joints):
+        return {}
+    return {
+        "implied_gains": {
+            "K_p_paper": [torque[i] / (position[i] * si[i]) for i in joints],
+            "K_p": [values["controller"][f"K_p[{i + 1}]"] for i in joints],
+        }
+    }
+
+
+def compared(results: Results, robot: Robot | None) -> tuple[str, ...] | None:
+    """Return the groups of a reference that :func:`compare` reads; None for all outputs."""
+    needed = ("trajectory.q_d", "plant.q", "controller.tau", "controller.tau_m", "feedforward.tau_m")
+    return _COMPARED if robot is not None and has_signals(results, *needed) else None
+
+
+def compare(
+    results: Results, reference: Iterable[Reference], robot: Robot | None, master: str
+) -> tuple[dict[str, Any], dict[str, float]]:
+    """Hold a run against a reference in stretches of `BLOCK` rows.
+
+    A torque that a sampled master holds over a step is in the row at the step's end. The continuous reference has it
+    at every time, so it is compared with that of the step's begin, when it was calculated.
+
+    Returns
+    -------
+    dict
+        Largest absolute differences of link positions [rad or m] and control torques, link-side [N m or N].
+    dict
+        Largest relative differences of a joint between the RMS errors of the run and of the reference, for loops whose
+        single solutions separate, see `vdfmu.study.run.scenario_run`. Errors as in :func:`tracking_errors`.
+    """
+    if robot is None or compared(results, robot) is None:
+        return _compare_all(results, reference), {}
+    name, at, position, torque, before, held = "", 0.0, -1.0, 0.0, None, None
+    squares = np.zeros((4, robot.n))  # of the errors of position and torque, ours and theirs
+    for part, solution in zip(results.blocks(BLOCK), reference, strict=True):
+        q_d, q = part["trajectory.q_d"], part["plant.q"]
+        tau, tau_m = part["controller.tau"], part["controller.tau_m"]
+        name, late = solution.name, solution["feedforward.tau_m"]
+        q_r, tau_r = solution["plant.q"], solution["controller.tau"]
+        if name == "sampled-delayed":  # the controller added to the feedforward of one step ago
+            late = np.vstack([late[:1] if before is None else before, late[:-1]])
+            before = solution["feedforward.tau_m"][-1:]
+        elif name == "continuous" and master in REFERENCE_OF:
+            held, tau_r = tau_r[-1:], np.vstack([tau_r[:1] if held is None else held, tau_r[:-1]])
+        difference = np.abs(q - q_r).max(axis=1)
+        if difference.max() > position:
+            at, position = float(part.time[difference.argmax()]), float(difference.max())
+        torque = max(torque, float(np.abs(robot.ell * (tau - tau_r)).max()))
+        errors = [q_d - q, q_d - q_r, tau - tau_m, tau_r - late]
+        squares += np.sum(np.square(errors), axis=1)
+    found = {
+        "name": name,
+        "max_position_difference_rad": position,
+        "max_torque_difference_nm": torque,
+        "at_s": at,
+    }
+    rms = np.sqrt(squares / len(results))
+    separate = (np.abs(rms[::2] - rms[1::2]) / np.maximum(rms[1::2], np.finfo(float).tiny)).max(axis=1)
+    return found, {
+        "rms_position_difference": float(separate[0]),
+        "rms_torque_difference": float(separate[1]),
+    }
+
+
+def _compare_all(results: Results, reference: Iterable[Reference]) -> dict[str, Any]:
+    """Return the largest absolute difference of every output."""
+    found: dict[str, float] = {}
+    groups = {signal.partition("[")[0] for signal in results.names}
+    name = ""
+    for part, solution in zip(results.blocks(BLOCK), reference, strict=True):
+        name = solution.name
+        for signal, rows in solution.signals.items():
+            if signal in groups:
+                values = part[signal].reshape(rows.shape)
+                found[signal] = max(found.get(signal, 0.0), float(np.abs(values - rows).max()))
+    return {"name": name, "max_difference": found}
+
+
+def estimation_errors(results: Results, master: str) -> dict[str, Any]:
+    """RMS of the spring torque and of the estimates' errors, link-side [N m or N].
+
+    A sampled master gives the estimator the plant's signals of the communication point at which its step began, and
+    the torque that the step that ended there had.
+    """
+    late = int(master in REFERENCE_OF)
+    squares, before = 0.0, np.empty((0, 0))
+    for part in results.blocks(BLOCK):
+        true = part["plant.tau_s"]
+        rows = slice(late if not before.size else 0, None)  # of the first block
+        seen = np.vstack([before, true])[: len(true)] if before.size else true[: len(true) - late]
+        errors = [part[f"estimator.{name}"][rows] - seen for name in _ESTIMATES]
+        squares = squares + np.sum(np.square([seen, *errors]), axis=1)
+        before = true[len(true) - late :]
+    rms = np.sqrt(squares / (len(results) - late)).tolist()
+    return dict(zip(("rms_spring_torque_nm", *(f"rms_{n}_error_nm" for n in _ESTIMATES)), rms, strict=True))
+
+
+def power_bond(results: Results, robot: Robot) -> dict[str, Any]:
+    """Energy residual of the coupling at tau and kappa_dot, link-side [J]; printed is the sum of its absolute values.
+
+    Torque and rotor velocity carry power from controller to plant. The plant takes up ``ell tau_in kappa_dot`` with the
+    torque that it was given, the controller gives ``ell tau kappa_dot_in`` with the velocity that it was given; with
+    exact coupling the two are the same. Each step begins with inputs that are the outputs they read, so the difference
+    grows from zero over it, and half of that at the end times the step is the energy that the coupling adds to the
+    plant or takes from it (trapezoidal rule). Under error control, which steps between the rows, an estimate.
+
+    Returns
+    -------
+    dict
+        ``power_bond``: for each joint ``residual_energy_j``, the sum over the rows; ``residual_energy_abs_j``, the sum
+        of the absolute values; ``exchanged_energy_j``, the same of the energy that the plant took up. Empty where the
+        inputs were not recorded.
+    """
+    needed = ("controller.kappa_dot[1]", "plant.tau[1]")
+    if any(name not in results for name in needed):
+        return {}
+    energies, before = np.zeros((3, robot.n)), results.time[0]
+    for part in results.blocks(BLOCK):
+        h = np.diff(part.time, prepend=before)[:, None]  # 0 at the first row, which ends no step
+        before = part.time[-1]
+        taken = robot.ell * part["plant.tau"] * part["plant.kappa_dot"]
+        given = robot.ell * part["controller.tau"] * part["controller.kappa_dot"]
+        residual = 0.5 * h * (taken - given)
+        energies += np.sum([residual, np.abs(residual), np.abs(h * taken)], axis=1)
+    names = ("residual_energy_j", "residual_energy_abs_j", "exchanged_energy_j")
+    return {"power_bond": dict(zip(names, energies.tolist(), strict=True))}

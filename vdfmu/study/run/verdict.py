@@ -1,0 +1,69 @@
+"""The checks of the run of a scenario that its summary has the numbers for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from vdfmu.engine.results.verdict import Check
+from vdfmu.study.report.sheets import number
+
+_VISIBLE = 1e-3
+"""Share of the largest position error from which a difference to the reference shows in tables of three digits."""
+_STATISTICS = 0.05
+"""Share by which RMS errors of a chaotic loop may differ: finite samples of it differ by up to 2.4 %."""
+_ENERGY = 0.1
+"""Share of the exchanged energy that the coupling may add or take: 4 % where friction excites itself, and 31 % in a
+limit cycle of too high gains; all other shipped scenarios stay below 0.2 %."""
+_ENERGY_FLOOR = 1e-3
+"""Residual [J] below which its share says nothing, as of an arm at rest."""
+_ROUNDING = 1e-12
+"""Largest difference of the two formulations, as a share of the largest torque: some thousand roundings."""
+
+Summary = Mapping[str, Any]
+
+
+def run_checks(summary: Summary) -> Iterator[Check]:
+    """Yield the checks of a complete run."""
+    yield from _witness(summary)
+    yield from _reference(summary)
+    bond: Summary | None = summary.get("power_bond")
+    if bond is not None:
+        residual, exchanged = sum(bond["residual_energy_abs_j"]), sum(bond["exchanged_energy_j"])
+        text = f"{number(residual)} J of {number(exchanged)} J exchanged; limit {100.0 * _ENERGY:g} %"
+        passed = residual <= max(_ENERGY * exchanged, _ENERGY_FLOOR)
+        yield Check("Energy residual of the coupling", passed, text)
+    if summary.get("kind") == "contrast":
+        share = max(summary["rms_torque_difference_nmm"]) / (1e3 * max(summary["rms_torque_nm"]))
+        text = f"they differ by {share:.1g} of the largest torque; limit {_ROUNDING:g}"
+        yield Check("Virtual decomposition equals Newton-Euler", share <= _ROUNDING, text)
+
+
+def _witness(summary: Summary) -> Iterator[Check]:
+    """Yield whether numbers of the components are those of their units' methods in numpy."""
+    found: Summary | None = summary.get("witness")
+    if found is None or not (found["components"] or found["faults"]):
+        return
+    text = f"{found['numbers']} numbers of {len(found['components'])} components at {len(found['times_s'])} times"
+    if found["left_out"]:
+        text += f"; without {', '.join(found['left_out'])}"
+    yield Check("Equals the units in plain numpy", not found["faults"], "; ".join(found["faults"]) or text)
+
+
+def _reference(summary: Summary) -> Iterator[Check]:
+    """Yield whether the run equals the sampled reference, whose schedule is the master's."""
+    found: Summary | None = (summary.get("reference") or {}).get("sampled")
+    errors, units = summary.get("max_position_error_deg"), summary.get("position_units")
+    if found is None or "max_position_difference_rad" not in found or not errors or not units:
+        return
+    if "separation" in summary:
+        apart = max(found["rms_position_difference"], found["rms_torque_difference"])
+        text = f"a chaotic loop: RMS errors differ by {100 * apart:.2g} %; limit {100 * _STATISTICS:g} %"
+        yield Check("Statistics of the scipy reference", apart <= _STATISTICS, text)
+        return
+    si = {"deg": math.pi / 180.0, "mm": 1e-3}
+    limit = _VISIBLE * max(si[unit] * error for error, unit in zip(errors, units, strict=True))
+    apart = found["max_position_difference_rad"]
+    text = f"positions differ by {number(apart)} rad at most; limit {number(limit)}, what three digits show"
+    yield Check(f"Equals the {found['name']} scipy reference", apart <= limit, text)

@@ -1,0 +1,188 @@
+"""Chunks of a parameter study on the workers of a Dask scheduler."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import queue
+import threading
+import time
+from collections.abc import Callable, Generator, Sequence
+from concurrent import futures
+from typing import Any
+
+from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.study.sweeps.chunks import Chunks
+from vdfmu.study.sweeps.job import Row, Task
+from vdfmu.study.sweeps.worker import Worker
+
+_PATIENCE = 300.0
+"""Time [s] that a scheduler, or all of its workers, may be gone."""
+_ASKED = 0.5
+"""Interval [s] at which a scheduler is asked for its workers."""
+_TRIES = 10
+"""Times that a chunk is sent out: each time its worker was killed."""
+_own = threading.local()
+
+
+def run_there(
+    job: bytes,
+    chunks: Chunks,
+    address: str,
+    time_limit: float | None,
+    advance: Callable[[int], None],
+) -> Generator[list[Row]]:
+    """Yield the rows of chunks as they are done.
+
+    The scheduler sends the chunks of a worker that is gone to another. If it is gone itself, this waits for another one
+    at its address, and sends out again what had not come back.
+
+    Raises
+    ------
+    UsageError
+        If there is no scheduler at the address, or Dask is not installed.
+    VdfmuError
+        If scheduler or workers are gone for longer than `_PATIENCE`, or a chunk kills all workers that run it.
+    """
+    try:
+        from distributed import Client
+        from distributed.comm.addressing import get_address_host_port
+    except ImportError as error:
+        raise UsageError(
+            f"scheduler: needs Dask, of which this is missing: {error}. Install it: pip install 'vdfmu[sweep]'."
+        ) from None
+    try:
+        get_address_host_port(address)  # a client of what is no address complains when Python ends
+        client = Client(address, timeout=10, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise UsageError(f"scheduler: no Dask scheduler answers at {address}: {error}.") from None
+    waiting: list[tuple[list[Task], int]] = []
+    while client is not None:
+        try:
+            yield from _rounds(client, job, chunks, waiting, time_limit, advance)
+            return
+        except _LostError:
+            pass
+        finally:
+            client.close(timeout=1)
+        client = _connected(Client, address)
+    raise VdfmuError(
+        f"the scheduler at {address} is gone for {_PATIENCE:g} s. What was done is kept: start it, and give the same "
+        "command again."
+    )
+
+
+def _connected(kind: Any, address: str) -> Any:
+    """Return a client of the scheduler as soon as there is one; None if it takes too long."""
+    end = time.monotonic() + _PATIENCE
+    while time.monotonic() < end:
+        try:
+            return kind(address, timeout=5, set_as_default=False)
+        except (OSError, TimeoutError):
+            time.sleep(_ASKED)
+    return None
+
+
+class _LostError(Exception):
+    """The scheduler is gone."""
+
+
+_LOST = (OSError, futures.CancelledError, asyncio.CancelledError)
+"""What a client raises whose connection ends, even while it connects anew by itself."""
+
+
+def _rounds(
+    client: Any,
+    job: bytes,
+    chunks: Chunks,
+    waiting: list[tuple[list[Task], int]],
+    time_limit: float | None,
+    advance: Callable[[int], None],
+) -> Generator[list[Row]]:
+    """As `run_there`, with one scheduler; `waiting` has what is to be sent out, with the number of tries."""
+    from distributed import KilledWorker
+    from distributed.comm.core import CommClosedError
+
+    def ask(function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
+        """Call a function of the client; its connection may have ended, whatever it then raises."""
+        try:
+            return function(*arguments, **options)
+        except (Exception, asyncio.CancelledError) as error:
+            if client.status == "running" and not isinstance(error, _LOST):
+                raise
+            raise _LostError from None
+
+    out: dict[Any, tuple[list[Task], int]] = {}
+    done: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    sent, places, asked, seen = None, 0, -math.inf, time.monotonic()
+    try:
+        while True:
+            if time.monotonic() > asked + _ASKED:
+                places, asked = 2 * sum(ask(client.nthreads).values()), time.monotonic()
+                if client.status != "running":
+                    raise _LostError
+                if places:
+                    seen = asked
+                elif asked > seen + _PATIENCE:
+                    raise VdfmuError(
+                        f"the scheduler has had no worker for {_PATIENCE:g} s. What was done is kept."
+                    )
+            if sent is None and places:
+                sent = ask(client.scatter, job, broadcast=False, hash=False, direct=False)
+            while len(out) < places:
+                chunk, tries = waiting.pop() if waiting else (chunks.take(places), 0)
+                if chunk is None:
+                    break
+                try:
+                    future = ask(client.submit, run_chunk, sent, chunk, time_limit, pure=False)
+                except BaseException:
+                    waiting.append((chunk, tries))
+                    raise
+                out[future] = (chunk, tries + 1)
+                future.add_done_callback(done.put)
+            if not out and places:
+                return
+            try:
+                future = done.get(timeout=_ASKED)
+            except queue.Empty:
+                continue
+            if future.status not in ("finished", "error"):
+                raise _LostError  # or the job, with the worker that had it
+            chunk, tries = out[future]
+            error = future.exception() if future.status == "error" else None
+            if error is None:
+                rows = ask(future.result)
+                del out[future]
+                for row in rows:
+                    chunks.note(row["wall_s"])
+                yield rows
+                advance(len(rows))
+            elif not isinstance(error, (KilledWorker, CommClosedError)):
+                raise _explained(error)
+            elif tries == _TRIES:
+                raise VdfmuError(
+                    f"points {chunk[0][0]} to {chunk[-1][0]}: the workers that ran them were lost {_TRIES} times. "
+                    "What was done is kept."
+                )
+            else:
+                del out[future]
+                waiting.append((chunk, tries))
+            future.release()
+    except _LostError:
+        waiting += list(out.values())
+        raise
+
+
+def _explained(error: BaseException) -> BaseException:
+    if isinstance(error, ImportError):
+        return UsageError(f"scheduler: its workers cannot import what they need: {error}.")
+    return error
+
+
+def run_chunk(job: bytes, tasks: Sequence[Task], time_limit: float | None) -> list[Row]:
+    """Run points on a worker of Dask, in a process that lives from chunk to chunk."""
+    if getattr(_own, "job", None) != job:
+        if hasattr(_own, "worker"):
+            _own.worker.close()
+        _own.job, _own.worker = job, Worker(job, time_limit)
+    return list(_own.worker.run(tasks))

@@ -1,0 +1,125 @@
+"""Indices of sensitivity: which axes a measure depends on, by SALib."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError
+
+if TYPE_CHECKING:
+    from vdfmu.study.sweeps.table import Sweep
+
+CONFIDENCE = 0.95
+"""Probability with which a true index lies within its half-width, by bootstrap."""
+_RESAMPLES = 500
+
+
+@dataclass(frozen=True)
+class Indices:
+    """Indices of sensitivity of a measure, with the half-widths of their confidence intervals."""
+
+    kind: str
+    """``sobol`` or ``morris``."""
+    axes: tuple[str, ...]
+    values: dict[str, Floats]
+    """Of Sobol ``first`` and ``total``, (d,), the share of the measure's variance that an axis makes alone, and with
+    all its interactions, and ``second``, (d, d), that of pairs, NaN but above the diagonal. Of Morris ``mu_star``, the
+    mean absolute change of the measure over the whole range of an axis, ``mu``, that with its sign, and ``sigma``, its
+    deviation, (d,): of an axis without curvature and interaction 0."""
+    widths: dict[str, Floats]
+    """Half-widths, of the same shapes; there is none of ``mu`` and ``sigma``."""
+
+    def rows(self) -> list[tuple[str, dict[str, str]]]:
+        """Return a line for each axis, then for each pair: name, and by index its value ± half-width as text."""
+        alone = [name for name, array in self.values.items() if array.ndim == 1]
+        lines = [(axis, {name: self._text(name, i) for name in alone}) for i, axis in enumerate(self.axes)]
+        for i, j in zip(*np.triu_indices(len(self.axes) if "second" in self.values else 0, 1), strict=True):
+            lines.append((f"{self.axes[i]} with {self.axes[j]}", {"second": self._text("second", (i, j))}))
+        return lines
+
+    def _text(self, name: str, place: Any) -> str:
+        width = f" ± {self.widths[name][place]:.2g}" if name in self.widths else ""
+        return f"{self.values[name][place]:.3g}{width}"
+
+
+def indices(study: Sweep, measure: str | None = None) -> Indices:
+    """Return the indices of a measure, of a study with ``sample`` ``saltelli`` or ``morris``.
+
+    Raises
+    ------
+    UsageError
+        If the study has other points, or not all of them: every index takes points together.
+    """
+    from vdfmu.study.sweeps.axes import read_axes
+    from vdfmu.study.sweeps.points import draw
+
+    sample, n, d = study.facts["sample"], study.facts["n"], len(study.axes)
+    if sample not in ("saltelli", "morris"):
+        raise UsageError(
+            f"{study.path}: indices need a study with --sample saltelli or morris, got {sample}. 'vdfmu sweep plot' "
+            "shows what this one has."
+        )
+    values = np.full(n, np.nan)
+    values[study["point"]] = study.values(measure)
+    missing = np.flatnonzero(~np.isfinite(values))
+    if len(missing):
+        why = study.failed.get(int(missing[0]), "it is not done, or the measure is not finite")
+        raise UsageError(
+            f"{study.path}: indices need all points, {len(missing)} of {n} have no value; point {missing[0]}: {why}. "
+            "Give the command of the study again, with --retry for those that failed, or choose axes where none does."
+        )
+    if np.ptp(values) == 0.0:
+        raise UsageError(
+            f"{study.path}: the measure is {values[0]:g} at all points, so that no axis matters."
+        )
+    if sample == "saltelli":
+        return sobol_indices(values, study.axes)
+    base = n // (d + 1)
+    axes, drawn = draw(read_axes(study.facts["axes"]), sample, base, study.facts["seed"])
+    order = study["point"]
+    if any((drawn[axis.target][order] != study[axis.target]).any() for axis in axes):
+        raise UsageError(
+            f"{study.path}: its points were drawn by another release of SALib; run the study again."
+        )
+    from vdfmu.study.sweeps.points import shares
+
+    return morris_indices(values, shares(d, sample, base, study.facts["seed"]), study.axes)
+
+
+def sobol_indices(values: ArrayLike, axes: Sequence[str]) -> Indices:
+    """Return Sobol indices of the values at points of ``saltelli``, (n (2 d + 2),), in their order."""
+    from SALib.analyze import sobol
+
+    from vdfmu.study.sweeps.points import unit_problem
+
+    found: Any = sobol.analyze(
+        unit_problem(len(axes), axes), np.asarray(values, dtype=float), calc_second_order=True,
+        num_resamples=_RESAMPLES, conf_level=CONFIDENCE, seed=0,
+    )  # fmt: skip
+    names = {"first": "S1", "total": "ST", "second": "S2"}
+    return Indices(
+        "sobol", tuple(axes), {name: np.asarray(found[key]) for name, key in names.items()},
+        {name: np.asarray(found[f"{key}_conf"]) for name, key in names.items()},
+    )  # fmt: skip
+
+
+def morris_indices(values: ArrayLike, points: Floats, axes: Sequence[str]) -> Indices:
+    """Return Morris' measures of the values at points of ``morris``, (n (d + 1), d) in the unit cube."""
+    from SALib.analyze import morris
+
+    from vdfmu.study.sweeps.points import LEVELS, unit_problem
+
+    found: Any = morris.analyze(
+        unit_problem(len(axes), axes), points, np.asarray(values, dtype=float), num_levels=LEVELS,
+        num_resamples=_RESAMPLES, conf_level=CONFIDENCE, seed=0,
+    )  # fmt: skip
+    return Indices(
+        "morris", tuple(axes), {name: np.asarray(found[name], dtype=float) for name in ("mu_star", "mu", "sigma")},
+        {"mu_star": np.asarray(found["mu_star_conf"], dtype=float)},
+    )  # fmt: skip

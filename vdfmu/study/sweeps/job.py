@@ -1,0 +1,213 @@
+"""What a worker of a parameter study does: runs of systems that it has loaded, one a point."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vdfmu.base.errors import CosimError, StorageError, VdfmuError, disk_error
+from vdfmu.base.text import error_text, matching
+from vdfmu.engine.plan.inputs import Table
+from vdfmu.engine.run import Results, Simulator
+from vdfmu.study.batch.program import LANES, Program
+from vdfmu.study.sweeps.measures import Measure, measured
+
+if TYPE_CHECKING:
+    from vdfmu.study.batch.engine import Engine
+
+Row = dict[str, Any]
+"""``point``, ``failed`` (why, or None), ``failed_at`` [s], ``wall_s``, measures and signals, by column; of some points
+of the batch engine ``to_fmu[rad]`` and so on, the largest difference of a signal of that unit to the run of the FMUs.
+"""
+_ALIVE = 8
+"""Systems that a worker keeps loaded."""
+
+
+@dataclass(frozen=True)
+class Binding:
+    """What the value of an axis sets in a system."""
+
+    names: tuple[str, ...]
+    """Variables, ``component.variable``."""
+    nominal: tuple[float, ...] = ()
+    """Their values, where the axis has factors; else empty."""
+    words: Mapping[Any, Any] | None = None
+    """Value of the axis to value of the variables, for what is no number."""
+
+    def values(self, value: Any) -> dict[str, Any]:
+        """Values by ``component.variable``."""
+        if self.words is not None:
+            return dict.fromkeys(self.names, self.words[value])
+        if self.nominal:
+            return {name: value * own for name, own in zip(self.names, self.nominal, strict=True)}
+        return dict.fromkeys(self.names, value)
+
+
+@dataclass(frozen=True)
+class WiredSystem:
+    """A package, how it runs, what the axes are in it, and the program that runs it in lanes, if there is one."""
+
+    content: bytes
+    options: Mapping[str, Any]
+    run: Mapping[str, Any]
+    inputs: Sequence[Table]
+    input_hold: bool
+    bindings: Mapping[str, Binding]
+    program: Program | None = None
+    follow: Callable[[Mapping[str, Any]], dict[str, Any]] | None = None
+    """Values by ``component.variable`` to the values of what follows from them; it stays with the plan."""
+
+    def parameters(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Values by ``component.variable`` of those of the axes, and of what follows from them."""
+        return {
+            name: one
+            for target, value in values.items()
+            for name, one in self.bindings.get(target, Binding((target,))).values(value).items()
+        }
+
+
+@dataclass(frozen=True)
+class Job:
+    """All that a worker needs to know; it is sent to each once."""
+
+    systems: tuple[WiredSystem, ...]
+    measures: tuple[Measure, ...]
+    record: tuple[str, ...]
+    """Patterns of the signals that a run records."""
+    keep: tuple[str, ...]
+    """Of those, the patterns of signals that are kept."""
+    compared: tuple[int, ...] = ()
+    """Points that the FMUs run too, where a program runs them in lanes."""
+
+    @property
+    def together(self) -> list[int]:
+        """Number of points of each system that are run side by side."""
+        return [1 if system.program is None else LANES for system in self.systems]
+
+
+Task = tuple[int, int, dict[str, Any]]
+"""Number of a point, that of its system, and the values of its axes by target."""
+
+
+class Bench:
+    """The systems of a job, loaded when they are first needed and kept for the next point.
+
+    Parameters
+    ----------
+    job : Job
+    folder : Path
+        Place for the packages.
+    """
+
+    def __init__(self, job: Job, folder: Path) -> None:
+        self._job, self._folder = job, folder
+        self._alive: OrderedDict[int, tuple[Simulator, ExitStack]] = OrderedDict()
+        self._engines: dict[int, Engine] = {}
+
+    def run(self, tasks: Sequence[Task], apart: bool = False) -> list[Row]:
+        """Run points of one system; what fails is said in their rows. `apart`: each by the FMUs.
+
+        Raises
+        ------
+        StorageError
+            If the disk fails, which says nothing of a point.
+        """
+        system = self._job.systems[tasks[0][1]]
+        if apart or system.program is None:
+            return [self._row(task, self._by_fmus) for task in tasks]
+        begin = perf_counter()
+        found = self._engine(tasks[0][1]).run([system.parameters(values) for _, _, values in tasks])
+        share = (perf_counter() - begin) / len(tasks)
+        rows: list[Row] = []
+        for task, results in zip(tasks, found, strict=True):
+            # of what has no result an FMU knows why
+            row = self._row(task, self._by_fmus if results is None else lambda _, found=results: found)
+            row["wall_s"] += share
+            if results is not None and task[0] in self._job.compared:
+                try:
+                    row |= _differences(results, self._by_fmus(task))
+                except VdfmuError as error:
+                    row["failed"] = f"the FMUs fail where the batch engine does not: {_words(error)}"
+            rows.append(row)
+        return rows
+
+    def _row(self, task: Task, run: Callable[[Task], Results]) -> Row:
+        row: Row = {"point": task[0], "failed": None, "failed_at": None}
+        begin = perf_counter()
+        try:
+            results = run(task)
+            row |= measured(self._job.measures, results)
+            if self._job.keep:
+                row["time"] = results.time
+                row |= {name: results[name] for name in matching(results.names, self._job.keep)}
+        except CosimError as error:
+            row |= {"failed": _words(error), "failed_at": error.time}
+        except (VdfmuError, ArithmeticError, ValueError, TypeError, LookupError, OSError) as error:
+            words = _words(error)
+            row["failed"] = words if isinstance(error, VdfmuError) else f"{type(error).__name__}: {words}"
+        row["wall_s"] = perf_counter() - begin
+        return row
+
+    def _by_fmus(self, task: Task) -> Results:
+        _, number, values = task
+        system = self._job.systems[number]
+        return self._simulator(number).run(
+            parameters=system.parameters(values), record=self._job.record, **system.run
+        )
+
+    def _engine(self, number: int) -> Engine:
+        if number not in self._engines:
+            from vdfmu.study.batch.engine import Engine
+
+            program = self._job.systems[number].program
+            assert program is not None
+            self._engines[number] = Engine(program, self._job.record)
+        return self._engines[number]
+
+    def _simulator(self, number: int) -> Simulator:
+        if number not in self._alive:
+            if len(self._alive) == _ALIVE:
+                self._alive.popitem(last=False)[1][1].close()
+            system = self._job.systems[number]
+            path = self._folder / f"{number}.ssp"
+            if not path.exists():
+                path.write_bytes(system.content)
+            with ExitStack() as stack:
+                # a worker is a process of its own: its components need none
+                simulator = stack.enter_context(
+                    Simulator(
+                        path, inputs=list(system.inputs), input_hold=system.input_hold, isolate=False,
+                        log=lambda message: None, **system.options,
+                    )
+                )  # fmt: skip
+                self._alive[number] = simulator, stack.pop_all()
+        self._alive.move_to_end(number)
+        return self._alive[number][0]
+
+    def close(self) -> None:
+        """Free all systems."""
+        while self._alive:
+            self._alive.popitem()[1][1].close()
+
+
+def _words(error: Exception) -> str:
+    """Return the words of an error of a point; StorageError if it is one of the disk."""
+    if reason := disk_error(error):
+        raise StorageError(str(reason)) from error
+    return error_text(error)
+
+
+def _differences(results: Results, other: Results) -> dict[str, float]:
+    """Return the largest difference of the signals of each unit of measurement."""
+    found: dict[str, float] = {}
+    for name, unit in results.units.items():
+        largest = float(np.max(np.abs(results[name] - other[name])))
+        found[f"to_fmu[{unit}]"] = max(largest, found.get(f"to_fmu[{unit}]", 0.0))
+    return found

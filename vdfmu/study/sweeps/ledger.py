@@ -1,0 +1,367 @@
+"""The folder of a parameter study: a Parquet file for each chunk of points, which is the result and says what is done.
+
+A part takes its place when it is whole. So a study that is killed goes on where it was, and no point is there twice.
+When all are done, the parts become one file, ``sweep.parquet``.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import stat
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.base.files import replacing
+from vdfmu.base.interrupt import InterruptGuard
+from vdfmu.base.text import elided
+from vdfmu.engine.results.parquet import needed
+from vdfmu.study.sweeps.job import Row
+from vdfmu.study.sweeps.points import Points
+from vdfmu.study.sweeps.worker import KILLED
+
+TABLE = "sweep.parquet"
+"""All points, once they are done."""
+LEDGER = "sweep.json"
+"""What the study is."""
+_PARTS = "parts"
+_METADATA = b"vdfmu"
+_PART = re.compile(r"part_\d+_\d+\.parquet")
+
+
+class Ledger:
+    """What is done of a study, in a folder that only one process writes to.
+
+    Parameters
+    ----------
+    folder : Path
+    facts : mapping
+        What the study is.
+    key : str
+        Digest of it.
+    points : Points
+        Values of the axes, which each row gets.
+    overwrite : bool
+        Whether to begin anew where the folder holds another study.
+
+    Raises
+    ------
+    UsageError
+        If the folder holds another study, is in use, or cannot be written to.
+    """
+
+    def __init__(
+        self, folder: Path, facts: Mapping[str, Any], key: str, points: Points, overwrite: bool = False
+    ) -> None:
+        self._arrow, self._parquet = needed()
+        self._folder, self._parts, self._key, self._points = folder, folder / _PARTS, key, points
+        self._facts: dict[str, Any] = {**facts, "key": key}
+        self._overwrite = overwrite
+        self.notes: list[str] = []
+
+    def __enter__(self) -> Ledger:
+        try:
+            self._parts.mkdir(parents=True, exist_ok=True)
+            self._lock = _locked(self._folder / ".lock")
+        except OSError as error:
+            raise UsageError(
+                f"{self._folder}: cannot hold the study: {error.strerror or error}. Choose another folder with --out."
+            ) from None
+        try:
+            self._check()
+        except BaseException:
+            self.__exit__(None, None, None)
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        os.close(self._lock)
+        with suppress(OSError):  # parts are in it
+            self._parts.rmdir()
+
+    def _check(self) -> None:
+        """Take the folder, if it is empty or has this study."""
+        place = self._folder / LEDGER
+        facts: dict[str, Any] = {}
+        try:
+            facts = json.loads(readable(place)) if place.exists() else {}
+            known = facts.get("key")
+        except (ValueError, RecursionError, AttributeError):
+            facts, known = {}, ""
+        there = files_of(self._folder)
+        if known != self._key and there:
+            if not self._overwrite:
+                raise UsageError(
+                    f"{self._folder}: holds another study; expected this one, to go on with it, or none."
+                    f"{self._difference(facts)} Choose another folder with --out, or replace it with --overwrite."
+                )
+            for file in there:
+                file.unlink()
+        if known != self._key:
+            self._put(place, json.dumps(self._facts, indent=1).encode() + b"\n")
+
+    def _difference(self, known: Mapping[str, Any]) -> str:
+        """Return in what the study that the folder holds differs, if its facts can be read."""
+        names = {"vdfmu": "release", "systems": "units, values or files"}
+        others = [
+            names.get(name, name)
+            for name in self._facts
+            if name not in ("source", "options", "search", "key", "points", "units")
+            and known.get(name) != self._facts[name]
+        ]
+        return f" They differ in {', '.join(others)}." if known and others else ""
+
+    def _put(self, place: Path, content: bytes) -> None:
+        try:
+            with InterruptGuard(), replacing(place) as file:
+                file.write(content)
+        except OSError as error:
+            raise VdfmuError(
+                f"{place}: cannot be written: {error.strerror or error}. What was done before is kept: free space, "
+                "and give the same command again."
+            ) from None
+
+    def done(self, again: str = KILLED) -> NDArray[np.bool_]:
+        """Whether each point is done, shape (n,).
+
+        Files that are not whole are set aside, with a note, and rows of points that failed for a reason that begins
+        with `again` are removed, so that these points are run again. A file that the disk does not give is refused.
+        """
+        found = np.zeros(self._facts["n"], dtype=bool)
+        for table in self._kept(again, len(found)):
+            found[table["point"].to_numpy()] = True
+        return found
+
+    def reopen(self) -> list[Row]:
+        """As `done`, of a study to which points can be added; return the rows that are kept."""
+        for _ in self._kept(KILLED):
+            pass
+        return [row for file in self._files() for row in table_of(file).to_pylist()]
+
+    def _files(self) -> list[Path]:
+        """Return the files, after removing parts that are in the table: they are of the moment after it was made."""
+        files = files_of(self._folder)
+        if len(files) > 1 and files[0].name == TABLE:
+            known = set(table_of(files[0], ["point"])["point"].to_pylist())
+            for file in files[1:]:
+                if known.issuperset(table_of(file, ["point"])["point"].to_pylist()):
+                    file.unlink()
+                    files.remove(file)
+        return files
+
+    def _kept(self, again: str, n: int | None = None) -> Iterator[Any]:
+        """Yield points, below `n`, and reasons of failure of each file, of what is left of it; see `done`."""
+        for file in files_of(self._folder):
+            try:
+                rows = table_of(file, ["point", "failed"])
+                _require_rows(file, rows, n)
+            except BrokenError as error:
+                self._set_aside(error)
+                continue
+            good = self._arrow.array(
+                [words is None or not words.startswith(again) for words in rows["failed"].to_pylist()]
+            )
+            kept = rows.filter(good)
+            if kept.num_rows < rows.num_rows:
+                points = kept["point"].to_numpy()
+                place = self._place(points[0], points[-1]) if len(points) else None
+                if place is not None:
+                    self._write(table_of(file).filter(good), place)
+                if place != file:
+                    file.unlink()
+            yield kept
+
+    def _set_aside(self, error: BrokenError) -> None:
+        """Give a file that is not whole another name, which no other has."""
+        number = 0
+        while (aside := error.file.with_name(f"{error.file.name}.broken{number or ''}")).exists():
+            number += 1
+        os.replace(error.file, aside)
+        self.notes.append(f"{error}, so its points are run again. It is now {aside}")
+
+    def add(self, rows: Sequence[Row]) -> None:
+        """Keep the rows of consecutive points."""
+        if not rows:
+            return
+        self._write(self._table(rows), self._place(rows[0]["point"], rows[-1]["point"]))
+
+    def _place(self, first: int, last: int) -> Path:
+        return self._parts / f"part_{first:08d}_{last:08d}.parquet"
+
+    def _write(self, table: Any, place: Path) -> None:
+        """Write a part; what the study is, which may list thousands of values, is in `LEDGER` once for all parts."""
+        buffer = self._arrow.BufferOutputStream()
+        self._parquet.write_table(
+            table.replace_schema_metadata(), buffer, compression="zstd", write_page_checksum=True
+        )
+        self._put(place, buffer.getvalue())
+
+    def _table(self, rows: Sequence[Row]) -> Any:
+        pa = self._arrow
+        index = np.array([row["point"] for row in rows])
+        columns: dict[str, Any] = {"point": pa.array(index, pa.int64())}
+        for target, values in self._points.items():
+            columns[target] = pa.array(values[index])
+        columns["failed"] = pa.array([row["failed"] for row in rows], pa.string())
+        columns["failed_at"] = pa.array([row["failed_at"] for row in rows], pa.float64())
+        columns["wall_s"] = pa.array([row["wall_s"] for row in rows], pa.float64())
+        for name in dict.fromkeys(name for row in rows for name in row):
+            if name not in columns:
+                values = [row.get(name) for row in rows]
+                several = any(isinstance(value, np.ndarray) for value in values)
+                columns[name] = pa.array(values, pa.list_(pa.float64()) if several else pa.float64())
+        return pa.table(columns)
+
+    def finish(self) -> Path:
+        """Make one file of the parts, in the order of the points, and return it."""
+        place = self._folder / TABLE
+        files = self._files()
+        if not files or files == [place]:
+            return place
+        pa = self._arrow
+        try:
+            schema = pa.unify_schemas(
+                [table_of(file, []).schema for file in files], promote_options="permissive"
+            ).with_metadata({_METADATA: json.dumps(self._facts)})
+            with InterruptGuard(), replacing(place) as stream:
+                with self._parquet.ParquetWriter(
+                    stream, schema, compression="zstd", write_page_checksum=True
+                ) as writer:
+                    for tables in _groups((table_of(file) for file in files), _in_order(files)):
+                        together = pa.concat_tables(
+                            [schema.empty_table(), *tables], promote_options="permissive"
+                        )
+                        writer.write_table(together.sort_by("point").cast(schema))
+        except BrokenError as error:
+            self._set_aside(error)
+            raise VdfmuError(f"{self.notes[-1]}: give the same command again to run them.") from None
+        except pa.ArrowException as error:
+            raise VdfmuError(
+                f"{self._parts}: its files have columns that do not fit together: {error}. Choose another folder with "
+                "--out, or replace the study with --overwrite."
+            ) from None
+        except OSError as error:
+            raise VdfmuError(
+                f"{place}: cannot be written: {error.strerror or error}. The points are in {self._parts}: free space, "
+                "and give the same command again."
+            ) from None
+        self._files()
+        return place
+
+
+class BrokenError(UsageError):
+    """A file of a study is not whole, or is none."""
+
+    def __init__(self, file: Path, why: object) -> None:
+        super().__init__(f"{file}: is not whole: {why}")
+        self.file = file
+
+
+def files_of(folder: Path) -> list[Path]:
+    """Return the files of a study that are there, the table first; UsageError if the disk does not say."""
+    try:
+        parts = sorted(name for name in os.listdir(folder / _PARTS) if _PART.fullmatch(name))
+    except FileNotFoundError:
+        parts = []
+    except OSError as error:
+        raise _refused(folder / _PARTS, error) from None
+    table = folder / TABLE
+    return [*([table] if table.exists() else []), *(folder / _PARTS / name for name in parts)]
+
+
+def _refused(path: Path, error: OSError) -> UsageError:
+    return UsageError(
+        f"{path}: cannot be read: {error.strerror or error}. It is left as it is: give the same command again once it "
+        "can be read, or choose another folder with --out."
+    )
+
+
+def readable(path: Path) -> bytes:
+    """Return the content of a file of a study; UsageError if the disk does not give it now. Nothing is changed."""
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise UsageError(f"{path}: expected a file of a study, got a folder, a pipe or a device.")
+        return path.read_bytes()
+    except OSError as error:
+        raise _refused(path, error) from None
+
+
+def table_of(path: Path, columns: Sequence[str] | None = None) -> Any:
+    """Return the table of a Parquet file, or some of its columns; `BrokenError` if it is none.
+
+    By its bytes: Arrow takes only names in UTF-8, and tells no error of the disk from one of the file. Without its
+    threads, which `parquet.read_table` always starts: where memory is short it waits for them for ever, and one that
+    starts as the process ends aborts it.
+    """
+    pyarrow, parquet = needed()
+    content = pyarrow.BufferReader(readable(path))
+    try:
+        if columns is not None and not columns:
+            return parquet.read_schema(content).empty_table()
+        file = parquet.ParquetFile(content, page_checksum_verification=True)
+        return file.read(columns=columns, use_threads=False)
+    except MemoryError:
+        raise UsageError(f"{path}: the memory does not hold it.") from None
+    except (pyarrow.ArrowException, OSError, ValueError) as error:
+        raise BrokenError(path, elided(str(error))) from None
+
+
+def _require_rows(file: Path, rows: Any, n: int | None) -> None:
+    """Raise BrokenError unless rows have points, below `n`, and reasons of failure."""
+    pa, _ = needed()
+    if rows.schema.names != ["point", "failed"] or rows.schema.types != [pa.int64(), pa.string()]:
+        raise BrokenError(file, "expected columns of points and of reasons of failure")
+    points = rows["point"]
+    most = np.inf if n is None else n
+    if not len(points) or points.null_count or not all(0 <= point < most for point in points.to_pylist()):
+        raise BrokenError(file, f"expected points from 0 to {most - 1:g}")
+
+
+def _in_order(files: Sequence[Path]) -> bool:
+    """Whether the points of each file are known to come after those of the one before."""
+    if files[0].name == TABLE and len(files) > 1:
+        return False
+    ends = [int(number) for file in files for number in file.stem.split("_")[1:]]
+    return all(a <= b for a, b in pairwise(ends))
+
+
+def _groups(tables: Iterator[Any], ordered: bool, most: int = 16 * 2**20) -> Iterator[list[Any]]:
+    """Put tables together up to a number of bytes; all of them, if their points are mixed."""
+    group: list[Any] = []
+    size = 0
+    for table in tables:
+        group.append(table)
+        size += table.nbytes
+        if ordered and size > most:
+            yield group
+            group, size = [], 0
+    if group:
+        yield group
+
+
+def _locked(path: Path) -> int:
+    """Open a file that one process has at a time; UsageError if another has it."""
+    handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+    try:
+        if os.name == "nt":
+            import msvcrt
+
+            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)  # pyright: ignore
+        else:
+            import fcntl
+
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(handle)
+        raise UsageError(
+            f"{path.parent}: another process is at work on this study. Wait for it, or choose another with --out."
+        ) from None
+    return handle

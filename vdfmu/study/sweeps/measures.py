@@ -1,0 +1,297 @@
+"""What a run of a parameter study is judged by: expressions of its signals, such as ``rms(trajectory.q_d - plant.q)``.
+
+They are read as Python is, but hold nothing but signals, numbers, the functions below, ``+ - * / **`` and comparisons.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import operator
+import pickle
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from types import CodeType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.base.text import error_text
+from vdfmu.engine.results.results import Results
+from vdfmu.study.sweeps.axes import OPTIONS
+
+Array = NDArray[Any]
+
+
+def _integral(x: Array, t: Array) -> Array:
+    """By the trapezoidal rule."""
+    return np.tensordot(np.diff(t), 0.5 * (x[1:] + x[:-1]), 1)
+
+
+def _at(x: Array, t: Array, time: float) -> Array:
+    """At the first communication point that is not before `time` [s]."""
+    if not t[0] <= time <= t[-1]:
+        raise ValueError(f"expected a time from {t[0]:g} to {t[-1]:g} s, got {time:g} s")
+    return x[np.searchsorted(t, time - 1e-9 * t[-1])]
+
+
+def _settling(x: Array, t: Array, band: float = 0.02) -> Array:
+    """First time [s] after which a signal stays within `band` of its last value."""
+    outside = np.abs(x - x[-1]) > band
+    last = len(t) - 1 - np.argmax(outside[::-1], axis=0)
+    return np.where(outside.any(axis=0), t[np.minimum(last + 1, len(t) - 1)], t[0])
+
+
+REDUCTIONS: dict[str, Callable[..., Array]] = {
+    "rms": lambda x, t: np.sqrt(np.mean(np.square(x), axis=0)),
+    "mean": lambda x, t: np.mean(x, axis=0),
+    "std": lambda x, t: np.std(x, axis=0),
+    "max": lambda x, t: np.max(x, axis=0),
+    "min": lambda x, t: np.min(x, axis=0),
+    "peak": lambda x, t: np.max(np.abs(x), axis=0),
+    "first": lambda x, t: x[0],
+    "final": lambda x, t: x[-1],
+    "integral": _integral,
+    "at": _at,
+    "settling": _settling,
+}
+"""Over time: (m, ...) to (...)."""
+ELEMENTS: dict[str, Callable[[Array], Array]] = {
+    "worst": lambda x: np.max(x, axis=-1),
+    "least": lambda x: np.min(x, axis=-1),
+    "sum": lambda x: np.sum(x, axis=-1),
+    "norm": lambda x: np.linalg.norm(x, axis=-1),
+}
+"""Over the elements: (..., n) to (...)."""
+POINTWISE: dict[str, Callable[[Array], Array]] = {
+    "abs": np.abs, "sqrt": np.sqrt, "exp": np.exp, "log": np.log, "sin": np.sin, "cos": np.cos, "degrees": np.degrees,
+}  # fmt: skip
+_FUNCTIONS = (*REDUCTIONS, *ELEMENTS, *POINTWISE)
+_MORE = {"at": (1, 1), "settling": (0, 1)}
+"""Numbers that a function has beside its signal, at least and at most; the others have none."""
+_TAKEN = ("point", "failed", "failed_at", "wall_s", "time", *OPTIONS)
+"""Columns of a study that are no measures."""
+_OTHER_UNIT = {"settling", "integral", "sqrt", "exp", "log", "sin", "cos", "degrees"}
+"""Functions whose value has not the unit of what they are given."""
+_OPERATORS: dict[type, Callable[..., Any]] = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
+    ast.Pow: operator.pow, ast.USub: operator.neg, ast.UAdd: operator.pos, ast.Lt: operator.lt, ast.Gt: operator.gt,
+    ast.LtE: operator.le, ast.GtE: operator.ge,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A named expression, or a function of the results."""
+
+    name: str
+    """Of its column; one with several elements has ``name[1]``, ``name[2]`` and so on."""
+    text: str
+    """The expression; of a function its name."""
+    signals: tuple[str, ...]
+    """Those that it needs, ``plant.q[1]``, or all elements, ``plant.q``; a function needs all that there are, ``*``."""
+    function: Callable[[Results], Any] | None = None
+    """Called with the `Results`; returns a number, or several."""
+
+    def of(self, results: Results) -> dict[str, float]:
+        """Return its value, or values, by column.
+
+        Raises
+        ------
+        UsageError
+            If the results lack a signal, or the value is no number.
+        """
+        try:
+            if self.function is not None:
+                array = np.asarray(self.function(results), dtype=float)
+            else:
+                with np.errstate(all="ignore"):
+                    array = np.asarray(
+                        _evaluate(ast.parse(self.text, mode="eval").body, results), dtype=float
+                    )
+            if array.ndim > 1 or not array.size:
+                raise ValueError(f"expected a number, or some, got the shape {array.shape}")
+        except Exception as error:  # of a function of the user's any
+            plain = isinstance(error, VdfmuError) or self.function is None and isinstance(error, ValueError)
+            kind = "" if plain else f"{type(error).__name__}: "
+            words = f"{kind}{error_text(error)}".removesuffix(".")
+            raise UsageError(f"measure {self.name} = {self.text}: {words}.") from None
+        if array.ndim == 0:
+            return {self.name: float(array)}
+        return {f"{self.name}[{i}]": float(x) for i, x in enumerate(array, 1)}
+
+
+def function_digest(function: Callable[..., Any]) -> str:
+    """Digest of what a function does: its code, and what it has kept, as far as that can be pickled."""
+    code = getattr(function, "__code__", None)
+    kept = [cell.cell_contents for cell in getattr(function, "__closure__", None) or ()]
+    parts = [] if code is None else _code(code)
+    for value in (*kept, *(getattr(function, "__defaults__", None) or ())):
+        with suppress(Exception):  # it counts only where it can
+            parts.append(pickle.dumps(value))
+    return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
+
+
+def _code(code: CodeType) -> list[bytes]:
+    """Return instructions, names and constants, those of functions inside too, without places in files."""
+    parts = [code.co_code, repr(code.co_names).encode()]
+    for value in code.co_consts:
+        parts += _code(value) if isinstance(value, CodeType) else [repr(value).encode()]
+    return parts
+
+
+def read_measures(measures: Mapping[str, Any] | Sequence[str]) -> list[Measure]:
+    """Read ``NAME=EXPRESSION`` texts, or a mapping of name to expression or to a function of the results.
+
+    Raises
+    ------
+    UsageError
+        With a line for each that cannot be read.
+    """
+    if isinstance(measures, Mapping):
+        pairs = list(measures.items())
+    else:
+        pairs = [(name.strip(), text.strip()) for name, _, text in (m.partition("=") for m in measures)]
+    found: list[Measure] = []
+    problems: list[str] = []
+    for name, text in pairs:
+        if not name.isidentifier() or not (callable(text) or isinstance(text, str) and text):
+            problems.append(
+                f"measure {name}: expected NAME=EXPRESSION, such as error=rms(trajectory.q_d - plant.q)."
+            )
+            continue
+        if name in _TAKEN:
+            problems.append(
+                f"measure {name}: expected another name; {', '.join(_TAKEN)} are columns of their own."
+            )
+            continue
+        if callable(text):
+            found.append(Measure(name, getattr(text, "__qualname__", "function"), ("*",), text))
+            continue
+        try:
+            signals = tuple(dict.fromkeys(_signals(ast.parse(text, mode="eval").body)))
+            if not signals:
+                raise ValueError("expected a signal in it, such as plant.q")
+            if _over_time(ast.parse(text, mode="eval").body):
+                raise ValueError(f"expected one value for all times; put {', '.join(REDUCTIONS)} around it")
+            found.append(Measure(name, text, signals))
+        except (ValueError, SyntaxError) as error:
+            words = error.msg if isinstance(error, SyntaxError) else str(error)
+            problems.append(f"measure {name}: {words}; got {text}.")
+    names = [measure.name for measure in found]
+    problems += [f"measure {n}: expected once." for n in dict.fromkeys(names) if names.count(n) > 1]
+    if problems:
+        raise UsageError("\n".join(problems))
+    return found
+
+
+def measured(measures: Sequence[Measure], results: Results) -> dict[str, float]:
+    """Values of all measures by column."""
+    return {column: value for measure in measures for column, value in measure.of(results).items()}
+
+
+def unit_of(measure: Measure, units: Mapping[str, str]) -> str:
+    """Return the unit of a measure's value; nothing where that is not plain, as of products.
+
+    Parameters
+    ----------
+    units : mapping of str to str
+        Of the signals, with and without indices.
+    """
+    if measure.function is not None:
+        return ""
+    return _unit(ast.parse(measure.text, mode="eval").body, units)
+
+
+def _unit(node: ast.expr, units: Mapping[str, str]) -> str:
+    if (name := _signal(node)) is not None:
+        return units.get(name, "")
+    if isinstance(node, ast.UnaryOp):
+        return _unit(node.operand, units)
+    if isinstance(node, ast.BinOp) and isinstance(node.op, (ast.Add, ast.Sub)):
+        left, right = _unit(node.left, units), _unit(node.right, units)
+        return left if left == right else ""
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+        inner = _unit(node.args[0], units)
+        if node.func.id not in _OTHER_UNIT:
+            return inner
+        return (
+            "s"
+            if node.func.id == "settling"
+            else "deg"
+            if (node.func.id, inner) == ("degrees", "rad")
+            else ""
+        )
+    return ""
+
+
+def _signal(node: ast.expr) -> str | None:
+    """Name of a signal, ``plant.q`` or ``plant.q[1]``; None if it is none."""
+    if isinstance(node, ast.Subscript):
+        name = _signal(node.value)
+        indices = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+        if name is None or not all(isinstance(i, ast.Constant) and isinstance(i.value, int) for i in indices):
+            return None
+        return f"{name}[{','.join(ast.unparse(i) for i in indices)}]"
+    if isinstance(node, ast.Attribute):
+        parent = node.value.id if isinstance(node.value, ast.Name) else _signal(node.value)
+        return None if parent is None else f"{parent}.{node.attr}"
+    return None
+
+
+def _signals(node: ast.expr) -> list[str]:
+    """Signals of an expression; ValueError for what is none."""
+    if (name := _signal(node)) is not None:
+        return [name]
+    if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
+        return []
+    if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
+        return _signals(node.left) + _signals(node.right)
+    if isinstance(node, ast.UnaryOp) and type(node.op) in _OPERATORS:
+        return _signals(node.operand)
+    if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in _OPERATORS:
+        return _signals(node.left) + _signals(node.comparators[0])
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords and node.args:
+        if node.func.id not in _FUNCTIONS:
+            raise ValueError(f"expected one of the functions {', '.join(_FUNCTIONS)}, got {node.func.id}")
+        least, most = _MORE.get(node.func.id, (0, 0))
+        if not least <= len(node.args) - 1 <= most:
+            count = f"{1 + least} to {1 + most}" if least < most else str(1 + most)
+            raise ValueError(f"expected {count} arguments of {node.func.id}, got {len(node.args)}")
+        return [signal for argument in node.args for signal in _signals(argument)]
+    raise ValueError(f"expected signals, numbers and functions, got {ast.unparse(node)}")
+
+
+def _over_time(node: ast.expr) -> bool:
+    """Whether a value is one for each time."""
+    if _signal(node) is not None:
+        return True
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in REDUCTIONS:
+        return False
+    return any(_over_time(part) for part in ast.iter_child_nodes(node) if isinstance(part, ast.expr))
+
+
+def _evaluate(node: ast.expr, results: Results) -> Any:
+    if (name := _signal(node)) is not None:
+        if name in results:
+            return results[name].astype(float)
+        return results[name]
+    if isinstance(node, ast.Constant):
+        return node.value
+    if isinstance(node, ast.BinOp):
+        return _OPERATORS[type(node.op)](_evaluate(node.left, results), _evaluate(node.right, results))
+    if isinstance(node, ast.UnaryOp):
+        return _OPERATORS[type(node.op)](_evaluate(node.operand, results))
+    if isinstance(node, ast.Compare):
+        return _OPERATORS[type(node.ops[0])](
+            _evaluate(node.left, results), _evaluate(node.comparators[0], results)
+        )
+    assert isinstance(node, ast.Call)
+    assert isinstance(node.func, ast.Name)
+    first, *others = (_evaluate(argument, results) for argument in node.args)
+    if node.func.id in REDUCTIONS:
+        return REDUCTIONS[node.func.id](first, results.time, *others)
+    return (ELEMENTS | POINTWISE)[node.func.id](first, *others)

@@ -1,0 +1,356 @@
+"""From a scenario or a package and what varies to the systems and points of a parameter study."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vdfmu.base.errors import UnitError, UsageError
+from vdfmu.base.progress import counted
+from vdfmu.base.temporary import temporary_folder
+from vdfmu.base.version import __version__
+from vdfmu.engine.plan.inputs import read_inputs
+from vdfmu.study.batch.program import LANES, Program
+from vdfmu.study.sweeps.axes import Axis, is_option, read_axes
+from vdfmu.study.sweeps.checks import check_overlap, default_measures, recorded, signals_of, try_measures
+from vdfmu.study.sweeps.job import Binding, Job, Task, WiredSystem
+from vdfmu.study.sweeps.measures import Measure, function_digest, read_measures, unit_of
+from vdfmu.study.sweeps.points import Points, draw
+
+ENGINES = ("fmu", "batch")
+"""What runs points: the FMUs of a system, or a program of it."""
+_FEW = 2 * LANES
+"""Points of a system from which on a program is compiled without being asked for."""
+_MOST_SYSTEMS = 200
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A parameter study, ready to run."""
+
+    points: Points
+    chosen: Any
+    """(n,): Number of each point's system."""
+    job: Job
+    facts: dict[str, Any]
+    """What it is, for the ledger; the same for the same study."""
+    follow: Sequence[Callable[[Mapping[str, Any]], dict[str, Any]] | None]
+    """Of each system, see `WiredSystem.follow`."""
+
+    def __len__(self) -> int:
+        return len(self.chosen)
+
+    def task(self, point: int) -> Task:
+        """Return what a worker needs to know of a point."""
+        own = {t: column[point].item() for t, column in self.points.items() if not is_option(t)}
+        number = int(self.chosen[point])
+        return point, number, own | self.followed(number, own)
+
+    def followed(self, number: int, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return what follows from the values of the axes in a system, by ``component.variable``."""
+        follow = self.follow[number]
+        return {} if follow is None else follow(self.job.systems[number].parameters(values))
+
+    @property
+    def key(self) -> str:
+        """A digest of `facts`, but for where files are and how a search goes: that of the same runs is the same."""
+        apart = ("source", "options", "engine", "search")
+        facts = {name: fact for name, fact in self.facts.items() if name not in apart}
+        return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
+
+
+def make_plan(
+    scenario: Any,
+    over: Mapping[str, Any] | Sequence[str] = (),
+    *,
+    sample: str = "grid",
+    n: int | None = None,
+    seed: int = 0,
+    measure: Mapping[str, Any] | Sequence[str] | None = None,
+    keep: Sequence[str] = (),
+    settings: Mapping[str, Any] | None = None,
+    options: Mapping[str, Any] | None = None,
+    backend: str | None = None,
+    engine: str | None = None,
+) -> Plan:
+    """Plan a study; arguments as of `vdfmu.sweep`, `options` those of `vdfmu.study.run.scenario_run.prepare`.
+
+    Raises
+    ------
+    UsageError, ModelError, SspError
+        For all that is wrong with it: nothing has run then.
+    """
+    if engine not in (None, *ENGINES):
+        raise UsageError(f"engine: expected {' or '.join(ENGINES)}, got {engine!r}.")
+    axes, points = draw(read_axes(over), str(sample), n, seed)
+    switches = [axis for axis in axes if is_option(axis.target)]
+    for axis in switches:
+        if axis.factor:
+            raise UsageError(f"{axis.target}: expected values, got factors.")
+    count = len(next(iter(points.values())))
+    rows = list(zip(*(points[axis.target].tolist() for axis in switches), strict=True)) or [()] * count
+    combinations = {row: number for number, row in enumerate(dict.fromkeys(rows))}
+    if len(combinations) > _MOST_SYSTEMS:
+        raise UsageError(
+            f"{', '.join(axis.target for axis in switches)}: expected at most {_MOST_SYSTEMS} different systems, got "
+            f"{len(combinations)}; each is a package of its own."
+        )
+    is_package = isinstance(scenario, (str, os.PathLike)) and Path(scenario).suffix.lower() == ".ssp"
+    wire = _of_package if is_package else of_scenario
+    if engine is None:
+        engine = "fmu" if count < _FEW * len(combinations) or backend == "python" else ""
+    systems: list[WiredSystem] = []
+    measures: list[Measure] = [] if measure is None else read_measures(measure)
+    for combination in counted("systems", combinations, len(combinations)):
+        switched = dict(zip((axis.target for axis in switches), combination, strict=True))
+        systems.append(
+            wire(
+                scenario,
+                [a for a in axes if a not in switches],
+                switched,
+                settings or {},
+                options or {},
+                backend,
+                engine,
+            )
+        )
+    record: list[str] = []
+    units: dict[str, str] = {}
+    for system in systems:
+        names, known, times = signals_of(system, axes)
+        units = known | units
+        if measure is None:
+            measures = default_measures(names)
+        record = recorded(names, measures, keep)
+        try_measures(names, measures, times)
+    check_overlap(axes, systems[0])
+    facts: dict[str, Any] = {
+        "vdfmu": __version__,
+        "scenario": name_of(scenario),
+        "source": _plain(scenario),
+        "axes": [str(axis) for axis in axes],
+        "sample": str(sample),
+        "n": count,
+        "seed": seed,
+        "settings": {name: _plain(value) for name, value in (settings or {}).items()},
+        "options": {name: _plain(value) for name, value in (options or {}).items()},
+        "measures": {m.name: m.text for m in measures},
+        "units": {axis.target: _unit_of_axis(axis, systems[0], units) for axis in axes}
+        | {m.name: unit_of(m, units) for m in measures},
+        "keep": list(keep),
+        "engine": "batch" if any(system.program is not None for system in systems) else "fmu",
+        "points": digest(*(column.astype(str).tobytes() for column in points.values())),
+        "systems": [
+            {"options": {**s.options, **s.run}, "package": digest(s.content), "inputs": [t.digest for t in s.inputs]}
+            for s in systems
+        ],
+    }  # fmt: skip
+    if functions := {m.name: function_digest(m.function) for m in measures if m.function is not None}:
+        facts["functions"] = functions
+    chosen = np.array([combinations[row] for row in rows])
+    compared = tuple(sorted({0, count // 2, count - 1}))
+    follow = [system.follow for system in systems]
+    sent = tuple(dataclasses.replace(system, follow=None) for system in systems)
+    plan = Plan(
+        points, chosen, Job(sent, tuple(measures), tuple(record), tuple(keep), compared), facts, follow
+    )
+    if any(one is not None for one in follow):  # what follows is decided by code that no package has
+        facts["followed"] = digest(*(repr(plan.task(point)[2]).encode() for point in compared))
+    return plan
+
+
+def _plain(value: Any) -> Any:
+    """Return an option as JSON has it, where it is a number, several, a path or a name."""
+    if isinstance(value, Mapping):
+        return {str(name): _plain(one) for name, one in value.items()}
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [_plain(one) for one in value]
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    return value if isinstance(value, (int, float)) else str(getattr(value, "name", value))
+
+
+def name_of(scenario: Any) -> str:
+    """Return the name of a scenario, or that of a file without its ending."""
+    return Path(scenario).stem if isinstance(scenario, (str, os.PathLike)) else str(scenario.name)
+
+
+def digest(*parts: bytes) -> str:
+    """Return what tells contents apart."""
+    return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
+
+
+def _unit_of_axis(axis: Axis, system: WiredSystem, units: Mapping[str, str]) -> str:
+    """Return the unit of an axis' values; nothing for factors and words."""
+    if axis.target in system.bindings:
+        name = system.bindings[axis.target].names[0]
+        return "" if axis.factor else units.get(name, "")
+    return "s" if axis.target in ("step", "stop") else ""
+
+
+def _of_package(
+    package: Any,
+    axes: Sequence[Axis],
+    switched: Mapping[str, Any],
+    settings: Mapping[str, Any],
+    options: Mapping[str, Any],
+    backend: str | None,
+    engine: str,
+) -> WiredSystem:
+    """Take a package as it is; what the axes name is checked by the master."""
+    if engine == "batch":
+        raise UsageError(
+            f"engine: batch needs a scenario, whose equations are known; {package} is a package."
+        )
+    wrong = [target for target in switched if target not in ("master", "step", "stop")]
+    wrong += [name for name in ("robot", "units") if options.get(name) is not None]
+    wrong += [axis.target for axis in axes if axis.factor]
+    if backend is not None:
+        wrong.append("backend")
+    if wrong:
+        raise UsageError(
+            f"{', '.join(wrong)}: for a scenario; {package} is a package, whose units are what they are."
+        )
+    given = {**options, **switched}
+    tables = read_inputs(options.get("inputs"), bool(options.get("input_hold")))
+    chosen = {"algorithm": given.get("master"), "adaptive": given.get("adaptive")}
+    return WiredSystem(
+        Path(package).read_bytes(),
+        {**{k: v for k, v in chosen.items() if v is not None}, "parameters": dict(settings)},
+        {name: given[name] for name in ("step", "stop") if given.get(name) is not None},
+        tables,
+        bool(options.get("input_hold")),
+        {axis.target: Binding((axis.target,)) for axis in axes},
+    )
+
+
+def of_scenario(
+    scenario: Any,
+    axes: Sequence[Axis],
+    switched: Mapping[str, Any],
+    settings: Mapping[str, Any],
+    options: Mapping[str, Any],
+    backend: str | None,
+    engine: str = "fmu",
+) -> WiredSystem:
+    """Build and pack a scenario with what a combination of options says."""
+    from vdfmu.study.run.scenario_run import prepare
+    from vdfmu.system.package.write import write_ssp
+    from vdfmu.system.scenario.parts import cached_fmus
+    from vdfmu.system.scenario.values import system_values
+
+    units = dict(options.get("units") or {})
+    units |= {
+        name.removeprefix("unit:"): value for name, value in switched.items() if name.startswith("unit:")
+    }
+    plain = {name: value for name, value in switched.items() if not name.startswith("unit:")}
+    given: dict[str, Any] = {**options, **plain, "units": units or None}
+    loaded = prepare(scenario, **given, settings=[*settings, *(axis.target for axis in axes)])
+    values = system_values(loaded, settings)
+    bindings = {axis.target: _binding(loaded, axis, values) for axis in axes}
+    bound = [name for one in bindings.values() for name in one.names]
+    following, follow = _following(loaded, settings, bound)
+    with temporary_folder("vdfmu_sweep_") as folder:
+        package = write_ssp(
+            loaded, cached_fmus(loaded, folder, backend), Path(folder, "system.ssp"), values, mixed=True
+        )
+        content = package.read_bytes()
+    return WiredSystem(
+        content,
+        {"algorithm": loaded.master, "adaptive": loaded.adaptive},
+        {"start": 0.0, "stop": loaded.stop, "step": loaded.step},
+        read_inputs(loaded.inputs, loaded.input_hold),
+        loaded.input_hold,
+        bindings,
+        None if engine == "fmu" else _program(loaded, values, [*bound, *following], needed=engine == "batch"),
+        follow,
+    )
+
+
+def _following(
+    scenario: Any, settings: Mapping[str, Any], bound: Iterable[str]
+) -> tuple[list[str], Callable[[Mapping[str, Any]], dict[str, Any]] | None]:
+    """Return the variables that follow from those of axes, and their values for values of these."""
+    from vdfmu.compiler.unit.interface import Interface
+    from vdfmu.system.scenario.parts import tables_of
+    from vdfmu.system.scenario.values import followed, given_values
+
+    given, tables = given_values(scenario, settings), tables_of(scenario.system, scenario.robot)
+    reached: set[str] = set()
+    for name in bound:
+        component, _, variable = name.partition(".")
+        table = tables[component]
+        follows = table.unit.follows if isinstance(table, Interface) else {}
+        if any(variable.partition("[")[0] in sources for sources in follows.values()):
+            reached.add(component)
+
+    def follow(changed: Mapping[str, Any]) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        for component in reached:
+            own = {n.partition(".")[2]: v for n, v in changed.items() if n.partition(".")[0] == component}
+            try:
+                values = followed(tables[component], given[component] | own)
+            except UnitError:  # of one point, which the FMU then refuses
+                values = dict.fromkeys(
+                    followed(tables[component], given[component]).keys() - own.keys(), math.nan
+                )
+            found |= {f"{component}.{name}": value for name, value in values.items()}
+        return found
+
+    names = list(follow({}))
+    return names, follow if names else None
+
+
+def _program(
+    scenario: Any, values: Mapping[str, Any], names: Sequence[str], *, needed: bool
+) -> Program | None:
+    """Return what runs points of a scenario side by side, if there can be one; UsageError if it is `needed`."""
+    from vdfmu.study.batch.make import make_program
+    from vdfmu.system.package.description import SystemDescription
+
+    try:
+        return make_program(SystemDescription(scenario, values), names)
+    except UsageError as error:
+        if not needed:
+            return None
+        lines = "\n".join(f"engine: batch: {line}" for line in str(error).splitlines())
+        raise UsageError(f"{lines}\nTake the engine fmu.") from None
+
+
+def _binding(scenario: Any, axis: Axis, values: Mapping[str, Mapping[str, Any]]) -> Binding:
+    """Return what an axis sets; UsageError for what is unknown, or cannot have its values."""
+    from vdfmu.system.scenario.values import override, present_values
+
+    def names(value: Any) -> dict[str, Any]:
+        found = override(scenario, {axis.target: value})
+        return {f"{c}.{name}": one for c, each in found.items() for name, one in each.items()}
+
+    if not axis.factor:
+        if axis.form == "values" and any(isinstance(value, str) for value in axis.values):
+            spread = {value: names(value) for value in axis.values}
+            words = {value: next(iter(each.values())) for value, each in spread.items()}
+            return Binding(tuple(next(iter(spread.values()))), words=words)
+        tried = axis.values or [
+            axis.at(u).item() for u in ((0.0, 1.0) if axis.form in ("lin", "log") else (0.5,))
+        ]
+        return Binding([tuple(names(value)) for value in tried][0])
+    reached = present_values(scenario, values, axis.target, 1.0)
+    nominal = [value for value in reached.values() if isinstance(value, float)]
+    if len(nominal) < len(reached):
+        raise UsageError(
+            f"{axis}: expected numbers to multiply, got {', '.join(map(str, reached.values()))}."
+        )
+    if not any(nominal):
+        raise UsageError(f"{axis}: expected numbers to multiply that are not all 0; leave the star out.")
+    return Binding(tuple(reached), nominal=tuple(nominal))

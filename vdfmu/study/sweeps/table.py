@@ -1,0 +1,251 @@
+"""The table of a parameter study: a row a point, on disk."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError
+from vdfmu.base.text import close_to, elided
+from vdfmu.engine.results.parquet import needed
+from vdfmu.study.report.summary import ANY, TEXT, WHOLE, List, Table, typed
+from vdfmu.study.sweeps.axes import is_option
+from vdfmu.study.sweeps.ledger import LEDGER, TABLE, files_of, readable, table_of
+
+_FACTS: Mapping[str, Any] = {
+    **dict.fromkeys(("scenario", "source", "vdfmu", "sample", "engine"), TEXT), "n": WHOLE, "seed": WHOLE,
+    "axes": List(TEXT), "measures": Table(TEXT), "units": Table(TEXT), "settings": Table(ANY), "options": Table(ANY),
+    "systems": List({"package": TEXT}),
+}  # fmt: skip
+"""What the study is, as far as it is read, and the types."""
+
+
+class Sweep:
+    """What a parameter study found; columns are read from disk when they are asked for.
+
+    Parameters
+    ----------
+    path : path
+        ``sweep.parquet``, or its folder. A study that is not complete has what is done of it.
+    notes : sequence of str
+        What came up.
+
+    Raises
+    ------
+    UsageError
+        If it cannot be read.
+
+    Examples
+    --------
+    >>> sweep["controller.K_p"]        # values of an axis, (n,)
+    >>> sweep["error[1]"]              # a measure, NaN where the run failed
+    >>> sweep.failed                   # why points failed, by their number
+    """
+
+    def __init__(self, path: str | os.PathLike[str], notes: Sequence[str] = ()) -> None:
+        self.path = Path(path)
+        self.notes = list(notes)
+        folder = self.path if self.path.is_dir() else self.path.parent
+        self.folder = folder
+        table = folder / TABLE if self.path.is_dir() else self.path
+        self._files = [table] if table.exists() else files_of(folder)
+        try:
+            self._schemas = [table_of(file, []).schema for file in self._files]
+            found = json.loads(
+                self._schemas[0].metadata[b"vdfmu"] if self._files == [table] else readable(folder / LEDGER)
+            )
+            self.facts, problems = typed(found, _FACTS)
+            problems += [f"{key}: is missing" for key in _FACTS if key not in (*self.facts, "engine")]
+        except (UsageError, ValueError, RecursionError, KeyError, TypeError) as error:
+            problems = [elided(str(error))]
+        if problems:
+            raise UsageError(
+                f"{self.path}: expected {TABLE} of a parameter study, or its folder: {'; '.join(problems)}."
+            )
+        self.columns: list[str] = list(dict.fromkeys(n for schema in self._schemas for n in schema.names))
+
+    @property
+    def axes(self) -> list[str]:
+        """Columns of the axes."""
+        return [axis.partition("=")[0] for axis in self.facts["axes"]]
+
+    @property
+    def measures(self) -> list[str]:
+        """Columns of the measures."""
+        names = set(self.facts["measures"])
+        return [c for c in self.columns if c.partition("[")[0] in names]
+
+    def table(self, columns: Sequence[str] | None = None) -> Any:
+        """Return a ``pyarrow.Table`` of some columns, or all."""
+        pyarrow, _ = needed()
+        for name in columns or ():
+            if name not in self.columns:
+                way = close_to(name, self.columns) or f"; it has {', '.join(self.columns)}"
+                raise UsageError(f"the study has no column {name!r}{way}")
+        tables = [
+            table_of(file, None if columns is None else [c for c in columns if c in schema.names])
+            for file, schema in zip(self._files, self._schemas, strict=True)
+        ]
+        if not tables:
+            raise UsageError(f"{self.path}: no point is done yet.")
+        try:
+            return pyarrow.concat_tables(tables, promote_options="permissive")
+        except pyarrow.ArrowException as error:
+            raise UsageError(
+                f"{self.path}: its files have columns that do not fit together: {error}."
+            ) from None
+
+    def __getitem__(self, column: str) -> NDArray[Any]:
+        """Return a column, shape (n,); UsageError if there is none of that name."""
+        return self.table([column])[column].to_numpy(zero_copy_only=False)
+
+    def __len__(self) -> int:
+        return self.table(["point"]).num_rows if self._files else 0
+
+    @property
+    def failed(self) -> dict[int, str]:
+        """Why points failed, by their number."""
+        if not self._files:
+            return {}
+        table = self.table(["point", "failed"])
+        return {
+            point: words
+            for point, words in zip(table["point"].to_pylist(), table["failed"].to_pylist(), strict=True)
+            if words is not None
+        }
+
+    def elements(self, by: str | None = None) -> list[str]:
+        """Return the columns of a measure, or a column itself; default the first measure.
+
+        Raises
+        ------
+        UsageError
+            If there is none of that name.
+        """
+        name = by or next(iter(self.facts["measures"]), "")
+        columns = [c for c in self.columns if name in (c, c.partition("[")[0])]
+        if not columns and name in self.facts["measures"]:
+            raise UsageError(f"{self.path}: no point has a value of {name}: all failed.")
+        if not columns:
+            known = dict.fromkeys([*self.facts["measures"], *self.measures])
+            raise UsageError(f"by: expected {', '.join(known)}, got {name!r}.")
+        return columns
+
+    def values(self, by: str | None = None) -> Floats:
+        """Return a column, or of a measure the largest of its elements, at each point, (n,); NaN where it failed."""
+        table = self.table(self.elements(by))
+        return np.max([column.to_numpy().astype(float) for column in table.columns], axis=0)
+
+    def ranges(self) -> list[list[str]]:
+        """Return of each column of a measure: name, smallest, median, largest, and the point of that."""
+        points, rows = self["point"], list[list[str]]()
+        for column in self.measures:
+            values = self[column]
+            if np.isfinite(values).any():
+                ends = [f"{f(values):.4g}" for f in (np.nanmin, np.nanmedian, np.nanmax)]
+                rows.append([column, *ends, str(points[np.nanargmax(values)])])
+            else:
+                rows.append([column, "no value", "", "", ""])
+        return rows
+
+    def row(self, which: int | str, by: str | None = None) -> dict[str, Any]:
+        """Return a point: its number, or ``worst`` or ``best``, the largest or smallest value of the measure `by`.
+
+        Parameters
+        ----------
+        which : int, "worst" or "best"
+        by : str, optional
+            A column, or a measure, of whose elements the largest counts; default the first.
+        """
+        if which in ("worst", "best"):
+            values = self.values(by)
+            if not np.isfinite(values).any():
+                raise UsageError(
+                    f"{self.path}: no point has a value of {by or self.measures[0]}: all failed."
+                )
+            place = int((np.nanargmax if which == "worst" else np.nanargmin)(values))
+        else:
+            points = self["point"]
+            places = np.flatnonzero(points == _number(which))
+            if not len(places):
+                raise UsageError(f"row: expected worst, best or a point up to {points.max()}, got {which}.")
+            place = int(places[0])
+        return self.table().slice(place, 1).to_pylist()[0]
+
+    def options(self, which: int | str = "worst", by: str | None = None) -> dict[str, Any]:
+        """Return what `vdfmu.run` takes for the run of a point: ``vdfmu.run(**sweep.options("worst"))``.
+
+        Where the scenario, or what it names, is no longer that of the study, `notes` says so.
+
+        Raises
+        ------
+        UsageError
+            As of `row`; and for a study of a package, or of inputs that were no file.
+        """
+        from vdfmu.study.sweeps.axes import read_axes
+        from vdfmu.study.sweeps.plan import digest, of_scenario
+
+        row = self.row(which, by)
+        options = {"scenario": self.facts["source"], **self.facts["options"]}
+        settings: dict[str, Any] = dict(self.facts["settings"])
+        if options["scenario"].endswith(".ssp"):
+            values = ", ".join(f"{axis}={row[axis]}" for axis in self.axes)
+            raise UsageError(
+                f"{self.path}: is a study of a package: 'vdfmu simulate {options['scenario']}' runs it, with {values}."
+            )
+        own = [axis for axis in read_axes(self.facts["axes"]) if not is_option(axis.target)]
+        switched = {axis: row[axis] for axis in self.axes if is_option(axis)}
+        system = of_scenario(options["scenario"], own, switched, settings, self.facts["options"], None)
+        was = self.facts["systems"]
+        if digest(system.content) not in [known["package"] for known in was]:
+            self.notes.append(
+                f"{options['scenario']}: its values, units or robot are not those of the study any more."
+            )
+        if [table.digest for table in system.inputs] not in [known["inputs"] for known in was]:
+            self.notes.append(f"{options['scenario']}: its inputs are not those of the study any more.")
+        for target, binding in system.bindings.items():
+            settings |= binding.values(row[target])
+        for axis, value in switched.items():
+            if axis.startswith("unit:"):
+                options["units"] = {**options.get("units", {}), axis.removeprefix("unit:"): value}
+            else:
+                options[axis] = value
+        return {**options, "settings": settings}
+
+    def indices(self, measure: str | None = None) -> Any:
+        """Return Sobol or Morris indices of a measure, see `vdfmu.study.sweeps.indices.indices`."""
+        from vdfmu.study.sweeps.indices import indices
+
+        return indices(self, measure)
+
+    def plot(
+        self, kind: str | None = None, measure: str | None = None, out: str | os.PathLike[str] | None = None
+    ) -> list[Path]:
+        """Draw figures of a measure, see `vdfmu.study.sweeps.plots.plot`; return their files."""
+        from vdfmu.study.sweeps.plots import plot
+
+        return plot(self, kind, measure, None if out is None else Path(out))
+
+    def report(self, out: str | os.PathLike[str] | None = None) -> Path:
+        """Write a page of all measures, figures inside, default ``report.html`` in the folder; return its path."""
+        from vdfmu.study.sweeps.page import write_page
+
+        return write_page(self, None if out is None else Path(out))
+
+    def to_pandas(self) -> Any:
+        """Return a ``pandas.DataFrame``."""
+        return self.table().to_pandas()
+
+
+def _number(which: int | str) -> int:
+    try:
+        return int(which)
+    except ValueError:
+        return -1

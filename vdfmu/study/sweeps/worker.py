@@ -1,0 +1,247 @@
+"""A worker of a parameter study: a process that runs points, and is replaced when one of them kills it or hangs.
+
+It gets pickled messages, and answers in JSON: code of the FMUs might have written the answer.
+"""
+
+from __future__ import annotations
+
+import json
+import pickle
+import queue
+import signal
+import subprocess
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, suppress
+from itertools import takewhile
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from vdfmu.base.errors import VdfmuError
+from vdfmu.base.process import Listener, end_group, started
+from vdfmu.base.temporary import temporary_folder
+from vdfmu.base.text import elided, shown
+from vdfmu.study.sweeps.child import SIZE
+from vdfmu.study.sweeps.job import Row, Task
+
+TIME_LIMIT = 600.0
+"""Time [s] that a point has."""
+_START = 120.0
+"""Time [s] that the process has to start."""
+_LARGEST = 2**30
+"""Largest answer that is read [byte]: rows of some points."""
+_TRIES = 3
+"""Processes that may be killed from outside at one point."""
+KILLED = "the process was killed (SIGKILL)"
+"""Begin of the reason of a point that failed for want of memory, or by somebody: no fault of the model."""
+_WRITTEN = "a component wrote into the pipe of the worker"
+_HEAD = {
+    "point": int,
+    "failed": (str, type(None)),
+    "failed_at": (float, int, type(None)),
+    "wall_s": (float, int),
+}
+"""Keys that each row has, and their types; the others are measures."""
+
+
+class Worker:
+    """Runs points in a process of its own, which lives from point to point.
+
+    Parameters
+    ----------
+    job : bytes
+        A pickled `Job`.
+    time_limit : float, optional
+        Time [s] that a point has; beyond it the process is ended.
+    """
+
+    def __init__(self, job: bytes, time_limit: float | None = None) -> None:
+        self._job = job
+        self._limit = TIME_LIMIT if time_limit is None else time_limit
+        self._process: subprocess.Popen[bytes] | None = None
+        self._replies: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._stopped = threading.Event()
+        self._together: list[int] = []
+        self._folders = ExitStack()
+
+    def run(self, tasks: Sequence[Task]) -> Iterator[Row]:
+        """Yield a row for each point, in order; nothing more after `stop`.
+
+        Those that a program runs side by side are sent together; if that ends the process, or takes longer than a point
+        may, they are run one by one, by their FMUs.
+
+        Raises
+        ------
+        VdfmuError
+            If no process can be started.
+        """
+        left = list(tasks)
+        apart = 0  # of the next points
+        killed = failures = 0
+        while left and not self._stopped.is_set():
+            if self._process is None:
+                self._begin()
+                if self._stopped.is_set():
+                    return
+            number = left[0][1]
+            most = 1 if apart else self._together[number]
+            group = list(takewhile(lambda task, number=number: task[1] == number, left[:most]))
+            begin = perf_counter()
+            self._send(pickle.dumps((group, apart > 0)))
+            rows = self._reply(self._limit)
+            if isinstance(rows, dict):
+                self._end()
+                failures += 1
+                if failures < _TRIES:
+                    continue
+                why = elided(shown(str(rows.get("disk"))))
+                raise VdfmuError(
+                    f"point {left[0][0]}: the disk fails: {why}. What was done is kept: free space, or choose another "
+                    "folder with TMPDIR, and give the same command again."
+                )
+            if isinstance(rows, list):
+                rows = _rows(rows, [point for point, *_ in group])
+                if rows == _WRITTEN:
+                    self._end()
+            if not isinstance(rows, list):
+                if self._stopped.is_set():
+                    return
+                if rows == KILLED:
+                    killed += 1
+                    if killed < _TRIES:
+                        continue
+                    rows = f"{KILLED} {killed} times: memory may be short, take fewer workers; a new start tries again"
+                if most > 1:
+                    apart, killed = len(group), 0
+                    continue
+                rows = [
+                    {
+                        "point": group[0][0],
+                        "failed": rows,
+                        "failed_at": None,
+                        "wall_s": perf_counter() - begin,
+                    }
+                ]
+            killed = failures = 0
+            del left[: len(group)]
+            apart = max(apart - 1, 0)
+            yield from rows
+
+    def stop(self) -> None:
+        """End the process at once, from any thread."""
+        self._stopped.set()
+        process = self._process
+        if process is not None:
+            end_group(process)
+
+    def close(self) -> None:
+        """Let the process end, and remove what it left in its temporary folder."""
+        with self._folders:
+            self._close()
+
+    def _close(self) -> None:
+        process, self._process = self._process, None
+        if process is not None:
+            with suppress(OSError):
+                assert process.stdin is not None
+                process.stdin.close()
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(5.0)
+            end_group(process)
+            process.wait()
+            self._listener.finish()
+
+    def _begin(self) -> None:
+        folder = self._folders.enter_context(temporary_folder("vdfmu_sweep_"))
+        self._process = process = started("vdfmu.study.sweeps.child", folder)
+        self._replies = replies = queue.SimpleQueue()
+        assert process.stderr is not None
+        self._listener = Listener(process.stderr)
+        threading.Thread(target=_listen, args=(process, replies), daemon=True).start()
+        self._send(self._job)
+        ready = self._reply(_START)
+        if isinstance(ready, list):
+            self._together = ready
+        elif not self._stopped.is_set():
+            raise VdfmuError(
+                f"a worker could not be started: {ready}. The package must be importable, with what its measures need."
+            )
+
+    def _send(self, content: bytes) -> None:
+        process = self._process
+        assert process is not None
+        assert process.stdin is not None
+        with suppress(OSError):  # it has ended, as the reply will say
+            process.stdin.write(SIZE.pack(len(content)) + content)
+            process.stdin.flush()
+
+    def _reply(self, limit: float) -> Any:
+        """Return the next message, or, as text, why there is none."""
+        try:
+            alive, message = self._replies.get(timeout=limit)
+        except queue.Empty:
+            self._end()
+            return f"no result within {limit:g} s, the time limit of a point"
+        if alive:
+            return message
+        code = self._end()
+        if code < 0:
+            if code == -signal.SIGKILL:
+                return KILLED
+            with suppress(ValueError):
+                return f"a component crashed the process ({signal.Signals(-code).name})"
+        last = self._said.strip().rpartition("\n")[2]
+        return f"a component ended the process (exit code {code}){f': {shown(last)}' if last else ''}"
+
+    def _end(self) -> int:
+        process, self._process = self._process, None
+        assert process is not None
+        end_group(process)
+        code = process.wait()
+        self._said = self._listener.finish()
+        self._folders.close()
+        return code
+
+
+def _listen(process: subprocess.Popen[bytes], replies: queue.SimpleQueue[Any]) -> None:
+    """Pass the messages of a process on; at its end say so."""
+    stream = process.stdout
+    assert stream is not None
+    with stream:
+        while len(head := stream.read(SIZE.size)) == SIZE.size:
+            size = SIZE.unpack(head)[0]
+            if size > _LARGEST or len(content := stream.read(size)) < size:
+                break
+            try:
+                replies.put((True, json.loads(content)))
+            except ValueError:
+                break
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(5.0)  # its code is that of its own end
+    replies.put((False, None))
+
+
+def _rows(message: list[Any], points: Sequence[int]) -> list[Row] | str:
+    """Return the rows of points, with arrays for lists; or, as text, that they are not of the worker."""
+    good = len(message) == len(points) and all(
+        isinstance(row, dict)
+        and row.get("point") == point
+        and all(isinstance(row.get(key, ()), kinds) for key, kinds in _HEAD.items())
+        and all(
+            isinstance(value, (float, int, list, type(None)))
+            for key, value in row.items()
+            if key not in _HEAD
+        )
+        for row, point in zip(message, points, strict=True)
+    )
+    if not good:
+        return _WRITTEN
+    try:
+        return [
+            {key: np.array(value, float) if isinstance(value, list) else value for key, value in row.items()}
+            for row in message
+        ]
+    except (ValueError, TypeError):
+        return _WRITTEN

@@ -1,0 +1,214 @@
+"""Costs of values: runs of all robots on workers that live as long as the search, each run kept."""
+
+from __future__ import annotations
+
+import pickle
+import queue
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import chain
+from time import monotonic
+from typing import Any
+
+import numpy as np
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.interrupt import InterruptGuard
+from vdfmu.engine.inspect.loops import Margins
+from vdfmu.study.sweeps.job import Row
+from vdfmu.study.sweeps.ledger import Ledger
+from vdfmu.study.sweeps.worker import Worker
+from vdfmu.study.tuning.problem import Problem
+
+_STEEP = 100.0
+"""Excess for each unit of the spectral radius beyond 1, where margins are 0."""
+_SECONDS = 5.0
+"""Time [s] between two files of runs: what is lost at most when all is killed."""
+
+
+class SpentError(Exception):
+    """The budget of evaluations is used up."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """What values are worth."""
+
+    values: Floats
+    """(d,)."""
+    number: int | None
+    """Of the evaluation; None where the margin was missed and nothing was run."""
+    cost: Floats
+    """(k,): Elements of the cost over all robots; infinite where a run failed."""
+    failed: int
+    """Runs that failed."""
+    excess: Floats
+    """(m,): How far each constraint is missed, of the order of 1; positive where it is."""
+    margins: Margins | None
+    measures: dict[str, float]
+    """Largest of each other measure over all robots."""
+
+    @property
+    def feasible(self) -> bool:
+        """Whether no run failed and all constraints hold."""
+        return self.number is not None and not self.failed and not (self.excess > 0.0).any()
+
+
+class Evaluations:
+    """Costs of values, with those that are known from the ledger.
+
+    Parameters
+    ----------
+    problem : Problem
+    ledger : Ledger
+    known : sequence of row
+        Runs of a search that was stopped.
+    workers : int
+    budget : int
+        Evaluations that may be run.
+    time_limit : float, optional
+        Time [s] that a run has.
+    report : callable
+        Called with the number of evaluations.
+    """
+
+    def __init__(
+        self, problem: Problem, ledger: Ledger, known: Sequence[Row], workers: int, budget: int,
+        time_limit: float | None, report: Callable[[int], None],
+    ) -> None:  # fmt: skip
+        self.problem, self.budget = problem, budget
+        self.scores: list[Score] = []
+        """Those of all evaluations that were run, in order."""
+        self.missed = 0
+        """Values that were not run, since they miss the margin."""
+        self._ledger, self._report = ledger, report
+        self._by_values: dict[tuple[float, ...], Score] = {}
+        self._margins: dict[tuple[float, ...], Margins | None] = {}
+        self._rows = {(tuple(row[n] for n in problem.names), int(row["robot"])): row for row in known}
+        self._next = 1 + max((row["point"] for row in known), default=-1)
+        self._fresh: list[Row] = []
+        self._kept_at = monotonic()
+        self._team = [Worker(pickle.dumps(problem.plan.job), time_limit) for _ in range(workers)]
+        self._idle: queue.SimpleQueue[Worker] = queue.SimpleQueue()
+        for worker in self._team:
+            self._idle.put(worker)
+        # a process ends with the thread that started it, and these live as long as the search
+        self._pool = ThreadPoolExecutor(workers)
+
+    def __enter__(self) -> Evaluations:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with InterruptGuard():
+            self._keep()
+            for worker in self._team:
+                worker.stop()
+            self._pool.shutdown(cancel_futures=True)
+            for worker in self._team:
+                worker.close()
+
+    def scores_of(self, several: Sequence[Floats], always: bool = False) -> list[Score]:
+        """Return the scores of values; those that miss the margin are not run, unless `always` and stable.
+
+        Raises
+        ------
+        SpentError
+            When the budget does not hold all that are new; those that it holds are run and kept first.
+        """
+        keys = [tuple(map(float, values)) for values in several]
+        new: list[tuple[float, ...]] = []
+        for key in dict.fromkeys(keys):
+            if key in self._by_values and not (always and self._by_values[key].number is None):
+                continue
+            margins = self._margins[key] = self.problem.margins(np.array(key))
+            missing = margins is not None and (
+                not margins.modulus.any()
+                or (not always and bool((margins.modulus < self.problem.margin).any()))
+            )
+            if missing and self.scores:  # the start is run in any case, to compare with
+                self.missed += key not in self._by_values
+                self._by_values[key] = self._score(key, None, [])
+            else:
+                new.append(key)
+        held = new[: max(self.budget - len(self.scores), 0)]
+        if held:
+            self._run(held)
+        if len(held) < len(new):
+            raise SpentError
+        return [self._by_values[key] for key in keys]
+
+    def _run(self, keys: Sequence[tuple[float, ...]]) -> None:
+        robots = self.problem.robots
+        spread = {target: column.tolist() for target, column in self.problem.spread.items()}
+        wanted = [(key, robot) for key in keys for robot in range(robots) if (key, robot) not in self._rows]
+        tasks: list[Any] = []
+        columns: list[dict[str, Any]] = []
+        for key, robot in wanted:
+            own = {target: column[robot] for target, column in spread.items()}
+            own |= dict(zip(self.problem.names, key, strict=True))
+            tasks.append((self._next + len(tasks), 0, own | self.problem.plan.followed(0, own)))
+            columns.append(own)
+        self._next += len(tasks)
+        together = self.problem.plan.job.together[0]
+        groups = [tasks[first : first + together] for first in range(0, len(tasks), together)]
+        rows = chain.from_iterable(self._pool.map(self._some, groups))
+        for (key, robot), own, row in zip(wanted, columns, rows, strict=True):
+            self._rows[key, robot] = row = {**row, **own, "robot": float(robot)}
+            self._fresh.append(row)
+        if monotonic() - self._kept_at > _SECONDS:
+            self._keep()
+        for key in keys:
+            score = self._score(key, len(self.scores), [self._rows[key, robot] for robot in range(robots)])
+            self.scores.append(score)
+            self._by_values[key] = score
+        self._report(len(self.scores))
+
+    def _some(self, tasks: Sequence[Any]) -> list[Row]:
+        worker = self._idle.get()
+        try:
+            rows = list(worker.run(tasks))
+            return rows + [
+                {"point": task[0], "failed": "stopped", "failed_at": None, "wall_s": 0.0}
+                for task in tasks[len(rows) :]
+            ]
+        finally:
+            self._idle.put(worker)
+
+    def _keep(self) -> None:
+        rows, self._fresh = self._fresh, []
+        self._ledger.add(rows)
+        self._kept_at = monotonic()
+
+    def _score(self, key: tuple[float, ...], number: int | None, rows: Sequence[Row]) -> Score:
+        problem, margins = self.problem, self._margins[key]
+        failed = sum(row["failed"] is not None for row in rows)
+        names = list(dict.fromkeys(name for row in rows if row["failed"] is None for name in row))
+        of = {name: [row[name] for row in rows if row["failed"] is None] for name in names}
+        columns = [name for name in names if name.partition("[")[0] == "cost"]
+        over = np.mean if problem.over == "mean" else np.max
+        cost = np.array([np.inf if failed else over(of[name]) for name in columns] or [np.inf])
+        excess: list[float] = []
+        for limit, (_, size) in problem.limits.items():
+            worst = max((max(of[n]) for n in names if n.partition("[")[0] == limit), default=np.inf)
+            excess.append(np.inf if failed else worst / size)
+        if margins is not None:
+            unstable = 0.0 if margins.modulus.any() else margins.radius - 1.0
+            excess += (problem.margin - margins.modulus + _STEEP * unstable).tolist()
+        if len(cost) > 1:
+            start = self.scores[0].cost if self.scores else cost
+            excess += (cost / start - 1.0).tolist()
+        measures = {
+            name: float(np.max(of[name]))
+            for name in names
+            if name.partition("[")[0] in problem.plan.facts["measures"] and name not in columns
+        }
+        return Score(
+            np.array(key),
+            number,
+            cost,
+            failed,
+            np.nan_to_num(excess, nan=np.inf, posinf=np.inf),
+            margins,
+            measures,
+        )

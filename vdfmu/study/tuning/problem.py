@@ -1,0 +1,206 @@
+"""What is tuned: the numbers that vary, the cost, limits, the spread of robots, and the required margin."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError
+from vdfmu.compiler.unit.variable import NO_LIMIT
+from vdfmu.engine.inspect.loops import Margins
+from vdfmu.study.analysis.margins import ArmLoops
+from vdfmu.study.run.scenario_run import prepare
+from vdfmu.study.sweeps.axes import Axis, is_option, read_axes
+from vdfmu.study.sweeps.checks import TRACKING
+from vdfmu.study.sweeps.plan import Plan, make_plan
+from vdfmu.system.scenario.values import present_values, system_values
+
+_RANGE = "*log(0.1, 10)"
+"""Of a number that varies, unless another is given."""
+_LIMIT = re.compile(r"(.+?)\s*(<=|>=|<|>)\s*([^<>=]+)")
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is tuned."""
+
+    axes: tuple[Axis, ...]
+    """One for each number that varies, ``lin`` or ``log``, of values."""
+    start: Floats
+    """(d,): Values of the scenario."""
+    limits: dict[str, tuple[str, float]]
+    """Measure whose largest value over all robots must not be positive, to its text and the size of its right side."""
+    over: str
+    """``mean`` or ``worst``: what counts of the costs of the robots."""
+    plan: Plan
+    """Of the sweep, whose points are the robots."""
+    loops: ArmLoops | None
+    margin: Floats
+    """(n,): Required modulus margin of each joint, with one sample of delay; empty without."""
+
+    @property
+    def names(self) -> list[str]:
+        """Variables that vary, ``component.variable``."""
+        return [axis.target for axis in self.axes]
+
+    @property
+    def robots(self) -> int:
+        """Number of robots."""
+        return len(self.plan)
+
+    @property
+    def spread(self) -> dict[str, Floats]:
+        """What the robots differ in: target to values, (robots,)."""
+        return {target: column for target, column in self.plan.points.items() if target not in self.names}
+
+    def values(self, u: Floats) -> Floats:
+        """Values (d,) at a point of the unit cube, those of four digits next to it."""
+        at = np.array([axis.at(share) for axis, share in zip(self.axes, u, strict=True)])
+        return np.array([float(f"{value:.4g}") for value in at])
+
+    def place(self, values: Floats) -> Floats:
+        """Return the point of the unit cube where values are, or the one next to them."""
+        ends = np.array([axis.numbers for axis in self.axes]).T
+        log = np.array([axis.form == "log" for axis in self.axes])
+        low, high, x = (np.where(log, np.log(np.where(log, np.abs(v), 1.0)), v) for v in (*ends, values))
+        return np.clip((x - low) / (high - low), 0.0, 1.0)
+
+    def margins(self, values: Floats) -> Margins | None:
+        """Margins of the loops with one sample of delay; None without a required one."""
+        if self.loops is None:
+            return None
+        return self.loops.margins(dict(zip(self.names, values.tolist(), strict=True)))
+
+
+def make_problem(
+    scenario: Any,
+    vary: Mapping[str, Any] | Sequence[str],
+    cost: str,
+    *,
+    limit: Sequence[str] = (),
+    spread: Mapping[str, Any] | Sequence[str] = (),
+    spread_n: int = 8,
+    over: str = "mean",
+    margin: float | str | None = None,
+    growth: float = 0.0,
+    seed: int = 0,
+    settings: Mapping[str, Any] | None = None,
+    options: Mapping[str, Any] | None = None,
+    backend: str | None = None,
+    engine: str = "fmu",
+) -> Problem:
+    """Read and check what is tuned; arguments as of :func:`vdfmu.tune`.
+
+    Raises
+    ------
+    UsageError, ModelError
+        For all that is wrong with it: nothing has run then.
+    """
+    if over not in ("mean", "worst"):
+        raise UsageError(f"over: expected mean or worst, got {over}.")
+    if isinstance(scenario, (str, os.PathLike)) and os.fspath(scenario).endswith(".ssp"):
+        raise UsageError(f"{scenario}: expected a scenario, whose values are known; a package can be swept.")
+    loaded = prepare(scenario, **(options or {}), settings=settings)
+    axes, start = _elements(loaded, vary, settings or {})
+    spread_axes = read_axes(spread)
+    if wrong := [
+        str(axis) for axis in spread_axes if is_option(axis.target) or isinstance(axis.at(0.0).item(), str)
+    ]:
+        raise UsageError(
+            "\n".join(f"spread: expected parameters with numbers, got {text}." for text in wrong)
+        )
+    targets = [axis.target for axis in (*axes, *spread_axes)]
+    if len(set(targets)) < len(targets):
+        raise UsageError(
+            f"vary: expected each number once, got {', '.join(sorted({t for t in targets if targets.count(t) > 1}))}"
+            " several times."
+        )
+    limits = dict(_limit(number, text) for number, text in enumerate(limit, 1))
+    measures = {"cost": cost, **{name: text for name, (text, _) in limits.items()}}
+    if {"trajectory", "controller", "plant"} <= loaded.system.parts.keys():
+        measures |= {name: text for name, text in TRACKING.items() if name not in measures}
+    over_all = {axis.target: str(axis).partition("=")[2] for axis in (*axes, *spread_axes)}
+    n = spread_n if spread_axes else 1
+    plan = make_plan(
+        scenario, over_all, sample="lhs", n=n, seed=seed, measure=measures, settings=settings, options=options,
+        backend=backend, engine=engine,
+    )  # fmt: skip
+    facts = {**plan.facts, "tune": {"limits": list(limit), "over": over, "start": start}}
+    loops, required = None, np.zeros(0)
+    if margin is not None:
+        if any(axis.target.startswith("plant.") for axis in axes):
+            raise UsageError("margin: expected other parameters than those of the plant to vary.")
+        loops = ArmLoops(loaded, settings, growth=growth)
+        n_joints = len(loops.loops[0].K)
+        required = loops.margins().modulus if margin == "same" else np.full(n_joints, _number(margin))
+        facts["tune"] |= {"margin": required.tolist(), "growth": growth}
+    plan = dataclasses.replace(plan, facts=facts, job=dataclasses.replace(plan.job, compared=()))
+    return Problem(tuple(axes), np.array(start), limits, over, plan, loops, required)
+
+
+def _elements(
+    scenario: Any, vary: Mapping[str, Any] | Sequence[str], settings: Mapping[str, Any]
+) -> tuple[list[Axis], list[float]]:
+    """Return one axis for each number, within its bounds of values, and its value in the scenario."""
+    given = vary if isinstance(vary, Mapping) else [t if "=" in t else f"{t}={_RANGE}" for t in vary]
+    values = system_values(scenario, settings)
+    found: list[Axis] = []
+    starts: list[float] = []
+    problems: list[str] = []
+    for axis in read_axes(given):
+        if axis.form not in ("lin", "log"):
+            problems.append(f"{axis.target}: expected lin(FROM, TO) or log(FROM, TO), got {axis}.")
+            continue
+        number = 1.0 if axis.factor else axis.numbers[0]
+        for name, start in present_values(scenario, values, axis.target, number).items():
+            low, high = sorted(axis.numbers)
+            if not isinstance(start, float) or start == NO_LIMIT:
+                problems.append(f"{name}: expected a finite number to vary, got {start}.")
+                continue
+            if axis.factor:
+                low, high = sorted((low * start, high * start))
+            if not low < high or (axis.form == "log" and not low * high > 0.0):
+                problems.append(f"{name}: expected a range, got {low:g} to {high:g}.")
+                continue
+            if not low <= start <= high:
+                problems.append(
+                    f"{name}: expected a range that has the scenario's {start:g}, got {low:g} to {high:g}."
+                )
+            found.append(Axis(name, axis.form, (low, high)))
+            starts.append(start)
+    if not found and not problems:
+        problems.append("vary: expected at least one parameter, such as controller.K_p.")
+    if problems:
+        raise UsageError("\n".join(problems))
+    return found, starts
+
+
+def _limit(number: int, text: str) -> tuple[str, tuple[str, float]]:
+    """Return a limit as a measure that must not be positive."""
+    parts = _LIMIT.fullmatch(text.strip())
+    try:
+        if parts is None:
+            raise ValueError
+        bound = float(parts[3])
+    except ValueError:
+        raise UsageError(f"limit: expected EXPRESSION < NUMBER, or >, got {text}.") from None
+    sign = 1 if parts[2].startswith("<") else -1
+    return f"limit_{number}", (f"{sign} * (({parts[1]}) - ({bound!r}))", abs(bound) or 1.0)
+
+
+def _number(margin: float | str) -> float:
+    try:
+        value = float(margin)
+    except ValueError:
+        value = math.nan
+    if not 0.0 <= value < 1.0:
+        raise UsageError(f"margin: expected a modulus margin from 0 to below 1, or same, got {margin}.")
+    return value

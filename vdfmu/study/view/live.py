@@ -1,0 +1,222 @@
+"""`LiveView`: a run in a browser while it goes on, drawn by a process of its own."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import signal
+import sys
+import tempfile
+import threading
+import time as clock
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.base.interrupt import InterruptGuard
+from vdfmu.base.process import Listener, end_group, started
+from vdfmu.base.temporary import temporary_folder
+from vdfmu.engine.results.results import Results
+from vdfmu.engine.run.isolated import mapped
+from vdfmu.study.report.content import FRAMES
+from vdfmu.study.view.scene import PERIOD, needed
+
+SIGNALS = {"q": "plant.q", "q_d": "trajectory.q_d", "tau": "controller.tau", "kappa": "plant.kappa"}
+"""What is drawn, and the arrays that it is in; the first is needed."""
+HEAD = 2
+"""Words before the values of a row: how often it was begun or completed, and its time."""
+_LEAST = 0.005
+"""Time that a run is held back at least, where it is [s]: shorter sleeps are not exact."""
+
+
+class LiveView:
+    """The arm of a run in a browser, while it goes on and after it.
+
+    A process of its own draws, at most 30 times a second. It reads the rows from memory that it shares with the run,
+    which waits neither for it nor for a browser, and goes on without it.
+
+    Parameters
+    ----------
+    port : int, optional
+        Of loopback; default one that is free.
+    speed : float, optional
+        Simulated time over wall time that the run is held back to, 1 for real time; default as fast as it goes.
+    arm : mapping, optional
+        Of :func:`vdfmu.study.report.content.arm_of`, for a system that does not say of which arm it is.
+    say : callable, optional
+        Takes the address, and what cannot be shown.
+
+    Raises
+    ------
+    UsageError
+        viser is missing, the port is taken, or `speed` is not positive.
+    VdfmuError
+        The process cannot be started.
+
+    Examples
+    --------
+    >>> with vdfmu.LiveView(speed=1) as live:
+    ...     results = vdfmu.run("tracking", observer=live)
+    ...     live.stay()
+    """
+
+    def __init__(
+        self,
+        *,
+        port: int | None = None,
+        speed: float | None = None,
+        arm: Mapping[str, Any] | None = None,
+        say: Callable[[str], None] = print,
+    ) -> None:
+        if speed is not None and not 0.0 < speed < np.inf:
+            raise UsageError(f"speed: expected a positive number, got {speed:g}.")
+        needed()
+        self.wanted: Sequence[str] = [f"{name}[*]" for name in SIGNALS.values()]
+        self.period = 0.0 if speed else PERIOD
+        self._speed, self._arm, self._say = speed, arm, say
+        self._words: Floats | None = None
+        self._due, self._began, self._first = 0.0, 0.0, 0.0
+        self._clients = 0
+        self._stack = ExitStack()
+        try:
+            self._start(port)
+        except BaseException:
+            self.close()
+            raise
+
+    def _start(self, port: int | None) -> None:
+        self._folder = Path(self._stack.enter_context(temporary_folder("vdfmu-view-")))
+        self._process = process = started("vdfmu.study.view.live_server", "" if port is None else str(port))
+        self._stack.callback(self._stop)
+        assert process.stdin is not None
+        assert process.stdout is not None
+        assert process.stderr is not None
+        self._requests, self._replies = process.stdin, process.stdout
+        self._listener = Listener(process.stderr)
+        try:
+            first = json.loads(self._replies.readline())
+        except ValueError:
+            end_group(process)
+            raise VdfmuError(
+                f"the process of the view has ended: {self._listener.finish().strip()}"
+            ) from None
+        if "error" in first:
+            raise UsageError(first["error"])
+        self.address: str = first["address"]
+        """What a browser opens."""
+        threading.Thread(target=self._listen, daemon=True).start()
+        self._say(f"Live view: {self.address}")
+
+    def _listen(self) -> None:
+        with suppress(OSError, ValueError):  # it is closed
+            for line in self._replies:
+                self._clients = int(line)
+
+    def _stop(self) -> None:
+        with suppress(OSError):
+            self._requests.close()
+        end_group(self._process)
+        self._process.wait()
+        self._listener.finish()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the view."""
+        self._stack.close()
+
+    @property
+    def open(self) -> bool:
+        """Whether the view can be looked at."""
+        return self._process.poll() is None
+
+    def _send(self, name: str, *arguments: Any) -> None:
+        with suppress(OSError, ValueError):  # it has ended, which is no matter of the run
+            pickle.dump((name, arguments), self._requests)
+            self._requests.flush()
+
+    def begin(self, names: Sequence[str], about: Mapping[str, Any]) -> None:
+        """Show the arm of a run; see `vdfmu.engine.masters.observer.Observer`."""
+        arm = about.get("arm") or self._arm
+        places = _places(names, 0 if arm is None else len(arm["types"]))
+        title = str(about.get("scenario") or about.get("system") or "")
+        self._words = None
+        self._due = self._began = 0.0
+        if arm is None or "q" not in places:
+            why = (
+                "no robot is known; --robot, or arm of LiveView, names one"
+                if arm is None
+                else f"there is no signal {SIGNALS['q']} of its joints"
+            )
+            text = f"There is no arm to show: {why}."
+            self._say(f"note: live view: {text}")
+            self._send("words", title, text)
+            return
+        handle, path = tempfile.mkstemp(dir=self._folder)
+        with open(handle, "wb") as file:
+            file.write(bytes(8 * (HEAD + len(names))))
+        self._words = mapped(Path(path))
+        self._send("begin", title, arm, path, places, float(about["start"]), float(about["stop"]))
+
+    def row(self, time: float, values: Floats) -> None:
+        """Take a row; hold the run back if it is to."""
+        words, now = self._words, clock.perf_counter()
+        if words is not None and now >= self._due:
+            self._due = now + PERIOD
+            words[0] += 1.0
+            words[1] = time
+            words[HEAD:] = values
+            words[0] += 1.0
+        if self._speed:
+            if not self._began:
+                self._began, self._first = now, time
+            ahead = (time - self._first) / self._speed - (now - self._began)
+            if ahead > _LEAST:
+                clock.sleep(ahead)
+
+    def end(self, results: Results) -> None:
+        """Show the recorded rows with a slider for the time."""
+        if self._words is None:
+            return
+        few = results.thinned(FRAMES + 1)
+        found = {
+            key: few[name].astype(float)
+            for key, name in SIGNALS.items()
+            if name in few.groups and few.shape_of(name) == few.shape_of(SIGNALS["q"])
+        }
+        self._send("end", few.time, found)
+
+    def stay(self) -> None:
+        """Wait for Ctrl-C, if there is a terminal that it can come from; else until no browser is open on the view."""
+        terminal = sys.stdin is not None and sys.stdin.isatty()
+        if not self.open:
+            self._say(f"note: live view: it has ended: {self._listener.finish().strip() or 'it was killed'}")
+        if not self.open or not (terminal or self._clients):
+            return
+        until = "Ctrl-C ends it" if terminal else "it ends when no browser has it open"
+        self._say(f"The view stays: {self.address}, {until}")
+        with InterruptGuard() as guard:
+            while not guard.number and self.open and (terminal or self._clients):
+                clock.sleep(0.1)
+            if guard.number == signal.SIGINT:
+                guard.number = 0
+
+
+def _places(names: Sequence[str], n: int) -> dict[str, list[int]]:
+    """Return where the elements of each array are among names, of those that have one for each of `n` joints."""
+    position = {name: i for i, name in enumerate(names)}
+    wanted = {key: [f"{name}[{i + 1}]" for i in range(n)] for key, name in SIGNALS.items()}
+    return {
+        key: [position[each] for each in elements]
+        for key, elements in wanted.items()
+        if elements and all(each in position for each in elements)
+    }

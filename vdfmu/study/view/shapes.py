@@ -1,0 +1,81 @@
+"""Colours of values and ellipsoids of inertia in a 3D view of an arm; nothing here needs a window."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vdfmu.arm.robot import Robot
+from vdfmu.base.arrays import Floats
+from vdfmu.study.report.shapes import Part
+
+Colour = tuple[int, int, int]
+LOOKS = {"light": "#dee4eb", "dark": "#586473", "joint": "#a3aeba"}
+"""Colours of parts that have none of their own."""
+POSITIVE, NEGATIVE = (226, 87, 13), (22, 103, 199)
+
+
+def half_axes(mass: float, moments: Floats) -> Floats:
+    """Half-axes of the uniform solid ellipsoid of a mass and principal moments of inertia: (3,) [m].
+
+    Those of such an ellipsoid are ``I_x = m (b^2 + c^2) / 5`` and so on (Meriam and Kraige, Engineering Mechanics:
+    Dynamics, Table D/4), so ``a^2 = 5 (I_y + I_z - I_x) / (2 m)``. A body that is flat or thin has axes of 0.
+
+    Parameters
+    ----------
+    mass : float [kg]
+    moments : (3,) [kg.m2], about the centre of mass
+    """
+    squares = 2.5 * (moments.sum() - 2.0 * moments) / mass
+    return np.sqrt(np.maximum(squares, 0.0))
+
+
+def inertia_parts(robot: Robot) -> tuple[list[Part], list[str]]:
+    """Ellipsoids of inertia of the links and the payload, and what is said of those that have none.
+
+    An axis of less than a hundredth of the longest is drawn as that much.
+    """
+    of_link = zip(robot.mass, robot.centroid, robot.inertia, strict=True)
+    bodies = [(f"link {i}", i, *numbers) for i, numbers in enumerate(of_link, 1)]
+    if robot.payload:
+        p, R = robot.tool_offset, robot.tool_rotation
+        centroid, inertia = p + R @ robot.payload_centroid, R @ robot.payload_inertia @ R.T
+        bodies.append(("payload", robot.n, robot.payload_mass, centroid, inertia))
+    parts: list[Part] = []
+    notes: list[str] = []
+    for name, body, mass, centroid, inertia in bodies:
+        if not float(mass) > 0.0:
+            notes.append(f"{name} has no mass")
+            continue
+        moments, axes = np.linalg.eigh((inertia + inertia.T) / 2.0)
+        if moments[0] < 0.0 or 2.0 * moments[2] > moments.sum() * (1.0 + 1e-9):
+            notes.append(
+                f"{name}: no body has principal moments {', '.join(f'{each:.3g}' for each in moments)}"
+            )
+        size = half_axes(float(mass), moments)
+        if not size.max() > 0.0:
+            notes.append(f"{name} is a point mass")
+            continue
+        axes[:, 2] *= np.sign(np.linalg.det(axes))
+        size = np.maximum(size, 0.01 * size.max())
+        parts.append(Part(body, "ellipsoid", size.tolist(), centroid, axes, "#7c3aed"))
+    return parts, notes
+
+
+def centres(robot: Robot) -> list[tuple[int, Floats]]:
+    """Body and centre of mass in its frame [m] of each link that has a mass."""
+    masses = zip(robot.mass, robot.centroid, strict=True)
+    return [(i, centroid) for i, (mass, centroid) in enumerate(masses, 1) if float(mass) > 0.0]
+
+
+def rgb(colour: str) -> Colour:
+    """Red, green and blue of the colour of a part."""
+    red, green, blue = bytes.fromhex(LOOKS.get(colour, colour)[1:])
+    return red, green, blue
+
+
+def blend(share: float) -> Colour:
+    """Colour of a value as a share of its largest, -1 to 1."""
+    end = NEGATIVE if share < 0.0 else POSITIVE
+    part = min(1.0, abs(share)) if np.isfinite(share) else 0.0
+    r, g, b = (round(a + part * (z - a)) for a, z in zip(rgb("joint"), end, strict=True))
+    return r, g, b

@@ -1,0 +1,132 @@
+"""Check of what users write for the arm: robot, scenario and system files, and units of their own."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from vdfmu.arm.robot import Robot, load_robot
+from vdfmu.base.errors import VdfmuError
+from vdfmu.base.toml_file import read_toml
+from vdfmu.compiler.unit.interface import Interface
+from vdfmu.compiler.unit.load import CodeNotRunError, load_units, reading_only
+from vdfmu.engine.inspect.findings import Findings, one_line
+from vdfmu.engine.inspect.inspection import Report
+from vdfmu.engine.inspect.trial import run_apart, serve
+from vdfmu.engine.rules import Finding, found
+from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.scenario.check import model_notes
+from vdfmu.system.scenario.load import load_scenario, load_system
+from vdfmu.system.scenario.parts import check_connections, tables_of
+
+_KINDS = {
+    "joints": "robot", "kind": "scenario", "units": "system", "extends": "system", "connections": "system",
+}  # fmt: skip
+"""Keys of TOML, and the kind of file that has them."""
+
+
+def inspect_source(
+    path: Path, robot: str, run: bool = True, say: Callable[[str], None] = lambda text: None
+) -> Report:
+    """Check a TOML file, or the units of a Python file.
+
+    What names no Python file is read here. One that does is code: it is run in a process of its own, or not at all.
+
+    Parameters
+    ----------
+    path : Path
+        ``.toml`` or ``.py``.
+    robot : str
+        Name or file, for units and systems, which are for any robot.
+    run : bool, optional
+        Whether code may be run.
+    say : callable, optional
+        Is told which file is run, before it is.
+    """
+    default, kind = load_robot(robot), "unit" if path.suffix.lower() == ".py" else "TOML"
+    findings = Findings()
+    try:
+        if kind == "TOML":
+            written = read_toml(path)
+            kind = next((kind for key, kind in _KINDS.items() if key in written), "scenario")
+        with reading_only():
+            findings.notes += _findings("SRC002", _CHECKS[kind](path, default), path)
+    except VdfmuError as error:
+        findings.problems += _findings("SRC001", str(error).splitlines(), path)
+    except CodeNotRunError as code:
+        if run:
+            say(str(code.file))
+            arm = str(Path(robot).resolve()) if Path(robot).exists() else robot
+            findings.add(
+                run_apart(path, f"{kind} {arm}", "vdfmu.system.package.check", f"the check of {path.name}")
+            )
+        else:
+            text = (
+                f"{code.file} is code and was not run (--no-run): its syntax was read, not what it declares"
+            )
+            if code.file != path:
+                text += f"; of {path.name}, what depends on that was not checked"
+            findings.notes.append(found("RUN006", text, (str(path), 0)))
+    return Report(
+        *(list(dict.fromkeys(map(one_line, texts))) for texts in (findings.problems, findings.notes)),
+        ran=findings.ran, file=str(path), kind=kind,
+    )  # fmt: skip
+
+
+def _findings(rule: str, lines: Iterable[str], path: Path) -> list[Finding]:
+    """Return lines as findings, with the line of the file where they name it."""
+    pattern = re.compile(rf"^{re.escape(str(path))}, line (\d+)")
+    places = ((text, pattern.match(text)) for text in lines)
+    return [found(rule, text, (str(path), int(place[1]) if place else 0)) for text, place in places]
+
+
+def _run(words: str, path: Path, *_: Any) -> Findings:
+    """Check a file whose code is run in this process; `words` are its kind and the robot."""
+    kind, robot = words.split(" ", 1)
+    try:
+        return Findings(notes=[*_findings("SRC002", _CHECKS[kind](path, load_robot(robot)), path)])
+    except VdfmuError as error:
+        return Findings([*_findings("SRC001", str(error).splitlines(), path)])
+
+
+def _scenario(path: Path, robot: Robot) -> list[str]:
+    scenario = load_scenario(path)
+    _ = SystemDescription(scenario).links
+    return model_notes(scenario)
+
+
+def _system(path: Path, robot: Robot) -> list[str]:
+    system = load_system(path)
+    tables = tables_of(system, robot)
+    check_connections(system, tables)
+    for table in tables.values():
+        if isinstance(table, Interface):
+            _trace(table)
+    return []
+
+
+def _units(path: Path, robot: Robot) -> list[str]:
+    for unit in load_units(path).values():
+        _trace(Interface(unit, robot if unit.needs_robot() else None))
+    return []
+
+
+def _trace(interface: Interface) -> None:
+    if interface.unit.backend != "python":
+        _ = interface.program
+
+
+def _robot(path: Path, robot: Robot) -> list[str]:
+    load_robot(path)
+    return []
+
+
+_CHECKS: dict[str, Callable[[Path, Robot], list[str]]] = {
+    "robot": _robot, "scenario": _scenario, "system": _system, "unit": _units,
+}  # fmt: skip
+
+if __name__ == "__main__":
+    serve(_run, *sys.argv[1:])

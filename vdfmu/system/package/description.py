@@ -1,0 +1,301 @@
+"""The system of a scenario as all formats write it: signals, connections and parameter sets of its units."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+
+from vdfmu.arm.robot.structure import parameters
+from vdfmu.compiler.fmu.description3 import FMI_3_TYPES
+from vdfmu.compiler.unit.interface import Interface, general_description
+from vdfmu.compiler.unit.variable import Variable
+from vdfmu.system.scenario import Scenario
+from vdfmu.system.scenario.parts import Variables, end_signals, tables_of
+from vdfmu.system.scenario.system_file import Box, SystemFile
+from vdfmu.system.scenario.values import system_values
+
+Values = Mapping[str, Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class Signal:
+    """What a tool sees as one variable: a scalar, or an array of FMI 3."""
+
+    name: str
+    """As the FMU has it."""
+    variables: tuple[Variable, ...]
+    """Its elements, row by row."""
+    shape: tuple[int, ...]
+    """Empty for a scalar."""
+    type: str
+    """As the format names it."""
+
+    @property
+    def group(self) -> str:
+        """Name without indices."""
+        return self.variables[0].group
+
+    @property
+    def kind(self) -> str:
+        """Causality."""
+        return self.variables[0].causality
+
+    @property
+    def unit(self) -> str | None:
+        """Unit of measurement."""
+        return self.variables[0].unit
+
+    @property
+    def description(self) -> str:
+        """Description; of an array without what tells one element from the next."""
+        text = self.variables[0].description
+        return general_description(text) if self.shape else text
+
+
+@dataclass(frozen=True)
+class Link:
+    """One connection; an end that is one element of an array has an index, counted from 1."""
+
+    start: tuple[str, Signal]
+    end: tuple[str, Signal]
+    start_index: tuple[int, ...] = ()
+    end_index: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class ParameterSet:
+    """Parameters of one file: signal and the values of its elements."""
+
+    name: str
+    entries: tuple[tuple[Signal, tuple[Any, ...]], ...]
+
+
+@dataclass(frozen=True)
+class Binding:
+    """A parameter set that a unit takes."""
+
+    file: str
+    """Name of the set's file."""
+    mapping: tuple[tuple[str, str], ...] = ()
+    """Name in the set and name in the unit; empty where they are the same."""
+
+
+class SystemDescription:
+    """A system file of ``ssp/`` with the variables of a robot and the values of a scenario.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    values : mapping of unit to mapping of variable to value, optional
+        Default :func:`vdfmu.system.scenario.values.system_values`.
+    version : "1.0" or "2.0"
+        Of SSP: with 2.0, groups of signals are the arrays of the FMI 3.0 units.
+    """
+
+    def __init__(self, scenario: Scenario, values: Values | None = None, version: str = "1.0") -> None:
+        self.scenario = scenario
+        self.version = version
+        self.values: Values = system_values(scenario) if values is None else values
+        system = scenario.system
+        self.name, self.description = system.name, system.description
+        self.groups = system.connections
+        self._shared = system.shared
+        self.tables: dict[str, Variables] = tables_of(system, scenario.robot)
+        self.corners = _corners(system)
+        self._signals = {unit: self._signals_of(table) for unit, table in self.tables.items()}
+
+    def fmu_name(self, component: str) -> str:
+        """File of a component's FMU in a package: components of one unit have the names of the components."""
+        model = self.tables[component].model_name
+        alone = [table.model_name for table in self.tables.values()].count(model) == 1
+        return f"{model}.fmu" if alone else f"{model}_{component}.fmu"
+
+    def _signals_of(self, table: Variables) -> tuple[Signal, ...]:
+        if self.version == "1.0" or not isinstance(table, Interface):
+            return tuple(Signal(v.name, (v,), (), v.type) for v in table)
+        found: list[Signal] = []
+        for array in table.arrays:
+            variables = table.memory[array.positions]
+            if variables[0].causality in ("input", "output", "parameter"):
+                kind = FMI_3_TYPES[variables[0].type]
+                found.append(Signal(array.name, variables, array.shape, kind))
+        return tuple(found)
+
+    def signals(self, unit: str, kind: str) -> tuple[Signal, ...]:
+        """Signals of a unit with a causality, in the order of its table."""
+        return tuple(s for s in self._signals[unit] if s.kind == kind)
+
+    @cached_property
+    def tolerance(self) -> float:
+        """Tolerance of the units' solvers."""
+        return float(self.values.get("plant", {}).get("tolerance", self.scenario.tolerance))
+
+    @cached_property
+    def links(self) -> tuple[Link, ...]:
+        """All connections."""
+        return tuple(
+            link
+            for source, targets in self.groups.items()
+            for target in targets
+            for link in self._links(source, target)
+        )
+
+    def _links(self, source: str, target: str) -> list[Link]:
+        starts, ends = self._ends(source, "output"), self._ends(target, "input")
+        (start_unit, _), (end_unit, _) = source.split(".", 1), target.split(".", 1)
+        wholes = {s for s, _ in starts.values()}, {s for s, _ in ends.values()}
+        arrays = all(len(found) == 1 and next(iter(found)).shape for found in wholes)
+        if arrays and starts.keys() == ends.keys():
+            return [Link((start_unit, wholes[0].pop()), (end_unit, wholes[1].pop()))]
+        return [
+            Link((start_unit, start), (end_unit, end), _counted(start, a), _counted(end, b))
+            for index, (end, b) in ends.items()
+            if index in starts
+            for start, a in [starts[index]]
+        ]
+
+    def _ends(self, end: str, kind: str) -> dict[tuple[int, ...], tuple[Signal, Variable]]:
+        """Signals and variables of one end of a connection by their indices."""
+        component, name = end.split(".", 1)
+        signals = {v: s for s in self.signals(component, kind) for v in s.variables}
+        found = end_signals(self.tables[component], name, kind)
+        return {index: (signals[v], v) for index, v in found.items()}
+
+    def element_links(self) -> Iterator[tuple[str, int, str, int]]:
+        """Yield every connection of single elements: unit and position of the output, the same of the input."""
+        for source, targets in self.groups.items():
+            for target in targets:
+                starts, ends = self._ends(source, "output"), self._ends(target, "input")
+                start, end = source.partition(".")[0], target.partition(".")[0]
+                for index, (_, variable) in ends.items():
+                    if index in starts:
+                        a, b = self.tables[start].reference, self.tables[end].reference
+                        yield start, a[starts[index][1].name], end, b[variable.name]
+
+    @cached_property
+    def measures(self) -> list[str]:
+        """Names of all units of measurement of the connectors."""
+        units = {s.unit for signals in self._signals.values() for s in signals if s.kind != "parameter"}
+        return sorted(unit for unit in units if unit)
+
+    @cached_property
+    def parameter_sets(self) -> dict[str, ParameterSet]:
+        """Name of a file to its set."""
+        return self._sets[0]
+
+    @cached_property
+    def bindings(self) -> dict[str, list[Binding]]:
+        """Unit to the sets that it takes, in the order in which they are applied.
+
+        A value is in one of them only. The scenario's comes first: importers that apply one set of a unit apply
+        the first, or the one that they are told; the robot is in the start values of the FMUs as well.
+        """
+        return self._sets[1]
+
+    @cached_property
+    def _sets(self) -> tuple[dict[str, ParameterSet], dict[str, list[Binding]]]:
+        files: dict[str, ParameterSet] = {}
+        bindings: dict[str, list[Binding]] = {unit: [] for unit in self.tables}
+        left = {unit: self._entries(unit) for unit in self.tables}
+        shared = self._take_shared(left)
+        robots: dict[str, dict[str, tuple[Signal, tuple[Any, ...]]]] = {}
+        known = self.scenario.robot
+        nominal = (
+            {p.name: float(getattr(known, p.field)[p.index]) for p in parameters(known)} if known else {}
+        )
+        for unit, entries in left.items():
+            robot = {
+                name: entry
+                for name, entry in entries.items()
+                if all(
+                    v.name in nominal and x == nominal[v.name]
+                    for v, x in zip(entry[0].variables, entry[1], strict=True)
+                )
+            }
+            robots[unit] = robot
+            rest = tuple(entry for name, entry in entries.items() if name not in robot)
+            if rest:
+                files[f"{unit}.scenario.ssv"] = ParameterSet("scenario", rest)
+                bindings[unit].append(Binding(f"{unit}.scenario.ssv"))
+        for unit, robot in robots.items():
+            if robot:
+                # units that know the whole robot share one file
+                whole = {v.name for signal, _ in robot.values() for v in signal.variables} == nominal.keys()
+                file = "robot.ssv" if whole else f"{unit}.robot.ssv"
+                files[file] = ParameterSet("robot", tuple(robot.values()))
+                bindings[unit].append(Binding(file))
+        for name, (entries, mappings) in shared.items():
+            files[f"{name}.ssv"] = ParameterSet(name, entries)
+            for unit, mapping in mappings.items():
+                bindings[unit].append(Binding(f"{name}.ssv", mapping))
+        return files, bindings
+
+    def _entries(self, unit: str) -> dict[str, tuple[Signal, tuple[Any, ...]]]:
+        """Return the parameters of a unit that have a value; an array has one with any of its elements."""
+        values = self.values[unit]
+        return {
+            s.name: (s, tuple(values.get(v.name, v.start) for v in s.variables))
+            for s in self._signals[unit]
+            if any(v.name in values for v in s.variables)
+        }
+
+    def _take_shared(self, left: dict[str, dict[str, tuple[Signal, tuple[Any, ...]]]]) -> dict[str, Any]:
+        """Take the values that units share out of `left`, unless they differ: entries, and unit to mapping."""
+        found: dict[str, Any] = {}
+        for name, groups in self._shared.items():
+            members = {
+                unit: [entry for entry in left[unit].values() if entry[0].group == group]
+                for unit, group in groups.items()
+            }
+            first = next(iter(members.values()))
+            keys = [[_key(entry) for entry in entries] for entries in members.values()]
+            if not first or any(other != keys[0] for other in keys):
+                continue
+            mappings: dict[str, tuple[tuple[str, str], ...]] = {}
+            for unit, entries in members.items():
+                pairs = tuple((a[0].name, b[0].name) for a, b in zip(first, entries, strict=True))
+                mappings[unit] = pairs if any(a != b for a, b in pairs) else ()
+                for _, key in pairs:
+                    del left[unit][key]
+            found[name] = (tuple(first), mappings)
+        return found
+
+
+def _counted(signal: Signal, variable: Variable) -> tuple[int, ...]:
+    """Index of an element of an array, counted from 1."""
+    return tuple(i + 1 for i in variable.index) if signal.shape else ()
+
+
+def _corners(system: SystemFile) -> dict[str, Box]:
+    """Corners of every component in the diagram; those without a place get a column each, behind the others."""
+    given = [part.box for part in system.parts.values() if part.box is not None]
+    x = max((box[2] for box in given), default=-60.0) + 60.0
+    bottom = min((box[1] for box in given), default=0.0)
+    corners: dict[str, Box] = {}
+    for name, part in system.parts.items():
+        corners[name] = part.box or (x, bottom, x + 70.0, bottom + 100.0)
+        x += 130.0 if part.box is None else 0.0
+    return corners
+
+
+def _key(entry: tuple[Signal, Sequence[Any]]) -> tuple[Any, ...]:
+    """Return what two entries that share a value have in common: indices, type, unit and values."""
+    signal, values = entry
+    return signal.shape, signal.type, signal.unit, tuple(v.index for v in signal.variables), tuple(values)
+
+
+def positions(signals: Sequence[Signal]) -> dict[str, float]:
+    """Height of connectors on their side of the box, from 0 to 1: evenly, with a gap between groups."""
+    slots: dict[str, int] = {}
+    slot = 0
+    for _, members in groupby(signals, lambda s: s.group):
+        slot += 1
+        for signal in members:
+            slots[signal.name] = slot
+            slot += 1
+    return {name: float(np.round(1.0 - place / (slot + 1.0), 6)) for name, place in slots.items()}

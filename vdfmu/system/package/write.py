@@ -1,0 +1,104 @@
+"""Writing of the system as a package (SSP 1.0 or 2.0): wiring from ``ssp/``, values from the scenario."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from vdfmu.base.data import data_path
+from vdfmu.base.errors import StorageError
+from vdfmu.base.files import pack_zip, regular_target, require_ours, storing
+from vdfmu.engine.package.parse import validate
+from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.package.documentation import system_page
+from vdfmu.system.package.parameter_files import mapping_file, parameter_file
+from vdfmu.system.package.structure_file import mapping_name, structure_file
+from vdfmu.system.package.versions import require_fmi, require_version
+from vdfmu.system.package.xml import to_bytes
+from vdfmu.system.scenario import Scenario
+
+
+def write_ssp(
+    scenario: Scenario,
+    fmus: Mapping[str, str | os.PathLike[str]],
+    path: str | os.PathLike[str],
+    values: Mapping[str, Mapping[str, Any]] | None = None,
+    *,
+    version: str = "1.0",
+    mixed: bool = False,
+) -> Path:
+    """Write the system of a scenario as a package with its FMUs.
+
+    It holds the structure with its diagram, parameter sets for robot and scenario, parameter mappings where names
+    differ, and ``documentation/index.html``. The same arguments give the same bytes.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    fmus : mapping of unit to path
+        Of :func:`vdfmu.compiler.fmu.build_fmus`, for the scenario's robot: of FMI 2.0 for SSP 1.0, of FMI 3.0 for SSP 2.0.
+        Those that the scenario's system does not have are left out.
+    path : path
+        File to write, ``name.ssp``.
+    values : mapping of unit to mapping of variable to value, optional
+        Parameter values, see :func:`vdfmu.system.scenario.values.system_values`; default those of robot and scenario.
+    version : "1.0" or "2.0", optional
+        Version of SSP. With 2.0 connectors and parameters are arrays where the units of FMI 3.0 have arrays.
+    mixed : bool, optional
+        Whether FMUs of FMI 2.0 and 3.0 may go together, for this project's master: with SSP 1.0, the connectors of
+        arrays of FMI 3.0 are their elements, which other tools do not read so.
+
+    Returns
+    -------
+    Path
+        `path`.
+
+    Raises
+    ------
+    UsageError
+        For an unknown version, or FMUs that the version cannot hold.
+    StorageError
+        If an FMU cannot be read, or the file cannot be written or is no regular file.
+    """
+    if not os.fspath(path):
+        raise StorageError("the name of the file to write is empty; expected one such as system.ssp")
+    path = Path(path)
+    regular_target(path)
+    require_ours(path)
+    fmi_version = require_version(version)
+    description = SystemDescription(scenario, values, version)
+    fmus = {unit: fmu for unit, fmu in fmus.items() if unit in description.tables}
+    there = require_fmi(fmus, ("2.0", "3.0") if mixed else (fmi_version,), f"SSP {version}")
+    icons = {f"resources/icons/{name}.svg": _icon(table.name) for name, table in description.tables.items()}
+    ssd = structure_file(description)
+    members = {"SystemStructure.ssd": _checked(ssd, "ssd", "SystemStructure.ssd", version), **icons}
+    for file, parameters in description.parameter_sets.items():
+        members[f"resources/{file}"] = _checked(parameter_file(parameters, version), "ssv", file, version)
+    for unit, bindings in description.bindings.items():
+        for binding in bindings:
+            if binding.mapping:
+                name = mapping_name(unit, binding.file)
+                mapping = mapping_file(binding.mapping, version)
+                members[f"resources/{name}"] = _checked(mapping, "ssm", name, version)
+    members["documentation/index.html"] = system_page(description, ssd, icons, there)
+    with storing(path):
+        for unit, fmu in fmus.items():
+            members[f"resources/{description.fmu_name(unit)}"] = Path(fmu).read_bytes()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        pack_zip(path, members)
+    return path
+
+
+def _icon(unit: str) -> bytes:
+    icons = data_path("fmu_src") / "icons"
+    own = icons / f"{unit}.svg"
+    return (own if own.is_file() else icons / "unit.svg").read_bytes()
+
+
+def _checked(root: Any, kind: str, name: str, version: str) -> bytes:
+    """Bytes of a file; one of SSP 1.0 is validated first, for which the schemas are at hand."""
+    if version == "1.0":
+        validate(root, kind, name)
+    return to_bytes(root)

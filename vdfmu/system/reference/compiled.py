@@ -1,0 +1,129 @@
+"""Actions of a system as compiled functions, from the C of the traced functions that native FMUs are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from ctypes import PyDLL, c_double, c_void_p
+from functools import partial
+
+import casadi as ca
+
+from vdfmu.base.errors import FmuError, KernelError
+from vdfmu.base.progress import LOG
+from vdfmu.compiler.c.compile import native_available
+from vdfmu.compiler.c.files import kernel_source
+from vdfmu.compiler.c.functions import c_prototype
+from vdfmu.compiler.c.loaded import SHOWN, loaded
+from vdfmu.compiler.unit.evaluate import Traced
+from vdfmu.compiler.unit.program import Call
+from vdfmu.system.reference.wired import Action, Carry, Clock, Run, System
+
+
+def runs(
+    system: System, lists: Mapping[str, Sequence[Action]], files: Mapping[str, bytes] | None
+) -> dict[str, Run]:
+    """Return what runs each list of actions.
+
+    Parameters
+    ----------
+    system : System
+    lists : mapping of str to actions
+    files : mapping of str to bytes, or None
+        Their :func:`sources`. Without them, or the compiler, the actions run in Python, with the same results to
+        rounding.
+    """
+    if files is not None and native_available():
+        try:
+            # calls take less time than to let another thread run
+            library = loaded(files, "system", PyDLL)
+        except FmuError:  # such as for want of room
+            pass
+        else:
+            return {name: _bound(library, name, system.memory.ctypes.data) for name in lists}
+    return {name: system.python(actions) for name, actions in lists.items()}
+
+
+def _bound(library: PyDLL, name: str, memory: int) -> Run:
+    function = library[name]
+    function.argtypes, function.restype = (c_void_p, c_double), None
+    return partial(function, memory)
+
+
+def sources(system: System, lists: Mapping[str, Sequence[Action]]) -> dict[str, bytes] | None:
+    """Return file name to C text of lists of actions; None where a unit has no C."""
+    code = Code(system)
+    try:
+        functions = [f"SHOWN {code.function(name, actions)}" for name, actions in lists.items()]
+        files = {f"kernel_{name}.c": kernel_source(made).encode() for name, made in code.called.items()}
+    except KernelError as error:  # an operation that has no C text, or a unit in plain Python
+        LOG.info("the references run in Python: %s", error)
+        return None
+    prototypes = "".join(f"{c_prototype(made)};\n" for made in code.called.values())
+    return {**files, "system.c": "\n".join(["#include <string.h>\n", SHOWN, prototypes, *functions]).encode()}
+
+
+class Code:
+    """C text of actions. `called`: the traced functions that it calls."""
+
+    head = "double *m, double t"
+    unused = "(void)t;"
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+        self.called: dict[str, ca.Function] = {}
+        self._taken: dict[str, ca.Function] = {}
+
+    def function(self, name: str, actions: Sequence[Action]) -> str:
+        """Return ``void name(double *m, double t)``, with m the memory and t the time."""
+        lines = [line for action in actions for line in self._lines(action)]
+        body = "".join(f"    {line}\n" for line in [self.unused, *lines])
+        return f"void {name}({self.head})\n{{\n{body}}}\n"
+
+    def _lines(self, action: Action) -> Iterator[str]:
+        if isinstance(action, Carry):
+            for start, end in zip(action.starts.tolist(), action.ends.tolist(), strict=True):
+                yield f"m[{end}] = m[{start}];"
+        elif isinstance(action, Clock):
+            for place in action.places.tolist():
+                yield f"m[{place}] = t;"
+        else:
+            unit = self.system.units[action.unit]
+            if not isinstance(unit, Traced):
+                raise KernelError(f"{action.unit} has no traced functions.")
+            for call in getattr(unit.interface.program, action.method):
+                if unit.takes(call):  # choices are fixed: what they leave out is not compiled
+                    yield from self.call(action.unit, unit, call)
+
+    def call(self, name: str, unit: Traced, call: Call) -> Iterator[str]:
+        """Yield the lines of a call; what it sets of what it reads is copied when all is calculated."""
+        interface, begin = unit.interface, self.system.begin(name)
+        function = self.take(interface.functions.casadi_function(call.function))
+        places = {group: begin + interface.slice(call.group(group)).start for group in function.name_in()}
+        made = {group: begin + interface.slice(call.group(group)).start for group in function.name_out()}
+        new = {group: function.numel_out(group) for group in made if call.group(group) != group}
+        arguments = [f"m + {place}" for place in places.values()]
+        arguments += [group if group in new else f"m + {place}" for group, place in made.items()]
+        copies = [f"memcpy(m + {made[group]}, {group}, sizeof {group});" for group in new]
+        yield "{"
+        yield from (f"    double {group}[{size}];" for group, size in new.items())
+        yield f"    {function.name()}({', '.join(arguments)});"
+        yield from (f"    {copy}" for copy in copies)
+        yield "}"
+
+    def take(self, function: ca.Function) -> ca.Function:
+        """Note that a traced function is called; return it, under another name where another robot's has its own."""
+        name, number = function.name(), 1
+        while (known := self._taken.setdefault(name, function)) is not function:
+            if known.serialize() == function.serialize():
+                break
+            number += 1
+            name = f"{function.name()}_{number}"
+        if name not in self.called:
+            self.called[name] = known if name == known.name() else _named(known, name)
+        return self.called[name]
+
+
+def _named(function: ca.Function, name: str) -> ca.Function:
+    """Return the same function under another name."""
+    inputs = [ca.SX.sym(one, *function.size_in(one)) for one in function.name_in()]
+    return ca.Function(name, inputs, function.call(inputs), function.name_in(), function.name_out())

@@ -1,0 +1,299 @@
+"""The units of a system in one memory, joined by links: what the references solve.
+
+What is calculated together is a list of actions, which run one by one, or as one compiled function.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from graphlib import CycleError, TopologicalSorter
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from vdfmu.base.errors import UsageError
+from vdfmu.compiler.unit.evaluate import Evaluation, evaluation
+from vdfmu.compiler.unit.interface import Interface
+from vdfmu.engine.plan.inputs import Course, Table, read_inputs
+from vdfmu.system.package.description import SystemDescription
+
+Places = npt.NDArray[np.intp]
+Dependencies = Callable[[Interface, int], list[int]]
+Run = Callable[[float], None]
+"""Runs a list of actions at a time [s]."""
+_Node = tuple[str, int]
+"""A unit and the position of one of its variables."""
+
+
+class Carry(NamedTuple):
+    """Carry numbers over from places of the memory to others, all at once."""
+
+    starts: Places
+    ends: Places
+
+
+class Clock(NamedTuple):
+    """Set the time at these places."""
+
+    places: Places
+
+
+class Evaluate(NamedTuple):
+    """Run a method of a unit: ``outputs``, ``derivatives`` or ``update``."""
+
+    unit: str
+    method: str
+
+
+Action = Carry | Clock | Evaluate
+
+
+class System:
+    """The units of a system in one memory, joined by links.
+
+    Parameters
+    ----------
+    description : SystemDescription
+
+    Attributes
+    ----------
+    memory : (m,) array
+        The memories of the units, then `solver_x` and `solver_x_dot`.
+    units : dict of str to Evaluation
+    x, x_dot : (n_x,) places of the continuous states of all units, and of their derivatives
+    solver_x, solver_x_dot : (n_x,) places in which a solver has its states and gets their derivatives
+    clocks : places of the time
+    outside : list of (place, Course)
+        Inputs that signals from outside feed.
+    starting : list of (unit, Carry)
+        Units in the order of the start, and where their outputs go.
+
+    Raises
+    ------
+    UsageError
+        For an FMU of another tool, or an algebraic loop.
+    """
+
+    def __init__(self, description: SystemDescription) -> None:
+        interfaces = {
+            name: table for name, table in description.tables.items() if isinstance(table, Interface)
+        }
+        foreign = [name for name in description.tables if name not in interfaces]
+        if foreign:
+            raise UsageError(
+                f"there is no reference: {', '.join(foreign)} is an FMU of another tool, whose equations are unknown."
+            )
+        begins = np.cumsum([0, *(interface.size for interface in interfaces.values())]).tolist()
+        n_x = sum(interface.states.stop - interface.states.start for interface in interfaces.values())
+        self.memory = np.zeros(begins[-1] + 2 * n_x)
+        self.solver_x, self.solver_x_dot = (begins[-1] + np.arange(2 * n_x)).reshape(2, n_x)
+        self._first = dict(zip(interfaces, begins, strict=False))
+        self.units: dict[str, Evaluation] = {}
+        for (name, interface), begin in zip(interfaces.items(), begins, strict=False):
+            memory = self.memory[begin : begin + interface.size]
+            memory[:] = interface.memory_of(description.values[name])
+            self.units[name] = evaluation(interface, memory)
+        self._source = {(end, j): (start, i) for start, i, end, j in description.element_links()}
+        self.outside: list[tuple[int, Course]] = []
+        fed: set[_Node] = set()
+        for table in read_inputs(description.scenario.inputs, description.scenario.input_hold):
+            fed |= self._feed_from(table)
+        self._feeds: set[_Node] = {
+            (name, i)
+            for name, i in self._source.values()
+            if any(
+                (name, j) in self._source or (name, j) in fed for j in interfaces[name].step_dependencies(i)
+            )
+        }
+        self.starting = self._passes(Interface.start_dependencies, list(self._outputs()), " at the start")
+        moving = self._passes(
+            Interface.held_dependencies,
+            [node for node in dict.fromkeys(self._source.values()) if not self._is_state(*node)],
+        )
+        self.clocks = self._places((name, interface.time) for name, interface in interfaces.items())
+        self.x, self.x_dot = (
+            np.concatenate([self._range(name, part) for name in interfaces])
+            for part in ("states", "derivatives")
+        )
+        self.evaluate: list[Action] = [
+            Carry(self.solver_x, self.x),
+            Clock(self.clocks),
+            self._links(lambda source, _: self._is_state(*source)),
+            *(action for name, carry in moving for action in (Evaluate(name, "outputs"), carry)),
+        ]
+        """Calculate all inputs at a time, from the states of the solver."""
+
+    def _feed_from(self, table: Table) -> set[_Node]:
+        """Let the columns of a table feed the inputs that they name; return these."""
+        free = {
+            f"{name}.{variable.name}": (name, i)
+            for name, unit in self.units.items()
+            for i, variable in enumerate(unit.interface.variables)
+            if variable.causality == "input" and (name, i) not in self._source
+        }
+        if wrong := [name for name in table.names if table.chosen and name not in free]:
+            raise UsageError(
+                f"{table.where}: {', '.join(wrong)}: expected inputs that nothing is connected to."
+            )
+        fed = {
+            free[name]: values
+            for name, values in zip(table.names, table.values.T, strict=True)
+            if name in free
+        }
+        for (name, i), values in fed.items():
+            variable = self.units[name].interface.variables[i]
+            held = table.held or variable.type != "Real" or variable.variability == "discrete"
+            self.outside.append((self._first[name] + i, Course(table.t, values[:, None], held)))
+        return set(fed)
+
+    def feed(self, t: float, *, held: bool) -> None:
+        """Give the inputs that signals from outside feed their values at a time; `held`: those that jump, too."""
+        for place, course in self.outside:
+            if held or not course.held:
+                self.memory[place] = course.at(t)[0]
+
+    def _range(self, name: str, part: str) -> Places:
+        """Places of the ``states`` or the ``derivatives`` of a unit."""
+        where = getattr(self.units[name].interface, part)
+        return self._first[name] + np.arange(where.start, where.stop)
+
+    def alone(self, name: str) -> tuple[Places, list[Action]]:
+        """Return where a solver has the states of a unit, and what calculates their derivatives, inputs held."""
+        own = self._range(name, "states")
+        among = slice(*np.searchsorted(self.x, (own[0], own[-1] + 1)))
+        return self.solver_x[among], [
+            Carry(self.solver_x[among], own),
+            Clock(self.clock(name)),
+            Evaluate(name, "derivatives"),
+            Carry(self._range(name, "derivatives"), self.solver_x_dot[among]),
+        ]
+
+    def begin(self, name: str) -> int:
+        """Place of the first number of a unit's memory."""
+        return self._first[name]
+
+    def clock(self, name: str) -> Places:
+        """Place of the time of a unit."""
+        return self._places([(name, self.units[name].interface.time)])
+
+    def _places(self, nodes: Iterable[_Node]) -> Places:
+        return np.array([self._first[name] + position for name, position in nodes], dtype=np.intp)
+
+    def _outputs(self) -> Iterator[_Node]:
+        for name, unit in self.units.items():
+            yield from ((name, i) for i, v in enumerate(unit.interface) if v.causality == "output")
+
+    def _is_state(self, name: str, position: int) -> bool:
+        interface = self.units[name].interface
+        sampled = interface.variables[position].variability == "discrete"
+        return sampled or interface.states.start <= position < interface.states.stop
+
+    def _before(self, name: str, position: int, dependencies: Dependencies) -> set[_Node]:
+        """Return the outputs that an output depends on by one link each."""
+        known = dependencies(self.units[name].interface, position)
+        return {self._source[name, i] for i in known if (name, i) in self._source}
+
+    def _passes(
+        self, dependencies: Dependencies, wanted: Sequence[_Node], when: str = ""
+    ) -> list[tuple[str, Carry]]:
+        """Units in an order in which the wanted outputs can be calculated, some more than once, and their links."""
+        graph: dict[_Node, set[_Node]] = {}
+        left = list(wanted)
+        while left:
+            node = left.pop()
+            if node not in graph:
+                graph[node] = self._before(*node, dependencies)
+                left += graph[node]
+        try:
+            ordered = list(TopologicalSorter(graph).static_order())
+        except CycleError as error:
+            names = (f"{name}.{self.units[name].interface.variables[i].name}" for name, i in error.args[1])
+            raise UsageError(f"there is no reference: algebraic loop{when}: {' -> '.join(names)}.") from None
+        level: dict[_Node, int] = {}  # the number of links on the longest way to an output
+        for node in ordered:
+            level[node] = max((level[other] + 1 for other in graph[node]), default=0)
+        places = {(depth, name): None for name in self.units for (n, _), depth in level.items() if n == name}
+        return [
+            (name, self._links(lambda source, _, name=name: source[0] == name))
+            for _, name in sorted(places, key=lambda at: at[0])
+        ]
+
+    def _links(self, chosen: Callable[[_Node, _Node], bool]) -> Carry:
+        """Carry some links' outputs over to their inputs."""
+        found = {target: source for target, source in self._source.items() if chosen(source, target)}
+        return Carry(self._places(found.values()), self._places(found))
+
+    @property
+    def read(self) -> set[int]:
+        """Places of outputs that links read."""
+        return set(self._places(self._source.values()).tolist())
+
+    @property
+    def linked(self) -> set[int]:
+        """Places of inputs that links feed."""
+        return set(self._places(self._source).tolist())
+
+    def late(self, delayed: bool) -> Carry:
+        """Links whose inputs get values at the start of a step: those from outputs without feed-through, or all."""
+        return self._links(lambda source, _: delayed or source not in self._feeds)
+
+    def fresh(self, name: str) -> Carry:
+        """Links to a unit from outputs with feed-through, whose values are of the same step."""
+        return self._links(lambda source, target: target[0] == name and source in self._feeds)
+
+    def order(self) -> list[str]:
+        """Units in the order of a step: each after those whose outputs with feed-through it reads."""
+        graph: dict[str, set[str]] = {name: set() for name in self.units}
+        for (end, _), source in self._source.items():
+            if source in self._feeds:
+                graph[end].add(source[0])
+        try:
+            return list(TopologicalSorter(graph).static_order())
+        except CycleError as error:
+            raise UsageError(
+                f"there is no sampled reference: each of {' -> '.join(error.args[1])} has to step before the next."
+            ) from None
+
+    def start(self) -> None:
+        """Set the states and outputs of the start time."""
+        self.memory[self.clocks] = 0.0
+        self.feed(0.0, held=True)
+        for name, (starts, ends) in self.starting:
+            unit = self.units[name]
+            unit.start()
+            unit.outputs()
+            self.memory[ends] = self.memory[starts]
+
+    def python(self, actions: Sequence[Action]) -> Run:
+        """Return what runs actions one by one."""
+        memory = self.memory
+
+        def bound(action: Action) -> Run:
+            match action:
+                case Carry(starts, ends):
+                    return lambda _: memory.__setitem__(ends, memory[starts])
+                case Clock(places):
+                    return lambda t: memory.__setitem__(places, t)
+                case Evaluate(unit, method):
+                    call = getattr(self.units[unit], method)
+                    return lambda _: call()
+
+        runs = [bound(action) for action in actions]
+
+        def run(t: float) -> None:
+            for one in runs:
+                one(t)
+
+        return run
+
+    def shown(self, groups: Sequence[str] | None) -> tuple[Places, dict[str, slice]]:
+        """Places of some groups ``unit.group`` of outputs, by default all, and the slice of each among them."""
+        nodes: dict[str, list[_Node]] = {}
+        for name, position in self._outputs():
+            group = f"{name}.{self.units[name].interface.variables[position].group}"
+            if groups is None or group in groups:
+                nodes.setdefault(group, []).append((name, position))
+        ends = np.cumsum([len(listed) for listed in nodes.values()]).tolist()
+        where = {group: slice(end - len(nodes[group]), end) for group, end in zip(nodes, ends, strict=True)}
+        return self._places(node for listed in nodes.values() for node in listed), where

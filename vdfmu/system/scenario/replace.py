@@ -1,0 +1,104 @@
+"""Other units for some components of a scenario's system."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from vdfmu.arm.robot.parameters import read_only, section
+from vdfmu.arm.units._played import Played
+from vdfmu.base.errors import UsageError
+from vdfmu.compiler.unit.base import Unit
+from vdfmu.system.scenario.parts import tables_of, units_of
+from vdfmu.system.scenario.scenario import Scenario
+from vdfmu.system.scenario.system_file import SystemFile
+from vdfmu.system.scenario.values import section_values
+
+
+def with_payload(scenario: Scenario, names: Iterable[str]) -> Scenario:
+    """Return the scenario with an empty payload for a robot without one, if settings name its numbers.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Of settings: ``plant.payload_mass``, ``robot.payload_inertia[1,1]``.
+    """
+    robot = scenario.robot
+    fields = {name.partition(".")[2].partition("[")[0] for name in names}
+    rows = section("payload")
+    if robot is None or robot.payload or fields.isdisjoint(row.name for row in rows):
+        return scenario
+    empty = {row.name: read_only(np.zeros(row.shape)) for row in rows}
+    if "payload_inertia" in fields:  # one of zeros, of a point mass, has no parameters
+        empty["payload_inertia"] = read_only(1e-12 * np.eye(3))
+    return dataclasses.replace(scenario, robot=dataclasses.replace(robot, payload=True, **empty))
+
+
+def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:
+    """Return the scenario with other units for some components, without the connections and values that these lack.
+
+    Raises
+    ------
+    UsageError, UnitError
+        For a name that is not that of a component, or what is no unit.
+    """
+    system, parts = scenario.system, dict(scenario.system.parts)
+    for name, unit in units.items():
+        if name not in parts:
+            raise UsageError(
+                f"units: the system {system.name} has no component {name!r}. There are: {', '.join(parts)}."
+            )
+        value = unit if isinstance(unit, type) else os.fspath(unit)
+        parts[name] = dataclasses.replace(parts[name], unit=value)
+    system = dataclasses.replace(system, parts=parts)
+    tables = tables_of(system, scenario.robot, units)
+    has = {
+        name: {
+            (key, v.causality)
+            for v in table
+            if v.causality in ("input", "output")
+            for key in (v.group, v.name)
+        }
+        for name, table in tables.items()
+    }
+
+    def lacks(signal: str, causality: str) -> bool:
+        component, _, group = signal.partition(".")
+        return component in has and (group, causality) not in has[component]
+
+    kept: dict[str, list[str]] = {}
+    dropped: list[str] = []
+    for source, targets in system.connections.items():
+        for target in targets:
+            if lacks(source, "output") or lacks(target, "input"):
+                dropped.append(f"{source} -> {target}")
+            else:
+                kept.setdefault(source, []).append(target)
+    written = section_values(scenario.system, scenario.robot, scenario.sections)
+    sections = dict(scenario.sections)
+    for name, table in tables.items():
+        sections[name] = {v: value for v, value in written.get(name, {}).items() if v in table.reference}
+    for name, unit in units_of(system).items():
+        sections = started(system, name, unit, sections)
+    return dataclasses.replace(
+        scenario,
+        system=dataclasses.replace(system, connections=kept, dropped=tuple(dropped)),
+        sections=sections,
+    )
+
+
+def started(
+    system: SystemFile, component: str, unit: type[Unit], sections: Mapping[str, Mapping[str, Any]]
+) -> dict[str, Any]:
+    """Return the sections with the start of a motion for what shares it with the trajectory, unless they give one."""
+    found = dict(sections)
+    if issubclass(unit, Played) and unit.rows is not None:
+        for members in system.shared.values():
+            for other, group in members.items():
+                if members.get(component) == "q_start" and other != component:
+                    found[other] = {group: unit.begin()} | dict(found.get(other, {}))
+    return found

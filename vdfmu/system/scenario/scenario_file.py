@@ -1,0 +1,244 @@
+"""The layout of a scenario file: from its tables to a `Scenario`, with every problem noted."""
+
+from __future__ import annotations
+
+import dataclasses
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from vdfmu.arm.motion.polynomial import rest
+from vdfmu.arm.motion.read import read_motion
+from vdfmu.arm.robot.parameters import PARAMETERS, Array, read_only, section
+from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, Robot
+from vdfmu.arm.robot.robot_file import check_robot, section_numbers
+from vdfmu.base.errors import ModelError, UnitError, UsageError
+from vdfmu.base.toml_tables import FloatArray, Problems, Table, as_number, shape_of, shown
+from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
+from vdfmu.engine.algorithms import ALGORITHMS, CONTINUOUS
+from vdfmu.system.scenario.check import check_step
+from vdfmu.system.scenario.replace import started
+from vdfmu.system.scenario.scenario import (
+    FACTOR_FIELDS,
+    KINDS,
+    ROBOT_WAY_OUT,
+    Scenario,
+    apply_factors,
+)
+from vdfmu.system.scenario.start import with_starts
+from vdfmu.system.scenario.system_file import SystemFile
+from vdfmu.system.scenario.values import section_values
+
+SCENARIO_KEYS = (
+    "name",
+    "description",
+    "kind",
+    "system",
+    "robot",
+    "friction",
+    "stop",
+    "step",
+    "master",
+    "adaptive",
+    "tolerance",
+    "inputs",
+    "input_hold",
+    "payload",
+    "motion",
+    "plant_factors",
+    "paper",
+)
+ROBOT_KEYS = ("friction", "payload", "motion", "plant_factors", "paper")
+"""What a scenario says of its robot, or asks of it."""
+PAPER_LISTS = (
+    "rms_position_error_deg",
+    "max_position_error_deg",
+    "rms_torque_compensation_error_nm",
+    "rms_torque_difference_nmm",
+)
+
+
+def read_scenario(
+    problems: Problems, data: object, robot: Robot | None, system: SystemFile | None
+) -> Scenario | None:
+    """Read a scenario file's content.
+
+    Parameters
+    ----------
+    problems : Problems
+        Where problems are noted.
+    data : object
+        The content of the file.
+    robot : Robot or None
+        The nominal robot; None if the file names none, or one that could not be loaded, which lets the rest be read all
+        the same.
+    system : SystemFile or None
+        The same.
+
+    Returns
+    -------
+    Scenario or None
+        None if there are problems.
+    """
+    written = cast("dict[str, object]", data) if isinstance(data, dict) else {}
+    if system is not None:
+        with suppress(UsageError, UnitError):  # of a unit, whose values are refused below
+            system = with_starts(system)
+    # sections of an unknown system may be right
+    components = (
+        list(system.parts) if system is not None else [k for k, v in written.items() if isinstance(v, dict)]
+    )
+    file = Table(problems, data, "", (*SCENARIO_KEYS, *components))
+    n = robot.n if robot is not None else None
+    name = file.name("name")
+    description = file.text("description", "")
+    kind = file.text("kind", choices=KINDS)
+    file.text("system", "system")
+    sections: dict[str, Any] = {}
+    for component in components:
+        if component in file.data and component not in SCENARIO_KEYS:
+            found = file.data[component]
+            known = list(cast("dict[str, object]", found)) if isinstance(found, dict) else ()
+            sections[component] = Table(problems, found, component, known).data
+    unnamed = robot is None and "robot" not in file.data and kind != "contrast"  # which has no components
+    if "robot" in file.data or (kind == "contrast" and robot is None):
+        file.text("robot")
+    if unnamed:
+        for key in filter(file.data.__contains__, ROBOT_KEYS):
+            problems.add(
+                key,
+                "a scenario with a robot, which this is for",
+                "none",
+                f"{ROBOT_WAY_OUT} Or leave {key} out.",
+            )
+    if "friction" in file.data:
+        friction = file.text("friction", choices=FRICTION_ARRANGEMENTS)
+        robot = robot and dataclasses.replace(robot, friction=friction)
+    payload_known = True
+    if "payload" in file.data:
+        load = file.table("payload", [*(row.key for row in section("payload")), "known"])
+        payload_known = load.flag("known", True)
+        numbers = section_numbers(load, "payload")
+        robot = robot and dataclasses.replace(
+            robot, payload=True, **{key: read_only(number) for key, number in numbers.items()}
+        )
+    if "motion" in file.data and robot is not None and system is not None:
+        system, sections = _moved(file, robot, system, kind, sections)
+    stop = file.number("stop", "s", above=0, way_out="Give the end of the run.")
+    step = file.number("step", "s", above=0, way_out="Give the communication step.")
+    check_step(problems, stop, step)
+    master = file.text("master", "gauss-seidel", ALGORITHMS)
+    adaptive = _adaptive(file, master)
+    way_out = f"{SOLVER_TOLERANCE:g} is a good start."
+    tolerance = file.number("tolerance", "", SOLVER_TOLERANCE, above=0, way_out=way_out)
+    if tolerance >= 1:
+        problems.add("tolerance", "a relative tolerance < 1", shown(tolerance), way_out)
+    inputs = Path(problems.where).parent / file.text("inputs") if "inputs" in file.data else None
+    input_hold = file.flag("input_hold", False)
+    factors = _factors(file.optional_table("plant_factors", FACTOR_FIELDS), n)
+    paper = _paper(file.optional_table("paper", ("source", *PAPER_LISTS)), n)
+    if (robot is not None or unnamed) and system is not None:
+        try:
+            section_values(system, robot, sections)
+        except (UsageError, UnitError) as error:
+            known = (str(system.path), problems.where)
+            problems.lines.extend(
+                line if line.startswith(known) else f"{problems.where}: {line}"
+                for line in str(error).splitlines()
+            )
+    if robot is not None and not problems.lines:
+        try:
+            check_robot(apply_factors(robot, factors), f"{problems.where}: plant_factors: the plant")
+        except ModelError as error:
+            problems.lines.extend(error.problems)
+    if system is None or problems.lines:
+        return None
+    return Scenario(
+        name=name,
+        description=description,
+        kind=kind,
+        system=system,
+        robot=robot,
+        stop=stop,
+        step=step,
+        master=master,
+        adaptive=adaptive,
+        tolerance=tolerance,
+        plant_factors=factors,
+        sections=sections,
+        paper=paper,
+        inputs=inputs,
+        input_hold=input_hold,
+        payload_known=payload_known,
+    )
+
+
+def _moved(
+    file: Table, robot: Robot, system: SystemFile, kind: str, sections: dict[str, Any]
+) -> tuple[SystemFile, dict[str, Any]]:
+    """Return the system with the unit of a motion in the place of its trajectory, and sections with its start."""
+    problems = file.problems
+    if kind not in ("cosimulation", "") or "trajectory" not in system.parts:
+        expected = "a scenario of kind cosimulation whose system has a component trajectory"
+        problems.add(
+            "motion", expected, f"kind {kind} and {', '.join(system.parts)}", "Leave the motion out."
+        )
+        return system, sections
+    motion = read_motion(problems, file.data["motion"], robot, Path(problems.where).parent)
+    if motion is None:  # a section may be right
+        motion = rest(np.zeros(robot.n), 1.0)
+    try:
+        unit = motion.unit()
+    except UsageError as error:
+        problems.lines.append(f"{problems.where}: {error}")
+        return system, sections
+    part = dataclasses.replace(system.parts["trajectory"], unit=unit)
+    system = dataclasses.replace(system, parts={**system.parts, "trajectory": part})
+    return system, started(system, "trajectory", unit, sections)
+
+
+def _adaptive(file: Table, master: str) -> float | None:
+    """Read the error control of the communication step; no key means none."""
+    if "adaptive" not in file.data:
+        return None
+    error = file.number("adaptive", "", above=0)
+    if error >= 1:
+        file.problems.add("adaptive", "a relative error < 1", shown(error), "1e-6 is a good start.")
+    if master in ALGORITHMS and master not in CONTINUOUS:
+        file.problems.add(
+            "adaptive",
+            f"master = {' or '.join(repr(name) for name in CONTINUOUS)}",
+            repr(master),
+            "Sampled control has a fixed step: leave adaptive out, or choose another master.",
+        )
+    return error
+
+
+def _factors(table: Table, n: int | None) -> dict[str, Array | float]:
+    factors: dict[str, Array | float] = {}
+    for key, value in table.data.items():
+        if key not in FACTOR_FIELDS:
+            continue  # noted by the table
+        if as_number(value) is not None or not PARAMETERS[key].per_joint:
+            factors[key] = table.number(key, "", above=0, way_out="A factor of 1 changes nothing.")
+        else:
+            length = n or (shape_of(value) or (1,))[0]  # of an unknown robot, as many as there are
+            way_out = f"The robot has {n} joints." if n else ""
+            factors[key] = read_only(table.numbers(key, (length,), "", scalar=True, way_out=way_out, above=0))
+    return factors
+
+
+def _paper(table: Table, n: int | None) -> dict[str, Any]:
+    """Read [paper]: lists that start at joint 1 and may end before joint n."""
+    paper: dict[str, Any] = {}
+    for key, value in table.data.items():
+        if key == "source":
+            paper[key] = table.text("source")
+        elif key in PAPER_LISTS:
+            length = (shape_of(value) or (0,))[0]
+            most = n or length
+            numbers: FloatArray = table.numbers(key, (max(1, min(length, most)),), "", at_least=0)
+            paper[key] = numbers.tolist()
+    return paper

@@ -1,0 +1,236 @@
+"""JSON schemas of the TOML files, from which editors complete names and mark what is wrong.
+
+They are made from the tables that the files are read by. Some conditions are the readers' alone: those between values,
+such as ``f_s >= f_c``, and the number of joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from vdfmu.arm.motion.read import KINDS as KINDS_OF_MOTION
+from vdfmu.arm.motion.read import OF_FILE
+from vdfmu.arm.robot.catalogue import NAMED, catalogue
+from vdfmu.arm.robot.parameters import JOINT_OPTIONS, PARAMETERS, Row, Section, section
+from vdfmu.arm.robot.robot import ENDS, FRICTION_ARRANGEMENTS, JOINT_TYPES
+from vdfmu.arm.robot.visual import SHAPES
+from vdfmu.base.measure import unit_of
+from vdfmu.compiler.unit.base import Unit
+from vdfmu.compiler.unit.declaration import Choice, Declared, Input, Parameter, Switch
+from vdfmu.compiler.unit.interface import general_description
+from vdfmu.engine.algorithms import ALGORITHMS
+from vdfmu.system.scenario.load import load_system
+from vdfmu.system.scenario.parts import units_of
+from vdfmu.system.scenario.scenario import FACTOR_FIELDS, KINDS
+from vdfmu.system.scenario.scenario_file import PAPER_LISTS
+
+Schema = dict[str, Any]
+_TEXT: Schema = {"type": "string"}
+_SIGNAL: Schema = {"type": "string", "pattern": r"^[^.]+\.[^.]+$"}
+
+
+def robot_schema() -> Schema:
+    """Return the schema of a robot file."""
+    payload = _table(_rows("payload"), _required("payload"))
+    parts: tuple[Section, ...] = ("link", "drive", "friction", *JOINT_OPTIONS)
+    tables = {part: _table(_rows(part), _required(part)) for part in parts}
+    named: Schema = {what: {"enum": list(catalogue()[f"{what}s"])} for what in NAMED}
+    joint = _table(
+        {"type": {"enum": list(JOINT_TYPES)}} | named | _rows("joint") | tables,
+        ["type", *_required("joint"), "link"],
+    )
+    keys: Schema = {
+        "name": _TEXT,
+        "description": _TEXT,
+        "friction": {"enum": list(FRICTION_ARRANGEMENTS)},
+        "rotor_coupling": {"type": "boolean"},
+        **{flag: {"type": "boolean"} for flag in ENDS},
+        "payload": payload,
+        "joints": {"type": "array", "minItems": 1, "items": joint},
+        "sources": {"type": "object", "description": "Key of this file to where its number is from"},
+        "visuals": _list(_visual()),
+    }
+    return _file("Robot of vdfmu", keys | _rows("robot"), ["name", *_required("robot"), "joints"])
+
+
+def scenario_schema(system: str = "system") -> Schema:
+    """Return the schema of a scenario file, with the sections of the components of a system.
+
+    Parameters
+    ----------
+    system : str
+        Name of a shipped one, or path of a TOML file.
+    """
+    file = load_system(system)
+    positive: Schema = {"type": "number", "exclusiveMinimum": 0}
+    share: Schema = positive | {"exclusiveMaximum": 1}
+    factors = {name: _one_or_more(positive) for name in FACTOR_FIELDS}
+    paper: Schema = {"source": _TEXT} | {
+        name: _list({"type": "number", "minimum": 0}) for name in PAPER_LISTS
+    }
+    sections: Schema = {name: {"type": "object"} for name in file.parts}  # of an FMU of any tool: what it has
+    sections |= {name: _table(_values(unit), []) for name, unit in units_of(file).items()}
+    keys: Schema = {
+        "name": _TEXT,
+        "description": _TEXT,
+        "kind": {"enum": list(KINDS)}
+        | {"description": "Units that are stepped, or torques of two formulations"},
+        "system": _TEXT | {"description": "Which units, and how they are connected: a name or a TOML file"},
+        "robot": _TEXT | {"description": "A name or a TOML file, where a component takes one"},
+        "friction": {"enum": list(FRICTION_ARRANGEMENTS)} | {"description": "In place of the robot's"},
+        "stop": positive | {"description": "End of the run [s]"},
+        "step": positive | {"description": "Communication step [s]"},
+        "master": {"enum": list(ALGORITHMS)} | {"description": "How the units are stepped"},
+        "adaptive": share | {"description": "Largest relative error of a coupled signal in a step"},
+        "tolerance": share | {"description": "Tolerance of the solvers"},
+        "inputs": _TEXT | {"description": "CSV file of signals for inputs that nothing is connected to"},
+        "input_hold": {"type": "boolean", "description": "Hold these until the next row"},
+        "payload": _table(_rows("payload") | {"known": {"type": "boolean"}}, _required("payload")),
+        "motion": _motion(),
+        "plant_factors": _table(factors, []),
+        "paper": _table(paper, []),
+    }
+    return _file("Scenario of vdfmu", sections | keys, ["name", "kind", "stop", "step"])
+
+
+def system_schema() -> Schema:
+    """Return the schema of a system file."""
+    box = {"type": "array", "items": {"type": "number"}, "minItems": 4, "maxItems": 4}
+    ends = {flag: {"type": "boolean"} for flag in ENDS}
+    part = {"anyOf": [_TEXT, box, _table({"unit": _TEXT, "box": box, "robot": _TEXT, **ends}, [])]}
+    keys: Schema = {
+        "extends": _TEXT,
+        "name": _TEXT,
+        "description": _TEXT,
+        "units": {"type": "object", "additionalProperties": part},
+        "shared": {"type": "object", "additionalProperties": {"type": "object", "additionalProperties": _TEXT}},
+        "connections": {
+            "type": "object", "propertyNames": _SIGNAL,
+            "additionalProperties": {"anyOf": [_SIGNAL, _list(_SIGNAL)]},
+        },
+    }  # fmt: skip
+    return _file("System of vdfmu", keys, [])
+
+
+def _file(title: str, properties: Mapping[str, Any], required: Sequence[str]) -> Schema:
+    return {
+        "$schema": "http://json-schema.org/draft-07/schema#",
+        "title": title,
+        **_table(properties, required),
+    }
+
+
+def _table(properties: Mapping[str, Any], required: Sequence[str]) -> Schema:
+    return {
+        "type": "object", "properties": dict(properties), "required": list(required), "additionalProperties": False,
+    }  # fmt: skip
+
+
+def _motion() -> Schema:
+    """Return the schema of a motion: the keys of its kind."""
+    kinds = [
+        _table(
+            {"kind": {"const": kind}, **dict.fromkeys((*keys, *["file"] * (kind in OF_FILE)), {})}, ["kind"]
+        )
+        for kind, (_, keys) in KINDS_OF_MOTION.items()
+    ]
+    text = (
+        "What the joints do, in place of (57), or the TOML file that says it; each kind has keys of its own"
+    )
+    return {"anyOf": [_TEXT, *kinds], "description": text}
+
+
+def _visual() -> Schema:
+    """Return the schema of what a link looks like."""
+    number: Schema = {"type": "number"}
+
+    def numbers(size: int, items: Schema = number) -> Schema:
+        return _list(items) | {"minItems": size, "maxItems": size}
+
+    return _table(
+        {
+            "joint": {
+                "type": "integer",
+                "minimum": 0,
+                "description": "That moves it; 0 for what stands still",
+            },
+            "shape": {"enum": list(SHAPES)},
+            "file": _TEXT | {"description": "Of a mesh"},
+            "size": _list(number | {"minimum": 0}) | {"minItems": 1, "maxItems": 3},
+            "rotation": numbers(3, numbers(3)),
+            "offset": numbers(3) | {"description": "In the link frame [m]"},
+            "color": numbers(4, number | {"minimum": 0, "maximum": 1})
+            | {"description": "Red, green, blue, opacity"},
+        },
+        ["joint", "shape"],
+    )
+
+
+def _list(items: Schema) -> Schema:
+    return {"type": "array", "items": items}
+
+
+def _one_or_more(item: Schema) -> Schema:
+    """Return the schema of one value for all elements, or a list of them."""
+    return {"anyOf": [item, _list(item)]}
+
+
+def _rows(part: Section) -> Schema:
+    return {row.key: _row(row) for row in section(part)}
+
+
+def _required(part: Section) -> list[str]:
+    return [row.key for row in section(part) if row.default is None]
+
+
+def _row(row: Row) -> Schema:
+    """Return the schema of a parameter of the robot."""
+    smallest = -row.largest if row.smallest is None else row.smallest
+    number: Schema = {"type": "number", "minimum": smallest, "maximum": row.largest}
+    text: Schema = {"description": f"{row.description} [{_units(row.quantity)}]"}
+    if row.default is not None:
+        text["default"] = np.asarray(row.default).tolist()
+    shaped = number
+    for size in reversed(row.shape):
+        shaped = {"type": "array", "items": shaped, "minItems": size, "maxItems": size}
+    if row.fold == "inertia":
+        moments = {"type": "array", "items": number, "minItems": 3, "maxItems": 3}
+        return text | {"anyOf": [number, moments, shaped]}
+    return text | shaped
+
+
+def _units(quantity: str) -> str:
+    """Return the unit of measurement of a quantity, of both types of joint."""
+    return " or ".join(dict.fromkeys(unit_of(quantity, joint) for joint in JOINT_TYPES))
+
+
+def _values(unit: type[Unit]) -> Schema:
+    """Return the schema of what a scenario can set of a unit: its parameters and inputs."""
+    found = {
+        d.name: _declared(d)
+        for d in unit.declared.values()
+        if isinstance(d, (Parameter, Choice, Switch, Input))
+    }
+    if unit.robot_fields is None:
+        return found
+    names = unit.robot_fields or PARAMETERS
+    known = (PARAMETERS[name] for name in names)
+    return {row.name: {"description": f"{row.description} [{_units(row.quantity)}]"} for row in known} | found
+
+
+def _declared(declared: Declared) -> Schema:
+    texts = (declared.text,) if isinstance(declared.text, str) else declared.text
+    text = "; ".join(dict.fromkeys(map(general_description, texts)))
+    quantities = (declared.unit,) if isinstance(declared.unit, str) else declared.unit
+    unit = ", ".join(dict.fromkeys(_units(quantity) for quantity in quantities))
+    if isinstance(declared, Choice):
+        return {"description": text, "enum": list(declared.choices)}
+    if isinstance(declared, Switch):
+        return {"description": text, "type": "boolean"}
+    number: Schema = {"type": "number"}
+    number |= {} if declared.minimum is None else {"minimum": declared.minimum}
+    number |= {} if declared.maximum is None else {"maximum": declared.maximum}
+    return {"description": f"{text} [{unit}]", **(_one_or_more(number) if declared.shape else number)}

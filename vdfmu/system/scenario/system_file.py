@@ -1,0 +1,171 @@
+"""System files: which components a system has, and what is connected to what."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, cast
+
+from vdfmu.arm.robot.load import load_robot
+from vdfmu.arm.robot.robot import ENDS, Robot
+from vdfmu.base.errors import ModelError, UsageError
+from vdfmu.base.once import once
+from vdfmu.base.toml_file import locate
+from vdfmu.base.toml_tables import Problems, Table, nearest, shown
+
+_KEYS = ("extends", "name", "description", "units", "shared", "connections")
+Box = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Part:
+    """A component of a system."""
+
+    unit: Any
+    """Name of a unit of the package, ``file.py`` or ``file.py:Name`` of one's own, a class, or ``file.fmu`` of any
+    tool."""
+    box: Box | None = None
+    """Corners in a diagram [mm], lower left and upper right; None: a place is found."""
+    robot: Robot | None = None
+    """Robot of the component's own; None: that of the scenario."""
+    ends: tuple[str, ...] = ()
+    """Flags that its robot has here, of :data:`~vdfmu.arm.robot.robot.ENDS`."""
+
+    def robot_of(self, robot: Robot | None) -> Robot | None:
+        """Return the robot of the component in a scenario with a robot, or without one."""
+        robot = self.robot or robot
+        return _with_ends(robot, self.ends) if robot and self.ends else robot
+
+    @property
+    def fmu(self) -> Path | None:
+        """The FMU of any tool; None for a unit."""
+        named = str(self.unit)
+        return Path(named) if not isinstance(self.unit, type) and named.lower().endswith(".fmu") else None
+
+
+@once
+def _with_ends(robot: Robot, ends: tuple[str, ...]) -> Robot:
+    return dataclasses.replace(robot, **dict.fromkeys(ends, True))
+
+
+@dataclass(frozen=True)
+class SystemFile:
+    """A system as its file has it."""
+
+    name: str
+    description: str
+    path: Path
+    parts: Mapping[str, Part]
+    """Components by name."""
+    connections: Mapping[str, list[str]]
+    """``component.output`` to what it feeds, groups of signals: one connection for every index that both have."""
+    shared: Mapping[str, Mapping[str, str]]
+    """Values that components share under names of their own: name of the parameter set, to component to group."""
+    dropped: tuple[str, ...] = ()
+    """Connections, ``output -> input``, that were left out for units in place of those of the file."""
+
+    @cached_property
+    def fed(self) -> frozenset[str]:
+        """Ends of the connections: groups of inputs, or single ones, that something feeds."""
+        return frozenset(end for targets in self.connections.values() for end in targets)
+
+
+def read_system_file(
+    problems: Problems, data: Mapping[str, Any], path: Path, base: SystemFile | None
+) -> SystemFile:
+    """Read the content of a system file.
+
+    Parameters
+    ----------
+    problems : Problems
+        Where problems are noted.
+    data : mapping
+        Content of the file.
+    path : Path
+        The file, for what it names relative to its folder.
+    base : SystemFile or None
+        The one that it extends: its tables come before those of the file.
+    """
+    file = Table(problems, data, "", _KEYS)
+    name = file.name("name") if "name" in data or base is None else base.name
+    description = file.text("description", "" if base is None else base.description)
+    parts = dict(base.parts) if base is not None else {}
+    for key, value in file.optional_table("units", list(data.get("units", {}))).data.items():
+        parts[key] = _part(problems, key, value, path.parent)
+    if not parts:
+        problems.add("units", "a table with a line for each component", "none", 'Write plant = "plant".')
+    connections = {key: list(found) for key, found in (base.connections.items() if base is not None else ())}
+    listed = file.optional_table("connections", list(data.get("connections", {}))).data
+    for source, value in listed.items():
+        targets = [value] if isinstance(value, str) else value
+        if not isinstance(targets, list) or not all(
+            isinstance(one, str) for one in cast("list[object]", targets)
+        ):
+            problems.add(
+                f"connections.{source}", 'a list such as ["plant.tau"]', shown(value), "Name inputs."
+            )
+            continue
+        ends = cast("list[str]", targets)
+        for end in (source, *ends):
+            component = end.partition(".")[0]
+            if "." not in end or component not in parts:
+                problems.add(
+                    f"connections.{source}", "component.signal of components in [units]", shown(end),
+                    nearest(component, list(parts)),
+                )  # fmt: skip
+        connections.setdefault(source, []).extend(ends)
+    shared = dict(base.shared) if base is not None else {}
+    shared |= file.optional_table("shared", list(data.get("shared", {}))).data
+    return SystemFile(name, description, path, parts, connections, shared)
+
+
+def _part(problems: Problems, key: str, value: object, folder: Path) -> Part:
+    """Read one entry of [units]: a box, a unit, or a table of both."""
+    where = f"units.{key}"
+    if isinstance(value, str):
+        return Part(_located(value, folder))
+    if isinstance(value, list):
+        return Part(key, _box(problems, where, value))
+    if isinstance(value, dict):
+        table = Table(problems, value, where, ("unit", "box", "robot", *ENDS))
+        unit = table.text("unit", key)
+        box = _box(problems, f"{where}.box", table.data["box"]) if "box" in table.data else None
+        robot: Robot | None = None
+        if "robot" in table.data and (named := table.text("robot")):
+            try:
+                robot = load_robot(locate(named, "robots", folder))
+            except ModelError as error:
+                problems.lines.extend(error.problems)
+            except UsageError as error:
+                problems.lines.append(f"{problems.where}: {where}.robot: {error}")
+        return Part(_located(unit, folder), box, robot, tuple(end for end in ENDS if table.flag(end, False)))
+    problems.add(
+        where,
+        'a unit such as "plant" or "my_unit.py", or a table { unit = .., box = .., robot = .. }',
+        shown(value),
+        "",
+    )
+    return Part(key)
+
+
+def _located(unit: str, folder: Path) -> str:
+    """Return a unit with its file found from the folder of the system file."""
+    file, colon, name = unit.partition(":") if ".py:" in unit else (unit, "", "")
+    if not file.lower().endswith((".py", ".fmu")):
+        return unit
+    return f"{folder / file}{colon}{name}"
+
+
+def _box(problems: Problems, where: str, value: object) -> Box | None:
+    numbers = cast("list[object]", value) if isinstance(value, list) else []
+    if len(numbers) == 4 and all(isinstance(one, (int, float)) for one in numbers):
+        x1, y1, x2, y2 = (float(cast("float", one)) for one in numbers)
+        if x1 < x2 and y1 < y2:
+            return x1, y1, x2, y2
+    problems.add(
+        where, "corners [x1, y1, x2, y2] in mm, x1 < x2 and y1 < y2", shown(value), "Or leave the box out."
+    )
+    return None
