@@ -21,10 +21,10 @@ from matplotlib.figure import Figure
 from benchmarks.chains import random_motion, repeated_link
 from benchmarks.compiled import write_library
 from benchmarks.report import COLOURS, Report, Table, machine, new_figure, tidy
+from vdfmu.arm.kernel import Kernel
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.base.errors import FmuError
 from vdfmu.compiler.c.compile import compiler_version, native_available
-from vdfmu.compiler.functions import Kernel
 from vdfmu.compiler.functions.cache import cache_folder, load, store
 
 TITLE = "Generated rigid-body dynamics against Pinocchio, from loops of compiled code"

@@ -18,9 +18,9 @@ from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
 from benchmarks.timing import Case, measure
 from benchmarks.work_precision import COSIM, INTERVAL, CoSimulation, Point, WorkPrecision
 from vdfmu.arm.equations.plant import equilibrium_torque
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.compiler.c.compile import native_available
-from vdfmu.compiler.fmu import build_fmus
 
 TITLE = "Work and precision: the plant beside engines of robot simulation"
 RK4, IMPLICITFAST = "MuJoCo, RK4", "MuJoCo, implicitfast"

@@ -26,8 +26,8 @@ from benchmarks.report import Report, Table
 from benchmarks.rigid import pinocchio_model
 from benchmarks.timing import Case, measure
 from vdfmu.arm.equations.plant import equilibrium_torque
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
-from vdfmu.compiler.fmu import build_fmus
 from vdfmu.compiler.functions.cache import COMPILER, cache_folder
 
 TITLE = "Growth of the FMUs with the number of joints"

@@ -15,11 +15,11 @@ from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
 from benchmarks.system import packed
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.structure import values
-from vdfmu.arm.robot.traced import traced_function
 from vdfmu.arm.units.plant import Plant
 from vdfmu.compiler.c.files import kernel_source
 from vdfmu.compiler.c.functions import c_prototype
 from vdfmu.compiler.c.loaded import SHOWN, loaded
+from vdfmu.compiler.functions import traced_function
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.engine.run import Simulator
 from vdfmu.system.scenario import load_scenario

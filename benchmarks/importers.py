@@ -19,8 +19,8 @@ from matplotlib.figure import Figure
 from benchmarks.importer_worker import MARK
 from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
 from benchmarks.system import Clock, container_run, least, median, quiet_run, write_emptied
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.compiler.c.compile import native_available
-from vdfmu.compiler.fmu import build_fmus
 from vdfmu.engine.container import write_container
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario import Scenario, load_scenario

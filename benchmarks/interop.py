@@ -19,9 +19,9 @@ import numpy as np
 from benchmarks import importers
 from benchmarks.importers import ImporterError, ask, ask_rows
 from benchmarks.report import Report, Table
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import shipped_units
 from vdfmu.base.errors import VdfmuError
-from vdfmu.compiler.fmu import build_fmus
 from vdfmu.engine.container import write_container
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.run.master import simulate

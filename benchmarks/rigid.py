@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from benchmarks.chains import random_motion, repeated_link
 from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
 from benchmarks.timing import Case, measure
+from vdfmu.arm.kernel import Kernel
 from vdfmu.arm.robot import Robot, load_robot
-from vdfmu.compiler.functions import Kernel
 
 pin: Any = import_module("pinocchio")  # a binary module that no type checker sees into
 

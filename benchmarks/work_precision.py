@@ -22,11 +22,11 @@ from benchmarks.compiled import CompiledFunction, write_library
 from benchmarks.native_plan import loop_library
 from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
 from benchmarks.timing import Case, measure
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.arm.robot.structure import values
 from vdfmu.arm.units.plant import Plant
 from vdfmu.compiler.c.compile import native_available
-from vdfmu.compiler.fmu import build_fmus
 from vdfmu.compiler.unit.interface import Interface
 
 TITLE = "Work and precision: the plant alone"

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from vdfmu.arm.equations.plant import state_names
+from vdfmu.arm.kernel import Kernel
 from vdfmu.arm.robot import Robot, check_robot, load_robot, robot_from_dict
 from vdfmu.arm.robot.parameters import JOINT_OPTIONS, section
 from vdfmu.arm.robot.structure import values
 from vdfmu.arm.units import shipped_units
-from vdfmu.compiler.functions import Kernel
 from vdfmu.compiler.functions.cache import cache_folder
 from vdfmu.compiler.unit.evaluate import Traced
 from vdfmu.compiler.unit.integrator import Integrator

@@ -28,7 +28,7 @@ def build(folder: Path) -> Path:
     path = folder / f"wild{fmpy.sharedLibraryExtension}"
     headers = Path(fmpy.__file__).parent / "c-code"
     flags = ["-std=c11", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", f"-I{headers}"]
-    source = Path(__file__).parent / "cosim" / "wild.c"
+    source = Path(__file__).parent / "engine" / "wild.c"
     subprocess.run(["cc", *flags, "-o", path, source, "-lm"], check=True)
     return path
 

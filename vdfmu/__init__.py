@@ -48,12 +48,12 @@ if TYPE_CHECKING:
         jacobian,
         mass_matrix,
     )
+    from vdfmu.arm.fmus import build_fmus
     from vdfmu.arm.imports import robot_from_mjcf, robot_from_urdf
     from vdfmu.arm.motion.read import load_motion
     from vdfmu.arm.robot import Robot, load_robot, robot_names
     from vdfmu.base.errors import VdfmuError
     from vdfmu.base.state_space import StateSpace
-    from vdfmu.compiler.fmu import build_fmus
     from vdfmu.engine.container import write_container
     from vdfmu.engine.federation import federate
     from vdfmu.engine.package import load_ssp
@@ -86,7 +86,7 @@ _NAMES = {
     "vdfmu.engine.package": ("load_ssp",),
     "vdfmu.engine.package.limits": ("package_limit",),
     "vdfmu.base.errors": ("VdfmuError",),
-    "vdfmu.compiler.fmu": ("build_fmus",),
+    "vdfmu.arm.fmus": ("build_fmus",),
     "vdfmu.arm.robot": ("Robot", "load_robot", "robot_names"),
     "vdfmu.arm.motion.read": ("load_motion",),
     "vdfmu.study.report.animation": ("Animation", "animate"),

@@ -3,7 +3,7 @@ import { createHash } from "node:crypto";
 import { readFileSync, writeFileSync } from "node:fs";
 import { build } from "esbuild";
 
-const target = new URL("../../vdfmu/report/web/", import.meta.url);
+const target = new URL("../../vdfmu/study/report/web/", import.meta.url);
 const read = (path) => readFileSync(new URL(`node_modules/${path}`, import.meta.url), "utf8");
 const packages = Object.keys(JSON.parse(readFileSync(new URL("package.json", import.meta.url))).dependencies);
 const versions = Object.fromEntries(packages.map((name) => [name, JSON.parse(read(`${name}/package.json`)).version]));

@@ -11,9 +11,9 @@ import time
 
 import pytest
 
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.progress import showing
-from vdfmu.compiler.fmu import build_fmus
 
 
 def test_each_traced_function_and_each_compiled_file_counts(tmp_path, monkeypatch):

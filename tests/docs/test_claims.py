@@ -63,21 +63,6 @@ def test_the_wrench_of_the_page_acts_on_the_arm_of_the_page():
     assert (np.abs(levers) > 0.1).all()  # m
 
 
-def test_packages_import_only_those_before_them():
-    """Data flows one way, in the order of CONTRIBUTING.md; the equations know what they run on and nothing else."""
-    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    (listed,) = re.findall(r"Data flows one way: ([\w, ]+)\.", text)
-    order = listed.split(", ")
-    assert sorted(order) == sorted(path.parent.name for path in (ROOT / "vdfmu").glob("*/__init__.py"))
-    for rank, package in enumerate(order):
-        imported = set()
-        for path in (ROOT / "vdfmu" / package).rglob("*.py"):
-            code = path.read_text(encoding="utf-8")
-            imported.update(re.findall(r"^\s*(?:from|import) vdfmu\.(\w+)", code, re.MULTILINE))
-        assert not imported & set(order[rank + 1 :]), package
-        assert package != "equations" or imported <= {"equations", "scalar"}
-
-
 def plant_jacobian(robot):
     """Return the Jacobian (24, 24) of the plant's derivatives as a function of the state, without torques."""
     call = Interface(shipped_units()["plant"], robot).functions.function("plant_jacobian")

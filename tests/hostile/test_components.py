@@ -11,11 +11,11 @@ from pathlib import Path
 import fmpy
 import pytest
 
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
 from vdfmu.base.files import pack_zip
 from vdfmu.base.process import KEPT
 from vdfmu.base.text import shown
-from vdfmu.compiler.fmu import build_fmus
 from vdfmu.engine.fmu.messages import MessageBox, boxes, on_message
 from vdfmu.engine.inspect import trial as check_run
 from vdfmu.engine.inspect.findings import Findings

@@ -6,8 +6,8 @@ import os
 
 import pytest
 
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import SspError, StorageError
-from vdfmu.compiler.fmu import build_fmus
 from vdfmu.engine.package import load_ssp
 
 

@@ -13,7 +13,7 @@ import pytest
 from benchmarks import interop
 from benchmarks.importers import ask_rows
 from benchmarks.interop import CASES, EXACT_STEP, Case, drive, examine
-from vdfmu.compiler.fmu import build_fmus
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.engine.container import write_container
 from vdfmu.system.package.osp import write_osp
 from vdfmu.system.package.write import write_ssp

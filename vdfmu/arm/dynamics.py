@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from vdfmu.arm.kernel import Kernel
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.robot import robot_argument
 from vdfmu.base.arrays import Floats
 from vdfmu.compiler.c.rows import compiled_rows
-from vdfmu.compiler.functions import Kernel
 
 _NO_WRENCH = np.zeros(6)
 _WORTH = 50_000

@@ -6,16 +6,10 @@ import logging
 from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager
 from contextvars import ContextVar
-from functools import partial, wraps
-from typing import ParamSpec, TypeVar, cast
+from typing import TypeVar
 
 Progress = Callable[[str, int, int], None]
 """Called with the stage, the number of finished steps and their total."""
-Steps = Callable[[int, int], None]
-"""Called with the number of finished steps and their total."""
-Shown = Progress | bool | None
-"""What a user says of progress: what to call, True for bars on the terminal or in the notebook, or nothing."""
-_P = ParamSpec("_P")
 _T = TypeVar("_T")
 _show: ContextVar[Progress | None] = ContextVar("progress", default=None)
 LOG = logging.getLogger("vdfmu")
@@ -54,34 +48,3 @@ def counted(stage: str, items: Iterable[_T], total: int) -> Generator[_T]:
     for done, item in enumerate(items, 1):
         yield item
         report(stage, done, total)
-
-
-@contextmanager
-def shown_steps(progress: Steps | bool | None, stage: str) -> Generator[Steps | None]:
-    """Yield what to call with the steps of a stage; True shows them as a bar."""
-    if progress is not True:
-        yield progress or None
-        return
-    from vdfmu.base.bars import Bars  # rich takes long to import
-
-    with Bars() as bars:
-        yield partial(bars.update, stage)
-
-
-def with_progress(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Let the option `progress` of a function have what is reported while it runs; True shows bars."""
-
-    @wraps(function)
-    def wrapper(*args: _P.args, **kwargs: _P.kwargs) -> _T:
-        progress = cast("Shown", kwargs.get("progress"))
-        if callable(progress):
-            with showing(progress):
-                return function(*args, **kwargs)
-        if not progress:
-            return function(*args, **kwargs)
-        from vdfmu.base.bars import Bars  # rich takes long to import
-
-        with Bars() as bars, showing(bars.update):
-            return function(*args, **kwargs)
-
-    return wrapper

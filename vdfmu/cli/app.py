@@ -56,7 +56,7 @@ def look(quiet: bool = False, verbose: bool = False) -> None:
         errors.quiet = True
         LOG.setLevel(logging.ERROR)
     elif verbose and not LOG.isEnabledFor(logging.INFO):
-        from vdfmu.cli.doctor import installed
+        from vdfmu.cli.extras import installed
 
         LOG.setLevel(logging.INFO)
         LOG.addHandler(_Lines())

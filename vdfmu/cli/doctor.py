@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
-import re
 import sys
-from importlib.metadata import PackageNotFoundError, requires, version
 
 import typer
 
@@ -21,7 +19,6 @@ WITHOUT = {
     "robots": "no robots from MJCF; those from URDF need nothing",
 }
 """Extra of the package that a user installs, and what is not there without it."""
-_REQUIREMENT = re.compile(r"([\w.-]+)(?:\[([\w,.-]+)\])?(.*)")
 
 
 def doctor() -> None:
@@ -29,6 +26,7 @@ def doctor() -> None:
     from vdfmu.base.errors import FmuError
     from vdfmu.base.version import __version__
     from vdfmu.cli.cache import say_cache
+    from vdfmu.cli.extras import installed
     from vdfmu.cli.terminal import say
     from vdfmu.compiler.c.compile import compiler_version, native_available
     from vdfmu.compiler.c.platforms import this_platform
@@ -57,27 +55,3 @@ def doctor() -> None:
     if missing:
         say(f"error: {', '.join(missing)} not installed, without which nothing runs: install vdfmu again")
         raise typer.Exit(1)
-
-
-def installed(extra: str) -> tuple[list[str], list[str]]:
-    """Return the packages of an extra, or those that are always needed: ``name version``, and the names not there."""
-    there: list[str] = []
-    missing: list[str] = []
-    for text in requires("vdfmu") or []:
-        requirement, _, condition = (part.strip() for part in text.partition(";"))
-        wanted = re.search(r"extra == ['\"]([\w-]+)['\"]", condition)
-        if (wanted[1] if wanted else "") != extra:
-            continue
-        found = _REQUIREMENT.match(requirement)
-        assert found
-        if found[1] == "vdfmu":
-            for inner in found[2].split(","):
-                parts = installed(inner)
-                there += parts[0]
-                missing += parts[1]
-            continue
-        try:
-            there.append(f"{found[1]} {version(found[1])}")
-        except PackageNotFoundError:
-            missing.append(requirement)
-    return there, missing

@@ -57,9 +57,9 @@ def build(
 ) -> None:
     """Build the FMUs of a scenario's system, with the scenario's values as start values, or the FMU of a unit."""
     chosen = None if scenario.partition(":")[0].endswith(".py") else load(scenario, robot, settings)
+    from vdfmu.arm.fmus import build_fmus
     from vdfmu.arm.robot import load_robot
     from vdfmu.arm.units import find_unit
-    from vdfmu.compiler.fmu import build_fmus
     from vdfmu.compiler.unit.base import unit_name
     from vdfmu.system.scenario.parts import build_parts
     from vdfmu.system.scenario.values import start_values

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from vdfmu.base.errors import CosimError, UsageError, VdfmuError
-from vdfmu.base.progress import Shown, doing, report, with_progress
+from vdfmu.base.progress import doing, report
+from vdfmu.base.show_progress import Shown, with_progress
 from vdfmu.base.version import __version__
 from vdfmu.engine.federation import Federation
 from vdfmu.engine.masters.observer import Observer

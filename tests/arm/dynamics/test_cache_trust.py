@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
 from vdfmu.base.files import pack_zip
-from vdfmu.compiler.fmu import build_fmus
 from vdfmu.compiler.functions import cache
 
 

@@ -11,22 +11,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vdfmu.arm.robot import check_robot
-from vdfmu.arm.robot.requirements import margins, requirements
+from vdfmu.arm.robot.requirements import requirements
 from vdfmu.arm.robot.structure import parameters, set_parameters, values
 from vdfmu.base.errors import KernelError, ModelError
 from vdfmu.compiler.c import functions as c_code
 from vdfmu.compiler.c.functions import c_prototype, c_texts
 from vdfmu.compiler.c.operations import c_table
+from vdfmu.compiler.unit.machine import margins, traced_margins
 
 NAMES = (
     "trajectory_outputs", "feedforward_outputs_inverse", "feedforward_outputs_vdc", "controller_outputs_kappa_dot",
     "plant_start_equilibrium", "plant_outputs", "plant_derivatives",
 )  # fmt: skip
-
-
-def owner(name, robot, kernel_of, functions_of):
-    """Return what has the traced function: a unit, or the kernel."""
-    return kernel_of(robot) if name == "margins" else functions_of(name.split("_")[0], robot)
 
 
 def nominal(function, p, rng):
@@ -49,7 +45,7 @@ def flat(columns):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_forward_is_the_slope_along_the_direction(robot, functions_of, name):
-    functions, rng = owner(name, robot, None, functions_of), np.random.default_rng(75)
+    functions, rng = functions_of(name.split("_")[0], robot), np.random.default_rng(75)
     function, forward = functions.casadi_function(name), functions.casadi_function(f"{name}_forward")
     assert forward.name_in() == [*function.name_in(), *(f"d_{a}" for a in function.name_in())]
     assert forward.name_out() == [f"d_{r}" for r in function.name_out()]
@@ -69,7 +65,7 @@ def test_forward_is_the_slope_along_the_direction(robot, functions_of, name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_reverse_is_the_transpose_of_forward(robot, functions_of, name):
-    functions, rng = owner(name, robot, None, functions_of), np.random.default_rng(76)
+    functions, rng = functions_of(name.split("_")[0], robot), np.random.default_rng(76)
     function = functions.casadi_function(name)
     forward, reverse = (functions.casadi_function(f"{name}_{end}") for end in ("forward", "reverse"))
     start = nominal(function, values(robot), rng)
@@ -92,13 +88,14 @@ def test_reverse_is_the_transpose_of_forward(robot, functions_of, name):
         "margins",
     ],
 )
-def test_c_text_computes_what_the_trace_computes(
-    robot, kernel_of, functions_of, name, form, tmp_path, monkeypatch
-):
+def test_c_text_computes_what_the_trace_computes(robot, functions_of, name, form, tmp_path, monkeypatch):
     if form == "in parts":
         monkeypatch.setattr(c_code, "_WHOLE", 37)
         monkeypatch.setattr(c_code, "_PART", 37)
-    function = owner(name, robot, kernel_of, functions_of).casadi_function(name)
+    if name == "margins":
+        (function,) = traced_margins(robot)
+    else:
+        function = functions_of(name.split("_")[0], robot).casadi_function(name)
     text = c_table(function) if form == "table" else "\n".join(c_texts(function))
     check_c_text(text, function, values(robot), tmp_path)
 

@@ -17,8 +17,8 @@ from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.arm.equations.kinematics import end_effector_pose
 from vdfmu.arm.equations.mapping import jacobian, joint_space_mass_matrix
 from vdfmu.arm.equations.newton_euler import newton_euler
+from vdfmu.arm.kernel import Kernel
 from vdfmu.arm.robot import load_robot
-from vdfmu.compiler.functions import Kernel
 from vdfmu.compiler.scalar.jet import derivative, jets
 
 EPS = np.finfo(float).eps

@@ -7,9 +7,10 @@ import pytest
 
 import vdfmu
 from vdfmu.arm import dynamics
+from vdfmu.arm.kernel import Kernel
 from vdfmu.base.errors import KernelError
 from vdfmu.compiler.c import rows
-from vdfmu.compiler.functions import Kernel, KernelFunction
+from vdfmu.compiler.functions import KernelFunction
 
 
 @pytest.fixture

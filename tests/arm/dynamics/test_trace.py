@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.conftest import TYPICAL
+from vdfmu.arm.drive.torque_estimate import torque_estimates
 from vdfmu.arm.equations.feedforward import Gains, feedforward_inverse, feedforward_vdc
 from vdfmu.arm.equations.flexible_joint import rotor_position
 from vdfmu.arm.equations.forward_dynamics import forward_dynamics
@@ -16,14 +17,11 @@ from vdfmu.arm.equations.newton_euler import newton_euler
 from vdfmu.arm.equations.pd import pd_control
 from vdfmu.arm.equations.plant import balance, equilibrium_torque, plant_derivative, plant_outputs
 from vdfmu.arm.equations.trajectory import Desired, desired_motion
+from vdfmu.arm.kernel import FUNCTIONS, Kernel
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.arm.robot.parameters import PARAMETERS, SPRING_KEYS
-from vdfmu.arm.robot.requirements import margins, requirements
-from vdfmu.arm.robot.structure import set_parameters, structure_key, values
-from vdfmu.arm.robot.traced import FUNCTIONS
+from vdfmu.arm.robot.structure import parameters, set_parameters, structure_key, values
 from vdfmu.arm.units import shipped_units
-from vdfmu.arm.units._estimator import torque_estimates
-from vdfmu.compiler.functions import Kernel, parameters
 from vdfmu.compiler.functions.rodas import ALPHA, GAMMA, GAMMA_I, A, C
 from vdfmu.compiler.scalar.jet import derivative, jets
 from vdfmu.compiler.unit.program import UnitFunctions
@@ -125,8 +123,6 @@ def case(name, robot, state):
             )
         case "plant_outputs":
             return dict(x=x), plant_outputs(robot, x)._asdict()
-        case "margins":
-            return {}, dict(margin=margins(robot, requirements(robot)))
         case "plant_start_equilibrium":
             tau_s = equilibrium_torque(robot, q, F_e)
             return dict(q_0=q, q_dot_0=q_dot, F_e=F_e), dict(x=np.concatenate([q, q_dot, q_dot, tau_s]))

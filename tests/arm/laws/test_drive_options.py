@@ -25,9 +25,9 @@ from vdfmu.arm.equations.plant import (
 from vdfmu.arm.equations.trajectory import desired_motion
 from vdfmu.arm.robot import robot_from_dict
 from vdfmu.arm.robot.parameters import section
+from vdfmu.arm.robot.structure import parameters
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.compiler.c.functions import c_texts
-from vdfmu.compiler.functions import parameters
 from vdfmu.compiler.scalar.jet import derivative, jets
 
 EPS = np.finfo(float).eps

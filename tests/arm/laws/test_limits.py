@@ -8,9 +8,9 @@ from vdfmu.arm.drive.limits import motor_torque, stop_torque
 from vdfmu.arm.equations.friction import joint_friction
 from vdfmu.arm.equations.plant import plant_derivative, plant_outputs
 from vdfmu.arm.robot import load_robot, robot_from_dict
+from vdfmu.arm.robot.structure import parameters
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.compiler.c.functions import c_texts
-from vdfmu.compiler.functions import parameters
 from vdfmu.compiler.scalar.jet import derivative, jets
 from vdfmu.system.scenario import load_scenario
 

@@ -28,7 +28,8 @@ PROGRAM = """
 import inspect, json
 import vdfmu
 from vdfmu.base.errors import ModelError, UsageError
-from vdfmu.compiler.functions import Kernel, parameters
+from vdfmu.arm.kernel import Kernel
+from vdfmu.arm.robot.structure import parameters
 from vdfmu.arm.robot import load_robot, robot_from_dict
 from vdfmu.system.scenario.scenario import FACTOR_FIELDS
 from vdfmu.compiler.unit.interface import Interface
@@ -73,7 +74,7 @@ def extended(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     shutil.copytree(PACKAGE, root / "vdfmu", ignore=shutil.ignore_patterns("__pycache__"))
     for folder in ("models", "ssp", "fmu_src"):
         (root / folder).symlink_to(PACKAGE.parent / folder)
-    table = root / "vdfmu" / "model" / "parameters.py"
+    table = root / "vdfmu" / "arm" / "robot" / "parameters.py"
     text = table.read_text(encoding="utf-8")
     assert text.count("    # fmt: on\n") == 1
     table.write_text(text.replace("    # fmt: on\n", ROW + "    # fmt: on\n"), encoding="utf-8")
@@ -140,10 +141,14 @@ def test_the_name_of_a_parameter_is_in_the_table_and_in_equations_alone(name: st
         for path in PACKAGE.rglob("*.py")
         if re.search(rf"\b{name}\b", without_equations(path))
     }
-    assert "model/parameters.py" in files
+    assert "arm/robot/parameters.py" in files
     # what is estimated from a log is named where it is estimated
-    others = {path for path in files if not path.startswith(("equations/", "identify/"))}
-    assert others == {"model/parameters.py"}
+    others = {
+        path
+        for path in files
+        if not path.startswith(("arm/equations/", "arm/drive/", "arm/world/", "study/identify/"))
+    }
+    assert others == {"arm/robot/parameters.py"}
 
 
 @pytest.mark.parametrize("name", PARAMETERS)

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from vdfmu.arm.robot import Robot, load_robot, robot_from_dict, robot_names
 from vdfmu.arm.robot.parameters import PARAMETERS
+from vdfmu.arm.robot.structure import parameters
 from vdfmu.base.errors import ModelError, UsageError
-from vdfmu.compiler.functions import parameters
 
 
 def assert_same(a: Robot, b: Robot) -> None:

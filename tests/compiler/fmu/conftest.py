@@ -25,9 +25,9 @@ from fmpy.fmi2 import (
 )
 
 from tests.conftest import TYPICAL
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.arm.units import shipped_units
-from vdfmu.compiler.fmu import build_fmus
 
 
 class Lazy(dict[str, Any]):

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
 from vdfmu.base.errors import UnitError
-from vdfmu.compiler.fmu import build_fmus
 
 HEAD = """import numpy as np
 from vdfmu.unit import JOINTS, Choice, Derivative, Input, Output, Parameter, RobotParameters, Sampled, State, Unit

@@ -15,17 +15,17 @@ import numpy as np
 import pytest
 from lxml import html
 
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import shipped_units
 from vdfmu.base.errors import FmuError, ModelError, UsageError
-from vdfmu.compiler.fmu import build_fmus
 from vdfmu.compiler.fmu.content import Content
 from vdfmu.compiler.unit.interface import Interface, general_description
 from vdfmu.compiler.unit.variable import Variable
 
 BUILD = """
 import sys
-from vdfmu.compiler.fmu import build_fmus
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
 build_fmus(load_robot("planar_2dof"), sys.argv[1], backend="python")
 """

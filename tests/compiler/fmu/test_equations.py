@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from vdfmu.arm.drive.torque_estimate import torque_estimates
 from vdfmu.arm.equations.feedforward import Gains, feedforward_inverse, feedforward_vdc
 from vdfmu.arm.equations.pd import pd_control
 from vdfmu.arm.equations.plant import equilibrium_torque, plant_derivative, plant_outputs
 from vdfmu.arm.equations.trajectory import Desired, desired_motion
 from vdfmu.arm.robot import Robot, check_robot
 from vdfmu.arm.robot.parameters import SPRING_KEYS
-from vdfmu.arm.robot.structure import set_parameters, values
-from vdfmu.arm.units._estimator import torque_estimates
-from vdfmu.compiler.functions import parameters
+from vdfmu.arm.robot.structure import parameters, set_parameters, values
 
 Opener = Callable[..., Any]
 

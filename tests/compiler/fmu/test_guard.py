@@ -12,8 +12,8 @@ import fmpy
 import pytest
 
 from vdfmu import __version__
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
-from vdfmu.compiler.fmu import build_fmus
 
 Refusal = Callable[[Path], str]
 CopyOf = Callable[[str], Path]

@@ -13,12 +13,12 @@ from pathlib import Path
 
 import pytest
 
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import shipped_units
 from vdfmu.base.errors import FmuError, UsageError
 from vdfmu.compiler.c import PLATFORMS, compile, native_available, platforms, this_platform
 from vdfmu.compiler.c.compile import Job, compile_library
-from vdfmu.compiler.fmu import build_fmus
 from vdfmu.compiler.fmu.content import Content
 from vdfmu.compiler.fmu.native import fmi_headers, unit_sources
 
@@ -28,13 +28,13 @@ FAST = ["trajectory", "controller"]
 
 BUILD = """
 import sys
-from vdfmu.compiler.fmu import build_fmus
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
 build_fmus(load_robot("planar_2dof"), sys.argv[1], units=["trajectory", "controller"], backend="native")
 """
 INTERRUPTED = """
 import sys
-from vdfmu.compiler.fmu import build_fmus
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
 try:
     build_fmus(load_robot("planar_2dof"), sys.argv[1], backend="native")

@@ -18,11 +18,11 @@ from fmpy.util import read_csv
 from fmpy.validation import validate_fmu
 from lxml import etree, html
 
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import shipped_units
 from vdfmu.compiler.c import PLATFORMS, platforms
 from vdfmu.compiler.c.platforms import ALL
-from vdfmu.compiler.fmu import build_fmus
 from vdfmu.compiler.fmu.native import fmi_headers
 from vdfmu.compiler.unit.interface import Interface
 

@@ -18,9 +18,9 @@ from lxml import html
 import vdfmu
 from tests.compiler.fmu.conftest import Unit
 from tests.compiler.native.binding import Instance, Model
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import find_unit
-from vdfmu.compiler.fmu import build_fmus
 from vdfmu.compiler.unit.evaluate import Plain
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.scipy_solver import Motion
@@ -267,7 +267,7 @@ def test_directional_derivatives_are_the_limits_of_differences(
 
 BUILD = """
 import sys
-from vdfmu.compiler.fmu import build_fmus
+from vdfmu.arm.fmus import build_fmus
 for name in sys.argv[2:]:
     build_fmus(None, "native", units=[f"{sys.argv[1]}:{name}"], backend="native")
     build_fmus(None, "python", units=[f"{sys.argv[1]}:{name}"], backend="python")
@@ -280,7 +280,7 @@ def test_a_file_in_another_folder_gives_the_same_bytes(
     """Built by another process, in another order of its sets, with nothing in its cache."""
     file = Path(shutil.copy(FILE, tmp_path / "own_units.py"))
     # the author and the licence are of the project around it
-    shutil.copy(Path(vdfmu.__file__).parents[2] / "pyproject.toml", tmp_path)
+    shutil.copy(Path(vdfmu.__file__).parents[1] / "pyproject.toml", tmp_path)
     environment = {"PYTHONHASHSEED": "4711", "VDFMU_CACHE_DIR": str(tmp_path / "cache")}
     run_python(BUILD, file, "Words", "Mixer", "Equations", cwd=tmp_path, **environment)
     for name in ("Words", "Mixer", "Equations"):

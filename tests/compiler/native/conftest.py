@@ -14,13 +14,21 @@ from typing import Any
 import fmpy
 import pytest
 
-from tests.compiler.fmu.conftest import (
+from tests.compiler.fmu.conftest import (  # noqa: F401
     Lazy,
+    copy_of,
+    folders,
+    open_unit,
+    robot_name,
+    robots,
+    run_python,
+    unit_name,
+    words_of_refusal,
 )
 from tests.compiler.native.binding import Instance, Model
 from tests.compiler.native.fmi_types import HEADERS
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
-from vdfmu.compiler.fmu import build_fmus
 
 try:
     import fcntl

@@ -15,8 +15,8 @@ import pytest
 
 from tests.compiler.fmu.conftest import Unit as PythonUnit
 from tests.compiler.native.binding import Instance, same_bits
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
-from vdfmu.compiler.fmu import build_fmus
 
 Native = Callable[..., Instance]
 H = 1e-3

@@ -8,7 +8,7 @@ import fmpy
 import pytest
 
 from tests.compiler.native.conftest import VERSIONS, fuzz_program, run, sanitized_objects
-from vdfmu.compiler.fmu import build_fmus
+from vdfmu.arm.fmus import build_fmus
 
 FILE = Path(__file__).parents[2] / "fmi" / "own_units.py"
 

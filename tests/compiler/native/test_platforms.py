@@ -14,9 +14,9 @@ import pytest
 from tests.compiler.native.binding import Model
 from tests.compiler.native.conftest import HERE, alone, bits, driver_arguments, program, run, version_flags
 from tests.compiler.native.fmi_types import HEADERS, signatures
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
 from vdfmu.compiler.c.platforms import ALL, PLATFORMS
-from vdfmu.compiler.fmu import build_fmus
 
 pytestmark = pytest.mark.heavy
 

@@ -226,7 +226,7 @@ def _made(folder: Path) -> Path:
 def test_builds_of_the_same_sources_are_the_same_bytes(
     native_fmu: Callable[..., Path], planar: object, tmp_path: Path, version: str
 ) -> None:
-    from vdfmu.compiler.fmu import build_fmus
+    from vdfmu.arm.fmus import build_fmus
 
     again = build_fmus(planar, tmp_path, units=["controller"], backend="native", fmi_version=version)[
         "controller"

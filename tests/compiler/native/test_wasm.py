@@ -15,9 +15,9 @@ import wasmtime
 from tests.compiler.native.binding import ERROR, OK, Instance, Model
 from tests.compiler.native.conftest import alone
 from tests.compiler.native.fmi_types import signatures
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
 from vdfmu.compiler.c import this_platform
-from vdfmu.compiler.fmu import build_fmus
 
 pytestmark = pytest.mark.heavy
 VERSIONS = ("2.0", "3.0")

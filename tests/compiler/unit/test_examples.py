@@ -12,9 +12,9 @@ import vdfmu
 from benchmarks.importers import ask_rows, missing
 from tests.compiler.unit.conftest import EXAMPLES
 from vdfmu.arm.equations.kinematics import end_effector_pose
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import ModelError
 from vdfmu.cli.commands import app
-from vdfmu.compiler.fmu import build_fmus
 from vdfmu.compiler.unit.evaluate import Plain, Traced
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.engine.run import simulate

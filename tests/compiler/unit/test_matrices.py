@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import linalg
 
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import UsageError
-from vdfmu.compiler.fmu import build_fmus
 from vdfmu.compiler.scalar.matrices import expm, inv, solve
 from vdfmu.compiler.scalar.symbol import SymbolArray, from_sx, to_sx
 from vdfmu.unit import Derivative, Input, Output, Parameter, State, Unit

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 import vdfmu
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import UnitError, UsageError
-from vdfmu.compiler.fmu import build_fmus
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.requirements import traced_requirements
 from vdfmu.system.scenario.values import system_values

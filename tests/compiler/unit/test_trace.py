@@ -6,9 +6,9 @@ import fmpy
 import numpy as np
 import pytest
 
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import UnitError
-from vdfmu.compiler.fmu import build_fmus
 from vdfmu.compiler.unit.evaluate import Plain, Traced
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.scipy_solver import Motion
@@ -69,7 +69,7 @@ def assert_same(unit, method="outputs", robot=None, roundings=0):
 
 
 class Elementwise(Unit):
-    """What vdfmu.compiler.unit gives, on arrays and scalars."""
+    """What vdfmu.unit gives, on arrays and scalars."""
 
     u = Input("1", 3)
     y = Output("1", (9, 3))

@@ -124,7 +124,7 @@ UNTRACEABLE = {
     Equal: "a condition on a value is not known",
     Eigenvalues: "eigvalsh of numpy takes no symbols: ",
     Spacing: "np.spacing takes no symbols: ufunc 'spacing' not supported",
-    Interpolated: "Take .* interpolate of vdfmu.compiler.unit for a table",
+    Interpolated: "Take .* interpolate of vdfmu.unit for a table",
     Cast: r"an array to put it into is zeros\(shape, \*like\) of vdfmu\.unit",
 }
 

@@ -37,8 +37,8 @@ from vdfmu.study.report.page import (
 from vdfmu.study.report.tables import verdict_table
 from vdfmu.study.run.verdict import run_checks
 
-ROOT = Path(vdfmu.__file__).resolve().parents[2]
-WEB = ROOT / "vdfmu" / "report" / "web"
+ROOT = Path(vdfmu.__file__).resolve().parents[1]
+WEB = ROOT / "vdfmu" / "study" / "report" / "web"
 LIMIT = 1_000_000
 """Bytes of a page without its data."""
 

@@ -9,9 +9,9 @@ import zipfile
 
 import pytest
 
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import UsageError
-from vdfmu.compiler.fmu import build_fmus
 from vdfmu.engine.inspect import trial as check_run
 from vdfmu.engine.inspect.fmu import NOT_RUN
 from vdfmu.engine.inspect.inspection import check_file, inspect_file

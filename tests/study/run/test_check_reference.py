@@ -5,8 +5,8 @@ import zipfile
 import numpy as np
 import pytest
 
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.files import pack_zip
-from vdfmu.compiler.fmu import build_fmus
 from vdfmu.engine.inspect.inspection import inspect_file
 from vdfmu.engine.inspect.reference import compare, read_table
 from vdfmu.system.scenario import load_scenario

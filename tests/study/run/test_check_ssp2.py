@@ -2,8 +2,8 @@
 
 import pytest
 
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.files import pack_zip
-from vdfmu.compiler.fmu import build_fmus
 from vdfmu.engine.inspect.inspection import inspect_file
 from vdfmu.engine.package import load_ssp, parse
 from vdfmu.system.scenario import load_scenario

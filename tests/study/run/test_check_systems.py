@@ -8,9 +8,9 @@ import zipfile
 
 import pytest
 
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import StorageError, UsageError
 from vdfmu.base.files import pack_zip
-from vdfmu.compiler.fmu import build_fmus
 from vdfmu.engine.inspect.fmu import NOT_RUN
 from vdfmu.engine.inspect.inspection import check_file, inspect_file
 from vdfmu.system.package.write import write_ssp

@@ -8,7 +8,7 @@ import pytest
 from fmpy.fmi2 import FMU2Slave
 
 import vdfmu
-from vdfmu.compiler.fmu import build_fmus
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.reference import reference
 from vdfmu.system.scenario import load_scenario

@@ -9,8 +9,8 @@ import pytest
 
 import vdfmu
 from vdfmu.engine.run import Results, Signal
-from vdfmu.study.run.scenario_run import scenario_run as study
-from vdfmu.study.run.scenario_run import summary
+from vdfmu.study.run import scenario_run as study
+from vdfmu.study.run import summary
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference import reference as references
 from vdfmu.system.reference.reference import BLOCK, Reference, reference, reference_blocks

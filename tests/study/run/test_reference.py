@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from vdfmu.arm.equations.trajectory import desired_motion
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot, robot_from_dict
 from vdfmu.base.errors import UsageError
-from vdfmu.compiler.fmu import build_fmus
 from vdfmu.engine.run import simulate
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import write_ssp

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import UsageError
-from vdfmu.compiler.fmu import build_fmus
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.reference import reference
 from vdfmu.system.scenario import load_scenario

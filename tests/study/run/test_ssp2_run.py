@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import vdfmu
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.files import pack_zip
-from vdfmu.compiler.fmu import build_fmus
 from vdfmu.engine.inspect.inspection import inspect_file
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario import load_scenario

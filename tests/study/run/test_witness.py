@@ -17,7 +17,7 @@ from vdfmu.compiler.c import generate
 from vdfmu.compiler.functions.cache import load, store
 from vdfmu.compiler.functions.functions import Functions
 from vdfmu.compiler.unit.program import UnitFunctions
-from vdfmu.study.run.scenario_run import scenario_run as study
+from vdfmu.study.run import scenario_run as study
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.reference.witness import Witness
 

@@ -30,7 +30,7 @@ from vdfmu.study.sweeps.job import Bench, Job, WiredSystem
 from vdfmu.study.sweeps.plan import make_plan
 from vdfmu.study.sweeps.table import Sweep
 
-MODELS = Path(vdfmu.__file__).parents[2] / "models"
+MODELS = Path(vdfmu.__file__).parents[1] / "models"
 LATE = """from vdfmu.arm.equations.trajectory import desired_motion
 from vdfmu.arm.units.trajectory import Trajectory
 

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.arm.drive.torque_estimate import torque_of_deformation
 from vdfmu.arm.equations.harmonic_drive import deformation
-from vdfmu.arm.units._estimator import torque_of_deformation
 
 _POINTS, _PASSES = 60, 200
 _NAMES = ("K_f0", "c_f", "K_w0", "c_w")

@@ -28,6 +28,8 @@ JOINT_OPTIONS: tuple[Section, ...] = (
 """Tables that all joints of a robot have or none."""
 OPTIONAL: tuple[Section, ...] = ("payload", *JOINT_OPTIONS)
 """Sections that a robot may lack; the flag of `Robot` that says so has the same name."""
+ENDS = ("moving_base", "coupled_tool")
+"""Flags of a robot that couple an end of it to what is around it."""
 
 
 def read_only(values: npt.ArrayLike) -> npt.NDArray[np.float64]:

@@ -6,44 +6,27 @@ evaluate them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.physical import CONTRACTION_LIMIT, INERTIA_TOLERANCE
-from vdfmu.arm.robot.structure import Parameter, parameters
+from vdfmu.arm.robot.structure import parameters
 from vdfmu.compiler.scalar.generic import minimum
-
-STRICT = 1e-300
-"""A margin holds from 0 on. Where equality must fail this is taken off: it changes no number but zero."""
+from vdfmu.compiler.unit.machine import STRICT, Entry, Requirement
 
 
-@dataclass(frozen=True)
-class Requirement:
-    """One condition."""
-
-    expected: str
-    """The condition as text."""
-    parameters: tuple[Parameter, ...]
-    """What it is about."""
-    margin: Callable[[Any, Parameter], Any] | None = None
-    """Returns the margin of a robot, given the first of the parameters; None where it is no robot's."""
-
-
-def requirements(robot: Robot) -> list[Requirement]:
+def requirements(robot: Any) -> list[Requirement]:
     """Return the conditions of a robot, joint by joint."""
     listed = parameters(robot)
     found: list[Requirement] = []
     for i in range(robot.n):
         inertia = tuple(p for p in listed if p.field == "inertia" and p.index[0] == i)
-        f_c, f_s = Parameter("f_c", (i,)), Parameter("f_s", (i,))
-        amplitude, ell = Parameter("theta_err_amplitude", (i,)), Parameter("ell", (i,))
+        f_c, f_s = Entry("f_c", (i,)), Entry("f_s", (i,))
+        amplitude, ell = Entry("theta_err_amplitude", (i,)), Entry("ell", (i,))
         found.append(Requirement("f_s >= f_c", (f_s, f_c), _friction))
         if robot.limits:
-            stops = Parameter("q_min", (i,)), Parameter("q_max", (i,))
+            stops = Entry("q_min", (i,)), Entry("q_max", (i,))
             found.append(Requirement("q_max > q_min", stops, _stops))
         if amplitude in listed:
             text = f"2*ell*theta_err_amplitude < {CONTRACTION_LIMIT:g}"
@@ -53,7 +36,7 @@ def requirements(robot: Robot) -> list[Requirement]:
     return found + (_of_inertia(payload) if payload else [])
 
 
-def _of_inertia(inertia: tuple[Parameter, ...]) -> list[Requirement]:
+def _of_inertia(inertia: tuple[Entry, ...]) -> list[Requirement]:
     text = "no principal moment of inertia above the sum of the other two"
     return [
         Requirement("a positive definite inertia matrix", inertia, _definite),
@@ -61,31 +44,26 @@ def _of_inertia(inertia: tuple[Parameter, ...]) -> list[Requirement]:
     ]
 
 
-def margins(robot: Any, found: list[Requirement]) -> list[Any]:
-    """Return the margin of each condition, of floats or symbols; a condition holds where its margin is >= 0."""
-    return [each.margin(robot, each.parameters[0]) for each in found if each.margin is not None]
-
-
-def _friction(robot: Any, first: Parameter) -> Any:
+def _friction(robot: Any, first: Entry) -> Any:
     (i,) = first.index
     return robot.f_s[i] - robot.f_c[i]
 
 
-def _stops(robot: Any, first: Parameter) -> Any:
+def _stops(robot: Any, first: Entry) -> Any:
     (i,) = first.index
     return robot.q_max[i] - robot.q_min[i] - STRICT
 
 
-def _kinematic_error(robot: Any, first: Parameter) -> Any:
+def _kinematic_error(robot: Any, first: Entry) -> Any:
     (i,) = first.index
     return CONTRACTION_LIMIT - 2.0 * robot.ell[i] * robot.theta_err_amplitude[i] - STRICT
 
 
-def _definite(robot: Any, first: Parameter) -> Any:
+def _definite(robot: Any, first: Entry) -> Any:
     return _smallest_minor(getattr(robot, first.field)[first.index[:-2]])
 
 
-def _triangle(robot: Any, first: Parameter) -> Any:
+def _triangle(robot: Any, first: Entry) -> Any:
     """Margin of ``tr(I)/2 E - I``, the second moments of mass, being semidefinite."""
     inertia = getattr(robot, first.field)[first.index[:-2]]
     half_trace = 0.5 * (inertia[0, 0] + inertia[1, 1] + inertia[2, 2])

@@ -5,14 +5,16 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
+import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
 from vdfmu.arm.robot.parameters import (
+    ENDS,
     JOINT_OPTIONS,
     OPTIONAL,
     PARAMETERS,
@@ -23,13 +25,15 @@ from vdfmu.arm.robot.parameters import (
     read_only,
     section,
 )
+from vdfmu.arm.robot.requirements import requirements
+from vdfmu.arm.robot.structure import parameters, set_parameters, structure_key, symbolic_robot, values
 from vdfmu.arm.robot.visual import Visual
+from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
+from vdfmu.compiler.unit.machine import Entry, Facts, Requirement
 
 JOINT_TYPES = ("revolute", "prismatic")
 FRICTION_ARRANGEMENTS = ("lumped", "split")
-ENDS = ("moving_base", "coupled_tool")
-"""Flags of a robot that couple an end of it to what is around it."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -68,6 +72,12 @@ class Robot(Parameters):
     visuals : tuple of Visual
         What the links look like; nothing calculates with it.
     """
+
+    reader: ClassVar[str] = "vdfmu.arm.robot.robot_file:robot_from_dict"
+    flags: ClassVar[tuple[str, ...]] = (*OPTIONAL, *ENDS)
+    joint_fields: ClassVar[tuple[str, ...]] = tuple(
+        name for name, row in PARAMETERS.items() if row.per_joint and not row.shape
+    )
 
     name: str
     description: str
@@ -167,12 +177,53 @@ class Robot(Parameters):
                 ) from error
         return dataclasses.replace(self, **new)
 
+    def entries(self) -> list[Entry]:
+        """Return the run-time parameters, see `Machine`."""
+        return parameters(self)
+
+    def facts(self, entry: Entry) -> Facts:
+        """Return what a variable says of one of the numbers."""
+        row = PARAMETERS[entry.field]
+        counted = ",".join(str(i + 1) for i in entry.index)
+        text = f"{row.description}{_PLACES[row.per_joint, len(row.shape)]} {counted}".rstrip()
+        if row.per_joint and not row.shape:
+            text = f"Joint {counted}: {row.description}"
+        unit = row.unit(self.joint_types[entry.index[0]] if row.per_joint else "revolute")
+        return Facts(unit, -row.largest if row.smallest is None else row.smallest, row.largest, text)
+
+    def values(self) -> Floats:
+        """Return the parameter vector, in the order of `entries`."""
+        return values(self)
+
+    def with_values(self, vector: Sequence[float] | Floats) -> Robot:
+        """Return a copy with another parameter vector."""
+        return set_parameters(self, vector)
+
+    def symbolic(self) -> tuple[Robot, ca.SX]:
+        """Return a copy with symbols for run-time parameters, constants elsewhere; and the symbols' vector."""
+        return symbolic_robot(self)
+
+    def key(self) -> str:
+        """Return what decides the traced functions."""
+        return structure_key(self)
+
+    def requirements(self) -> list[Requirement]:
+        """Return what the run-time parameters must meet together."""
+        return requirements(self)
+
     def source_of(self, key: str) -> str | None:
         """Return where the number at `key`, such as ``joints[2].link.mass``, is from; None if not said.
 
         A per-joint entry overrides that of all joints, ``joints.link.mass``.
         """
         return self.sources.get(key, self.sources.get(joint_free(key)))
+
+
+_PLACES = {
+    (False, 0): "", (False, 1): ", axis", (False, 2): ", (row, column)",
+    (True, 0): "", (True, 1): ", (link, axis)", (True, 2): ", (link, row, column)",
+}  # fmt: skip
+"""Whether each joint has its own and number of axes, to what the indices are."""
 
 
 def _documented(row: Row) -> str:

@@ -8,9 +8,9 @@ from typing import Any, cast
 import numpy as np
 
 from vdfmu.arm.robot.catalogue import NAMED, completed
-from vdfmu.arm.robot.parameters import JOINT_OPTIONS, PARAMETERS, Row, Section, read_only, section
+from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, PARAMETERS, Row, Section, read_only, section
 from vdfmu.arm.robot.physical import check_drive, check_friction, check_inertia, check_rotation, check_stops
-from vdfmu.arm.robot.robot import ENDS, FRICTION_ARRANGEMENTS, JOINT_TYPES, Robot, joint_free, robot_argument
+from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES, Robot, joint_free, robot_argument
 from vdfmu.arm.robot.visual import read_visuals
 from vdfmu.base.toml_tables import POSITIVE, FloatArray, Problems, Table, nearest, shape_of, shown
 

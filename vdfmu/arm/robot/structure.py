@@ -11,52 +11,40 @@ import dataclasses
 import json
 from collections.abc import Sequence
 from hashlib import sha256
-from typing import Any
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
 
-from vdfmu.arm.robot import Robot
-from vdfmu.arm.robot.parameters import OPTIONAL, PARAMETERS
-from vdfmu.arm.robot.robot import ENDS
+from vdfmu.arm.robot.parameters import ENDS, OPTIONAL, PARAMETERS, Parameters
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.scalar.symbol import Symbol
+from vdfmu.compiler.unit.machine import Entry
+
+R = TypeVar("R", bound=Parameters)
 
 
-@dataclasses.dataclass(frozen=True)
-class Parameter:
-    """One number of a robot that can be set at run time: the field of `Robot` and the index in it, from 0."""
-
-    field: str
-    index: tuple[int, ...]
-
-    @property
-    def name(self) -> str:
-        """Structured name, counted from 1: ``centroid[1,3]``."""
-        return self.field + (f"[{','.join(str(i + 1) for i in self.index)}]" if self.index else "")
-
-
-def parameters(robot: Robot) -> list[Parameter]:
+def parameters(robot: Parameters) -> list[Entry]:
     """Run-time parameters of a robot, in the order of the parameter vector of every traced function."""
     return [
-        Parameter(name, index)
+        Entry(name, index)
         for name, row in PARAMETERS.items()
         for index in np.ndindex(getattr(robot, name).shape)
         if row.is_free(robot, index)
     ]
 
 
-def values(robot: Robot) -> np.ndarray:
+def values(robot: Parameters) -> np.ndarray:
     """Parameter vector of a robot, in the order of :func:`parameters`."""
     return np.array([getattr(robot, p.field)[p.index] for p in parameters(robot)], dtype=float)
 
 
-def set_parameters(robot: Robot, vector: Sequence[float] | np.ndarray) -> Robot:
+def set_parameters(robot: R, vector: Sequence[float] | np.ndarray) -> R:
     """Copy of a robot with the run-time parameters replaced by `vector`; the inverse of :func:`values`."""
     return _replace(robot, parameters(robot), list(vector), float)
 
 
-def symbolic_robot(robot: Robot) -> tuple[Robot, ca.SX]:
+def symbolic_robot(robot: R) -> tuple[R, ca.SX]:
     """Copy of a robot with symbols for run-time parameters, constants elsewhere; and the symbols' vector."""
     listed = parameters(robot)
     vector = ca.SX.sym("p", len(listed))
@@ -76,7 +64,7 @@ def _constants(array: np.ndarray) -> np.ndarray:
     return out
 
 
-def _replace(robot: Robot, listed: Sequence[Parameter], new: Sequence[Any], dtype: Any) -> Robot:
+def _replace(robot: R, listed: Sequence[Entry], new: Sequence[Any], dtype: Any) -> R:
     arrays: dict[str, np.ndarray] = {}
     for parameter, value in zip(listed, new, strict=True):
         array = arrays.setdefault(parameter.field, np.array(getattr(robot, parameter.field), dtype=dtype))
@@ -89,12 +77,12 @@ def _replace(robot: Robot, listed: Sequence[Parameter], new: Sequence[Any], dtyp
     return dataclasses.replace(robot, **arrays)
 
 
-def structure_key(robot: Robot) -> str:
+def structure_key(robot: Any) -> str:
     """Key of the traced functions: equal for robots that differ in run-time parameters only."""
     listed = parameters(robot)
     fixed = set_parameters(robot, [0.0] * len(listed))
     structure = {
-        "source": source_digest("kernel"),
+        "source": source_digest("arm.kernel", "compiler.functions"),
         "joints": robot.joint_types,
         "friction": robot.friction,
         "rotor_coupling": robot.rotor_coupling,

@@ -9,8 +9,8 @@ from pathlib import Path
 from pkgutil import iter_modules
 
 from vdfmu.base.errors import UsageError
-from vdfmu.compiler.unit.base import Unit
 from vdfmu.compiler.unit.load import load_units
+from vdfmu.compiler.unit.unit import Unit
 
 __all__ = ["find_unit", "package_units", "shipped_units"]
 

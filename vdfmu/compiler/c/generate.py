@@ -9,18 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 
-import casadi as ca
-
-from vdfmu.arm.robot.requirements import requirements
 from vdfmu.base.progress import counted
 from vdfmu.base.version import __version__
 from vdfmu.compiler.c.files import avx2_copies, kernel_files
 from vdfmu.compiler.c.functions import c_prototype
 from vdfmu.compiler.c.text import array, call_lines, cell, comment, fields, head, string, wrapped
 from vdfmu.compiler.fmu.description import number
-from vdfmu.compiler.functions import Kernel
 from vdfmu.compiler.functions.switching import NEVER
 from vdfmu.compiler.unit.interface import Interface
+from vdfmu.compiler.unit.machine import traced_margins
 from vdfmu.compiler.unit.program import Call
 from vdfmu.compiler.unit.requirements import traced_requirements
 from vdfmu.compiler.unit.trace import argument_name
@@ -60,10 +57,8 @@ class _Unit:
             for name in counted(f"trace {interface.name}", names, len(names))
         }
         robot = interface.robot if interface.has_robot else None
-        self.requirements = requirements(robot) if robot is not None else []
-        self.margins: list[ca.Function] = []
-        if robot is not None and self.requirements:
-            self.margins.append(Kernel(robot).casadi_function("margins"))
+        self.requirements = robot.requirements() if robot is not None else []
+        self.margins = traced_margins(robot) if robot is not None else []
         own, function = traced_requirements(interface)
         self.requirements += own
         self.margins += [function] if function is not None else []

@@ -1,5 +1,1 @@
-"""The FMI layer: model descriptions, generated C, slaves and the build of FMUs."""
-
-from vdfmu.compiler.fmu.build import build_fmus
-
-__all__ = ["build_fmus"]
+"""FMUs of units: model descriptions, pages, terminals, packages, and their build."""

@@ -8,20 +8,20 @@ from pathlib import Path
 from typing import Any
 
 from vdfmu.base.version import __version__
-from vdfmu.compiler.unit.base import Unit
+from vdfmu.compiler.unit.base import BaseUnit, is_shipped
 from vdfmu.compiler.unit.place import source_file
 
 ABOUT = ("version", "author", "copyright", "license")
 """Attributes of a unit's class, and of a model description, in their order there."""
 
 
-def about(unit: type[Unit]) -> dict[str, str]:
+def about(unit: type[BaseUnit]) -> dict[str, str]:
     """Return author, licence, copyright and version of a unit, without those that nobody has written down.
 
     The attributes of its class count, then ``[project]`` of the nearest ``pyproject.toml`` in the folders above its
     file. Those of units of the package are its own.
     """
-    if unit.__module__.startswith("vdfmu.arm.units."):
+    if is_shipped(unit):
         return {"version": __version__, "author": "vdfmu contributors", "license": "MIT"}
     file = source_file(unit)
     project = {} if file is None else _project(file)

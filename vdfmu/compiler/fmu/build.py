@@ -7,16 +7,14 @@ from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 
-from vdfmu.arm.robot import Robot, check_robot
-from vdfmu.arm.units import find_unit, shipped_units
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import regular_target, require_ours, storing
 from vdfmu.base.once import one_job
-from vdfmu.base.progress import Shown, with_progress
 from vdfmu.compiler.c import native_available
 from vdfmu.compiler.fmu.built import is_built, keep_record
 from vdfmu.compiler.fmu.content import BACKENDS, FMI_VERSIONS, Content
-from vdfmu.compiler.unit.base import Unit, unit_name
+from vdfmu.compiler.unit.base import BaseUnit, unit_name
+from vdfmu.compiler.unit.machine import Machine
 from vdfmu.compiler.unit.requirements import unmet
 
 _MOST_JOINTS = 64
@@ -29,7 +27,7 @@ def _build_seconds(n: int) -> float:
     return 1.7 * n + 2.0
 
 
-def build_notes(robot: Robot | None, backend: str | None = None) -> list[str]:
+def build_notes(robot: Machine | None, backend: str | None = None) -> list[str]:
     """Return what to say before the FMUs of a robot are built: how long the first build of many joints takes."""
     if robot is None or robot.n < _SLOW_JOINTS or choose_backend(backend) == "python":
         return []
@@ -56,73 +54,24 @@ def choose_backend(backend: str | None) -> str:
     return backend
 
 
-Units = Sequence[str | os.PathLike[str] | type[Unit]]
-
-
-@with_progress
 @one_job()
-def build_fmus(
-    robot: Robot | None,
+def build_units(
+    robot: Machine | None,
     out_dir: str | os.PathLike[str],
+    units: Sequence[type[BaseUnit]],
     *,
-    units: Units | None = None,
     start_values: Mapping[str, Mapping[str, float]] | None = None,
     backend: str | None = None,
     fmi_version: str = "2.0",
     platforms: Sequence[str] | str | None = None,
-    progress: Shown = None,
 ) -> dict[str, Path]:
-    """Build FMUs of units, each ``<Name>.fmu``.
-
-    The same sources, robot, start values and options give the same bytes. An FMU that is, to the byte, one that the
-    user built of these before, and has the platforms asked for, is left alone, with others that it may have; any
-    other is replaced.
-
-    Parameters
-    ----------
-    robot : Robot or None
-        None will do for units without joints.
-    out_dir : path
-        Folder, made if it does not exist.
-    units : sequence of str, path or type of Unit, optional
-        Names of units of the package, files ``my_unit.py`` or ``my_units.py:Name``, or classes; default all units of
-        the package.
-    start_values : mapping of unit to mapping of variable to number, optional
-        Start values in place of those of the declaration.
-    backend : "python" or "native", optional
-        A Python FMU runs in a Python that has vdfmu; a native one needs nothing but its platform. Default
-        native where its compiler is installed.
-    fmi_version : "2.0" or "3.0", optional
-        Python FMUs are of FMI 2.0.
-    platforms : sequence of str, or "all", optional
-        Platforms of native FMUs; default that of this machine.
-    progress : callable or bool, optional
-        Called with stage, done, total; True shows bars, on the terminal or in the notebook.
-
-    Returns
-    -------
-    dict of str to Path
-        Name of the unit to its FMU.
-
-    Raises
-    ------
-    UsageError
-        If a unit, variable, backend or platform does not exist, or a start value is not allowed.
-    UnitError
-        If a unit is declared wrongly, or its methods cannot be run or traced.
-    ModelError
-        If the robot is not physical.
-    FmuError
-        If a file cannot be written, or the compiler is missing or fails.
-    """
+    """Build FMUs of units, each ``<Name>.fmu``; see :func:`vdfmu.build_fmus`."""
     if backend is None and (fmi_version == "3.0" or platforms is not None):
         backend = "native"  # what only native FMUs have asks for them
-    chosen = [one if isinstance(one, type) else find_unit(one) for one in units or shipped_units()]
-    named = {unit_name(unit): unit for unit in chosen}
+    named = {unit_name(unit): unit for unit in units}
     backend = choose_backend(backend)
     _check_names(named, start_values or {}, backend, fmi_version, platforms)
     if robot is not None:
-        check_robot(robot)
         if robot.n > _MOST_JOINTS:
             raise UsageError(
                 f"robot {robot.name}: expected at most {_MOST_JOINTS} joints for FMUs, got {robot.n}. Tracing and "
@@ -163,7 +112,7 @@ def build_fmus(
 
 
 def _check_names(
-    units: Mapping[str, type[Unit]],
+    units: Mapping[str, type[BaseUnit]],
     start_values: Mapping[str, Mapping[str, float]],
     backend: str,
     fmi_version: str,

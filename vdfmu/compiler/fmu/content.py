@@ -8,20 +8,20 @@ import uuid
 from collections.abc import Mapping
 from functools import cached_property, lru_cache
 from hashlib import sha256
+from importlib import import_module
 from importlib.metadata import version as version_of
 from pathlib import Path
 from typing import Any
 
-from vdfmu.arm.robot import Robot, robot_from_dict
-from vdfmu.arm.units import package_units
 from vdfmu.base.data import data_path
 from vdfmu.base.errors import FmuError, VdfmuError
 from vdfmu.base.version import __version__
 from vdfmu.compiler.fmu.about import ABOUT, about
 from vdfmu.compiler.functions.sources import source_digest
-from vdfmu.compiler.unit.base import Unit, unit_name
+from vdfmu.compiler.unit.base import BaseUnit, is_shipped, unit_name
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.load import load_units
+from vdfmu.compiler.unit.machine import Machine
 
 CONTENT_FILE = "vdfmu.json"
 _UNIT_FILE = "unit.py"
@@ -35,7 +35,7 @@ _DATA = {"python": ("python/*.py",), "native": ("c/*.[ch]", "icons/*")}
 @lru_cache
 def installed_digest(backend: str = "python") -> str:
     """Digest of all that decides what FMUs compute: vdfmu's sources, scripts or C files, CasADi's version."""
-    digest = sha256(source_digest("units", "fmu", f"fmu.{backend}").encode())
+    digest = sha256(source_digest("compiler", "arm").encode())
     for pattern in _DATA[backend]:
         for file in sorted(data_path("fmu_src").glob(pattern)):
             digest.update(f"{file.name}\n".encode())
@@ -56,8 +56,8 @@ def _tool(backend: str) -> str:
 class Content:
     """Content of one FMU."""
 
-    unit: type[Unit]
-    robot: Robot | None
+    unit: type[BaseUnit]
+    robot: Machine | None
     start_values: Mapping[str, float]
     """Start values that differ from those of the declaration."""
     backend: str = "python"
@@ -111,6 +111,8 @@ class Content:
         """Text of the content file, with `further` entries."""
         data = further | {
             "unit": unit_name(self.unit),
+            "module": self.unit.__module__ if is_shipped(self.unit) else None,
+            "reader": None if self.robot is None else self.robot.reader,
             "backend": self.backend,
             "fmi_version": self.fmi_version,
             "version": self.version,
@@ -138,10 +140,12 @@ class Content:
             name, version, digest = str(data["unit"]), str(data["version"]), str(data["digest"])
             _check_version(f"{model_name}.fmu", version, digest)
             source = resources / _UNIT_FILE
-            unit = (load_units(source) if source.is_file() else package_units()).get(name)
-            if unit is None or unit.__name__ != model_name:
+            unit = (
+                load_units(source).get(name) if source.is_file() else _named(f"{data['module']}:{model_name}")
+            )
+            if unit is None or unit_name(unit) != name or unit.__name__ != model_name:
                 raise FmuError(f"{file} belongs to unit {name!r}, expected that of {model_name}.")
-            robot = None if data["robot"] is None else robot_from_dict(data["robot"], file)
+            robot = None if data["robot"] is None else _named(data["reader"])(data["robot"], file)
             values, tool = dict(data["start_values"]), str(data["tool"])
             made_by = {name: str(data["made_by"][name]) for name in ABOUT if name in data["made_by"]}
             content = Content(unit, robot, values, version=version, digest=digest, tool=tool, made_by=made_by)
@@ -152,6 +156,14 @@ class Content:
             what = str(error) if isinstance(error, VdfmuError) else f"{type(error).__name__}: {error}"
             raise FmuError(f"{file} cannot be used: {what}. Build the FMU again.") from None
         return content
+
+
+def _named(place: str) -> Any:
+    """Return an object of the package by its module and name."""
+    module, _, name = place.partition(":")
+    if not module.startswith("vdfmu."):
+        raise FmuError(f"{place}: expected a module of vdfmu")
+    return getattr(import_module(module), name, None)
 
 
 def _check_version(fmu: str, version: str, digest: str) -> None:

@@ -1,6 +1,5 @@
-"""From equations to fast functions: symbolic trace, cache, prepared buffers."""
+"""From equations to fast functions: cache, derivatives, prepared buffers, a step of the solver."""
 
-from vdfmu.arm.robot.structure import Parameter, parameters
-from vdfmu.compiler.functions.functions import Kernel, KernelFunction
+from vdfmu.compiler.functions.functions import Functions, KernelFunction, traced_function
 
-__all__ = ["Kernel", "KernelFunction", "Parameter", "parameters"]
+__all__ = ["Functions", "KernelFunction", "traced_function"]

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import math
 import signal
-import threading
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.arm.robot import Robot
-from vdfmu.arm.robot.structure import structure_key, values
-from vdfmu.arm.robot.traced import FUNCTIONS, trace
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import KernelError
 from vdfmu.base.interrupt import listening
@@ -154,103 +149,8 @@ class Functions:
         return KernelFunction(self.casadi_function(name), buffers)
 
 
-class Kernel(Functions):
-    """The functions of :data:`~vdfmu.arm.robot.traced.FUNCTIONS` for one robot structure.
-
-    Parameters
-    ----------
-    robot : Robot
-        Its structure decides the functions; `p` holds the values of its run-time parameters.
-    cache : path, None or "default"
-        As of :class:`Functions`.
-    """
-
-    def __init__(self, robot: Robot, cache: Path | None | str = "default") -> None:
-        super().__init__(structure_key(robot), cache)
-        self.robot = robot
-        self.p = values(robot)
-        self._prepared = threading.local()
-
-    def names(self) -> Collection[str]:
-        """Names of the functions, but for derivatives of them."""
-        return FUNCTIONS.keys()
-
-    def made(self, name: str) -> ca.Function:
-        """Trace one of :meth:`names`."""
-        return trace(name, self.robot)
-
-    def rows(self, name: str, arguments: Sequence[npt.ArrayLike], sizes: Sequence[int]) -> Floats:
-        """Call a function of one result for arrays (m,) or batches (k, m), with this robot's parameters."""
-        prepared = getattr(self._prepared, name, None)
-        if prepared is None:
-            prepared = _Prepared(self.casadi_function(name), sizes, self.p)
-            setattr(self._prepared, name, prepared)
-        if prepared.takes(arguments):
-            return prepared.calculated()
-        names = list(prepared.buffers)
-        arrays = [_checked(name, a, v, size) for a, v, size in zip(names, arguments, sizes, strict=True)]
-        batches = {len(a) for a in arrays if a.ndim == 2}
-        if len(batches) > 1:
-            raise KernelError(f"{name}: batches of different lengths {sorted(batches)}: expected one length.")
-        out = np.empty((batches.pop() if batches else 1, len(prepared.result)))
-        self.calculate(name, prepared, arrays, out)
-        return out if any(array.ndim == 2 for array in arrays) else out[0]
-
-    def calculate(
-        self,
-        name: str,
-        prepared: _Prepared,
-        arrays: Sequence[Floats],
-        out: Floats,
-    ) -> None:
-        """Calculate a batch: the rows of `out` from those of `arrays`, of which each may be a single one."""
-        wide = [np.broadcast_to(a, (len(out), a.shape[-1])) for a in arrays]
-        for result, *row in zip(out, *wide, strict=True):
-            for buffer, array in zip(prepared.buffers.values(), row, strict=True):
-                buffer[:] = array
-            result[:] = prepared.calculated()
-
-
-class _Prepared:
-    """A function of one result with buffers for one state; each thread has its own."""
-
-    def __init__(self, function: ca.Function, sizes: Sequence[int], p: Floats) -> None:
-        self._all = np.zeros(sum(sizes))
-        parts = np.split(self._all, np.cumsum(sizes)[:-1])
-        self.buffers = dict(zip(function.name_in(), parts, strict=False))
-        """Of the arguments but for the parameters, next to each other in memory."""
-        self._function = KernelFunction(function, {**self.buffers, "p": p})
-        (self.result,) = self._function.results.values()
-        self._places = [(buffer, buffer.shape) for buffer in parts]
-
-    def takes(self, arguments: Sequence[npt.ArrayLike]) -> bool:
-        """Take over arguments if they are those of one state, and small enough that their squares are finite."""
-        try:
-            for (buffer, shape), argument in zip(self._places, arguments, strict=True):
-                array = np.asarray(argument, dtype=float)
-                if array.shape != shape:
-                    return False
-                buffer[:] = array
-        except (TypeError, ValueError):
-            return False
-        return math.isfinite(self._all.dot(self._all))
-
-    def calculated(self) -> Floats:
-        """Return the result for what the buffers hold."""
-        self._function.run()
-        return self.result.copy()
-
-
-def _checked(function: str, name: str, value: npt.ArrayLike, size: int) -> Floats:
-    try:
-        array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise KernelError(
-            f"{function}: {name}: expected numbers of shape ({size},) or (m, {size}): {error}"
-        ) from error
-    if array.ndim not in (1, 2) or array.shape[-1] != size:
-        raise KernelError(f"{function}: {name}: expected shape ({size},) or (m, {size}), got {array.shape}.")
-    if not np.all(np.isfinite(array)):
-        where = np.argwhere(~np.isfinite(array))[0].tolist()
-        raise KernelError(f"{function}: {name}{where}: expected a finite number, got {array[tuple(where)]}.")
-    return array
+def traced_function(name: str, inputs: dict[str, ca.SX], outputs: dict[str, ca.SX]) -> ca.Function:
+    """Make a function of named columns."""
+    # cse finds terms that the equations compute more than once, such as the motion in all solver stages
+    expressions = ca.cse([ca.densify(expression) for expression in outputs.values()])
+    return ca.Function(name, list(inputs.values()), expressions, list(inputs), list(outputs))

@@ -23,7 +23,7 @@ def source_digest(*roots: str) -> str:
     Parameters
     ----------
     *roots : str
-        Modules, ``study.reference``, or packages, ``units``, which stand for all modules in them.
+        Modules, ``arm.kernel``, or packages, ``compiler``, which stand for all modules in them.
     """
     digest = sha256(ca.CasadiMeta.version().encode())
     for name in imported(*roots):
@@ -35,7 +35,10 @@ def imported(*roots: str) -> list[str]:
     """Return the names of modules and of all that they import, late imports too, without the top of the package."""
     files = _files()
     found: set[str] = set()
-    new = {name for name in files for root in roots if root in (name, name.rpartition(".")[0])}
+    for root in roots:
+        if not any(f"{name}.".startswith(f"{root}.") for name in files):
+            raise ValueError(f"there is no module vdfmu.{root}")
+    new = {name for name in files for root in roots if f"{name}.".startswith(f"{root}.")}
     while new:
         found |= new
         new = {each for name in new for each in _source(name)[1] if each in files} - found
@@ -44,7 +47,7 @@ def imported(*roots: str) -> list[str]:
 
 @lru_cache
 def _files() -> dict[str, Path]:
-    """Return the name of each module, ``kernel`` or ``kernel.cache``, to its file."""
+    """Return the name of each module, ``arm`` or ``arm.kernel``, to its file."""
     paths = {file.relative_to(PACKAGE).with_suffix("").parts: file for file in PACKAGE.rglob("*.py")}
     named = {".".join(parts[:-1] if parts[-1] == "__init__" else parts): f for parts, f in paths.items()}
     return {name: file for name, file in named.items() if name}

@@ -13,7 +13,7 @@ import numpy as np
 from vdfmu.base.errors import UsageError
 from vdfmu.compiler.scalar.elimination import is_zero
 from vdfmu.compiler.scalar.generic import maximum, where
-from vdfmu.compiler.scalar.symbol import SymbolArray
+from vdfmu.compiler.scalar.symbol import SymbolArray, instead_of
 
 _SQUARINGS = 12
 """Most squarings of `expm`."""
@@ -21,6 +21,7 @@ _DEGREE = 18
 """Of the Taylor polynomial of `expm`, for matrices of norm 1: its error is below 1/19! = 8e-18."""
 
 
+@instead_of(np.linalg.solve)
 def solve(A: Any, b: Any) -> Any:
     """Solve ``A x = b`` by elimination with partial pivoting.
 
@@ -62,6 +63,7 @@ def solve(A: Any, b: Any) -> Any:
     return x.reshape(b.shape).view(SymbolArray)
 
 
+@instead_of(np.linalg.inv)
 def inv(A: Any) -> Any:
     """Return the inverse of a matrix (n, n); :func:`solve` says how."""
     return solve(A, np.eye(len(A)))

@@ -11,12 +11,15 @@ import operator
 from collections.abc import Callable, Mapping
 from contextvars import ContextVar
 from hashlib import sha256
-from typing import Any
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
 
 from vdfmu.base.errors import KernelError
+from vdfmu.compiler.scalar.generic import clip, where
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
 
 refusals: ContextVar[list[Exception] | None] = ContextVar("refusals", default=None)
 """What has been refused since a list was set here. A method that catches such an error goes another way than it does on
@@ -259,17 +262,26 @@ def _elementwise(function: np.ufunc, method: str, inputs: tuple[Any, ...], kwarg
 
 def _of_arrays(function: Any, args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
     """Call another function of numpy on symbols, and arrays of them."""
-    from vdfmu.compiler.scalar.generic import clip, where
-    from vdfmu.compiler.scalar.matrices import inv, solve
-
-    own: dict[Any, Any] = {np.where: where, np.clip: clip, np.linalg.solve: solve, np.linalg.inv: inv}
     try:
-        if function in own:
-            return _with_symbols(own[function](*args, **kwargs))
+        if function in _OWN:
+            return _with_symbols(_OWN[function](*args, **kwargs))
         result = np.ndarray.__array_function__(np.empty(0), function, (np.ndarray,), args, kwargs)
     except TypeError as error:
         raise refusal(KernelError(f"{function.__name__} of numpy takes no symbols: {error}")) from None
     return _with_symbols(result)
+
+
+_OWN: dict[Any, Callable[..., Any]] = {np.where: where, np.clip: clip}
+
+
+def instead_of(function: Any) -> Callable[[_Function], _Function]:
+    """Decorate what takes the place of a function of numpy that takes no symbols."""
+
+    def register(own: _Function) -> _Function:
+        _OWN[function] = own
+        return own
+
+    return register
 
 
 def _plain(value: Any) -> Any:

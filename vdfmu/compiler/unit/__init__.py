@@ -2,7 +2,6 @@
 
 from vdfmu.compiler.scalar.generic import clip, interpolate, lookup, maximum, minimum, sgn, where, zeros
 from vdfmu.compiler.scalar.matrices import expm, inv, solve
-from vdfmu.compiler.unit.base import Unit
 from vdfmu.compiler.unit.declaration import (
     JOINTS,
     Choice,
@@ -16,6 +15,7 @@ from vdfmu.compiler.unit.declaration import (
     Switch,
     Terminal,
 )
+from vdfmu.compiler.unit.unit import Unit
 
 __all__ = [
     "JOINTS", "Choice", "Derivative", "Input", "Output", "Parameter", "RobotParameters", "Sampled", "State", "Switch",

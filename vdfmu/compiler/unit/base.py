@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
+from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 
-from vdfmu.arm.robot import Robot
 from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.compiler.unit.declaration import (
     JOINTS,
@@ -26,10 +26,7 @@ from vdfmu.compiler.unit.declaration import (
     Terminal,
 )
 from vdfmu.compiler.unit.follow import MARK, followers, mark_parameter, roots, start_arrays, with_mark
-
-if TYPE_CHECKING:
-    from vdfmu.base.state_space import StateSpace
-    from vdfmu.compiler.unit.simulation import Solution
+from vdfmu.compiler.unit.machine import Machine
 
 
 class Watch(Protocol):
@@ -60,25 +57,8 @@ class Watch(Protocol):
         ...
 
 
-class Unit:
-    """Base of all units. A subclass declares variables and overrides some of the four methods.
-
-    Its docstring is the unit's description: the first line says what it is, the rest is for its page.
-
-    Parameters
-    ----------
-    robot : Robot, optional
-        Of a unit that has variables for joints, or :class:`RobotParameters`.
-    **values : array_like
-        Parameters and inputs in place of their start values.
-
-    Raises
-    ------
-    UnitError
-        For a unit without the robot that it needs.
-    UsageError
-        For a name or a value that does not fit.
-    """
+class BaseUnit:
+    """A unit without what runs it; see :class:`vdfmu.unit.Unit`."""
 
     backend: ClassVar[Literal["native", "python"]] = "native"
     """``"python"``: the methods cannot be traced; the FMU runs them in Python."""
@@ -110,7 +90,7 @@ class Unit:
         super().__init_subclass__(**kwargs)
         own = {key: v for key, v in vars(cls).items() if isinstance(v, (Declared, RobotParameters))}
         for name in own:
-            if hasattr(Unit, name) or name in ("of_robot", "store"):
+            if hasattr(BaseUnit, name) or name in ("of_robot", "store"):
                 raise UnitError(
                     f"{cls.__name__}: a variable cannot be called {name}, which every unit has already."
                 )
@@ -121,7 +101,7 @@ class Unit:
             else:
                 cls.robot_fields = value.fields
         states = [d for d in found.values() if isinstance(d, State)]
-        if cls.start is Unit.start:
+        if cls.start is BaseUnit.start:
             for state in states:
                 name = f"{state.name}_0"
                 if name not in found:
@@ -135,7 +115,7 @@ class Unit:
             cls.follows = {**follows, MARK: roots(follows)}
             cls.requirements = with_mark(cls.requirements)  # pyright: ignore[reportAttributeAccessIssue]
 
-    def __init__(self, robot: Robot | None = None, **values: Any) -> None:
+    def __init__(self, robot: Machine | None = None, **values: Any) -> None:
         if robot is None and self.needs_robot():
             raise UnitError(
                 f"{type(self).__name__} needs a robot, for its joints. Give one: robot=load_robot(..)."
@@ -160,10 +140,10 @@ class Unit:
     @classmethod
     def needs_robot(cls) -> bool:
         """Whether some variable has an element for each joint, or belongs to the robot."""
-        return cls.robot_fields is not None or any(JOINTS in d.shape for d in cls.declared.values())
+        return cls.robot_fields is not None or any(JOINTS in d.shape or d.when for d in cls.declared.values())
 
     @classmethod
-    def declared_for(cls, robot: Robot | None) -> dict[str, Declared]:
+    def declared_for(cls, robot: Machine | None) -> dict[str, Declared]:
         """Variables by name, without those of options that the robot lacks."""
         return {
             name: d for name, d in cls.declared.items() if d.when is None or getattr(robot, d.when, False)
@@ -225,61 +205,6 @@ class Unit:
                 wave = 0.1 * np.sin(2.0 * self.t + phase + 0.4 * np.arange(count)).reshape(size)
                 setattr(self, name, wave)
                 phase += 1.0
-
-    # ---------------------------------------------------------------- the unit by itself
-
-    def simulate(
-        self,
-        inputs: Mapping[str, Any] | None = None,
-        *,
-        stop: float,
-        step: float = 1e-3,
-        tolerance: float = 1e-9,
-    ) -> Solution:
-        """Run the unit from time 0 by scipy, with the parameters and inputs that are set.
-
-        Parameters
-        ----------
-        inputs : mapping of str to value or function of time, optional
-            Inputs that change, or are to have another value.
-        stop, step : float [s]
-            End, and time from one row to the next.
-        tolerance : float
-            Of the continuous states, relative and absolute.
-
-        Returns
-        -------
-        Solution
-            ``solution.t`` and ``solution["y"]``: inputs and outputs, (m, ...) each.
-
-        Raises
-        ------
-        UsageError
-            For an unknown input.
-        UnitError
-            If a method fails.
-        """
-        from vdfmu.compiler.unit.simulation import simulate
-
-        return simulate(self, inputs, stop=stop, step=step, tolerance=tolerance)
-
-    def linearize(self, *, x: Any = None, t: float = 0.0) -> StateSpace:
-        """Return the linear model at the inputs and parameters that are set, and a state.
-
-        Parameters
-        ----------
-        x : (n_x,) array_like, optional
-            Continuous states in the order of their declaration; default those at the start.
-        t : float [s]
-
-        Returns
-        -------
-        vdfmu.StateSpace
-            ``A, B, C, D`` with the names of their rows and columns; outputs are the states and what follows from them.
-        """
-        from vdfmu.compiler.unit.simulation import linearize
-
-        return linearize(self, x=x, t=t)
 
     # ---------------------------------------------------------------- values
 
@@ -361,12 +286,15 @@ class Unit:
         return self.of_robot
 
 
-def unit_name(unit: type[Unit]) -> str:
+def unit_name(unit: type[BaseUnit]) -> str:
     """Name of a unit in commands, systems and scenarios: that of the file of a shipped one, ``pd_controller`` else."""
-    package, _, module = unit.__module__.rpartition(".")
-    if package == "vdfmu.arm.units":
-        return module
-    return snake_case(unit.__name__)
+    return unit.__module__.rpartition(".")[2] if is_shipped(unit) else snake_case(unit.__name__)
+
+
+def is_shipped(unit: type[BaseUnit]) -> bool:
+    """Whether a unit is one of this package, in a file of its name; not a class that is made while it runs."""
+    ours = unit.__module__.startswith(f"{__name__.partition('.')[0]}.")
+    return ours and getattr(sys.modules[unit.__module__], unit.__name__, None) is unit
 
 
 def snake_case(name: str) -> str:

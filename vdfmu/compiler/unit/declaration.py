@@ -16,15 +16,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, overload
+from typing import Any, ClassVar, Literal, Self, overload
 
 import numpy as np
 
-from vdfmu.arm.robot import Robot
 from vdfmu.base.errors import UnitError
-
-if TYPE_CHECKING:
-    from vdfmu.compiler.unit.base import Unit
+from vdfmu.compiler.unit.machine import Machine
 
 
 class _Joints:
@@ -98,23 +95,23 @@ class Declared:
     @overload
     def __get__(self, unit: None, owner: type) -> Self: ...
     @overload
-    def __get__(self, unit: Unit, owner: type) -> Any: ...
-    def __get__(self, unit: Unit | None, owner: type) -> Any:
+    def __get__(self, unit: object, owner: type) -> Any: ...
+    def __get__(self, unit: Any, owner: type) -> Any:
         return self if unit is None else unit._read(self)  # pyright: ignore[reportPrivateUsage]
 
-    def __set__(self, unit: Unit, value: Any) -> None:
+    def __set__(self, unit: Any, value: Any) -> None:
         unit._write(self, value)  # pyright: ignore[reportPrivateUsage]
 
     def sizes(self, n: int) -> tuple[int, ...]:
         """Shape for a robot of `n` joints."""
         return tuple(n if isinstance(axis, _Joints) else axis for axis in self.shape)
 
-    def start_value(self, robot: Robot | None) -> np.ndarray[Any, Any]:
+    def start_value(self, robot: Machine | None) -> np.ndarray[Any, Any]:
         """Start value in the shape for a robot; UnitError if it does not fit."""
         start: Any = self.start
         return self.shaped(np.asarray(start(robot) if callable(start) else start), robot)
 
-    def shaped(self, value: np.ndarray[Any, Any], robot: Robot | None) -> np.ndarray[Any, Any]:
+    def shaped(self, value: np.ndarray[Any, Any], robot: Machine | None) -> np.ndarray[Any, Any]:
         """Return a value in the shape for a robot; UnitError if it does not fit."""
         sizes = self.sizes(robot.n if robot is not None else 0)
         try:
@@ -244,8 +241,8 @@ class RobotParameters:
     @overload
     def __get__(self, unit: None, owner: type) -> Self: ...
     @overload
-    def __get__(self, unit: Unit, owner: type) -> Any: ...
-    def __get__(self, unit: Unit | None, owner: type) -> Any:
+    def __get__(self, unit: object, owner: type) -> Any: ...
+    def __get__(self, unit: Any, owner: type) -> Any:
         return self if unit is None else unit._robot(self.fields)  # pyright: ignore[reportPrivateUsage]
 
 

@@ -8,12 +8,9 @@ from typing import Any, cast
 
 import numpy as np
 
-from vdfmu.arm.robot import Robot
-from vdfmu.arm.robot.parameters import OPTIONAL, PARAMETERS
-from vdfmu.arm.robot.robot import ENDS
 from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.base.measure import unit_of
-from vdfmu.compiler.unit.base import Unit
+from vdfmu.compiler.unit.base import BaseUnit
 from vdfmu.compiler.unit.declaration import (
     Choice,
     Declared,
@@ -24,12 +21,13 @@ from vdfmu.compiler.unit.declaration import (
     State,
     Switch,
 )
+from vdfmu.compiler.unit.machine import Machine
 from vdfmu.compiler.unit.place import place
 
 _NAME = re.compile(r"[A-Za-z](_?[A-Za-z0-9])*_?")
 
 
-def check_unit(unit: type[Unit], robot: Robot | None) -> None:
+def check_unit(unit: type[BaseUnit], robot: Machine | None) -> None:
     """Check the declaration of a unit for a robot.
 
     Raises
@@ -37,7 +35,7 @@ def check_unit(unit: type[Unit], robot: Robot | None) -> None:
     UnitError
         With all problems, a line for each.
     """
-    found = [*_of_unit(unit)]
+    found = [*_of_unit(unit), *(_of_machine(unit, robot) if robot is not None else ())]
     for declared in unit.declared_for(robot).values():
         found += [(declared.name, problem) for problem in _of_variable(unit, declared, robot)]
     if found:
@@ -46,7 +44,7 @@ def check_unit(unit: type[Unit], robot: Robot | None) -> None:
         )
 
 
-def _of_unit(unit: type[Unit]) -> Iterator[tuple[str, str]]:
+def _of_unit(unit: type[BaseUnit]) -> Iterator[tuple[str, str]]:
     """Variables or methods, and what is wrong with them together."""
     states = [d for d in unit.declared.values() if type(d) is State]
     derived = [d.state for d in unit.declared.values() if isinstance(d, Derivative)]
@@ -58,11 +56,6 @@ def _of_unit(unit: type[Unit]) -> Iterator[tuple[str, str]]:
                 f"{state.name}_dot = Derivative({state.name})",
             )
     for name, declared in unit.declared.items():
-        if declared.when is not None and declared.when not in (*OPTIONAL, *ENDS):
-            yield (
-                name,
-                f"{name}: when: expected one of {', '.join((*OPTIONAL, *ENDS))}, got {declared.when!r}",
-            )
         if isinstance(declared, Derivative) and declared.state not in states:
             yield name, f"{name} is the derivative of what is not a continuous state of the unit"
     sampled = any(isinstance(d, Sampled) for d in unit.declared.values())
@@ -94,19 +87,25 @@ def _of_unit(unit: type[Unit]) -> Iterator[tuple[str, str]]:
                 "terminals",
                 f"terminal {terminal.name}: expected the side left, right, bottom or top, got {terminal.side!r}",
             )
+
+
+def _of_machine(unit: type[BaseUnit], robot: Machine) -> Iterator[tuple[str, str]]:
+    """Variables, and what the robot has nothing for."""
+    for name, declared in unit.declared.items():
+        if declared.when is not None and declared.when not in robot.flags:
+            yield name, f"{name}: when: expected one of {', '.join(robot.flags)}, got {declared.when!r}"
     for name in unit.robot_fields or ():
-        row = PARAMETERS.get(name)
-        if row is None or not row.per_joint or row.shape:
-            fitting = ", ".join(n for n, r in PARAMETERS.items() if r.per_joint and not r.shape)
+        if name not in robot.joint_fields:
             yield (
                 next(n for c in unit.__mro__ for n, v in vars(c).items() if isinstance(v, RobotParameters)),
-                f"RobotParameters({name!r}): expected parameters with one number for each joint: {fitting}",
+                f"RobotParameters({name!r}): expected parameters with one number for each joint: "
+                f"{', '.join(robot.joint_fields)}",
             )
         if name in unit.declared:
             yield name, f"{name} is there twice: as a variable and in RobotParameters. Rename the variable"
 
 
-def _of_variable(unit: type[Unit], declared: Declared, robot: Robot | None) -> Iterator[str]:
+def _of_variable(unit: type[BaseUnit], declared: Declared, robot: Machine | None) -> Iterator[str]:
     name = declared.name
     if not _NAME.fullmatch(name) or name == "time":
         yield (
@@ -154,7 +153,7 @@ def _axes(declared: Declared) -> list[object]:
     return [axis if isinstance(axis, int) else repr(axis) for axis in declared.shape]
 
 
-def _of_start(declared: Declared, robot: Robot | None, sizes: tuple[int, ...]) -> Iterator[str]:
+def _of_start(declared: Declared, robot: Machine | None, sizes: tuple[int, ...]) -> Iterator[str]:
     low, high = declared.minimum, declared.maximum
     for what, bound in (("minimum", low), ("maximum", high)):
         if bound is not None and (np.asarray(bound).dtype.kind not in "if" or np.ndim(bound)):

@@ -7,25 +7,22 @@ follows the equations and the robot's geometry.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import Any
 
 import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.compiler.unit.base import Unit
+from vdfmu.compiler.unit.base import BaseUnit
 from vdfmu.compiler.unit.declaration import Sampled
 from vdfmu.compiler.unit.program import Call
-
-if TYPE_CHECKING:
-    from vdfmu.compiler.unit.interface import Interface
 
 Pattern = npt.NDArray[np.bool_]
 """(N, N): row `i` marks the positions on which position `i` depends."""
 
 
-def patterns(interface: Interface) -> tuple[Pattern, Pattern, Pattern]:
-    """Return the patterns over the whole memory of a unit: variables, derivatives of the states, time.
+def patterns(interface: Any) -> tuple[Pattern, Pattern, Pattern]:
+    """Return the patterns over the whole memory of an `Interface`: variables, derivatives of the states, time.
 
     Returns
     -------
@@ -45,7 +42,7 @@ def patterns(interface: Interface) -> tuple[Pattern, Pattern, Pattern]:
         states[interface.states] = True
         between[states] = np.eye(interface.size, dtype=bool)[states]
         start = np.ones_like(between)
-        if interface.unit.start is Unit.start:  # which reads parameters
+        if interface.unit.start is BaseUnit.start:  # which reads parameters
             start[states] = [v.causality == "parameter" for v in interface.memory]
         read = np.ones(interface.size, dtype=bool)
     else:
@@ -62,7 +59,7 @@ def patterns(interface: Interface) -> tuple[Pattern, Pattern, Pattern]:
 
 
 def _known(
-    interface: Interface, step: Pattern, start: Pattern, between: Pattern
+    interface: Any, step: Pattern, start: Pattern, between: Pattern
 ) -> tuple[Pattern, Pattern, Pattern]:
     """Return the patterns without the rows of what is given, and the columns of what is not known then.
 
@@ -81,7 +78,7 @@ def _known(
     return step, start, between
 
 
-def _after(interface: Interface, calls: Sequence[Call]) -> Pattern:
+def _after(interface: Any, calls: Sequence[Call]) -> Pattern:
     """Return what each position depends on after the calls, in terms of the positions before them."""
     found = np.eye(interface.size, dtype=bool)
     chosen = np.zeros(interface.size, dtype=bool)  # what an earlier choice has written
@@ -98,7 +95,7 @@ def _after(interface: Interface, calls: Sequence[Call]) -> Pattern:
     return found
 
 
-def _differs(interface: Interface, calls: Sequence[Call]) -> npt.NDArray[np.bool_]:
+def _differs(interface: Any, calls: Sequence[Call]) -> npt.NDArray[np.bool_]:
     """Return which positions are not set to one and the same position by all choices."""
     memory = ca.SX.sym("memory", interface.size)
     found: dict[int, list[ca.SX]] = {}
@@ -116,7 +113,7 @@ def _differs(interface: Interface, calls: Sequence[Call]) -> npt.NDArray[np.bool
     return differs
 
 
-def _of_call(interface: Interface, call: Call) -> tuple[Pattern, npt.NDArray[np.bool_]]:
+def _of_call(interface: Any, call: Call) -> tuple[Pattern, npt.NDArray[np.bool_]]:
     """Return the pattern of what one call sets, and what it sets."""
     pattern = np.zeros((interface.size, interface.size), dtype=bool)
     rows = np.zeros(interface.size, dtype=bool)

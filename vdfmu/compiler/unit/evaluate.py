@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.robot.robot import Robot
-from vdfmu.arm.robot.structure import set_parameters
 from vdfmu.base.arrays import Floats
 from vdfmu.compiler.functions.functions import KernelFunction
 from vdfmu.compiler.unit.declaration import PHASES, Choice, Declared, Derivative, Switch
@@ -179,14 +177,14 @@ class Plain(Evaluation):
     def robot(self, fields: tuple[str, ...]) -> Any:
         """Robot with the parameters in the memory."""
         robot = self.interface.robot
-        assert isinstance(robot, Robot)
+        assert robot is not None
         values = self.argument("p") if not fields else np.concatenate([self.group(field) for field in fields])
         key = values.tobytes()
         if self._robot[0] != key:
             if fields:
                 made = robot.with_parameters(**{field: self.group(field) for field in fields})
             else:
-                made = set_parameters(robot, values)
+                made = robot.with_values(values)
             self._robot = key, made
         return self._robot[1]
 

@@ -11,18 +11,15 @@ from functools import wraps
 from graphlib import CycleError, TopologicalSorter
 from inspect import Parameter as Argument
 from inspect import signature
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.robot import Robot
 from vdfmu.base.errors import UnitError
 from vdfmu.compiler.scalar.generic import minimum, sgn, where
 from vdfmu.compiler.unit.declaration import Declared, Parameter
+from vdfmu.compiler.unit.machine import Machine
 from vdfmu.compiler.unit.place import place
-
-if TYPE_CHECKING:
-    from vdfmu.compiler.unit.base import Unit
 
 MARK = "design_mark"
 """Parameter of a unit of which some parameters follow from others."""
@@ -87,7 +84,7 @@ def with_mark(method: Callable[[Any], Mapping[str, tuple[str, Any]]]) -> Callabl
     """Return a method ``requirements`` that requires the mark too."""
 
     @wraps(method)
-    def requirements(unit: Unit) -> dict[str, tuple[str, Any]]:
+    def requirements(unit: Any) -> dict[str, tuple[str, Any]]:
         sources, own = unit.follows[MARK], [name for name in unit.follows if name != MARK]
         known = getattr(unit, MARK)
         away = np.abs(known - mark([getattr(unit, name) for name in sources]))
@@ -100,7 +97,7 @@ def with_mark(method: Callable[[Any], Mapping[str, tuple[str, Any]]]) -> Callabl
     return requirements
 
 
-def start_arrays(unit: type[Unit], robot: Robot | None, given: Mapping[str, Any]) -> dict[str, Any]:
+def start_arrays(unit: type[Any], robot: Machine | None, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the start values of parameters and inputs in their shapes, by name; those in `given` are as they are.
 
     Raises
@@ -119,7 +116,7 @@ def start_arrays(unit: type[Unit], robot: Robot | None, given: Mapping[str, Any]
     return values
 
 
-def _followed(unit: type[Unit], robot: Robot | None, name: str, values: Mapping[str, Any]) -> Any:
+def _followed(unit: type[Any], robot: Machine | None, name: str, values: Mapping[str, Any]) -> Any:
     declared = unit.declared[name]
     where_ = f"{place(unit, name)}: {unit.__name__}: {name}"
     try:

@@ -17,14 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.robot import Robot
-from vdfmu.arm.robot.structure import parameters
 from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.base.once import once
-from vdfmu.compiler.unit.base import Unit, unit_name
+from vdfmu.compiler.unit.base import BaseUnit, unit_name
 from vdfmu.compiler.unit.declaration_check import check_unit
 from vdfmu.compiler.unit.dependencies import patterns
 from vdfmu.compiler.unit.follow import start_arrays
+from vdfmu.compiler.unit.machine import Machine
 from vdfmu.compiler.unit.program import Program, UnitFunctions
 from vdfmu.compiler.unit.trace import argument_name
 from vdfmu.compiler.unit.variable import Variable, derivative_variables, scalar_variables
@@ -95,7 +94,7 @@ class Interface:
     """
 
     def __init__(
-        self, unit: type[Unit], robot: Robot | None, start: Mapping[str, float] | None = None
+        self, unit: type[BaseUnit], robot: Machine | None, start: Mapping[str, float] | None = None
     ) -> None:
         self.unit = unit
         self.robot = robot
@@ -228,7 +227,7 @@ class Interface:
     @cached_property
     def _robot_parameters(self) -> slice:
         assert self.robot is not None
-        return slice(len(self) - len(parameters(self.robot)), len(self))
+        return slice(len(self) - len(self.robot.entries()), len(self))
 
     @cached_property
     def _arguments(self) -> dict[str, slice]:
@@ -346,7 +345,9 @@ class Interface:
 
 
 @once
-def _declared(unit: type[Unit], robot: Robot | None) -> tuple[tuple[Variable, ...], tuple[Variable, ...]]:
+def _declared(
+    unit: type[BaseUnit], robot: Machine | None
+) -> tuple[tuple[Variable, ...], tuple[Variable, ...]]:
     """Return the variables of a unit and the derivatives of its states; UnitError if it is declared wrongly."""
     if robot is None and unit.needs_robot():
         raise UnitError(f"{unit.__name__} needs a robot, for its joints. Name one.")
@@ -355,7 +356,7 @@ def _declared(unit: type[Unit], robot: Robot | None) -> tuple[tuple[Variable, ..
 
 
 @once
-def _functions(unit: type[Unit], robot: Robot | None) -> UnitFunctions:
+def _functions(unit: type[BaseUnit], robot: Machine | None) -> UnitFunctions:
     return UnitFunctions(unit, robot)
 
 

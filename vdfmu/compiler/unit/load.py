@@ -15,8 +15,9 @@ from pathlib import Path
 
 from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.base.once import once
-from vdfmu.compiler.unit.base import Unit, unit_name
+from vdfmu.compiler.unit.base import unit_name
 from vdfmu.compiler.unit.place import declarations
+from vdfmu.compiler.unit.unit import Unit
 
 _runs: ContextVar[bool] = ContextVar("_runs", default=True)
 
@@ -97,7 +98,7 @@ def load_units(file: Path) -> dict[str, type[Unit]]:
         if isinstance(unit, type) and issubclass(unit, Unit) and unit.__module__ == name
     }
     if not found:
-        raise UnitError(f"{file} declares no unit: a class that is derived from vdfmu.compiler.unit.Unit.")
+        raise UnitError(f"{file} declares no unit: a class that is derived from vdfmu.unit.Unit.")
     twice = [problem for unit in found.values() for problem in _twice(path, unit)]
     if twice:
         raise UnitError("\n".join(twice))

@@ -117,7 +117,7 @@ def new_unit(name: str, out: Path | None = None) -> tuple[Path, Path]:
     if path.suffix != ".py" or not stem.isidentifier():
         raise UsageError(f"{path}: expected a Python file that can be imported, such as my_filter.py.")
     if camel in unit.__all__:
-        raise UsageError(f"name: {camel} is a name of vdfmu.compiler.unit, which units need. Choose another.")
+        raise UsageError(f"name: {camel} is a name of vdfmu.unit, which units need. Choose another.")
     if keyword.iskeyword(stem) or keyword.iskeyword(camel) or stem in {*sys.stdlib_module_names, "vdfmu"}:
         raise UsageError(f"{path}: {stem} is a name of Python's own, or of vdfmu. Choose another.")
     test = path.with_name(f"test_{stem}.py")

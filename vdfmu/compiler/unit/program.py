@@ -17,10 +17,8 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.arm.robot import Robot
-from vdfmu.arm.robot.structure import structure_key
-from vdfmu.arm.robot.traced import traced_function
 from vdfmu.base.errors import UnitError
+from vdfmu.compiler.functions import traced_function
 from vdfmu.compiler.functions.derivatives import DIRECTIONS
 from vdfmu.compiler.functions.functions import Functions
 from vdfmu.compiler.functions.rodas import Stages, rodas_step, stage_equations
@@ -28,8 +26,9 @@ from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.functions.switching import NEVER, time_left
 from vdfmu.compiler.scalar.elimination import factorize, pattern, solve
 from vdfmu.compiler.scalar.symbol import from_sx, to_sx
-from vdfmu.compiler.unit.base import Unit, unit_name
+from vdfmu.compiler.unit.base import BaseUnit, is_shipped, unit_name
 from vdfmu.compiler.unit.declaration import PHASES
+from vdfmu.compiler.unit.machine import Machine
 from vdfmu.compiler.unit.place import place, shown, source_file
 from vdfmu.compiler.unit.trace import Leaf, SymbolicWatch, argument_name, leaves, run, state_slices
 from vdfmu.compiler.unit.variable import scalar_variables
@@ -105,15 +104,18 @@ class UnitFunctions(Functions):
         the package's are not kept: what they come from is known only once they are traced.
     """
 
-    def __init__(self, unit: type[Unit], robot: Robot | None, cache: Path | None | str = "default") -> None:
+    def __init__(
+        self, unit: type[BaseUnit], robot: Machine | None, cache: Path | None | str = "default"
+    ) -> None:
         self.unit, self.robot = unit, robot
         self.name = unit_name(unit)
         self._leaves: dict[str, Leaf] = {}
         instance = unit(robot)
         self._calls = {phase: self._listed(phase, leaves(instance, phase)) for phase in PHASES}
-        self.shipped = unit.__module__.startswith("vdfmu.arm.units.")
-        key = structure_key(robot) if robot is not None else "no-robot"
-        super().__init__(f"{key}-{source_digest('unit', 'units')[:16]}", cache if self.shipped else None)
+        self.shipped = is_shipped(unit)
+        key = robot.key() if robot is not None else "no-robot"
+        own = [unit.__module__.partition(".")[2]] if self.shipped else []
+        super().__init__(f"{key}-{source_digest('compiler', *own)[:16]}", cache if self.shipped else None)
 
     def _listed(self, phase: str, found_leaves: list[Leaf]) -> list[Call]:
         found: list[Call] = []
@@ -241,7 +243,7 @@ class UnitFunctions(Functions):
         return watch
 
 
-def _choice_name(unit: type[Unit], name: str, value: int) -> str:
+def _choice_name(unit: type[BaseUnit], name: str, value: int) -> str:
     choices = unit.declared[name].choices
     text = choices[value] if choices else f"{'' if value else 'not_'}{name}"
     return text if text.isidentifier() and text.isascii() and "__" not in text else f"{name}_{value}"
@@ -274,7 +276,7 @@ class _Stiff:
         first = [name for name in type(unit).elimination if name in where]
         names = [*first, *(name for name in where if name not in ("", *first))]
         self.order = np.concatenate([np.arange(where[name].start, where[name].stop) for name in names])
-        if type(unit).balance is Unit.balance:
+        if type(unit).balance is BaseUnit.balance:
             self.E, self.EJ = ca.SX.eye(n_x), ca.jacobian(self.x_dot, x)
             self.Ef_t = _along(self.x_dot, changing, changes)
             self._residual = None

@@ -8,14 +8,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from vdfmu.arm.robot.requirements import STRICT, Requirement, margins, requirements
-from vdfmu.arm.robot.structure import Parameter, set_parameters
-from vdfmu.arm.robot.traced import traced_function
 from vdfmu.base.errors import UnitError
+from vdfmu.compiler.functions import traced_function
 from vdfmu.compiler.scalar.symbol import to_sx
-from vdfmu.compiler.unit.base import Unit
+from vdfmu.compiler.unit.base import BaseUnit
 from vdfmu.compiler.unit.evaluate import Floats, Plain
 from vdfmu.compiler.unit.interface import Interface
+from vdfmu.compiler.unit.machine import STRICT, Entry, Requirement, margins
 from vdfmu.compiler.unit.place import place
 from vdfmu.compiler.unit.trace import SymbolicWatch, run
 
@@ -24,10 +23,10 @@ def unmet(interface: Interface, memory: Floats) -> list[str]:
     """Return what the parameters in a unit's memory do not meet together, in the words of native FMUs."""
     found: list[tuple[Requirement, float]] = []
     if interface.has_robot and interface.robot is not None:
-        listed = requirements(interface.robot)
-        robot = set_parameters(interface.robot, memory[interface.slice("p")])
+        listed = interface.robot.requirements()
+        robot = interface.robot.with_values(memory[interface.slice("p")])
         found += zip(listed, margins(robot, listed), strict=True)
-    if interface.unit.requirements is not Unit.requirements:
+    if interface.unit.requirements is not BaseUnit.requirements:
         found += _listed(interface, Plain(interface, memory).requirements())
     problems: list[str] = []
     for requirement, margin in found:
@@ -44,7 +43,7 @@ def unmet(interface: Interface, memory: Floats) -> list[str]:
 
 def traced_requirements(interface: Interface) -> tuple[list[Requirement], ca.Function | None]:
     """Return what a unit requires itself, and the function of its groups to the margins; one holds from 0 on."""
-    if interface.unit.requirements is Unit.requirements:
+    if interface.unit.requirements is BaseUnit.requirements:
         return [], None
     unit = interface.unit(interface.robot)
     watch = SymbolicWatch(unit, "requirements", {})
@@ -72,7 +71,7 @@ def _listed(interface: Interface, found: Any) -> list[tuple[Requirement, Any]]:
         if not parameters:
             raise _other(interface, f"{group!r}, which is no parameter")
         listed.append(
-            (Requirement(expected, tuple(Parameter(group, v.index) for v in parameters)), size - STRICT)
+            (Requirement(expected, tuple(Entry(group, v.index) for v in parameters)), size - STRICT)
         )
     return listed
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import StateSpace
-from vdfmu.compiler.unit.base import Unit
+from vdfmu.compiler.unit.base import BaseUnit
 from vdfmu.compiler.unit.evaluate import Evaluation, evaluation
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.linear import state_space
@@ -55,7 +55,7 @@ class _Driven(Motion):
 
 
 def simulate(
-    unit: Unit,
+    unit: BaseUnit,
     inputs: Mapping[str, Signal] | None = None,
     *,
     stop: float,
@@ -98,7 +98,7 @@ def simulate(
     return Solution(t, {group: np.array(row).reshape(-1, *shapes[group]) for group, row in rows.items()})
 
 
-def linearize(unit: Unit, *, x: npt.ArrayLike | None = None, t: float = 0.0) -> StateSpace:
+def linearize(unit: BaseUnit, *, x: npt.ArrayLike | None = None, t: float = 0.0) -> StateSpace:
     """Linear model of a unit; see :meth:`Unit.linearize`."""
     run = _bound(unit)
     run.memory[-1] = t
@@ -111,7 +111,7 @@ def linearize(unit: Unit, *, x: npt.ArrayLike | None = None, t: float = 0.0) -> 
     return state_space(run)
 
 
-def _bound(unit: Unit) -> Evaluation:
+def _bound(unit: BaseUnit) -> Evaluation:
     """Return the unit's methods on a memory that holds what is set on the instance."""
     interface = Interface(type(unit), unit.of_robot)
     run = evaluation(interface)

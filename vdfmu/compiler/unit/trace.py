@@ -10,10 +10,9 @@ from typing import Any, NoReturn
 import casadi as ca
 import numpy as np
 
-from vdfmu.arm.robot.structure import symbolic_robot
 from vdfmu.base.errors import KernelError, UnitError, UsageError
 from vdfmu.compiler.scalar.symbol import SymbolArray, from_sx, refusal, to_sx
-from vdfmu.compiler.unit.base import Unit
+from vdfmu.compiler.unit.base import BaseUnit
 from vdfmu.compiler.unit.call import call
 from vdfmu.compiler.unit.declaration import Choice, Declared, Derivative, Output, Sampled, State, Switch
 from vdfmu.compiler.unit.place import place, shown, source_file
@@ -75,7 +74,7 @@ class _ForkError(Exception):
 class _Watch:
     """What the watches on floats and on symbols have in common."""
 
-    def __init__(self, unit: Unit, phase: str, fixed: Fixed) -> None:
+    def __init__(self, unit: BaseUnit, phase: str, fixed: Fixed) -> None:
         self.unit, self.phase, self.fixed = unit, phase, fixed
         self.reads: dict[str, None] = {}
         self.sets: dict[str, Any] = {}
@@ -194,7 +193,7 @@ class SymbolicWatch(_Watch):
         calculation.
     """
 
-    def __init__(self, unit: Unit, phase: str, fixed: Fixed, other: SymbolicWatch | None = None) -> None:
+    def __init__(self, unit: BaseUnit, phase: str, fixed: Fixed, other: SymbolicWatch | None = None) -> None:
         super().__init__(unit, phase, fixed)
         self.symbols: dict[str, ca.SX] = {} if other is None else dict(other.symbols)
         self._robot: Any = None if other is None else other._robot
@@ -245,7 +244,7 @@ class SymbolicWatch(_Watch):
         """Robot whose run-time parameters are symbols."""
         if self._robot is None:
             assert self.unit.of_robot is not None
-            self._robot, self.symbols["p"] = symbolic_robot(self.unit.of_robot)
+            self._robot, self.symbols["p"] = self.unit.of_robot.symbolic()
         return self._robot
 
     def expressions(self) -> dict[str, ca.SX]:
@@ -268,7 +267,7 @@ class SymbolicWatch(_Watch):
         return found
 
 
-def state_slices(unit: Unit) -> dict[str, slice]:
+def state_slices(unit: BaseUnit) -> dict[str, slice]:
     """Continuous state to its place in ``x``; ``""`` to the whole."""
     found: dict[str, slice] = {}
     begin = 0
@@ -290,7 +289,7 @@ def _kind(declared: Declared) -> str:
     return names.get(type(declared).__name__, f"a {type(declared).__name__.lower()}")
 
 
-def leaves(unit: Unit, phase: str) -> list[Leaf]:
+def leaves(unit: BaseUnit, phase: str) -> list[Leaf]:
     """Return what a method reads and sets for each value of the choices that it reads; none for one that sets nothing.
 
     Raises
@@ -301,7 +300,7 @@ def leaves(unit: Unit, phase: str) -> list[Leaf]:
     return list(_leaves(unit, phase, {}))
 
 
-def _leaves(unit: Unit, phase: str, fixed: Fixed) -> Iterator[Leaf]:
+def _leaves(unit: BaseUnit, phase: str, fixed: Fixed) -> Iterator[Leaf]:
     watch = _FloatWatch(unit, phase, fixed)
     try:
         run(unit, phase, watch)
@@ -319,7 +318,7 @@ def _leaves(unit: Unit, phase: str, fixed: Fixed) -> Iterator[Leaf]:
         yield Leaf(phase, fixed, tuple(watch.reads), tuple(map(argument_name, watch.sets)))
 
 
-def _check_repeatable(unit: Unit, phase: str, first: _FloatWatch) -> None:
+def _check_repeatable(unit: BaseUnit, phase: str, first: _FloatWatch) -> None:
     """Raise for a method that gives something else the second time: its trace would be one case of many."""
     again = _FloatWatch(unit, phase, first.fixed)
     run(unit, phase, again)
@@ -331,7 +330,7 @@ def _check_repeatable(unit: Unit, phase: str, first: _FloatWatch) -> None:
             )
 
 
-def _check_complete(unit: Unit, phase: str, fixed: Fixed, sets: Mapping[str, Any]) -> None:
+def _check_complete(unit: BaseUnit, phase: str, fixed: Fixed, sets: Mapping[str, Any]) -> None:
     """Raise for what a method must set and does not."""
     if phase == "update":
         return
@@ -343,12 +342,12 @@ def _check_complete(unit: Unit, phase: str, fixed: Fixed, sets: Mapping[str, Any
             for name, value in fixed.items()
         ]
         with_choices = f" with {', '.join(choices)}" if choices else ""
-        where = missing[0] if getattr(type(unit), phase) is getattr(Unit, phase) else phase
+        where = missing[0] if getattr(type(unit), phase) is getattr(BaseUnit, phase) else phase
         what = f"{phase}() of {type(unit).__name__} never sets {', '.join(missing)}{with_choices}"
         raise UnitError(f"{place(type(unit), where)}: {what}.")
 
 
-def run(unit: Unit, phase: str, watch: Any) -> Any:
+def run(unit: BaseUnit, phase: str, watch: Any) -> Any:
     """Run a method of a unit under a watch.
 
     Raises
@@ -379,12 +378,12 @@ def run(unit: Unit, phase: str, watch: Any) -> Any:
 
 _WAY_OUT = (
     ". Write it with arithmetic, elementwise functions of numpy, and where, lookup, solve, inv, expm and others "
-    "of vdfmu.compiler.unit"
+    "of vdfmu.unit"
 )
 _OTHER_WAY_OUT = '; or write backend = "python" in the class, and its FMU runs the method in Python'
 
 
-def _fail(unit: Unit, phase: str, error: Exception, reason: str, symbols: bool = False) -> NoReturn:
+def _fail(unit: BaseUnit, phase: str, error: Exception, reason: str, symbols: bool = False) -> NoReturn:
     file = str(source_file(type(unit)))
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
     where = f"{shown(type(unit))}, line {lines[-1]}" if lines else shown(type(unit))

@@ -12,14 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.robot import Robot
-from vdfmu.arm.robot.parameters import PARAMETERS
-from vdfmu.arm.robot.structure import parameters
 from vdfmu.base.measure import derivative_of, measure, unit_of
 from vdfmu.base.toml_tables import POSITIVE
-from vdfmu.compiler.unit.base import Unit
+from vdfmu.compiler.unit.base import BaseUnit
 from vdfmu.compiler.unit.declaration import JOINTS, Declared, Derivative, Input, Output, Sampled, State
 from vdfmu.compiler.unit.follow import start_arrays
+from vdfmu.compiler.unit.machine import Entry, Machine
 
 NO_LIMIT = 1e12
 """Start value of a limit that does not limit; FMI has no portable infinity."""
@@ -101,7 +99,7 @@ class Variable:
 _ORDER = (Input, State, Sampled, Output)
 
 
-def scalar_variables(unit: type[Unit], robot: Robot | None) -> list[Variable]:
+def scalar_variables(unit: type[BaseUnit], robot: Machine | None) -> list[Variable]:
     """Variables of a unit in the order of their value references.
 
     Inputs, continuous states, sampled states, outputs, parameters, parameters of the robot.
@@ -116,7 +114,7 @@ def scalar_variables(unit: type[Unit], robot: Robot | None) -> list[Variable]:
     return found
 
 
-def derivative_variables(unit: type[Unit], robot: Robot | None) -> list[Variable]:
+def derivative_variables(unit: type[BaseUnit], robot: Machine | None) -> list[Variable]:
     """Return the derivatives of the continuous states of a unit, in the order of the states."""
     declared = unit.declared_for(robot).values()
     by_state = {d.state: d for d in declared if isinstance(d, Derivative)}
@@ -124,7 +122,7 @@ def derivative_variables(unit: type[Unit], robot: Robot | None) -> list[Variable
     return [v for state in states for v in _scalars(by_state[state], robot)]
 
 
-def _scalars(declared: Declared, robot: Robot | None, start: Any = None) -> Iterator[Variable]:
+def _scalars(declared: Declared, robot: Machine | None, start: Any = None) -> Iterator[Variable]:
     shape = declared.sizes(robot.n if robot is not None else 0)
     for position, index in enumerate(np.ndindex(shape)):
         joint = (
@@ -169,30 +167,13 @@ def _text(declared: Declared, position: int, index: tuple[int, ...]) -> str:
     return f"{joint}{text} {','.join(map(str, counted))}".rstrip()
 
 
-def _robot_parameters(robot: Robot, fields: tuple[str, ...]) -> Iterator[Variable]:
+def _robot_parameters(robot: Machine, fields: tuple[str, ...]) -> Iterator[Variable]:
     """Parameters of the robot that are not folded, in the order of the kernel's parameter vector; or some fields."""
-    if not fields:
-        for p in parameters(robot):
-            yield _of_robot(robot, p.field, p.index)
-    for field in fields:
-        yield from (_of_robot(robot, field, (i,)) for i in range(robot.n))
-
-
-def _of_robot(robot: Robot, field: str, index: tuple[int, ...]) -> Variable:
-    """One entry of a robot's array."""
-    row = PARAMETERS[field]
-    counted = ",".join(str(i + 1) for i in index)
-    text = f"{row.description}{_PLACES[row.per_joint, len(row.shape)]} {counted}".rstrip()
-    if row.per_joint and not row.shape:
-        text = f"Joint {counted}: {row.description}"
-    unit = row.unit(robot.joint_types[index[0]] if row.per_joint else "revolute")
-    start = float(getattr(robot, field)[index])
-    low = -row.largest if row.smallest is None else row.smallest
-    return Variable(field, index, "Real", "parameter", "fixed", unit, start, low, row.largest, text)
-
-
-_PLACES = {
-    (False, 0): "", (False, 1): ", axis", (False, 2): ", (row, column)",
-    (True, 0): "", (True, 1): ", (link, axis)", (True, 2): ", (link, row, column)",
-}  # fmt: skip
-"""Whether each joint has its own and number of axes, to what the indices are."""
+    listed = [Entry(field, (i,)) for field in fields for i in range(robot.n)] if fields else robot.entries()
+    for entry in listed:
+        facts = robot.facts(entry)
+        start = float(getattr(robot, entry.field)[entry.index])
+        yield Variable(
+            entry.field, entry.index, "Real", "parameter", "fixed", facts.unit, start, facts.minimum, facts.maximum,
+            facts.text,
+        )  # fmt: skip

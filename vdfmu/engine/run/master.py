@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vdfmu.base.progress import Steps
+from vdfmu.base.show_progress import Steps
 from vdfmu.engine.fmu.messages import LogMessage
 from vdfmu.engine.masters.observer import Observer
 from vdfmu.engine.package.system import System

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vdfmu.base.errors import CosimError, UsageError
-from vdfmu.base.progress import Steps, shown_steps
+from vdfmu.base.show_progress import Steps, shown_steps
 from vdfmu.engine.algorithms import ALGORITHMS, CONTINUOUS, count_steps
 from vdfmu.engine.fmu.messages import LogMessage
 from vdfmu.engine.masters.components import CONVERGENCE, Components

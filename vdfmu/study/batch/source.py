@@ -5,13 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 
-from vdfmu.arm.robot.requirements import requirements
 from vdfmu.base.data import data_path
 from vdfmu.compiler.c.files import kernel_source
 from vdfmu.compiler.c.loaded import SHOWN
 from vdfmu.compiler.c.text import head
-from vdfmu.compiler.functions import Kernel
 from vdfmu.compiler.unit.evaluate import Evaluation, Traced
+from vdfmu.compiler.unit.machine import traced_margins
 from vdfmu.compiler.unit.program import Call
 from vdfmu.compiler.unit.requirements import traced_requirements
 from vdfmu.system.reference.compiled import Code
@@ -157,8 +156,8 @@ class _LaneCode(Code):
         for name, unit in self.system.units.items():
             robot = unit.interface.robot if unit.interface.has_robot else None
             found = [traced_requirements(unit.interface)[1]]
-            if robot is not None and requirements(robot):
-                found.append(Kernel(robot).casadi_function("margins"))
+            if robot is not None:
+                found += traced_margins(robot)
             for function in (self.take(each) for each in found if each is not None):
                 count = function.numel_out(0)
                 places = (self._places(name, unit, group).start for group in function.name_in())

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from vdfmu.arm.equations.trajectory import desired_motion
+from vdfmu.arm.kernel import Kernel
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
-from vdfmu.compiler.functions import Kernel
 from vdfmu.study.report.contrast import LOW_GRAVITY, Contrast
 from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.values import group_value

@@ -15,7 +15,8 @@ import numpy as np
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.once import one_job
-from vdfmu.base.progress import Shown, doing, report, with_progress
+from vdfmu.base.progress import doing, report
+from vdfmu.base.show_progress import Shown, with_progress
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
 from vdfmu.engine.algorithms import ALGORITHMS, count_steps

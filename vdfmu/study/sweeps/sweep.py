@@ -11,7 +11,8 @@ from typing import Any
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.once import one_job
-from vdfmu.base.progress import Shown, report, with_progress
+from vdfmu.base.progress import report
+from vdfmu.base.show_progress import Shown, with_progress
 from vdfmu.engine.plan.inputs import Inputs
 from vdfmu.study.sweeps.chunks import Chunks
 from vdfmu.study.sweeps.job import Job

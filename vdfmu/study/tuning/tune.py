@@ -13,7 +13,8 @@ from typing import Any
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import replacing
 from vdfmu.base.once import one_job
-from vdfmu.base.progress import Shown, doing, report, with_progress
+from vdfmu.base.progress import doing, report
+from vdfmu.base.show_progress import Shown, with_progress
 from vdfmu.engine.plan.inputs import Inputs
 from vdfmu.study.run.scenario_run import prepare
 from vdfmu.study.sweeps.ledger import Ledger

@@ -33,7 +33,7 @@ def write_osp(
     ----------
     scenario : Scenario
     fmus : mapping of unit to path
-        Of :func:`vdfmu.compiler.fmu.build_fmus`, for the scenario's robot, of FMI 2.0.
+        Of :func:`vdfmu.build_fmus`, for the scenario's robot, of FMI 2.0.
     folder : path
         Made if it does not exist. Files of other names in it are left alone.
     values : mapping of unit to mapping of variable to value, optional

@@ -38,7 +38,7 @@ def write_ssp(
     ----------
     scenario : Scenario
     fmus : mapping of unit to path
-        Of :func:`vdfmu.compiler.fmu.build_fmus`, for the scenario's robot: of FMI 2.0 for SSP 1.0, of FMI 3.0 for SSP 2.0.
+        Of :func:`vdfmu.build_fmus`, for the scenario's robot: of FMI 2.0 for SSP 1.0, of FMI 3.0 for SSP 2.0.
         Those that the scenario's system does not have are left out.
     path : path
         File to write, ``name.ssp``.

@@ -127,7 +127,7 @@ def _key(
     name: str, system: System, files: Mapping[str, bytes], t: Floats, places: npt.NDArray[np.intp]
 ) -> str:
     """Return the digest of what decides a solution: what is calculated, from which values and signals, and by whom."""
-    digest = sha256(repr((name, scipy.__version__, source_digest("study.reference"))).encode())
+    digest = sha256(repr((name, scipy.__version__, source_digest("system.reference"))).encode())
     arrays = [system.memory, t, places]
     for place, course in system.outside:
         arrays += [np.array([place, course.held]), course.t, course.values]

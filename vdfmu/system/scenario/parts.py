@@ -8,17 +8,18 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import UsageError
 from vdfmu.base.measure import measure
 from vdfmu.base.toml_tables import nearest
-from vdfmu.compiler.fmu import build_fmus
 from vdfmu.compiler.fmu.build import choose_backend
 from vdfmu.compiler.fmu.content import Content
 from vdfmu.compiler.functions.cache import cache_folder, load, store
-from vdfmu.compiler.unit.base import Unit, unit_name
+from vdfmu.compiler.unit.base import unit_name
 from vdfmu.compiler.unit.interface import Interface
+from vdfmu.compiler.unit.unit import Unit
 from vdfmu.compiler.unit.variable import Variable
 from vdfmu.system.scenario.foreign import ForeignInterface
 from vdfmu.system.scenario.scenario import ROBOT_WAY_OUT, Scenario
@@ -154,7 +155,7 @@ def build_parts(
 ) -> dict[str, Path]:
     """Build the FMUs of the scenario's system, or take those that are there; component to its FMU.
 
-    `values` are start values by component; other arguments as of :func:`vdfmu.compiler.fmu.build_fmus`. Components of one
+    `values` are start values by component; other arguments as of :func:`vdfmu.build_fmus`. Components of one
     unit have an FMU each if their start values differ.
     """
     units = units_of(scenario.system)

@@ -12,7 +12,7 @@ import numpy as np
 from vdfmu.arm.robot.parameters import read_only, section
 from vdfmu.arm.units._played import Played
 from vdfmu.base.errors import UsageError
-from vdfmu.compiler.unit.base import Unit
+from vdfmu.compiler.unit.unit import Unit
 from vdfmu.system.scenario.parts import tables_of, units_of
 from vdfmu.system.scenario.scenario import Scenario
 from vdfmu.system.scenario.system_file import SystemFile

@@ -14,13 +14,13 @@ import numpy as np
 from vdfmu.arm.motion.read import KINDS as KINDS_OF_MOTION
 from vdfmu.arm.motion.read import OF_FILE
 from vdfmu.arm.robot.catalogue import NAMED, catalogue
-from vdfmu.arm.robot.parameters import JOINT_OPTIONS, PARAMETERS, Row, Section, section
-from vdfmu.arm.robot.robot import ENDS, FRICTION_ARRANGEMENTS, JOINT_TYPES
+from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, PARAMETERS, Row, Section, section
+from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES
 from vdfmu.arm.robot.visual import SHAPES
 from vdfmu.base.measure import unit_of
-from vdfmu.compiler.unit.base import Unit
 from vdfmu.compiler.unit.declaration import Choice, Declared, Input, Parameter, Switch
 from vdfmu.compiler.unit.interface import general_description
+from vdfmu.compiler.unit.unit import Unit
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.system.scenario.load import load_system
 from vdfmu.system.scenario.parts import units_of

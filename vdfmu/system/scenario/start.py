@@ -6,8 +6,8 @@ import dataclasses
 from collections.abc import Mapping
 
 from vdfmu.arm.units._played import Played
-from vdfmu.compiler.unit.base import Unit
 from vdfmu.compiler.unit.declaration import JOINTS, Output
+from vdfmu.compiler.unit.unit import Unit
 from vdfmu.system.scenario.parts import units_of
 from vdfmu.system.scenario.system_file import SystemFile
 

@@ -14,9 +14,9 @@ from vdfmu.arm.robot.structure import parameters
 from vdfmu.arm.units.plant import Plant
 from vdfmu.base.errors import UsageError
 from vdfmu.base.toml_tables import nearest
-from vdfmu.compiler.unit.base import Unit
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.requirements import unmet
+from vdfmu.compiler.unit.unit import Unit
 from vdfmu.compiler.unit.variable import NO_LIMIT, Variable
 from vdfmu.engine.package.system import spread
 from vdfmu.system.scenario.parts import Variables, check_connections, optional, tables_of
@@ -322,7 +322,7 @@ def _check(tables: Mapping[str, Variables], values: Mapping[str, Values]) -> Non
         for component, table in tables.items()
         for v in _positions(table)
         for (i,), q in [(v.index, values.get(component, {}).get(v.name))]
-        if table.robot is not None and table.robot.limits and q is not None
+        if isinstance(table.robot, Robot) and table.robot.limits and q is not None
         for low, high in [_stops(values.get(component, {}), table.robot, i)]
         if not low <= q <= high
     ]

@@ -1,0 +1,59 @@
+"""Imports between the rooms of the package go down, and no file imports itself through others."""
+
+from __future__ import annotations
+
+import ast
+from functools import cache
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import vdfmu
+
+ROOT = Path(vdfmu.__file__).parent
+ROOMS = ("base", "engine", "compiler", "arm", "system", "study", "cli")
+"""From the bottom up. Engine and compiler do not know each other."""
+EQUATIONS = ("vdfmu.arm.equations", "vdfmu.arm.drive", "vdfmu.arm.world")
+
+
+@cache
+def _imports() -> dict[str, set[str]]:
+    """Return each module with the modules that it imports, late ones and those for types too."""
+    paths = {path.relative_to(ROOT.parent).with_suffix("").parts: path for path in ROOT.rglob("*.py")}
+    modules = {".".join(p[:-1] if p[-1] == "__init__" else p): path for p, path in paths.items()}
+    found: dict[str, set[str]] = {}
+    for name, path in modules.items():
+        found[name] = set()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                found[name] |= {alias.name for alias in node.names} & modules.keys()
+            elif isinstance(node, ast.ImportFrom):
+                assert node.level == 0, f"{path}: a relative import"
+                wholes = {f"{node.module}.{alias.name}" for alias in node.names}
+                found[name] |= {
+                    one if one in modules else str(node.module) for one in wholes
+                } & modules.keys()
+    return found
+
+
+def test_rooms_import_only_rooms_below():
+    rank = {room: i for i, room in enumerate(ROOMS)}
+    assert {path.parent.name for path in ROOT.glob("*/__init__.py")} == set(ROOMS)
+    for module, imported in _imports().items():
+        room = module.split(".")[1] if "." in module else ""
+        for one in imported if room in rank else ():  # else the names of users, at the top
+            other = one.split(".")[1] if "." in one else ""
+            assert rank.get(other, 99) <= rank[room], f"{module} imports {one}"
+            assert {room, other} != {"engine", "compiler"}, f"{module} imports {one}"
+
+
+def test_no_file_imports_itself_through_others():
+    try:
+        TopologicalSorter(_imports()).prepare()
+    except CycleError as error:
+        raise AssertionError(" <- ".join(error.args[1])) from None
+
+
+def test_the_equations_know_numbers_and_nothing_else():
+    for module, imported in _imports().items():
+        if module.startswith(EQUATIONS):
+            assert all(one.startswith((*EQUATIONS, "vdfmu.compiler.scalar")) for one in imported), module

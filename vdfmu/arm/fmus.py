@@ -1,0 +1,81 @@
+"""FMUs of an arm: units by name, file or class."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from vdfmu.arm.robot import Robot, check_robot
+from vdfmu.arm.units import find_unit, shipped_units
+from vdfmu.base.once import one_job
+from vdfmu.base.show_progress import Shown, with_progress
+from vdfmu.compiler.fmu.build import build_units
+from vdfmu.compiler.unit.unit import Unit
+
+Units = Sequence[str | os.PathLike[str] | type[Unit]]
+
+
+@with_progress
+@one_job()
+def build_fmus(
+    robot: Robot | None,
+    out_dir: str | os.PathLike[str],
+    *,
+    units: Units | None = None,
+    start_values: Mapping[str, Mapping[str, float]] | None = None,
+    backend: str | None = None,
+    fmi_version: str = "2.0",
+    platforms: Sequence[str] | str | None = None,
+    progress: Shown = None,
+) -> dict[str, Path]:
+    """Build FMUs of units, each ``<Name>.fmu``.
+
+    The same sources, robot, start values and options give the same bytes. An FMU that is, to the byte, one that the
+    user built of these before, and has the platforms asked for, is left alone, with others that it may have; any
+    other is replaced.
+
+    Parameters
+    ----------
+    robot : Robot or None
+        None will do for units without joints.
+    out_dir : path
+        Folder, made if it does not exist.
+    units : sequence of str, path or type of Unit, optional
+        Names of units of the package, files ``my_unit.py`` or ``my_units.py:Name``, or classes; default all units of
+        the package.
+    start_values : mapping of unit to mapping of variable to number, optional
+        Start values in place of those of the declaration.
+    backend : "python" or "native", optional
+        A Python FMU runs in a Python that has vdfmu; a native one needs nothing but its platform. Default
+        native where its compiler is installed.
+    fmi_version : "2.0" or "3.0", optional
+        Python FMUs are of FMI 2.0.
+    platforms : sequence of str, or "all", optional
+        Platforms of native FMUs; default that of this machine.
+    progress : callable or bool, optional
+        Called with stage, done, total; True shows bars, on the terminal or in the notebook.
+
+    Returns
+    -------
+    dict of str to Path
+        Name of the unit to its FMU.
+
+    Raises
+    ------
+    UsageError
+        If a unit, variable, backend or platform does not exist, or a start value is not allowed.
+    UnitError
+        If a unit is declared wrongly, or its methods cannot be run or traced.
+    ModelError
+        If the robot is not physical.
+    FmuError
+        If a file cannot be written, or the compiler is missing or fails.
+    """
+    if robot is not None:
+        check_robot(robot)
+    chosen = [one if isinstance(one, type) else find_unit(one) for one in units or shipped_units()]
+    return build_units(
+        robot, out_dir, chosen, start_values=start_values, backend=backend, fmi_version=fmi_version,
+        platforms=platforms,
+    )  # fmt: skip

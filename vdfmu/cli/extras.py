@@ -1,0 +1,32 @@
+"""Which packages of the extras of vdfmu are installed."""
+
+from __future__ import annotations
+
+import re
+from importlib.metadata import PackageNotFoundError, requires, version
+
+_REQUIREMENT = re.compile(r"([\w.-]+)(?:\[([\w,.-]+)\])?(.*)")
+
+
+def installed(extra: str) -> tuple[list[str], list[str]]:
+    """Return the packages of an extra, or those that are always needed: ``name version``, and the names not there."""
+    there: list[str] = []
+    missing: list[str] = []
+    for text in requires("vdfmu") or []:
+        requirement, _, condition = (part.strip() for part in text.partition(";"))
+        wanted = re.search(r"extra == ['\"]([\w-]+)['\"]", condition)
+        if (wanted[1] if wanted else "") != extra:
+            continue
+        found = _REQUIREMENT.match(requirement)
+        assert found
+        if found[1] == "vdfmu":
+            for inner in found[2].split(","):
+                parts = installed(inner)
+                there += parts[0]
+                missing += parts[1]
+            continue
+        try:
+            there.append(f"{found[1]} {version(found[1])}")
+        except PackageNotFoundError:
+            missing.append(requirement)
+    return there, missing
