@@ -99,7 +99,9 @@ def stopped(number: int, folder: Path) -> None:
     for lock in place.glob("out/.lock"):
         with lock.open() as file:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    assert not (listened or code == 0) or not ("Traceback" in said or "Exception ignored" in said), told
+    loud = "Traceback" in said or "Exception ignored" in said
+    # Python's own import of modules may drop Ctrl-C before this project listens
+    assert not loud or not (listened or (code == 0 and "vdfmu/" in said.partition("out/")[0])), told
     if code == 0:
         return
     if listened:
