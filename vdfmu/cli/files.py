@@ -193,9 +193,6 @@ def check(
     ],
     no_run: Annotated[bool, typer.Option("--no-run", help="Read only; do not run the units' code.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
-    as_sarif: Annotated[
-        bool, typer.Option("--sarif", help="Print them as SARIF 2.1.0, for code scanners.")
-    ] = False,
     unpack_limit: UnpackOption = None,
     robot: Annotated[
         str, typer.Option(help="The robot for a unit or a system of one's own.")
@@ -228,14 +225,12 @@ def check(
                 report = inspect_file(file, run=not no_run)
     except StorageError as error:
         fail(error, 2)
-    if as_json or as_sarif:
-        from vdfmu.engine.inspect.sarif import to_sarif
-
+    if as_json:
         if sys.stdout is None:
             fail("the findings cannot be written: the standard output is closed", 2)
         try:
             console.rest()
-            print(json.dumps(to_sarif(report) if as_sarif else report.to_dict(), indent=1), flush=True)
+            print(json.dumps(report.to_dict(), indent=1), flush=True)
         except BrokenPipeError:
             raise
         except OSError as error:

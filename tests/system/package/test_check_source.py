@@ -103,7 +103,7 @@ NAMED = {
 
 
 @pytest.mark.parametrize("name", NAMED)
-@pytest.mark.parametrize("option", [None, "--json", "--sarif"])
+@pytest.mark.parametrize("option", [None, "--json"])
 def test_no_run_runs_no_code_of_a_file_nor_of_one_that_it_names(tmp_path, monkeypatch, name, option):
     monkeypatch.chdir(tmp_path)
     for file, text in NAMED.items():
