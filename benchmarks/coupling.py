@@ -21,7 +21,7 @@ from benchmarks.system import Clock, least, packed, quiet_run
 from vdfmu.arm.robot import Robot
 from vdfmu.compiler.c.compile import native_available
 from vdfmu.engine.masters.continuous import ContinuousStepper
-from vdfmu.engine.results.results import Signal
+from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.run import Results
 from vdfmu.study.run.summary import power_bond
 from vdfmu.system.package.description import SystemDescription

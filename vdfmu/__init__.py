@@ -63,8 +63,8 @@ if TYPE_CHECKING:
     from vdfmu.study.analysis.modes import Modes, natural_modes
     from vdfmu.study.report.animation import Animation, animate
     from vdfmu.study.run.first_run import run
+    from vdfmu.study.sweeps.study import Sweep
     from vdfmu.study.sweeps.sweep import sweep
-    from vdfmu.study.sweeps.table import Sweep
     from vdfmu.study.tuning.tune import tune
     from vdfmu.study.view.live import LiveView
     from vdfmu.study.view.robot import RobotView
@@ -95,7 +95,7 @@ _NAMES = {
     "vdfmu.system.package.osp": ("write_osp",),
     "vdfmu.system.package.write": ("write_ssp",),
     "vdfmu.study.sweeps.sweep": ("sweep",),
-    "vdfmu.study.sweeps.table": ("Sweep",),
+    "vdfmu.study.sweeps.study": ("Sweep",),
     "vdfmu.study.tuning.tune": ("tune",),
     "vdfmu.study.view.live": ("LiveView",),
     "vdfmu.study.view.robot": ("RobotView",),

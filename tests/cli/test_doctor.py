@@ -8,7 +8,7 @@ from pathlib import Path
 
 from typer.testing import CliRunner
 
-from vdfmu.cli import doctor
+from vdfmu.cli import doctor, extras
 from vdfmu.cli.commands import app
 
 PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
@@ -29,7 +29,7 @@ def test_every_extra_of_a_user_has_what_is_not_there_without_it():
 
 def test_what_is_missing_is_said_with_its_price_and_the_way_to_it(monkeypatch, tmp_path):
     monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(doctor, "requires", declared)
+    monkeypatch.setattr(extras, "requires", declared)
     whole = CliRunner().invoke(app, ["doctor"])
     assert whole.exit_code == 0
     assert "Extra    sweep: pyarrow " in whole.output
@@ -40,7 +40,7 @@ def test_what_is_missing_is_said_with_its_price_and_the_way_to_it(monkeypatch, t
             raise PackageNotFoundError(name)
         return "1.0"
 
-    monkeypatch.setattr(doctor, "version", version)
+    monkeypatch.setattr(extras, "version", version)
     less = CliRunner().invoke(app, ["doctor"])
     assert less.exit_code == 1
     assert (

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from vdfmu.engine.results.picture import PANELS, draw_signals, signals_figure
-from vdfmu.engine.results.results import Results, Signal
+from vdfmu.engine.results.recorded import Signal
+from vdfmu.engine.results.results import Results
 
 FACTS = {"system": "s", "package": "folder/s.ssp", "algorithm": "jacobi", "step": 1e-3}
 

@@ -17,7 +17,7 @@ import vdfmu
 from tests.hostile.results import changed
 from tests.hostile.table import Corpus
 from vdfmu.base.errors import VdfmuError
-from vdfmu.study.sweeps.table import Sweep
+from vdfmu.study.sweeps.study import Sweep
 
 
 def _sweep(folder: Path) -> Sweep:

@@ -160,7 +160,7 @@ def run(
             raise UsageError("row, by: expected --from with a parameter study, of which they choose a point.")
         given["scenario"] = load(scenario, robot)
     else:
-        from vdfmu.study.sweeps.table import Sweep
+        from vdfmu.study.sweeps.study import Sweep
 
         source = context.get_parameter_source("scenario")
         if source is not None and source.name == "COMMANDLINE":

@@ -159,7 +159,7 @@ def plot(
     out: Annotated[Path | None, typer.Option(help="Folder; default that of the study.")] = None,
 ) -> None:
     """Draw a measure of a study over its axes."""
-    from vdfmu.study.sweeps.table import Sweep
+    from vdfmu.study.sweeps.study import Sweep
 
     for path in Sweep(study).plot(kind, measure, out):
         say(f"Written: {path}")
@@ -171,7 +171,7 @@ def indices(study: StudyArgument, measure: MeasureOption = None) -> None:
     from rich.table import Table
 
     from vdfmu.study.sweeps.indices import CONFIDENCE
-    from vdfmu.study.sweeps.table import Sweep
+    from vdfmu.study.sweeps.study import Sweep
 
     found = Sweep(study).indices(measure)
     table = Table("axis", *found.values, box=None)
@@ -187,7 +187,7 @@ def report(
     out: Annotated[Path | None, typer.Option(help="File; default report.html in the folder.")] = None,
 ) -> None:
     """Write a page of a study: its measures, failed points and figures."""
-    from vdfmu.study.sweeps.table import Sweep
+    from vdfmu.study.sweeps.study import Sweep
 
     say(f"Written: {Sweep(study).report(out)}")
 

@@ -90,7 +90,7 @@ def tune(
     """
     from rich.table import Table
 
-    from vdfmu.study.sweeps.table import Sweep
+    from vdfmu.study.sweeps.study import Sweep
     from vdfmu.study.tuning.tune import tune as run_tune
 
     found = run_tune(

@@ -13,7 +13,7 @@ from PIL import Image
 
 import vdfmu
 from vdfmu.base.errors import UsageError
-from vdfmu.engine.results.results import Signal
+from vdfmu.engine.results.recorded import Signal
 from vdfmu.study.report.content import arm_of
 
 TIME = np.linspace(0.0, 2.0, 201)

@@ -17,7 +17,7 @@ from distributed import Client
 import vdfmu
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.study.sweeps import cluster
-from vdfmu.study.sweeps.table import Sweep
+from vdfmu.study.sweeps.study import Sweep
 
 MEASURES = ["end=final(unit.y)"]
 AXES = {"unit.at": np.linspace(0.0, 1.0, 60)}

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from vdfmu.base.errors import UsageError
-from vdfmu.engine.results.results import Results, Signal
+from vdfmu.engine.results.recorded import Signal
+from vdfmu.engine.results.results import Results
 from vdfmu.study.sweeps.measures import read_measures
 
 T = np.linspace(0.0, 2.0, 201)

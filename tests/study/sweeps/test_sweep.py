@@ -28,7 +28,7 @@ from vdfmu.cli.commands import app
 from vdfmu.study.sweeps import worker
 from vdfmu.study.sweeps.job import Bench, Job, WiredSystem
 from vdfmu.study.sweeps.plan import make_plan
-from vdfmu.study.sweeps.table import Sweep
+from vdfmu.study.sweeps.study import Sweep
 
 MODELS = Path(vdfmu.__file__).parents[1] / "models"
 LATE = """from vdfmu.arm.equations.trajectory import desired_motion

@@ -15,7 +15,7 @@ import vdfmu
 from vdfmu.base.errors import UsageError
 from vdfmu.cli.commands import app
 from vdfmu.study.analysis.margins import ArmLoops
-from vdfmu.study.sweeps.table import Sweep
+from vdfmu.study.sweeps.study import Sweep
 from vdfmu.study.sweeps.worker import KILLED
 from vdfmu.study.tuning.problem import make_problem
 

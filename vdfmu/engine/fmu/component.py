@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from ctypes import CDLL, byref, c_double, c_int, c_size_t, c_uint, c_void_p
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import fmpy
 import numpy as np
@@ -19,7 +19,6 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import DTYPES, Call, Transfer, held, shown
 from vdfmu.engine.fmu.description import Description, library_name
-from vdfmu.engine.fmu.integrator import Integrator
 from vdfmu.engine.fmu.messages import STATUS, MessageBox, boxes
 from vdfmu.engine.fmu.variables import Value, Variable
 
@@ -34,6 +33,18 @@ _UPDATES = 1000
 _tokens = itertools.count(1)
 _MAKING = threading.Lock()
 """Held while pythonfmu makes an instance: it changes ``sys.path`` and runs a script, for all threads."""
+
+
+class Steps(Protocol):
+    """Steps a component of model exchange; see :class:`vdfmu.engine.fmu.integrator.Integrator`."""
+
+    def step_call(self, clock: c_double, size: c_double) -> Call:
+        """Return the call of a step from `clock` by `size` [s]."""
+        ...
+
+    def differences(self, time: float, inputs: Sequence[Variable], outputs: Sequence[Variable]) -> Floats:
+        """Return the derivatives of rates and outputs by states and inputs."""
+        ...
 
 
 class Slave:
@@ -96,7 +107,7 @@ class Slave:
         self.python = (folder / "resources" / "slavemodule.txt").is_file()
         self.component = c_void_p()
         self.tolerance: float | None = None
-        self.integrator: Integrator | None = None
+        self.integrator: Steps | None = None
         self.in_event = False
         self.next_event = math.inf
         self.line: Callable[[float], None] = lambda time: None
@@ -306,13 +317,13 @@ class Slave:
         self.component = c_void_p(component)
         self.stage = "instantiated"
 
-    def exit_initialization(self) -> None:
-        """Leave initialization mode."""
+    def exit_initialization(self, integrate: Callable[[Slave, float | None], Steps]) -> None:
+        """Leave initialization mode; `integrate` makes what steps a component of model exchange, to a tolerance."""
         self.call("ExitInitializationMode")
         self.stage = "initialized"
         if self.description.exchange:
             self.in_event = True
-            self.integrator = Integrator(self, self.tolerance)
+            self.integrator = integrate(self, self.tolerance)
             self.update(self.box.time)
 
     def function(self, name: str) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from ctypes import CFUNCTYPE, byref, c_bool, c_char, c_char_p, c_double, c_int, c_size_t, c_uint32, c_void_p
 from functools import partial
 from typing import Any
@@ -13,7 +13,7 @@ import numpy as np
 
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import Call, Transfer
-from vdfmu.engine.fmu.component import Slave, Starts
+from vdfmu.engine.fmu.component import Slave, Starts, Steps
 from vdfmu.engine.fmu.messages import on_message
 from vdfmu.engine.fmu.variables import Variable
 
@@ -208,10 +208,10 @@ class Slave3(Slave):
             return True
         return not variable.clocks and (variable.causality == "output" or not self.discrete(variable))
 
-    def exit_initialization(self) -> None:
+    def exit_initialization(self, integrate: Callable[[Slave, float | None], Steps]) -> None:
         """See `Slave.exit_initialization`."""
         self.event_needed = False
-        super().exit_initialization()
+        super().exit_initialization(integrate)
         self.in_event = self.event_mode or self.description.exchange
 
     def enter_event(self) -> None:

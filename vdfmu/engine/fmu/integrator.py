@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from ctypes import c_double, c_size_t, c_void_p
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import Call
+from vdfmu.engine.fmu.component import Slave
 from vdfmu.engine.fmu.variables import Variable
 
-if TYPE_CHECKING:
-    from vdfmu.engine.fmu.component import Slave
 TOLERANCE = 1e-6
 """Relative, where none is asked for; absolute, times the nominal values of the states."""
 _STIFF = 200

@@ -15,6 +15,7 @@ from vdfmu.engine.fmu.component import Slave
 from vdfmu.engine.fmu.component2 import Slave2
 from vdfmu.engine.fmu.component3 import Slave3
 from vdfmu.engine.fmu.description import Description, inspect_description
+from vdfmu.engine.fmu.integrator import Integrator
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.fmu.variables import Variable
 from vdfmu.engine.inspect.findings import Findings
@@ -75,7 +76,7 @@ def _attempt(
         slave.instantiate()
         slave.prepare(None, start, start + 10 * step, [])
         slave.enter_initialization()
-        slave.exit_initialization()
+        slave.exit_initialization(Integrator)
         return attempt(slave, start, step)
     except CosimError as error:
         return str(error).removeprefix("FMU: ")

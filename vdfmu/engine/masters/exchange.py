@@ -23,7 +23,7 @@ from vdfmu.engine.masters.broyden import Broyden
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.inputs import Course
 from vdfmu.engine.plan.link import SOURCE, Link
-from vdfmu.engine.results.results import Signal
+from vdfmu.engine.results.recorded import Signal
 
 _HEAD = 4
 """Words before the values: clock, size, running, pressed."""

@@ -18,7 +18,7 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.results.csv_file import summary_beside
-from vdfmu.engine.results.results import copies_in, later
+from vdfmu.engine.results.recorded import copies_in, later
 
 _HEADING = re.compile(r"(.*?)(?:\s+\[(.+)\])?")
 """A name, and a unit of measurement in brackets behind a space."""

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import write_whole
-from vdfmu.engine.results.results import KINDS, Results, Signal, copies_in, with_copies
+from vdfmu.engine.results.recorded import KINDS, Recorded, Signal, copies_in, with_copies
 
 _BLOCK = 512
 
 
-def write_csv(results: Results, path: Path) -> None:
+def write_csv(results: Recorded, path: Path) -> None:
     """Write all signals; see `Results.write`."""
     blocks = (
         csv_lines(block.time, results.signals, block.data, slice(None)) for block in results.blocks(_BLOCK)
@@ -29,7 +29,7 @@ def write_csv(results: Results, path: Path) -> None:
     write_whole(path, (text.encode() for text in chain([csv_head(results.signals)], blocks)))
 
 
-def read_csv(path: Path) -> Results:
+def read_csv(path: Path) -> Recorded:
     """Read what `write_csv` or a run wrote; see `Results.read`."""
     try:
         with path.open(encoding="utf-8", newline="") as stream:
@@ -52,7 +52,7 @@ def read_csv(path: Path) -> Results:
     del table  # a run of hours is in memory once
     summary = summary_beside(path)
     signals, data = with_copies(signals, data, copies_in(summary))
-    return Results(time, signals, data, summary)
+    return Recorded(time, signals, data, summary)
 
 
 def _read_table(path: Path, stream: TextIO) -> tuple[list[str], list[str], Floats]:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import importlib
 from html import escape
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from vdfmu.base.errors import UsageError
-
-if TYPE_CHECKING:
-    from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.recorded import Recorded
 
 
 class Listing(NamedTuple):
@@ -57,12 +55,12 @@ def _shape(shape: tuple[int, ...] | None) -> str:
     return "" if shape == () else "apart" if shape is None else " x ".join(map(str, shape))
 
 
-def _unit(results: Results, group: str) -> str:
+def _unit(results: Recorded, group: str) -> str:
     units = {name: results.units[name] for name in results.groups[group].values()}
     return ", ".join(dict.fromkeys(units.values()))
 
 
-def contents(results: Results) -> Listing:
+def contents(results: Recorded) -> Listing:
     """Return the table of contents; see `Results.contents`."""
     rows: list[tuple[Any, ...]] = []
     copies = {signal.name for signal in results.signals if signal.of}
@@ -86,7 +84,7 @@ def contents(results: Results) -> Listing:
     return Listing(title, ("signal", "shape", "unit", "least", "largest"), rows, note)
 
 
-def compare(one: Results, other: Results) -> Listing:
+def compare(one: Recorded, other: Recorded) -> Listing:
     """Return the differences of two results; see `Results.compare`."""
     common = [name for name in one.names if other.kinds.get(name) == one.kinds[name]]
     if not common:
@@ -145,7 +143,7 @@ def _needed(package: str) -> Any:
         ) from None
 
 
-def to_pandas(results: Results) -> Any:
+def to_pandas(results: Recorded) -> Any:
     """Return a DataFrame; see `Results.to_pandas`."""
     pandas = _needed("pandas")
     columns = {name: results[name] for name in results.names}
@@ -154,7 +152,7 @@ def to_pandas(results: Results) -> Any:
     return frame
 
 
-def to_xarray(results: Results) -> Any:
+def to_xarray(results: Recorded) -> Any:
     """Return a Dataset; see `Results.to_xarray`."""
     xarray = _needed("xarray")
     dataset = xarray.Dataset(coords={"time": ("time", results.time, {"units": "s"})})

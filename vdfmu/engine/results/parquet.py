@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import replacing
 from vdfmu.base.json_text import to_json
-from vdfmu.engine.results.results import KINDS, Results, Signal, copies_in, no_rows, with_copies
+from vdfmu.engine.results.recorded import KINDS, Recorded, Signal, copies_in, no_rows, with_copies
 
 _GROUP = 2**16
 """Rows that are compressed at a time: what is held in memory of a long run."""
@@ -38,7 +38,7 @@ def needed() -> tuple[ModuleType, ModuleType]:
     return pyarrow, pyarrow.parquet
 
 
-def write_parquet(results: Results, path: Path) -> None:
+def write_parquet(results: Recorded, path: Path) -> None:
     """Write the signals that copy no other, and the summary; see `Results.write`."""
     pa, parquet = needed()
     signals = [Signal("time", "real", "s", 0), *(s for s in results.signals if not s.of)]
@@ -66,7 +66,7 @@ def _array(pa: ModuleType, column: NDArray[Any]) -> Any:
     return pa.Array.from_buffers(kinds[column.dtype.kind], len(column), [None, pa.py_buffer(values)])
 
 
-def read_parquet(path: Path) -> Results:
+def read_parquet(path: Path) -> Recorded:
     """Read what `write_parquet` wrote; see `Results.read`."""
     pa, parquet = needed()
     try:
@@ -98,4 +98,4 @@ def read_parquet(path: Path) -> Results:
     except (ValueError, RecursionError):  # none of ours
         summary = {}
     signals, data = with_copies(signals, data, copies_in(summary))
-    return Results(table["time"].to_numpy(), signals, data, summary)
+    return Recorded(table["time"].to_numpy(), signals, data, summary)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base import style
 from vdfmu.base.errors import UsageError
-from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.recorded import Recorded
 
 PANELS = 12
 """Panels of a picture; more would be too small to read."""
@@ -35,7 +35,7 @@ class _Panel(NamedTuple):
 
 
 def signals_figure(
-    results: Results, folder: Path, hidden: Collection[str] = (), pictures: Sequence[str] = ("png",)
+    results: Recorded, folder: Path, hidden: Collection[str] = (), pictures: Sequence[str] = ("png",)
 ) -> list[Path]:
     """Write ``signals.png``, or of the suffixes `pictures`, unless nothing is recorded; see :func:`draw_signals`."""
     if all(name in hidden for name in results.names):
@@ -45,11 +45,11 @@ def signals_figure(
 
 
 def plot(
-    results: Results, names: Sequence[str], over: Mapping[str, Results], path: str | Path | None
+    results: Recorded, names: Sequence[str], over: Mapping[str, Recorded], path: str | Path | None
 ) -> Figure:
     """Draw chosen signals, and write the picture if there is a path; see `Results.plot`."""
     runs: list[Any] = list(over.values()) if hasattr(over, "values") else [None]
-    if not all(isinstance(run, Results) for run in runs):
+    if not all(isinstance(run, Recorded) for run in runs):
         raise UsageError(
             f"plot: expected results by what they are called, over={{'soft': other}}, got {over!r:.60}."
         )
@@ -62,7 +62,7 @@ def plot(
 
 @style.styled
 def draw_signals(
-    results: Results, hidden: Collection[str] = (), over: Mapping[str, Results] | None = None
+    results: Recorded, hidden: Collection[str] = (), over: Mapping[str, Recorded] | None = None
 ) -> Figure:
     """Draw the recorded variables over time.
 
@@ -70,10 +70,10 @@ def draw_signals(
 
     Parameters
     ----------
-    results : Results
+    results : Recorded
     hidden : collection of str
         Signals to leave out.
-    over : mapping of str to Results, optional
+    over : mapping of str to Recorded, optional
         Other runs to draw over these, by what they are called.
     """
     panels = _panels(results, hidden)
@@ -116,7 +116,7 @@ def _run_look(k: int) -> dict[str, Any]:
     return {"linestyle": style.DASHES[k % len(style.DASHES)], "linewidth": 1.6 if k == 0 else 1.2}
 
 
-def _draw(axes: Axes, runs: Sequence[Results], panel: _Panel, most: int, length: int) -> None:
+def _draw(axes: Axes, runs: Sequence[Recorded], panel: _Panel, most: int, length: int) -> None:
     handles: list[Line2D] = []
     for i, (label, name) in enumerate(panel.curves[:most]):
         for k, results in enumerate(runs):
@@ -143,7 +143,7 @@ def _plain(text: str, length: int) -> str:
     return text.replace("$", r"\$")
 
 
-def _panels(results: Results, hidden: Collection[str]) -> list[_Panel]:
+def _panels(results: Recorded, hidden: Collection[str]) -> list[_Panel]:
     """Return the groups in the order of the results; elements of another unit are another panel."""
     panels: dict[tuple[str, str], _Panel] = {}
     for group, elements in results.groups.items():

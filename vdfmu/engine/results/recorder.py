@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.engine.results.csv_file import csv_head, csv_lines
-from vdfmu.engine.results.results import Signal, no_rows
+from vdfmu.engine.results.recorded import Signal, no_rows
 
 ROWS = 512
 """Rows that are kept in memory at most."""

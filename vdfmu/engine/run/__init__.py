@@ -3,7 +3,8 @@
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.fmu.messages import LogMessage
 from vdfmu.engine.plan.check import check_system
-from vdfmu.engine.results.results import Results, Signal
+from vdfmu.engine.results.recorded import Signal
+from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.master import simulate
 from vdfmu.engine.run.session import Interrupted
 from vdfmu.engine.run.simulator import Simulator

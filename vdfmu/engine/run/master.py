@@ -16,7 +16,7 @@ from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.simulator import Simulator
 
 if TYPE_CHECKING:
-    from vdfmu.engine.federation import Federation
+    from vdfmu.engine.run.elsewhere import Division
 
 
 def simulate(
@@ -43,7 +43,7 @@ def simulate(
     stream: Path | Sequence[Path] | None = None,
     about: Mapping[str, Any] | None = None,
     observer: Observer | None = None,
-    federation: Federation | None = None,
+    federation: Division | None = None,
 ) -> Results:
     """Co-simulate a system of FMUs of FMI 2.0 and 3.0; those for model exchange are integrated.
 
@@ -111,8 +111,8 @@ def simulate(
         Facts with which the summary begins, and that of a Parquet file.
     observer : Observer, optional
         Is shown rows while the run goes on; see `vdfmu.engine.masters.observer`.
-    federation : Federation, optional
-        The part of a system that :func:`vdfmu.federate` runs here.
+    federation : Division, optional
+        Says which part of the system runs here, and how, as :func:`vdfmu.federate` does.
 
     Returns
     -------

@@ -26,13 +26,14 @@ from vdfmu.engine.masters.probe import Probe
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.unpacked import no_room, unpack_units
 from vdfmu.engine.results.parquet import write_parquet
+from vdfmu.engine.results.recorded import copies_of
 from vdfmu.engine.results.recorder import ROWS, Recorder
-from vdfmu.engine.results.results import Results, copies_of
+from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.exits import report_exits
 from vdfmu.engine.run.isolated import Isolated, Limits
 
 if TYPE_CHECKING:
-    from vdfmu.engine.federation.federated import Federated
+    from vdfmu.engine.run.elsewhere import Elsewhere, Making
 
 
 class Interrupted(KeyboardInterrupt):
@@ -57,15 +58,15 @@ class Run:
         log: Callable[[LogMessage], None] | None,
         isolate: bool | None,
         limits: Limits,
-        apart: Callable[..., Federated] | None = None,
+        apart: Making | None = None,
     ) -> None:
         self.checked = checked
         self.box = MessageBox(log)
         self.summary: dict[str, Any] = {}
-        self.components: Components | Isolated | Federated
+        self.components: Components | Elsewhere
         self.results: Results
         self.isolated = isolate if apart is None else True
-        self.stepper: SampledStepper | ContinuousStepper | Isolated | Federated
+        self.stepper: SampledStepper | ContinuousStepper | Elsewhere
         self._limits = limits
         self._apart = apart or Isolated
         self._stack = ExitStack()

@@ -30,7 +30,7 @@ from vdfmu.engine.run.isolated import Limits
 from vdfmu.engine.run.session import Run
 
 if TYPE_CHECKING:
-    from vdfmu.engine.federation import Federation
+    from vdfmu.engine.run.elsewhere import Division
 
 
 class Simulator:
@@ -78,7 +78,7 @@ class Simulator:
         isolate: bool | None = None,
         time_limit: float | None = None,
         memory_limit: float | None = None,
-        federation: Federation | None = None,
+        federation: Division | None = None,
     ) -> None:
         self._system = system if isinstance(system, System) else load_ssp(system)
         experiment = self._system.experiment

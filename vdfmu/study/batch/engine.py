@@ -11,7 +11,8 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.base.text import matching
 from vdfmu.compiler.c.loaded import load_library
-from vdfmu.engine.results.results import Results, Signal
+from vdfmu.engine.results.recorded import Signal
+from vdfmu.engine.results.results import Results
 from vdfmu.study.batch.program import Program
 
 _ALIGNED = 64

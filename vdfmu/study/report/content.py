@@ -20,7 +20,8 @@ from vdfmu.arm.equations.kinematics import frames
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.thinning import extremes
-from vdfmu.engine.results.results import Results, Signal
+from vdfmu.engine.results.recorded import Signal
+from vdfmu.engine.results.results import Results
 from vdfmu.study.report.joints import UNITS
 from vdfmu.study.report.shapes import drawing_of
 

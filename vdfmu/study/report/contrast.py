@@ -9,7 +9,8 @@ import numpy as np
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.measure import unit_of
-from vdfmu.engine.results.results import Results, Signal
+from vdfmu.engine.results.recorded import Signal
+from vdfmu.engine.results.results import Results
 
 LOW_GRAVITY = 9.80 / 9.81
 """Share of the robot's gravity in the third variant: for 9.81 m/s2 it is 9.80."""

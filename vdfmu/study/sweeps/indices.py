@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
-
-if TYPE_CHECKING:
-    from vdfmu.study.sweeps.table import Sweep
+from vdfmu.study.sweeps.table import StudyTable
 
 CONFIDENCE = 0.95
 """Probability with which a true index lies within its half-width, by bootstrap."""
@@ -48,7 +46,7 @@ class Indices:
         return f"{self.values[name][place]:.3g}{width}"
 
 
-def indices(study: Sweep, measure: str | None = None) -> Indices:
+def indices(study: StudyTable, measure: str | None = None) -> Indices:
     """Return the indices of a measure, of a study with ``sample`` ``saltelli`` or ``morris``.
 
     Raises

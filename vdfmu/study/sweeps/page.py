@@ -18,18 +18,18 @@ from vdfmu.compiler.fmu.page import page, table
 from vdfmu.study.report.page import look
 from vdfmu.study.sweeps.indices import indices
 from vdfmu.study.sweeps.plots import plot
-from vdfmu.study.sweeps.table import Sweep
+from vdfmu.study.sweeps.table import StudyTable
 
 _SHOWN = 20
 """Failed points that are listed."""
 
 
-def write_page(study: Sweep, path: Path | None = None) -> Path:
+def write_page(study: StudyTable, path: Path | None = None) -> Path:
     """Write what a study is, the range of each measure, its worst point, failed points, and all figures that fit.
 
     Parameters
     ----------
-    study : Sweep
+    study : StudyTable
     path : Path, optional
         Default ``report.html`` in the folder of the study.
 
@@ -81,7 +81,7 @@ def write_page(study: Sweep, path: Path | None = None) -> Path:
     return path
 
 
-def _compared(study: Sweep) -> Iterable[str]:
+def _compared(study: StudyTable) -> Iterable[str]:
     """Return how far points of the batch engine are from the runs of the FMUs, as far as they were compared."""
     columns = [column for column in study.columns if column.startswith("to_fmu[")]
     if not columns:
@@ -94,7 +94,7 @@ def _compared(study: Sweep) -> Iterable[str]:
     yield _table(("point", *heads), [[f"{row[0]:.0f}", *(f"{x:.2g}" for x in row[1:])] for row in rows])
 
 
-def _of_measure(study: Sweep, name: str) -> Iterable[str]:
+def _of_measure(study: StudyTable, name: str) -> Iterable[str]:
     """Return worst point, indices and figures of a measure, as far as there are any."""
     try:
         worst = study.row("worst", name)

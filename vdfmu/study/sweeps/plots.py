@@ -18,7 +18,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.study.sweeps.lines import draw_indices, draw_tornado
 from vdfmu.study.sweeps.looks import FAILED, LOW, at_bottom, colours_of, dress, legend_of, new_figure
 from vdfmu.study.sweeps.sides import View, view
-from vdfmu.study.sweeps.table import Sweep
+from vdfmu.study.sweeps.table import StudyTable
 
 _SCATTERED, _PARALLEL = 5, 9
 """Axes at most, those of most influence, in a matrix and side by side."""
@@ -28,13 +28,13 @@ _GRID = 61
 
 
 def plot(
-    study: Sweep, kind: str | None = None, measure: str | None = None, out: Path | None = None
+    study: StudyTable, kind: str | None = None, measure: str | None = None, out: Path | None = None
 ) -> list[Path]:
     """Draw figures of a measure, ``MEASURE_KIND.png``.
 
     Parameters
     ----------
-    study : Sweep
+    study : StudyTable
     kind : {"scatter", "surface", "parallel", "tornado", "indices"}, optional
         Default all that fit the study.
     measure : str, optional

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.study.sweeps.axes import read_axes
-from vdfmu.study.sweeps.table import Sweep
+from vdfmu.study.sweeps.table import StudyTable
 
 _DECADES = 1.5
 """Those over which a measure must go to be drawn on a logarithmic scale."""
@@ -63,7 +63,7 @@ class Side:
 class View:
     """A measure over the axes that vary, those of most influence first."""
 
-    study: Sweep
+    study: StudyTable
     measure: str | None
     """As it was asked for."""
     sides: list[Side]
@@ -75,7 +75,7 @@ class View:
     """Its expression."""
 
 
-def view(study: Sweep, measure: str | None = None) -> View:
+def view(study: StudyTable, measure: str | None = None) -> View:
     """Read what figures show of a measure, or of one of its columns.
 
     Raises

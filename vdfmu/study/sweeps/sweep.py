@@ -19,7 +19,7 @@ from vdfmu.study.sweeps.job import Job
 from vdfmu.study.sweeps.ledger import Ledger
 from vdfmu.study.sweeps.local import processors, run_here
 from vdfmu.study.sweeps.plan import make_plan, name_of
-from vdfmu.study.sweeps.table import Sweep
+from vdfmu.study.sweeps.study import Sweep
 from vdfmu.study.sweeps.worker import KILLED
 
 

@@ -27,27 +27,8 @@ _FACTS: Mapping[str, Any] = {
 """What the study is, as far as it is read, and the types."""
 
 
-class Sweep:
-    """What a parameter study found; columns are read from disk when they are asked for.
-
-    Parameters
-    ----------
-    path : path
-        ``sweep.parquet``, or its folder. A study that is not complete has what is done of it.
-    notes : sequence of str
-        What came up.
-
-    Raises
-    ------
-    UsageError
-        If it cannot be read.
-
-    Examples
-    --------
-    >>> sweep["controller.K_p"]        # values of an axis, (n,)
-    >>> sweep["error[1]"]              # a measure, NaN where the run failed
-    >>> sweep.failed                   # why points failed, by their number
-    """
+class StudyTable:
+    """What a parameter study found, without what draws it; see :class:`vdfmu.Sweep`."""
 
     def __init__(self, path: str | os.PathLike[str], notes: Sequence[str] = ()) -> None:
         self.path = Path(path)
@@ -218,26 +199,6 @@ class Sweep:
             else:
                 options[axis] = value
         return {**options, "settings": settings}
-
-    def indices(self, measure: str | None = None) -> Any:
-        """Return Sobol or Morris indices of a measure, see `vdfmu.study.sweeps.indices.indices`."""
-        from vdfmu.study.sweeps.indices import indices
-
-        return indices(self, measure)
-
-    def plot(
-        self, kind: str | None = None, measure: str | None = None, out: str | os.PathLike[str] | None = None
-    ) -> list[Path]:
-        """Draw figures of a measure, see `vdfmu.study.sweeps.plots.plot`; return their files."""
-        from vdfmu.study.sweeps.plots import plot
-
-        return plot(self, kind, measure, None if out is None else Path(out))
-
-    def report(self, out: str | os.PathLike[str] | None = None) -> Path:
-        """Write a page of all measures, figures inside, default ``report.html`` in the folder; return its path."""
-        from vdfmu.study.sweeps.page import write_page
-
-        return write_page(self, None if out is None else Path(out))
 
     def to_pandas(self) -> Any:
         """Return a ``pandas.DataFrame``."""

@@ -1,0 +1,154 @@
+"""A run in several processes: how a system is split, and `federate`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.base.text import close_to
+from vdfmu.engine.federation.federated import Federated
+from vdfmu.engine.federation.plan import Plan, levels, sent_values, share
+from vdfmu.engine.package.system import System
+from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.link import SOURCE
+from vdfmu.engine.results.results import Results
+from vdfmu.engine.run.elsewhere import Making
+from vdfmu.engine.run.master import simulate
+
+CORES = ("tcp_ss", "tcp", "zmq", "ipc")
+"""Ways of HELICS to carry messages; ``tcp_ss`` needs one port, that of the broker; ``ipc``, shared memory, one machine.
+
+Not ``zmq_ss``: exchanges of four federates stall with it in HELICS 3.6.1, for a tenth of a second each.
+"""
+
+
+@dataclass(frozen=True)
+class Federation:
+    """How a system is split over processes, and how these find each other; parameters as of `federate`."""
+
+    split: Sequence[str]
+    only: str | None = None
+    broker: str | None = None
+    core: str = "tcp_ss"
+
+    def apart(self, checked: Checked) -> tuple[Checked, Making]:
+        """Return the part of a checked system that runs here, and what makes its `Federated`.
+
+        Raises
+        ------
+        UsageError
+            With all that is wrong with the split.
+        VdfmuError
+            HELICS is not installed.
+        """
+        if find_spec("helics") is None:
+            raise VdfmuError(
+                "the Python package helics, which joins the federates, is not installed. Install it: "
+                f"{sys.executable} -m pip install helics"
+            )
+        plan = self._plan(checked)
+        return share(checked, [name for part in plan.here for name in plan.parts[part]]), partial(
+            Federated, plan
+        )
+
+    def _plan(self, checked: Checked) -> Plan:
+        owner: dict[str, str] = {}
+        problems: list[str] = []
+        groups = [tuple(name.strip() for name in text.split(",")) for text in self.split]
+        for group in groups:
+            for name in group:
+                if name not in checked.descriptions:
+                    known = close_to(name, checked.descriptions)
+                    problems.append(f"split: the system has no component {name!r}{known}")
+                elif name in owner:
+                    problems.append(
+                        f"split: {name} is named twice, for the federates {owner[name]} and {group[0]}; each "
+                        "component steps in one"
+                    )
+                owner.setdefault(name, group[0])
+        rest = tuple(name for name in checked.descriptions if name not in owner)
+        owner |= dict.fromkeys(rest, rest[0] if rest else "")
+        parts = {group[0]: group for group in [*groups, rest] if group}
+        if not problems and len(parts) < 2:
+            problems.append(
+                f"split: expected at least two federates, got {', '.join(parts)}; name some of the components "
+                f"{', '.join(checked.descriptions)}"
+            )
+        if self.only is not None and self.only not in parts and not problems:
+            problems.append(
+                f"no federate is named {self.only!r}; there are {', '.join(parts)}, by their first component"
+            )
+        if self.only is not None and self.broker is None:
+            problems.append(
+                f"federate {self.only} runs alone, and needs the address of a broker that the others know too: "
+                "--broker HOST:PORT; 'helics_broker' starts one"
+            )
+        if self.core not in CORES:
+            problems.append(f"core: expected {', '.join(CORES)}, got {self.core!r}")
+        together = all(component.step is None for component in checked.system.components)
+        problems += [
+            f"{name}: has event mode, and its events are of all components at one time, which are not in one "
+            "process; 'vdfmu simulate' runs it"
+            for name, description in checked.descriptions.items()
+            if description.event_mode and together
+        ]
+        if problems:
+            raise UsageError("\n".join(problems))
+        crossing = [k for k in checked.links if k.start[0] != SOURCE and owner[k.start[0]] != owner[k.end[0]]]
+        passed = sorted([*crossing, *checked.schedule.initial.torn], key=lambda link: not link.stepped)
+        sent = {name: sent_values([k for k in passed if k.start[0] in part]) for name, part in parts.items()}
+        here = tuple(parts) if self.only is None else (self.only,)
+        return Plan(parts, here, sent, levels(checked, crossing), self.core, self.broker)
+
+
+def federate(
+    system: System | str | Path,
+    split: Sequence[str],
+    *,
+    only: str | None = None,
+    broker: str | None = None,
+    core: str = "tcp_ss",
+    **options: Any,
+) -> Results:
+    """Co-simulate a system in several processes, federates, that pass each other values by HELICS.
+
+    Every federate steps its components with the values that the others had at the start of the step: the results are
+    those of :func:`vdfmu.simulate` with ``algorithm="jacobi"``.
+
+    Parameters
+    ----------
+    system : System, str or Path
+        As of :func:`vdfmu.simulate`.
+    split : sequence of str
+        The components of each federate, such as ``["plant", "feedforward,controller"]``; those that are not named are
+        one more. A federate has the name of its first component.
+    only : str, optional
+        The federate to run here, where others run on other machines; the results are those of its components. By
+        default all run here.
+    broker : str, optional
+        Address, ``HOST:PORT``, of the HELICS broker that all federates know. By default one is started here, on
+        loopback.
+    core : str, optional
+        How HELICS carries messages, one of `CORES`.
+    **options : Any
+        Those of :func:`vdfmu.simulate`, but for the algorithm and what belongs to others, and isolation.
+
+    Returns
+    -------
+    Results
+        As of :func:`vdfmu.simulate`; the summary has the ``federates``, and the wall time that each waited for others.
+
+    Raises
+    ------
+    SspError, UsageError, VdfmuError
+        As of :func:`vdfmu.simulate`, and for a wrong split, or if HELICS is not installed.
+    CosimError
+        A component failed, a federate has ended, here or elsewhere, or cannot be reached; `results` holds the rows.
+    """
+    return simulate(system, federation=Federation(split, only, broker, core), **options)

@@ -1,0 +1,48 @@
+"""A parameter study: its table, and the figures, indices and page that are made of it."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from vdfmu.study.sweeps.indices import Indices, indices
+from vdfmu.study.sweeps.page import write_page
+from vdfmu.study.sweeps.plots import plot
+from vdfmu.study.sweeps.table import StudyTable
+
+
+class Sweep(StudyTable):
+    """What a parameter study found; columns are read from disk when they are asked for.
+
+    Parameters
+    ----------
+    path : path
+        ``sweep.parquet``, or its folder. A study that is not complete has what is done of it.
+    notes : sequence of str
+        What came up.
+
+    Raises
+    ------
+    UsageError
+        If it cannot be read.
+
+    Examples
+    --------
+    >>> sweep["controller.K_p"]        # values of an axis, (n,)
+    >>> sweep["error[1]"]              # a measure, NaN where the run failed
+    >>> sweep.failed                   # why points failed, by their number
+    """
+
+    def indices(self, measure: str | None = None) -> Indices:
+        """Return Sobol or Morris indices of a measure, see `vdfmu.study.sweeps.indices.indices`."""
+        return indices(self, measure)
+
+    def plot(
+        self, kind: str | None = None, measure: str | None = None, out: str | os.PathLike[str] | None = None
+    ) -> list[Path]:
+        """Draw figures of a measure, see `vdfmu.study.sweeps.plots.plot`; return their files."""
+        return plot(self, kind, measure, None if out is None else Path(out))
+
+    def report(self, out: str | os.PathLike[str] | None = None) -> Path:
+        """Write a page of all measures, figures inside, default ``report.html`` in the folder; return its path."""
+        return write_page(self, None if out is None else Path(out))
