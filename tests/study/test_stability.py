@@ -118,7 +118,7 @@ def test_springs_that_are_loaded_fast_are_not_a_growth():
                 for nudge in (0.0, 1e-6)
             ]
     apart = np.abs(runs[1]["plant.q"] - runs[0]["plant.q"]).max(axis=1)
-    # the loop's rate K_p / K_v is 37 1/s and 25 1/s: e**-5 is left after 0.2 s; a growth would leave more than all of it
+    # the loop's rates K_p / K_v are 37 1/s and 25 1/s: e**-5 is left after 0.2 s; a growth would leave more than all
     assert apart[-1] < 0.1 * apart[0]
     assert np.abs(runs[0]["plant.tau_s"]).max() > 100.0
     growth = poses.growth(0.0, 0.2)

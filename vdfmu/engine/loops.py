@@ -221,15 +221,18 @@ def _of_positions(parts: StateSpace) -> StateSpace:
     """
     A = parts.A.copy()
     for component in {name.partition(".")[0] for name in parts.states}:
-        torques, kappa = (
-            [i for i, name in enumerate(names) if name.startswith(f"{component}.{variable}[")]
-            for names, variable in ((parts.states, "tau_s"), (parts.outputs, "kappa"))
-        )
-        moves = f"{component}.kappa_dot[1]" in parts.states and len(kappa) == len(torques)
-        if moves and np.all(np.diag(parts.C[np.ix_(kappa, torques)])):
-            rest = np.setdiff1d(np.arange(len(A)), torques)
-            others = parts.C[np.ix_(kappa, rest)] @ parts.A[np.ix_(rest, torques)]
-            A[np.ix_(torques, torques)] = -np.linalg.solve(parts.C[np.ix_(kappa, torques)], others)
+        torques = [i for i, name in enumerate(parts.states) if name.startswith(f"{component}.tau_s[")]
+        kappa = [i for i, name in enumerate(parts.outputs) if name.startswith(f"{component}.kappa[")]
+        slopes = parts.C[kappa][:, torques]
+        if (
+            f"{component}.kappa_dot[1]" in parts.states
+            and len(kappa) == len(torques)
+            and np.diag(slopes).all()
+        ):
+            rest = [i for i in range(len(A)) if i not in torques]
+            own = -np.linalg.solve(slopes, parts.C[kappa][:, rest] @ A[rest][:, torques])
+            for i, row in zip(torques, own, strict=True):
+                A[i, torques] = row
     return replace(parts, A=A)
 
 
