@@ -55,10 +55,14 @@ BY_LANE(asin)
 BY_LANE(acos)
 BY_LANE(sinh)
 BY_LANE(cosh)
+BY_LANE(asinh)
+BY_LANE(acosh)
+BY_LANE(atanh)
 BY_LANE(log)
 BY_LANE(log1p)
 BY_LANE_OF_TWO(pow)
 BY_LANE_OF_TWO(atan2)
+BY_LANE_OF_TWO(hypot)
 BY_LANE_OF_TWO(fmod)
 
 /* ---------------------------------------------------------------- exp, expm1, tanh */
@@ -215,6 +219,10 @@ APART real lanes_atan(real x)
 #define sinh lanes_sinh
 #define cosh lanes_cosh
 #define tanh lanes_tanh
+#define asinh lanes_asinh
+#define acosh lanes_acosh
+#define atanh lanes_atanh
+#define hypot lanes_hypot
 #define exp lanes_exp
 #define expm1 lanes_expm1
 #define log lanes_log

@@ -179,6 +179,9 @@ def test_what_is_wrong_by_hand_is_said(package):
             simulator.get("plant.nothing")
         with pytest.raises(UsageError, match="the run ends at t = 0.05 s, 50 steps from t = 0 s"):
             simulator.step(51)
+        for count in (-1, 1.5, "1"):
+            with pytest.raises(UsageError, match="expected a number of steps"):
+                simulator.step(count)
         simulator.step(50)
 
 

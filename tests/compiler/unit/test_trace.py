@@ -194,6 +194,21 @@ def test_more_functions_of_numpy_are_those_of_symbols():
     assert_same(More, roundings=50)  # as above
 
 
+@pytest.mark.parametrize("unit", [Functions, More])
+def test_functions_of_numpy_run_in_c(unit, tmp_path):
+    u = np.array([0.7, -1.3, 2.1])
+    evaluated, _ = both(unit)
+    evaluated.memory[:3] = u
+    evaluated.outputs()
+    (path,) = build_fmus(None, tmp_path, units=[unit], backend="native").values()
+    start = {f"u[{i + 1}]": value for i, value in enumerate(u)}
+    row = fmpy.simulate_fmu(str(path), stop_time=0.01, output_interval=0.01, start_values=start)[0]
+    expected = {v.name: evaluated.memory[i] for i, v in enumerate(evaluated.interface)}
+    found = {name: row[name] for name in row.dtype.names if name != "time"}
+    # as above: the functions of C are those of another library
+    assert found == pytest.approx({name: expected[name] for name in found}, rel=50 * EPS, abs=50 * EPS)
+
+
 class Whole(Unit):
     """Logarithms whose floor is asked for."""
 

@@ -10,6 +10,7 @@ from vdfmu.base.files import pack_zip
 from vdfmu.engine.inspect.inspection import inspect_file
 from vdfmu.engine.inspect.reference import compare, read_table
 from vdfmu.system.scenario import load_scenario
+from vdfmu.unit import Derivative, Input, State, Unit
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref/"
 
@@ -169,3 +170,20 @@ def test_rows_that_are_too_close_for_even_steps_are_a_note(tmp_path_factory, tmp
     findings = compare(tmp_path / "close.fmu")
     assert (findings.problems, findings.compared) == ([], [])
     assert any("two rows are 1e-12 s apart" in note for note in findings.notes)
+
+
+class Length(Unit):
+    """A rate without a slope where it starts, at u = x = 0, which the solver in the FMU refuses."""
+
+    u = Input("1", start=1.5)
+    x = State("1")
+    x_dot = Derivative(x)
+
+    def derivatives(self) -> None:  # noqa: D102
+        self.x_dot = np.sqrt(self.u**2 + self.x**2) - 2.0 * self.x
+
+
+def test_a_unit_that_says_why_it_fails_the_comparison_does_not_crash(tmp_path):
+    (path,) = build_fmus(None, tmp_path, units=[Length], backend="native").values()
+    (problem,) = inspect_file(path).problems
+    assert "cannot be compared: fmi2DoStep failed" in problem

@@ -105,6 +105,26 @@ def test_the_rate_is_that_of_a_nudge():
     assert (last - first) / 0.06 == pytest.approx(rate, rel=0.2)
 
 
+def test_springs_that_are_loaded_fast_are_not_a_growth():
+    """Far from the desired position springs that stiffen swing by hundreds of N.m; the loop is stable all the same."""
+    with packaged("planar_tracking") as (package, options):
+        with Simulator(package, isolate=False, **options) as simulator:
+            runs = [
+                simulator.run(
+                    stop=0.2,
+                    parameters={"plant.q_0[1]": -1.0 + nudge, "plant.q_0[2]": 0.0},
+                    visitor=(poses := Poses("tau")),
+                )
+                for nudge in (0.0, 1e-6)
+            ]
+    apart = np.abs(runs[1]["plant.q"] - runs[0]["plant.q"]).max(axis=1)
+    # the loop's rates K_p / K_v are 37 1/s and 25 1/s: e**-5 is left after 0.2 s; a growth would leave more than all
+    assert apart[-1] < 0.1 * apart[0]
+    assert np.abs(runs[0]["plant.tau_s"]).max() > 100.0
+    growth = poses.growth(0.0, 0.2)
+    assert not growth.unstable and growth.rate < 0.0
+
+
 def test_a_run_that_fails_says_that_its_loop_is_unstable(tmp_path):
     with pytest.raises(CosimError) as raised:
         run("planar_tracking", tmp_path, settings={"controller.K_v": 400})

@@ -38,8 +38,8 @@ _TAKEN = re.compile(
     # keywords of C, and functions of math.h that traced functions call
     r"|auto|bool|break|case|char|const|continue|default|do|double|else|enum|extern|false|float|for|goto|if|inline|int"
     r"|long|register|restrict|return|short|signed|sizeof|static|struct|switch|true|typedef|typeof|union|unsigned|void"
-    r"|volatile|while|a?(cos|sin|tan)h?|atan2|ceil|copysign|exp|expm1|fabs|floor|fmax|fmin|fmod|log|log1p|pow|sqrt"
-    r"|NAN|INFINITY"
+    r"|volatile|while|a?(cos|sin|tan)h?|atan2|ceil|copysign|exp|expm1|fabs|floor|fmax|fmin|fmod|hypot|log|log1p|pow"
+    r"|sqrt|NAN|INFINITY"
 )
 
 

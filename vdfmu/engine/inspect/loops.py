@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -212,6 +212,30 @@ def _rates(poles: Any, step: float | None) -> Floats:
     return poles.real if step is None else np.log(np.maximum(np.abs(poles), _NONE)) / step
 
 
+def _of_positions(parts: StateSpace) -> StateSpace:
+    """Return the system with rates of the springs' torques that follow from the rotors' positions.
+
+    The torque of a spring that stiffens, ``tau_s_dot = K(tau_s) (kappa_dot - q_dot)``, depends on itself by its scale
+    alone: while it is loaded at some speed the pole is above 0, whatever the arm does. The position kappa, of which
+    tau_s is a function, has the rate kappa_dot.
+    """
+    A = parts.A.copy()
+    for component in {name.partition(".")[0] for name in parts.states}:
+        torques = [i for i, name in enumerate(parts.states) if name.startswith(f"{component}.tau_s[")]
+        kappa = [i for i, name in enumerate(parts.outputs) if name.startswith(f"{component}.kappa[")]
+        slopes = parts.C[kappa][:, torques]
+        if (
+            f"{component}.kappa_dot[1]" in parts.states
+            and len(kappa) == len(torques)
+            and np.diag(slopes).all()
+        ):
+            rest = [i for i in range(len(A)) if i not in torques]
+            own = -np.linalg.solve(slopes, parts.C[kappa][:, rest] @ A[rest][:, torques])
+            for i, row in zip(torques, own, strict=True):
+                A[i, torques] = row
+    return replace(parts, A=A)
+
+
 class Growth(NamedTuple):
     """Where disturbances grow most along a run."""
 
@@ -268,6 +292,7 @@ class Poses:
             return
         try:
             found = linearised(components, step, time, values=False)
+            found = replace(found, parts=_of_positions(found.parts))
             self.lacking = "; ".join(found.parts.notes)
             connected = (name for name, row in zip(found.parts.inputs, found.links, strict=True) if row.any())
             groups = dict.fromkeys(name.split("[")[0] for name in connected)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import errno
 import json
 import os
@@ -17,6 +19,7 @@ from typing import Any
 import fmpy
 import numpy as np
 import numpy.typing as npt
+from fmpy import fmi2
 
 from vdfmu.base.errors import StorageError, VdfmuError
 from vdfmu.base.interrupt import listening
@@ -208,6 +211,7 @@ def _run_unit(path: Path, phase: Callable[..., None]) -> Findings:
             raise
         text = f"{STEPS} steps of {step:g} s failed: {'; '.join([*messages, str(error)])}"
         return Findings([found("RUN001", text)])
+    _keep_logger(logger)
     if messages:
         given = f"{STEPS} steps of {step:g} s gave"
         return Findings([found("RUN001", f"{given}: {message}") for message in messages])
@@ -224,6 +228,18 @@ def _run_unit(path: Path, phase: Callable[..., None]) -> Findings:
         phase("the calls that it declares", findings)
         findings.add(try_abilities(path, start, step))
     return findings
+
+
+def _keep_logger(logger: Callable[..., None]) -> None:
+    """Let messages of FMI 1.0 and 2.0 go to a logger from now on.
+
+    FMPy has one place for all loggers of the process, where that of its last simulation stays, whose memory is free.
+    """
+    fmi2.defaultCallbacks.logger = fmi2.fmi2CallbackLoggerTYPE(logger)
+    with contextlib.suppress(ImportError, OSError):  # as FMPy: there is a library for some platforms
+        from fmpy.logging import addLoggerProxy
+
+        addLoggerProxy(ctypes.byref(fmi2.defaultCallbacks))
 
 
 def _not_finite(results: npt.NDArray[Any]) -> list[str]:

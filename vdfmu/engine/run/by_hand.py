@@ -71,6 +71,8 @@ class ByHand:
 
     def step(self, count: int) -> None:
         """Do some steps."""
+        if not isinstance(count, (int, np.integer)) or count < 0:  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise UsageError(f"step: expected a number of steps, 0 or more, got {count!r}.")
         if count > self.n - self._k:
             raise UsageError(
                 f"step: the run ends at t = {self._end:g} s, {self.n - self._k} steps from t = {self.time:g} s. "
