@@ -24,7 +24,8 @@ bench: $(VENV)/bench  ## measure times and growth exponents
 docs: $(VENV)/docs  ## build the documentation into site/; a warning is an error
 	$(BIN)/python docs/make.py
 
-lint: $(VENV)/dev  ## ruff and pyright
+# Types are resolved in what the tests install: the packages of all extras.
+lint: $(VENV)/test $(VENV)/dev  ## ruff and pyright
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
