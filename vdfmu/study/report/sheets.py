@@ -28,6 +28,7 @@ _TRACKING = (
     ("Position\nmaximum", "max_position_error_deg", "position_units"),
     ("Torque\nRMS", "rms_torque_compensation_error_nm", "torque_units"),
 )
+_LIMITS = {"Torque\nlimit": "torque", "Speed\nlimit": "speed", "End\nstop": "stop"}
 _DEFAULT_UNIT = {"position_units": "deg", "torque_units": "N.m"}
 _NONE = "-"
 
@@ -38,10 +39,15 @@ def sheets(summary: Summary) -> list[Sheet]:
         return [contrast_sheet(summary)]
     made = {
         "rms_position_error_deg": tracking_sheet,
+        "limits": limits_sheet,
         "rms_spring_torque_nm": estimation_sheet,
         "reference": reference_sheet,
     }
-    return [sheet(summary) for key, sheet in made.items() if summary.get(key)]
+    return [
+        sheet(summary)
+        for key, sheet in made.items()
+        if summary.get(key) and (key != "limits" or at_limits(summary))
+    ]
 
 
 def tracking_sheet(summary: Summary) -> Sheet:
@@ -71,6 +77,33 @@ def tracking_sheet(summary: Summary) -> Sheet:
             f"Errors that change slowly have K_p as this ratio; K_p here: {chosen}.",
         ]
     return Sheet("Tracking and compensation errors", tuple(columns), _rows(cells), notes)
+
+
+def at_limits(summary: Summary) -> bool:
+    """Whether a joint of the run was at a limit."""
+    return any(
+        share > 0.0 for arm in summary["limits"].values() for shares in arm.values() for share in shares
+    )
+
+
+def limits_sheet(summary: Summary) -> Sheet:
+    """Share of the time that each joint was at its limits."""
+    arms: Mapping[str, Summary] = summary["limits"]
+    rows = [
+        (
+            f"{arm} {joint}" if len(arms) > 1 else joint,
+            *(f"{100.0 * shares[key][i]:.3g}" for key in _LIMITS.values()),
+        )
+        for arm, shares in arms.items()
+        for i, joint in enumerate(_joints(summary, len(shares["torque"])))
+    ]
+    notes = [
+        "Share of the time. Torque: the motor, or the controller before it, gives its largest, and more is asked for.",
+        "Speed: the motor gives less than that, as it turns too fast. End stop: the joint pushes into it.",
+    ]
+    return Sheet(
+        "Joints at their limits", ("Joint", *(f"{heading}\n[%]" for heading in _LIMITS)), rows, notes
+    )
 
 
 def comparison_sheet(names: Sequence[str], summaries: Sequence[Summary]) -> list[Sheet]:

@@ -49,6 +49,7 @@ KEYS: Mapping[str, Any] = {
     "paper": {"source": TEXT, **dict.fromkeys((*_TRACKING, *_CONTRAST), _VECTOR)},
     "implied_gains": {"K_p_paper": _VECTOR, "K_p": _VECTOR},
     "power_bond": dict.fromkeys(("residual_energy_j", "residual_energy_abs_j", "exchanged_energy_j"), _VECTOR),
+    "limits": Table(dict.fromkeys(("torque", "speed", "stop"), _VECTOR)),
     "communication": dict.fromkeys(("steps", "rejected", "unit_steps"), WHOLE)
     | dict.fromkeys(("shortest_step", "longest_step"), NUMBER),
     "separation": {"change": NUMBER, "max_position_difference_rad": NUMBER},
@@ -148,6 +149,10 @@ def _missing(summary: Mapping[str, Any]) -> Iterator[str]:
         yield from (
             f"{key}.{need}: is missing" for need in needs if key in summary and need not in summary[key]
         )
+    for name, entry in summary.get("limits", {}).items():
+        keys = ("torque", "speed", "stop")
+        if not all(len(entry.get(key, ())) == len(entry.get("torque", ())) > 0 for key in keys):
+            yield f"limits.{name}: expected {', '.join(keys)} with a share for each joint"
     for i, check in enumerate(summary.get("verdict", {}).get("checks", ()), 1):
         yield from (
             f"verdict.checks[{i}].{k}: is missing" for k in ("name", "passed", "text") if k not in check

@@ -38,6 +38,7 @@ from vdfmu.engine.run import Interrupted, LogMessage, Results
 from vdfmu.engine.run.simulator import check_coupling
 from vdfmu.study.report.content import arm_of
 from vdfmu.study.report.page import NAME, Run, write_report
+from vdfmu.study.run.at_limits import limits_of, time_at_limits
 from vdfmu.study.run.contrast import contrast
 from vdfmu.study.run.stability import explain, loop_checks, simulated
 from vdfmu.study.run.summary import (
@@ -293,9 +294,11 @@ def run(
             if log is not None:
                 log(LogMessage("", 0.0, "note", "", note))
         summary["real_time_factor"] = scenario.stop / summary["wall_s"]
+        limits = limits_of(scenario, values)
         if robot is not None:
-            summary |= tracking_errors(results, robot) | power_bond(results, robot)
+            summary |= tracking_errors(results, robot, limits) | power_bond(results, robot)
             summary |= implied_gains(scenario.paper, robot, values)
+        summary |= time_at_limits(results, limits)
         if has_signals(results, "plant.tau_s", "estimator.tau_s_hat", "estimator.tau_f_hat"):
             summary |= estimation_errors(results, scenario.master)
         summary["paper"] = dict(scenario.paper)

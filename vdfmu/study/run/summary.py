@@ -13,6 +13,7 @@ from vdfmu.arm.robot import Robot
 from vdfmu.base.measure import unit_of
 from vdfmu.base.version import __version__
 from vdfmu.engine.results.results import Results
+from vdfmu.study.run.at_limits import Limits
 from vdfmu.system.reference.reference import BLOCK, REFERENCE_OF, Reference
 from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.parts import units_of
@@ -71,20 +72,26 @@ def start_notes(results: Results, scenario: Scenario) -> list[str]:
     return notes
 
 
-def tracking_errors(results: Results, robot: Robot) -> dict[str, Any]:
+def tracking_errors(results: Results, robot: Robot, limits: Iterable[Limits] = ()) -> dict[str, Any]:
     """Position errors in deg (mm for prismatic joints) and torque compensation errors link-side in N m (N).
 
     The compensation error is the control torque minus the feedforward torque that the controller added to, as the
-    paper's Fig. 11(b): ``ell (tau - tau_m)``. Empty for a system without these signals.
+    paper's Fig. 11(b): ``ell (tau - tau_m)``. With `limits` of the motors of ``plant``, tau is what they gave, which
+    may be less than the controller asked for. Empty for a system without these signals.
     """
     if not has_signals(results, "trajectory.q_d", "plant.q", "controller.tau", "controller.tau_m"):
         return {}
     revolute = np.array([t == "revolute" for t in robot.joint_types])
     scale = np.where(revolute, 180.0 / np.pi, 1e3)
+    motors = next(
+        (one for one in limits if one.plant == "plant" and f"{one.plant}.kappa_dot[1]" in results), None
+    )
     squares, largest = np.zeros((2, robot.n)), np.zeros(robot.n)
     for part in results.blocks(BLOCK):
         error = scale * (part["trajectory.q_d"] - part["plant.q"])
-        compensation = robot.ell * (part["controller.tau"] - part["controller.tau_m"])
+        tau = part["controller.tau"]
+        given = tau if motors is None else motors.given(tau, part["plant.kappa_dot"])
+        compensation = robot.ell * (given - part["controller.tau_m"])
         squares += np.sum(np.square([error, compensation]), axis=1)
         largest = np.maximum(largest, np.max(np.abs(error), axis=0))
     rms_error, rms_compensation = np.sqrt(squares / len(results)).tolist()

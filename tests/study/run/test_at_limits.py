@@ -1,0 +1,127 @@
+"""Shares of the time at limits of torque, speed and travel, and the torque that motors give."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import vdfmu
+from vdfmu.arm.robot import load_robot
+from vdfmu.engine.results.recorded import Signal
+from vdfmu.engine.results.results import Results
+from vdfmu.study.analysis.reach import reach_scenario
+from vdfmu.study.report.sheets import limits_sheet, sheets
+from vdfmu.study.run.at_limits import Limits, limits_of, time_at_limits
+from vdfmu.study.run.summary import tracking_errors
+from vdfmu.system.scenario.values import system_values
+
+TAU_STALL, NO_LOAD, FULL_SPEED = 10.0, 4.0, 0.5
+ROWS = [  # torque asked for, speed, position; torque given; what it is at, from the law's definition
+    (5.0, 1.0, 0.0, 5.0, ""),
+    (20.0, 1.0, 0.0, 10.0, "torque"),
+    (20.0, 2.0, 0.0, 10.0, "torque"),  # the corner
+    (20.0, 3.0, 0.0, 5.0, "speed"),  # half-way down the line
+    (5.0, 3.0, 0.0, 5.0, ""),
+    (1.0, 4.5, 0.0, 0.0, "speed"),
+    (-20.0, 4.5, 0.0, -10.0, "torque"),  # brakes
+    (-3.0, 1.0, 1.2, -3.0, "stop"),
+    (-3.0, 1.0, -1.1, -3.0, "stop"),
+]
+
+
+@pytest.fixture(scope="module")
+def limited():
+    """Return the small arm with limits at both joints."""
+    robot = load_robot("panda_7dof")
+    names = ("q_min", "q_max", "stop_stiffness", "stop_damping", "tau_stall", "kappa_dot_max", "full_speed")
+    numbers = (-1.0, 1.0, 1e4, 0.5, TAU_STALL, NO_LOAD, FULL_SPEED)
+    assert robot.limits
+    return dataclasses.replace(robot, **{n: np.full(robot.n, x) for n, x in zip(names, numbers, strict=True)})
+
+
+def recorded(rows, n, times, **more):
+    """Return results of an arm whose first joint does what the rows say, and whose others rest."""
+    columns = {f"{name.replace('_of_', '.')}[1]": values for name, values in more.items()}
+    columns |= {
+        f"plant.{name}[1]": [row[k] for row in rows] for k, name in enumerate(("tau", "kappa_dot", "q"))
+    }
+    names = [f"{name[:-2]}{i + 1}]" for name in columns for i in range(n)]
+    data = np.zeros((len(rows), len(names)))
+    data[:, ::n] = np.array(list(columns.values())).T
+    signals = [Signal(name, "real", "", k) for k, name in enumerate(names)]
+    return Results(np.array(times, dtype=float), signals, {"real": data})
+
+
+@pytest.mark.parametrize("row", ROWS)
+def test_each_row_is_at_its_limit_and_gets_its_torque(limited, row):
+    tau, speed, q, given, limit = row
+    one = Limits("plant", limited, np.full(limited.n, np.inf))
+    assert one.given(np.full((1, limited.n), tau), np.full((1, limited.n), speed))[0, 0] == pytest.approx(
+        given
+    )
+    found = time_at_limits(recorded([row[:3]] * 2, limited.n, [0.0, 1.0]), [one])["limits"]["plant"]
+    assert {key: shares[0] for key, shares in found.items()} == {
+        key: float(key == limit) for key in ("torque", "speed", "stop")
+    }
+    assert all(not any(shares[1:]) for shares in found.values())
+    assert (tau, speed, q) == row[:3]
+
+
+def test_a_row_counts_with_the_length_of_its_step(limited):
+    rows = [(20.0, 1.0, 0.0), (20.0, 1.0, 0.0), (5.0, 1.0, 0.0), (5.0, 4.5, 2.0)]
+    one = Limits("plant", limited, np.full(limited.n, np.inf))
+    found = time_at_limits(recorded(rows, limited.n, [0.0, 1.0, 3.0, 10.0]), [one])["limits"]["plant"]
+    np.testing.assert_allclose(
+        [found[key][0] for key in ("torque", "speed", "stop")], [0.1, 0.7, 0.7], rtol=1e-14
+    )
+
+
+def test_a_controller_that_cuts_its_torque_is_at_the_torque_limit(tmp_path):
+    settings = {"controller.tau_max": 1.0, "plant.q_0[1]": -1.0}
+    results = vdfmu.run("planar_tracking", stop=0.1, settings=settings, out=tmp_path, reference=False)
+    found = results.summary["limits"]["plant"]
+    cut = np.abs(results["controller.tau"][1:]) == 1.0  # of its clip, to the bit
+    np.testing.assert_allclose(found["torque"], cut.mean(axis=0), rtol=1e-12)
+    assert cut[:, 0].mean() > 0.5 and not any(found["stop"]) and not any(found["speed"])
+    sheet = limits_sheet(results.summary)
+    assert sheet in sheets(results.summary)
+    assert float(sheet.rows[0][1]) == pytest.approx(100.0 * cut[:, 0].mean(), abs=0.5)
+    assert sheet.title in (tmp_path / "report.html").read_text()
+
+
+def test_a_run_away_from_its_limits_has_no_table(planar_run):
+    assert "limits" not in planar_run[1].summary
+    rests = {"plant": dict.fromkeys(("torque", "speed", "stop"), [0.0, 0.0])}
+    assert (
+        sheets({"limits": rests})
+        == []
+        != sheets({"limits": {"plant": rests["plant"] | {"speed": [0.0, 0.1]}}})
+    )
+
+
+def test_values_of_the_run_are_those_of_the_motor():
+    scenario = reach_scenario("kr_6dof")
+    (plain,) = limits_of(scenario, system_values(scenario, None))
+    (one,) = limits_of(
+        scenario, system_values(scenario, {"plant.tau_stall[2]": 0.1, "controller.tau_max[3]": 0.2})
+    )
+    assert plain.robot.tau_stall[1] == load_robot("kr_6dof").tau_stall[1] != one.robot.tau_stall[1] == 0.1
+    assert one.tau_max[2] == 0.2 and one.tau_max[1] == plain.tau_max[1]
+
+
+def test_the_compensation_torque_is_what_the_motors_gave(limited):
+    n = limited.n
+    one = Limits("plant", limited, np.full(n, np.inf))
+    rows = [(20.0, 1.0, 0.0), (20.0, 3.0, 0.0)]
+    more = {
+        "trajectory_of_q_d": [0.0, 0.0],
+        "controller_of_tau": [20.0, 20.0],
+        "controller_of_tau_m": [1.0, 1.0],
+    }
+    results = recorded(rows, n, [0.0, 1.0], **more)
+    found = tracking_errors(results, limited, [one])["rms_torque_compensation_error_nm"]
+    assert found[0] == pytest.approx(limited.ell[0] * np.sqrt((9.0**2 + 4.0**2) / 2))
+    asked = tracking_errors(results, limited)["rms_torque_compensation_error_nm"]
+    assert asked[0] == pytest.approx(limited.ell[0] * 19.0)

@@ -1,0 +1,107 @@
+"""How long the joints of a run were at their limits: torque and speed of the motors, end stops."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vdfmu.arm.drive.limits import motor_torque
+from vdfmu.base.arrays import Floats
+from vdfmu.compiler.unit.variable import NO_LIMIT
+from vdfmu.engine.results.recorded import Recorded
+from vdfmu.engine.results.results import Results
+from vdfmu.system.reference.reference import BLOCK
+from vdfmu.system.scenario import Scenario
+from vdfmu.system.scenario.parts import units_of
+
+Values = Mapping[str, Mapping[str, Any]]
+_LIMITS = ("q_min", "q_max", "tau_stall", "kappa_dot_max", "full_speed")
+_READ = ("tau", "q", "kappa_dot")
+
+
+class Limits(NamedTuple):
+    """Limits that act on an arm of a system."""
+
+    plant: str
+    """Its component."""
+    robot: Any
+    """With the values of the run, as :func:`vdfmu.arm.drive.limits.motor_torque` reads it; None without limits."""
+    tau_max: Floats
+    """(n,) [N m] motor-side, at which the controller cuts its torque; `NO_LIMIT` if it does not."""
+
+    def given(self, tau: Floats, kappa_dot: Floats) -> Floats:
+        """Torque that the motors give where `tau` is asked for: (rows, n) [N m], motor-side."""
+        return tau if self.robot is None else motor_torque(self.robot, tau, kappa_dot)
+
+
+def limits_of(scenario: Scenario, values: Values) -> list[Limits]:
+    """Return the limits of the arms of a system, without arms that have none."""
+    return [
+        one for one in _limits(scenario, values) if one.robot is not None or (one.tau_max < NO_LIMIT).any()
+    ]
+
+
+def _limits(scenario: Scenario, values: Values) -> Iterator[Limits]:
+    system = scenario.system
+    units = units_of(system)
+    for plant, unit in units.items():
+        robot = system.parts[plant].robot or scenario.robot
+        if robot is None or "q_0" not in unit.declared or "tau" not in unit.declared:
+            continue
+        sources = [source for source, targets in system.connections.items() if f"{plant}.tau" in targets]
+        controller = sources[0].partition(".")[0] if sources else ""
+        cuts = controller in units and "tau_max" in units[controller].declared
+        tau_max = _with_values(np.full(robot.n, NO_LIMIT), "tau_max", values[controller] if cuts else {})
+        limited = None
+        if robot.limits:
+            own = {name: _with_values(getattr(robot, name), name, values[plant]) for name in _LIMITS}
+            limited = SimpleNamespace(**own)
+        yield Limits(plant, limited, tau_max)
+
+
+def _with_values(numbers: Floats, name: str, values: Mapping[str, Any]) -> Floats:
+    return np.array([values.get(f"{name}[{i + 1}]", number) for i, number in enumerate(numbers)], dtype=float)
+
+
+def time_at_limits(results: Results, limits: list[Limits]) -> dict[str, Any]:
+    """Return the shares of a run's time that the joints were at their limits.
+
+    A motor is at its torque limit where it, or the controller before it, gives less torque than is asked for and
+    gives its largest; at its speed limit where the speed alone makes it give less. A joint is at an end stop where the
+    stop pushes. A row stands for the step that ends there.
+
+    Returns
+    -------
+    dict
+        ``limits``: for each arm with limits, by component, ``torque``, ``speed`` and ``stop``, with a share of 0 to 1
+        for each joint. Empty where no arm has limits, or what they act on was not recorded.
+    """
+    found: dict[str, Any] = {}
+    for one in limits:
+        if all(f"{one.plant}.{name}[1]" in results for name in _READ):
+            shares = _shares(results, one)
+            found[one.plant] = dict(zip(("torque", "speed", "stop"), shares.tolist(), strict=True))
+    return {"limits": found} if found else {}
+
+
+def _shares(results: Recorded, one: Limits) -> Floats:
+    """Return the shares of the time at the limits of torque, speed and travel: (3, n)."""
+    spent: Floats = np.zeros((3, len(one.tau_max)))
+    before = results.time[0]
+    for part in results.blocks(BLOCK):
+        h = np.diff(part.time, prepend=before)[:, None]  # 0 at the first row, which ends no step
+        before = part.time[-1]
+        asked, q, kappa_dot = (part[f"{one.plant}.{name}"] for name in _READ)
+        cut = np.abs(asked) >= one.tau_max
+        slow = beyond = np.zeros_like(cut)
+        if one.robot is not None:
+            given = one.given(asked, kappa_dot)
+            less = np.abs(given) < np.abs(asked)
+            full = np.abs(given) >= one.robot.tau_stall
+            cut, slow = cut | (less & full), less & ~full
+            beyond = (q < one.robot.q_min) | (q > one.robot.q_max)
+        spent += [np.sum(h * where, axis=0) for where in (cut, slow, beyond)]
+    return spent / max(float(results.time[-1] - results.time[0]), np.finfo(float).tiny)
