@@ -12,9 +12,9 @@ import vdfmu
 from vdfmu.base.errors import CosimError
 from vdfmu.base.state_space import Linear
 from vdfmu.cli.commands import app
-from vdfmu.engine.inspect.loops import Loop, Poses, fastest_mode
+from vdfmu.engine.inspect.loops import Loop, Poses, fastest_mode, system_margins
 from vdfmu.engine.run import Simulator
-from vdfmu.study.analysis.system import linearized, packaged
+from vdfmu.study.analysis.system import linearized, margins_along, packaged
 
 
 def checks(results):
@@ -123,6 +123,12 @@ def test_springs_that_are_loaded_fast_are_not_a_growth():
     assert np.abs(runs[0]["plant.tau_s"]).max() > 100.0
     growth = poses.growth(0.0, 0.2)
     assert not growth.unstable and growth.rate < 0.0
+    times = [0.005, 0.02, 0.05]  # margins says the same of the same loop
+    start = {"plant.q_0[1]": -1.0, "plant.q_0[2]": 0.0}
+    along = margins_along("planar_tracking", at=times, settings=start)
+    assert along.growing == ["", "", ""]
+    plain = [linearized("planar_tracking", t, settings=start) for t in times]
+    assert max(system_margins(one, ["plant.tau"]).radius for one in plain) > 1.0  # with the torques as states
 
 
 def test_a_run_that_fails_says_that_its_loop_is_unstable(tmp_path):

@@ -212,7 +212,7 @@ def _rates(poles: Any, step: float | None) -> Floats:
     return poles.real if step is None else np.log(np.maximum(np.abs(poles), _NONE)) / step
 
 
-def _of_positions(parts: StateSpace) -> StateSpace:
+def of_positions(parts: StateSpace) -> StateSpace:
     """Return the system with rates of the springs' torques that follow from the rotors' positions.
 
     The torque of a spring that stiffens, ``tau_s_dot = K(tau_s) (kappa_dot - q_dot)``, depends on itself by its scale
@@ -220,15 +220,12 @@ def _of_positions(parts: StateSpace) -> StateSpace:
     tau_s is a function, has the rate kappa_dot.
     """
     A = parts.A.copy()
-    for component in {name.partition(".")[0] for name in parts.states}:
-        torques = [i for i, name in enumerate(parts.states) if name.startswith(f"{component}.tau_s[")]
-        kappa = [i for i, name in enumerate(parts.outputs) if name.startswith(f"{component}.kappa[")]
+    for name in (name for name in parts.states if name.endswith("tau_s[1]")):
+        plant = name.removesuffix("tau_s[1]")  # "plant." in a system, nothing for a unit by itself
+        torques = [i for i, name in enumerate(parts.states) if name.startswith(f"{plant}tau_s[")]
+        kappa = [i for i, name in enumerate(parts.outputs) if name.startswith(f"{plant}kappa[")]
         slopes = parts.C[kappa][:, torques]
-        if (
-            f"{component}.kappa_dot[1]" in parts.states
-            and len(kappa) == len(torques)
-            and np.diag(slopes).all()
-        ):
+        if f"{plant}kappa_dot[1]" in parts.states and len(kappa) == len(torques) and np.diag(slopes).all():
             rest = [i for i in range(len(A)) if i not in torques]
             own = -np.linalg.solve(slopes, parts.C[kappa][:, rest] @ A[rest][:, torques])
             for i, row in zip(torques, own, strict=True):
@@ -292,7 +289,7 @@ class Poses:
             return
         try:
             found = linearised(components, step, time, values=False)
-            found = replace(found, parts=_of_positions(found.parts))
+            found = replace(found, parts=of_positions(found.parts))
             self.lacking = "; ".join(found.parts.notes)
             connected = (name for name, row in zip(found.parts.inputs, found.links, strict=True) if row.any())
             groups = dict.fromkeys(name.split("[")[0] for name in connected)

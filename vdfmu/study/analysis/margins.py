@@ -16,7 +16,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear
 from vdfmu.compiler.unit.linear import state_space
-from vdfmu.engine.inspect.loops import Loop, Margins
+from vdfmu.engine.inspect.loops import Loop, Margins, of_positions
 from vdfmu.study.analysis.linear import feedback, lively, without_dry_friction
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.wired import System
@@ -94,7 +94,7 @@ class ArmLoops:
                 )
             run(t)
             self._x.append(system.memory[system.solver_x])
-            found = state_space(plant, ("tau",))
+            found = of_positions(state_space(plant, ("tau",)))
             moving = Linear(found.A[np.ix_(self._lively, self._lively)], found.B[self._lively])
             self.loops.append(Loop(float(t), moving, self._feedback(t), scenario.step, growth))
 

@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,7 +14,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.progress import counted
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.engine.inspect.linear import LinearSystem, linear_system
-from vdfmu.engine.inspect.loops import Margins, fastest_mode, system_margins
+from vdfmu.engine.inspect.loops import Margins, fastest_mode, of_positions, system_margins
 from vdfmu.engine.run.simulator import Simulator
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario import Scenario, load_scenario
@@ -118,13 +119,14 @@ def margins_along(
         if at is None:
             begin, end, step, n = Simulator(package, **chosen).grid(None, None, None)
             at = [begin + round(k * n / 4) * step for k in range(4)] + [end]
-        systems = [linear_system(package, t, **chosen) for t in counted("loops", at, len(at))]
+        found = (linear_system(package, t, **chosen) for t in counted("loops", at, len(at)))
+        systems = [replace(one, parts=of_positions(one.parts)) for one in found]
     first = systems[0]
     names = tuple(first.parts.inputs[i] for i in first.places(opened))
     notes = tuple(dict.fromkeys(note for each in systems for note in each.parts.notes))
-    found = [system_margins(each, opened, growth) for each in systems]
+    margins = [system_margins(each, opened, growth) for each in systems]
     growing = [
         "" if m.radius < math.exp(growth * s.step) else fastest_mode(s.around(opened))[1]
-        for s, m in zip(systems, found, strict=True)
+        for s, m in zip(systems, margins, strict=True)
     ]
-    return SystemMargins(names, [float(t) for t in at], found, first.algorithm, first.step, notes, growing)
+    return SystemMargins(names, [float(t) for t in at], margins, first.algorithm, first.step, notes, growing)
