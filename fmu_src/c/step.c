@@ -90,11 +90,13 @@ static void calculate(Instance *I, Step *s)
     I->core->stale = 0;
 }
 
+#define ADVICE "Check its inputs and the gains behind them, its start and its parameters, or loosen the tolerance."
+
 static Status fail_solver(const Instance *I, const SolverFailure *f, double size)
 {
     if (f->last > 0.0)
         return fail(I, "at t = %s s the communication step of %s s is not done after %d internal steps, the last of %s s. Take "
-                       "shorter communication steps, lower the input torque, loosen the tolerance, or check the parameters.",
+                       "shorter communication steps. " ADVICE,
                     G9(f->time), G6(size), MAXIMUM_STEPS, number((char[NUMBER_SIZE]){0}, 3, f->last));
     const char *name = unit.variables[unit.x + f->component].name;
     Text t = {0};
@@ -103,8 +105,7 @@ static Status fail_solver(const Instance *I, const SolverFailure *f, double size
                  number((char[NUMBER_SIZE]){0}, 3, tolerance_of(I)));
     else
         text_add(&t, "state %s is not finite", name);
-    fail(I, "at t = %s s %s, and the internal step reached its minimum %s s. Lower the input torque, loosen the tolerance, "
-            "or check the parameters.", G9(f->time), t.text ? t.text : name, G6(MINIMUM_STEP));
+    fail(I, "at t = %s s %s, and the internal step reached its minimum %s s. " ADVICE, G9(f->time), t.text ? t.text : name, G6(MINIMUM_STEP));
     text_free(&t);
     return STATUS_ERROR;
 }

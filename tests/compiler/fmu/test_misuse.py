@@ -402,7 +402,7 @@ def test_a_torque_that_the_solver_cannot_follow_is_named_with_time_and_state(
     before = unit.step().outputs()
     with unit.refuses(
         r"unit: doStep at t = 0.001 s failed: at t = 0\.00\d+ s .*state \w+\[\d\] .*"
-        r"Lower the input torque, loosen the tolerance, or check the parameters\."
+        r"Check its inputs and the gains behind them, its start and its parameters, or loosen the tolerance\."
     ):
         unit.step(tau=[torque, -torque])
     assert np.array_equal(unit.outputs(), before)

@@ -385,7 +385,8 @@ def test_a_step_that_the_solver_cannot_make_is_told_with_time_and_state(
         words = (
             r"^unit: doStep at t = 0.001 s failed: at t = 0\.00\d+ s (state \w+\[\d\] is not finite|the local error "
             r"of state \w+\[\d\] is \S+ times the tolerance 1e-07), and the internal step reached its minimum "
-            r"1e-12 s\. Lower the input torque, loosen the tolerance, or check the parameters\.$"
+            r"1e-12 s\. Check its inputs and the gains behind them, its start and its parameters, or loosen the "
+            r"tolerance\.$"
         )
         with unit.refuses(words) as no:
             no("DoStep", *unit.step_arguments(unit.time, H))

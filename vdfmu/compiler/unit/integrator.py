@@ -19,6 +19,7 @@ MINIMUM_STEP = 1e-12
 """Smallest internal step [s]: 1e4 times rounding of a time of about 1 s."""
 MAXIMUM_STEPS = 1_000_000
 """Internal steps, rejected ones too, in one call: 10 s of the six-joint arm at 150 rad/s take 300,000."""
+_ADVICE = "Check its inputs and the gains behind them, its start and its parameters, or loosen the tolerance."
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 
 
@@ -111,8 +112,8 @@ class Integrator(Solver):
             if not failure and tried == MAXIMUM_STEPS and done < duration:
                 failure = (
                     f"at t = {t + done:.9g} s the communication step of {duration:.6g} s is not done after "
-                    f"{MAXIMUM_STEPS} internal steps, the last of {h:.3g} s. Take shorter communication steps, lower "
-                    "the input torque, loosen the tolerance, or check the parameters."
+                    f"{MAXIMUM_STEPS} internal steps, the last of {h:.3g} s. Take shorter communication steps. "
+                    f"{_ADVICE}"
                 )
             if failure:
                 x[:] = before
@@ -129,10 +130,7 @@ class Integrator(Solver):
                 f"the local error of state {self._name(worst)} is {error:.3g} times the tolerance "
                 f"{self.tolerance:.3g}"
             )
-        return (
-            f"at t = {t:.9g} s {what}, and the internal step reached its minimum {MINIMUM_STEP:g} s. "
-            "Lower the input torque, loosen the tolerance, or check the parameters."
-        )
+        return f"at t = {t:.9g} s {what}, and the internal step reached its minimum {MINIMUM_STEP:g} s. {_ADVICE}"
 
     def _name(self, i: int) -> str:
         """FMI name of component `i` of the state."""
