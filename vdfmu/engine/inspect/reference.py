@@ -21,6 +21,7 @@ from fmpy.fmi3 import FMU3Slave
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import SspError
 from vdfmu.engine.inspect.findings import Findings
+from vdfmu.engine.inspect.said import Said
 from vdfmu.engine.package.parse import parse_xml
 from vdfmu.engine.rules import found
 
@@ -64,7 +65,7 @@ def compare(path: Path) -> Findings:
         text = f"not compared: {MANIFEST} names it, and the FMU does not have it"
         findings.notes += [found("RUN004", f"{posixpath.basename(name)}: {text}") for name in missing]
         for name in tables:
-            short = posixpath.basename(name)
+            short, said = posixpath.basename(name), Said()
             try:
                 version = description.fmiVersion or ""
                 if version == "1.0":
@@ -72,9 +73,9 @@ def compare(path: Path) -> Findings:
                 expected = _results_of(archive, name, variables, findings)
                 signals = _inputs_of(archive, name, variables)
                 results = (
-                    _results_3(path, description, variables, expected, signals)
+                    _results_3(path, description, variables, expected, signals, said)
                     if version.startswith("3") and description.coSimulation is not None
-                    else _simulated(path, description, expected, signals)
+                    else _simulated(path, description, expected, signals, said)
                 )
                 findings.problems += [
                     found("RUN003", f"{short}: {problem}") for problem in _differences(expected, results)
@@ -83,7 +84,7 @@ def compare(path: Path) -> Findings:
             except _NotComparedError as reason:
                 findings.notes.append(found("RUN004", f"{short}: not compared: {reason}"))
             except Exception as error:  # foreign files and units
-                text = f"{short}: the reference results cannot be compared: {error}"
+                text = f"{short}: the reference results cannot be compared: {said.with_error(error)}"
                 findings.problems.append(found("RUN003", text))
     return findings
 
@@ -211,7 +212,9 @@ def _differences(expected: Table, results: Mapping[str, Floats]) -> list[str]:
     return problems
 
 
-def _simulated(path: Path, description: Any, expected: Table, signals: Table | None) -> dict[str, Floats]:
+def _simulated(
+    path: Path, description: Any, expected: Table, signals: Table | None, said: Said
+) -> dict[str, Floats]:
     """Return the results of an FMU 2.0, or of one that FMPy's solver integrates, at the times of a table."""
     names, time = list(expected.columns), expected.time
     fed: Any = None
@@ -230,17 +233,25 @@ def _simulated(path: Path, description: Any, expected: Table, signals: Table | N
             f"two rows are {step:g} s apart; steps of that size from the first row to the last would be {count:.3g}"
         )
     kind = "CoSimulation" if description.coSimulation is not None else "ModelExchange"
-    result: Any = fmpy.simulate_fmu(
-        str(path), validate=False, fmi_type=kind, start_time=time[0], stop_time=max(time[-1], time[0] + step),
-        output_interval=step, input=fed, output=names, fmi_call_logger=refuse_negative,
-        remote_platform=None,  # pyright: ignore[reportArgumentType]
-    )  # fmt: skip
+    try:
+        result: Any = fmpy.simulate_fmu(
+            str(path), validate=False, fmi_type=kind, start_time=time[0], stop_time=max(time[-1], time[0] + step),
+            output_interval=step, input=fed, output=names, logger=said, fmi_call_logger=refuse_negative,
+            remote_platform=None,  # pyright: ignore[reportArgumentType]
+        )  # fmt: skip
+    finally:
+        said.stay()
     columns = {name: result[name].reshape(len(result), -1).T for name in names}
     return {name: np.stack([np.interp(time, result["time"], x) for x in c], 1) for name, c in columns.items()}
 
 
 def _results_3(
-    path: Path, description: Any, variables: Mapping[str, Any], expected: Table, signals: Table | None
+    path: Path,
+    description: Any,
+    variables: Mapping[str, Any],
+    expected: Table,
+    signals: Table | None,
+    said: Said,
 ) -> dict[str, Floats]:
     """Return the results of an FMU 3.0 at the times of a table: arrays set and read at every communication point."""
     folder = fmpy.extract(str(path))
@@ -252,16 +263,16 @@ def _results_3(
         fmiCallLogger=refuse_negative,
     )
     try:
-        return _drive(slave, variables, expected, signals)
+        return _drive(slave, variables, expected, signals, said)
     finally:
         slave.freeInstance()
 
 
 def _drive(
-    slave: Any, variables: Mapping[str, Any], expected: Table, signals: Table | None
+    slave: Any, variables: Mapping[str, Any], expected: Table, signals: Table | None, said: Said
 ) -> dict[str, Floats]:
     start, stop = float(expected.time[0]), float(expected.time[-1])
-    slave.instantiate()
+    slave.instantiate(logMessage=said)
     slave.enterInitializationMode(startTime=start, stopTime=stop)
     _feed(slave, variables, signals, start)
     slave.exitInitializationMode()

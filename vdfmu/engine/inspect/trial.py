@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import ctypes
 import errno
 import json
 import os
@@ -19,7 +17,6 @@ from typing import Any
 import fmpy
 import numpy as np
 import numpy.typing as npt
-from fmpy import fmi2
 
 from vdfmu.base.errors import StorageError, VdfmuError
 from vdfmu.base.interrupt import listening
@@ -28,6 +25,7 @@ from vdfmu.base.temporary import temporary_folder
 from vdfmu.engine.inspect.abilities import try_abilities
 from vdfmu.engine.inspect.findings import Findings
 from vdfmu.engine.inspect.reference import compare, refuse_negative
+from vdfmu.engine.inspect.said import Said
 from vdfmu.engine.package.limits import package_limit, unpack_limit
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import System
@@ -44,10 +42,6 @@ FILE_SIZE = 2**30
 """Largest file that it may write [byte], on Linux and macOS."""
 _PATIENCE = 2.0
 """Time [s] that it has, after the time limit or Ctrl-C, to end isolated components."""
-_MESSAGES = 20
-"""Most messages of a unit that are kept: the first."""
-_TEXT = 1000
-"""Most characters of one of them."""
 _ANSWER_LIMIT = 16 * 2**20
 """Largest text of findings that is read [byte]."""
 _ANSWER = "findings.json"
@@ -177,16 +171,7 @@ def _contained(module: str, *arguments: str) -> tuple[int | None, str]:
 
 def _run_unit(path: Path, phase: Callable[..., None]) -> Findings:
     """Make ten steps of an FMU, compare with the reference results that it carries, try what else it declares."""
-    messages: list[str] = []
-
-    def logger(*given: Any) -> None:
-        """Keep a message; before its status FMI 3.0 has one argument, FMI 1.0 and 2.0 have two."""
-        status, _, message = given[-3:]
-        if status not in (0, 1) and len(messages) <= _MESSAGES:
-            text = message if isinstance(message, str) else message.decode(errors="replace")
-            text = text if len(text) <= _TEXT else f"{text[:_TEXT]} ... ({len(text) - _TEXT} characters more)"
-            messages.append(text if len(messages) < _MESSAGES else f"more than {_MESSAGES} messages")
-
+    said = Said()
     description = fmpy.read_model_description(str(path), validate=False)
     if description.coSimulation is None and description.modelExchange is None:
         text = "not run: it has neither co-simulation nor model exchange"
@@ -201,7 +186,7 @@ def _run_unit(path: Path, phase: Callable[..., None]) -> Findings:
             start_time=start,
             stop_time=start + STEPS * step,
             output_interval=step,
-            logger=logger,
+            logger=said,
             fmi_call_logger=refuse_negative,
             debug_logging=True,
             remote_platform=None,  # pyright: ignore[reportArgumentType]  # None: never another process
@@ -209,12 +194,12 @@ def _run_unit(path: Path, phase: Callable[..., None]) -> Findings:
     except Exception as error:  # whatever a foreign unit does, it is reported
         if isinstance(error, OSError) and error.errno in _FULL:
             raise
-        text = f"{STEPS} steps of {step:g} s failed: {'; '.join([*messages, str(error)])}"
+        text = f"{STEPS} steps of {step:g} s failed: {said.with_error(error)}"
         return Findings([found("RUN001", text)])
-    _keep_logger(logger)
-    if messages:
+    said.stay()
+    if said.messages:
         given = f"{STEPS} steps of {step:g} s gave"
-        return Findings([found("RUN001", f"{given}: {message}") for message in messages])
+        return Findings([found("RUN001", f"{given}: {message}") for message in said.messages])
     findings = Findings()
     kind = description.coSimulation or description.modelExchange
     if kind is not None and kind.canBeInstantiatedOnlyOncePerProcess:
@@ -228,18 +213,6 @@ def _run_unit(path: Path, phase: Callable[..., None]) -> Findings:
         phase("the calls that it declares", findings)
         findings.add(try_abilities(path, start, step))
     return findings
-
-
-def _keep_logger(logger: Callable[..., None]) -> None:
-    """Let messages of FMI 1.0 and 2.0 go to a logger from now on.
-
-    FMPy has one place for all loggers of the process, where that of its last simulation stays, whose memory is free.
-    """
-    fmi2.defaultCallbacks.logger = fmi2.fmi2CallbackLoggerTYPE(logger)
-    with contextlib.suppress(ImportError, OSError):  # as FMPy: there is a library for some platforms
-        from fmpy.logging import addLoggerProxy
-
-        addLoggerProxy(ctypes.byref(fmi2.defaultCallbacks))
 
 
 def _not_finite(results: npt.NDArray[Any]) -> list[str]:

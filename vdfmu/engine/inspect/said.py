@@ -1,0 +1,45 @@
+"""What a unit says while FMPy runs it."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+from typing import Any
+
+from fmpy import fmi2
+
+_MOST = 20
+"""Most messages of a unit that are kept: the first."""
+_TEXT = 1000
+"""Most characters of one of them."""
+
+
+class Said:
+    """The first messages of a unit that are worse than a warning: a logger for FMPy."""
+
+    def __init__(self) -> None:
+        self.messages: list[str] = []
+
+    def __call__(self, *given: Any) -> None:
+        """Keep a message; before its status FMI 3.0 has one argument, FMI 1.0 and 2.0 have two."""
+        status, _, message = given[-3:]
+        if status not in (0, 1) and len(self.messages) <= _MOST:
+            text = message if isinstance(message, str) else message.decode(errors="replace")
+            text = text if len(text) <= _TEXT else f"{text[:_TEXT]} ... ({len(text) - _TEXT} characters more)"
+            self.messages.append(text if len(self.messages) < _MOST else f"more than {_MOST} messages")
+
+    def with_error(self, error: Exception) -> str:
+        """Return what it said before an error, and the error, as one text."""
+        return "; ".join([*self.messages, str(error)])
+
+    def stay(self) -> None:
+        """Take messages of FMI 1.0 and 2.0 from now on.
+
+        FMPy has one place for all loggers of the process, where that of its last simulation stays, whose memory
+        is free.
+        """
+        fmi2.defaultCallbacks.logger = fmi2.fmi2CallbackLoggerTYPE(self)
+        with contextlib.suppress(ImportError, OSError):  # as FMPy: there is a library for some platforms
+            from fmpy.logging import addLoggerProxy
+
+            addLoggerProxy(ctypes.byref(fmi2.defaultCallbacks))
