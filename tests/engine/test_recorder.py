@@ -62,7 +62,7 @@ def make(path: Path, columns: int) -> tuple[Recorder, np.ndarray]:
     def put(i: int) -> None:
         block[i] = np.arange(columns) + 0.125 * i
 
-    return Recorder(path, signals, {"real": block}, put, np.arange), block
+    return Recorder([path], signals, {"real": block}, put, np.arange), block
 
 
 def test_memory_does_not_grow_with_the_rows(tmp_path):

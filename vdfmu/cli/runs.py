@@ -25,6 +25,7 @@ from vdfmu.cli.terminal import (
     unit_messages,
 )
 from vdfmu.cli.view import LiveOption, PortOption, SpeedOption, live_view
+from vdfmu.engine.results.formats import FORMATS, choice_of_formats
 
 StepOption = Annotated[float | None, typer.Option(help="Communication step in seconds.")]
 StopOption = Annotated[float | None, typer.Option(help="End of the run in seconds.")]
@@ -66,7 +67,9 @@ UnitOption = Annotated[
 FormatOption = Annotated[
     str,
     typer.Option(
-        "--format", metavar="csv|parquet", help="Files of the results: csv, parquet, or csv,parquet for both."
+        "--format",
+        metavar="|".join(suffix[1:] for suffix in FORMATS),
+        help=f"Files of the results: {choice_of_formats()}.",
     ),
 ]
 

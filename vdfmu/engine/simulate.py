@@ -79,8 +79,8 @@ def run_system(
         this one is complete.
     overwrite : bool, optional
         Whether to replace files of these names too that no run wrote.
-    formats : sequence of "csv" and "parquet"
-        Of ``results.csv`` and ``results.parquet``, those to write; Parquet needs pyarrow.
+    formats : sequence of str
+        The files ``results.csv`` and so on to write, of `vdfmu.engine.results.formats.FORMATS`: "csv", "parquet" ...
     inputs, input_hold : optional
         Signals for inputs that nothing is connected to, as of :func:`vdfmu.engine.run.simulate`.
     progress : callable or bool, optional

@@ -14,11 +14,11 @@ from typing import Any
 from vdfmu.base.errors import CosimError, UsageError, VdfmuError
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.json_text import to_json
-from vdfmu.engine.results.parquet import needed
+from vdfmu.engine.results.formats import FORMATS, choice_of_formats, format_of, result_files
 from vdfmu.engine.results.verdict import Check, verdict_of
 from vdfmu.engine.run import Interrupted
 
-SYSTEM_OUTPUTS = ("results.csv", "results.parquet", "signals.png", "summary.json")
+SYSTEM_OUTPUTS = (*result_files(), "signals.png", "summary.json")
 """Files that a run of a package writes, and replaces in the folder of an earlier one; no package is among them."""
 PICTURES = ("png", "svg", "pdf")
 """Kinds of files of a picture."""
@@ -28,11 +28,10 @@ DRAWN = 20_000
 
 def known_formats(formats: Sequence[str]) -> None:
     """Raise UsageError for a format of results that there is not, or whose package is not installed."""
-    if not formats or not set(formats) <= {"csv", "parquet"}:
-        got = ",".join(formats) or "none"
-        raise UsageError(f"format: expected csv, parquet, or csv,parquet for both, got {got}.")
-    if "parquet" in formats:
-        needed()
+    if not formats or not {f".{form}" for form in formats} <= FORMATS.keys():
+        raise UsageError(f"format: expected {choice_of_formats()}, got {','.join(formats) or 'none'}.")
+    for form in formats:
+        FORMATS[f".{form}"]().needs()
 
 
 def known_pictures(pictures: Sequence[str]) -> None:
@@ -81,7 +80,7 @@ def _replacing(partial: Path, folder: Path, outputs: Sequence[str], overwrite: b
         with InterruptGuard(), _LOCK, _one_process(folder):
             _publish(partial, folder, outputs)
     except BaseException as error:
-        if _has_rows(partial / "results.csv") or (partial / "results.parquet").exists():
+        if any(_has_rows(partial / name) for name in result_files()):
             others = f"; {folder} is as it was" if written(folder, outputs) else ""
             error.add_note(f"The rows so far are in {_set_aside(partial, outputs)}{others}.")
         else:
@@ -134,9 +133,11 @@ def _prepare(partial: Path, folder: Path, outputs: Sequence[str], overwrite: boo
 
 
 def _has_rows(path: Path) -> bool:
+    stream = format_of(path).streams
+    least = stream.head(()).count("\n") + 1 if stream else 0
     try:
         with open(path, "rb") as file:
-            return len(list(islice(file, 3))) == 3  # names, units, a row
+            return len(list(islice(file, least))) == least
     except OSError:
         return False
 

@@ -1,4 +1,4 @@
-"""Rows of a run on their way to disk: as CSV, which a crash leaves, and as numbers that are read back in place."""
+"""Rows of a run on their way to disk: as text, which a crash leaves, and as numbers that are read back in place."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
-from vdfmu.engine.results.csv_file import csv_head, csv_lines
+from vdfmu.engine.results.formats import Stream, format_of
 from vdfmu.engine.results.recorded import Signal, no_rows
 
 ROWS = 512
@@ -26,9 +26,9 @@ class Recorder:
 
     Parameters
     ----------
-    path : Path
-        The CSV file; a file of that name is replaced. A Parquet file is only named in messages, and the numbers go to
-        its folder: it is written when all rows are there.
+    paths : sequence of Path
+        The files of results; those of these names are replaced. One whose format does not stream is only named in
+        messages, and the numbers go to its folder: it is written when all rows are there.
     signals : sequence of Signal
         Copies of others are left out: ``summary.json`` has their names.
     data : mapping of str to (`ROWS`, columns) array
@@ -51,27 +51,29 @@ class Recorder:
 
     def __init__(
         self,
-        path: Path,
+        paths: Sequence[Path],
         signals: Sequence[Signal],
         data: Mapping[str, NDArray[Any]],
         put: Callable[[int], None],
         times: Callable[[int, int], Floats],
     ) -> None:
-        self._path, self._data = path, data
+        streams = [(path, stream) for path in paths if (stream := format_of(path).streams)]
+        self._path, self._data = streams[0][0] if streams else paths[0], data
         self._signals = [signal for signal in signals if not signal.of]
         self._put, self._times = put, times
         self._first = 0
         self._due = clock.perf_counter() + _SECONDS
         self.seconds = 0.0
         self._files: dict[str, BinaryIO] = {}
-        self._csv: BinaryIO | None = None
+        self._texts: list[tuple[BinaryIO, Stream]] = []
         try:
-            if path.suffix.lower() != ".parquet":
-                self._csv = open(path, "wb", buffering=0)  # noqa: SIM115 - closed with the recorder
-                self._write(self._csv, csv_head(self._signals).encode())
+            for path, stream in streams:
+                file = open(path, "wb", buffering=0)  # noqa: SIM115 - closed with the recorder
+                self._texts.append((file, stream))
+                self._write(file, stream.head(self._signals).encode())
             for kind, block in data.items():
                 if block.shape[1]:
-                    self._files[kind] = tempfile.TemporaryFile(dir=path.parent, buffering=0)  # noqa: SIM115
+                    self._files[kind] = tempfile.TemporaryFile(dir=self._path.parent, buffering=0)  # noqa: SIM115
         except OSError as error:
             raise no_rows(self._path, error) from error
 
@@ -84,8 +86,8 @@ class Recorder:
     def finish(self, time: Floats) -> dict[str, NDArray[Any]]:
         """Write the rows that are left, up to that of the last `time`; return all of them, by kind, from disk."""
         self._flush(time[self._first :])
-        if self._csv is not None:
-            self._csv.close()
+        for file, _ in self._texts:
+            file.close()
         found: dict[str, NDArray[Any]] = {}
         for kind, block in self._data.items():
             shape = len(time), block.shape[1]
@@ -99,11 +101,11 @@ class Recorder:
     def _flush(self, time: Floats) -> None:
         began = clock.perf_counter()
         rows = slice(0, len(time))
-        text = [] if self._csv is None else [self._csv]
-        before = [(file, file.tell()) for file in (*text, *self._files.values())]
+        texts = (file for file, _ in self._texts)
+        before = [(file, file.tell()) for file in (*texts, *self._files.values())]
         try:
-            for file in text:
-                self._write(file, csv_lines(time, self._signals, self._data, rows).encode())
+            for file, stream in self._texts:
+                self._write(file, stream.lines(time, self._signals, self._data, rows).encode())
             for kind, file in self._files.items():
                 self._write(file, self._data[kind][rows].tobytes())
         except BaseException as error:  # a second Ctrl-C too

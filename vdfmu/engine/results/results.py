@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from vdfmu.engine.results.csv_file import read_csv, write_csv
+from vdfmu.engine.results.formats import format_of
 from vdfmu.engine.results.frames import Listing, compare, contents, to_pandas, to_xarray
-from vdfmu.engine.results.parquet import read_parquet, write_parquet
 from vdfmu.engine.results.recorded import Recorded
 
 
@@ -112,7 +111,7 @@ class Results(Recorded):
         return plot(self, names, over or {}, path)
 
     def write(self, path: str | Path) -> None:
-        """Write a file of results: in Parquet if its suffix is ``.parquet``, else CSV.
+        """Write a file of results in the format of its suffix: Parquet of ``.parquet``, else CSV.
 
         The first line of CSV has the names, the second the units (``integer`` and ``boolean`` for these kinds), then
         follows a line a communication point. Numbers have the shortest form that reads back to the same bits. The file
@@ -126,9 +125,7 @@ class Results(Recorded):
         VdfmuError
             The file cannot be written.
         """
-        path = Path(path)
-        write = write_parquet if path.suffix.lower() == ".parquet" else write_csv
-        write(self, path)
+        format_of(Path(path)).write(self, Path(path))
 
     @classmethod
     def read(cls, path: str | Path) -> Results:
@@ -141,6 +138,5 @@ class Results(Recorded):
         UsageError
             The file is missing or of another form, or pyarrow is.
         """
-        path = Path(path)
-        found = read_parquet(path) if path.suffix.lower() == ".parquet" else read_csv(path)
+        found = format_of(Path(path)).read(Path(path))
         return cls(found.time, found.signals, found.data, found.summary)

@@ -25,7 +25,7 @@ from vdfmu.engine.masters.observer import Observer, Visitor, observed, visited
 from vdfmu.engine.masters.probe import Probe
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.unpacked import no_room, unpack_units
-from vdfmu.engine.results.parquet import write_parquet
+from vdfmu.engine.results.formats import format_of, suffix_of
 from vdfmu.engine.results.recorded import copies_of
 from vdfmu.engine.results.recorder import ROWS, Recorder
 from vdfmu.engine.results.results import Results
@@ -180,10 +180,10 @@ class Run:
             kept = recorder.finish(time) if recorder else {kind: array[rows] for kind, array in data.items()}
             found = Results(time, signals, kept, self.summary, box.kept)
             for path in stream if done >= 0 else ():
-                if path.suffix.lower() == ".parquet":
-                    write_parquet(found, path)
+                if not (form := format_of(path)).streams:
+                    form.write(found, path)
                 else:  # by which a reader knows that the copies are those of this file
-                    self.summary["csv_bytes"] = path.stat().st_size
+                    self.summary[f"{suffix_of(path)[1:]}_bytes"] = path.stat().st_size
             if observer is not None and done >= 0:
                 getattr(observer, "end", lambda results: None)(found)
             return found
@@ -195,8 +195,7 @@ class Run:
             )
 
         if stream:
-            text_first = sorted(stream, key=lambda path: path.suffix.lower() == ".parquet")
-            recorder = Recorder(text_first[0], signals, data, store, times)
+            recorder = Recorder(stream, signals, data, store, times)
             store = recorder.store
         if observer is not None:
             store = observed(observer, exchange, self.summary, begin, step, store)

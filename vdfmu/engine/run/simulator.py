@@ -23,7 +23,7 @@ from vdfmu.engine.plan.check import Value, check_system, with_parameters
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.inputs import Inputs, outside, read_inputs
 from vdfmu.engine.plan.schedule import DEFAULT
-from vdfmu.engine.results.parquet import needed
+from vdfmu.engine.results.formats import format_of
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.by_hand import ByHand
 from vdfmu.engine.run.isolated import Limits
@@ -154,8 +154,8 @@ class Simulator:
         """
         begin, end, step, n = self.grid(start, stop, step)
         files = [stream] if isinstance(stream, Path) else list(stream or ())
-        if any(path.suffix.lower() == ".parquet" for path in files):
-            needed()
+        for path in files:
+            format_of(path).needs()
         checked = self._prepared(step, parameters)
         reach = outside(self._tables, begin, end)
         with self._freeing():

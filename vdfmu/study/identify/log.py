@@ -14,6 +14,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.measure import WIDE_ANGLE
 from vdfmu.engine.plan.inputs import read_inputs
+from vdfmu.engine.results.formats import suffix_of
 from vdfmu.engine.results.results import Results
 
 _KNOWN = {
@@ -94,7 +95,7 @@ def read_log(path: str | os.PathLike[str], robot: Robot, columns: Mapping[str, s
 
 
 def _table(path: Path, robot: Robot, columns: Mapping[str, str]) -> tuple[Floats, dict[str, Floats]]:
-    if path.suffix.lower() == ".parquet":
+    if suffix_of(path) != ".csv":
         results = Results.read(path)
         t, units = results.time, results.units
         names, values = list(results), {name: results[name] for name in results}

@@ -19,6 +19,7 @@ from vdfmu.base.files import write_whole
 from vdfmu.base.json_text import to_json
 from vdfmu.compiler.fmu.native import THIRD_PARTY
 from vdfmu.compiler.fmu.page import page, table
+from vdfmu.engine.results.formats import result_files
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import checks_of, not_checked
 from vdfmu.study.report.content import content_of
@@ -88,8 +89,8 @@ def read_run(folder: Path) -> Run:
     UsageError
         It has no results of a run.
     """
-    table = folder / "results.parquet"
-    table = table if table.exists() else folder / "results.csv"
+    tables = [folder / name for name in result_files()]
+    table = next((file for file in reversed(tables) if file.exists()), tables[0])
     for file in (folder / "summary.json", table):
         if file.exists() and not file.is_file():
             raise UsageError(

@@ -11,6 +11,7 @@ from typing import Any
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.text import elided
+from vdfmu.engine.results.formats import result_files
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ def read_summary(file: Path) -> dict[str, Any]:
         raise UsageError(f"{file}: expected a table of facts, got lists within lists.") from None
     except (OSError, ValueError) as error:
         raise UsageError(
-            f"{file.parent}: expected the folder of a run, with summary.json and results.csv or results.parquet: "
+            f"{file.parent}: expected the folder of a run, with summary.json and {' or '.join(result_files())}: "
             f"{getattr(error, 'strerror', None) or elided(str(error))}. 'vdfmu run' writes one."
         ) from None
     lengths: dict[str, int] = {}

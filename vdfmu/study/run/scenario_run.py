@@ -198,8 +198,8 @@ def run(
         :func:`vdfmu.engine.run.simulate`.
     input_hold : bool, optional
         Whether their values hold until the next row.
-    formats : sequence of "csv" and "parquet"
-        Of ``results.csv`` and ``results.parquet``, those to write; Parquet needs pyarrow.
+    formats : sequence of str
+        The files ``results.csv`` and so on to write, of `vdfmu.engine.results.formats.FORMATS`: "csv", "parquet" ...
     pictures : sequence of "png", "svg" and "pdf"
         Kinds of files of the figures.
     simulate : bool, optional

@@ -1,0 +1,74 @@
+"""The formats that results are written in, one row each: a new format is a file of its own and its row in `FORMATS`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from vdfmu.base.arrays import Floats
+    from vdfmu.engine.results.recorded import Recorded, Signal
+
+
+class Stream(NamedTuple):
+    """A format of text whose rows are written as they come.
+
+    Its copies are those that ``summary.json`` has, with the size of the file as ``SUFFIX_bytes``.
+    """
+
+    head: Callable[[Sequence[Signal]], str]
+    """Returns the lines above the rows."""
+    lines: Callable[[Floats, Sequence[Signal], Mapping[str, NDArray[Any]], slice], str]
+    """Returns a line for each time, with the values of the signals in the rows of the arrays."""
+
+
+class Format(NamedTuple):
+    """A format of files of results."""
+
+    needs: Callable[[], object]
+    """Raises UsageError if a package that it needs is not installed."""
+    write: Callable[[Recorded, Path], None]
+    read: Callable[[Path], Recorded]
+    streams: Stream | None = None
+    """None: it is written when the run ends."""
+
+
+def _csv() -> Format:
+    from vdfmu.engine.results.csv_file import csv_head, csv_lines, read_csv, write_csv
+
+    return Format(lambda: None, write_csv, read_csv, Stream(csv_head, csv_lines))
+
+
+def _parquet() -> Format:
+    from vdfmu.engine.results.parquet import needed, read_parquet, write_parquet
+
+    return Format(needed, write_parquet, read_parquet)
+
+
+FORMATS: dict[str, Callable[[], Format]] = {".csv": _csv, ".parquet": _parquet}
+"""By suffix; where a folder has several, the last is read. Imported when used, as a command line names them all."""
+
+
+def suffix_of(path: Path) -> str:
+    """Return the suffix of the format of a file: CSV for all that have none of `FORMATS`."""
+    suffix = path.suffix.lower()
+    return suffix if suffix in FORMATS else ".csv"
+
+
+def format_of(path: Path) -> Format:
+    """Return the format of a file."""
+    return FORMATS[suffix_of(path)]()
+
+
+def result_files() -> tuple[str, ...]:
+    """Return the names of the files of results in the folder of a run."""
+    return tuple(f"results{suffix}" for suffix in FORMATS)
+
+
+def choice_of_formats() -> str:
+    """Return what may be asked for, in words."""
+    names = [suffix[1:] for suffix in FORMATS]
+    return f"{', '.join(names)}, or {','.join(names)} for {'both' if len(names) == 2 else 'all'}"
