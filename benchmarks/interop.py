@@ -324,14 +324,14 @@ def _in_fmucontainer(tracking: Tracking, case: Case) -> Seen:
 
 
 def _in_fmutool(tracking: Tracking, case: Case) -> Seen:
+    fmus = sorted(tracking.fmus(case.kind, case.fmi).glob("*.fmu"))
     said = "\n".join(
-        _command("fmutool", "-input", str(path), "-check", folder=str(tracking.folder))
-        for path in sorted(tracking.fmus(case.kind, case.fmi).glob("*.fmu"))
+        _command("fmutool", "-input", str(path), "-check", folder=str(tracking.folder)) for path in fmus
     )
     found = [line.strip() for line in said.splitlines() if "compliant" in line or "semantic error" in line]
     kinds = dict.fromkeys(line.partition("|")[2].strip() for line in found)
     good = all("seems to be compliant" in kind or kind.startswith("No semantic error") for kind in kinds)
-    return Seen(READS if good and len(found) == 2 * len(UNITS) else DEVIATES, words=" ".join(kinds))
+    return Seen(READS if good and len(found) == 2 * len(fmus) else DEVIATES, words=" ".join(kinds))
 
 
 def _command(name: str, *arguments: str, folder: str) -> str:
