@@ -25,11 +25,12 @@ from vdfmu.cli.terminal import (
     unit_messages,
 )
 from vdfmu.cli.view import LiveOption, PortOption, SpeedOption, live_view
+from vdfmu.engine.algorithms import choice
 from vdfmu.engine.results.formats import FORMATS, choice_of_formats
 
 StepOption = Annotated[float | None, typer.Option(help="Communication step in seconds.")]
 StopOption = Annotated[float | None, typer.Option(help="End of the run in seconds.")]
-MasterOption = Annotated[str | None, typer.Option(help="gauss-seidel, jacobi, extrapolated or iterative.")]
+MasterOption = Annotated[str | None, typer.Option(help=f"{choice()}.")]
 AdaptiveOption = Annotated[
     float | None,
     typer.Option(

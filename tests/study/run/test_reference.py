@@ -7,10 +7,11 @@ from vdfmu.arm.equations.trajectory import desired_motion
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot, robot_from_dict
 from vdfmu.base.errors import UsageError
+from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.run import simulate
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import write_ssp
-from vdfmu.system.reference.reference import REFERENCE_OF, reference
+from vdfmu.system.reference.reference import reference
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import group_value, system_values
 
@@ -48,7 +49,7 @@ POSITION, TORQUE = 1e-7, 1e-4
 @pytest.mark.parametrize("name", ["planar_tracking", "slider_tracking"])
 def test_each_algorithm_matches_its_sampled_reference(tmp_path, name, algorithm):
     case = Case(tmp_path, name, "1e-9")
-    position, torque = case.differences(algorithm, REFERENCE_OF[algorithm], 1e-3, 0.5)
+    position, torque = case.differences(algorithm, ALGORITHMS[algorithm].reference, 1e-3, 0.5)
     assert position < POSITION
     assert torque < TORQUE
 
@@ -57,7 +58,7 @@ def test_each_algorithm_matches_its_sampled_reference(tmp_path, name, algorithm)
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 def test_the_whole_tracking_run_matches_its_sampled_reference(tmp_path, algorithm):
     case = Case(tmp_path, "tracking", "1e-9")
-    position, torque = case.differences(algorithm, REFERENCE_OF[algorithm], 1e-3, 10.0)
+    position, torque = case.differences(algorithm, ALGORITHMS[algorithm].reference, 1e-3, 10.0)
     assert position < POSITION
     assert torque < TORQUE
 
@@ -67,7 +68,7 @@ def test_the_whole_tracking_run_matches_its_sampled_reference(tmp_path, algorith
 def test_each_choice_of_the_derivative_term_matches_its_reference(tmp_path, velocity, algorithm):
     """Across the spring (q_dot) the loop is unstable: short enough to stay small."""
     case = Case(tmp_path, "planar_tracking", "1e-9", controller__velocity=velocity)
-    position, torque = case.differences(algorithm, REFERENCE_OF[algorithm], 1e-3, 0.02)
+    position, torque = case.differences(algorithm, ALGORITHMS[algorithm].reference, 1e-3, 0.02)
     assert position < POSITION
     assert torque < TORQUE
 
@@ -204,7 +205,7 @@ def test_estimates_are_those_of_the_reference(tmp_path, algorithm):
     """
     case = Case(tmp_path, "estimation", "1e-10")
     results = simulate(case.package, step=1e-3, stop=0.3, algorithm=algorithm)
-    solution = reference(REFERENCE_OF[algorithm], case.description, step=1e-3, stop=0.3)
+    solution = reference(ALGORITHMS[algorithm].reference, case.description, step=1e-3, stop=0.3)
     for signal in ("estimator.tau_s_hat", "estimator.tau_f_hat", "plant.kappa"):
         expected = solution[signal]
         difference = np.abs(results[signal] - expected).max()

@@ -20,7 +20,7 @@ from scipy.linalg import eig
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.state_space import Linear, StateSpace, held
-from vdfmu.engine.algorithms import CONTINUOUS
+from vdfmu.engine.algorithms import choice, is_continuous
 from vdfmu.engine.inspect.linear import LinearSystem, linearised
 from vdfmu.engine.masters.components import Components
 
@@ -178,9 +178,9 @@ def system_margins(
     UsageError
         For unknown inputs, and for a master that takes signals as continuous.
     """
-    if system.algorithm in CONTINUOUS:
+    if is_continuous(system.algorithm):
         raise UsageError(
-            f"margins: expected gauss-seidel or jacobi, which sample the signals, got {system.algorithm}."
+            f"margins: expected {choice(continuous=False)}, which sample the signals, got {system.algorithm}."
         )
     system = system.around(opened)
     loops, cut = system.sampled(opened), system.places(opened)
@@ -205,7 +205,7 @@ def fastest_mode(system: LinearSystem) -> tuple[float, str]:
 
 
 def _moving(system: LinearSystem) -> StateSpace:
-    return system.continuous() if system.algorithm in CONTINUOUS else system.sampled()
+    return system.continuous() if is_continuous(system.algorithm) else system.sampled()
 
 
 def _rates(poles: Any, step: float | None) -> Floats:
@@ -298,9 +298,9 @@ class Poses:
                 self.lacking = f"nothing is connected to an input {self._group}"
             if not self.lacking:
                 loops = found.around(self.opened)
-                if not self.systems and loops.algorithm not in CONTINUOUS:
+                if not self.systems and not is_continuous(loops.algorithm):
                     loops.sampled()  # refuses what is not known
-                elif loops.algorithm in CONTINUOUS and loops.samples.signals:
+                elif is_continuous(loops.algorithm) and loops.samples.signals:
                     self.lacking = f"{loops.algorithm} takes as continuous what has sampled states"
                 self.systems.append((time, loops))
         except VdfmuError as error:
@@ -328,7 +328,7 @@ class Poses:
 
         Without a margin the state that grows most. None for a master that takes signals as continuous.
         """
-        if self.systems[0][1].algorithm in CONTINUOUS:
+        if is_continuous(self.systems[0][1].algorithm):
             return None
         found: list[tuple[float, float, str]] = []
         for k in np.unique(np.linspace(0, len(self.systems) - 1, _MARGINS + 2).astype(int)[1:-1]).tolist():

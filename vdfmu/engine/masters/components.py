@@ -9,7 +9,7 @@ from pathlib import Path
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
 from vdfmu.base.interrupt import InterruptGuard
-from vdfmu.engine.algorithms import CONTINUOUS
+from vdfmu.engine.algorithms import ALGORITHMS, is_continuous
 from vdfmu.engine.fmu.access import TEXTS
 from vdfmu.engine.fmu.component import Slave, Watch
 from vdfmu.engine.fmu.component2 import Slave2
@@ -17,14 +17,11 @@ from vdfmu.engine.fmu.component3 import Slave3
 from vdfmu.engine.fmu.integrator import Integrator
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.continuous import ContinuousStepper
-from vdfmu.engine.masters.events import Events, EventStepper
+from vdfmu.engine.masters.events import Events
 from vdfmu.engine.masters.exchange import Exchange, SampledStepper
-from vdfmu.engine.masters.multirate import MultirateStepper
 from vdfmu.engine.masters.probe import reader
+from vdfmu.engine.masters.steppers import CONVERGENCE, Coupling
 from vdfmu.engine.plan.checked import Checked
-
-CONVERGENCE = 1e-8
-"""Default relative change at which repetitions end."""
 
 
 class Components:
@@ -70,9 +67,9 @@ class Components:
             version = Slave2 if description.version == "2.0" else Slave3
             slave = self.slaves[name] = version(name, description, folder, self.box, corrupt, self._watch)
             if isinstance(slave, Slave3):
-                sampled = self.checked.algorithm not in CONTINUOUS and not own_steps
-                slave.event_mode = description.event_mode and sampled
-                slave.updates = description.updates_inputs and self.checked.algorithm in CONTINUOUS
+                continuous = is_continuous(self.checked.algorithm)
+                slave.event_mode = description.event_mode and not continuous and not own_steps
+                slave.updates = description.updates_inputs and continuous
             with InterruptGuard():  # of which units written in Python would make an error
                 self._instantiate(slave)
 
@@ -112,22 +109,10 @@ class Components:
         self, adaptive: float | None, convergence: float | None, span: float, record: Sequence[str] | None
     ) -> SampledStepper | ContinuousStepper:
         """Return what steps them, with the algorithm of `checked`; parameters as of `simulate`."""
-        if self.checked.algorithm in CONTINUOUS:
-            self._stepper = ContinuousStepper(
-                self.exchange,
-                self.box,
-                repeat=self.checked.algorithm == "iterative",
-                convergence=convergence or (CONVERGENCE if adaptive is None else 0.01 * adaptive),
-                error=adaptive,
-                span=span,
-            )
-        elif self.checked.multiples:
-            self._stepper = MultirateStepper(self.exchange, span)
-        elif self._events is not None:
-            self._stepper = EventStepper(self.exchange, self._events)
-        else:
-            self._stepper = SampledStepper(self.exchange)
-        return self._stepper
+        make = ALGORITHMS[self.checked.algorithm].load()
+        stepper = make(Coupling(self.exchange, self.box, self._events, convergence, adaptive, span))
+        self._stepper = stepper
+        return stepper
 
     def bring_inputs(self, time: float) -> None:
         """Set all inputs to what the outputs are that feed them."""

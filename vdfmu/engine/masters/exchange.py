@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.text import matching
-from vdfmu.engine.algorithms import CONTINUOUS
+from vdfmu.engine.algorithms import is_continuous
 from vdfmu.engine.fmu.access import KINDS, TEXTS, Call, held
 from vdfmu.engine.fmu.component import Slave
 from vdfmu.engine.fmu.messages import MessageBox
@@ -242,7 +242,7 @@ class Exchange:
         Of those `among` others, where the algorithm holds inputs over a step: a fresh one is what it reads, any other
         what that was a row before, as are all that read the same.
         """
-        if self.checked.algorithm in CONTINUOUS or self.checked.multiples:
+        if is_continuous(self.checked.algorithm) or self.checked.multiples:
             return {}
         found: dict[int, tuple[int, int, int]] = {}
         first: dict[int, int] = {}

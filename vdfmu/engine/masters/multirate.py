@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from vdfmu.base.errors import UsageError
-from vdfmu.engine.algorithms import CONTINUOUS
+from vdfmu.engine.algorithms import ALGORITHMS, choice, is_continuous
 from vdfmu.engine.fmu.access import Call
 from vdfmu.engine.fmu.component import Slave
 from vdfmu.engine.masters.exchange import Exchange, SampledStepper, largest_step
@@ -37,10 +37,10 @@ def with_steps(checked: Checked, step: float) -> Checked:
                 f"{step:g} s; choose another one (step, --step)"
             )
     slow = [name for name, multiple in multiples.items() if multiple > 1]
-    if slow and checked.algorithm in CONTINUOUS:
+    if slow and is_continuous(checked.algorithm):
         problems.append(
             f"{', '.join(slow)}: have steps of their own, and {checked.algorithm} takes one step for all; use "
-            "gauss-seidel or jacobi"
+            f"{choice(continuous=False)}"
         )
     ticking = [name for name, d in checked.descriptions.items() if any(v.clock for v in d.variables.values())]
     if multiples and ticking:
@@ -73,7 +73,7 @@ def with_steps(checked: Checked, step: float) -> Checked:
                 f"{name}.{checked.descriptions[name].period}={own * max(1, round(period / own)):g})"
             )
         late = {k.start[1] for k in checked.links if _is_late(checked, k, name)}
-        if late and checked.algorithm not in CONTINUOUS:
+        if late and not is_continuous(checked.algorithm):
             groups = ", ".join(dict.fromkeys(output.split("[")[0] for output in late))
             notes.append(
                 f"{name}: samples every {period:g} s; what {groups} says of a sample acts a communication step later, "
@@ -103,8 +103,8 @@ def _is_late(checked: Checked, link: Link, name: str) -> bool:
 def _feeding(checked: Checked) -> set[str]:
     """Return the units that compute for a step at its begin: of gauss-seidel those that pass inputs on."""
     direct = checked.schedule.direct
-    sequential = checked.algorithm == "gauss-seidel"
-    return {k.start[0] for k in checked.links if k.start in direct} if sequential else set()
+    ordered = ALGORITHMS[checked.algorithm].ordered
+    return {k.start[0] for k in checked.links if k.start in direct} if ordered else set()
 
 
 @dataclass

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from vdfmu.engine.algorithms import CONTINUOUS
+from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.plan.link import Link
 from vdfmu.engine.plan.schedule import Schedule
@@ -30,25 +30,23 @@ def check_abilities(
         Whether steps may be rejected and differ in length.
     """
     problems: list[str] = []
+    how = ALGORITHMS[algorithm]
     for name, unit in descriptions.items():
         clocks = [v.name for v in unit.variables.values() if v.clock is not None]
-        if clocks and unit.identifier and (algorithm in CONTINUOUS or not unit.event_mode):
+        if clocks and unit.identifier and (how.continuous or not unit.event_mode):
             way = (
-                "use gauss-seidel or jacobi"
+                f"use {choice(continuous=False)}"
                 if unit.event_mode
                 else "the FMU declares no event mode (hasEventMode)"
             )
             problems.append(
                 f"{name}: {unit.source} has clocks, {', '.join(clocks)}, which tick in event mode; {way}"
             )
-    if algorithm not in CONTINUOUS:
+    if not how.continuous:
         return problems, []
     # a unit alone in its block is repeated by error control only
     repeated = {
-        name
-        for block in schedule.blocks
-        if adaptive or (algorithm == "iterative" and len(block) > 1)
-        for name in block
+        name for block in schedule.blocks if adaptive or (how.repeats and len(block) > 1) for name in block
     }
     notes: list[str] = []
     for name, unit in descriptions.items():

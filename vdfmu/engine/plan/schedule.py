@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from vdfmu.engine.algorithms import CONTINUOUS
+from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.plan.link import SOURCE, Link, Port
 
@@ -42,14 +42,14 @@ class Schedule:
     """The components in the order of their doStep."""
     fresh: frozenset[Port]
     """Inputs that get the value their source computed in the same step. All others get the value that their source had
-    at the start of the step; with a `CONTINUOUS` algorithm all other discrete ones."""
+    at the start of the step; with a continuous algorithm all other discrete ones."""
     through: frozenset[Port] = frozenset()
     """Connected inputs that an output of their unit depends on directly which another unit reads, or which any does if
     none is read."""
     direct: frozenset[Port] = frozenset()
     """Outputs that depend directly on a connected input."""
     blocks: tuple[tuple[str, ...], ...] = ()
-    """The components again, those that depend on each other in one block; for `CONTINUOUS` algorithms."""
+    """The components again, those that depend on each other in one block; for continuous algorithms."""
 
 
 def choose_schedule(
@@ -131,8 +131,8 @@ def make_schedule(
         tuple(link for link, _ in torn.values()),
         tuple(_loop_message(cycle, descriptions) for _, cycle in torn.values()),
     )
-    sequential = algorithm == "gauss-seidel"
-    if sequential:
+    ordered = ALGORITHMS[algorithm].ordered
+    if ordered:
         for _, cycle in cycles(*variable_graph(descriptions, links, initial=False)):
             problems.append(
                 f"algebraic loop in the steps: {_loop_message(cycle, descriptions)}; jacobi breaks it by the delay "
@@ -148,7 +148,7 @@ def make_schedule(
     through = _through(read, {k.start for k in links if k.stepped})
     direct = frozenset(output for output, names in read.items() if names)
     feeding = {k.start[0] for k in links if k.start in direct}
-    if algorithm in CONTINUOUS:
+    if ALGORITHMS[algorithm].continuous:
         stepped = [k for k in links if k.stepped]
         internal = [k for k in stepped if k.start[0] != SOURCE]
         fresh = _fresh_discrete(list(descriptions), internal, through)
@@ -157,8 +157,8 @@ def make_schedule(
         )
         names = tuple(name for block in blocks for name in block)
         return Schedule(initial, names, fresh, through, direct, blocks), problems
-    fresh = [k for k in links if sequential and k.stepped and read[k.start]]
-    names = sorted(descriptions, key=lambda name: name not in feeding) if sequential else list(descriptions)
+    fresh = [k for k in links if ordered and k.stepped and read[k.start]]
+    names = sorted(descriptions, key=lambda name: name not in feeding) if ordered else list(descriptions)
     unit_edges = {(k.start[0], k.end[0]) for k in fresh}
     if not problems:
         for _, cycle in cycles(names, unit_edges):

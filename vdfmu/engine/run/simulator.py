@@ -11,7 +11,7 @@ import numpy as np
 
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.show_progress import Steps, shown_steps
-from vdfmu.engine.algorithms import ALGORITHMS, CONTINUOUS, count_steps
+from vdfmu.engine.algorithms import ALGORITHMS, choice, count_steps, is_continuous
 from vdfmu.engine.fmu.messages import LogMessage
 from vdfmu.engine.masters.components import CONVERGENCE, Components
 from vdfmu.engine.masters.multirate import with_steps
@@ -337,14 +337,14 @@ def _sizes(checked: Checked) -> dict[str, Value]:
 def check_coupling(algorithm: str, adaptive: float | None, convergence: float | None = None) -> None:
     """Raise UsageError for options of the coupling that do not fit together."""
     if adaptive is not None:
-        if algorithm in ALGORITHMS and algorithm not in CONTINUOUS:
+        if algorithm in ALGORITHMS and not is_continuous(algorithm):
             raise UsageError(
                 f"adaptive: {algorithm} samples the signals with the step, so the step is a property of the system; "
-                f"use {' or '.join(CONTINUOUS)}"
+                f"use {choice(continuous=True)}"
             )
         if not 0.0 < adaptive < 1.0:
             raise UsageError(f"adaptive: expected a relative error between 0 and 1, got {adaptive:g}")
-    if convergence is not None and algorithm in ALGORITHMS and algorithm != "iterative":
+    if convergence is not None and algorithm in ALGORITHMS and not ALGORITHMS[algorithm].repeats:
         raise UsageError(f"convergence: {algorithm} repeats nothing; it is for iterative")
     if convergence is not None and not 0.0 < convergence < 1.0:
         raise UsageError(f"convergence: expected a relative change between 0 and 1, got {convergence:g}")

@@ -12,12 +12,12 @@ from vdfmu.compiler.c.compile import Job, compile_libraries, native_available
 from vdfmu.compiler.c.platforms import this_platform
 from vdfmu.compiler.unit.evaluate import Traced
 from vdfmu.compiler.unit.interface import Interface
+from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.masters.exchange import largest_step
 from vdfmu.engine.plan.inputs import Course
 from vdfmu.study.batch.program import Program
 from vdfmu.study.batch.source import lane_sources
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.reference.reference import REFERENCE_OF
 from vdfmu.system.reference.wired import System
 
 _WIDE = ("-mavx2", "-mfma", "-mavx512f", "-mavx512dq", "-mavx512vl", "-mprefer-vector-width=512")
@@ -37,8 +37,8 @@ def make_program(description: SystemDescription, varied: Iterable[str]) -> Progr
     """
     scenario = description.scenario
     problems = [] if native_available() else ["it needs the compiler ziglang: pip install 'vdfmu[native]'"]
-    if scenario.master not in REFERENCE_OF:
-        problems.append(f"master: expected {' or '.join(REFERENCE_OF)}, got {scenario.master}")
+    if not ALGORITHMS[scenario.master].reference:
+        problems.append(f"master: expected {choice(continuous=False)}, got {scenario.master}")
     if scenario.adaptive is not None:
         problems.append("adaptive: its steps are as long as given")
     foreign = [name for name, table in description.tables.items() if not isinstance(table, Interface)]
@@ -59,7 +59,7 @@ def make_program(description: SystemDescription, varied: Iterable[str]) -> Progr
     if problems:
         raise UsageError("\n".join(problems))
     try:
-        files, optional = lane_sources(system, REFERENCE_OF[scenario.master] == "sampled-delayed")
+        files, optional = lane_sources(system, ALGORITHMS[scenario.master].reference == "sampled-delayed")
     except KernelError as error:
         raise UsageError(str(error).removesuffix(".")) from None
     platform = this_platform()

@@ -20,7 +20,7 @@ from vdfmu.system.scenario.parts import build_parts
 
 ROWS = 1001
 """Of a table of results at most: some 2 MB for six joints."""
-ALGORITHMS = ("jacobi", "gauss-seidel")
+_MASTERS = ("jacobi", "gauss-seidel")
 
 
 def write_reference(scenario: Scenario, folder: Path, values: Mapping[str, Mapping[str, Any]]) -> list[Path]:
@@ -43,7 +43,7 @@ def write_reference(scenario: Scenario, folder: Path, values: Mapping[str, Mappi
         version: folder / f"{scenario.name}{'' if version == '1.0' else f'_{version}'}.ssp"
         for version in FMI_OF_SSP
     }
-    tables = {algorithm: folder / f"{scenario.name}_{algorithm}.csv" for algorithm in ALGORITHMS}
+    tables = {algorithm: folder / f"{scenario.name}_{algorithm}.csv" for algorithm in _MASTERS}
     source = data_path("ssp") / "reference"
     texts = {
         folder / name: (source / name).read_text(encoding="utf-8") for name in ("README.md", "compare.py")

@@ -19,7 +19,7 @@ from vdfmu.base.progress import doing, report
 from vdfmu.base.show_progress import Shown, with_progress
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
-from vdfmu.engine.algorithms import ALGORITHMS, count_steps
+from vdfmu.engine.algorithms import ALGORITHMS, choice, count_steps
 from vdfmu.engine.inspect.loops import Poses
 from vdfmu.engine.masters.observer import Observer
 from vdfmu.engine.plan.inputs import Inputs, read_inputs
@@ -55,7 +55,7 @@ from vdfmu.study.run.summary import (
 from vdfmu.study.run.verdict import run_checks
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import write_ssp
-from vdfmu.system.reference.reference import BLOCK, REFERENCE_OF, reference_blocks
+from vdfmu.system.reference.reference import BLOCK, reference_blocks
 from vdfmu.system.reference.witness import Witness
 from vdfmu.system.scenario import Scenario, load_scenario
 from vdfmu.system.scenario.check import model_notes
@@ -125,9 +125,7 @@ def prepare(
     changes = {"step": step, "stop": stop, "master": master, "adaptive": adaptive}
     scenario = dataclasses.replace(scenario, **{k: v for k, v in changes.items() if v is not None})
     if scenario.master not in ALGORITHMS:
-        raise UsageError(
-            f"master: expected {', '.join(ALGORITHMS[:-1])} or {ALGORITHMS[-1]}, got {scenario.master!r}."
-        )
+        raise UsageError(f"master: expected {choice()}, got {scenario.master!r}.")
     check_coupling(scenario.master, scenario.adaptive)
     count_steps(scenario.step, scenario.stop)
     return scenario
@@ -375,7 +373,7 @@ def _references(
             float(np.abs(part["trajectory.q_d"] - part["plant.q"]).max()) for part in results.blocks(BLOCK)
         )
     description = SystemDescription(scenario, values)
-    sampled = REFERENCE_OF.get(scenario.master)
+    sampled = ALGORITHMS[scenario.master].reference
     wanted = {"sampled": sampled} if sampled else {}
     for key, name in (wanted | {"continuous": "continuous"}).items():
         stage = f"{name} reference"

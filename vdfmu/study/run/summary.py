@@ -12,9 +12,10 @@ import numpy as np
 from vdfmu.arm.robot import Robot
 from vdfmu.base.measure import unit_of
 from vdfmu.base.version import __version__
+from vdfmu.engine.algorithms import is_continuous
 from vdfmu.engine.results.results import Results
 from vdfmu.study.run.at_limits import Limits
-from vdfmu.system.reference.reference import BLOCK, REFERENCE_OF, Reference
+from vdfmu.system.reference.reference import BLOCK, Reference
 from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.parts import units_of
 from vdfmu.system.scenario.start import leaders
@@ -170,7 +171,7 @@ def compare(
         if name == "sampled-delayed":  # the controller added to the feedforward of one step ago
             late = np.vstack([late[:1] if before is None else before, late[:-1]])
             before = solution["feedforward.tau_m"][-1:]
-        elif name == "continuous" and master in REFERENCE_OF:
+        elif name == "continuous" and not is_continuous(master):
             held, tau_r = tau_r[-1:], np.vstack([tau_r[:1] if held is None else held, tau_r[:-1]])
         difference = np.abs(q - q_r).max(axis=1)
         if difference.max() > position:
@@ -212,7 +213,7 @@ def estimation_errors(results: Results, master: str) -> dict[str, Any]:
     A sampled master gives the estimator the plant's signals of the communication point at which its step began, and
     the torque that the step that ended there had.
     """
-    late = int(master in REFERENCE_OF)
+    late = int(not is_continuous(master))
     squares, before = 0.0, np.empty((0, 0))
     for part in results.blocks(BLOCK):
         true = part["plant.tau_s"]

@@ -32,9 +32,6 @@ from vdfmu.system.reference.compiled import runs, sources
 from vdfmu.system.reference.solution import Continuous, Sampled
 from vdfmu.system.reference.wired import System
 
-REFERENCE_OF = {"gauss-seidel": "sampled", "jacobi": "sampled-delayed"}
-"""Master algorithm to the reference that it must match."""
-
 BLOCK = 1024
 """Rows of a stretch: what is held in memory of a long run."""
 _KEPT = 2**24

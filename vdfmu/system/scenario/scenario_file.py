@@ -17,7 +17,7 @@ from vdfmu.arm.robot.robot_file import check_robot, section_numbers
 from vdfmu.base.errors import ModelError, UnitError, UsageError
 from vdfmu.base.toml_tables import FloatArray, Problems, Table, as_number, shape_of, shown
 from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
-from vdfmu.engine.algorithms import ALGORITHMS, CONTINUOUS
+from vdfmu.engine.algorithms import ALGORITHMS, is_continuous
 from vdfmu.system.scenario.check import check_step
 from vdfmu.system.scenario.replace import started
 from vdfmu.system.scenario.scenario import (
@@ -129,7 +129,7 @@ def read_scenario(
     stop = file.number("stop", "s", above=0, way_out="Give the end of the run.")
     step = file.number("step", "s", above=0, way_out="Give the communication step.")
     check_step(problems, stop, step)
-    master = file.text("master", "gauss-seidel", ALGORITHMS)
+    master = file.text("master", "gauss-seidel", tuple(ALGORITHMS))
     adaptive = _adaptive(file, master)
     way_out = f"{SOLVER_TOLERANCE:g} is a good start."
     tolerance = file.number("tolerance", "", SOLVER_TOLERANCE, above=0, way_out=way_out)
@@ -206,10 +206,10 @@ def _adaptive(file: Table, master: str) -> float | None:
     error = file.number("adaptive", "", above=0)
     if error >= 1:
         file.problems.add("adaptive", "a relative error < 1", shown(error), "1e-6 is a good start.")
-    if master in ALGORITHMS and master not in CONTINUOUS:
+    if master in ALGORITHMS and not is_continuous(master):
         file.problems.add(
             "adaptive",
-            f"master = {' or '.join(repr(name) for name in CONTINUOUS)}",
+            f"master = {' or '.join(repr(name) for name in ALGORITHMS if is_continuous(name))}",
             repr(master),
             "Sampled control has a fixed step: leave adaptive out, or choose another master.",
         )
