@@ -11,13 +11,11 @@ import zipfile
 import pytest
 
 from tests.conftest import TYPICAL
+from tests.warm import command
 
 
 def vdfmu(*arguments, cwd, **options):
-    return subprocess.run(
-        [sys.executable, "-m", "vdfmu.cli", *map(str, arguments)],
-        cwd=cwd, capture_output=True, text=True, timeout=300, check=False, **options,
-    )  # fmt: skip
+    return command(*arguments, cwd=cwd, **options)
 
 
 def test_run_writes_its_files_and_shows_the_errors(tmp_path):

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.warm import command
 from vdfmu import __version__
 from vdfmu.base.json_text import to_json
 from vdfmu.engine.algorithms import ALGORITHMS
@@ -19,6 +20,8 @@ ROOT = Path(__file__).parents[2]
 
 
 def vdfmu(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    if not any(name.startswith("PYTHON") for name in environment):
+        return command(*arguments, env=os.environ | environment)
     return subprocess.run(
         [sys.executable, "-m", "vdfmu.cli", *arguments],
         capture_output=True, encoding="utf-8", errors="surrogateescape", env=os.environ | environment, timeout=300,

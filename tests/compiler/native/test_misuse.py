@@ -401,8 +401,8 @@ def test_a_step_of_too_many_internal_steps_ends_with_an_error(native: Native, ve
     before = unit.complete()
     words = (
         r"^unit: doStep at t = 10 s failed: at t = \S+ s the communication step of 1e\+300 s is not done after "
-        rf"{MAXIMUM_STEPS} internal steps, the last of \S+ s\. Take shorter communication steps, lower the input "
-        r"torque, loosen the tolerance, or check the parameters\.$"
+        rf"{MAXIMUM_STEPS} internal steps, the last of \S+ s\. Take shorter communication steps\. Check its "
+        r"inputs and the gains behind them, its start and its parameters, or loosen the tolerance\.$"
     )
     with unit.refuses(words) as no:
         no("DoStep", *unit.step_arguments(10.0, 1e300))

@@ -188,8 +188,8 @@ def test_a_call_that_takes_too_many_internal_steps_is_ended_and_changes_nothing(
     monkeypatch.setattr(module, "MAXIMUM_STEPS", needed - 1)
     words = (
         rf"^at t = 2\.0\d* s the communication step of {DURATION} s is not done after {needed - 1} internal steps, "
-        r"the last of \S+ s\. Take shorter communication steps, lower the input torque, loosen the tolerance, or check "
-        r"the parameters\.$"
+        r"the last of \S+ s\. Take shorter communication steps\. Check its inputs and the gains behind them, its "
+        r"start and its parameters, or loosen the tolerance\.$"
     )
     with pytest.raises(KernelError, match=words):
         limited.advance(2.0, DURATION)

@@ -51,6 +51,19 @@ def motor_torque(robot: Any, tau: Any, kappa_dot: Any) -> Any:
     return clip(tau, -robot.tau_stall * backward, robot.tau_stall * forward)
 
 
+def at_limits(robot: Any, tau: Any, kappa_dot: Any, q: Any) -> tuple[Any, Any, Any]:
+    """Whether motors give their largest torque and less than asked, give less for their speed, and stops push.
+
+    Parameters
+    ----------
+    tau : (n,) [N m] motor-side, asked for
+    kappa_dot, q : (n,) [rad/s or m/s, rad or m]
+    """
+    given = abs(motor_torque(robot, tau, kappa_dot))
+    less, full = given < abs(tau), given >= robot.tau_stall
+    return less & full, less & ~full, (q < robot.q_min) | (q > robot.q_max)
+
+
 def motor_rectangle(robot: Any, most: Any) -> tuple[Any, Any]:
     """Speeds, and torques that motors give up to them: the largest rectangle under each torque-speed line.
 

@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.arm.drive.limits import motor_torque
+from vdfmu.arm.drive.limits import at_limits, motor_torque
+from vdfmu.arm.robot.parameters import section
 from vdfmu.base.arrays import Floats
 from vdfmu.compiler.unit.variable import NO_LIMIT
 from vdfmu.engine.results.recorded import Recorded
@@ -18,7 +19,6 @@ from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.parts import units_of
 
 Values = Mapping[str, Mapping[str, Any]]
-_LIMITS = ("q_min", "q_max", "tau_stall", "kappa_dot_max", "full_speed")
 _READ = ("tau", "q", "kappa_dot")
 
 
@@ -57,7 +57,8 @@ def _limits(scenario: Scenario, values: Values) -> Iterator[Limits]:
         tau_max = _with_values(np.full(robot.n, NO_LIMIT), "tau_max", values[controller] if cuts else {})
         limited = None
         if robot.limits:
-            own = {name: _with_values(getattr(robot, name), name, values[plant]) for name in _LIMITS}
+            names = (row.name for row in section("limits"))
+            own = {name: _with_values(getattr(robot, name), name, values[plant]) for name in names}
             limited = SimpleNamespace(**own)
         yield Limits(plant, limited, tau_max)
 
@@ -98,10 +99,7 @@ def _shares(results: Recorded, one: Limits) -> Floats:
         cut = np.abs(asked) >= one.tau_max
         slow = beyond = np.zeros_like(cut)
         if one.robot is not None:
-            given = one.given(asked, kappa_dot)
-            less = np.abs(given) < np.abs(asked)
-            full = np.abs(given) >= one.robot.tau_stall
-            cut, slow = cut | (less & full), less & ~full
-            beyond = (q < one.robot.q_min) | (q > one.robot.q_max)
+            most, slow, beyond = at_limits(one.robot, asked, kappa_dot, q)
+            cut |= most
         spent += [np.sum(h * where, axis=0) for where in (cut, slow, beyond)]
     return spent / max(float(results.time[-1] - results.time[0]), np.finfo(float).tiny)
