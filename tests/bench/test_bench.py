@@ -194,6 +194,7 @@ def test_repeated_link_is_a_valid_chain_of_equal_links() -> None:
     assert [a.shape for a in random_motion(5)] == [(5,)] * 3
 
 
+@pytest.mark.heavy
 def test_growth(report: Report) -> None:
     joints = [1, 2, 3, 4]
     every = dict.fromkeys(growth.FORMULATIONS, joints)
@@ -211,6 +212,7 @@ def test_growth(report: Report) -> None:
     }  # fmt: skip
 
 
+@pytest.mark.heavy
 def test_arms_are_measured_and_run_by_their_names(report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
     ran = {"build": 1.0, "second": 0.1, "largest": 1e-5, "final": 1e-6}
@@ -233,6 +235,7 @@ def test_growth_of_the_fmus(report: Report, monkeypatch: pytest.MonkeyPatch) -> 
     assert sizes.rows[0][7] < sizes.rows[1][7]
 
 
+@pytest.mark.heavy
 def test_master_step(report: Report) -> None:
     before = (
         SampledStepper.__init__,
@@ -407,6 +410,7 @@ def test_importers(report: Report) -> None:
 
 
 @needs_compiler
+@pytest.mark.heavy
 def test_work_precision(report: Report) -> None:
     found = work_precision.study(
         load_robot("planar_2dof"), stop=0.02, tolerances=[1e-5, 1e-7], rounds=1, say=report.say
@@ -424,6 +428,7 @@ def test_work_precision(report: Report) -> None:
 
 
 @needs_compiler
+@pytest.mark.heavy
 def test_engines(report: Report) -> None:
     found = engines.study(load_robot("planar_2dof"), stop=0.02, rounds=1, say=report.say)
     methods = {p.method for p in found.points}
@@ -555,8 +560,8 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     }  # fmt: skip
 
 
-@pytest.mark.slow
 @needs_compiler
+@pytest.mark.heavy
 def test_the_adjoint_is_the_gradient_of_the_chain_and_of_the_fmus() -> None:
     found = gradient.study("planar_tracking", 0.1).found
     adjoint = found["adjoint of the chain"]

@@ -47,6 +47,7 @@ def test_every_command_that_writes_is_among_these():
     assert commands == READERS | {text.split()[0] for text, _ in WRITERS}
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(("command", "count"), WRITERS, ids=[text for text, _ in WRITERS])
 def test_what_a_command_writes_has_no_problems(command, count, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -18,6 +18,7 @@ def vdfmu(*arguments, cwd, **options):
     return command(*arguments, cwd=cwd, **options)
 
 
+@pytest.mark.heavy
 def test_run_writes_its_files_and_shows_the_errors(tmp_path):
     done = vdfmu("run", "planar_tracking", "--stop", "0.1", "--set", "controller.K_p[1]=2500", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -29,6 +30,7 @@ def test_run_writes_its_files_and_shows_the_errors(tmp_path):
     assert "sampled" in done.stdout
 
 
+@pytest.mark.heavy
 def test_build_ssp_check_models_work_together(tmp_path):
     built = vdfmu("build", "planar_tracking", "--out", "fmus", cwd=tmp_path)
     assert built.returncode == 0, built.stderr
@@ -82,6 +84,7 @@ def test_build_ssp_check_models_work_together(tmp_path):
     assert (ours / "results.csv").read_text() == (theirs / "results.csv").read_text()
 
 
+@pytest.mark.heavy
 def test_models_are_listed_and_shown(tmp_path):
     listed = vdfmu("models", "list", cwd=tmp_path)
     for name in ("manipulator_6dof", "planar_2dof", "slider_3dof", "contrast", "tracking", "two_joint"):
@@ -91,6 +94,7 @@ def test_models_are_listed_and_shown(tmp_path):
     assert "Table 1" in shown.stdout
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("name", TYPICAL)
 def test_a_robot_is_shown_whole_in_80_columns(tmp_path, name):
     """No word is cut: every number, heading and word of a source is there as it is in a wide terminal."""
@@ -105,11 +109,13 @@ def test_a_robot_is_shown_whole_in_80_columns(tmp_path, name):
     assert "theta_err_amplitude" in narrow
 
 
+@pytest.mark.heavy
 def test_a_scenario_is_shown_as_its_file(tmp_path):
     shown = vdfmu("models", "show", "tracking", cwd=tmp_path, env={**os.environ, "COLUMNS": "40"})
     assert tomllib.loads(shown.stdout)["name"] == "tracking"
 
 
+@pytest.mark.heavy
 def test_check_lists_the_problems_of_a_broken_fmu(tmp_path):
     vdfmu("build", "planar_tracking", "--out", "fmus", cwd=tmp_path)
     good = tmp_path / "fmus" / "Plant.fmu"
@@ -129,6 +135,7 @@ def test_check_lists_the_problems_of_a_broken_fmu(tmp_path):
     assert "no FMU that can be read" in done.stdout
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -160,6 +167,7 @@ def test_wrong_usage_ends_with_code_2_and_the_way_out(tmp_path, arguments, words
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.heavy
 def test_a_broken_robot_file_reports_every_problem_at_once(tmp_path):
     import vdfmu as package
     from vdfmu.base.data import data_path
@@ -175,6 +183,7 @@ def test_a_broken_robot_file_reports_every_problem_at_once(tmp_path):
     assert package.__version__
 
 
+@pytest.mark.heavy
 def test_a_unit_that_fails_ends_with_code_1_and_its_words(tmp_path):
     done = vdfmu("run", "planar_tracking", "--set", "controller.K_p=1e9", cwd=tmp_path)
     assert done.returncode == 1
@@ -203,6 +212,7 @@ def test_help_of_every_command_has_an_example(tmp_path, command):
     assert "Example" in done.stdout
 
 
+@pytest.mark.heavy
 def test_the_cache_is_shown_and_cleared(tmp_path):
     environment = os.environ | {"VDFMU_CACHE_DIR": str(tmp_path / "cache"), "VDFMU_CACHE_MB": "300"}
 
@@ -231,6 +241,7 @@ def test_version(tmp_path):
     assert (done.returncode, done.stdout.strip()) == (0, f"vdfmu {package.__version__}")
 
 
+@pytest.mark.heavy
 def test_a_temporary_folder_that_crashes_python_fmus_is_refused(tmp_path):
     folder = tmp_path / "j\u00fcrgen"
     folder.mkdir()

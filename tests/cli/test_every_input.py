@@ -29,6 +29,7 @@ def vdfmu(*arguments: str, **environment: str) -> subprocess.CompletedProcess[st
     )  # fmt: skip
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -52,6 +53,7 @@ def test_an_input_that_cannot_be_used_is_named(arguments: tuple[str, ...]) -> No
     assert "output cannot be written" not in done.stderr
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     "environment",
     [{"PYTHONIOENCODING": "ascii"}, {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"}],
@@ -83,6 +85,7 @@ def without(package: str, folder: Path) -> str:
     return os.pathsep.join([str(folder), str(ROOT)])
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("package", [*NEEDED, "attrs"])
 def test_a_missing_package_is_named_where_it_is_needed(package: str, tmp_path: Path) -> None:
     module = {"attrs": "attr"}.get(package, package)  # of fmpy
@@ -98,6 +101,7 @@ def test_a_missing_package_is_named_where_it_is_needed(package: str, tmp_path: P
     assert done.stderr.endswith(f"-m pip install {module}\n")  # and nothing after it
 
 
+@pytest.mark.heavy
 def test_a_missing_package_is_named_though_the_fmus_that_need_it_are_built(tmp_path: Path) -> None:
     command = ("run", "planar_tracking", "--stop", "0.001", "--backend", "python", "--no-reference")
     out = ("--out", str(tmp_path / "out"))

@@ -16,6 +16,7 @@ from vdfmu.arm.robot import load_robot
 from vdfmu.base.progress import showing
 
 
+@pytest.mark.heavy
 def test_each_traced_function_and_each_compiled_file_counts(tmp_path, monkeypatch):
     monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
     reports = []

@@ -38,6 +38,7 @@ def written(path, rows, delimiter=","):
     return path
 
 
+@pytest.mark.heavy
 def test_the_folder_stands_alone(folder):
     names = {path.name for path in folder.iterdir()}
     assert names == {
@@ -50,6 +51,7 @@ def test_the_folder_stands_alone(folder):
     assert "step 0.001 s" in text
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("package", ["planar_tracking.ssp", "planar_tracking_2.0.ssp"])
 def test_a_run_of_either_package_agrees(folder, tmp_path, package):
     for algorithm in ("jacobi", "gauss-seidel"):

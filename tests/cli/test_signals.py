@@ -89,6 +89,7 @@ LONG = ("run", "planar_tracking", "--stop", "1000", "--set", "plant.tolerance=1e
 """A run that does not end, with many solver steps in each row."""
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_keeps_the_rows_and_the_results_before(start, tmp_path, number):
     folder = tmp_path / "results" / "planar_tracking"
@@ -169,6 +170,7 @@ def test_a_signal_that_a_library_drops_comes_again_and_one_at_the_end_adds_nothi
     assert (done.returncode, done.stderr) == (ended, said)
 
 
+@pytest.mark.heavy
 def test_ctrl_c_before_the_co_simulation_says_so(start):
     command = start("run", "tracking", cache="empty")  # the FMUs must be traced first
     command.wait_for(lambda: command.files("results/tracking"))
@@ -176,6 +178,7 @@ def test_ctrl_c_before_the_co_simulation_says_so(start):
     assert not command.files("results/tracking")
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_acts_while_equations_are_traced(start, number):
     """CasADi drops what a handler of signals raises while it looks at its arguments, which is most of the time."""
@@ -184,6 +187,7 @@ def test_a_signal_acts_while_equations_are_traced(start, number):
     command.stop(number)
 
 
+@pytest.mark.heavy
 def test_a_signal_ends_the_compilers(start):
     command = start("build", "planar_tracking", cache="empty")
     command.wait_for(lambda: command.files("tmp/vdfmu_native_*/*/*.o*"))
@@ -198,6 +202,7 @@ def _link(path: Path) -> str:
         return ""
 
 
+@pytest.mark.heavy
 def test_a_signal_acts_while_references_are_solved(start):
     command = start("run", "planar_tracking", "--stop", "2")
     command.wait_for(lambda: command.files("results/*/*/summary.json"))
@@ -214,6 +219,7 @@ def test_a_signal_acts_while_modules_are_imported(start):
     command.stop(signal.SIGINT)
 
 
+@pytest.mark.heavy
 def test_a_killed_run_leaves_the_results_before_and_its_rows(start, tmp_path):
     folder = tmp_path / "results" / "planar_tracking"
     before = start("run", "planar_tracking", "--stop", "0.1", "--no-reference")

@@ -185,6 +185,7 @@ def told(tmp_path, monkeypatch):
     return run
 
 
+@pytest.mark.heavy
 def test_quiet_leaves_one_line_of_a_run_and_verbose_adds_what_is_done(told):
     words = ("run", "planar_tracking", "--stop", "0.01", "--no-reference")
     quiet = told(*words, "--quiet")
@@ -217,6 +218,7 @@ def test_quiet_leaves_the_result_of_a_command_that_prints_it(told, tmp_path, wor
     assert told(*words.split(), "-q") == (output, [])
 
 
+@pytest.mark.heavy
 def test_verbose_says_where_an_error_is_from_and_quiet_keeps_the_error(tmp_path):
     def said(*words):
         command = [sys.executable, "-m", "vdfmu.cli", "run", "nope", *words]

@@ -76,6 +76,7 @@ def plant_jacobian(robot):
     return jacobian
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("coupling", [False, True])
 def test_pivots_stay_positive(arm, coupling):
     # docs/solver.md: elimination in the solver's order, without row swaps, at 200 random states.

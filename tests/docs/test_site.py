@@ -54,7 +54,7 @@ def words(text):
     return " ".join(html.unescape(text).split())
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_units_are_shown_as_the_docstrings_have_them(api):
     shown = words(re.sub(r"<[^>]+>", "", api))
     found = 0
@@ -69,7 +69,6 @@ def test_units_are_shown_as_the_docstrings_have_them(api):
     assert found > 40
 
 
-@pytest.mark.slow
 def test_formulas_in_docstrings_are_no_emphasis(api):
     assert "<code>A*sin(2*ell*kappa + phase)</code>" in api
     assert re.findall(r"<em>.*?</em>", api) == []
@@ -102,13 +101,12 @@ def test_a_public_function_documents_its_parameters_and_what_it_returns(name):
         )
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.parametrize("name", [name for name in vdfmu.__all__ if not name.startswith("_")])
 def test_every_public_name_is_on_the_page_of_the_api(api, name):
     assert re.search(rf'<h3 id="[\w.]*\.{name}"', api)
 
 
-@pytest.mark.slow
 def test_every_link_and_picture_of_the_pages_leads_somewhere(site):
     pages = {
         page: page.read_text(encoding="utf-8") for page in site.rglob("*.html") if page.name != "404.html"

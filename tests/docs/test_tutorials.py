@@ -101,7 +101,6 @@ def run_page(path):
     return checked
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "page",
     [
@@ -132,7 +131,6 @@ def readme_blocks():
     return found
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "body", "output"),
     [
@@ -176,7 +174,7 @@ def test_git_ignores_what_the_commands_of_the_readme_write():
     assert {"/results/", "/fmus/", "/*_osp/", "*.ssp", "*.fmu"} <= set(patterns)
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     "page", [page for page in GUIDES if page.stem != "omsimulator"], ids=lambda page: page.stem
 )

@@ -63,6 +63,7 @@ def test_a_declared_call_that_does_not_work_is_a_problem(way, library, tmp_path)
         assert {problem.rule.number for problem in problems} <= {"RUN002", "RUN009"}
 
 
+@pytest.mark.heavy
 def test_a_unit_that_refuses_its_event_mode_is_a_problem_and_runs_without(system, built, tmp_path):
     """As Roberts of the Reference FMUs does."""
     model = replace(

@@ -21,6 +21,7 @@ ARM = (
 )
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     "code",
     [

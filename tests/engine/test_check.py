@@ -155,6 +155,7 @@ def test_unconnected_inputs_are_notes_and_errors_when_strict(pack, xml):
     assert problems(path, strict=True) == [note]
 
 
+@pytest.mark.heavy
 def test_unmatched_parameters_can_be_ignored(pack, xml, monkeypatch):
     path = pack(
         [xml.component("a", "Gain", "", xml.values(xml.real("other", 1.0)))],

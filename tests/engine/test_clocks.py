@@ -123,6 +123,7 @@ def test_a_triggered_clock_that_nothing_ticks_is_noted(system):
 # ---------------------------------------------------------------- events
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("step", [0.01, 0.5])
 def test_an_early_return_is_an_event_of_the_component(system, step):
     """The ball bounces where it does without event mode: at the steps of its own solver."""
@@ -145,6 +146,7 @@ def test_time_events_and_the_end_that_a_component_makes(system, version, step):
         assert results.summary["ended"] == {"component": "s", "time": pytest.approx(9.0)}
 
 
+@pytest.mark.heavy
 def test_discrete_inputs_are_set_at_events(system):
     """Feedthrough of discrete inputs at the communication point itself, through two components."""
     events = models.feedthrough(("Int32", "Boolean"), "Events", models.EVENTS)

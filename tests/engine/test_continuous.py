@@ -126,6 +126,7 @@ def test_two_states_that_read_each_other(pack, xml):
     np.testing.assert_allclose(found, x, rtol=0, atol=4 * 1e-13 + ROUNDING)
 
 
+@pytest.mark.heavy
 def test_what_gauss_seidel_cannot_order(pack, xml):
     """Two units of two channels each, cross-connected: a loop of units that is none of variables."""
     c = xml.component
@@ -162,6 +163,7 @@ def exact(t):
     return a * (t - 1 / K) + (0.1 + a / K) * np.exp(-K * t)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("algorithm", ["extrapolated", "iterative"])
 def test_the_error_follows_the_one_that_is_asked_for(loop, algorithm):
     errors, steps = [], []
@@ -178,6 +180,7 @@ def test_the_error_follows_the_one_that_is_asked_for(loop, algorithm):
     assert errors[2] < errors[0] / 20
 
 
+@pytest.mark.heavy
 def test_a_unit_that_refuses_long_steps_gets_shorter_ones(pack, xml):
     c = xml.component
     path = pack(
@@ -196,6 +199,7 @@ def test_a_unit_that_refuses_long_steps_gets_shorter_ones(pack, xml):
     assert not [m for m in seen if "too long" in m.text]  # it was no trouble
 
 
+@pytest.mark.heavy
 def test_a_refusal_counts_without_any_real_output(pack, xml):
     path = pack([xml.component("counter", "Refuser", "n:output:Integer")])
     results = simulate(path, stop=1.0, step=0.5, algorithm="iterative", adaptive=1e-3)
@@ -262,6 +266,7 @@ def slider(pack, xml, options, k=4.0):
     return np.abs(found - exact).max(), results.summary
 
 
+@pytest.mark.heavy
 def test_a_mass_behind_a_spring_is_of_second_order_without_input_derivatives(pack, xml):
     """State and feed-through of one input: it steps in halves, with the input at the start and at the end."""
     coarse, summary = slider(pack, xml, {"step": 0.0625})
@@ -280,6 +285,7 @@ def test_error_control_holds_the_states_of_a_mass_behind_a_spring(pack, xml, ada
     assert error < 5 * adaptive
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("algorithm", ["extrapolated", "iterative"])
 def test_a_stiff_spring_passes_its_input_on_and_does_not_jump(pack, xml, algorithm):
     """The force starts a step with k times the error that the prediction of p had: no shorter step lowers that."""
@@ -405,6 +411,7 @@ def study(tmp_path_factory):
 
 # Halving the step divides an error of order p by 2^p (1 + O(h)); the bounds leave 10 % for the next order. The units in
 # Python take no derivatives of inputs: their means are as good.
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("name", "algorithm", "backend", "step", "order"),
     [
@@ -447,11 +454,13 @@ def test_the_energy_residual_is_the_integral_over_the_steps():
     np.testing.assert_allclose(found["exchanged_energy_j"], np.abs(torque * way).sum(axis=0), rtol=0.02)
 
 
+@pytest.mark.heavy
 def test_error_control_finds_the_steps(study):
     errors = [study("tracking", "iterative", 4e-3, adaptive=e)[0] for e in (1e-5, 1e-7)]
     assert errors[1] < errors[0] / 10
 
 
+@pytest.mark.heavy
 def test_a_run_is_compared_with_the_continuous_reference_and_shows_its_steps(tmp_path):
     summary = vdfmu.run(
         "planar_tracking",

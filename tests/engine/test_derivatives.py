@@ -70,6 +70,7 @@ def run(system, model, version, values, **options):
     return np.abs(found - solution(values, results.time)).max(), results
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_derivatives_of_outputs_halve_the_error_of_the_prediction(system, version):
     """A line through the last two values of y is off by h^2 y'', one with the slope at the last by half of that."""
@@ -97,6 +98,7 @@ def test_the_coupling_is_of_second_order(system, model, version, algorithm):
     assert 1.9 < order < 2.1  # 2, but for terms of the next order, some h of the error
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_directional_derivatives_save_repetitions(system, version):
     """With the exact Jacobian of a linear loop the first repetition solves it, where it is to be learnt else."""
@@ -113,6 +115,7 @@ def test_directional_derivatives_save_repetitions(system, version):
     assert results.summary["communication"]["convergence"] == 1e-8
 
 
+@pytest.mark.heavy
 def test_a_long_chain_needs_no_more_repetitions_than_a_short_one(pack, xml, built):
     """Ten unknowns between six masses: without the Jacobian they take seven sweeps, and then as many in each step."""
     n, sweeps = 6, []
@@ -137,6 +140,7 @@ def test_a_long_chain_needs_no_more_repetitions_than_a_short_one(pack, xml, buil
     assert sweeps[1] <= 3.0 < 6.0 < sweeps[0]
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("algorithm", ["extrapolated", "iterative"])
 def test_intermediate_updates_let_a_fast_component_follow(system, algorithm):
     """With an input that holds it ends where that was at the middle of the step: h / 2 late."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 import zipfile
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import fmpy
 import numpy as np
 import pytest
 
+from tests.warm import command
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.inspect import trial as check_run
 from vdfmu.engine.run import ALGORITHMS, simulate
@@ -81,6 +81,7 @@ def test_the_last_step_ends_at_the_stop(package, options, start, stop, step):
     np.testing.assert_array_equal(results.time[:-1], start + step * np.arange(n))
 
 
+@pytest.mark.heavy
 def test_check_finds_no_fault_in_a_unit_that_keeps_its_stop_time(package, strict):
     for path, kind in ((package, "SSP"), (strict, "FMU")):
         assert check_run.run_apart(path, kind).problems == []
@@ -117,6 +118,7 @@ def test_what_is_no_number_ends_the_run(package, options, name, value):
     assert rows["unit.y"].tolist() == [0.0, 0.25]  # those before it, all of numbers
 
 
+@pytest.mark.heavy
 def test_an_output_that_nobody_reads_may_be_left_out(pack, xml, strict):
     c = xml.component
     path = pack(
@@ -129,18 +131,15 @@ def test_an_output_that_nobody_reads_may_be_left_out(pack, xml, strict):
     assert len(simulate(path, record=["ramp.*"], **options)) == 5
 
 
-def command(package: Path, setting: str, out: Path) -> tuple[int, str]:
+def simulated(package: Path, setting: str, out: Path) -> tuple[int, str]:
     """Run a package as a user does; return the exit code and what was shown, in one line."""
-    done = subprocess.run(
-        [sys.executable, "-m", "vdfmu.cli", "simulate", package, "--step", "0.25", "--stop", "1", "--set", setting,
-         "--out", out],
-        capture_output=True, text=True, timeout=300, check=False,
-    )  # fmt: skip
+    done = command("simulate", package, "--step", "0.25", "--stop", "1", "--set", setting, "--out", out)
     return done.returncode, " ".join((done.stdout + done.stderr).split())
 
 
+@pytest.mark.heavy
 def test_the_command_ends_with_an_error_and_keeps_the_rows(package, tmp_path):
-    code, shown = command(package, "unit.nan_from=0.5", tmp_path)
+    code, shown = simulated(package, "unit.nan_from=0.5", tmp_path)
     assert code == 1
     assert "unit: doStep at t = 0.25 s failed: y is nan at t = 0.5 s, expected a finite number" in shown
     assert (
@@ -176,8 +175,9 @@ def test_a_unit_that_ends_the_simulation_makes_a_normal_end(package, options, en
         assert note.endswith("; the last row has its values of then, and those of the others of t = 0.75 s")
 
 
+@pytest.mark.heavy
 def test_the_command_says_who_ended_the_simulation(package, tmp_path):
-    code, shown = command(package, "unit.end=0.5", tmp_path)
+    code, shown = simulated(package, "unit.end=0.5", tmp_path)
     assert code == 0
     assert "unit ended the simulation at t = 0.5 s" in shown
     assert json.loads((tmp_path / "summary.json").read_text())["ended"]["time"] == 0.5

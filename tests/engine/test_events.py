@@ -14,6 +14,7 @@ from vdfmu.engine.run import simulate
 ROUNDING = 1e-14  # some roundings of numbers of order 1
 
 
+@pytest.mark.heavy
 def test_what_is_discrete_is_read_as_at_the_start_of_the_step_by_units_before_its_source(pack, xml):
     """Whatever the number of repetitions, and after rejected steps: b reads a's counter, a steps after b."""
     c = xml.component
@@ -30,6 +31,7 @@ def test_what_is_discrete_is_read_as_at_the_start_of_the_step_by_units_before_it
     assert results.summary["communication"]["rejected"] > 0
 
 
+@pytest.mark.heavy
 def test_a_discrete_real_acts_from_its_change_on(pack, xml):
     c = xml.component
     path = pack(
@@ -42,6 +44,7 @@ def test_a_discrete_real_acts_from_its_change_on(pack, xml):
         np.testing.assert_allclose(results["plant.y"], [0, 0, 0, 0.25, 0.5], rtol=0, atol=ROUNDING)
 
 
+@pytest.mark.heavy
 def test_a_discrete_controller_holds_its_output(pack, xml):
     """It is the zero-order hold that `gauss-seidel` is, whatever the order of the units: x' = -3 x(t_k)."""
     c = xml.component
@@ -131,6 +134,7 @@ def test_a_signal_that_jumps_again_and_again_is_named(pack, xml):
         simulate(path, stop=1.0, step=0.25, algorithm="extrapolated", adaptive=1e-3)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("at", [0.5, 0.537])
 def test_a_jump_is_stepped_over_where_it_is(pack, xml, at):
     """A step of a signal that declares itself continuous, into x' = u - x: found to 1e-6 of the longest step."""
@@ -145,6 +149,7 @@ def test_a_jump_is_stepped_over_where_it_is(pack, xml, at):
         np.testing.assert_allclose(results["lag.y"], expected, rtol=0, atol=2e-4)
 
 
+@pytest.mark.heavy
 def test_signals_too_small_for_the_allowed_error_are_noted(pack, xml):
     c = xml.component
     path = pack(
@@ -166,6 +171,7 @@ def test_signals_too_small_for_the_allowed_error_are_noted(pack, xml):
     assert "an error of 0.001 relative to 1 is allowed" in note
 
 
+@pytest.mark.heavy
 def test_an_output_that_nobody_reads_does_not_decide_how_the_others_are_coupled(pack, xml):
     """X' = -x / 2 with u = -x / 2; the unit also tells u, which would be right for its value at the end only."""
     c = xml.component
@@ -201,6 +207,7 @@ def test_an_output_that_nobody_reads_does_not_decide_how_the_others_are_coupled(
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)
 
 
+@pytest.mark.heavy
 def test_a_unit_of_one_step_length_that_may_integrate_what_it_passes_through_is_noted(pack, xml, fmus):
     c = xml.component
     rigid = io.BytesIO()

@@ -56,6 +56,7 @@ def test_what_is_given_wins(packed):
     assert results.summary["adaptive"] is None
 
 
+@pytest.mark.heavy
 def test_the_error_control_of_the_annotation_is_that_of_its_algorithm(packed):
     path = packed('communicationStepSize="0.25" algorithm="iterative" adaptive="1e-3"')
     controlled = simulate(path)

@@ -117,6 +117,7 @@ def test_elements_of_arrays_are_connected_one_by_one(system):
     assert results["t.y"].tolist() == [[3.0, -1.0, 5.0]] * 3
 
 
+@pytest.mark.heavy
 def test_structural_parameters_size_the_arrays(system, xml):
     sizes = {"s.n": 2, "s.m": 1, "s.r": 4}
     path = system({"s": (models.STATE_SPACE, "3.0")})

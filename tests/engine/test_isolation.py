@@ -113,6 +113,7 @@ def children() -> set[str]:
     return set(Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children").read_text().split())
 
 
+@pytest.mark.heavy
 def test_this_process_outlives_them(package):
     """Nothing is left of a process: neither it, nor its threads, nor its files."""
     fails(package, "crash")
@@ -250,6 +251,7 @@ def test_processes_of_a_component_end_with_the_check(wild, pack, xml, silent, mo
     assert silent()
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("kind", ["FMU", "SSP"])
 def test_processes_of_a_component_end_with_a_check_that_is_stopped(wild, pack, xml, silent, kind):
     path = wild("hang")
@@ -308,6 +310,7 @@ def test_isolated_components_compute_the_same_bits(tmp_path, algorithm):
         np.testing.assert_array_equal(here[name], apart[name])
 
 
+@pytest.mark.heavy
 def test_only_foreign_components_are_isolated_by_default(package, tmp_path):
     scenario = load_scenario("planar_tracking")
     for backend in ("native", "python"):
@@ -350,6 +353,7 @@ def test_limits_must_be_positive(package, options):
         simulate(package, step=0.25, **options)
 
 
+@pytest.mark.heavy
 def test_the_command_says_who_ended_the_process_and_keeps_the_rows(package, tmp_path):
     started = time.monotonic()
     for options, said in (

@@ -66,6 +66,7 @@ def test_state_events_are_located(system, version, step):
     np.testing.assert_allclose(results["b.h"], expected, atol=1e-9, rtol=0)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("step", [0.2, 0.7, 1.0])
 @pytest.mark.parametrize("version", VERSIONS)
 def test_time_events(system, version, step):
@@ -78,6 +79,7 @@ def test_the_end_that_a_component_makes(system):
     assert results.summary["ended"] == {"component": "s", "time": pytest.approx(9.0)}
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("version", VERSIONS)
 def test_a_sampled_controller_of_an_integrated_plant(system, version):
     path = system({"c": (models.CONTROLLER, "3.0"), "p": (LAG, version)}, ["p.x -> c.e", "c.u -> p.u"])
@@ -92,6 +94,7 @@ def test_a_sampled_controller_of_an_integrated_plant(system, version):
         x = u + (x - u) * np.exp(-0.1)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("isolate", [False, True])
 @pytest.mark.parametrize("algorithm", ["extrapolated", "iterative"])
 def test_inputs_run_over_the_step(system, algorithm, isolate):
@@ -113,6 +116,7 @@ def test_inputs_run_over_the_step(system, algorithm, isolate):
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.2)
 
 
+@pytest.mark.heavy
 def test_stiff_components(system, monkeypatch):
     """By the implicit method: the explicit one would need a step of some microseconds, 300,000 of them."""
     steps = 0
@@ -140,6 +144,7 @@ def test_states_that_become_infinite(system):
         simulate(system({"r": (RUNAWAY, "2.0")}), stop=2.0, step=0.5, isolate=False)
 
 
+@pytest.mark.heavy
 def test_the_part_that_the_ssd_asks_for(pack, xml, built):
     both = xml.component("a", "Lag_3", "", attributes='implementation="ModelExchange"')
     path = pack([both], extra={"resources/Lag_3.fmu": built(models.LAG, "3.0")})

@@ -87,6 +87,7 @@ def test_steps_that_do_not_go_together_are_refused(system):
         load_ssp(system(step=-1))
 
 
+@pytest.mark.heavy
 def test_a_unit_that_passes_on_and_has_a_state_needs_jacobi(pack, xml):
     path = pack(
         [xml.component("r", "Ramp", "y:output"),
@@ -103,6 +104,7 @@ def test_a_unit_that_passes_on_and_has_a_state_needs_jacobi(pack, xml):
     assert inspect_file(path).problems == []
 
 
+@pytest.mark.heavy
 def test_runs_of_one_simulator_may_have_other_steps(system):
     path = system("Lag")
     with Simulator(path, isolate=False) as simulator:

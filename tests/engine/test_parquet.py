@@ -85,6 +85,7 @@ def test_a_run_writes_both_forms_alike_and_says_in_parquet_what_it_was(package, 
     assert {"results.csv", "results.parquet"} < set(summary["files"])
 
 
+@pytest.mark.heavy
 def test_a_scenario_in_parquet_alone(tmp_path):
     results = vdfmu.run("planar_tracking", stop=0.05, out=tmp_path, formats=["parquet"], reference=False)
     assert not (tmp_path / "results.csv").exists()
@@ -111,6 +112,7 @@ WITHOUT = "import sys; sys.modules['pyarrow'] = None; import vdfmu.cli; vdfmu.cl
 """A command where pyarrow cannot be imported."""
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("command", ["simulate", "run"])
 def test_without_pyarrow_the_command_ends_before_the_run_and_says_how_to_get_it(package, tmp_path, command):
     name = str(package) if command == "simulate" else "planar_tracking"
@@ -125,6 +127,7 @@ def test_without_pyarrow_the_command_ends_before_the_run_and_says_how_to_get_it(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.heavy
 def test_csv_needs_no_pyarrow(package, tmp_path):
     options = ["simulate", str(package), "--stop", "0.01", "--out", str(tmp_path)]
     subprocess.run([sys.executable, "-c", WITHOUT, *options], check=True, capture_output=True, timeout=120)
@@ -158,6 +161,7 @@ def test_a_full_disk_is_said_as_for_csv_and_leaves_the_file_before(tmp_path):
     assert path.read_bytes() == b"before"
 
 
+@pytest.mark.heavy
 def test_a_full_disk_ends_a_run_to_parquet_with_the_words_of_csv(package, tmp_path):
     out = tmp_path / "out"
     command = [sys.executable, "-m", "vdfmu.cli", "simulate", str(package), "--out", str(out)]

@@ -88,6 +88,7 @@ def test_hidden_signals_have_no_panel_and_no_signals_no_picture(tmp_path):
     assert path.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.heavy
 def test_any_name_unit_and_value_can_be_drawn(tmp_path):
     """Dollar signs are no formulas, and values at the ends of the range of numbers do not stop the picture."""
     long = "vehicle.body.suspension.frontLeft.wheel.bearing.angularVelocity.filtered"
@@ -107,6 +108,7 @@ def test_any_name_unit_and_value_can_be_drawn(tmp_path):
     assert path.exists()
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(("count", "drawn"), [(8, 8), (12, 8)])
 def test_the_legend_of_an_array_stays_beside_its_panel(count, drawn):
     array = [(f"a.x[{i}]", "real", "") for i in range(1, count + 1)]

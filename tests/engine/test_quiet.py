@@ -23,6 +23,7 @@ def vdfmu(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("way", ["--isolate", "--no-isolate"])
 def test_components_whose_libraries_warn_run_without_a_word(pack, xml, tmp_path, way):
     # the font of the picture has none of these letters
@@ -35,12 +36,14 @@ def test_components_whose_libraries_warn_run_without_a_word(pack, xml, tmp_path,
     assert (tmp_path / "out" / "signals.png").exists()
 
 
+@pytest.mark.heavy
 def test_a_check_of_such_components_has_none_of_it(pack, xml, tmp_path):
     package = pack([xml.component("l", "Loud", "y:output")])
     done = vdfmu(tmp_path, "check", str(package))
     assert not LEAKS.search(done.stdout + done.stderr)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("way", ["--isolate", "--no-isolate"])
 def test_a_component_that_fails_says_so_once(tmp_path, way):
     overflow = ["--set", "controller.K_p=1e300"]

@@ -65,6 +65,7 @@ def make(path: Path, columns: int) -> tuple[Recorder, np.ndarray]:
     return Recorder([path], signals, {"real": block}, put, np.arange), block
 
 
+@pytest.mark.heavy
 def test_memory_does_not_grow_with_the_rows(tmp_path):
     columns, rows = 20, 100 * ROWS
     tracemalloc.start()
@@ -90,6 +91,7 @@ def test_a_row_is_in_the_file_after_two_seconds(tmp_path, monkeypatch):
     assert (tmp_path / "rows.csv").read_text() == "time,a.y[1]\ns,\n0,0\n1,1.25E-1\n"
 
 
+@pytest.mark.heavy
 def test_a_full_disk_leaves_whole_rows_and_the_results_before(package, tmp_path):
     """The limit on the size of a file makes a write fail as a full disk does, part of it written."""
     out = tmp_path / "out"

@@ -206,6 +206,7 @@ def test_differences_of_results_on_other_times():
         one.compare(made(time, other=0.0))
 
 
+@pytest.mark.heavy
 def test_runs_over_each_other_in_one_picture(tmp_path):
     time = np.linspace(0.0, 1.0, 11)
     one, other = made(time, q=time, w=time), made(time, q=2 * time)

@@ -6,14 +6,13 @@ import io
 import json
 import re
 import stat
-import subprocess
-import sys
 import warnings
 import zipfile
 from pathlib import Path
 
 import pytest
 
+from tests.warm import command
 from vdfmu.engine.inspect import trial as check_run
 from vdfmu.engine.inspect.inspection import inspect_file
 from vdfmu.engine.package import limits, parse
@@ -361,6 +360,7 @@ def changed(path: Path, target: Path, members: dict[str, str]) -> Path:
     return target
 
 
+@pytest.mark.heavy
 def test_rules_that_a_run_breaks(fmus, pack, xml, tmp_path):
     table = "extra/org.fmi-standard.fmi-ls-ref/"
     fragile = pack([xml.component("f", "Fragile", "", xml.values(xml.real("at", 0.0)))])
@@ -389,8 +389,7 @@ def test_json_names_rule_file_and_line(tmp_path):
     name, content = package(component(connectors="w:input"), {"m.fmu": fmu(local('<Real unit="mile"/>'))})
     (tmp_path / name).write_bytes(content)
 
-    command = [sys.executable, "-m", "vdfmu.cli", "check", "--no-run", str(tmp_path / name), "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    done = command("check", "--no-run", tmp_path / name, "--json")
     assert done.returncode == 1, done.stderr
     findings = json.loads(done.stdout)["findings"]
     assert findings[0] == {
@@ -409,12 +408,11 @@ def test_the_page_of_the_rules_is_that_of_the_list():
     assert re.findall(r"^\| ((?:PKG|SSP|FMI|OSP|RUN|SRC)\d+) ", page, re.MULTILINE) == list(RULES)
 
 
+@pytest.mark.heavy
 def test_what_a_check_prints_is_bounded_however_long_names_and_lists_are(tmp_path):
     path, long = tmp_path / "x.toml", "n" * 2_000_000
     path.write_text(f'name = "x"\n{long} = 1\n' + "".join(f"k{i} = 1\n" for i in range(9_000)))
-    done = subprocess.run(
-        [sys.executable, "-m", "vdfmu.cli", "check", path], capture_output=True, text=True, check=False, timeout=120
-    )  # fmt: skip
+    done = command("check", path)
     assert done.returncode == 1
     assert "Traceback" not in done.stderr
     assert len(done.stdout) < 25 * 2200  # FEW lines of a rule, each of 2,000 characters and its place

@@ -90,6 +90,7 @@ def test_a_run_that_fails_leaves_the_next_as_it_is(package):
         assert same(simulator.run(**OPTIONS), alone)
 
 
+@pytest.mark.heavy
 def test_isolated_components_run_again(package):
     with vdfmu.Simulator(package, isolate=True) as simulator:
         first = simulator.run(**OPTIONS)

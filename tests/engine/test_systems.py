@@ -108,6 +108,7 @@ def test_two_components_of_one_dotted_name_both_run(pack, xml):
     assert results["B.C#2.y"].tolist() == [0.0, 7.0]
 
 
+@pytest.mark.heavy
 def test_precedence_of_bindings(pack, xml):
     # A later binding wins over an earlier one, the system over its component, the caller over all.
     at_component = bind(

@@ -62,6 +62,7 @@ def test_the_working_folder_never_changes(arm, tmp_path, monkeypatch):
     assert len(simulate(package, stop=0.002)) == 3
 
 
+@pytest.mark.heavy
 def test_failures_in_threads_keep_to_their_runs(pack, xml):
     """Each error has the rows and the words of its own run."""
     path = pack([xml.component("source", "Ramp", "y:output"), xml.component("arm", "Fragile", "y:output")])

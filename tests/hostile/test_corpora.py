@@ -14,6 +14,7 @@ def marked(corpus: Corpus):
     return pytest.param(corpus, id=corpus.name, marks=[pytest.mark.heavy] if "moments" in corpus.name else [])
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("corpus", [marked(one) for one in CORPORA if one.quick])
 def test_hostile_inputs_are_read_or_refused_in_words(corpus: Corpus) -> None:
     row = tried(corpus, range(corpus.quick))

@@ -10,10 +10,12 @@ import pytest
 from tests.hostile import runs
 
 
+@pytest.mark.heavy
 def test_a_few_runs_in_eight_threads_are_the_same(tmp_path):
     runs.threads(2, 0, tmp_path)
 
 
+@pytest.mark.heavy
 def test_a_few_runs_leave_nothing_behind(tmp_path):
     runs.in_a_row(24, 0, tmp_path)
 
@@ -26,6 +28,7 @@ def test_other_results_are_seen(tmp_path, monkeypatch):
         runs.in_a_row(8, 0, tmp_path)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("held", "words"), [("memory", "memory grows by"), ("file", "open and mapped files")]
 )

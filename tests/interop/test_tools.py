@@ -69,7 +69,6 @@ def test_the_page_has_every_case():
         for case in TESTED
     ],
 )
-@pytest.mark.slow
 def test_what_becomes_of_it(tracking, require, case):
     require(case.tool)
     seen = examine(tracking, case)
@@ -100,7 +99,7 @@ def test_a_row_too_early_or_too_late_is_seen(tracking):
     assert tracking.judge("libcosim", "native", with_nan).verdict == interop.DEVIATES
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.parametrize("kind", ["python", "native"])
 def test_units_by_themselves_at_1_kHz(tracking, kind):
     """Driven with recorded inputs, in plain fmpy: the time steps, differences of rounded times, are the only change."""
@@ -144,6 +143,7 @@ def error_of(tracking, path, **more):
     return np.nanmax(np.abs(rows - tracking.reference()[: len(rows)]))
 
 
+@pytest.mark.heavy
 def test_ecos_applies_the_set_that_it_is_told(tracking, require, package):
     require("ecos")
     assert error_of(tracking, package, importer="ecos", parameter_set="scenario") < TO_REFERENCE
@@ -162,6 +162,7 @@ def test_libcosim_applies_the_initial_values_of_osp(tracking, require, bare, tmp
     assert error_of(tracking, folder, importer="libcosim") < TO_REFERENCE
 
 
+@pytest.mark.heavy
 def test_the_container_has_the_values_of_the_package(tracking, package, tmp_path):
     path = write_container(package, tmp_path / "tracking.fmu", step=tracking.step)
     assert error_of(tracking, path, run="fmpy-fmu") < TO_REFERENCE

@@ -93,6 +93,7 @@ def test_no_entry_stands_for_another(tmp_path):
     assert cache.load(other) is None
 
 
+@pytest.mark.heavy
 def test_a_changed_library_with_the_right_guid_is_replaced(planar: Robot, tmp_path: Path) -> None:
     (path,) = build_fmus(planar, tmp_path, units=["controller"]).values()
     whole, place = path.read_bytes(), path.stat().st_ino

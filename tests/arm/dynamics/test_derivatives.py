@@ -100,6 +100,7 @@ def test_c_text_computes_what_the_trace_computes(robot, functions_of, name, form
     check_c_text(text, function, values(robot), tmp_path)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("form", ["function", "in parts"])
 def test_c_text_of_the_step_calls_what_all_stages_share(robot, functions_of, form, tmp_path, monkeypatch):
     if form == "in parts":
@@ -145,6 +146,7 @@ def test_an_operation_without_c_text_is_refused():
 
 @settings(max_examples=200, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 3))
+@pytest.mark.heavy
 def test_margins_accept_what_the_robot_check_accepts(arm, seed, kind):
     rng = np.random.default_rng(seed)
     listed = parameters(arm)

@@ -207,6 +207,7 @@ for k in range(300):
 """
 
 
+@pytest.mark.heavy
 def test_processes_share_a_cache_that_each_of_them_empties(tmp_path):
     crowd = [
         subprocess.Popen(

@@ -33,7 +33,6 @@ def scenario():
     return load_scenario(FOLDER / "scenario.toml")
 
 
-@pytest.mark.slow
 def test_positions_are_the_published_ones(scenario) -> None:
     step = 1e-3
     found = reference(

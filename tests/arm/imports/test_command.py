@@ -1,27 +1,23 @@
 """``vdfmu robot import`` as a user meets it."""
 
 import json
-import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from tests.arm.imports.conftest import ARM, joint, link
+from tests.warm import command
 from vdfmu.arm.robot import load_robot
 
 ROOT = Path(__file__).resolve().parents[3]
 
 
 def vdfmu(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "vdfmu.cli", *arguments],
-        cwd=folder, capture_output=True, text=True, timeout=300, check=False,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
+    return command(*arguments, cwd=folder)
 
 
+@pytest.mark.heavy
 def test_a_robot_file_is_written_and_not_replaced_unasked(urdf, tmp_path: Path) -> None:
     urdf(ARM)
     done = vdfmu(tmp_path, "robot", "import", "arm.urdf")
@@ -49,6 +45,7 @@ def test_what_is_no_arm_ends_with_every_problem_and_no_file(urdf, tmp_path: Path
     assert not (tmp_path / "robot.toml").exists()
 
 
+@pytest.mark.heavy
 def test_a_folder_that_is_missing_is_named(urdf, tmp_path: Path) -> None:
     urdf(ARM)
     done = vdfmu(tmp_path, "robot", "import", "arm.urdf", "-o", "gone/robot.toml")

@@ -106,6 +106,7 @@ def test_what_the_inverse_leaves_out_is_below_a_microradian(coupled):
         assert np.abs(compliance * left_out).max() < 1e-9
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("rotor", [True, False])
 def test_angular_momentum_changes_by_the_torque_of_the_base_alone(coupled, plant_function, rotor):
     """H about the base axis, with the rotors' spin: the ground turns link 1 by tau_s and rotor 1 by its own torque."""

@@ -422,6 +422,7 @@ def test_a_line_is_straight_and_a_circle_round(planar, arm):
     )  # chords of arcs of 2e-3 rad: 1e-6; 2e-7 m in 8e-4 s adds more
 
 
+@pytest.mark.heavy
 def test_the_end_effector_keeps_its_speed(planar, arm):
     q = [0.3, 0.5, 0.7, 0.2, 0.8, 0.1]
     p, R = vdfmu.forward_kinematics(arm, q)

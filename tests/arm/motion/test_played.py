@@ -128,6 +128,7 @@ def test_the_native_fmu_has_the_bits_of_the_trace_and_can_be_checked(robot, tmp_
             assert [row[f"{group}[1]"], row[f"{group}[2]"]] == unit.group(group).tolist()
 
 
+@pytest.mark.heavy
 def test_a_scenario_carries_its_motion_into_the_package_and_the_results(scenario, tmp_path):
     motion = vdfmu.load_motion(scenario, vdfmu.load_robot("planar_2dof"))
     assert np.abs(motion.at(TIMES)[0] - POINTS).max() < 1e-12  # degrees and back
@@ -166,6 +167,7 @@ def test_python_fmus_and_lanes_play_the_same(scenario, tmp_path):
     assert found and max(found) < 1e-12  # docs/sweeps.md: 2e-15 rad where nothing sticks
 
 
+@pytest.mark.heavy
 def test_the_arm_follows_better_without_a_jump_in_the_third_derivative(robot, tmp_path):
     smooth = motions.waypoints(POINTS, TIMES)
     cubic = CubicSpline(TIMES, POINTS, bc_type="clamped")

@@ -132,6 +132,7 @@ def test_the_numbers_of_the_paper_are_those_of_its_robot(factor, kept):
     assert bool(load_scenario("two_joint", changed).paper) is kept
 
 
+@pytest.mark.heavy
 def test_another_start_than_that_of_the_motion_is_noted(mine, tmp_path):
     def notes(more):
         found = vdfmu.run(

@@ -92,6 +92,7 @@ def output(environment: dict[str, str], *arguments: str) -> str:
     return done.stdout
 
 
+@pytest.mark.heavy
 def test_a_new_parameter_is_one_line(extended: dict[str, str]) -> None:
     seen = json.loads(output(extended, "-c", PROGRAM))
     assert seen["file"].startswith(extended["PYTHONPATH"])
@@ -115,6 +116,7 @@ def test_a_new_parameter_is_one_line(extended: dict[str, str]) -> None:
     assert seen["factor"]
 
 
+@pytest.mark.heavy
 def test_a_new_parameter_is_shown_on_the_command_line(extended: dict[str, str]) -> None:
     shown = output(extended, "-m", "vdfmu.cli", "models", "show", "planar_2dof")
     assert re.search(r"theta_err_phase +┃ k_new", shown)

@@ -38,6 +38,7 @@ def test_a_second_build_has_the_same_bytes(
         assert path.read_bytes() == fmus["planar_2dof"][unit].read_bytes(), unit
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("seed", ["0", "12345"])
 def test_another_process_in_another_folder_builds_the_same_bytes(
     fmus: Mapping[str, Mapping[str, Path]], tmp_path: Path, run_python: Callable[..., str], seed: str
@@ -48,6 +49,7 @@ def test_another_process_in_another_folder_builds_the_same_bytes(
         assert (tmp_path / "out" / path.name).read_bytes() == path.read_bytes()
 
 
+@pytest.mark.heavy
 def test_a_cold_cache_of_traced_functions_changes_no_byte(
     fmus: Mapping[str, Mapping[str, Path]], tmp_path: Path, run_python: Callable[..., str]
 ) -> None:
@@ -64,6 +66,7 @@ def test_an_fmu_that_is_up_to_date_is_left_alone(planar: Robot, tmp_path: Path) 
         assert before[unit].st_ino == after[unit].st_ino
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     "change",
     [
@@ -147,6 +150,7 @@ def test_an_fmu_holds_what_it_needs_and_no_copy_of_pythonfmu(
     }
 
 
+@pytest.mark.heavy
 def test_a_process_that_ran_an_fmu_first_builds_the_same_bytes(
     fmus: Mapping[str, Mapping[str, Path]], tmp_path: Path, run_python: Callable[..., str]
 ) -> None:

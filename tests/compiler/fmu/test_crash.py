@@ -182,6 +182,7 @@ CASES = {  # name: failing calls in each round
 }  # fmt: skip
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("allocator", ["debug", "pymalloc"])
 def test_the_process_survives_all_misuse(
     fmus: Mapping[str, Mapping[str, Path]],

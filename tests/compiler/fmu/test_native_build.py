@@ -53,6 +53,7 @@ def cold(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 # ------------------------------------------------------------------ the same bits
 
 
+@pytest.mark.heavy
 def test_a_cold_build_in_another_process_and_folder_has_the_same_bytes(
     planar: Robot, tmp_path: Path, run_python: Callable[..., str]
 ) -> None:
@@ -296,7 +297,7 @@ def test_a_full_disk_is_told(monkeypatch: pytest.MonkeyPatch, cold: Path) -> Non
 # ------------------------------------------------------------------ several at once
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_builds_at_the_same_time_do_not_meet(tmp_path: Path) -> None:
     environment = os.environ | {"VDFMU_CACHE_DIR": str(tmp_path / "cache")}
     folders = [tmp_path / str(i) for i in range(3)]
@@ -308,7 +309,7 @@ def test_builds_at_the_same_time_do_not_meet(tmp_path: Path) -> None:
         assert len({(folder / name).read_bytes() for folder in folders}) == 1
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no interrupt for a process")
 def test_an_interrupt_leaves_no_process_and_nothing_half_done(tmp_path: Path) -> None:
     (tmp_path / "tmp").mkdir()

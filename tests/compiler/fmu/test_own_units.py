@@ -73,6 +73,7 @@ def form(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("name", TRACED)
 def test_nothing_is_wrong_with_the_fmu(own_fmu: Callable[[str, str], Path], name: str, form: str) -> None:
     path = own_fmu(name, form)
@@ -80,6 +81,7 @@ def test_nothing_is_wrong_with_the_fmu(own_fmu: Callable[[str, str], Path], name
     assert check_file(path) == []
 
 
+@pytest.mark.heavy
 def test_what_cannot_be_traced_becomes_a_python_fmu(own_fmu: Callable[[str, str], Path], own: Opener) -> None:
     """Whatever backend is asked for. The same numpy calls on the same numbers give the same bits."""
     path = own_fmu("Equations", "native 2.0")
@@ -274,6 +276,7 @@ for name in sys.argv[2:]:
 """
 
 
+@pytest.mark.heavy
 def test_a_file_in_another_folder_gives_the_same_bytes(
     own_fmu: Callable[[str, str], Path], tmp_path: Path, run_python: Callable[..., str]
 ) -> None:

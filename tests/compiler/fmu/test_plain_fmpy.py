@@ -89,6 +89,7 @@ def test_free_fall_conserves_energy_within_the_tolerance(fmus: Paths, tolerance:
     assert np.ptp(result["E_pot"]) > 1.0  # it did fall
 
 
+@pytest.mark.heavy
 def test_the_tolerance_of_the_experiment_is_the_solvers(fmus: Paths) -> None:
     """Two decades of tolerance are about two decades of error; seen: 90 times. The parameter is the loosest."""
 

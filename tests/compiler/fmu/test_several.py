@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from vdfmu.arm.units import shipped_units
 
@@ -127,6 +128,7 @@ measure()
 """
 
 
+@pytest.mark.heavy
 def test_a_sweep_of_many_runs_leaves_nothing_behind(
     folders: Mapping[str, Mapping[str, Path]], run_python: Callable[..., str]
 ) -> None:

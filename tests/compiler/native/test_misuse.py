@@ -395,6 +395,7 @@ def test_a_step_that_the_solver_cannot_make_is_told_with_time_and_state(
     assert same_bits(unit.step().outputs(), twin.step().outputs())
 
 
+@pytest.mark.heavy
 def test_a_step_of_too_many_internal_steps_ends_with_an_error(native: Native, version: str) -> None:
     """Seconds instead of for ever, with torques that turn the arm; 10 s as one step take a tenth of the limit."""
     unit = native("plant", version).start(tau=0.05).step(10.0)

@@ -94,7 +94,7 @@ def test_the_python_unit_gives_the_same_numbers(
 # ------------------------------------------------------------------ model exchange
 
 
-@pytest.mark.parametrize("robot", ["planar_2dof", pytest.param("manipulator_6dof", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("robot", ["planar_2dof", "manipulator_6dof"])
 def test_co_simulation_and_model_exchange_under_cvode_are_the_same_motion(
     native: Native, native_fmu: Callable[..., Path], version: str, robot: str
 ) -> None:

@@ -31,6 +31,7 @@ def library(model: Model, folder: Path, *flags: str, **replaced: bytes) -> Path:
     return path
 
 
+@pytest.mark.heavy
 @pytest.mark.skipif(not this_platform().startswith("x86_64"), reason="the copy is for x86-64")
 def test_the_copy_for_avx2_gives_the_same_bits(
     model: Callable[..., Model], driver: Callable[[str], Path], tmp_path: Path

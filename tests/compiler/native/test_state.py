@@ -181,6 +181,7 @@ def checksum(data: bytes) -> bytes:
     return total.to_bytes(8, "little")
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_forged_state_is_refused_where_no_unit_can_be(native: Native, version: str, kind: str) -> None:
     """With a right checksum: whatever 4 or 8 bytes are replaced, the state is refused, or is one that can be used."""

@@ -23,14 +23,12 @@ from tests.compiler.native.fmi_types import HEADERS, signatures
 SCHEMAS = Path(fmpy.__file__).parent / "schema"
 
 
-@pytest.mark.slow
 def test_the_validator_of_fmpy_has_nothing_to_say(
     native_fmu: Callable[..., Path], unit_name: str, version: str, robot_name: str
 ) -> None:
     assert validate_fmu(str(native_fmu(unit_name, version, robot_name))) == []
 
 
-@pytest.mark.slow
 def test_every_xml_file_follows_its_schema(
     model: Callable[..., Model], unit_name: str, version: str, robot_name: str
 ) -> None:
@@ -126,6 +124,7 @@ def test_the_library_says_its_version(model: Callable[..., Model], unit_name: st
 # ------------------------------------------------------------------ sources
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     "flags",
     [
@@ -144,6 +143,7 @@ def test_gcc_has_no_warning(
          "-fvisibility=hidden", f"-I{HEADERS}", f"-I{folder}", *files, "-o", tmp_path / "unit.so", "-lm"])  # fmt: skip
 
 
+@pytest.mark.heavy
 def test_the_sources_link_with_prefixes_into_one_program(
     model: Callable[..., Model], tmp_path: Path, version: str
 ) -> None:
@@ -198,7 +198,7 @@ def steps(instance: Instance, count: int = 20) -> np.ndarray:
     return np.array(rows)
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.parametrize("unit", ["plant", "trajectory"])
 def test_fmpy_compiles_the_sources_and_the_result_computes_the_same(
     native_fmu: Callable[..., Path], model: Callable[..., Model], tmp_path: Path, unit: str, version: str

@@ -45,6 +45,7 @@ def reference(robot, plant_function, duration=DURATION):
     return solution.y[:, -1]
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("friction", ["shipped", "smooth"])
 def test_error_is_proportional_to_the_tolerance(planar, plant_function, friction):
     robot = planar if friction == "shipped" else planar.with_parameters(f_c=0.0, f_s=0.0)

@@ -50,7 +50,7 @@ def folder(tmp_path):
     return tmp_path
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_an_element_feeds_a_scalar_and_a_scalar_an_element(folder):
     results = vdfmu.run(folder / "scenario.toml", out=folder / "out")
     np.testing.assert_array_equal(results["spring.f"], -40.0 * results["spring.q"])

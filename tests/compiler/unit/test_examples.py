@@ -66,7 +66,7 @@ def test_build_without_the_robot_that_the_unit_needs_says_so(examples):
     assert "Wall needs a robot" in str(done.exception or done.output)
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_run_agrees_with_the_assembled_reference(examples):
     done = command("run", examples / "scenario.toml", "--out", "results")
     assert done.exit_code == 0, done.output
@@ -81,6 +81,7 @@ def test_run_agrees_with_the_assembled_reference(examples):
     assert compared["trajectory.q_d"] <= 10 * 1e3 * np.finfo(float).eps
 
 
+@pytest.mark.heavy
 def test_run_tends_to_the_continuous_reference_with_the_step(system):
     """With an encoder that has fine steps, and without contact: these two are not continuous."""
     coarse, stop = 2e-3, 0.2
@@ -211,7 +212,7 @@ def test_the_wall_pushes_and_never_pulls_and_gives_no_energy(example, planar):
     assert work[-1] > 10.0 * jump * (1 + inside.size)
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_a_unit_in_place_of_one_of_the_system_in_a_word(examples):
     """Connections to signals that it lacks are left out with a note; the references take it too."""
     done = command(
@@ -242,7 +243,7 @@ def test_an_unknown_signal_in_a_system_file_stays_an_error(examples):
         vdfmu.run(examples / "scenario.toml", out="results", reference=False)
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_an_fmu_in_place_of_the_unit_that_it_was_built_of(examples, planar):
     built = build_fmus(planar, "fmus", units=["controller"])["controller"]
     usual = vdfmu.run("planar_tracking", stop=0.2, out="usual", reference=False)
@@ -258,7 +259,6 @@ def test_an_fmu_in_place_of_the_unit_that_it_was_built_of(examples, planar):
         assert (same[name] == usual[name]).all()  # the same code: the same bits
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("importer", ["ecos", "libcosim"])
 def test_other_importers_give_the_same(system, importer):
     """Ecos takes the SSP, libcosim the OSP folder, of the same FMUs."""

@@ -108,6 +108,7 @@ def test_what_follows_is_calculated_from_what_is_set(folder):
     made.simulate(stop=0.1, step=0.05)
 
 
+@pytest.mark.heavy
 def test_start_values_of_an_fmu_follow(folder):
     (path,) = vdfmu.build_fmus(
         None, folder, units=[folder / "regulator.py"], start_values={"regulator": {"Q[1]": 7.0, "R": 0.5}}
@@ -182,6 +183,7 @@ def test_settings_and_sections_of_a_scenario(folder):
         system_values(scenario, {"lqr.R": 200.0})
 
 
+@pytest.mark.heavy
 def test_a_study_of_weights_has_the_gains_of_each(folder):
     weights = [0.1, 1.0, 30.0]
     study = vdfmu.sweep(
@@ -218,6 +220,7 @@ class Squared(Unit):
 """
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("engine", ["fmu", "batch"])
 def test_both_engines_of_studies_follow(folder, engine):
     (folder / "squared.py").write_text(SQUARED)

@@ -118,6 +118,7 @@ class Solves(Unit):
         self.x_dot = solve([[a * 0.0, 1.0, b], [2.0, a, 0.0], [0.0, c, 1.0]], -self.x)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_a_native_fmu_solves(tmp_path, version):
     (path,) = build_fmus(None, tmp_path, units=[Solves], backend="native", fmi_version=version).values()

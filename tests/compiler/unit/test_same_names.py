@@ -64,12 +64,14 @@ def last(folder, a, b, backend="python", **options):
     return results["a.y"][-1], results["b.y"][-1]
 
 
+@pytest.mark.heavy
 def test_units_of_one_name_in_two_files_are_two_units(tmp_path):
     (tmp_path / "one.py").write_text(GAIN.format(start=3.0))
     (tmp_path / "two.py").write_text(GAIN.format(start=7.0))
     assert last(tmp_path, "one.py", "two.py") == (3.0, 21.0)
 
 
+@pytest.mark.heavy
 def test_a_change_of_a_start_value_is_built(tmp_path):
     (tmp_path / "one.py").write_text(GAIN.format(start=3.0))
     before = Content(find_unit(tmp_path / "one.py"), None, {}).guid
@@ -79,6 +81,7 @@ def test_a_change_of_a_start_value_is_built(tmp_path):
     assert last(tmp_path, "one.py", "one.py", reference=False) == (8.0, 64.0)
 
 
+@pytest.mark.heavy
 def test_an_fmu_keeps_its_own_beside_a_unit_of_its_name(tmp_path):
     for name, start in (("one", 3.0), ("two", 7.0)):
         (tmp_path / f"{name}.py").write_text(GAIN.format(start=start))
@@ -86,6 +89,7 @@ def test_an_fmu_keeps_its_own_beside_a_unit_of_its_name(tmp_path):
     assert last(tmp_path, "two.py", "fmus/Gain.fmu") == (7.0, 21.0)
 
 
+@pytest.mark.heavy
 def test_modules_of_one_name_beside_units_are_two_and_go_with_python_fmus(tmp_path):
     for folder, factor in (("p", 3.0), ("q", 7.0)):
         (tmp_path / folder).mkdir()
@@ -161,6 +165,7 @@ class Gain(Unit):
 '''
 
 
+@pytest.mark.heavy
 def test_a_run_executes_a_file_once_and_traces_a_unit_once(tmp_path):
     """Both components, their values, FMUs, descriptions and references come from one execution and one trace."""
     (tmp_path / "noted.py").write_text(NOTED.format(start=3.0))

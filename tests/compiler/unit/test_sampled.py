@@ -200,6 +200,7 @@ def test_a_slower_controller_holds_between_its_samples(scenario, run, every):
     np.testing.assert_allclose(results["cart.x"], own_loop(every=every)[0], **CLOSE)
 
 
+@pytest.mark.heavy
 def test_a_chain_of_sampled_units_has_no_delay_either(scenario, run):
     """Encoder, controller and cart in one step, in whatever order they are listed, as in the references."""
     results = run(scenario("chain"), reference=True)
@@ -208,6 +209,7 @@ def test_a_chain_of_sampled_units_has_no_delay_either(scenario, run):
         assert compared["max_difference"]["cart.x"] < 1e-10  # as above
 
 
+@pytest.mark.heavy
 def test_jacobi_has_a_step_of_delay_for_each_unit_and_says_so(scenario, run):
     results = run(scenario("plain", "jacobi"))
     np.testing.assert_allclose(results["cart.x"], own_loop(delay=1)[0], **CLOSE)
@@ -218,6 +220,7 @@ def test_jacobi_has_a_step_of_delay_for_each_unit_and_says_so(scenario, run):
     assert len(results.summary["notes"]) == 2
 
 
+@pytest.mark.heavy
 def test_a_delayed_state_breaks_a_loop_of_sampled_units(scenario, run):
     with pytest.raises(SspError, match="algebraic loop in the steps: .*control.*encoder"):
         run(scenario("ring"))
@@ -247,6 +250,7 @@ def test_a_period_that_steps_do_not_meet_is_refused(scenario, run, master, perio
     assert f"such as {way:.4g}" in message and "--set control.period=0.0" in message
 
 
+@pytest.mark.heavy
 def test_a_period_counts_in_packages_containers_and_each_run(scenario, run, tmp_path):
     """That of the package, and one that is given for a run; what has no inputs may sample as it will."""
     assert run(scenario("clock"), settings={"clock.period": STEP / 4})["clock.count"][-1] == 4 * STOP / STEP
@@ -297,6 +301,7 @@ def test_a_sampled_loop_has_the_poles_of_its_equations(scenario, system, master,
     assert not any("constant" in note for note in found.notes)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_the_matrix_is_that_of_differences_of_a_whole_step(scenario, run, tmp_path, version):
     """All start values moved, one by one, through one step of the run of FMUs; the loop is linear."""

@@ -234,6 +234,7 @@ def step_of(unit, robot):
     return interface.functions.casadi_function(interface.program.step[0].function)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("name", TYPICAL)
 @pytest.mark.parametrize("coupling", [False, True])
 def test_elimination_along_the_chain_gives_the_step_of_the_dense_block(name, coupling):
@@ -276,6 +277,7 @@ def test_the_stages_of_a_step_balance_forces_and_solve_for_no_acceleration():
     assert "plant_derivatives" not in names
 
 
+@pytest.mark.heavy
 def test_operations_of_a_step_along_the_chain_grow_linearly():
     steps = [callees(step_of(Plant, repeated_link(n))) for n in (9, 12, 15)]
     counts = [sum(function.n_instructions() for function in step) for step in steps]

@@ -127,6 +127,7 @@ def test_a_unit_in_python_locates_them(motor, step):
     np.testing.assert_allclose([solution["i"][-1], solution["w"][-1]], pulses(0.01), rtol=1e-7, atol=1e-7)
 
 
+@pytest.mark.heavy
 def test_a_duty_that_follows_a_state_is_located(motor, tmp_path):
     """Own solution: pulses that end where the current says, found by bisection of the exact motion."""
     path = motor("0.02 - 0.01 * self.i")
@@ -147,6 +148,7 @@ def test_a_duty_that_follows_a_state_is_located(motor, tmp_path):
     np.testing.assert_allclose([rows["i"][-1], rows["w"][-1]], x, **CLOSE)
 
 
+@pytest.mark.heavy
 def test_reference_results_and_references_have_them(fmu, motor, tmp_path):
     """A voltage that switches at the rows themselves has no value there, and no column."""
     findings = inspect_file(fmu)

@@ -461,6 +461,7 @@ def test_dependencies_are_those_of_the_trace():
     assert {at["mode"], at["doubled"], at["k"], at["u[2]"]} == set(interface.start_dependencies(at["y[2]"]))
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_a_native_fmu_takes_such_names_too(tmp_path, version):
     (path,) = build_fmus(None, tmp_path, units=[Clashing], backend="native", fmi_version=version).values()

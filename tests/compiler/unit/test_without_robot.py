@@ -139,7 +139,7 @@ def ran(folder):
     )
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_the_run_is_that_of_the_equations_sampled(ran):
     results, summary = ran
     e, x = 0.0, np.zeros(2)
@@ -164,7 +164,6 @@ def test_the_run_is_that_of_the_equations_sampled(ran):
     assert far > 100 * TOLERANCE  # so that the sampled solution above is another
 
 
-@pytest.mark.slow
 def test_the_run_speaks_of_no_robot(ran, folder):
     _, summary = ran
     assert {"robot", "friction", "joints", "arm"}.isdisjoint(summary)
@@ -173,7 +172,7 @@ def test_the_run_speaks_of_no_robot(ran, folder):
     assert "System drive_motor, one run" in page
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("form", "name"), [("1.0", "motor.ssp"), ("2.0", "motor_2.0.ssp"), ("osp", "motor_osp")]
 )
@@ -197,7 +196,6 @@ def test_packages_speak_of_no_robot(inside, form, name):
             assert word not in text, (entry, word)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "words",
     [
@@ -238,7 +236,7 @@ def test_commands_work(inside, words):
     assert "obot" not in done.output
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.parametrize("engine", ["fmu", "batch"])
 def test_a_study_has_the_numbers_of_single_runs(inside, engine):
     over = {"controller.K_p": [0.05, 0.1]}
@@ -251,7 +249,6 @@ def test_a_study_has_the_numbers_of_single_runs(inside, engine):
         assert top == pytest.approx(np.abs(alone["motor.w"]).max(), abs=TOLERANCE)
 
 
-@pytest.mark.slow
 def test_margins_and_linearization_are_those_of_the_matrices(inside):
     system = vdfmu.linearize("motor.toml", 0.0)
     assert system.states == ("controller.e", "motor.i", "motor.w")
@@ -344,7 +341,7 @@ def test_a_robot_that_nothing_takes_is_noted(inside):
     assert "robot" not in scenario_schema()["required"]
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_components_with_robots_of_their_own_need_no_other(inside):
     (inside / "both.toml").write_text(f'robot = "ur5e_6dof"\n{REACH}')
     alone = vdfmu.run("reach.toml", out=inside / "alone")
@@ -364,7 +361,6 @@ def test_end_stops_are_those_of_the_component(inside):
         vdfmu.load_scenario("beyond.toml")
 
 
-@pytest.mark.slow
 def test_fmus_of_any_tool_need_no_robot(inside, ran):
     fmus = vdfmu.build_fmus(None, inside / "any", units=["motor.py:DCMotor", "motor.py:SpeedPI"])
     assert len(fmus) == 2

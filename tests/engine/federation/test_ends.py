@@ -37,6 +37,7 @@ def package(pack, xml):
     )
 
 
+@pytest.mark.heavy
 def test_a_component_that_fails_ends_the_run_with_its_reason_and_the_rows(package, federates):
     with pytest.raises(CosimError, match=r"f: doStep at t = 0\.5 s failed: .*q\[3\] is not finite") as info:
         vdfmu.federate(package, ["f", "p"], step=STEP, parameters={"f.at": 0.5})
@@ -49,6 +50,7 @@ def test_a_component_that_fails_ends_the_run_with_its_reason_and_the_rows(packag
     assert all(results[name].tobytes() == one[name].tobytes() for name in one.names)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("split", [["f", "p"], ["p,r", "a"]], ids="|".join)
 def test_a_component_that_fails_in_its_initialization_does_not_leave_the_others_waiting(
     package, federates, split
@@ -84,6 +86,7 @@ def test_one_that_cannot_join_ends_those_that_would_wait_for_it():
     assert info.value is refused
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("victim", [0, 1])
 def test_a_federate_that_is_killed_ends_the_run_with_its_name_and_the_rows(package, federates, victim):
     """Of a federate that a signal kills, between two steps or in one; the first has the broker too."""
@@ -141,6 +144,7 @@ def test_a_component_that_takes_its_federate_along_is_named_with_it(bad, federat
     assert len(info.value.results) == 6
 
 
+@pytest.mark.heavy
 def test_ctrl_c_ends_the_run_after_the_step_and_keeps_the_rows(package, federates):
     def press(k: int, n: int) -> None:
         if k == 3:
@@ -158,6 +162,7 @@ def command(*arguments: object) -> subprocess.Popen:
     )  # fmt: skip
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, 1)])
 def test_the_command_keeps_the_rows_and_leaves_no_process(package, federates, tmp_path, number, code):
     """Of a run of days: Ctrl-C of the command, and the end of a federate."""

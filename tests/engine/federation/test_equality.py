@@ -42,6 +42,7 @@ def assert_same(split, one):
         assert a.dtype == b.dtype and a.tobytes() == b.tobytes(), name
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("split", [["p"], ["a,p"], ["r", "g,a"], ["p", "a", "g"]], ids="|".join)
 def test_two_three_and_four_federates_give_the_bits_of_jacobi(loop, federates, split):
     options = {"stop": 1.0, "step": 0.1}
@@ -56,13 +57,14 @@ def test_two_three_and_four_federates_give_the_bits_of_jacobi(loop, federates, s
     assert all(part["waited_s"] > 0.0 for part in found.values())
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("core", CORES[1:])
 def test_every_core_of_helics_gives_the_same(loop, federates, core):
     one = vdfmu.simulate(loop, algorithm="jacobi", stop=1.0, step=0.1)
     assert_same(vdfmu.federate(loop, ["p", "a"], core=core, stop=1.0, step=0.1), one)
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_the_arm_in_two_and_four_federates_gives_the_bits_of_jacobi(tmp_path, federates):
     scenario = load_scenario("planar_tracking")
     package = write_ssp(scenario, cached_fmus(scenario, tmp_path, "native"), tmp_path / "arm.ssp")
@@ -77,6 +79,7 @@ def test_the_arm_in_two_and_four_federates_gives_the_bits_of_jacobi(tmp_path, fe
         assert copies[0] == copies[1]
 
 
+@pytest.mark.heavy
 def test_values_of_every_type_are_carried(system, federates):
     """From one component to another and back: each feeds what it gets through, texts and binary values too."""
     model = models.FEEDTHROUGH
@@ -91,6 +94,7 @@ def test_values_of_every_type_are_carried(system, federates):
     assert_same(vdfmu.federate(path, ["a"], **options), one)
 
 
+@pytest.mark.heavy
 def test_the_initialization_passes_from_federate_to_federate(pack, xml, fmus, federates):
     """A start value goes through three federates; a loop through two is solved as in one process."""
     c = xml.component
@@ -114,6 +118,7 @@ def test_the_initialization_passes_from_federate_to_federate(pack, xml, fmus, fe
     assert_same(vdfmu.federate(path, ["d", "g", "r", "h"], **options), one)
 
 
+@pytest.mark.heavy
 def test_signals_from_files_units_of_measurement_and_own_steps(pack, xml, federates):
     c = xml.component
     own = (
@@ -136,6 +141,7 @@ def test_signals_from_files_units_of_measurement_and_own_steps(pack, xml, federa
     assert_same(vdfmu.federate(path, ["deg", "p"], **options), one)
 
 
+@pytest.mark.heavy
 def test_a_component_that_ends_the_simulation_ends_it_for_all(system, federates):
     """As in one process: with the same rows, and the same words."""
     path = system(
@@ -150,6 +156,7 @@ def test_a_component_that_ends_the_simulation_ends_it_for_all(system, federates)
         }
 
 
+@pytest.mark.heavy
 def test_components_for_model_exchange(system, federates):
     path = system(
         {"d": (models.VAN_DER_POL, "2.0"), "c": (models.FEEDTHROUGH_2, "2.0")}, ["d.x0 -> c.Float64_input"]

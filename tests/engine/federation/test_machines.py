@@ -68,6 +68,7 @@ def ends(*runs: subprocess.Popen) -> list[tuple[int, str]]:
     return [(run.returncode, text) for run, text in zip(runs, shown, strict=True)]
 
 
+@pytest.mark.heavy
 def test_each_has_the_rows_of_its_components(package, start, tmp_path):
     for code, shown in ends(start("p"), start("g")):
         assert code == 0, shown
@@ -79,6 +80,7 @@ def test_each_has_the_rows_of_its_components(package, start, tmp_path):
         assert all(part[name].tobytes() == one[name].tobytes() for name in part.names)
 
 
+@pytest.mark.heavy
 def test_a_failure_is_told_to_all(start, tmp_path):
     for code, shown in ends(*(start(name, "--set", "f.at=0.5") for name in "pg")):
         assert code == 1
@@ -87,6 +89,7 @@ def test_a_failure_is_told_to_all(start, tmp_path):
         assert len(vdfmu.Results.read(tmp_path / name / "partial" / "results.csv")) == 6
 
 
+@pytest.mark.heavy
 def test_all_must_run_the_same(start):
     """Another step, of which the first exchange after the first step tells."""
     (one, shown_p), (other, shown_g) = ends(start("p"), start("g", "--step", "0.05"))

@@ -70,6 +70,7 @@ def test_without_helics_it_says_how_to_get_it(package, monkeypatch):
         vdfmu.federate(package, ["a"], step=0.1)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("core", ["tcp_ss", "tcp", "zmq"])
 def test_nothing_listens_but_on_loopback(package, federates, core):
     """The sockets of the federates' processes, by their inodes, while they run."""

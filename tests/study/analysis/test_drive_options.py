@@ -49,6 +49,7 @@ def test_modes_without_dry_friction_are_those_of_the_bare_arm(with_options, opti
         np.testing.assert_allclose(found.damping, bare.damping, rtol=0, atol=1e-9)
 
 
+@pytest.mark.heavy
 def test_margins_know_the_delay_of_the_current_loop_and_nothing_of_dry_friction(with_options):
     def modulus(*options, **changes):
         return ArmLoops(load_scenario("planar_tracking", with_options(*options, **changes))).margins().modulus

@@ -31,6 +31,7 @@ def smallest_distance(J: float, M: float, K: float, K_p: float, K_v: float, dela
     return float(np.abs(1.0 + L).min())
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("J", "M", "K"), [(0.1, 0.5, 1e4), (0.1, 0.02, 4e3), (0.02, 5.0, 2e3), (6.0, 4.0, 1e6)]
 )
@@ -107,6 +108,7 @@ def arm(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.heavy
 def test_the_motion_keeps_clear_of_end_stops(arm: Path, tmp_path: Path) -> None:
     found = write_reach(arm, tmp_path / "reach.toml")
     scenario = load_scenario(tmp_path / "reach.toml")
@@ -131,7 +133,6 @@ def test_motors_that_are_too_weak_are_said(arm: Path, tmp_path: Path) -> None:
     assert scenario.notes == (note,) and note in model_notes(scenario)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("shipped", [pytest.param(None, marks=pytest.mark.heavy), "scara_4dof"])
 def test_an_imported_or_shipped_arm_moves_well_at_once(
     arm: Path, shipped: str | None, tmp_path: Path

@@ -185,6 +185,7 @@ def test_the_plant_near_rest_moves_by_the_matrix_exponential():
     assert np.abs(wanted - d).max() > 0.5 * np.abs(d).max()  # two periods of the slowest mode: it has moved
 
 
+@pytest.mark.heavy
 def test_frequencies_of_the_papers_arm_along_its_motion():
     """Those of docs/solver.md, which the plant's Jacobian gives, and the fastest one in the wrist."""
     times, along = modes_along(vdfmu.load_scenario("tracking"))
@@ -252,6 +253,7 @@ def test_what_cannot_be_linearised_is_said(lift, tmp_path):
     assert said.exit_code == 0 and "at 0.275" in said.output  # 0 is beyond an end stop
 
 
+@pytest.mark.heavy
 def test_the_command_prints_a_pose_or_a_path(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run = CliRunner().invoke

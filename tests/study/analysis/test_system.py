@@ -44,6 +44,7 @@ def test_the_closed_loop_is_plant_and_controller():
     np.testing.assert_allclose(opened.C[-2:], loop.K, atol=1e-6)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("master", ["gauss-seidel", "jacobi"])
 def test_the_sampled_system_moves_as_the_nonlinear_run(master, tmp_path):
     scenario = dataclasses.replace(vdfmu.load_scenario("planar_tracking"), master=master)
@@ -86,6 +87,7 @@ def test_sampling_without_feedback_is_the_matrix_exponential():
     np.testing.assert_allclose(sampled.A[:8, :8], expm(1e-3 * continuous.A), atol=1e-10)
 
 
+@pytest.mark.heavy
 def test_the_command_prints_margins_of_a_scenario_and_of_a_package(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run = CliRunner().invoke
@@ -109,6 +111,7 @@ def test_an_input_is_opened_once():
     assert again.outputs == once.outputs and again.outputs[-2:] == ("plant.tau[1]", "plant.tau[2]")
 
 
+@pytest.mark.heavy
 def test_what_cannot_be_linearised_is_said():
     for call, message in (
         (

@@ -83,6 +83,7 @@ _ROBOTS = [
 ]
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("scenario", _ROBOTS)
 def test_all_that_can_vary_gives_the_runs_of_the_fmus(bench, with_options, scenario):
     if scenario == "options":
@@ -114,6 +115,7 @@ def test_inputs_from_outside_and_both_masters(bench, master):
         assert not bench.needed
 
 
+@pytest.mark.heavy
 def test_lanes_that_fail_have_the_reason_of_the_fmus_and_disturb_no_other(bench):
     options = {"stop": 0.2}
     over = {"plant.f_s[1]": [0.8, 0.1], "controller.K_v[2]": [30.0, 1e9], "plant.mass[1]": [6.0, 7.0]}
@@ -145,6 +147,7 @@ def sweep(out, **options):
     )  # fmt: skip
 
 
+@pytest.mark.heavy
 def test_a_row_is_the_same_bits_with_any_workers_and_chunks(tmp_path):
     one = sweep(tmp_path / "one", workers=1)
     two = sweep(tmp_path / "two", workers=2, chunk=5)
@@ -153,6 +156,7 @@ def test_a_row_is_the_same_bits_with_any_workers_and_chunks(tmp_path):
         assert (one[column] == two[column]).all()
 
 
+@pytest.mark.heavy
 def test_some_points_are_compared_with_the_fmus_and_the_page_says_so(tmp_path):
     study = sweep(tmp_path / "study")
     difference = study["to_fmu[rad]"]
@@ -167,6 +171,7 @@ def test_some_points_are_compared_with_the_fmus_and_the_page_says_so(tmp_path):
     np.testing.assert_allclose(study["end[1]"], by_fmus["end[1]"], rtol=0.0, atol=POSITION)
 
 
+@pytest.mark.heavy
 def test_a_point_that_ends_the_process_costs_its_own_row(tmp_path):
     def deadly(results):
         import os
@@ -221,6 +226,7 @@ def test_packages_and_few_points_are_run_by_fmus(tmp_path, bench):
         make_plan(path, {"plant.mass[1]": "1, 2"}, measure=["m=max(plant.q)"], engine="batch")
 
 
+@pytest.mark.heavy
 def test_units_of_a_user_with_states_and_twice_in_a_system(bench, tmp_path):
     (tmp_path / "wave.py").write_text(
         "import numpy as np\n\nfrom vdfmu.unit import Output, Parameter, Unit\n\n\n"
@@ -245,6 +251,7 @@ def test_units_of_a_user_with_states_and_twice_in_a_system(bench, tmp_path):
     assert len({row["end"] for row in rows}) == 12
 
 
+@pytest.mark.heavy
 def test_what_a_unit_requires_of_its_parameters_holds_in_lanes_too(bench, tmp_path):
     (tmp_path / "band.py").write_text(
         "from vdfmu.unit import Derivative, Parameter, State, Unit\n\n\n"

@@ -76,6 +76,7 @@ def true_stiffness(robot, found):
     return tau_s / np.asarray(deformation(robot, tau_s))
 
 
+@pytest.mark.heavy
 def test_noisy_logs_give_the_truth_within_a_per_cent(clean, robot, guess):
     """Encoders of 17 bits and torques with 0.5 % noise: of 60 s, from a start 10 to 40 % off."""
     found = identify(noisy(clean, robot, 1), guess)
@@ -134,6 +135,7 @@ def test_without_link_positions_the_springs_are_kept_and_said(clean, robot):
         assert values[name] == pytest.approx(true[name], rel=0.01), name
 
 
+@pytest.mark.heavy
 def test_what_a_motion_cannot_tell_is_kept_with_the_way_out(clean, guess):
     found = identify(clean, guess)
     assert {"c_f[2]"} <= set(found.held)

@@ -130,6 +130,7 @@ def test_the_page_of_a_long_run_is_quick():
     assert time.process_time() - start < 0.3  # seen: 0.06 s for the tracking run
 
 
+@pytest.mark.heavy
 def test_tracking_errors_keep_their_digits(planar):
     folder, results = planar
     found = content_of(results, results.summary)

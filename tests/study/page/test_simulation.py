@@ -59,6 +59,7 @@ def found_in(folder: Path, **changed: Any) -> tuple[dict[str, Any], dict[str, st
     return simulation_of(run.results, {**run.summary, **changed}, package, binaries), binaries
 
 
+@pytest.mark.heavy
 def test_the_page_has_what_the_master_needs(planar, made):
     found, binaries = found_in(planar)
     units = {unit["name"]: unit for unit in found["units"]}
@@ -139,6 +140,7 @@ def checked(name: str, folder: Path) -> Checked:
     return check_system(load_ssp(package), algorithm=scenario.master)
 
 
+@pytest.mark.heavy
 def test_friction_is_that_of_the_rotors_too(tmp_path):
     system = checked("tracking_split", tmp_path)
     (friction,) = [knob for knob in knobs(system) if knob["words"] == "Friction"]

@@ -222,6 +222,7 @@ def test_captions_show_a_few_settings(made, number, end):
     assert caption(plots.draw_errors(results, made.scenario(TWO))).endswith(end)
 
 
+@pytest.mark.heavy
 def test_many_settings_leave_room_for_the_panels(made, tmp_path: Path):
     results, scenario = made.results(2), made.scenario(TWO)
     results.summary = {"settings": {f"plant.inertia[{i},1,1]": "0.123456789" for i in range(1, 105)}}
@@ -232,6 +233,7 @@ def test_many_settings_leave_room_for_the_panels(made, tmp_path: Path):
 # --- that they can be read -------------------------------------------------------------------------------
 
 
+@pytest.mark.heavy
 def test_nothing_hides_data_or_leaves_the_picture(made, types):
     for name, figure in every_figure(made, types).items():
         figure.canvas.draw()
@@ -307,6 +309,7 @@ def test_thinning_goes_round_what_is_not_a_number():
     assert np.nanmax(few) == np.nanmax(values)
 
 
+@pytest.mark.heavy
 def test_an_unfinished_run_can_be_drawn(made, tmp_path: Path):
     results, scenario = made.results(2, points=1), made.scenario(TWO)
     for path in plots.run_figures(results, scenario, tmp_path):
@@ -316,6 +319,7 @@ def test_an_unfinished_run_can_be_drawn(made, tmp_path: Path):
 # --- files -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("source", "names"),
     [
@@ -354,6 +358,7 @@ def test_shipped_scenarios_say_which_table(name, tables):
     assert plots.paper_table(load_scenario(name)) == tables
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("types", [MIXED, SIX], ids=len)
 def test_files_are_png_of_plausible_size(made, tmp_path: Path, types):
     paths = plots.run_figures(made.results(len(types)), made.scenario(types), tmp_path)
@@ -367,6 +372,7 @@ def test_files_are_png_of_plausible_size(made, tmp_path: Path, types):
         assert 20_000 < len(png) < 500_000
 
 
+@pytest.mark.heavy
 def test_the_same_data_give_the_same_bytes(made, tmp_path: Path):
     results, scenario = made.results(3), made.scenario(MIXED)
     first = [path.read_bytes() for path in plots.run_figures(results, scenario, tmp_path)]
@@ -387,6 +393,7 @@ def test_a_file_in_the_way_is_reported(made, tmp_path: Path):
         plots.run_figures(made.results(1), made.scenario(ONE), tmp_path / "taken")
 
 
+@pytest.mark.heavy
 def test_pyplot_is_not_needed():
     code = "import sys, vdfmu.study.report.plots; sys.exit('matplotlib.pyplot' in sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)

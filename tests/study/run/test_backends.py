@@ -68,6 +68,7 @@ def simulated(path, output, **options):
     return fmpy.simulate_fmu(str(path), stop_time=STOP, output_interval=1e-3, output=output, **options)
 
 
+@pytest.mark.heavy
 def test_the_container_runs_in_plain_fmpy_as_jacobi_does_to_the_bit(runs, container):
     _, jacobi = runs(backend="native", master="jacobi")
     # FMPy's container says nothing of dependencies, so its outputs depend on all; nothing else is to be said
@@ -87,6 +88,7 @@ def test_a_parameter_and_a_free_input_of_the_container_are_those_of_its_units(ru
         assert np.abs(changed["plant.q[1]"] - jacobi["plant.q[1]"]).max() > 1e-7
 
 
+@pytest.mark.heavy
 def test_the_same_system_gives_the_same_container_to_the_bit(runs, container, tmp_path):
     folder, _ = runs(backend="native", master="jacobi")
     token = fmpy.read_model_description(str(container)).guid
@@ -106,6 +108,7 @@ def test_a_container_that_cannot_be_made_says_why(runs, tmp_path):
     assert not (tmp_path / "x.fmu").exists()
 
 
+@pytest.mark.heavy
 def test_native_is_the_default_where_the_compiler_is(monkeypatch, runs):
     _, results = runs()
     assert results.summary["backend"] == "native"

@@ -2,13 +2,12 @@
 
 import os
 import re
-import subprocess
-import sys
 import warnings
 import zipfile
 
 import pytest
 
+from tests.warm import command
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import UsageError
@@ -40,6 +39,7 @@ def changed(fmus, tmp_path):
 SCRIPT = "resources/vdfmu_plant_slave.py"
 
 
+@pytest.mark.heavy
 def test_a_good_fmu_has_no_problems(fmus):
     for path in fmus.values():
         assert check_file(path) == []
@@ -61,14 +61,12 @@ def test_what_the_process_leaves_is_removed(fmus, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.heavy
 def test_a_unit_without_its_script_is_a_problem_and_not_a_crash(changed, tmp_path):
     path = changed(SCRIPT)
     (problem,) = check_file(path)
     assert "10 steps" in problem
-    done = subprocess.run(
-        [sys.executable, "-m", "vdfmu.cli", "check", str(path)],
-        cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False,
-    )  # fmt: skip
+    done = command("check", path, cwd=tmp_path)
     assert done.returncode == 1, done.stderr
     assert "1 problem(s)" in done.stdout
     assert check_file(path, run=False) == []

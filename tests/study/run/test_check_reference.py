@@ -184,6 +184,7 @@ class Length(Unit):
         self.x_dot = np.sqrt(self.u**2 + self.x**2) - 2.0 * self.x
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_a_unit_that_fails_the_comparison_says_why(tmp_path, version):
     (path,) = build_fmus(None, tmp_path, units=[Length], backend="native", fmi_version=version).values()

@@ -76,6 +76,7 @@ def package(fmus, tmp_path):
     return write
 
 
+@pytest.mark.heavy
 def test_a_system_of_arrays_has_no_problems_and_its_units_are_run(package):
     report = inspect_file(package(GOOD))
     assert report.problems == []

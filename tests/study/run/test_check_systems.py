@@ -2,12 +2,11 @@
 
 import io
 import json
-import subprocess
-import sys
 import zipfile
 
 import pytest
 
+from tests.warm import command
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import StorageError, UsageError
 from vdfmu.base.files import pack_zip
@@ -88,6 +87,7 @@ def test_a_system_with_a_faulty_fmu_is_not_run(package, tmp_path):
     assert report.notes[-1] == NOT_RUN
 
 
+@pytest.mark.heavy
 def test_a_system_is_checked_as_package_and_as_folder(package, tmp_path):
     assert check_file(package) == []
     for name, data in members(package).items():
@@ -114,6 +114,7 @@ def test_all_problems_of_a_system_come_at_once(package, tmp_path):
     assert any("unit mismatch" in p for p in problems)
 
 
+@pytest.mark.heavy
 def test_a_system_whose_unit_fails_in_the_run_is_told(scenario, fmus, tmp_path):
     values = system_values(scenario, {"controller.K_p": "1e12"})
     path = write_ssp(scenario, fmus, tmp_path / "wild.ssp", values)
@@ -122,10 +123,10 @@ def test_a_system_whose_unit_fails_in_the_run_is_told(scenario, fmus, tmp_path):
     assert check_file(path, run=False) == []
 
 
+@pytest.mark.heavy
 def test_the_command_prints_json_and_ends_with_code_1_for_problems(package, tmp_path):
     def run(path):
-        command = [sys.executable, "-m", "vdfmu.cli", "check", str(path), "--json"]
-        return subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
+        return command("check", path, "--json")
 
     good = run(package)
     assert good.returncode == 0
@@ -159,6 +160,7 @@ def test_a_file_that_is_not_there_is_wrong_usage(tmp_path):
         check_file(tmp_path / "no.ssd")
 
 
+@pytest.mark.heavy
 def test_the_ending_in_capitals_a_missing_icon_and_an_odd_version(package, tmp_path):
     content = members(package)
     ssd = content["SystemStructure.ssd"].replace(b'version="1.0" name=', b'version="1.5" name=', 1)
@@ -185,6 +187,7 @@ def test_a_temporary_folder_that_cannot_be_written_is_told(package, tmp_path, mo
         check_file(package)
 
 
+@pytest.mark.heavy
 def test_an_algebraic_loop_is_a_note(fmus, tmp_path):
     """The standard allows it, and a master can step it: the controller adds its own torque of the step before."""
     connectors = '<ssd:Connector name="tau[1]" kind="output"/><ssd:Connector name="tau_m[1]" kind="input"/>'

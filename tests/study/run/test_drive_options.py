@@ -77,6 +77,7 @@ def plant(every, tmp_path_factory):
     return build_fmus(every, tmp_path_factory.mktemp("fmus"), units=("plant",))["plant"]
 
 
+@pytest.mark.heavy
 def test_a_drive_with_all_options_runs_as_its_reference(every, tmp_path):
     native = check_run(every, tmp_path)
     for state in MORE.values():

@@ -10,6 +10,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.files import pack_zip, read_member
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("master", ["gauss-seidel", "jacobi"])
 @pytest.mark.parametrize(("scenario", "stop"), [("tracking", 1.0), ("two_joint", 0.5)])
 def test_units_of_fmi_3_give_the_bits_of_fmi_2(scenario, stop, master, tmp_path):
@@ -27,6 +28,7 @@ def test_units_of_fmi_3_give_the_bits_of_fmi_2(scenario, stop, master, tmp_path)
     assert [*map(str, two.messages)] == [*map(str, three.messages)]
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("isolate", [False, True])
 def test_inputs_run_on_lines_by_intermediate_updates_as_by_their_derivatives(isolate, tmp_path):
     """Held at the middle of the line they would leave ten times the error at 4 ms: the springs swing faster."""
@@ -54,6 +56,7 @@ def test_what_has_no_fmi_3(tmp_path):
         vdfmu.run("planar_tracking", stop=0.01, fmi_version="4.0", out=tmp_path / "c")
 
 
+@pytest.mark.heavy
 def test_a_plant_of_fmi_3_among_units_of_fmi_2(tmp_path):
     """A foreign FMU as the tool sees it: arrays, of which the others read and feed the elements."""
     whole = vdfmu.run("planar_tracking", stop=0.1, reference=False, out=tmp_path / "whole")
@@ -67,6 +70,7 @@ def test_a_plant_of_fmi_3_among_units_of_fmi_2(tmp_path):
         np.testing.assert_array_equal(whole[name], mixed[name])
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_the_plant_integrated_by_the_master(version, tmp_path):
     """Model exchange of the same FMU: another solver, the same sampled loop."""

@@ -27,6 +27,7 @@ def wrench(folder):
     return path
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("hold", [False, True])
 @pytest.mark.parametrize("backend", ["native", "python"])
 @pytest.mark.parametrize("master", ["gauss-seidel", "jacobi"])
@@ -40,7 +41,7 @@ def test_a_run_with_a_wrench_from_a_file_meets_its_sampled_reference(tmp_path, b
     assert np.abs(results["plant.q[1]"] - free["plant.q[1]"]).max() > 1e-3
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.parametrize("backend", ["native", "python"])
 def test_tracking_with_a_wrench_from_a_file_meets_its_sampled_reference(tmp_path, backend):
     results = vdfmu.run(
@@ -49,6 +50,7 @@ def test_tracking_with_a_wrench_from_a_file_meets_its_sampled_reference(tmp_path
     assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < POSITION
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("hold", [False, True])
 def test_a_continuous_master_with_a_wrench_tends_to_the_continuous_reference(tmp_path, hold):
     """Under error control the steps end at the rows, and the difference is that of the coupling alone."""
@@ -58,6 +60,7 @@ def test_a_continuous_master_with_a_wrench_tends_to_the_continuous_reference(tmp
     assert results.summary["reference"]["continuous"]["max_position_difference_rad"] < 1e-6
 
 
+@pytest.mark.heavy
 def test_a_scenario_names_its_file_from_its_own_folder(tmp_path):
     folder = tmp_path / "cases"
     folder.mkdir()
@@ -75,6 +78,7 @@ def test_a_scenario_names_its_file_from_its_own_folder(tmp_path):
         vdfmu.load_scenario(folder / "pushed.toml")
 
 
+@pytest.mark.heavy
 def test_arrays_feed_a_run_as_a_file_does(tmp_path):
     t = np.array([0.0, 0.1])
     force = np.zeros((2, 6))
@@ -98,6 +102,7 @@ def test_a_reference_refuses_a_signal_for_no_free_input():
         reference("sampled", SystemDescription(scenario), step=1e-3, stop=1e-3)
 
 
+@pytest.mark.heavy
 def test_both_commands_take_files_and_say_what_is_wrong_with_them(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     wrench(tmp_path)

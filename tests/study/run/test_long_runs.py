@@ -121,6 +121,7 @@ def test_a_reference_in_stretches_is_the_whole(monkeypatch, name):
         np.testing.assert_array_equal(np.concatenate([part[signal] for part in parts]), array)
 
 
+@pytest.mark.heavy
 def test_a_run_holds_no_reference_as_a_whole(tmp_path, monkeypatch):
     lengths = []
 

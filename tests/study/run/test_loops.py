@@ -1,5 +1,7 @@
 """A run that solves an algebraic loop, of which there is no reference."""
 
+import pytest
+
 import vdfmu
 
 UNIT = '''
@@ -32,6 +34,7 @@ master = "jacobi"
 """
 
 
+@pytest.mark.heavy
 def test_the_results_of_a_loop_are_kept_and_say_why_there_is_no_reference(tmp_path):
     for name, text in {"half.py": UNIT, "system.toml": SYSTEM, "scenario.toml": SCENARIO}.items():
         (tmp_path / name).write_text(text)

@@ -8,6 +8,7 @@ import pytest
 import vdfmu
 
 
+@pytest.mark.heavy
 def test_contrast_formulations_agree_and_a_gravity_constant_explains_table_3(tmp_path):
     results = vdfmu.run("contrast", out=tmp_path)
     summary = json.loads((tmp_path / "summary.json").read_text())
@@ -22,7 +23,6 @@ def test_contrast_formulations_agree_and_a_gravity_constant_explains_table_3(tmp
     assert {"figure_7.png", "figure_8.png"} <= {p.name for p in tmp_path.iterdir()}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mode", "position", "torque"),
     [("inverse", 0.10, 0.05), ("vdc", 1.0, 1.0)],  # shares of Table 4 that the project holds itself to
@@ -95,7 +95,7 @@ def test_position_errors_of_two_joint_show_the_chosen_gain(tmp_path):
     np.testing.assert_allclose(shares(implied, "rms_position_error_deg"), [1.36, 1.41], atol=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_two_joint_run_moves_two_joints_and_holds_the_others(tmp_path):
     results = vdfmu.run("two_joint", stop=6.0, out=tmp_path, reference=False)
     errors = np.array(results.summary["rms_position_error_deg"])

@@ -64,6 +64,7 @@ def test_a_payload_that_no_body_has_is_refused(scenario_file):
     assert "payload.know: expected a known key" in str(raised.value)
 
 
+@pytest.mark.heavy
 def test_a_known_payload_tracks_as_none(scenario_file):
     errors = []
     for scenario in (load_scenario("planar_tracking"), load_scenario(scenario_file(PAYLOAD))):

@@ -45,6 +45,7 @@ class Case:
 POSITION, TORQUE = 1e-7, 1e-4
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 @pytest.mark.parametrize("name", ["planar_tracking", "slider_tracking"])
 def test_each_algorithm_matches_its_sampled_reference(tmp_path, name, algorithm):
@@ -54,7 +55,6 @@ def test_each_algorithm_matches_its_sampled_reference(tmp_path, name, algorithm)
     assert torque < TORQUE
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 def test_the_whole_tracking_run_matches_its_sampled_reference(tmp_path, algorithm):
     case = Case(tmp_path, "tracking", "1e-9")
@@ -167,7 +167,7 @@ def test_required_velocities_and_settings_reach_the_reference(tmp_path):
     assert torque < TORQUE
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 def test_first_order_in_the_communication_step_against_the_continuous_reference(tmp_path, algorithm):
     """Five step sizes, each half of the one before: the error halves.
@@ -197,6 +197,7 @@ def test_an_unknown_reference_is_refused():
         reference("exact", description, step=1e-3, stop=0.1)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 def test_estimates_are_those_of_the_reference(tmp_path, algorithm):
     """Another wiring: the estimator, which feeds through, reads plant and controller.

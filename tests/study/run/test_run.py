@@ -67,6 +67,7 @@ def test_the_run_compares_with_both_references(planar_run):
     assert 1e-7 < compared["continuous"]["max_position_difference_rad"] < 1e-3
 
 
+@pytest.mark.heavy
 def test_settings_change_the_run_and_its_reference_alike(tmp_path):
     results = vdfmu.run(
         "planar_tracking", stop=0.1, out=tmp_path, settings={"controller.K_p": 300, "plant.mass[1]": 3.0}
@@ -75,6 +76,7 @@ def test_settings_change_the_run_and_its_reference_alike(tmp_path):
     assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
 
 
+@pytest.mark.heavy
 def test_a_wrench_given_to_a_run_acts_on_it_and_its_references(tmp_path):
     options = {"stop": 0.1, "settings": {"plant.F_e[2]": 30.0}}
     results = vdfmu.run("planar_tracking", out=tmp_path, **options)
@@ -84,12 +86,14 @@ def test_a_wrench_given_to_a_run_acts_on_it_and_its_references(tmp_path):
     assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
 
 
+@pytest.mark.heavy
 def test_a_shipped_run_has_no_notes(tmp_path):
     said = []
     vdfmu.run("planar_tracking", stop=0.01, out=tmp_path, reference=False, log=said.append)
     assert [str(message) for message in said if message.status == "note"] == []
 
 
+@pytest.mark.heavy
 def test_lists_set_element_by_element_in_runs_and_simulations(tmp_path):
     K_p = [300.0, 900.0]
     results = vdfmu.run(
@@ -113,6 +117,7 @@ def test_lists_set_element_by_element_in_runs_and_simulations(tmp_path):
             vdfmu.simulate(tmp_path / "plain.ssp", stop=0.05, parameters={"controller.K_p": wrong})
 
 
+@pytest.mark.heavy
 def test_jacobi_is_compared_with_the_delayed_reference(tmp_path):
     results = vdfmu.run("planar_tracking", stop=0.1, out=tmp_path, master="jacobi")
     assert results.summary["reference"]["sampled"]["name"] == "sampled-delayed"
@@ -153,6 +158,7 @@ def test_a_chaotic_loop_is_compared_by_its_statistics(tmp_path, monkeypatch):
     assert said.columns[1] == "Position RMS\n[%]" and "chaotic" in " ".join(said.notes)
 
 
+@pytest.mark.heavy
 def test_a_difference_that_is_a_fault_is_shown_as_one(tmp_path, monkeypatch):
     with_references(
         monkeypatch, tmp_path, {"plant.mass[2]": 1.01, "plant.mass[3]": 1.01, "plant.mass[5]": 1.01}
@@ -177,6 +183,7 @@ def test_a_unit_that_fails_leaves_the_rows_before_and_the_reason(tmp_path):
     assert not list(tmp_path.glob("*.png"))
 
 
+@pytest.mark.heavy
 def test_files_of_an_earlier_run_are_replaced_and_nothing_else(tmp_path):
     options = {"out": tmp_path, "stop": 0.01, "reference": False}
     vdfmu.run("planar_tracking", **options)
@@ -197,6 +204,7 @@ def test_files_of_an_earlier_run_are_replaced_and_nothing_else(tmp_path):
     assert new["results.csv"] != old["results.csv"]
 
 
+@pytest.mark.heavy
 def test_files_that_no_run_wrote_are_replaced_when_asked(tmp_path):
     (tmp_path / "results.csv").write_text("mine")
     vdfmu.run("planar_tracking", out=tmp_path, stop=0.01, reference=False, overwrite=True)
@@ -214,6 +222,7 @@ def test_a_run_that_fails_before_its_first_row_leaves_nothing(tmp_path, monkeypa
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.heavy
 def test_rows_of_a_failed_run_are_replaced_by_those_of_the_next_failed_one_only(tmp_path):
     options = {"out": tmp_path, "stop": 0.05, "reference": False}
     for gain in (1e9, 1e8):
@@ -229,6 +238,7 @@ def test_rows_of_a_failed_run_are_replaced_by_those_of_the_next_failed_one_only(
     assert [p.name for p in tmp_path.iterdir() if p.is_dir()] == ["partial"]
 
 
+@pytest.mark.heavy
 def test_a_cache_that_cannot_be_written_costs_only_time(tmp_path, monkeypatch):
     cache = tmp_path / "cache"
     cache.write_text("in the way")
@@ -293,6 +303,7 @@ def test_a_folder_that_cannot_hold_results_is_named(tmp_path):
         vdfmu.run("planar_tracking", out=tmp_path / "file" / "results")
 
 
+@pytest.mark.heavy
 def test_a_damaged_fmu_in_the_cache_is_built_again(tmp_path, monkeypatch):
     monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
     options = {
@@ -321,6 +332,7 @@ def test_a_robot_by_name_where_a_robot_is_expected_says_how_to_load_it(tmp_path)
         vdfmu.inverse_dynamics("planar_2dof", [0, 0], [0, 0], [0, 0])
 
 
+@pytest.mark.heavy
 def test_the_estimation_scenario_shows_both_estimates_on_the_plants_own_signals(tmp_path):
     results = vdfmu.run("estimation", stop=0.5, reference=False, backend="python", out=tmp_path)
     summary = results.summary
@@ -336,6 +348,7 @@ def test_the_estimation_scenario_shows_both_estimates_on_the_plants_own_signals(
             vdfmu.run(unknown, settings={"estimator.tau_hat_max": 1.0}, out=tmp_path)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("scenario", ["planar_tracking", "contrast"])
 def test_a_run_without_files_returns_what_files_would_hold(tmp_path, monkeypatch, scenario):
     monkeypatch.chdir(tmp_path)

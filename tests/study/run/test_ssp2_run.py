@@ -56,11 +56,13 @@ def test_ssp_2_runs_to_the_bit_as_ssp_1(packages):
         assert np.array_equal(old[name], new[name]), name
 
 
+@pytest.mark.heavy
 def test_ssp_2_is_checked_with_a_run_of_the_whole(packages):
     report = inspect_file(packages[1])
     assert (report.problems, report.standard, report.ran) == ([], "SSP 2.0", True)
 
 
+@pytest.mark.heavy
 def test_arrays_of_fmi_3_run_to_the_bit_as_the_elements_of_fmi_2(packages, tmp_path):
     """The package that `vdfmu ssp --format 2.0` writes: arrays are connected, and set, as a whole or by parts."""
     scenario = load_scenario("planar_tracking")

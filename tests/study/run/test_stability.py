@@ -48,6 +48,7 @@ def test_a_limit_cycle_fails_with_its_joint_and_the_run_is_written(tmp_path):
     assert not verdict["passed"] and not verdict["checks"][0]["passed"]
 
 
+@pytest.mark.heavy
 def test_stick_slip_is_unstable_though_the_fast_part_of_the_motion_is_not(tmp_path):
     """Too little damping for friction that falls with speed: the motor of joint 6 sticks and slips at both ends."""
     settings = {"trajectory.T": 4.0, "controller.K_v[6]": 2.0}
@@ -60,12 +61,14 @@ def test_stick_slip_is_unstable_though_the_fast_part_of_the_motion_is_not(tmp_pa
     assert chatter.argmax() == 5 and chatter[5] > 1e-4
 
 
+@pytest.mark.heavy
 def test_a_run_that_passes_exits_with_0(tmp_path):
     options = ["planar_tracking", "--stop", "0.3", "--no-reference", "--out", str(tmp_path / "run")]
     done = CliRunner().invoke(app, ["run", *options])
     assert done.exit_code == 0 and "checks pass" in done.output
 
 
+@pytest.mark.heavy
 def test_default_gains_are_stable_with_the_margin_of_the_margins_command(tmp_path):
     found = checks(run("planar_tracking", tmp_path, stop=0.5))["Sampled loops"]
     assert found["passed"]
@@ -105,6 +108,7 @@ def test_the_rate_is_that_of_a_nudge():
     assert (last - first) / 0.06 == pytest.approx(rate, rel=0.2)
 
 
+@pytest.mark.heavy
 def test_springs_that_are_loaded_fast_are_not_a_growth():
     """Far from the desired position springs that stiffen swing by hundreds of N.m; the loop is stable all the same."""
     with packaged("planar_tracking") as (package, options):
@@ -140,12 +144,13 @@ def test_a_run_that_fails_says_that_its_loop_is_unstable(tmp_path):
     assert not summary["verdict"]["passed"]
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_friction_that_excites_itself_is_no_fault_of_the_gains(tmp_path):
     found = checks(run("tracking_split", tmp_path, stop=1.0))["Sampled loops"]
     assert found["passed"] and "friction 'split' excites itself" in found["text"]
 
 
+@pytest.mark.heavy
 def test_what_cannot_be_linearised_is_said(tmp_path):
     results = run("planar_tracking", tmp_path, stop=0.05, backend="python")
     (text,) = results.summary["verdict"]["not_checked"]

@@ -81,6 +81,7 @@ def positions(results, scenario):
     return np.hstack([results[f"{plant}.q"] for plant in plants])
 
 
+@pytest.mark.heavy
 def test_without_sampling_they_are_one_arm(both):
     """Apparent mass and wrench are exact: what is left is LSODA's 1e-12 on states of up to 1e2, over elastic modes."""
     q = []

@@ -140,6 +140,7 @@ CACHED = {
 }
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("fault", CACHED)
 def test_faults_in_the_cache_are_found(fault, cache, tmp_path):
     seed, text = CACHED[fault]
@@ -149,6 +150,7 @@ def test_faults_in_the_cache_are_found(fault, cache, tmp_path):
     assert re.search(text, found[0]), found
 
 
+@pytest.mark.heavy
 def test_a_run_in_another_process_is_witnessed(tmp_path):
     """Python FMUs of the user's units are isolated."""
     path = tmp_path / "held.py"
@@ -160,6 +162,7 @@ def test_a_run_in_another_process_is_witnessed(tmp_path):
     assert results.summary["witness"]["faults"] == []
 
 
+@pytest.mark.heavy
 def test_rounding_is_not_a_fault(cache, tmp_path):
     """A factor of 1 + 1e-14 is some 45 roundings."""
     for name, result in (("plant_outputs", "p_O"), ("feedforward_outputs_inverse", "tau_m")):
@@ -167,6 +170,7 @@ def test_rounding_is_not_a_fault(cache, tmp_path):
     assert faults(tmp_path) == []
 
 
+@pytest.mark.heavy
 def test_a_parameter_that_is_not_the_scenarios_is_found(cache, tmp_path, monkeypatch):
     def write(scenario, fmus, path, values, **options):
         values = {**values, "plant": values["plant"] | {"mass[2]": 1.5}}
@@ -227,7 +231,7 @@ WRITTEN = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.parametrize("fault", WRITTEN)
 def test_faults_in_generated_c_are_found(fault, objects, tmp_path, monkeypatch):
     seed, text = WRITTEN[fault]

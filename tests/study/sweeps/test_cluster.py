@@ -114,6 +114,7 @@ def end(thread, found) -> Sweep:
     return found[0]
 
 
+@pytest.mark.heavy
 def test_the_workers_of_a_scheduler_find_what_this_machine_does(wild, tmp_path, dask, local, monkeypatch):
     """The scheduler, which others may share, is asked for its workers twice a second, once before the first chunk."""
     asked, ask = [], Client.nthreads
@@ -122,6 +123,7 @@ def test_the_workers_of_a_scheduler_find_what_this_machine_does(wild, tmp_path, 
     assert len(asked) <= 1 + (asked[-1] - asked[0]) / 0.5
 
 
+@pytest.mark.heavy
 def test_a_fault_of_our_own_is_no_lost_scheduler(wild, tmp_path, dask, monkeypatch):
     """Not even while the connection ends: it would be waited for, and the points run again."""
 
@@ -192,6 +194,7 @@ def test_no_scheduler_is_said(wild, tmp_path):
     assert time.monotonic() < begin + 60
 
 
+@pytest.mark.heavy
 def test_what_is_no_address_is_said_and_leaves_no_noise(wild, tmp_path):
     """In a process of its own: a client that is left over complains when Python ends."""
     code = f"""

@@ -122,6 +122,7 @@ def test_robots_motions_and_payloads_vary_together(tmp_path):
         )
 
 
+@pytest.mark.heavy
 def test_words_and_steps_vary_too(tmp_path):
     found = vdfmu.sweep(
         "planar_tracking",
@@ -135,6 +136,7 @@ def test_words_and_steps_vary_too(tmp_path):
     assert error[1] > 1.5 * error[0] and error[3] > 1.5 * error[2]  # of first order in the step
 
 
+@pytest.mark.heavy
 def test_a_point_that_fails_crashes_or_hangs_is_a_row_with_its_reason(wild, tmp_path):
     ways = ["well", "crash", "well", "leave", "hang", "well"]
     found = vdfmu.sweep(
@@ -150,6 +152,7 @@ def test_a_point_that_fails_crashes_or_hangs_is_a_row_with_its_reason(wild, tmp_
     assert len(set(found["end"][good])) == 1
 
 
+@pytest.mark.heavy
 def test_one_fault_in_a_thousand_points_costs_one_point(wild, tmp_path):
     ways = np.zeros(1000)
     ways[[400, 700]] = WAYS["crash"], WAYS["hang"]
@@ -170,6 +173,7 @@ def test_an_error_of_the_unit_says_when(tmp_path):
     assert 0.0 < found["failed_at"][1] < 0.5
 
 
+@pytest.mark.heavy
 def test_failed_points_are_run_again_on_request(wild, tmp_path):
     trap = tmp_path / "trap.py"
     trap.write_text("import os\ndef end(results):\n    if os.path.exists(os.environ['TRAP']):\n"
@@ -193,6 +197,7 @@ def test_failed_points_are_run_again_on_request(wild, tmp_path):
         del os.environ["TRAP"]
 
 
+@pytest.mark.heavy
 def test_a_function_of_a_script_goes_to_the_workers(wild, tmp_path):
     offset = 3.0
     found = vdfmu.sweep(
@@ -216,11 +221,13 @@ def boom(results):
     return results.nothing
 
 
+@pytest.mark.heavy
 def test_a_function_that_fails_is_named(wild, tmp_path):
     found = vdfmu.sweep(wild, {"unit.at": [0.0]}, measure={"m": boom}, step=0.5, out=tmp_path / "study")
     assert found.failed[0].startswith("measure m = boom: AttributeError: ")
 
 
+@pytest.mark.heavy
 def test_a_table_that_cannot_be_read_is_made_again_with_retry(wild, tmp_path, undisturbed):
     found = study(wild, tmp_path / "study")
     found.path.write_text("x")
@@ -267,6 +274,7 @@ def lasting(wild, out, undisturbed, kill, moments):
     assert not parts(out)
 
 
+@pytest.mark.heavy
 def test_a_killed_study_goes_on_where_it_was(wild, tmp_path, undisturbed):
     def kill(process):
         with suppress(ProcessLookupError):
@@ -290,6 +298,7 @@ def test_a_study_that_is_killed_at_any_moment_loses_and_doubles_nothing(wild, tm
         assert table(study(wild, out)) == undisturbed
 
 
+@pytest.mark.heavy
 def test_ctrl_c_keeps_what_is_done(wild, tmp_path, undisturbed):
     def press(process):
         with suppress(ProcessLookupError):
@@ -298,6 +307,7 @@ def test_ctrl_c_keeps_what_is_done(wild, tmp_path, undisturbed):
     lasting(wild, tmp_path / "study", undisturbed, press, (1, 4))
 
 
+@pytest.mark.heavy
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc of Linux")
 def test_workers_end_with_a_killed_study(wild, tmp_path):
     process = begin(wild, tmp_path / "study")
@@ -317,6 +327,7 @@ def test_workers_end_with_a_killed_study(wild, tmp_path):
         time.sleep(0.02)
 
 
+@pytest.mark.heavy
 def test_a_full_disk_stops_it_and_what_is_done_is_kept(wild, tmp_path, undisturbed, monkeypatch):
     from vdfmu.study.sweeps import ledger
 
@@ -340,6 +351,7 @@ def test_a_full_disk_stops_it_and_what_is_done_is_kept(wild, tmp_path, undisturb
     assert table(study(wild, tmp_path / "study")) == undisturbed
 
 
+@pytest.mark.heavy
 def test_a_part_that_cannot_be_read_is_made_again(wild, tmp_path, undisturbed, monkeypatch):
     from vdfmu.study.sweeps import ledger
 
@@ -355,6 +367,7 @@ def test_a_part_that_cannot_be_read_is_made_again(wild, tmp_path, undisturbed, m
     assert len((broken.parent / f"{broken.name}.broken").read_bytes()) == 100
 
 
+@pytest.mark.heavy
 def test_a_byte_that_the_disk_changes_is_seen(wild, tmp_path, undisturbed, monkeypatch):
     """In the values of a measure, which Parquet alone would read as another number."""
     from vdfmu.study.sweeps import ledger
@@ -375,6 +388,7 @@ def test_a_byte_that_the_disk_changes_is_seen(wild, tmp_path, undisturbed, monke
     assert table(study(wild, tmp_path / "study")) == undisturbed
 
 
+@pytest.mark.heavy
 def test_parts_that_cannot_be_listed_are_not_taken_for_none(wild, tmp_path, undisturbed, monkeypatch):
     listdir = os.listdir
 
@@ -390,6 +404,7 @@ def test_parts_that_cannot_be_listed_are_not_taken_for_none(wild, tmp_path, undi
     assert table(study(wild, tmp_path / "study")) == undisturbed
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("number", [errno.EIO, errno.EACCES, errno.EMFILE])
 def test_a_study_that_the_disk_does_not_give_now_is_left_as_it_is(
     wild, tmp_path, undisturbed, monkeypatch, number
@@ -430,6 +445,7 @@ def test_an_error_of_the_disk_is_no_failed_point(monkeypatch, tmp_path, behind):
     assert bench.run([task])[0]["failed"].startswith("FileNotFoundError: ")
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("times", [2, 3])
 def test_a_worker_whose_disk_fails_is_replaced_and_at_last_ends_the_study(
     wild, tmp_path, undisturbed, monkeypatch, times
@@ -460,6 +476,7 @@ if "vdfmu.study.sweeps.child" in sys.orig_argv:
         assert table(study(wild, tmp_path / "study", workers=1)) == undisturbed
 
 
+@pytest.mark.heavy
 def test_a_folder_whose_name_is_not_text_holds_a_study(wild, tmp_path, undisturbed):
     folder = tmp_path / os.fsdecode(b"caf\xe9")
     study(wild, folder)
@@ -467,6 +484,7 @@ def test_a_folder_whose_name_is_not_text_holds_a_study(wild, tmp_path, undisturb
     assert table(again) == undisturbed and not again.notes
 
 
+@pytest.mark.heavy
 def test_a_study_that_is_complete_runs_nothing(wild, tmp_path, undisturbed):
     study(wild, tmp_path / "study")
     stages = []
@@ -475,6 +493,7 @@ def test_a_study_that_is_complete_runs_nothing(wild, tmp_path, undisturbed):
     assert table(found) == undisturbed
 
 
+@pytest.mark.heavy
 def test_another_study_does_not_take_its_folder(wild, tmp_path, undisturbed):
     study(wild, tmp_path / "study")
     with pytest.raises(UsageError, match=r"holds another study.*differ in measures\. .*--out.*--overwrite"):
@@ -489,6 +508,7 @@ def test_another_study_does_not_take_its_folder(wild, tmp_path, undisturbed):
 WRENCH = "plant.F_e[1]"
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("kind", ["arrays", "csv"])
 def test_other_numbers_of_an_input_are_another_study(kind, tmp_path):
     """The plan alone is enough for the key; the end of the test runs what was changed."""
@@ -524,6 +544,7 @@ def test_other_numbers_of_an_input_are_another_study(kind, tmp_path):
     assert (swept(20.0, overwrite=True)["q"] != before).all()
 
 
+@pytest.mark.heavy
 def test_zero_is_not_left_out_of_a_row_that_is_run_again(tmp_path):
     vdfmu.sweep("planar_tracking", OVER, stop=0.02, out=tmp_path / "study")
     for option, words in (("--step", "step"), ("--stop", "stop"), ("--adaptive", "adaptive")):
@@ -533,6 +554,7 @@ def test_zero_is_not_left_out_of_a_row_that_is_run_again(tmp_path):
         assert isinstance(done.exception, UsageError) and words in str(done.exception), option
 
 
+@pytest.mark.heavy
 def test_two_processes_do_not_share_a_study(wild, tmp_path):
     inside, outside = threading.Event(), threading.Event()
 
@@ -553,6 +575,7 @@ def test_two_processes_do_not_share_a_study(wild, tmp_path):
     assert len(Sweep(tmp_path / "study")) == 40
 
 
+@pytest.mark.heavy
 def test_provenance_and_columns_are_in_the_file(wild, tmp_path):
     found = study(wild, tmp_path / "study")
     again = Sweep(tmp_path / "study" / "sweep.parquet")
@@ -564,6 +587,7 @@ def test_provenance_and_columns_are_in_the_file(wild, tmp_path):
         again["ende"]
 
 
+@pytest.mark.heavy
 def test_rows_are_found_by_what_they_measured(wild, tmp_path):
     found = vdfmu.sweep(
         "planar_tracking", {"controller.K_p": [300.0, 1000.0, 600.0]}, stop=0.2, out=tmp_path / "study"
@@ -649,6 +673,7 @@ print(seen[10000] - seen[2000])
     assert float(done.stdout) < 15.0  # MB
 
 
+@pytest.mark.heavy
 def test_a_row_is_run_again_by_name(tmp_path, monkeypatch):
     """The run of the worst point has its error: of the same FMUs, values and master, so to the rounding of a sum."""
     monkeypatch.chdir(tmp_path)
@@ -672,6 +697,7 @@ def test_a_row_is_run_again_by_name(tmp_path, monkeypatch):
     )
 
 
+@pytest.mark.heavy
 def test_a_row_of_a_scenario_that_was_changed_is_run_with_a_note(tmp_path):
     """Settings with a value for each joint are kept as such; what the file says now counts, and is noted."""
     mine = tmp_path / "mine.toml"
@@ -696,12 +722,14 @@ def test_a_row_of_a_scenario_that_was_changed_is_run_with_a_note(tmp_path):
     )
 
 
+@pytest.mark.heavy
 def test_a_row_of_a_package_is_named(wild, tmp_path):
     found = study(wild, tmp_path / "study")
     with pytest.raises(UsageError, match=r"'vdfmu simulate .*wild.ssp' runs it, with unit.at="):
         found.options(0)
 
 
+@pytest.mark.heavy
 def test_the_command_says_what_it_found(wild, tmp_path):
     words = ["sweep", str(wild), "--over", "unit.way=0, 1", "--measure", "end=final(unit.y)", "--step", "0.1"]
     done = CliRunner().invoke(app, [*words, "--out", str(tmp_path / "study")])
@@ -723,6 +751,7 @@ def killing(results, times, place):
     return 1.0
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("times", [2, 3])
 def test_a_point_whose_process_is_killed_is_tried_again_and_blames_no_model(
     wild, tmp_path, monkeypatch, times

@@ -112,7 +112,7 @@ def test_points_that_failed_are_said_where_indices_need_all(tmp_path):
         study(tmp_path / "u", CUBE, lambda *x: 0 * x[0], "saltelli", 8).indices()
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("over", "sample", "n", "kinds"),
     [
@@ -186,6 +186,7 @@ def test_the_commands_write_figures_a_page_and_a_table(saltelli, tmp_path):
     assert made.exit_code == 0 and (tmp_path / "y_tornado.png").exists()
 
 
+@pytest.mark.heavy
 def test_the_page_stands_alone_and_says_how_to_run_the_worst_point(tmp_path):
     from lxml import html
 

@@ -16,6 +16,7 @@ ROBOTS = [
 """Factors of the plant's parameters, which the feedforward does not know: within the spread of the tuning."""
 
 
+@pytest.mark.heavy
 def test_each_joint_keeps_its_margin_with_one_sample_of_delay():
     before, after = (
         ArmLoops(vdfmu.load_scenario(name), growth=2.0).margins() for name in ("tracking", "tracking_tuned")
@@ -26,13 +27,14 @@ def test_each_joint_keeps_its_margin_with_one_sample_of_delay():
     assert 1.0 < after.radius < before.radius
 
 
+@pytest.mark.heavy
 def test_the_loop_of_tracking_is_stable_without_delay():
     for name in ("tracking", "tracking_tuned"):
         loops = ArmLoops(vdfmu.load_scenario(name))
         assert loops.margins(delay=0).radius < 1.0
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.parametrize("master", ["gauss-seidel", "jacobi"])
 def test_errors_are_smaller_on_every_joint_for_robots_of_the_spread(master, tmp_path):
     scenario = vdfmu.load_scenario("tracking")

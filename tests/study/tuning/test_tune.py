@@ -39,6 +39,7 @@ def tuned(tmp_path_factory):
     return vdfmu.tune("planar_tracking", GAINS, ERRORS, margin="same", out=folder, **SEARCH, **SHORT)
 
 
+@pytest.mark.heavy
 def test_each_joint_is_better_at_its_own_margin(tuned):
     assert tuned.after.feasible
     # less by far more than the accuracy of a run, 1e-7 of 1 rad or N.m at errors of 1e-5 rad
@@ -52,6 +53,7 @@ def test_each_joint_is_better_at_its_own_margin(tuned):
     assert after.radius < 1.0
 
 
+@pytest.mark.heavy
 def test_the_cost_is_that_of_runs_one_by_one(tuned, tmp_path):
     """To the bit: the values of the fragment are those that were run."""
     with open(tuned.folder / "tuned.toml", "rb") as file:
@@ -93,6 +95,7 @@ def test_all_runs_are_kept(tuned):
     }
 
 
+@pytest.mark.heavy
 def test_a_search_that_was_stopped_goes_on_to_the_same_result(tuned, tmp_path, monkeypatch):
     """Stopped after 11 evaluations: their runs are not run again, and the table is that of an undisturbed search."""
     from vdfmu.study.tuning.evaluate import Evaluations
@@ -118,6 +121,7 @@ def test_a_search_that_was_stopped_goes_on_to_the_same_result(tuned, tmp_path, m
     np.testing.assert_array_equal(found.after.values, tuned.after.values)
 
 
+@pytest.mark.heavy
 def test_a_table_that_is_not_whole_is_set_aside_and_killed_runs_run_again(tmp_path):
     def search():
         return vdfmu.tune(
@@ -142,6 +146,7 @@ def test_a_table_that_is_not_whole_is_set_aside_and_killed_runs_run_again(tmp_pa
     assert (tmp_path / "s" / "sweep.parquet.broken").stat().st_size == 100
 
 
+@pytest.mark.heavy
 def test_a_larger_budget_goes_on(tmp_path):
     def ask(budget):
         vdfmu.tune(
@@ -170,6 +175,7 @@ def test_a_start_without_margin_is_noted(tmp_path):
     assert "the loop of the start is unstable" in found.notes[0]
 
 
+@pytest.mark.heavy
 def test_runs_that_fail_cost_infinity_and_are_counted(tmp_path):
     """Velocity gains of up to a hundredfold destabilise the sampled loop; the search stays where it runs."""
     found = vdfmu.tune(
@@ -180,6 +186,7 @@ def test_runs_that_fail_cost_infinity_and_are_counted(tmp_path):
     assert found.after.feasible and found.after.cost[0] <= found.before.cost[0]
 
 
+@pytest.mark.heavy
 def test_limits_hold_for_every_robot(tmp_path):
     found = vdfmu.tune(
         "planar_tracking", ["controller.K_p[2]=log(100, 5000)"], "rms(trajectory.q_d[2] - plant.q[2])",
@@ -189,6 +196,7 @@ def test_limits_hold_for_every_robot(tmp_path):
     assert any("no values within the limits" in note for note in found.notes)
 
 
+@pytest.mark.heavy
 def test_the_command_shows_before_and_after(tmp_path):
     result = CliRunner().invoke(
         app,
@@ -233,6 +241,7 @@ def test_what_is_wrong_is_said_before_the_first_run(options, words, tmp_path):
     assert not (tmp_path / "search").exists()
 
 
+@pytest.mark.heavy
 def test_the_batch_engine_gives_the_same_costs(tmp_path):
     options = {"method": "local", "budget": 8, **SHORT}
     found = {

@@ -33,6 +33,7 @@ NAMES = [
 ]
 
 
+@pytest.mark.heavy
 def test_a_run_with_a_view_is_the_run_without_and_outlives_it(tmp_path):
     said = []
     with LiveView(say=said.append) as live:

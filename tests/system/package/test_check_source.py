@@ -102,6 +102,7 @@ NAMED = {
 }
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("name", NAMED)
 @pytest.mark.parametrize("option", [None, "--json"])
 def test_no_run_runs_no_code_of_a_file_nor_of_one_that_it_names(tmp_path, monkeypatch, name, option):
@@ -132,6 +133,7 @@ def test_no_run_runs_no_code_of_a_file_nor_of_one_that_it_names(tmp_path, monkey
         assert "no problems" in text
 
 
+@pytest.mark.heavy
 def test_a_file_that_ends_its_process_or_is_no_python_is_a_problem(tmp_path):
     (tmp_path / "x.py").write_text("import os\nos._exit(3)\n")
     (problem,) = inspect_source(tmp_path / "x.py", "planar_2dof").problems

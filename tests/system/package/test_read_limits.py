@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 import tracemalloc
 import zipfile
 from pathlib import Path
@@ -13,6 +11,7 @@ import pytest
 
 import vdfmu
 from tests.hostile.packages import pack
+from tests.warm import command
 from vdfmu.base.errors import SspError
 from vdfmu.engine.inspect.inspection import check_file
 from vdfmu.engine.package import limits, load_ssp
@@ -156,6 +155,7 @@ def test_a_long_directory_is_refused_before_it_is_read(tmp_path, monkeypatch):
     assert "bytes; the limit is 100. Pack fewer files" in found
 
 
+@pytest.mark.heavy
 def test_nothing_stays_in_memory_of_a_package_inside(tmp_path):
     """30 MB inside 30 MB: neither is held, only pieces of 256 KiB with the buffers of the zip file, some MiB."""
     large = os.urandom(30_000_000)
@@ -171,16 +171,10 @@ def test_nothing_stays_in_memory_of_a_package_inside(tmp_path):
     assert peak < 8 * 2**20
 
 
+@pytest.mark.heavy
 def test_the_option_says_what_it_expects(tmp_path):
     path = nested(tmp_path / "x.ssp", 2)
-    done = {
-        size: subprocess.run(
-            [sys.executable, "-m", "vdfmu.cli", "check", path, "--unpack-limit", size],
-            capture_output=True,
-            text=True,
-        )
-        for size in ("1M", "much")
-    }
+    done = {size: command("check", path, "--unpack-limit", size) for size in ("1M", "much")}
     assert "the limit is 262144" in done["1M"].stdout  # of a member: a quarter of the whole
     assert done["much"].returncode == 2
     assert "expected a size such as 500M or 4G" in " ".join(done["much"].stderr.replace("│", " ").split())
