@@ -16,7 +16,7 @@ from benchmarks.report import Report, machine, write_summary
 from benchmarks.timing import processor_time
 
 NAMES = (
-    "growth", "fmu_growth", "master_step", "order", "coupling", "rigid", "c_loops", "native", "importers", "interop",
+    "growth", "fmu_growth", "order", "coupling", "c_loops", "native", "importers", "interop",
     "work_precision", "engines", "whole", "federation", "gradient", "sweeps",
     "arms", "live",
 )  # fmt: skip

@@ -23,12 +23,13 @@ from fmpy.fmi2 import FMU2Slave
 from benchmarks.chains import random_motion, repeated_link
 from benchmarks.fit import fit_exponent
 from benchmarks.report import Report, Table
-from benchmarks.rigid import pinocchio_model
 from benchmarks.timing import Case, measure
 from vdfmu.arm.equations.plant import equilibrium_torque
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
 from vdfmu.compiler.functions.cache import COMPILER, cache_folder
+
+pin: Any = import_module("pinocchio")  # a binary module that no type checker sees into
 
 TITLE = "Growth of the FMUs with the number of joints"
 _UNITS = ("trajectory", "feedforward", "controller", "plant")
@@ -48,6 +49,20 @@ class _Row:
     memory_MB: float
     step_us: float
     others_us: dict[str, float]
+
+
+def pinocchio_model(robot: Robot) -> Any:
+    """Model of the same rigid links in Pinocchio."""
+    model = pin.Model()
+    joint = 0
+    for i in range(robot.n):
+        kind = pin.JointModelPZ() if robot.joint_types[i] == "prismatic" else pin.JointModelRZ()
+        placement = pin.SE3(np.array(robot.rotation[i]), np.array(robot.offset[i]))
+        joint = model.addJoint(joint, kind, placement, f"joint_{i + 1}")
+        body = pin.Inertia(float(robot.mass[i]), np.array(robot.centroid[i]), np.array(robot.inertia[i]))
+        model.appendBodyToJoint(joint, body, pin.SE3.Identity())
+    model.gravity.linear = -np.array(robot.gravity)  # Eq. (62) has g upward
+    return model
 
 
 def run(report: Report, quick: bool = False) -> None:
@@ -99,7 +114,6 @@ def run(report: Report, quick: bool = False) -> None:
 
 def _others(robot: Robot, rounds: int) -> dict[str, float]:
     """Time of calls of rigid-body libraries from Python for the links of `robot`, each a call of compiled code [us]."""
-    pin: Any = import_module("pinocchio")
     model = pinocchio_model(robot)
     data = model.createData()
     q, q_dot, tau = random_motion(robot.n)

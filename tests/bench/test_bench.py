@@ -24,10 +24,8 @@ from benchmarks import (
     gradient,
     growth,
     importers,
-    master_step,
     native,
     order,
-    rigid,
     sweeps,
     whole,
     work_precision,
@@ -44,10 +42,7 @@ from vdfmu.arm.equations.rigid_body import net_force
 from vdfmu.arm.robot import Robot, check_robot, load_robot
 from vdfmu.arm.robot.structure import values
 from vdfmu.compiler.c.compile import native_available
-from vdfmu.compiler.functions import KernelFunction
-from vdfmu.compiler.unit.integrator import Integrator
 from vdfmu.engine.masters.continuous import ContinuousStepper
-from vdfmu.engine.masters.exchange import Exchange, SampledStepper
 from vdfmu.system.scenario import load_scenario
 
 needs_compiler = pytest.mark.skipif(
@@ -236,36 +231,6 @@ def test_growth_of_the_fmus(report: Report, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 @pytest.mark.heavy
-def test_master_step(report: Report) -> None:
-    before = (
-        SampledStepper.__init__,
-        Exchange.recorders,
-        KernelFunction.__init__,
-        Integrator.advance,
-    )
-    found = master_step.study(load_scenario("planar_tracking"), stop=0.02, runs=1, say=report.say)
-    after = (
-        SampledStepper.__init__,
-        Exchange.recorders,
-        KernelFunction.__init__,
-        Integrator.advance,
-    )
-    assert after == before  # the instruments are gone
-    assert found.calls["plant_step"] == pytest.approx(found.steps + found.rejected, abs=1e-12)
-    assert found.steps >= 1.0
-    assert set(found.do_step) == set(found.kernel) == set(master_step.UNITS)
-    # by construction the parts and the watches make up the run; the sum of about 30 terms rounds
-    assert found.total + found.watches == pytest.approx(found.instrumented, rel=1e-9)
-    master_step.tabulate(found, report)
-    report.save(master_step.draw(found))
-    saved(report)
-    units = [row[0] for row in report.tables[0].rows]
-    assert units[:4] == list(master_step.UNITS)
-    assert units[-1] == "total"
-    assert {row[0] for row in report.tables[1].rows} == set(found.alone)
-
-
-@pytest.mark.heavy
 def test_order(report: Report) -> None:
     steps = {a: [1e-3, 5e-4, 2.5e-4] for a in order.ALGORITHMS} | {"iterative": [4e-3, 2e-3, 1e-3]}
     found = order.converge(load_scenario("tracking"), steps, 0.2, report.say)
@@ -331,16 +296,6 @@ def test_work_at_an_error_is_the_least_of_the_points_and_between_them() -> None:
     assert found.work_at("iterative", 1e-3) == 100  # the longest step is more precise than that
     assert found.work_at("iterative", 1e-9) is None
     assert found.work_at("jacobi", 1e-6) is None
-
-
-def test_rigid(report: Report) -> None:
-    found = rigid.compare([repeated_link(3)], rounds=1)
-    assert [c.algorithm for c in found] == ["inverse_dynamics", "forward_dynamics"]
-    assert found[0].difference < 1e-12  # the bounds of the project for inverse and forward dynamics
-    assert found[1].difference < 1e-9
-    rigid.tabulate(found, report)
-    report.save(rigid.draw(found))
-    saved(report)
 
 
 def test_least_of_blocks_leaves_out_what_disturbed_a_round() -> None:
