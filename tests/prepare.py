@@ -4,9 +4,9 @@ Run as ``python tests/prepare.py``; what it makes stays in the cache, where the 
 """
 
 from vdfmu.compiler.c import PLATFORMS
-from vdfmu.compiler.c.compile import Job, compile_libraries
+from vdfmu.compiler.c.compile import Compilation, compile_libraries
 
 SOURCE = b'#include <math.h>\n#include <stdio.h>\nint prepare(double x) { return printf("%g", sin(x)); }\n'
 
 if __name__ == "__main__":
-    compile_libraries([Job("prepare", {"prepare.c": SOURCE}, platform) for platform in PLATFORMS])
+    compile_libraries([Compilation("prepare", {"prepare.c": SOURCE}, platform) for platform in PLATFORMS])

@@ -53,6 +53,15 @@ def test_no_file_imports_itself_through_others():
         raise AssertionError(" <- ".join(error.args[1])) from None
 
 
+def test_each_class_has_a_name_of_its_own():
+    places: dict[str, list[str]] = {}
+    for path in ROOT.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef):
+                places.setdefault(node.name.lstrip("_"), []).append(str(path.relative_to(ROOT)))
+    assert not {name: files for name, files in places.items() if len(files) > 1}
+
+
 def test_the_equations_know_numbers_and_nothing_else():
     for module, imported in _imports().items():
         if module.startswith(EQUATIONS):

@@ -141,10 +141,10 @@ def readme_blocks():
 def test_block_of_the_readme_runs_by_itself_as_printed(tmp_path, kind, body, output):
     folder, further = tmp_path / "here", {}
     if INSTALLS.search(body):  # in a clone; its tests are listed, not run, its versions those tested together
-        left = shutil.ignore_patterns(
-            ".venv", ".git", ".*_cache", ".hypothesis", "results", "site", "__pycache__"
-        )
+        left = shutil.ignore_patterns(".venv", ".git", ".*_cache", ".hypothesis", "__pycache__")
         shutil.copytree(ROOT, folder, ignore=left)
+        for written in ("results", "site"):
+            shutil.rmtree(folder / written, ignore_errors=True)
         further = {"PYTEST_ARGS": "--collect-only -q", "PIP_CONSTRAINT": str(ROOT / "constraints.txt"),
                    "PYTHONPATH": ""}  # fmt: skip
     else:

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from vdfmu.engine.fmu.access import DTYPES, Transfer
-from vdfmu.engine.fmu.variables import Variable
+from vdfmu.engine.fmu.variables import FmuVariable
 
 
 def transfer(verb, values, places, called, kind="String"):
     """Return the call that gets or sets texts; `called` stands for the function of the FMU."""
-    variables = [Variable(f"v{i}", i, kind, "output", "discrete", None, native=kind) for i in places]
+    variables = [FmuVariable(f"v{i}", i, kind, "output", "discrete", None, native=kind) for i in places]
     made = Transfer(
         verb, variables, places, values, np.uintp, lambda _: [], lambda *words: AssertionError(*words)
     )

@@ -22,7 +22,7 @@ _WORTH = 50_000
 """States of batches, of one function and robot, from which on it is compiled: what that takes, they take uncompiled."""
 
 
-class _Kernel(Kernel):
+class _RobotFunctions(Kernel):
     """The functions of a robot; large batches run compiled where the compiler is installed."""
 
     def __init__(self, robot: Robot) -> None:
@@ -52,7 +52,7 @@ class _Kernel(Kernel):
 
 @lru_cache(maxsize=32)
 def _kernel(robot: Robot) -> Kernel:
-    return _Kernel(robot_argument(robot))  # robots are immutable and hash by identity
+    return _RobotFunctions(robot_argument(robot))  # robots are immutable and hash by identity
 
 
 def inverse_dynamics(

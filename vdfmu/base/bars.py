@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
 
-class Terminal(Console):
+class EscapedTerminal(Console):
     """Text to the terminal: what it would act on is shown, but for rich's own."""
 
     def print(self, *objects: Any, **options: Any) -> None:
@@ -30,7 +30,7 @@ class Terminal(Console):
             yield segment if segment.control else segment._replace(text=shown(segment.text))
 
 
-errors = Terminal(stderr=True, highlight=False)
+errors = EscapedTerminal(stderr=True, highlight=False)
 """All but results; ``errors.quiet`` lets nothing through."""
 _SOON = 0.5
 """Time [s] after which a line that moves appears."""

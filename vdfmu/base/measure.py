@@ -11,7 +11,7 @@ from vdfmu.base.errors import UsageError
 
 
 @dataclass(frozen=True)
-class Measure:
+class UnitOfMeasurement:
     """A unit of measurement of FMI and SSP; all are coherent SI, so factor 1 and offset 0."""
 
     name: str
@@ -72,7 +72,7 @@ _FACTOR = re.compile(r"([A-Za-z]+)(-?\d*)")
 
 
 @lru_cache
-def measure(name: str) -> Measure:
+def measure(name: str) -> UnitOfMeasurement:
     """Return a unit of measurement by its name: ``N.m``, ``m/s2``, ``1/(N.m)``, ``kg.m2``, ``1``.
 
     Raises
@@ -96,7 +96,7 @@ def measure(name: str) -> Measure:
             for symbol, exponent in base.items():
                 exponents[symbol] = exponents.get(symbol, 0) + sign * exponent * int(match[2] or 1)
     found = {symbol: exponents[symbol] for symbol in _BASE if exponents.get(symbol)}
-    return Measure(name, found, _DISPLAY.get(name, {}))
+    return UnitOfMeasurement(name, found, _DISPLAY.get(name, {}))
 
 
 def coherent(name: str) -> tuple[str, float]:

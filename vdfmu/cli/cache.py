@@ -10,7 +10,7 @@ from vdfmu.cli.app import App, showing_signs
 from vdfmu.cli.terminal import say
 
 if TYPE_CHECKING:
-    from vdfmu.compiler.functions.cache import Entry
+    from vdfmu.compiler.functions.cache import CachedFile
 
 app = App(name="cache", help="Show the cache of what was built, or clear it.")
 
@@ -44,5 +44,5 @@ def clear_cache() -> None:
     say(f"Removed {len(removed)} entries, {_size(removed)}.")
 
 
-def _size(found: list[Entry]) -> str:
+def _size(found: list[CachedFile]) -> str:
     return f"{sum(entry.size for entry in found) / 2**20:.1f} MB"

@@ -33,7 +33,7 @@ _SHOWN = 5
 """Failed points that are listed."""
 
 
-class _Group(TyperGroup):
+class _SweepGroup(TyperGroup):
     """``vdfmu sweep SCENARIO`` is ``vdfmu sweep run SCENARIO``; options of all may come before either."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
@@ -45,7 +45,7 @@ class _Group(TyperGroup):
 
 app = App(
     name="sweep",
-    cls=_Group,
+    cls=_SweepGroup,
     no_args_is_help=True,
     help="Run a scenario at many points: vdfmu sweep SCENARIO --over ...",
     context_settings={"ignore_unknown_options": True},

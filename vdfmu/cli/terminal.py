@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 from rich.markup import escape
 
-from vdfmu.base.bars import Bars, Terminal, errors
+from vdfmu.base.bars import Bars, EscapedTerminal, errors
 from vdfmu.base.errors import UsageError
 from vdfmu.base.progress import LOG
 from vdfmu.base.text import elided, error_text, first_few
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from vdfmu.system.scenario import Scenario
 
 
-class _Results(Terminal):
+class _StandardOutput(EscapedTerminal):
     """The standard output: the bars of a command leave the terminal to what is printed there."""
 
     bars: Bars | None = None
@@ -49,7 +49,7 @@ class _Results(Terminal):
             self.bars = None
 
 
-console = _Results(highlight=False)
+console = _StandardOutput(highlight=False)
 
 
 def complete_scenario(incomplete: str) -> list[str]:

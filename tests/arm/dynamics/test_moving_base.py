@@ -10,7 +10,12 @@ from scipy.spatial.transform import Rotation
 
 from tests.arm.dynamics.test_rotor_bodies import RotorBodies
 from tests.conftest import random_inertia, random_rotation
-from vdfmu.arm.equations.feedforward import Gains, desired_drive_motion, feedforward_inverse, feedforward_vdc
+from vdfmu.arm.equations.feedforward import (
+    FeedbackGains,
+    desired_drive_motion,
+    feedforward_inverse,
+    feedforward_vdc,
+)
 from vdfmu.arm.equations.forward_dynamics import apparent_load, forward_dynamics
 from vdfmu.arm.equations.friction import joint_friction
 from vdfmu.arm.equations.inverse_dynamics import gravity_in_links, inverse_dynamics, link_motion
@@ -288,7 +293,7 @@ def test_the_feedforward_of_a_base_that_turns_steadily_is_the_exact_inverse(chai
     x_dot = split_state(chain, plant_derivative(chain, x, torques.tau_m, np.zeros(6), Ends(base(t))))
     # of a coupled rotor's torque the feedforward leaves out D' I_m D_ddot, see `desired_drive_motion`
     close(x_dot.q_dot, motion.q_d_ddot, 1e-9)
-    gains = Gains(*(np.zeros(n) for _ in range(4)))
+    gains = FeedbackGains(*(np.zeros(n) for _ in range(4)))
     vdc = feedforward_vdc(
         chain, gains, motion, motion.q_d, motion.q_d_dot, torques.kappa_dot_d, None, base(t)
     )

@@ -7,7 +7,7 @@ import pytest
 
 from tests.conftest import TYPICAL
 from vdfmu.arm.drive.torque_estimate import torque_estimates
-from vdfmu.arm.equations.feedforward import Gains, feedforward_inverse, feedforward_vdc
+from vdfmu.arm.equations.feedforward import FeedbackGains, feedforward_inverse, feedforward_vdc
 from vdfmu.arm.equations.flexible_joint import rotor_position
 from vdfmu.arm.equations.forward_dynamics import forward_dynamics
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
@@ -91,7 +91,7 @@ def case(name, robot, state):
     n = robot.n
     motion = desired_motion(3.0, state.q - 1.0, state.q + 1.0, 10.0)
     desired = motion._asdict()
-    gains = dict(zip(Gains._fields, np.random.default_rng(70).uniform(0.1, 5.0, (4, n)), strict=True))
+    gains = dict(zip(FeedbackGains._fields, np.random.default_rng(70).uniform(0.1, 5.0, (4, n)), strict=True))
     q, q_dot, q_ddot, tau, F_e = state.q, state.q_dot, state.q_ddot, state.tau, state.F_e
     x = state.x
     match name:
@@ -133,7 +133,7 @@ def case(name, robot, state):
             return desired | dict(F_e_d=F_e), feedforward_inverse(robot, motion, F_e)._asdict()
         case "feedforward_outputs_vdc":
             measured = dict(q=q, q_dot=q_dot, kappa_dot=state.kappa_dot, F_e_d=F_e)
-            torques = feedforward_vdc(robot, Gains(**gains), motion, **measured)
+            torques = feedforward_vdc(robot, FeedbackGains(**gains), motion, **measured)
             return desired | measured | gains, torques._asdict()
         case "trajectory_outputs":
             times = dict(t=3.0, T=10.0, t_start=0.5)

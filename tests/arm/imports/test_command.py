@@ -10,8 +10,6 @@ from tests.arm.imports.conftest import ARM, joint, link
 from tests.warm import command
 from vdfmu.arm.robot import load_robot
 
-ROOT = Path(__file__).resolve().parents[3]
-
 
 def vdfmu(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     return command(*arguments, cwd=folder)

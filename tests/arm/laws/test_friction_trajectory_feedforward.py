@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vdfmu.arm.equations.feedforward import (
-    Gains,
+    FeedbackGains,
     desired_drive_motion,
     feedforward_inverse,
     feedforward_vdc,
@@ -160,7 +160,7 @@ def test_desired_rotor_motion_agrees_with_central_differences_in_time(chain):
 
 def gains(robot):
     n = robot.n
-    return Gains(np.full(n, 10.0), np.full(n, 5.0), np.full(n, 0.1), np.full(n, 0.05))
+    return FeedbackGains(np.full(n, 10.0), np.full(n, 5.0), np.full(n, 0.1), np.full(n, 0.05))
 
 
 def test_vdc_without_errors_is_the_exact_inverse(chain):

@@ -8,7 +8,12 @@ from scipy.integrate import solve_ivp
 
 from benchmarks.chains import counting_chain
 from benchmarks.counting import count_operations
-from vdfmu.arm.equations.feedforward import Gains, desired_drive_motion, feedforward_inverse, feedforward_vdc
+from vdfmu.arm.equations.feedforward import (
+    FeedbackGains,
+    desired_drive_motion,
+    feedforward_inverse,
+    feedforward_vdc,
+)
 from vdfmu.arm.equations.flexible_joint import rotor_acceleration, rotor_velocities
 from vdfmu.arm.equations.forward_dynamics import Rotors, forward_dynamics
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics, link_motion
@@ -86,7 +91,7 @@ def test_vdc_without_errors_is_the_inverse(chain):
     chain = dataclasses.replace(chain, rotor_coupling=True)
     n = chain.n
     desired = desired_motion(4.0, np.linspace(-0.2, 0.2, n), np.linspace(1.0, 1.6, n), 10.0)
-    gains = Gains(np.full(n, 10.0), np.full(n, 5.0), np.full(n, 0.1), np.full(n, 0.05))
+    gains = FeedbackGains(np.full(n, 10.0), np.full(n, 5.0), np.full(n, 0.1), np.full(n, 0.05))
     kappa_dot = desired_drive_motion(chain, desired).kappa_dot
     vdc = feedforward_vdc(chain, gains, desired, desired.q_d, desired.q_d_dot, kappa_dot)
     exact = feedforward_inverse(chain, desired)

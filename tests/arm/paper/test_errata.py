@@ -8,7 +8,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from vdfmu.arm.equations.feedforward import Gains, feedforward_inverse, feedforward_vdc
+from vdfmu.arm.equations.feedforward import FeedbackGains, feedforward_inverse, feedforward_vdc
 from vdfmu.arm.equations.flexible_joint import rotor_acceleration, rotor_torque
 from vdfmu.arm.equations.friction import coulomb_friction, joint_friction, stribeck_friction
 from vdfmu.arm.equations.harmonic_drive import wave_generator_position
@@ -47,7 +47,7 @@ def test_erratum_15_to_17_and_50_need_the_required_acceleration(arm):
     zero = np.zeros(6)
     q_ddot_d = np.linspace(0.5, 2.0, 6)
     desired = desired_motion(0.0, Q, Q, 1.0)._replace(q_d_ddot=q_ddot_d)
-    gains = Gains(*np.full((4, 6), 3.0))
+    gains = FeedbackGains(*np.full((4, 6), 3.0))
     built = feedforward_vdc(arm, gains, desired, Q, zero, zero * 0.0).tau_s
     printed = inverse_dynamics(arm, Q, zero, zero)
     M = joint_space_mass_matrix(arm, Q)

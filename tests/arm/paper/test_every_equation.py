@@ -13,7 +13,7 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
-from vdfmu.arm.equations.feedforward import Gains
+from vdfmu.arm.equations.feedforward import FeedbackGains
 from vdfmu.arm.equations.mapping import extended_jacobian, jacobian, velocity_mapping
 from vdfmu.arm.equations.plant import plant_outputs
 from vdfmu.arm.equations.trajectory import Desired
@@ -93,7 +93,7 @@ class Path:
         trajectory.t = self.t
         self.other.run(trajectory.outputs)
         self.desired = Desired(*(getattr(trajectory, name) for name in Desired._fields))
-        self.gains = Gains(*(random.uniform(0.5, 2.0, N) for _ in range(4)))
+        self.gains = FeedbackGains(*(random.uniform(0.5, 2.0, N) for _ in range(4)))
         measured = dict(q=self.q, q_dot=self.q_dot, kappa_dot=self.kappa_dot, F_e_d=self.F_e)
         desired, gains = self.desired._asdict(), self.gains._asdict()
         vdc = Feedforward(robot, mode="vdc", **gains, **desired, **measured)

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from vdfmu.arm.drive.torque_estimate import torque_estimates
-from vdfmu.arm.equations.feedforward import Gains, feedforward_inverse, feedforward_vdc
+from vdfmu.arm.equations.feedforward import FeedbackGains, feedforward_inverse, feedforward_vdc
 from vdfmu.arm.equations.pd import pd_control
 from vdfmu.arm.equations.plant import equilibrium_torque, plant_derivative, plant_outputs
 from vdfmu.arm.equations.trajectory import Desired, desired_motion
@@ -97,7 +97,7 @@ def test_the_feedforward_is_that_of_its_mode(
     rng = np.random.default_rng(6)
     robot = another(robots[robot_name], rng)
     n = robot.n
-    gains = Gains(*(rng.uniform(0.1, 2.0, n) for _ in Gains._fields))
+    gains = FeedbackGains(*(rng.uniform(0.1, 2.0, n) for _ in FeedbackGains._fields))
     unit = open_unit("feedforward", robot_name)
     set_robot(unit, robot)
     unit.start(mode=mode, **gains._asdict())

@@ -18,7 +18,7 @@ from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import shipped_units
 from vdfmu.base.errors import FmuError, UsageError
 from vdfmu.compiler.c import PLATFORMS, compile, native_available, platforms, this_platform
-from vdfmu.compiler.c.compile import Job, compile_library
+from vdfmu.compiler.c.compile import Compilation, compile_library
 from vdfmu.compiler.fmu.content import Content
 from vdfmu.compiler.fmu.native import fmi_headers, unit_sources
 
@@ -81,7 +81,7 @@ def test_a_library_depends_on_its_sources_alone(platform: str, cold: Path, tmp_p
     while int(time.time()) == int(begin):
         time.sleep(0.05)
     others = {**SMALL, "other.c": b"double other(double x) { return x; }\n"}
-    jobs = [Job("Other", others, platform), Job("Small", SMALL, platform)]
+    jobs = [Compilation("Other", others, platform), Compilation("Small", SMALL, platform)]
     assert compile.compile_libraries(jobs)[1] == first
     assert str(tmp_path).encode() not in first
     assert b"vdfmu_native_" not in first
@@ -173,7 +173,7 @@ def test_other_start_values_compile_the_tables_alone(
     compiled: list[str] = []
     run = compile._Workshop._object
 
-    def record(self: object, job: Job, place: Path, name: str, key: str) -> None:
+    def record(self: object, job: Compilation, place: Path, name: str, key: str) -> None:
         compiled.append(name)
         run(self, job, place, name, key)  # type: ignore[arg-type]
 
@@ -216,11 +216,11 @@ def test_a_unit_is_compiled_while_the_next_is_traced(monkeypatch: pytest.MonkeyP
         begun.set()
         first(*arguments)
 
-    def jobs() -> Iterator[Job]:
-        yield Job("Small", SMALL, here)
+    def jobs() -> Iterator[Compilation]:
+        yield Compilation("Small", SMALL, here)
         assert begun.wait(60.0)  # s; far more than a process takes to start
-        yield Job("Other", {"other.c": b"double other(double x) { return x; }\n"}, here)
-        yield Job("Small", SMALL, here)
+        yield Compilation("Other", {"other.c": b"double other(double x) { return x; }\n"}, here)
+        yield Compilation("Small", SMALL, here)
 
     monkeypatch.setattr(compile._Workshop, "_object", object_of)
     small, other, again = compile.compile_libraries(jobs())

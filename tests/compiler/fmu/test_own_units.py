@@ -23,7 +23,7 @@ from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import find_unit
 from vdfmu.compiler.unit.evaluate import Plain
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.scipy_solver import Motion
+from vdfmu.compiler.unit.scipy_solver import ScipySolver
 from vdfmu.engine.inspect.inspection import check_file
 
 FILE = Path(__file__).parent / "own_units.py"
@@ -177,7 +177,7 @@ def test_any_name_will_do_for_a_variable(own: Opener, form: str) -> None:
     for name in ("w1", "y_new", "d_x"):
         plain.memory[plain.interface.groups[name]] = values[name]
     plain.start()
-    motion = Motion(plain)
+    motion = ScipySolver(plain)
     for size in (3e-3, 0.01, 0.037):
         end = unit.time + size
         motion.move(unit.time, end)

@@ -10,7 +10,7 @@ import pytest
 from tests.compiler.native.conftest import VERSIONS, fuzz_program, run, sanitized_objects
 from vdfmu.arm.fmus import build_fmus
 
-FILE = Path(__file__).parents[2] / "fmi" / "own_units.py"
+FILE = Path(__file__).parents[1] / "fmu" / "own_units.py"
 
 
 @pytest.mark.heavy

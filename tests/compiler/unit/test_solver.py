@@ -15,7 +15,7 @@ from vdfmu.compiler.functions.rodas import ORDER
 from vdfmu.compiler.unit.evaluate import Plain, Traced
 from vdfmu.compiler.unit.integrator import Integrator
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.scipy_solver import Motion, samples
+from vdfmu.compiler.unit.scipy_solver import ScipySolver, samples
 from vdfmu.unit import (
     JOINTS,
     Choice,
@@ -151,7 +151,7 @@ def test_scipy_on_either_evaluation_gives_the_closed_form(unit, values, end, exa
     for name, value in values.items():
         evaluated.group(name)[:] = value
     evaluated.start()
-    Motion(evaluated).move(0.0, end)
+    ScipySolver(evaluated).move(0.0, end)
     # tolerance 1e-12 of each step, some hundred steps
     assert evaluated.x[0] == pytest.approx(exact, abs=1e-9)
 
@@ -257,7 +257,7 @@ def test_a_long_chain_moves_as_scipy_moves_it():
     other = Traced(solver.unit.interface)
     other.memory[:] = solver.unit.memory
     solver.advance(0.0, 0.02)
-    Motion(other).move(0.0, 0.02)
+    ScipySolver(other).move(0.0, 0.02)
     assert np.abs(other.x).max() > 0.1
     # Steps of a tolerance of 1e-10 against LSODA at 1e-12: 100 of them give 1e-8, the stiffest states ten times that.
     # At 1e-9 a step that the error control nearly refuses, which one rounding decides, gives 2.5e-6.
@@ -333,7 +333,7 @@ def test_a_motion_samples_at_every_period_however_it_is_cut(kind, parts):
     unit = kind(Interface(Delay, None))
     unit.start()
     unit.group("u")[:] = 1.0
-    motion = Motion(unit)
+    motion = ScipySolver(unit)
     for begin, end in zip(*(np.linspace(0.0, 0.35, parts + 1)[i:][:parts] for i in (0, 1)), strict=True):
         motion.move(float(begin), float(end))
     # samples at 0, 0.1, 0.2 and 0.3: each sets first to 1 + x, so x grows by (2 + x) times the time to the next
@@ -372,5 +372,5 @@ def test_a_motion_that_runs_away_is_not_a_number():
     unit = Traced(Interface(Exploding, None))
     unit.start()
     with np.errstate(over="ignore"):  # in scipy's own products
-        Motion(unit).move(0.0, 2.0)
+        ScipySolver(unit).move(0.0, 2.0)
     assert np.isnan(unit.x).all()

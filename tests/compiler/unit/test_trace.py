@@ -11,7 +11,7 @@ from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import UnitError
 from vdfmu.compiler.unit.evaluate import Plain, Traced
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.scipy_solver import Motion
+from vdfmu.compiler.unit.scipy_solver import ScipySolver
 from vdfmu.unit import (
     JOINTS,
     Choice,
@@ -468,7 +468,7 @@ def test_a_native_fmu_takes_such_names_too(tmp_path, version):
     rows = fmpy.simulate_fmu(str(path), stop_time=0.25, output_interval=0.05)
     plain = Plain(Interface(Clashing, None))
     plain.start()
-    Motion(plain).move(0.0, 0.25)
+    ScipySolver(plain).move(0.0, 0.25)
     plain.outputs()
     for name in ("x", "v", "sin", "double", "norm"):
         # the solver's tolerance is 1e-7, and double takes 10 v

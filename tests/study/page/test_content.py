@@ -28,7 +28,7 @@ from vdfmu.study.report.content import EXTREMES, FRAMES, arm_of, content_of
 from vdfmu.study.report.page import (
     MODULES,
     WORKER,
-    Run,
+    ShownRun,
     newest_run,
     read_run,
     report_page,
@@ -123,7 +123,7 @@ def test_memory_does_not_grow_with_the_rows(monkeypatch):
 
 def test_the_page_of_a_long_run_is_quick():
     results = noise(10_001, 100)  # as many numbers as the tracking run has
-    run = Run("run", results, {"scenario": "noise", "joints": 100}, Path("none.ssp"))
+    run = ShownRun("run", results, {"scenario": "noise", "joints": 100}, Path("none.ssp"))
     report_page([run])
     start = time.process_time()
     report_page([run])
@@ -221,7 +221,7 @@ def test_names_of_a_run_cannot_break_the_page(tmp_path):
     evil = '</script><script>alert("x")</script>'
     results.summary |= {"scenario": evil, "kind": "cosimulation"}
     renamed = results.renamed(lambda name: name.replace("unit", evil))
-    text = report_page([Run("run", renamed, renamed.summary, tmp_path / "none.ssp")]).decode()
+    text = report_page([ShownRun("run", renamed, renamed.summary, tmp_path / "none.ssp")]).decode()
     assert evil not in text
     assert text.count("</script>") == 3  # data, libraries, our own
 

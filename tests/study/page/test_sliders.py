@@ -181,7 +181,7 @@ def test_a_run_that_fails_says_why_and_shows_how(run, browser):
     slide(browser, "Proportional", 100)
     slide(browser, "Derivative", -100)
     message = words_of(browser, "#simulate [role=alert]")
-    assert message.startswith("plant: doStep at t = 0.") and "check the parameters" in message
+    assert message.startswith("plant: doStep at t = 0.") and "Check its inputs and the gains" in message
     reached = simulated(browser, 1)
     assert 100 < reached.shape[1] < 1000 and np.abs(reached).max() > 1.0  # degrees
     assert "Stopped at 0." in words_of(browser, "#simulate [role=status]")

@@ -13,7 +13,7 @@ from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
 from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.report.sheets import limits_sheet, sheets
-from vdfmu.study.run.at_limits import Limits, limits_of, time_at_limits
+from vdfmu.study.run.at_limits import ArmLimits, limits_of, time_at_limits
 from vdfmu.study.run.summary import tracking_errors
 from vdfmu.system.scenario.values import system_values
 
@@ -57,7 +57,7 @@ def recorded(rows, n, times, **more):
 @pytest.mark.parametrize("row", ROWS)
 def test_each_row_is_at_its_limit_and_gets_its_torque(limited, row):
     tau, speed, q, given, limit = row
-    one = Limits("plant", limited, np.full(limited.n, np.inf))
+    one = ArmLimits("plant", limited, np.full(limited.n, np.inf))
     assert one.given(np.full((1, limited.n), tau), np.full((1, limited.n), speed))[0, 0] == pytest.approx(
         given
     )
@@ -71,7 +71,7 @@ def test_each_row_is_at_its_limit_and_gets_its_torque(limited, row):
 
 def test_a_row_counts_with_the_length_of_its_step(limited):
     rows = [(20.0, 1.0, 0.0), (20.0, 1.0, 0.0), (5.0, 1.0, 0.0), (5.0, 4.5, 2.0)]
-    one = Limits("plant", limited, np.full(limited.n, np.inf))
+    one = ArmLimits("plant", limited, np.full(limited.n, np.inf))
     found = time_at_limits(recorded(rows, limited.n, [0.0, 1.0, 3.0, 10.0]), [one])["limits"]["plant"]
     np.testing.assert_allclose(
         [found[key][0] for key in ("torque", "speed", "stop")], [0.1, 0.7, 0.7], rtol=1e-14
@@ -113,7 +113,7 @@ def test_values_of_the_run_are_those_of_the_motor():
 
 def test_the_compensation_torque_is_what_the_motors_gave(limited):
     n = limited.n
-    one = Limits("plant", limited, np.full(n, np.inf))
+    one = ArmLimits("plant", limited, np.full(n, np.inf))
     rows = [(20.0, 1.0, 0.0), (20.0, 3.0, 0.0)]
     more = {
         "trajectory_of_q_d": [0.0, 0.0],

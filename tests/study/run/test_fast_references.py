@@ -12,8 +12,8 @@ from vdfmu.base.errors import VdfmuError
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference import compiled, solution
 from vdfmu.system.reference.reference import reference, reference_blocks
-from vdfmu.system.reference.solution import Continuous, Sampled
-from vdfmu.system.reference.wired import System
+from vdfmu.system.reference.solution import ContinuousReference, SampledReference
+from vdfmu.system.reference.wired import WiredUnits
 from vdfmu.system.scenario.values import system_values
 
 NAMES = ("sampled", "sampled-delayed", "continuous")
@@ -39,7 +39,7 @@ def described(name="planar_tracking", settings=None):
 def solved(monkeypatch):
     """Return the names of what is solved."""
     found = []
-    for kind in (Sampled, Continuous):
+    for kind in (SampledReference, ContinuousReference):
 
         def solve(self, t, run, kind=kind, plain=kind.solve):
             found.append(kind.__name__)
@@ -51,8 +51,8 @@ def solved(monkeypatch):
 
 @pytest.mark.parametrize("name", ["tracking", "planar_tracking", "slider_tracking", "two_arms"])
 def test_all_that_a_solver_calls_is_one_compiled_function(name):
-    system = System(described(name))
-    lists = Continuous(system).lists
+    system = WiredUnits(described(name))
+    lists = ContinuousReference(system).lists
     run = compiled.runs(system, lists, compiled.sources(system, lists))
     system.start()
     x = system.memory[system.x]

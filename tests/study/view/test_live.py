@@ -25,8 +25,8 @@ from vdfmu.cli.view import live_view
 from vdfmu.study.report.content import arm_of
 from vdfmu.study.report.shapes import Chain
 from vdfmu.study.view.live import HEAD, LiveView
-from vdfmu.study.view.live_server import Server
-from vdfmu.study.view.scene import Arm, open_server, stage
+from vdfmu.study.view.live_server import ViewServer
+from vdfmu.study.view.scene import ArmScene, open_server, stage
 
 NAMES = [
     f"{name}[{i}]" for name in ("plant.q", "trajectory.q_d", "controller.tau", "plant.kappa") for i in (1, 2)
@@ -125,7 +125,7 @@ def test_what_is_shown_is_the_row_and_afterwards_any_of_the_run():
     arm = arm_of(vdfmu.load_robot("planar_2dof"), {})
     server = open_server(None, "test")
     try:
-        drawer, sent = Server(server), []
+        drawer, sent = ViewServer(server), []
         live = LiveView.__new__(LiveView)
         live._arm, live._speed, live._say, live._folder = None, None, sent.append, None
         live._send = lambda name, *arguments: getattr(drawer, name)(*arguments)
@@ -162,7 +162,7 @@ def test_what_is_shown_is_the_row_and_afterwards_any_of_the_run():
 
 
 def test_a_torn_row_is_not_drawn():
-    server = Server(None)
+    server = ViewServer(None)
     server._words, server._places = np.array([3.0, 0.1, 1.0]), {"q": [0]}
     assert server._row() is None  # it is being written
     server._words[0] = 4.0
@@ -288,7 +288,7 @@ def test_all_meshes_that_cannot_be_shown_are_named(tmp_path):
     shapes = [look | {"joint": i, "file": f"mesh_{i}.stl"} for i in (1, 2)]
     server = open_server(None, "test")
     try:
-        notes = Arm(server, Chain(arm_of(robot, {})), visuals=shapes, folder=tmp_path).notes
+        notes = ArmScene(server, Chain(arm_of(robot, {})), visuals=shapes, folder=tmp_path).notes
     finally:
         server.stop()
     assert [note.partition(" cannot")[0] for note in notes] == ["mesh mesh_1.stl", "mesh mesh_2.stl"]

@@ -30,7 +30,7 @@ from vdfmu.arm.world.attachment import Base
 from vdfmu.compiler.scalar.jet import derivative, jets
 
 
-class Feedforward(NamedTuple):
+class FeedforwardTorques(NamedTuple):
     """Motor torque, and what springs and rotors do along the desired motion, each (n,).
 
     tau_m [N m, motor-side]; tau_s [N m or N, link-side]; kappa_dot_d [rad/s or m/s].
@@ -41,7 +41,7 @@ class Feedforward(NamedTuple):
     kappa_dot_d: Any
 
 
-class Gains(NamedTuple):
+class FeedbackGains(NamedTuple):
     """Gains of required velocities (12), net forces (15)-(17), (50) and drive torques (26)-(27), each (n,).
 
     Lambda [1/s]; K_V, the multiple of the unit matrix that stands for the gain matrix K_B of link i; k_vq
@@ -103,7 +103,7 @@ def desired_drive_motion(
 
 def feedforward_inverse(
     robot: Any, desired: Desired, F_e_d: np.ndarray | None = None, base: Base | None = None
-) -> Feedforward:
+) -> FeedforwardTorques:
     """Exact inverse of the plant along the desired motion: ``tau_m = z.T F_Dk + tau_s / ell + xi_m``.
 
     This is (27) with zero velocity error and ``tau_t = tau_s / ell``. ``z.T F_Dk = I_m kappa_ddot`` for rotors in pure
@@ -129,7 +129,7 @@ def feedforward_inverse(
         tau_k = axial_torques(F_Dk)
         tau_s = joint_torques(robot, link_forces(robot, motion, F_e_d, F_Dk)) + xi_l
     tau_m = tau_k + tau_s / robot.ell + xi_m  # (27)
-    return Feedforward(tau_m, tau_s, drive.kappa_dot)
+    return FeedforwardTorques(tau_m, tau_s, drive.kappa_dot)
 
 
 class RequiredMotion(NamedTuple):
@@ -142,7 +142,7 @@ class RequiredMotion(NamedTuple):
 
 
 def required_motion(
-    gains: Gains, desired: Desired, drive: DriveMotion, q: np.ndarray, q_dot: np.ndarray
+    gains: FeedbackGains, desired: Desired, drive: DriveMotion, q: np.ndarray, q_dot: np.ndarray
 ) -> RequiredMotion:
     """Return the required joint velocities, Eq. (12), and their derivatives; the same for the rotors.
 
@@ -161,7 +161,7 @@ def required_motion(
 
 def required_net_forces(
     robot: Any,
-    gains: Gains,
+    gains: FeedbackGains,
     U_AB: list[np.ndarray],
     q_dot: np.ndarray,
     kappa_dot: np.ndarray,
@@ -252,7 +252,7 @@ def required_forces(
 
 def drive_torques(
     robot: Any,
-    gains: Gains,
+    gains: FeedbackGains,
     required: RequiredMotion,
     tau_q: np.ndarray,
     tau_kr: np.ndarray,
@@ -279,14 +279,14 @@ def drive_torques(
 
 def feedforward_vdc(
     robot: Any,
-    gains: Gains,
+    gains: FeedbackGains,
     desired: Desired,
     q: np.ndarray,
     q_dot: np.ndarray,
     kappa_dot: np.ndarray,
     F_e_d: np.ndarray | None = None,
     base: Base | None = None,
-) -> Feedforward:
+) -> FeedforwardTorques:
     """Return the feedforward of virtual decomposition control, Eq. (12)-(27) and (48)-(53).
 
     Deviation: friction is evaluated at the desired velocities. At measured or required ones its slope around
@@ -307,4 +307,4 @@ def feedforward_vdc(
     friction = joint_friction(robot, desired.q_d_dot, drive.kappa_dot, drive.tau_s)
     tau_q, tau_kr = joint_torques(robot, F_B_r), axial_torques(F_D_r_star)
     tau_t, tau_m = drive_torques(robot, gains, required, tau_q, tau_kr, friction, q_dot, kappa_dot)
-    return Feedforward(tau_m, robot.ell * tau_t, drive.kappa_dot)
+    return FeedforwardTorques(tau_m, robot.ell * tau_t, drive.kappa_dot)

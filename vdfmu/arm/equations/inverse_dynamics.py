@@ -20,7 +20,7 @@ from vdfmu.arm.world.attachment import Base
 # pass 1, base to end effector: velocities, accelerations and gravity
 
 
-class Motion(NamedTuple):
+class ChainMotion(NamedTuple):
     """Motion of base and links: force transformations U_AB[i] (32), velocities V_B[i] (29)-(31) and V_B_dot[i]."""
 
     U_AB: list[np.ndarray]
@@ -45,7 +45,7 @@ def link_motion(
     q_ddot: np.ndarray,
     cut: Cut = whole,
     base: Base | None = None,
-) -> Motion:
+) -> ChainMotion:
     """Velocities of all links by Eq. (29)-(31), and their derivatives.
 
     Deviation: (30)-(31) are printed for i = 2..5; they run to i = n. The derivative of (31),
@@ -71,7 +71,7 @@ def link_motion(
             V_B.append(cut(i, z * q_dot[i] + U_AB[i].T @ V_A))
             turned = z * q_ddot[i] + U_AB[i].T @ V_A_dot + cross_motion(V_B[i]) @ (z * q_dot[i])
             V_B_dot.append(cut(i, turned))
-    return Motion(U_AB, V_B, V_B_dot, base)
+    return ChainMotion(U_AB, V_B, V_B_dot, base)
 
 
 def gravity_in_links(
@@ -91,7 +91,7 @@ def gravity_in_links(
 
 def link_forces(
     robot: Any,
-    motion: Motion,
+    motion: ChainMotion,
     F_e: np.ndarray | None = None,
     F_Dk: list[np.ndarray] | None = None,
     cut: Cut = whole,

@@ -35,7 +35,7 @@ from vdfmu.arm.equations.rigid_body import link_body, mass_matrix
 from vdfmu.arm.world.attachment import FREE, Base, Ends, tool_acceleration
 
 
-class State(NamedTuple):
+class PlantState(NamedTuple):
     """State of the plant, each (n,): link positions, link and rotor velocities, link-side spring torques.
 
     Those of options are None without them: link-side torques of hysteresis and bristles, currents of the motors,
@@ -70,22 +70,24 @@ class Outputs(NamedTuple):
 def state_names(robot: Any) -> list[str]:
     """Names of a robot's states, in their order."""
     return [
-        name for name in State._fields if name not in OPTION_STATES or getattr(robot, OPTION_STATES[name])
+        name
+        for name in PlantState._fields
+        if name not in OPTION_STATES or getattr(robot, OPTION_STATES[name])
     ]
 
 
-def split_state(robot: Any, x: np.ndarray) -> State:
+def split_state(robot: Any, x: np.ndarray) -> PlantState:
     """View of a state vector ``x = [q, q_dot, kappa_dot, tau_s, ..]`` : (4 n,), longer with options."""
     names = state_names(robot)
-    return State(**dict(zip(names, np.split(x, len(names)), strict=True)))
+    return PlantState(**dict(zip(names, np.split(x, len(names)), strict=True)))
 
 
-def drive_torque(robot: Any, state: State) -> Any:
+def drive_torque(robot: Any, state: PlantState) -> Any:
     """Torque of the drives on the links, of springs and hysteresis: (n,) [N m or N], link-side."""
     return state.tau_s + state.tau_h if robot.hysteresis else state.tau_s
 
 
-def _torques(robot: Any, state: State, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _torques(robot: Any, state: PlantState, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Torques on the links, ``tau_s - xi_l`` and what end stops add, and on the rotors about their axes, each (n,)."""
     load = drive_torque(robot, state)
     xi_l, xi_m = joint_friction(robot, state.q_dot, state.kappa_dot, load, state.tau_z, state.T_j)
@@ -98,13 +100,13 @@ def _torques(robot: Any, state: State, tau: np.ndarray) -> tuple[np.ndarray, np.
     return tau_l, rotor_torque(robot, tau, load, xi_m)  # after (11)
 
 
-def _stretch(robot: Any, state: State) -> Any:
+def _stretch(robot: Any, state: PlantState) -> Any:
     """Rate at which the drives are deformed: (n,) [rad/s or m/s]."""
     kappa = rotor_position(robot, state.q, state.tau_s)
     return stretch_rate(robot, kappa, state.kappa_dot, state.q_dot)
 
 
-def drive_losses(robot: Any, state: State) -> Any:
+def drive_losses(robot: Any, state: PlantState) -> Any:
     """Power that friction and hysteresis turn into heat, never negative: (n,) [W]."""
     load = drive_torque(robot, state)
     loss = friction_loss(robot, state.q_dot, state.kappa_dot, load, state.tau_z, state.T_j)

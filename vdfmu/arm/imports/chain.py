@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vdfmu.arm.imports.inertia import Mass, joined
-from vdfmu.arm.imports.tree import MOVING, Body, Joint, Link, Placement, Tree, aligned, few
+from vdfmu.arm.imports.tree import MOVING, Body, Joint, Placement, RigidLink, Tree, aligned, few
 from vdfmu.arm.robot.parameters import read_only
 from vdfmu.arm.robot.physical import check_inertia
 from vdfmu.arm.robot.visual import Visual
@@ -21,7 +21,7 @@ _MOST_TIPS = 12
 
 
 @dataclass(frozen=True, eq=False)
-class Arm:
+class SerialChain:
     """An arm: bodies from base to tip, the tip's placement in the last, gravity (3,) in the base's frame.
 
     `standard` says that gravity is none of the file's.
@@ -36,7 +36,7 @@ class Arm:
     visuals: tuple[Visual, ...]
 
 
-def choose_arm(tree: Tree, base: str | None, tip: str | None) -> Arm | None:
+def choose_arm(tree: Tree, base: str | None, tip: str | None) -> SerialChain | None:
     """Return the arm from a base to a tip; None, with problems noted, where there is none.
 
     Joints beside it are held at 0: what they carry is part of the link that carries them.
@@ -76,7 +76,7 @@ def choose_arm(tree: Tree, base: str | None, tip: str | None) -> Arm | None:
     return _assemble(tree, base, tip, path)
 
 
-def _assemble(tree: Tree, base: str, tip: str, path: list[Joint]) -> Arm:
+def _assemble(tree: Tree, base: str, tip: str, path: list[Joint]) -> SerialChain:
     """Join the links of each joint of the arm to a body."""
     on_path = {joint.name for joint in path if joint.kind != "fixed"}
     held: list[Joint] = []
@@ -108,7 +108,7 @@ def _assemble(tree: Tree, base: str, tip: str, path: list[Joint]) -> Arm:
         names = few([joint.name for joint in held])
         tree.notes.append(f"held at 0, beside the arm: {names}.")
     up = _pose(tree, base).R.T @ tree.gravity
-    return Arm(base, tip, tuple(bodies), tool, up, tree.standard, tuple(visuals))
+    return SerialChain(base, tip, tuple(bodies), tool, up, tree.standard, tuple(visuals))
 
 
 def _root(tree: Tree) -> str | None:
@@ -236,7 +236,7 @@ def _refuse_joints(tree: Tree, moving: list[Joint]) -> None:
 
 def _carried(
     tree: Tree, link: str, at: Placement, on_path: set[str], held: list[Joint]
-) -> list[tuple[Link, Placement]]:
+) -> list[tuple[RigidLink, Placement]]:
     """Return the links that move with a link, and their placements in its frame."""
     found = [(tree.links[link], at)]
     for joint in tree.below(link):
@@ -249,7 +249,7 @@ def _carried(
 
 
 def _body(
-    tree: Tree, joint: Joint, R: Floats, placement: Placement, carried: list[tuple[Link, Placement]]
+    tree: Tree, joint: Joint, R: Floats, placement: Placement, carried: list[tuple[RigidLink, Placement]]
 ) -> Body:
     """Join links to one body, in the frame whose axes in the child's frame are the columns of R."""
     heavy = [(link, at) for link, at in carried if link.mass > 0.0 or link.inertia.any()]
@@ -257,7 +257,7 @@ def _body(
     whole = joined(
         [
             Mass(link.mass, at.p + at.R @ link.centroid, at.R @ link.inertia @ at.R.T)
-            for link, at in heavy or [(Link(""), _HERE)]
+            for link, at in heavy or [(RigidLink(""), _HERE)]
         ]
     )
     shapes = _looks(0, R, [(replace(link, visuals=link.solid), at) for link, at in carried])
@@ -276,7 +276,7 @@ def _body(
     return Body(joint, names, placement, whole.mass, R.T @ whole.centroid, inertia, tuple(shapes))
 
 
-def _looks(joint: int, R: Floats, carried: list[tuple[Link, Placement]]) -> list[Visual]:
+def _looks(joint: int, R: Floats, carried: list[tuple[RigidLink, Placement]]) -> list[Visual]:
     """Place the visuals of links in the frame of the body."""
     found: list[Visual] = []
     for link, at in carried:

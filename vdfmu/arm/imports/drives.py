@@ -28,7 +28,7 @@ _MOTOR_SIDE = ("N.m", "rotor inertia")
 """Quantities of the table that are given link-side in a robot's file, ell times as large."""
 
 
-class Driven(NamedTuple):
+class DriveNumbers(NamedTuple):
     """The numbers of a joint's drive, friction and limits; its largest torque [N.m, N], and where that is from."""
 
     numbers: Numbers
@@ -38,7 +38,7 @@ class Driven(NamedTuple):
 
 def drive_joints(
     bodies: Sequence[Body], file: str, chosen: Sequence[Numbers], gravity: float
-) -> list[Driven]:
+) -> list[DriveNumbers]:
     """Return the numbers of every joint; those of limits for all joints, if any joint has one that is given.
 
     Parameters
@@ -59,7 +59,7 @@ def drive_joints(
         if any(limits & {*one, *other} for one, other in zip(chosen, given, strict=True))
         else PARTS[:-1]
     )
-    found: list[Driven] = []
+    found: list[DriveNumbers] = []
     for i, body in enumerate(bodies):
         kind = MOVING[body.joint.kind]
         rating, rated_by = _rating(bodies[i:], file, gravity)
@@ -78,7 +78,7 @@ def drive_joints(
                 numbers[row.path] = (value / ratio if row.quantity in _MOTOR_SIDE else value), source_given
             elif row.key in like[row.section]:
                 numbers[row.path] = float(f"{like[row.section][row.key] * scale:.6g}"), source
-        found.append(Driven(numbers, rating, rated_by))
+        found.append(DriveNumbers(numbers, rating, rated_by))
     return found
 
 

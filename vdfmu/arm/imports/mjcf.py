@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.imports.tree import Joint, Link, Placement, Tree, aligned
+from vdfmu.arm.imports.tree import Joint, Placement, RigidLink, Tree, aligned
 from vdfmu.arm.robot.parameters import read_only
 from vdfmu.arm.robot.visual import Visual
 from vdfmu.base.arrays import Floats
@@ -44,10 +44,10 @@ def read_mjcf(path: Path, problems: Problems) -> Tree:
     except Exception as error:  # of a type that differs with the version
         text = " ".join(str(error).split())
         raise ModelError(f"{path}: expected a model that MuJoCo compiles, got: {text}. Correct it.") from None
-    return _Reader(model, path, problems).tree()
+    return _MjcfReader(model, path, problems).tree()
 
 
-class _Reader:
+class _MjcfReader:
     """A compiled model."""
 
     def __init__(self, model: Any, path: Path, problems: Problems) -> None:
@@ -66,7 +66,7 @@ class _Reader:
     def tree(self) -> Tree:
         """Return what the model describes."""
         m = self.model
-        links: dict[str, Link] = {}
+        links: dict[str, RigidLink] = {}
         joints: list[Joint] = []
         for i, name in enumerate(self.bodies):
             links[name] = self.link(i, name)
@@ -83,7 +83,7 @@ class _Reader:
             self.loops(),
         )  # fmt: skip
 
-    def link(self, i: int, name: str) -> Link:
+    def link(self, i: int, name: str) -> RigidLink:
         """Return a body as a link."""
         m = self.model
         R = _rotation(m.body_iquat[i])
@@ -91,9 +91,11 @@ class _Reader:
         first, count = int(m.body_geomadr[i]), int(m.body_geomnum[i])
         shapes = [self.visual(g) for g in range(first, first + count) if m.geom_group[g] < _VISIBLE]
         visuals = tuple(shape for shape in shapes if shape is not None)
-        return Link(name, float(m.body_mass[i]), np.array(m.body_ipos[i]), (inertia + inertia.T) / 2, visuals)
+        return RigidLink(
+            name, float(m.body_mass[i]), np.array(m.body_ipos[i]), (inertia + inertia.T) / 2, visuals
+        )
 
-    def carriers(self, i: int, links: dict[str, Link]) -> list[Joint]:
+    def carriers(self, i: int, links: dict[str, RigidLink]) -> list[Joint]:
         """Return the joints that carry a body: of several, and of one that is not at its origin, with links between."""
         m, name = self.model, self.bodies[i]
         parent = self.bodies[int(m.body_parentid[i])]
@@ -107,7 +109,7 @@ class _Reader:
             zero = self.zero(j, kind, axis)
             last = j == first + count - 1
             child = name if last and not anchor.any() else f"{name} at {self.names[j]}"
-            links.setdefault(child, Link(child))
+            links.setdefault(child, RigidLink(child))
             found.append(
                 Joint(
                     self.names[j], self.kind(j, kind), parent, child,

@@ -41,7 +41,7 @@ class Placement(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Link:
+class RigidLink:
     """A rigid link: centroid (3,) [m] and inertia (3, 3) [kg.m2] about it, both in the link's frame.
 
     `collisions` are shapes of one that has no inertia.
@@ -130,7 +130,7 @@ class Tree:
 
     name: str
     problems: Problems
-    links: Mapping[str, Link]
+    links: Mapping[str, RigidLink]
     joints: tuple[Joint, ...]
     gravity: Floats
     standard: bool

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.imports.tree import MOVING, Joint, Link, Placement, Tree
+from vdfmu.arm.imports.tree import MOVING, Joint, Placement, RigidLink, Tree
 from vdfmu.arm.robot.parameters import read_only
 from vdfmu.arm.robot.visual import Visual
 from vdfmu.base.arrays import Floats
@@ -35,9 +35,9 @@ def read_urdf(root: Any, path: Path, problems: Problems) -> Tree:
         Of the file, from which meshes are looked for.
     problems : Problems
     """
-    reader = _Reader(path, problems)
+    reader = _UrdfReader(path, problems)
     materials = {m.get("name"): m for m in root.findall("material")}
-    links: dict[str, Link] = {}
+    links: dict[str, RigidLink] = {}
     for element in root.findall("link"):
         name = reader.name(element, links)
         links[name] = reader.link(name, element, materials)
@@ -56,7 +56,7 @@ def read_urdf(root: Any, path: Path, problems: Problems) -> Tree:
     )  # fmt: skip
 
 
-class _Reader:
+class _UrdfReader:
     """Elements of a URDF, whose places in messages are their lines."""
 
     def __init__(self, path: Path, problems: Problems) -> None:
@@ -110,13 +110,13 @@ class _Reader:
         )
         return Placement(R, np.zeros(3) if xyz is None else xyz)
 
-    def link(self, name: str, element: Any, materials: Mapping[str, Any]) -> Link:
+    def link(self, name: str, element: Any, materials: Mapping[str, Any]) -> RigidLink:
         """Return a link."""
         what = f"link {name}"
         visuals = tuple(v for e in element.findall("visual") for v in self.visual(what, e, materials))
         inertial = element.find("inertial")
         if inertial is None:
-            return Link(name, visuals=visuals, collisions=self.collisions(what, element))
+            return RigidLink(name, visuals=visuals, collisions=self.collisions(what, element))
         frame = self.placement(inertial, what)
         mass, matrix = inertial.find("mass"), inertial.find("inertia")
         value = None if mass is None else self.numbers(mass, "value", 1, f"{what}: mass")
@@ -133,7 +133,7 @@ class _Reader:
             self.add(inertial, what, expected, got, "Give them about the centre of mass.")
         xx, yy, zz, xy, xz, yz = (0.0 if entry is None else entry[0] for entry in entries)
         inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        return Link(
+        return RigidLink(
             name,
             0.0 if value is None else max(float(value[0]), 0.0),
             frame.p,
@@ -206,7 +206,7 @@ class _Reader:
             return name
         return str(found.resolve())
 
-    def joint(self, name: str, element: Any, links: Mapping[str, Link]) -> Joint:
+    def joint(self, name: str, element: Any, links: Mapping[str, RigidLink]) -> Joint:
         """Return a joint."""
         what = f"joint {name}"
         kind = element.get("type", "")

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.imports.chain import Arm
-from vdfmu.arm.imports.drives import PARTS, Driven
+from vdfmu.arm.imports.chain import SerialChain
+from vdfmu.arm.imports.drives import PARTS, DriveNumbers
 from vdfmu.arm.imports.tree import MOVING, Body, few
 from vdfmu.arm.robot.parameters import PARAMETERS, Section, section
 from vdfmu.arm.robot.visual import Visual
@@ -26,7 +26,7 @@ _HEAD = """\
 """
 
 
-def robot_text(name: str, file: str, arm: Arm, driven: Sequence[Driven], folder: Path) -> str:
+def robot_text(name: str, file: str, arm: SerialChain, driven: Sequence[DriveNumbers], folder: Path) -> str:
     """Return the content of the robot file.
 
     Parameters
@@ -35,8 +35,8 @@ def robot_text(name: str, file: str, arm: Arm, driven: Sequence[Driven], folder:
         Of the robot.
     file : str
         Name of the file that it is from.
-    arm : Arm
-    driven : sequence of Driven
+    arm : SerialChain
+    driven : sequence of DriveNumbers
         Of each joint.
     folder : Path
         Of the robot file, from which the paths of meshes start.
@@ -76,7 +76,7 @@ def _entries(part: Section, values: dict[str, Any]) -> list[str]:
     return [f"{row.key} = {toml_value(values[row.name])}" for row in section(part) if row.name in values]
 
 
-def _about(body: Body, drive: Driven) -> str:
+def _about(body: Body, drive: DriveNumbers) -> str:
     joint, unit = body.joint, "N" if MOVING[body.joint.kind] == "prismatic" else "N.m"
     largest = f"# largest torque {drive.rating:.6g} {unit}: {drive.rated_by}"
     joined = ", joined to one body" if len(body.links) > 1 else ""
@@ -84,7 +84,7 @@ def _about(body: Body, drive: Driven) -> str:
 
 
 def _sources(
-    file: str, arm: Arm, given: Collection[str], joints: list[dict[str, str]]
+    file: str, arm: SerialChain, given: Collection[str], joints: list[dict[str, str]]
 ) -> Iterator[tuple[str, str]]:
     """Yield keys and texts of [sources]: one key for all joints where the text is the same."""
     texts = {"gravity": "Standard gravity, along z of the root" if arm.standard else f"{file}: gravity"}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vdfmu.arm.equations.feedforward import Gains, feedforward_inverse, feedforward_vdc
+from vdfmu.arm.equations.feedforward import FeedbackGains, feedforward_inverse, feedforward_vdc
 from vdfmu.arm.equations.trajectory import Desired
 from vdfmu.arm.units._signals import DESIRED, base_motion, base_of, gain, small_motion, wave_wrench, wrench
 from vdfmu.compiler.unit import JOINTS, Choice, Input, Output, RobotParameters, Terminal, Unit
@@ -77,7 +77,7 @@ class Feedforward(Unit):
         if self.mode == "inverse":
             found = feedforward_inverse(self.robot, desired, self.F_e_d, base)
         else:
-            gains = Gains(self.Lambda, self.K_V, self.k_vq, self.k_vkappa)
+            gains = FeedbackGains(self.Lambda, self.K_V, self.k_vq, self.k_vkappa)
             found = feedforward_vdc(
                 self.robot, gains, desired, self.q, self.q_dot, self.kappa_dot, self.F_e_d, base
             )

@@ -74,7 +74,7 @@ def _zig() -> str:
 
 
 @dataclass(frozen=True)
-class Job:
+class Compilation:
     """One library to make.
 
     Attributes
@@ -139,10 +139,10 @@ def compile_library(
     sources: Mapping[str, bytes], platform: str, *, name: str, flags: Sequence[str] = ()
 ) -> bytes:
     """Return a shared library; see :func:`compile_libraries`."""
-    return compile_libraries([Job(name, sources, platform, tuple(flags))])[0]
+    return compile_libraries([Compilation(name, sources, platform, tuple(flags))])[0]
 
 
-def compile_libraries(jobs: Iterable[Job]) -> list[bytes]:
+def compile_libraries(jobs: Iterable[Compilation]) -> list[bytes]:
     """Return the shared library of each job: from the cache, or compiled with all processors.
 
     Jobs that are made one after the other are compiled while the next one is made.
@@ -154,7 +154,7 @@ def compile_libraries(jobs: Iterable[Job]) -> list[bytes]:
     """
     found: dict[int, bytes] = {}
 
-    def not_found() -> Iterator[tuple[int, Job]]:
+    def not_found() -> Iterator[tuple[int, Compilation]]:
         for i, job in enumerate(jobs):
             library = load(cache_folder() / "native" / job.key)
             if library is None:
@@ -216,9 +216,9 @@ class _Workshop:
         except OSError:
             return str(self._folder / "zig_support")
 
-    def make(self, jobs: Iterable[tuple[int, Job]]) -> dict[int, tuple[str, bytes]]:
+    def make(self, jobs: Iterable[tuple[int, Compilation]]) -> dict[int, tuple[str, bytes]]:
         """Return the key and the library of each job, by its number."""
-        places: dict[int, tuple[Job, Path]] = {}
+        places: dict[int, tuple[Compilation, Path]] = {}
         objects: dict[str, Path] = {}
         with self._pool() as pool:
             tasks: list[Future[None]] = []
@@ -246,7 +246,7 @@ class _Workshop:
                 raise
 
     def _compile(
-        self, pool: ThreadPoolExecutor, job: Job, place: Path, objects: dict[str, Path]
+        self, pool: ThreadPoolExecutor, job: Compilation, place: Path, objects: dict[str, Path]
     ) -> list[Future[None]]:
         """Start to compile the objects that no job before has, the longest first; `objects`: key to file of all."""
         missing: list[tuple[str, str]] = []
@@ -262,12 +262,12 @@ class _Workshop:
         missing.sort(key=lambda item: -len(job.sources[item[0]]))
         return [pool.submit(self._object, job, place, *item) for item in missing]
 
-    def _object(self, job: Job, place: Path, name: str, key: str) -> None:
+    def _object(self, job: Compilation, place: Path, name: str, key: str) -> None:
         file = f"{PurePosixPath(name).stem}.o"
         self._run(job, place, name, ["-c", *_FLAGS, *job.target.flags, *job.flags, "-o", file, name])
         store(cache_folder() / "native" / key, (place / file).read_bytes())
 
-    def _link(self, job: Job, place: Path, objects: Mapping[str, Path]) -> bytes:
+    def _link(self, job: Compilation, place: Path, objects: Mapping[str, Path]) -> bytes:
         files = [os.path.relpath(objects[key], place) for key in job.objects.values()]
         library = f"{job.name}{job.target.suffix}"
         extra = ["-lm"] if job.platform.endswith("linux") else []
@@ -279,7 +279,7 @@ class _Workshop:
         self._run(job, place, library, [*job.target.link, "-s", *job.flags, "-o", library, *files, *extra])
         return _without_time((place / library).read_bytes())
 
-    def _run(self, job: Job, place: Path, what: str, arguments: Sequence[str]) -> None:
+    def _run(self, job: Compilation, place: Path, what: str, arguments: Sequence[str]) -> None:
         command = [_zig(), "cc", "-target", job.target.target, *arguments]
         # in a session of its own a process does not get Ctrl-C, and its children end with it
         environment, began = self._environment, time.perf_counter()

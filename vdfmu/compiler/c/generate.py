@@ -35,7 +35,7 @@ _SOLVER = ("h", "tolerance")
 
 def generated_sources(interface: Interface, guid: str) -> dict[str, str]:
     """Return file name to text of the generated part of a unit."""
-    unit = _Unit(interface, guid)
+    unit = _UnitGenerator(interface, guid)
     files = {"config.h": unit.config(), "kernel.h": unit.kernel_header(), "unit.c": unit.source()}
     for function in unit.functions.values():
         own = kernel_files(function, unit.functions)
@@ -43,7 +43,7 @@ def generated_sources(interface: Interface, guid: str) -> dict[str, str]:
     return files
 
 
-class _Unit:
+class _UnitGenerator:
     """Generator of one unit."""
 
     def __init__(self, interface: Interface, guid: str) -> None:

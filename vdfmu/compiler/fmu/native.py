@@ -13,7 +13,7 @@ from typing import Literal
 from vdfmu.base.data import PACKAGE, data_path
 from vdfmu.base.errors import FmuError, StorageError
 from vdfmu.base.files import pack_zip, read_member
-from vdfmu.compiler.c.compile import Job, compile_libraries
+from vdfmu.compiler.c.compile import Compilation, compile_libraries
 from vdfmu.compiler.c.generate import generated_sources
 from vdfmu.compiler.c.platforms import binaries, chosen_platforms
 from vdfmu.compiler.fmu.about import terms
@@ -47,11 +47,11 @@ def build_native_fmus(contents: Mapping[Path, Content], platforms: Sequence[str]
     stale = {path: content for path, content in contents.items() if not _up_to_date(path, content, names)}
     sources: dict[Path, dict[str, bytes]] = {}
 
-    def jobs() -> Iterator[Job]:
+    def jobs() -> Iterator[Compilation]:
         for path, content in stale.items():
             sources[path] = unit_sources(content)
             files = sources[path] | fmi_headers(content.fmi_version)
-            yield from (Job(content.model_name, files, name) for name in names)
+            yield from (Compilation(content.model_name, files, name) for name in names)
 
     made = iter(compile_libraries(jobs()))
     for path, content in stale.items():

@@ -20,7 +20,7 @@ from vdfmu.compiler.fmu.description import document
 from vdfmu.compiler.functions.cache import cache_folder, load, store
 from vdfmu.compiler.unit.evaluate import Evaluation, Plain, evaluation
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.scipy_solver import TOLERANCE, Motion, margin
+from vdfmu.compiler.unit.scipy_solver import TOLERANCE, ScipySolver, margin
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 INTERVALS = 20
@@ -93,7 +93,7 @@ def _rows(unit: Plain, held: Sequence[Mapping[str, list[float]]]) -> Iterator[di
     """Yield the outputs at the end of each interval; before them, those of the initialization."""
     interface = unit.interface
     hold = interface.unit.experiment_stop / INTERVALS
-    motion = Motion(evaluation(interface, unit.memory))
+    motion = ScipySolver(evaluation(interface, unit.memory))
     unit.memory[-1] = 0.0
     for group, values in held[0].items():
         unit.group(group)[:] = values

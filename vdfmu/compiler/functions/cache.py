@@ -153,7 +153,7 @@ def store(path: Path, content: bytes) -> None:
             Path(temporary).unlink(missing_ok=True)
 
 
-class Entry(NamedTuple):
+class CachedFile(NamedTuple):
     """A file of the cache: when it was last used [s], and its size [bytes]."""
 
     used: float
@@ -170,20 +170,20 @@ class Entry(NamedTuple):
         return False
 
 
-def entries(cache: Path) -> list[Entry]:
+def entries(cache: Path) -> list[CachedFile]:
     """Return the entries of a cache; what is not, in a folder that is used for more, is none."""
-    found: list[Entry] = []
+    found: list[CachedFile] = []
     for path in cache.glob("*/*"):
         with suppress(OSError):  # removed by another process
             if path.parent.name != COMPILER and path.is_file():
                 with path.open("rb") as file:
                     head, status = file.read(_LINE), os.fstat(file.fileno())
                 if _HEAD.fullmatch(head):
-                    found.append(Entry(status.st_mtime, status.st_size, path))
+                    found.append(CachedFile(status.st_mtime, status.st_size, path))
     return found
 
 
-def clear(cache: Path) -> list[Entry]:
+def clear(cache: Path) -> list[CachedFile]:
     """Remove the entries of a cache, and return them."""
     return [entry for entry in entries(cache) if entry.remove()]
 

@@ -59,7 +59,7 @@ class Solver:
         raise NotImplementedError
 
 
-class Motion(Solver):
+class ScipySolver(Solver):
     """Moves the states by scipy; from where they run away on they are not numbers.
 
     Parameters

@@ -17,7 +17,7 @@ from vdfmu.compiler.unit.evaluate import Evaluation, evaluation
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.linear import state_space
 from vdfmu.compiler.unit.requirements import unmet
-from vdfmu.compiler.unit.scipy_solver import Motion
+from vdfmu.compiler.unit.scipy_solver import ScipySolver
 
 Signal = Callable[[float], npt.ArrayLike] | npt.ArrayLike
 
@@ -33,7 +33,7 @@ class Solution(NamedTuple):
         return self.signals[name] if isinstance(name, str) else tuple(self)[name]
 
 
-class _Driven(Motion):
+class _Driven(ScipySolver):
     """Motion with inputs that change in time."""
 
     def __init__(self, unit: Evaluation, drive: Callable[[float], None], tolerance: float) -> None:

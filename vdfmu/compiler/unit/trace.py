@@ -71,7 +71,7 @@ class _ForkError(Exception):
         self.choice = choice
 
 
-class _Watch:
+class _TraceWatch:
     """What the watches on floats and on symbols have in common."""
 
     def __init__(self, unit: BaseUnit, phase: str, fixed: Fixed) -> None:
@@ -144,7 +144,7 @@ class _Watch:
 class _RobotPart:
     """Those fields of a robot that a unit declares."""
 
-    def __init__(self, watch: _Watch, fields: tuple[str, ...]) -> None:
+    def __init__(self, watch: _TraceWatch, fields: tuple[str, ...]) -> None:
         self._watch, self._fields = watch, fields
         self.n = watch.unit.n
 
@@ -158,7 +158,7 @@ class _RobotPart:
         return self._watch.field(name)
 
 
-class _FloatWatch(_Watch):
+class _FloatWatch(_TraceWatch):
     """Runs a method on the values of an instance, to see what it reads and sets."""
 
     def write(self, declared: Declared, value: Any) -> None:
@@ -181,7 +181,7 @@ class _FloatWatch(_Watch):
         return self.unit.of_robot
 
 
-class SymbolicWatch(_Watch):
+class SymbolicWatch(_TraceWatch):
     """Runs a method on symbols, or those of another watch.
 
     Attributes

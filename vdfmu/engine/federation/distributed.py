@@ -13,7 +13,7 @@ from typing import Any
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.text import close_to
 from vdfmu.engine.federation.federated import Federated
-from vdfmu.engine.federation.plan import Plan, levels, sent_values, share
+from vdfmu.engine.federation.plan import FederationPlan, levels, sent_values, share
 from vdfmu.engine.package.system import System
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.link import SOURCE
@@ -57,7 +57,7 @@ class Federation:
             Federated, plan
         )
 
-    def _plan(self, checked: Checked) -> Plan:
+    def _plan(self, checked: Checked) -> FederationPlan:
         owner: dict[str, str] = {}
         problems: list[str] = []
         groups = [tuple(name.strip() for name in text.split(",")) for text in self.split]
@@ -104,7 +104,7 @@ class Federation:
         passed = sorted([*crossing, *checked.schedule.initial.torn], key=lambda link: not link.stepped)
         sent = {name: sent_values([k for k in passed if k.start[0] in part]) for name, part in parts.items()}
         here = tuple(parts) if self.only is None else (self.only,)
-        return Plan(parts, here, sent, levels(checked, crossing), self.core, self.broker)
+        return FederationPlan(parts, here, sent, levels(checked, crossing), self.core, self.broker)
 
 
 def federate(

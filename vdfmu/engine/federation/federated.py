@@ -20,7 +20,7 @@ from numpy import array, intp
 
 from vdfmu.base.errors import CosimError, VdfmuError
 from vdfmu.base.process import end_group
-from vdfmu.engine.federation.plan import Plan, share
+from vdfmu.engine.federation.plan import FederationPlan, share
 from vdfmu.engine.fmu.access import TEXTS
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.masters.exchange import Exchange
@@ -84,7 +84,7 @@ class Federated:
 
     def __init__(
         self,
-        plan: Plan,
+        plan: FederationPlan,
         checked: Checked,
         folders: Mapping[str, Path],
         box: MessageBox,

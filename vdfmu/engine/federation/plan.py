@@ -7,7 +7,7 @@ from dataclasses import replace
 from hashlib import sha256
 from typing import NamedTuple
 
-from vdfmu.engine.fmu.description import Description, Variable
+from vdfmu.engine.fmu.description import Description, FmuVariable
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.feed import Feed
 from vdfmu.engine.plan.link import SOURCE, Link, Port
@@ -21,7 +21,7 @@ class Sent(NamedTuple):
     rest: tuple[Port, ...]
 
 
-class Plan(NamedTuple):
+class FederationPlan(NamedTuple):
     """The federates of a system."""
 
     parts: Mapping[str, tuple[str, ...]]
@@ -52,7 +52,7 @@ def sent_values(links: Sequence[Link]) -> Sent:
 
 
 def levels(checked: Checked, crossing: Sequence[Link]) -> dict[Port, int]:
-    """Return `Plan.levels`; loops are open where the initialization guesses what a connection carries."""
+    """Return `FederationPlan.levels`; loops are open where the initialization guesses what a connection carries."""
     ports, edges = variable_graph(checked.sources, checked.links, initial=True)
     edges -= {(link.start, link.end) for link in checked.schedule.initial.torn}
     between = {(link.start, link.end) for link in crossing}
@@ -71,7 +71,7 @@ def share(checked: Checked, components: Collection[str]) -> Checked:
     But in its initialization, which is that of all.
     """
     links: dict[Port, Link] = {}
-    outside: dict[str, Variable] = dict(checked.feed.description.variables) if checked.feed else {}
+    outside: dict[str, FmuVariable] = dict(checked.feed.description.variables) if checked.feed else {}
     for link in checked.links:
         if link.end[0] in components:
             if link.start[0] not in components and link.start[0] != SOURCE:

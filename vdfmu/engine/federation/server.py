@@ -12,7 +12,7 @@ import numpy as np
 
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.federation.helics_link import HelicsLink, end_broker, start_broker
-from vdfmu.engine.federation.plan import Plan
+from vdfmu.engine.federation.plan import FederationPlan
 from vdfmu.engine.fmu.access import held, shown
 from vdfmu.engine.fmu.description import Value
 from vdfmu.engine.masters.bank import Bank
@@ -22,7 +22,7 @@ from vdfmu.engine.plan.link import SOURCE, Link, Port
 from vdfmu.engine.run.isolated_server import Server, serve
 
 
-class _Exchange(Exchange):
+class _FederateExchange(Exchange):
     """What flows between the components of a federate; in initialization mode, between those of all."""
 
     levels: Mapping[Port, int]
@@ -52,14 +52,14 @@ class _Exchange(Exchange):
             super()._carry(link, value)
 
 
-class _Components(Components):
-    exchanges = _Exchange
+class _FederateComponents(Components):
+    exchanges = _FederateExchange
 
 
 class FederateServer(Server):
     """What runs in the process of a federate: steps of its components, and exchanges with the others."""
 
-    components = _Components
+    components = _FederateComponents
     _broker: Any = None
     _link: HelicsLink | None = None
 
@@ -68,7 +68,7 @@ class FederateServer(Server):
         self._broker, address = start_broker(core, federates)
         return address
 
-    def join(self, name: str, plan: Plan, address: str, start: bytes) -> None:
+    def join(self, name: str, plan: FederationPlan, address: str, start: bytes) -> None:
         """Join the others, and load what `start` holds."""
         self._plan, self._sent = plan, plan.sent[name]
         self._heard: dict[Port, Any] = {}
@@ -77,7 +77,7 @@ class FederateServer(Server):
         with self._announced():
             self.load(start)
         exchange = self._components.exchange
-        assert isinstance(exchange, _Exchange)
+        assert isinstance(exchange, _FederateExchange)
         exchange.running.value = 0  # no component, while others load theirs
         exchange.levels, exchange.swap, exchange.heard = plan.levels, self._settle, self._heard
         position = exchange.banks[0].position

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.engine.fmu.variables import Value, Variable
+from vdfmu.engine.fmu.variables import FmuVariable, Value
 
 Call = tuple[Any, Any, Any, Any, Any, str]
 """An FMI function, its last four arguments, and its name for messages."""
@@ -45,7 +45,7 @@ class Transfer:
     Parameters
     ----------
     verb : "Get" or "Set"
-    variables : sequence of Variable
+    variables : sequence of FmuVariable
     places : sequence of int
         Their positions in `values`.
     values : array
@@ -61,7 +61,7 @@ class Transfer:
     def __init__(
         self,
         verb: str,
-        variables: Sequence[Variable],
+        variables: Sequence[FmuVariable],
         places: Sequence[int],
         values: NDArray[Any],
         dtype: Any,

@@ -20,9 +20,9 @@ from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import DTYPES, Call, Transfer, held, shown
 from vdfmu.engine.fmu.description import Description, library_name
 from vdfmu.engine.fmu.messages import STATUS, MessageBox, boxes
-from vdfmu.engine.fmu.variables import Value, Variable
+from vdfmu.engine.fmu.variables import FmuVariable, Value
 
-Starts = Sequence[tuple[Variable, Value]]
+Starts = Sequence[tuple[FmuVariable, Value]]
 """Variables, and the values that they are set to."""
 Watch = Callable[[str, str, Any], Any]
 """Returns a function that notes component and call before it calls the given function."""
@@ -36,13 +36,15 @@ _MAKING = threading.Lock()
 
 
 class Steps(Protocol):
-    """Steps a component of model exchange; see :class:`vdfmu.engine.fmu.integrator.Integrator`."""
+    """Steps a component of model exchange; see :class:`vdfmu.engine.fmu.integrator.ModelExchangeIntegrator`."""
 
     def step_call(self, clock: c_double, size: c_double) -> Call:
         """Return the call of a step from `clock` by `size` [s]."""
         ...
 
-    def differences(self, time: float, inputs: Sequence[Variable], outputs: Sequence[Variable]) -> Floats:
+    def differences(
+        self, time: float, inputs: Sequence[FmuVariable], outputs: Sequence[FmuVariable]
+    ) -> Floats:
         """Return the derivatives of rates and outputs by states and inputs."""
         ...
 
@@ -155,7 +157,7 @@ class Slave:
         return (self.integrator.step_call if self.integrator else self.simulation_call)(clock, size)
 
     def rate_call(
-        self, variables: Sequence[Variable], starts: Floats, slopes: Floats, clock: c_double
+        self, variables: Sequence[FmuVariable], starts: Floats, slopes: Floats, clock: c_double
     ) -> Call:
         """Return the call that lets real inputs run over a step, from their `starts` with their `slopes`."""
         values = np.zeros(len(variables))
@@ -173,7 +175,7 @@ class Slave:
 
         return run, None, None, None, None, "setRealInputDerivatives"
 
-    def slopes(self, variables: Sequence[Variable], values: Floats) -> Call:
+    def slopes(self, variables: Sequence[FmuVariable], values: Floats) -> Call:
         """Return the call that gets the derivatives of real outputs by time into `values`, in place."""
         places = range(len(variables))
         return self.slope_call(
@@ -247,13 +249,13 @@ class Slave:
         self.call("GetDirectionalDerivative", *arguments)
         return found
 
-    def get(self, variable: Variable) -> Value:
+    def get(self, variable: FmuVariable) -> Value:
         """Get one variable."""
         values = np.zeros(1, DTYPES[variable.kind])
         self.run(self.access("Get", [variable], values))
         return shown(variable.kind, values[0])
 
-    def set(self, variable: Variable, value: Value) -> None:
+    def set(self, variable: FmuVariable, value: Value) -> None:
         """Set one variable."""
         self.set_all([(variable, value)])
 
@@ -270,9 +272,9 @@ class Slave:
     def access(
         self,
         verb: str,
-        variables: Sequence[Variable],
+        variables: Sequence[FmuVariable],
         values: NDArray[Any],
-        chosen: Callable[[Variable], bool] = lambda v: True,
+        chosen: Callable[[FmuVariable], bool] = lambda v: True,
     ) -> list[Call]:
         """Return the calls that get or set the chosen variables of one kind, whose values are `values`, in place."""
         calls: list[Call] = []
@@ -283,7 +285,7 @@ class Slave:
             calls.append(self.value_call(moved))
         return calls
 
-    def between_events(self, variable: Variable) -> bool:
+    def between_events(self, variable: FmuVariable) -> bool:
         """Whether a variable is got or set between the events, too."""
         return True
 

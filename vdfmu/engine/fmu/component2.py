@@ -16,7 +16,7 @@ from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import Call, Transfer
 from vdfmu.engine.fmu.component import Slave, Starts
 from vdfmu.engine.fmu.messages import on_message
-from vdfmu.engine.fmu.variables import Variable
+from vdfmu.engine.fmu.variables import FmuVariable
 
 try:
     from fmpy.logging import addLoggerProxy
@@ -85,7 +85,7 @@ class Slave2(Slave):
         return self.function("DoStep"), self.argument, clock, size, 1, "doStep"
 
     def rate_call(
-        self, variables: Sequence[Variable], starts: Floats, slopes: Floats, clock: c_double
+        self, variables: Sequence[FmuVariable], starts: Floats, slopes: Floats, clock: c_double
     ) -> Call:
         """See `Slave.rate_call`."""
         if self.integrator:

@@ -15,7 +15,7 @@ from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import Call, Transfer
 from vdfmu.engine.fmu.component import Slave, Starts, Steps
 from vdfmu.engine.fmu.messages import on_message
-from vdfmu.engine.fmu.variables import Variable
+from vdfmu.engine.fmu.variables import FmuVariable
 
 _RECEIVER = CFUNCTYPE(None, c_void_p, c_int, c_char_p, c_char_p)(on_message)
 _UPDATE = CFUNCTYPE(None, c_void_p, c_double, c_bool, c_bool, c_bool, c_bool, c_void_p, c_void_p)
@@ -198,11 +198,11 @@ class Slave3(Slave):
 
     # ------------------------------------------------------------------ events
 
-    def discrete(self, variable: Variable) -> bool:
+    def discrete(self, variable: FmuVariable) -> bool:
         """Whether an input is set in event mode only."""
         return self.event_mode and (variable.variability == "discrete" or bool(variable.clocks))
 
-    def between_events(self, variable: Variable) -> bool:
+    def between_events(self, variable: FmuVariable) -> bool:
         """See `Slave.between_events`."""
         if not self.event_mode:
             return True

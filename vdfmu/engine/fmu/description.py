@@ -12,7 +12,7 @@ import numpy as np
 from fmpy.model_description import CoSimulation, ModelDescription, ValidationError, read_model_description
 
 from vdfmu.base.errors import SspError
-from vdfmu.engine.fmu.variables import Value, Variable, element_names, read_variables, type_of
+from vdfmu.engine.fmu.variables import FmuVariable, Value, element_names, read_variables, type_of
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.elements import read_units
 from vdfmu.engine.package.parse import parse_xml
@@ -32,7 +32,7 @@ class Description:
     identifier: str
     guid: str
     once_per_process: bool
-    variables: Mapping[str, Variable]
+    variables: Mapping[str, FmuVariable]
     """Arrays by their elements."""
     step_dependencies: Mapping[str, frozenset[str] | None]
     """For each output the names it depends on in the steps. None where the FMU does not say, which means: on all."""
@@ -69,7 +69,7 @@ class Description:
     are states that change by the inputs at the begin of a step. Directional derivatives give the next sample's."""
 
     @property
-    def sampled(self) -> list[Variable]:
+    def sampled(self) -> list[FmuVariable]:
         """The sampled states, of an FMU that names their period."""
         return [v for v in self.named("output") if self.period and v.variability == "discrete"]
 
@@ -78,7 +78,7 @@ class Description:
         """The variables as the FMU names them: scalars, and arrays as a whole."""
         return [*(v.name for v in self.variables.values() if v.length == 1), *self.shapes]
 
-    def elements(self, name: str, index: Sequence[int] = ()) -> list[Variable]:
+    def elements(self, name: str, index: Sequence[int] = ()) -> list[FmuVariable]:
         """Return a variable, or the elements of an array, or of a part of it; empty if there is none of the name."""
         if name not in self.shapes:
             return [self.variables[name]] if name in self.variables else []
@@ -87,7 +87,7 @@ class Description:
         start = tuple(i - 1 for i in index)
         return [self.variables[each] for at, each in names if at[: len(start)] == start]
 
-    def named(self, causality: str) -> list[Variable]:
+    def named(self, causality: str) -> list[FmuVariable]:
         """Return the variables of one causality, in the order of the FMU."""
         return [v for v in self.variables.values() if v.causality == causality]
 

@@ -17,7 +17,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import Call
 from vdfmu.engine.fmu.component import Slave
-from vdfmu.engine.fmu.variables import Variable
+from vdfmu.engine.fmu.variables import FmuVariable
 
 TOLERANCE = 1e-6
 """Relative, where none is asked for; absolute, times the nominal values of the states."""
@@ -29,7 +29,7 @@ _EVENTS = 1000
 """Events in a communication step at most."""
 
 
-class Integrator:
+class ModelExchangeIntegrator:
     """Integrates the states of a component over communication steps.
 
     By DOP853; where a communication step takes many steps of it, by Radau from then on. An event indicator that changes
@@ -139,7 +139,9 @@ class Integrator:
             else:
                 low = middle
 
-    def differences(self, time: float, inputs: Sequence[Variable], outputs: Sequence[Variable]) -> Floats:
+    def differences(
+        self, time: float, inputs: Sequence[FmuVariable], outputs: Sequence[FmuVariable]
+    ) -> Floats:
         """Return what `vdfmu.engine.masters.interface.derivatives` does, by central differences."""
         slave, n = self.slave, self._x.size
         slave.leave_event()

@@ -11,7 +11,7 @@ import numpy as np
 from fmpy.model_description import ModelDescription
 
 from vdfmu.engine.fmu.clock import Clock, read_clock
-from vdfmu.engine.package.system import Unit
+from vdfmu.engine.package.system import UnitFactor
 
 Value = float | int | bool | str | bytes
 _KIND = {"Enumeration": "Integer"}
@@ -33,7 +33,7 @@ def type_of(name: str) -> str:
 
 
 @dataclass(frozen=True)
-class Variable:
+class FmuVariable:
     """A scalar variable of an FMU, or an element of an array of FMI 3.0.
 
     `reference` is its value reference, `type` Real, Integer, Enumeration, Boolean, String or Binary, `items` those of
@@ -49,7 +49,7 @@ class Variable:
     causality: str
     variability: str
     initial: str | None
-    unit: Unit | None = None
+    unit: UnitFactor | None = None
     relative: bool = False
     items: Mapping[str, int] | None = None
     nominal: float | None = None
@@ -115,10 +115,10 @@ def element_names(name: str, shape: Sequence[int] | None) -> list[str]:
 
 
 def read_variables(
-    model: ModelDescription, relative: set[str], units: Mapping[str, Unit], clocks: Mapping[str, Any]
-) -> dict[str, Variable]:
+    model: ModelDescription, relative: set[str], units: Mapping[str, UnitFactor], clocks: Mapping[str, Any]
+) -> dict[str, FmuVariable]:
     """Return the variables of fmpy's description by their names, arrays by their elements."""
-    variables: dict[str, Variable] = {}
+    variables: dict[str, FmuVariable] = {}
     for v in model.modelVariables:
         declared = v.declaredType
         unit = v.unit or (declared.unit if declared is not None else None)
@@ -126,14 +126,14 @@ def read_variables(
         starts = start_values(v)
         nominals = _elements(v.nominal or (declared.nominal if declared is not None else None), len(names))
         for index, (name, start, nominal) in enumerate(zip(names, starts, nominals, strict=True)):
-            variables[name] = Variable(
+            variables[name] = FmuVariable(
                 name=name,
                 reference=v.valueReference,
                 type=type_of(v.type),
                 causality=v.causality,
                 variability=v.variability,
                 initial=v.initial,
-                unit=units.get(unit, Unit(unit)) if unit else None,
+                unit=units.get(unit, UnitFactor(unit)) if unit else None,
                 relative=v.name in relative or bool(declared is not None and declared.relativeQuantity),
                 items={str(i.name): int(str(i.value)) for i in declared.items}
                 if declared is not None

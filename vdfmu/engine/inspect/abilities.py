@@ -15,9 +15,9 @@ from vdfmu.engine.fmu.component import Slave
 from vdfmu.engine.fmu.component2 import Slave2
 from vdfmu.engine.fmu.component3 import Slave3
 from vdfmu.engine.fmu.description import Description, inspect_description
-from vdfmu.engine.fmu.integrator import Integrator
+from vdfmu.engine.fmu.integrator import ModelExchangeIntegrator
 from vdfmu.engine.fmu.messages import MessageBox
-from vdfmu.engine.fmu.variables import Variable
+from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.inspect.findings import Findings
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.rules import found
@@ -76,7 +76,7 @@ def _attempt(
         slave.instantiate()
         slave.prepare(None, start, start + 10 * step, [])
         slave.enter_initialization()
-        slave.exit_initialization(Integrator)
+        slave.exit_initialization(ModelExchangeIntegrator)
         return attempt(slave, start, step)
     except CosimError as error:
         return str(error).removeprefix("FMU: ")
@@ -84,7 +84,7 @@ def _attempt(
         slave.close()  # the plain run has shown whether that fails
 
 
-def _inputs(description: Description) -> list[Variable]:
+def _inputs(description: Description) -> list[FmuVariable]:
     """Return the inputs that are set between steps."""
     return [v for v in description.named("input") if not v.clocks and v.clock is None]
 
@@ -169,7 +169,7 @@ def _derivatives(slave: Slave, start: float, step: float) -> str:
     _step(slave, start, step)
     description = slave.description
 
-    def continuous(causality: str) -> list[Variable]:
+    def continuous(causality: str) -> list[FmuVariable]:
         return [
             v
             for v in description.named(causality)

@@ -34,7 +34,7 @@ _XML_FOLDERS = ("terminalsAndIcons/", "sources/", "extra/")
 
 
 @dataclass(frozen=True)
-class _Unit:
+class _FmuContents:
     """What is in an FMU: its members, the roots of its XML files by name, and the processors of its libraries."""
 
     names: list[str]
@@ -130,7 +130,7 @@ def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, st
     return findings, standard
 
 
-def _rules(unit: _Unit) -> tuple[Findings, Any]:
+def _rules(unit: _FmuContents) -> tuple[Findings, Any]:
     """Return what breaks the schema or a rule of the standard, and fmpy's description of what is left."""
     root = unit.roots[DESCRIPTION]
     ours = variable_faults(root)
@@ -177,7 +177,7 @@ def _experiment(description: Any) -> list[str]:
     return problems
 
 
-def _read(path: Path, label: str, findings: Findings, outer: Archive | None) -> _Unit:
+def _read(path: Path, label: str, findings: Findings, outer: Archive | None) -> _FmuContents:
     """Read what an FMU holds; XML that must not be parsed is reported and goes no further."""
     with Archive(path, label, outer) as archive:
         findings.notes += [
@@ -208,10 +208,10 @@ def _read(path: Path, label: str, findings: Findings, outer: Archive | None) -> 
                     fault = architecture_fault(name, data)
                     if fault is not None:
                         misbuilt[name] = fault
-        return _Unit(archive.names, roots, misbuilt)
+        return _FmuContents(archive.names, roots, misbuilt)
 
 
-def _binaries(unit: _Unit, description: Any, kinds: list[str], findings: Findings) -> None:
+def _binaries(unit: _FmuContents, description: Any, kinds: list[str], findings: Findings) -> None:
     """Check that there is a binary for this platform."""
     names = unit.names
     folders = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") >= 2})

@@ -42,7 +42,7 @@ class _NotComparedError(Exception):
 
 
 @dataclass(frozen=True)
-class Table:
+class ReferenceTable:
     """Columns over time; a cell holds one number, or the elements of an array with spaces between them."""
 
     time: Floats
@@ -111,7 +111,7 @@ def _tables(archive: zipfile.ZipFile) -> tuple[list[str], list[str]]:
 
 def _results_of(
     archive: zipfile.ZipFile, name: str, variables: Mapping[str, Any], findings: Findings
-) -> Table:
+) -> ReferenceTable:
     """Return the columns that can be compared; a note tells of the others.
 
     One table may serve several FMUs, so a column need not have a variable in each.
@@ -141,7 +141,7 @@ def _results_of(
     return table
 
 
-def _inputs_of(archive: zipfile.ZipFile, name: str, variables: Mapping[str, Any]) -> Table | None:
+def _inputs_of(archive: zipfile.ZipFile, name: str, variables: Mapping[str, Any]) -> ReferenceTable | None:
     """Return the inputs beside a table of results; raise for a column that cannot be fed."""
     for ending in ("_out.csv", "_ref.csv"):
         inputs = name.removesuffix(ending) + "_in.csv"
@@ -160,7 +160,7 @@ def _inputs_of(archive: zipfile.ZipFile, name: str, variables: Mapping[str, Any]
     return read_table(archive.read(inputs).decode("utf-8-sig"), check)
 
 
-def read_table(text: str, skip: Callable[[str], bool] = lambda column: False) -> Table:
+def read_table(text: str, skip: Callable[[str], bool] = lambda column: False) -> ReferenceTable:
     """Read a table without the columns for which `skip` holds; ValueError names the line that is wrong."""
     rows = [row for row in csv.reader(io.StringIO(text), skipinitialspace=True) if row]
     if len(rows) < 2 or len(rows[0]) < 2:
@@ -186,7 +186,7 @@ def read_table(text: str, skip: Callable[[str], bool] = lambda column: False) ->
         raise ValueError(f"line {int(np.argmin(np.isfinite(time))) + 2}: times must be finite")
     if not np.all(np.diff(time) >= 0.0):
         raise ValueError("times must not decrease")
-    return Table(time, columns)
+    return ReferenceTable(time, columns)
 
 
 def _number(text: str) -> float:
@@ -194,7 +194,7 @@ def _number(text: str) -> float:
     return truth[text.lower()] if text.lower() in truth else float(text)
 
 
-def _differences(expected: Table, results: Mapping[str, Floats]) -> list[str]:
+def _differences(expected: ReferenceTable, results: Mapping[str, Floats]) -> list[str]:
     """Return the variables that are off, each at its worst time, most different first element of an array."""
     problems: list[str] = []
     for name, wanted in expected.columns.items():
@@ -213,7 +213,7 @@ def _differences(expected: Table, results: Mapping[str, Floats]) -> list[str]:
 
 
 def _simulated(
-    path: Path, description: Any, expected: Table, signals: Table | None, said: Said
+    path: Path, description: Any, expected: ReferenceTable, signals: ReferenceTable | None, said: Said
 ) -> dict[str, Floats]:
     """Return the results of an FMU 2.0, or of one that FMPy's solver integrates, at the times of a table."""
     names, time = list(expected.columns), expected.time
@@ -249,8 +249,8 @@ def _results_3(
     path: Path,
     description: Any,
     variables: Mapping[str, Any],
-    expected: Table,
-    signals: Table | None,
+    expected: ReferenceTable,
+    signals: ReferenceTable | None,
     said: Said,
 ) -> dict[str, Floats]:
     """Return the results of an FMU 3.0 at the times of a table: arrays set and read at every communication point."""
@@ -269,7 +269,11 @@ def _results_3(
 
 
 def _drive(
-    slave: Any, variables: Mapping[str, Any], expected: Table, signals: Table | None, said: Said
+    slave: Any,
+    variables: Mapping[str, Any],
+    expected: ReferenceTable,
+    signals: ReferenceTable | None,
+    said: Said,
 ) -> dict[str, Floats]:
     start, stop = float(expected.time[0]), float(expected.time[-1])
     slave.instantiate(logMessage=said)
@@ -290,7 +294,7 @@ def _drive(
     return results
 
 
-def _feed(slave: Any, variables: Mapping[str, Any], signals: Table | None, time: float) -> None:
+def _feed(slave: Any, variables: Mapping[str, Any], signals: ReferenceTable | None, time: float) -> None:
     """Set the inputs to their values from a time on: between two rows continuous ones change linearly."""
     if signals is None:
         return

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vdfmu.base.arrays import Floats
 from vdfmu.engine.fmu.access import DTYPES, TEXTS, Call
 from vdfmu.engine.fmu.component import Slave
-from vdfmu.engine.fmu.variables import Variable
+from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.link import Link, Port
 
@@ -27,8 +27,8 @@ class Bank:
         self.kind = kind
         fresh = checked.schedule.fresh
         links = {link.end: link for link in checked.links if link.stepped}
-        outputs: list[tuple[str, Variable]] = []
-        inputs: list[tuple[str, Variable]] = []
+        outputs: list[tuple[str, FmuVariable]] = []
+        inputs: list[tuple[str, FmuVariable]] = []
         self.output_windows: dict[str, slice] = {}
         self.input_windows: dict[str, slice] = {}
         for unit, description in checked.sources.items():
@@ -88,7 +88,9 @@ class Bank:
             return mapped
         return plain if all(link.conversion.trivial for link in links) else scaled
 
-    def calls(self, slave: Slave, verb: str, chosen: Callable[[Variable], bool] | None = None) -> list[Call]:
+    def calls(
+        self, slave: Slave, verb: str, chosen: Callable[[FmuVariable], bool] | None = None
+    ) -> list[Call]:
         """Return the vectorised calls that ``Get`` or ``Set`` a unit's window; none when it is empty.
 
         Without `chosen`, which says which variables they are for, those that the unit has between its events.

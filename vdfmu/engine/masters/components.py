@@ -14,7 +14,7 @@ from vdfmu.engine.fmu.access import TEXTS
 from vdfmu.engine.fmu.component import Slave, Watch
 from vdfmu.engine.fmu.component2 import Slave2
 from vdfmu.engine.fmu.component3 import Slave3
-from vdfmu.engine.fmu.integrator import Integrator
+from vdfmu.engine.fmu.integrator import ModelExchangeIntegrator
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.continuous import ContinuousStepper
 from vdfmu.engine.masters.events import Events
@@ -99,7 +99,7 @@ class Components:
                 slave.enter_initialization()
             self.exchange.initialize(begin, convergence)
             for slave in self.slaves.values():
-                slave.exit_initialization(Integrator)
+                slave.exit_initialization(ModelExchangeIntegrator)
             self.exchange.read_outputs()
             if any(isinstance(slave, Slave3) and slave.event_mode for slave in self.slaves.values()):
                 self._events = Events(self.exchange, begin)

@@ -17,7 +17,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.component import Slave
 from vdfmu.engine.fmu.messages import MessageBox
-from vdfmu.engine.masters.coupled import Block, Coupled, Unit
+from vdfmu.engine.masters.coupled import Block, Coupled, CoupledUnit
 from vdfmu.engine.masters.exchange import Exchange, largest_step
 from vdfmu.engine.masters.interface import interface_inverse
 
@@ -350,7 +350,7 @@ class ContinuousStepper:
         self._free(slave)
         self._states[slave.name] = slave.saved_state()
 
-    def _restore(self, units: list[Unit]) -> None:
+    def _restore(self, units: list[CoupledUnit]) -> None:
         for unit in units:
             unit.slave.restore_state(self._states[unit.slave.name])
 

@@ -21,7 +21,7 @@ Indices = NDArray[np.intp]
 
 
 @dataclass
-class Unit:
+class CoupledUnit:
     """One unit: its calls and its real inputs, which are windows of one array each."""
 
     slave: Slave
@@ -47,7 +47,7 @@ class Block:
     `torn` are the continuous outputs that a unit of the block reads before they are computed: those that are guessed.
     """
 
-    units: list[Unit]
+    units: list[CoupledUnit]
     torn: Indices
     stepwise: list[tuple[NDArray[Any], NDArray[Any], Indices]]
     """Of each type: outputs, those at the start of the step, and which are discrete."""
@@ -118,7 +118,7 @@ class Coupled:
         for bank, before in zip(self.exchange.banks, self.begun, strict=True):
             np.copyto(bank.outputs, before)
 
-    def _unit(self, name: str) -> Unit:
+    def _unit(self, name: str) -> CoupledUnit:
         exchange, bank = self.exchange, self.bank
         slave, window, calls = exchange.slaves[name], bank.input_windows[name], exchange.calls(name)
         moving = slave.description.interpolates_inputs
@@ -143,7 +143,7 @@ class Coupled:
             first = np.array([1.0 if k.discrete else 0.0 for k in links])
             parts = [(first, calls[: len(calls) - len(gets)]), (np.ones(len(links)), calls)]
         held = [i for i, k in enumerate(links) if k.discrete and k.end not in schedule.fresh]
-        return Unit(
+        return CoupledUnit(
             slave, [gather for gather in gathers if gather is not None], parts,
             self.inputs[window], self.starts[window], self.ends[window], self.slopes[window],
             runs, np.array(held, np.intp),
@@ -174,7 +174,7 @@ class Coupled:
         variables = [v for _, v in self.bank.variables[first + window.start : first + window.stop]]
         return slave.rate_call(variables, self.inputs[window], self.slopes[window], self.exchange.clock)
 
-    def _cut(self, units: list[Unit]) -> list[Block]:
+    def _cut(self, units: list[CoupledUnit]) -> list[Block]:
         """Put the units of each loop into a block, with the outputs to be guessed."""
         by_name = {unit.slave.name: unit for unit in units}
         position = self.bank.position

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import Call
 from vdfmu.engine.fmu.component3 import Slave3
-from vdfmu.engine.fmu.variables import Variable
+from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.masters.exchange import Exchange, SampledStepper, largest_step
 
 _ROUNDS = 100
@@ -31,7 +31,7 @@ _CLOSE = 1e-9
 class _Ticking:
     """A time-based clock: ticks `count` intervals after `origin` next; never for an interval that is not known."""
 
-    def __init__(self, variable: Variable, start: float) -> None:
+    def __init__(self, variable: FmuVariable, start: float) -> None:
         assert variable.clock is not None
         self.variable, self.clock = variable, variable.clock
         self.interval = math.nan if self.clock.asked else self.clock.interval
@@ -58,7 +58,7 @@ class _Ticking:
         self.interval = interval
 
 
-class _Unit:
+class _EventUnit:
     """A component with event mode: its calls in it, by the clock of the variables (None: of none), and its clocks."""
 
     def __init__(self, exchange: Exchange, slave: Slave3, start: float) -> None:
@@ -72,7 +72,7 @@ class _Unit:
         self.gets: dict[int | None, list[Call]] = {}
         for reference in (None, *(v.reference for v in clocks)):
 
-            def own(v: Variable, reference: int | None = reference) -> bool:
+            def own(v: FmuVariable, reference: int | None = reference) -> bool:
                 return reference in v.clocks if reference is not None else not v.clocks
 
             for verb, calls in (("Set", self.sets), ("Get", self.gets)):
@@ -120,7 +120,7 @@ class Events:
         self._exchange, self._box = exchange, exchange.box
         slaves = [exchange.slaves[name] for name in exchange.checked.schedule.units]
         self._units = {
-            s.name: _Unit(exchange, s, start) for s in slaves if isinstance(s, Slave3) and s.event_mode
+            s.name: _EventUnit(exchange, s, start) for s in slaves if isinstance(s, Slave3) and s.event_mode
         }
         self._sinks: dict[tuple[str, int], list[tuple[str, int]]] = {}
         for (a, source), (b, sink) in exchange.checked.clock_links:
@@ -171,7 +171,7 @@ class Events:
             names, "updateDiscreteStates", time, f"events do not end: there were {_ROUNDS} at one time"
         )
 
-    def _event(self, unit: _Unit, time: float, active: set[int], ticks: dict[str, set[int]]) -> None:
+    def _event(self, unit: _EventUnit, time: float, active: set[int], ticks: dict[str, set[int]]) -> None:
         """Take a component through an event, with its active clocks; add what it ticks."""
         slave = unit.slave
         slave.enter_event()
@@ -197,7 +197,7 @@ class Events:
                 slave.run(own)
 
     @staticmethod
-    def _intervals(unit: _Unit, time: float) -> None:
+    def _intervals(unit: _EventUnit, time: float) -> None:
         """Ask for the intervals of clocks that the component sets."""
         asked = [tick for tick in unit.ticking if tick.clock.asked]
         if asked:

@@ -9,8 +9,8 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.engine.fmu.component import Slave
-from vdfmu.engine.fmu.variables import Variable
-from vdfmu.engine.masters.coupled import Block, Coupled, Unit
+from vdfmu.engine.fmu.variables import FmuVariable
+from vdfmu.engine.masters.coupled import Block, Coupled, CoupledUnit
 
 
 def interface_inverse(block: Block, coupled: Coupled, h: float) -> Floats | None:
@@ -37,7 +37,7 @@ def interface_inverse(block: Block, coupled: Coupled, h: float) -> Floats | None
     return inverse if np.isfinite(inverse).all() else None
 
 
-def _sensitivity(unit: Unit, coupled: Coupled, h: float) -> Callable[[Floats], None]:
+def _sensitivity(unit: CoupledUnit, coupled: Coupled, h: float) -> Callable[[Floats], None]:
     """Return the function that brings changes of outputs at the end of a step through a component."""
     slave, bank = unit.slave, coupled.bank
     outputs = coupled.read_of(slave.name)
@@ -68,7 +68,7 @@ def _sensitivity(unit: Unit, coupled: Coupled, h: float) -> Callable[[Floats], N
     return through
 
 
-def derivatives(slave: Slave, inputs: Sequence[Variable], outputs: Sequence[Variable]) -> Floats:
+def derivatives(slave: Slave, inputs: Sequence[FmuVariable], outputs: Sequence[FmuVariable]) -> Floats:
     """Return the derivatives of those of the declared states, and of outputs, by states and by inputs.
 
     From the directional derivatives of the component: [[A, B], [C, D]].
@@ -81,7 +81,7 @@ def derivatives(slave: Slave, inputs: Sequence[Variable], outputs: Sequence[Vari
     finals = [(rate, length) for _, rate, length in states]
     finals += dict.fromkeys((v.reference, v.length) for v in outputs)
 
-    def places(wanted: Sequence[Variable], among: list[tuple[int, int]]) -> list[int]:
+    def places(wanted: Sequence[FmuVariable], among: list[tuple[int, int]]) -> list[int]:
         elements = [(reference, i) for reference, length in among for i in range(length)]
         at = {element: i for i, element in reversed(list(enumerate(elements)))}
         return [*range(n), *(n + at[v.reference, v.index] for v in wanted)]

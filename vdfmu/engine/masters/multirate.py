@@ -108,7 +108,7 @@ def _feeding(checked: Checked) -> set[str]:
 
 
 @dataclass
-class _Unit:
+class _RateUnit:
     """One component: what brings its inputs up to date, its calls, and the step that it is in."""
 
     slave: Slave
@@ -136,13 +136,15 @@ class MultirateStepper(SampledStepper):
         self._exchange, self._span = exchange, span
         self._k, self._stop = 0, 0.0
         early = _feeding(exchange.checked)
-        self._units: list[_Unit] = []
+        self._units: list[_RateUnit] = []
         for name, (slave, fresh, calls) in zip(exchange.checked.schedule.units, self.stages, strict=True):
             at = next(i for i, call in enumerate(calls) if call[5] == "doStep")
             gathers = (bank.gather(bank.input_windows[name]) for bank in exchange.banks)
             opening = [gather for gather in gathers if gather is not None]
             multiple = exchange.checked.multiples.get(name, 1)
-            self._units.append(_Unit(slave, multiple, name in early, opening, fresh, calls[:at], calls[at:]))
+            self._units.append(
+                _RateUnit(slave, multiple, name in early, opening, fresh, calls[:at], calls[at:])
+            )
 
     def advance(self, time: float, step: float, stop: float) -> None:
         """Begin or end the steps that begin at `time` or end a communication step later."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import DTYPES, Call
 from vdfmu.engine.fmu.component import Slave
-from vdfmu.engine.fmu.variables import Variable
+from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.plan.checked import Checked
 
@@ -111,7 +111,7 @@ class Probe:
             self.readings.append(Reading(row, time, *parts))
 
 
-def numeric(variables: Mapping[str, Variable]) -> list[Variable]:
+def numeric(variables: Mapping[str, FmuVariable]) -> list[FmuVariable]:
     """Return the variables that are numbers, or true or false, kind by kind."""
     return [v for kind in _KINDS for v in variables.values() if v.kind == kind]
 

@@ -17,7 +17,7 @@ from vdfmu.engine.package.elements import (
     read_units,
 )
 from vdfmu.engine.package.parse import NAMESPACES, validate
-from vdfmu.engine.package.system import Hop, Parameter, Shape, Unit, Value
+from vdfmu.engine.package.system import BoundParameter, Hop, Shape, UnitFactor, Value
 from vdfmu.engine.package.wiring import Key, Wiring, show, show_shape
 from vdfmu.engine.rules import Finding, Place, found, place_of
 
@@ -27,13 +27,13 @@ MAPPING_TYPE = "application/x-ssp-parameter-mapping"
 
 
 @dataclass(frozen=True)
-class _Entry:
+class _BoundValue:
     """One value of a parameter set on its way to a variable."""
 
     name: str
     value: Value | tuple[Value, ...]
     type: str
-    unit: Unit | None
+    unit: UnitFactor | None
     hop: Hop
     origin: str
     place: Place
@@ -44,7 +44,7 @@ class _Entry:
 class _Bound:
     """A value that arrived: at a variable of a component, or at a connector of a system."""
 
-    entry: _Entry
+    entry: _BoundValue
     node: Node
     level: int
     """Depth of the binding in the tree; 0 for those of the whole system."""
@@ -69,10 +69,10 @@ class Bindings:
         self.notes: list[str] = []
         """Values without effect."""
         self._bound: dict[Key, _Bound] = {}
-        self._lost: dict[tuple[str, ...], list[Parameter]] = {}
-        self._values: dict[tuple[str, ...], dict[str, Parameter]] = {}
+        self._lost: dict[tuple[str, ...], list[BoundParameter]] = {}
+        self._values: dict[tuple[str, ...], dict[str, BoundParameter]] = {}
 
-    def of(self, path: tuple[str, ...]) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...]]:
+    def of(self, path: tuple[str, ...]) -> tuple[tuple[BoundParameter, ...], tuple[BoundParameter, ...]]:
         """Return the values for one component, and those that they overrule."""
         return tuple(self._values.get(path, {}).values()), tuple(self._lost.get(path, ()))
 
@@ -173,10 +173,10 @@ class Bindings:
     def _store(self, key: Key, bound: _Bound, hops: tuple[Hop, ...]) -> None:
         self._values.setdefault(key[0], {})[key[1]] = self._parameter(key, bound, hops)
 
-    def _parameter(self, key: Key, bound: _Bound, hops: tuple[Hop, ...]) -> Parameter:
+    def _parameter(self, key: Key, bound: _Bound, hops: tuple[Hop, ...]) -> BoundParameter:
         entry = bound.entry
         elsewhere = () if self._is_connector((bound.node.path, key[1])) else bound.elsewhere
-        return Parameter(
+        return BoundParameter(
             self.wiring.names[key[0]], key[1], entry.value, entry.type, entry.unit, hops, entry.origin, entry.place,
             entry.dimensions, elsewhere,
         )  # fmt: skip
@@ -203,11 +203,11 @@ class Bindings:
             validate(root, kind, where, scope.version)
         return root
 
-    def _entries(self, node: Node, binding: Any, scope: Scope) -> list[_Entry]:
+    def _entries(self, node: Node, binding: Any, scope: Scope) -> list[_BoundValue]:
         """Return the values of a binding under the names of the node; SspError with the faults of set and mapping."""
         where = f"{scope.label}: parameter binding of {node.label or 'the system'}"
         problems: list[str] = []
-        entries: list[_Entry] = []
+        entries: list[_BoundValue] = []
         mapping: Any = None
 
         def refuse(at: Any, text: str) -> SspError:
@@ -237,9 +237,9 @@ class Bindings:
             raise SspError(problems)
         return entries if mapping is None else self._mapped(entries, mapping, where)
 
-    def _mapped(self, entries: list[_Entry], mapping: Any, where: str) -> list[_Entry]:
+    def _mapped(self, entries: list[_BoundValue], mapping: Any, where: str) -> list[_BoundValue]:
         by_name = {entry.name: entry for entry in entries}
-        mapped: list[_Entry] = []
+        mapped: list[_BoundValue] = []
         items = list(mapping.iterfind("ssm:MappingEntry", NAMESPACES))
         sources: dict[str, list[str]] = {}
         for item in items:
@@ -259,9 +259,9 @@ class Bindings:
             mapped.append(replace(entry, name=item.get("target"), hop=hop))
         return mapped
 
-    def _values_of(self, root: Any, prefix: str, label: str, scope: Scope) -> list[_Entry]:
+    def _values_of(self, root: Any, prefix: str, label: str, scope: Scope) -> list[_BoundValue]:
         units = {**scope.units_here(), **read_units(root.iterfind("ssv:Units/ssc:Unit", NAMESPACES))}
-        entries: dict[str, _Entry] = {}
+        entries: dict[str, _BoundValue] = {}
         for item in root.iterfind("ssv:Parameters/ssv:Parameter", NAMESPACES):
             name = item.get("name")
             typed = next(c for c in item if c.tag.startswith(_SSV))
@@ -284,9 +284,9 @@ class Bindings:
                 text = f"{scope.label}: {origin}: {len(values)} value(s) for {show_shape(shape)}"
                 self.fatal.append(found("SSP054", text, item))
             unit = typed.get("unit")
-            entries[name] = _Entry(
+            entries[name] = _BoundValue(
                 prefix + name, tuple(values) if shape or not values else values[0], kind,
-                units.get(unit, Unit(unit)) if unit else None, Hop(), origin, place_of(item), shape,
+                units.get(unit, UnitFactor(unit)) if unit else None, Hop(), origin, place_of(item), shape,
             )  # fmt: skip
         return list(entries.values())
 

@@ -11,7 +11,7 @@ from urllib.parse import unquote, urlsplit
 from vdfmu.base.errors import SspError
 from vdfmu.engine.package.archive import INSIDE, Archive, is_inside, resolve
 from vdfmu.engine.package.parse import NAMESPACES, parse_ssp_xml
-from vdfmu.engine.package.system import BASE_UNITS, Connector, Shape, Transformation, Unit
+from vdfmu.engine.package.system import BASE_UNITS, Connector, Shape, Transformation, UnitFactor
 from vdfmu.engine.rules import found, place_of
 
 _SSC = f"{{{NAMESPACES['ssc']}}}"
@@ -43,7 +43,7 @@ class Scope:
     """Of SSP: 1.0 or 2.0."""
     aliases: dict[str, str] = field(default_factory=dict)
     """Names of units that another SSD of the tree defines otherwise, and the names they have here instead."""
-    units: dict[str, Unit] = field(default_factory=dict)
+    units: dict[str, UnitFactor] = field(default_factory=dict)
     """All unit definitions of the tree; shared by its scopes."""
     files: dict[str, Document] = field(default_factory=dict)
     """All files that were read, each once; shared."""
@@ -78,13 +78,13 @@ class Scope:
                 continue
             alias = f"{name} of {self.prefix}{self.document}"
             self.aliases[name] = alias
-            self.units[alias] = Unit(alias, unit.exponents, unit.factor, unit.offset)
+            self.units[alias] = UnitFactor(alias, unit.exponents, unit.factor, unit.offset)
 
     def unit(self, name: str | None) -> str | None:
         """Return the name that a unit of this SSD has in the tree."""
         return None if name is None else self.aliases.get(name, name)
 
-    def units_here(self) -> dict[str, Unit]:
+    def units_here(self) -> dict[str, UnitFactor]:
         """Return the unit definitions under the names of this SSD."""
         return {**self.units, **{name: self.units[alias] for name, alias in self.aliases.items()}}
 
@@ -166,15 +166,15 @@ def read_shape(item: Any) -> Shape:
     return tuple(None if size is None else int(size) for size in sizes)
 
 
-def read_units(items: Iterable[Any]) -> dict[str, Unit]:
+def read_units(items: Iterable[Any]) -> dict[str, UnitFactor]:
     """Read the elements ``Unit`` of a file of SSP or FMI, whose base units have the same attributes."""
-    units: dict[str, Unit] = {}
+    units: dict[str, UnitFactor] = {}
     for item in items:
         base = next((c for c in item if c.tag.endswith("BaseUnit")), None)
         units[item.get("name")] = (
-            Unit(item.get("name"))
+            UnitFactor(item.get("name"))
             if base is None
-            else Unit(
+            else UnitFactor(
                 item.get("name"),
                 tuple(int(base.get(b, "0")) for b in BASE_UNITS),
                 float(base.get("factor", "1")),

@@ -40,7 +40,7 @@ def read_experiment(root: Any, where: str) -> tuple[Experiment, list[str]]:
     element = root.find("ssd:DefaultExperiment", NAMESPACES)
     if element is None:
         return Experiment(), []
-    reader = _Reader(element, f"{where}, line {element.sourceline}: default experiment")
+    reader = _NumberReader(element, f"{where}, line {element.sourceline}: default experiment")
     start = reader.number(element, "startTime", "a time in s")
     stop = reader.number(element, "stopTime", "a time in s")
     if not reader.problems and stop is not None and stop <= (start or 0.0):
@@ -63,7 +63,7 @@ def read_experiment(root: Any, where: str) -> tuple[Experiment, list[str]]:
 
 def read_step(component: Any, where: str) -> tuple[float | None, list[str]]:
     """Return the step [s] that a component has of its own, of an annotation of this project or of libcosim."""
-    reader = _Reader(component, where)
+    reader = _NumberReader(component, where)
     step = reader.number(
         _content(component, EXPERIMENT_TYPE, f"{{{FOREIGN['vdfmu']}}}Experiment"),
         "communicationStepSize", "a time in s", above=0.0,
@@ -82,7 +82,7 @@ def _content(experiment: Any, kind: str, path: str) -> Any:
     return None
 
 
-class _Reader:
+class _NumberReader:
     """Reads numbers and collects what is wrong with them."""
 
     def __init__(self, element: Any, place: str) -> None:

@@ -22,7 +22,7 @@ BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 
 @dataclass(frozen=True)
-class Unit:
+class UnitFactor:
     """A unit: ``value in base units = factor * value + offset``."""
 
     name: str
@@ -31,7 +31,7 @@ class Unit:
     factor: float = 1.0
     offset: float = 0.0
 
-    def same_as(self, other: Unit) -> bool:
+    def same_as(self, other: UnitFactor) -> bool:
         """Whether no conversion lies between two units; tools write their factors with 6 digits or more."""
         if self.exponents is None or other.exponents is None:
             return self.name == other.name
@@ -153,7 +153,7 @@ Value = float | int | bool | str
 
 
 @dataclass(frozen=True)
-class Parameter:
+class BoundParameter:
     """A value that a parameter binding gives to a variable of a component."""
 
     component: str
@@ -161,7 +161,7 @@ class Parameter:
     value: Value | tuple[Value, ...]
     type: str
     """As the parameter set has it: ``Real``, ``Integer``, ``Boolean``, ``String``, ``Enumeration``, ``Float64`` ..."""
-    unit: Unit | None
+    unit: UnitFactor | None
     """The unit of the value."""
     hops: tuple[Hop, ...]
     """Mapping and connections the value passes; units are converted at each."""
@@ -189,8 +189,8 @@ class Component:
     source: str
     implementation: str
     connectors: Mapping[str, Connector]
-    parameters: tuple[Parameter, ...] = ()
-    overruled: tuple[Parameter, ...] = ()
+    parameters: tuple[BoundParameter, ...] = ()
+    overruled: tuple[BoundParameter, ...] = ()
     step: float | None = None
     place: Place = field(default=("", 0), compare=False)
 
@@ -206,7 +206,7 @@ class System:
     """In the order of the SSD."""
     connections: tuple[Connection, ...]
     """Component to component; nested systems and system connectors are resolved."""
-    units: Mapping[str, Unit]
+    units: Mapping[str, UnitFactor]
     """The unit definitions of the SSD."""
     experiment: Experiment = field(default_factory=Experiment)
     """How it is run unless told otherwise."""

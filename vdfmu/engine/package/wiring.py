@@ -9,7 +9,7 @@ from typing import Any
 from vdfmu.base.errors import SspError
 from vdfmu.engine.package.elements import Node, read_boolean, read_transformation
 from vdfmu.engine.package.parse import NAMESPACES
-from vdfmu.engine.package.system import Connection, Connector, Hop, Index, Shape, Unit
+from vdfmu.engine.package.system import Connection, Connector, Hop, Index, Shape, UnitFactor
 from vdfmu.engine.rules import found, place_of
 
 Key = tuple[tuple[str, ...], str]
@@ -204,7 +204,7 @@ def _misfits(node: Node, begin: Connector, target: Connector, hop: Hop) -> Itera
     if None not in types and len(types) > 1 and hop.transformation is None:
         yield "SSP033", f"type mismatch, {begin.type} to {target.type}"
     if begin.unit and target.unit and not hop.suppress_unit_conversion:
-        a, b = (node.scope.units.get(unit, Unit(unit)) for unit in (begin.unit, target.unit))
+        a, b = (node.scope.units.get(unit, UnitFactor(unit)) for unit in (begin.unit, target.unit))
         if None not in (a.exponents, b.exponents) and a.exponents != b.exponents:
             yield "SSP034", f"unit mismatch, {a.name!r} ({a.dimension}) to {b.name!r} ({b.dimension})"
 

@@ -13,7 +13,7 @@ from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.checker import Checker
 from vdfmu.engine.plan.conversion import Value
 from vdfmu.engine.plan.feed import feed_inputs
-from vdfmu.engine.plan.inputs import Table
+from vdfmu.engine.plan.inputs import InputTable
 from vdfmu.engine.plan.link import SOURCE, Port
 from vdfmu.engine.plan.overrides import overrides
 from vdfmu.engine.plan.schedule import choose_schedule
@@ -24,7 +24,7 @@ def check_system(
     system: System,
     parameters: Mapping[str, Value] | None = None,
     *,
-    inputs: Sequence[Table] = (),
+    inputs: Sequence[InputTable] = (),
     algorithm: str | None = None,
     repeats: bool = False,
     strict: bool = False,
@@ -38,7 +38,7 @@ def check_system(
     parameters : mapping of str to value, optional
         Values of ``component.variable``, in the unit of the FMU; without an index, of all ``component.variable[...]``:
         one value, or a list or array with one for each. They win over those of the package.
-    inputs : sequence of Table
+    inputs : sequence of InputTable
         Signals for inputs that nothing is connected to.
     algorithm : str, optional
         One of `vdfmu.engine.run.ALGORITHMS`; default as `vdfmu.engine.plan.schedule.choose_schedule` has it.

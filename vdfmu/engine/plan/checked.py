@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from vdfmu.engine.fmu.description import Description
-from vdfmu.engine.fmu.variables import Variable
+from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.package.system import System
 from vdfmu.engine.plan.conversion import Value
 from vdfmu.engine.plan.feed import Feed
@@ -26,7 +26,7 @@ class Checked:
     algorithm: str
     """The master algorithm that `schedule` is for."""
     schedule: Schedule
-    starts: Mapping[str, Sequence[tuple[Variable, Value]]]
+    starts: Mapping[str, Sequence[tuple[FmuVariable, Value]]]
     """What to set in each component before initialization, in the units of the FMU."""
     notes: tuple[str, ...]
     """Notes, not errors: inputs that nothing feeds, for example."""

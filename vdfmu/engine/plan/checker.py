@@ -9,17 +9,17 @@ from typing import Any
 from vdfmu.base.errors import SspError
 from vdfmu.base.text import close_to
 from vdfmu.engine.fmu.description import Description, inspect_description
-from vdfmu.engine.fmu.variables import Variable, limit_fault, type_of
+from vdfmu.engine.fmu.variables import FmuVariable, limit_fault, type_of
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.system import (
+    BoundParameter,
     Component,
     Connection,
     Connector,
     Index,
-    Parameter,
     Shape,
     System,
-    Unit,
+    UnitFactor,
 )
 from vdfmu.engine.package.wiring import fits, show_shape
 from vdfmu.engine.plan.conversion import Conversion, MisfitError, Value, as_type, compose
@@ -152,22 +152,22 @@ class Checker:
             sizes = f"the SSD declares {show_shape(connector.dimensions)}, the FMU {show_shape(shape)}"
             yield "SSP044", sizes
 
-    def _unit(self, name: str) -> Unit:
-        return self.system.units.get(name, Unit(name))
+    def _unit(self, name: str) -> UnitFactor:
+        return self.system.units.get(name, UnitFactor(name))
 
-    def port_unit(self, port: Port, variable: Variable) -> Unit | None:
+    def port_unit(self, port: Port, variable: FmuVariable) -> UnitFactor | None:
         """Return the unit of the FMU, else the one that the SSD declares for the connector."""
         if variable.unit is not None:
             return variable.unit
         connector = self.system.component(port[0]).connectors.get(port[1])
         return self._unit(connector.unit) if connector is not None and connector.unit else None
 
-    def _as_declared(self, port: Port, variable: Variable) -> bool:
+    def _as_declared(self, port: Port, variable: FmuVariable) -> bool:
         """Whether the connector is of a kind that the variable has; what is not is reported with the connectors."""
         kind = self.system.component(port[0]).connectors[port[1]].kind
         return kind in (variable.causality, "unspecified")
 
-    def _elements(self, port: Port, index: Index = ()) -> tuple[list[Variable], Shape]:
+    def _elements(self, port: Port, index: Index = ()) -> tuple[list[FmuVariable], Shape]:
         """Return the variables that are one end of a connection, none if there are none, and their shape."""
         description = self.descriptions.get(port[0])
         if description is None:
@@ -282,7 +282,7 @@ class Checker:
         description = self.descriptions.get(component)
         return description is None or bool(description.elements(name))
 
-    def _converted(self, parameter: Parameter, value: Value, variable: Variable) -> Value:
+    def _converted(self, parameter: BoundParameter, value: Value, variable: FmuVariable) -> Value:
         hops = parameter.hops
         if isinstance(value, str) and variable.type == "Enumeration":  # mapped by the names of its items
             for hop in hops:
@@ -316,7 +316,7 @@ def _same_type(stated: str, declared: str) -> bool:
     return stated == _SAME.get(declared, declared)
 
 
-def _full(unit: Unit) -> str:
+def _full(unit: UnitFactor) -> str:
     factor, offset = (repr(value).removesuffix(".0") for value in (unit.factor, unit.offset))
     scale = f", factor {factor}, offset {offset}"
     return unit.dimension + (scale if (unit.factor, unit.offset) != (1.0, 0.0) else "")

@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from vdfmu.engine.fmu.variables import RANGES, Value, Variable, type_of
-from vdfmu.engine.package.system import Hop, Transformation, Unit
+from vdfmu.engine.fmu.variables import RANGES, FmuVariable, Value, type_of
+from vdfmu.engine.package.system import Hop, Transformation, UnitFactor
 
 
 class MisfitError(ValueError):
@@ -35,7 +35,7 @@ class Conversion:
         return self.table is None and self.factor == 1.0 and self.offset == 0.0
 
 
-def between(source: Unit, target: Unit, relative: bool = False) -> tuple[float, float]:
+def between(source: UnitFactor, target: UnitFactor, relative: bool = False) -> tuple[float, float]:
     """Return factor and offset from one unit to another; MisfitError says why there are none.
 
     `relative` is the relativeQuantity of FMI: a difference, to which offsets do not apply.
@@ -56,10 +56,10 @@ def between(source: Unit, target: Unit, relative: bool = False) -> tuple[float, 
 
 def compose(
     hops: Sequence[Hop],
-    source: Unit | None,
-    target: Unit | None,
+    source: UnitFactor | None,
+    target: UnitFactor | None,
     kind: str,
-    units: Mapping[str, Unit],
+    units: Mapping[str, UnitFactor],
     relative: bool = False,
     items: tuple[Mapping[str, int] | None, Mapping[str, int] | None] = (None, None),
 ) -> Conversion:
@@ -72,11 +72,11 @@ def compose(
     Parameters
     ----------
     hops : sequence of Hop
-    source, target : Unit or None
+    source, target : UnitFactor or None
         Units of the two variables.
     kind : str
         Type of both variables, such as ``Real``.
-    units : mapping of str to Unit
+    units : mapping of str to UnitFactor
         Unit definitions of the SSD.
     relative : bool
         Whether the target is a relative quantity.
@@ -93,7 +93,7 @@ def compose(
     here = source
     for index, hop in enumerate(hops):
         last = index == len(hops) - 1
-        there = target if last else units.get(hop.unit, Unit(hop.unit)) if hop.unit else here
+        there = target if last else units.get(hop.unit, UnitFactor(hop.unit)) if hop.unit else here
         if kind == "Real" and here is not None and there is not None and not hop.suppress_unit_conversion:
             f, o = between(here, there, relative)
             factor, offset = f * factor, f * offset + o
@@ -138,7 +138,7 @@ def _values_of(
     return table
 
 
-def as_type(value: Value, variable: Variable, exact: str | None = None) -> Value:
+def as_type(value: Value, variable: FmuVariable, exact: str | None = None) -> Value:
     """Turn a value into the type of a variable.
 
     With `exact`, the type that a parameter set states, only integers pass to reals and enumerations.

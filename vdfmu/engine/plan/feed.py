@@ -12,10 +12,10 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.measure import coherent, measure
 from vdfmu.base.text import close_to
 from vdfmu.engine.fmu.description import Description
-from vdfmu.engine.fmu.variables import Variable, limit_fault
-from vdfmu.engine.package.system import BASE_UNITS, Unit
+from vdfmu.engine.fmu.variables import FmuVariable, limit_fault
+from vdfmu.engine.package.system import BASE_UNITS, UnitFactor
 from vdfmu.engine.plan.conversion import Conversion, between
-from vdfmu.engine.plan.inputs import Course, Table
+from vdfmu.engine.plan.inputs import Course, InputTable
 from vdfmu.engine.plan.link import SOURCE, Link, Port
 
 
@@ -37,24 +37,24 @@ class Feed(NamedTuple):
 
 
 def feed_inputs(
-    tables: Sequence[Table],
+    tables: Sequence[InputTable],
     descriptions: Mapping[str, Description],
     links: Sequence[Link],
-    unit_of: Callable[[Port, Variable], Unit | None],
-    units: Mapping[str, Unit],
+    unit_of: Callable[[Port, FmuVariable], UnitFactor | None],
+    units: Mapping[str, UnitFactor],
 ) -> tuple[Feed | None, list[str]]:
     """Connect the columns of tables to the inputs that they name.
 
     Parameters
     ----------
-    tables : sequence of Table
+    tables : sequence of InputTable
     descriptions : mapping of str to Description
         By component.
     links : sequence of Link
         Connections of the system.
     unit_of : callable
         Returns the unit of measurement of an input.
-    units : mapping of str to Unit
+    units : mapping of str to UnitFactor
         Definitions of the SSD.
 
     Returns
@@ -79,7 +79,7 @@ def feed_inputs(
     ]
     problems: list[str] = []
     notes: list[str] = []
-    made: dict[str, tuple[Variable, Link]] = {}
+    made: dict[str, tuple[FmuVariable, Link]] = {}
     courses: list[Fed] = []
     for table in tables:
         groups: dict[tuple[str, bool], list[int]] = {}
@@ -129,7 +129,7 @@ def feed_inputs(
 
 def _why_not(
     name: str,
-    variables: Mapping[str, tuple[str, Variable]],
+    variables: Mapping[str, tuple[str, FmuVariable]],
     connected: Mapping[Port, str],
     free: Sequence[str],
 ) -> str:
@@ -146,7 +146,9 @@ def _list(free: Sequence[str]) -> str:
     return f". Free inputs: {', '.join(free[:8]) or 'none'}{more}"
 
 
-def _conversion(name: str, target: Unit | None, sink: Variable, units: Mapping[str, Unit]) -> Conversion:
+def _conversion(
+    name: str, target: UnitFactor | None, sink: FmuVariable, units: Mapping[str, UnitFactor]
+) -> Conversion:
     """Return the conversion from a unit of measurement by its name; an empty one is that of the input."""
     if not name or (target is not None and target.name == name):
         return Conversion()
@@ -154,13 +156,13 @@ def _conversion(name: str, target: Unit | None, sink: Variable, units: Mapping[s
     if unit is None:
         base_name, factor = coherent(name)
         exponents = measure(base_name).exponents
-        unit = Unit(name, tuple(exponents.get(base, 0) for base in BASE_UNITS), factor)
+        unit = UnitFactor(name, tuple(exponents.get(base, 0) for base in BASE_UNITS), factor)
     if sink.type != "Real":
         raise ValueError(f"expected no unit of measurement for a variable of type {sink.type}, got {name!r}")
     return Conversion(*between(unit, target, sink.relative)) if target is not None else Conversion()
 
 
-def _check_values(values: np.ndarray, sink: Variable, conversion: Conversion) -> None:
+def _check_values(values: np.ndarray, sink: FmuVariable, conversion: Conversion) -> None:
     if sink.type == "String":
         raise ValueError("text cannot be given as a signal; set a value")
     allowed = values == (values != 0.0) if sink.type == "Boolean" else values == np.rint(values)

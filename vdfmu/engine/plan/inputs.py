@@ -30,7 +30,7 @@ _MOST_PROBLEMS = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class InputTable:
     """Signals of one file, or one array: what they are for, and their values at times."""
 
     where: str
@@ -56,7 +56,11 @@ class Table:
 
 
 Inputs = (
-    str | os.PathLike[str] | Sequence[str | os.PathLike[str] | Table] | Mapping[str, tuple[Any, Any]] | None
+    str
+    | os.PathLike[str]
+    | Sequence[str | os.PathLike[str] | InputTable]
+    | Mapping[str, tuple[Any, Any]]
+    | None
 )
 """A CSV file, several of them, or signal to its times and values."""
 
@@ -95,7 +99,7 @@ class Course:
         return values[i] + part * (values[i + 1] - values[i])
 
 
-def read_inputs(inputs: Inputs, hold: bool = False) -> tuple[Table, ...]:
+def read_inputs(inputs: Inputs, hold: bool = False) -> tuple[InputTable, ...]:
     """Read signals for inputs.
 
     The first column of a CSV file is the time in seconds; the others are named by their inputs, with the unit of
@@ -115,20 +119,20 @@ def read_inputs(inputs: Inputs, hold: bool = False) -> tuple[Table, ...]:
         For files or arrays of another form, with every problem and its row.
     """
     problems: list[str] = []
-    tables: list[Table | None] = []
+    tables: list[InputTable | None] = []
     if inputs is None:
         inputs = ()
     if isinstance(inputs, Mapping):
         tables += [_from_arrays(name, pair, hold, problems) for name, pair in inputs.items()]
     else:
         for one in (inputs,) if isinstance(inputs, (str, os.PathLike)) else inputs:
-            tables.append(one if isinstance(one, Table) else _from_csv(Path(one), hold, problems))
+            tables.append(one if isinstance(one, InputTable) else _from_csv(Path(one), hold, problems))
     if problems:
         raise UsageError("\n".join(problems))
     return tuple(table for table in tables if table is not None)
 
 
-def _from_arrays(name: str, pair: tuple[Any, Any], hold: bool, problems: list[str]) -> Table | None:
+def _from_arrays(name: str, pair: tuple[Any, Any], hold: bool, problems: list[str]) -> InputTable | None:
     where = f"inputs[{name!r}]"
     try:
         t, values = (np.array(each, np.float64) for each in pair)
@@ -144,7 +148,7 @@ def _from_arrays(name: str, pair: tuple[Any, Any], hold: bool, problems: list[st
     names = [name + (f"[{','.join(str(i + 1) for i in index)}]" if index else "") for index in indices]
     columns = values.reshape(len(t), -1)
     _check_rows(where, lambda i: f"element {i}", names, t, columns, problems)
-    return Table(where, tuple(names), ("",) * len(names), t, columns, hold)
+    return InputTable(where, tuple(names), ("",) * len(names), t, columns, hold)
 
 
 class Columns(NamedTuple):
@@ -219,7 +223,7 @@ def csv_columns(path: Path, problems: list[str], *, timed: bool = True) -> Colum
     return Columns(names, units, table, results)
 
 
-def _from_csv(path: Path, hold: bool, problems: list[str]) -> Table | None:
+def _from_csv(path: Path, hold: bool, problems: list[str]) -> InputTable | None:
     before = len(problems)
     columns = csv_columns(path, problems)
     if columns is None or len(problems) > before:
@@ -231,7 +235,7 @@ def _from_csv(path: Path, hold: bool, problems: list[str]) -> Table | None:
             place = names.index(of)
             names, units = [*names, name], [*units, units[place]]
             table = np.column_stack([table, later(table[:, place], late)])
-    return Table(
+    return InputTable(
         str(path), tuple(names[1:]), tuple(units[1:]), table[:, 0].copy(), table[:, 1:], hold, not results
     )
 
@@ -262,7 +266,7 @@ def _check_rows(
         )
 
 
-def outside(tables: Sequence[Table], begin: float, end: float) -> list[str]:
+def outside(tables: Sequence[InputTable], begin: float, end: float) -> list[str]:
     """Return a note for each table that does not reach over a run from `begin` to `end` [s]."""
     slack = _CLOSE * max(abs(begin), abs(end), math.ulp(0.0))
     return [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from vdfmu.engine.fmu.variables import Variable
+from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.plan.conversion import Conversion
 
 Port = tuple[str, str]
@@ -19,8 +19,8 @@ class Link:
 
     start: Port
     end: Port
-    source: Variable
-    sink: Variable
+    source: FmuVariable
+    sink: FmuVariable
     conversion: Conversion
     stepped: bool
 

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from vdfmu.base.errors import UsageError
 from vdfmu.base.text import close_to
 from vdfmu.engine.fmu.description import Description
-from vdfmu.engine.fmu.variables import Variable
+from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.package.system import spread
 from vdfmu.engine.plan.conversion import Value, as_type
 
-Starts = dict[str, dict[str, tuple[Variable, Value]]]
+Starts = dict[str, dict[str, tuple[FmuVariable, Value]]]
 """Variables and their values by component and name."""
 
 
@@ -50,11 +50,11 @@ def overrides(descriptions: Mapping[str, Description], parameters: Mapping[str, 
     return starts
 
 
-def _named(variables: Mapping[str, Variable], name: str) -> list[str]:
+def _named(variables: Mapping[str, FmuVariable], name: str) -> list[str]:
     return [name] if name in variables else [v for v in variables if v.startswith(f"{name}[")]
 
 
-def why_not(variable: Variable) -> str:
+def why_not(variable: FmuVariable) -> str:
     """Say why a variable cannot be set."""
     text = f"is not settable: causality {variable.causality}, variability {variable.variability}"
     return text + (f", initial {variable.initial}" if variable.initial else "")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.engine.fmu.access import KINDS
 from vdfmu.engine.fmu.component import Slave
-from vdfmu.engine.fmu.variables import Variable
+from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.exchange import TEXTS, SampledStepper
 from vdfmu.engine.package.system import spread
@@ -40,7 +40,7 @@ class ByHand:
         run.exchange.refuse_not_finite("initialization", begin)
         self._one = run.stepping(begin, end, step, n)
         self._begin, self._end, self._step, self.n, self._k = begin, end, step, n, 0
-        self._sinks: dict[str, list[tuple[Slave, Variable]]] = {}
+        self._sinks: dict[str, list[tuple[Slave, FmuVariable]]] = {}
         self._sources: dict[str, Callable[[], Any]] = {}
         self._memory = [(bank.memory, bank.memory.copy()) for bank in run.exchange.banks]
         self._states: list[tuple[Slave, c_void_p]] = []
@@ -98,10 +98,10 @@ class ByHand:
             raise UsageError(f"{name!r}: {error}") from None
         sinks[0][0].set_all(made)
 
-    def _sinks_of(self, name: str, value: Value) -> list[tuple[Slave, Variable]]:
+    def _sinks_of(self, name: str, value: Value) -> list[tuple[Slave, FmuVariable]]:
         checked = self._run.checked
         fed = {link.end: link.start for link in checked.links}
-        found: list[tuple[Slave, Variable]] = []
+        found: list[tuple[Slave, FmuVariable]] = []
         for owner, named in overrides(checked.descriptions, {name: value}).items():
             slave = self._slaves[owner]
             for variable, _ in named.values():
@@ -136,11 +136,11 @@ class ByHand:
                 return self._array(slave, variables)
         raise UsageError(f"there is no signal {name!r}.")
 
-    def _number(self, slave: Slave, variable: Variable) -> Callable[[], Any]:
+    def _number(self, slave: Slave, variable: FmuVariable) -> Callable[[], Any]:
         place = self._place(slave, variable)
         return (lambda: slave.get(variable)) if place is None else lambda: place[0][place[1]].item()
 
-    def _array(self, slave: Slave, variables: list[Variable]) -> Callable[[], Any]:
+    def _array(self, slave: Slave, variables: list[FmuVariable]) -> Callable[[], Any]:
         indices = [tuple(map(int, v.name.rstrip("]").partition("[")[2].split(","))) for v in variables]
         shape = [max(axis) for axis in zip(*indices, strict=True)]
         numbers = [self._number(slave, v) for v in variables]
@@ -156,7 +156,7 @@ class ByHand:
             return lambda: memory.take(columns).reshape(shape)
         return lambda: np.array([number() for number in numbers]).reshape(shape)
 
-    def _place(self, slave: Slave, variable: Variable) -> tuple[NDArray[Any], int] | None:
+    def _place(self, slave: Slave, variable: FmuVariable) -> tuple[NDArray[Any], int] | None:
         """Return where the master has a number; None for one that only the component has."""
         if variable.kind in TEXTS:
             return None

@@ -12,7 +12,7 @@ from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.compiler.unit.evaluate import Evaluation
-from vdfmu.system.reference.wired import System
+from vdfmu.system.reference.wired import WiredUnits
 
 
 def without_dry_friction(unit: Evaluation) -> None:
@@ -28,7 +28,7 @@ def lively(states: Iterable[str], dry: bool) -> npt.NDArray[np.intp]:
     return np.array([i for i, name in enumerate(states) if name.split("[")[0] not in still], dtype=np.intp)
 
 
-def feedback(system: System, plant: str, inputs: Sequence[str], t: float) -> Floats:
+def feedback(system: WiredUnits, plant: str, inputs: Sequence[str], t: float) -> Floats:
     """Return how inputs of a unit depend on its states through all other units: K (m, n), ``u = K x``.
 
     By differences around the states that the solver's part of the memory has; exact to rounding for units that are

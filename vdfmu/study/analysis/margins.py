@@ -19,7 +19,7 @@ from vdfmu.compiler.unit.linear import state_space
 from vdfmu.engine.inspect.loops import Loop, Margins, of_positions
 from vdfmu.study.analysis.linear import feedback, lively, without_dry_friction
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.reference.wired import System
+from vdfmu.system.reference.wired import WiredUnits
 from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.values import system_values
 
@@ -69,7 +69,7 @@ class ArmLoops:
         times: Sequence[float] | Floats | None = None,
         growth: float = 0.0,
     ) -> None:
-        system = self._system = System(SystemDescription(scenario, system_values(scenario, settings)))
+        system = self._system = WiredUnits(SystemDescription(scenario, system_values(scenario, settings)))
         units, run = system.units, system.python(system.evaluate)
         wanted = [tuple(signal.split(".")) for signal in ("plant.tau", *_DESIRED.values())]
         lacking = [f"{u}.{g}" for u, g in wanted if u not in units or g not in units[u].interface.groups]

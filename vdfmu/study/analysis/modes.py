@@ -18,7 +18,7 @@ from vdfmu.engine.inspect.loops import Complex
 from vdfmu.study.analysis.arm_space import linearize
 from vdfmu.study.analysis.linear import lively
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.reference.wired import System
+from vdfmu.system.reference.wired import WiredUnits
 from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.values import system_values
 
@@ -142,7 +142,7 @@ def modes_along(
     UsageError
         As of :func:`natural_modes`; if no component ``trajectory`` says where the arm is to be.
     """
-    system = System(SystemDescription(scenario, system_values(scenario)))
+    system = WiredUnits(SystemDescription(scenario, system_values(scenario)))
     trajectory = system.units.get("trajectory")
     if trajectory is None or "q_d" not in trajectory.interface.groups:
         raise UsageError("modes: expected a system with a component trajectory that has an output q_d.")

@@ -13,7 +13,7 @@ from vdfmu.base.text import matching
 from vdfmu.compiler.c.loaded import load_library
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
-from vdfmu.study.batch.program import Program
+from vdfmu.study.batch.program import BatchProgram
 
 _ALIGNED = 64
 """Bytes at multiples of which the memory begins."""
@@ -26,14 +26,14 @@ class Engine:
 
     Parameters
     ----------
-    program : Program
+    program : BatchProgram
     record : sequence of str
         Patterns of the signals that the results have.
     level : int, optional
         Of the library, see :data:`~vdfmu.study.batch.make.LEVELS`; default the highest that the processor can run.
     """
 
-    def __init__(self, program: Program, record: Sequence[str], level: int | None = None) -> None:
+    def __init__(self, program: BatchProgram, record: Sequence[str], level: int | None = None) -> None:
         self._program = program
         plain = load_library(program.libraries[0], "lanes")
         self.level: int = plain.level() if level is None else level

@@ -8,17 +8,17 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import KernelError, UsageError
-from vdfmu.compiler.c.compile import Job, compile_libraries, native_available
+from vdfmu.compiler.c.compile import Compilation, compile_libraries, native_available
 from vdfmu.compiler.c.platforms import this_platform
 from vdfmu.compiler.unit.evaluate import Traced
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.masters.exchange import largest_step
 from vdfmu.engine.plan.inputs import Course
-from vdfmu.study.batch.program import Program
+from vdfmu.study.batch.program import BatchProgram
 from vdfmu.study.batch.source import lane_sources
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.reference.wired import System
+from vdfmu.system.reference.wired import WiredUnits
 
 _WIDE = ("-mavx2", "-mfma", "-mavx512f", "-mavx512dq", "-mavx512vl", "-mprefer-vector-width=512")
 LEVELS = ((4, ()), (4, ("-mavx2", "-mfma")), (8, _WIDE))
@@ -27,7 +27,7 @@ FLAGS = ("-ffp-contract=fast",)
 """A product and a sum in one go: the bits are no FMU's in any case."""
 
 
-def make_program(description: SystemDescription, varied: Iterable[str]) -> Program:
+def make_program(description: SystemDescription, varied: Iterable[str]) -> BatchProgram:
     """Compile a system whose `varied` parameters, ``component.variable``, differ from run to run.
 
     Raises
@@ -46,7 +46,7 @@ def make_program(description: SystemDescription, varied: Iterable[str]) -> Progr
         problems.append(f"{', '.join(foreign)}: an FMU of another tool")
     if problems:
         raise UsageError("\n".join(problems))
-    system = System(description)
+    system = WiredUnits(description)
     for name, unit in system.units.items():
         if not isinstance(unit, Traced):
             problems.append(f"{name}: a unit in plain Python")
@@ -65,14 +65,14 @@ def make_program(description: SystemDescription, varied: Iterable[str]) -> Progr
     platform = this_platform()
     levels = LEVELS if platform.startswith("x86_64") else LEVELS[:1]
     libraries = compile_libraries(
-        Job("lanes", files, platform, (*FLAGS, f"-DLANES={width}", *flags)) for width, flags in levels
+        Compilation("lanes", files, platform, (*FLAGS, f"-DLANES={width}", *flags)) for width, flags in levels
     )
     n = round(scenario.stop / scenario.step)
     points = scenario.step * np.arange(n, dtype=np.float64)
     sizes = np.full(n, scenario.step)
     if points[-1] + sizes[-1] != scenario.stop:
         sizes[-1] = largest_step(points[-1].item(), scenario.stop)
-    return Program(
+    return BatchProgram(
         tuple(libraries), system.memory.copy(), *_variables(system), optional,
         np.array([place for place, _ in system.outside], dtype=np.int64),
         _courses([course for _, course in system.outside], points), points, sizes, np.append(points, scenario.stop),
@@ -90,7 +90,7 @@ def _deciding(name: str, unit: Traced, varied: set[str]) -> list[str]:
     ]
 
 
-def _variables(system: System) -> tuple[dict[str, tuple[int, float, float]], dict[str, tuple[int, str]]]:
+def _variables(system: WiredUnits) -> tuple[dict[str, tuple[int, float, float]], dict[str, tuple[int, str]]]:
     """Return parameters and signals, of each unit outputs before inputs, as a master records them."""
     parameters: dict[str, tuple[int, float, float]] = {}
     signals: dict[str, tuple[int, str]] = {}

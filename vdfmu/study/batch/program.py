@@ -15,7 +15,7 @@ LANES = 8
 
 
 @dataclass(frozen=True)
-class Program:
+class BatchProgram:
     """The compiled communication steps of a system."""
 
     libraries: tuple[bytes, ...]

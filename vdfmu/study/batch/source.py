@@ -14,19 +14,19 @@ from vdfmu.compiler.unit.machine import traced_margins
 from vdfmu.compiler.unit.program import Call
 from vdfmu.compiler.unit.requirements import traced_requirements
 from vdfmu.system.reference.compiled import Code
-from vdfmu.system.reference.solution import Sampled
-from vdfmu.system.reference.wired import Evaluate, System
+from vdfmu.system.reference.solution import SampledReference
+from vdfmu.system.reference.wired import Evaluate, WiredUnits
 
 _DIVISION = re.compile(r" / (w\d+);")
 """End of a line of C that divides: as a product, so that a compiler finds reciprocals that it has."""
 
 
-def lane_sources(system: System, delayed: bool) -> tuple[dict[str, bytes], list[list[int]]]:
+def lane_sources(system: WiredUnits, delayed: bool) -> tuple[dict[str, bytes], list[list[int]]]:
     """Return file name to content of the C, and the places that each call sets which runs where it is recorded only.
 
     Parameters
     ----------
-    system : System
+    system : WiredUnits
         Its choices are compiled as they are in its memory.
     delayed : bool
         Whether every unit sees the others' outputs one sample late.
@@ -60,7 +60,7 @@ class _LaneCode(Code):
     head = "double *m, double t, const bool *shown"
     unused = "(void)t, (void)shown;"
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, system: WiredUnits) -> None:
         super().__init__(system)
         self.optional: dict[tuple[str, str], list[int]] = {}
 
@@ -80,7 +80,7 @@ class _LaneCode(Code):
 
     def text(self, delayed: bool) -> str:
         """Return the text of the whole."""
-        system, solution = self.system, Sampled(self.system, delayed)
+        system, solution = self.system, SampledReference(self.system, delayed)
         start = [
             action
             for name, carry in system.starting

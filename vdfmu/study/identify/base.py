@@ -16,7 +16,7 @@ _ZERO = 1e-8
 """Part of a column's size below which what is left of it is rounding."""
 
 
-class Base(NamedTuple):
+class BaseParameters(NamedTuple):
     """Base parameters ``matrix @ phi``: columns of the regressor (p,), matrix (p, 10 n), names and units."""
 
     columns: list[int]
@@ -25,7 +25,7 @@ class Base(NamedTuple):
     units: tuple[str, ...]
 
 
-def base_parameters(robot: Robot) -> Base:
+def base_parameters(robot: Robot) -> BaseParameters:
     """Find the base parameters of an arm, from its structure: at random states, by projection column by column.
 
     A column of the regressor that those before it give is left out, and its parameter joins theirs.
@@ -49,7 +49,7 @@ def base_parameters(robot: Robot) -> Base:
     names = tuple(_combination(row, parameters) for row in matrix)
     kinds = ("kg", "kg.m", "kg.m2")
     units = tuple(kinds[min(2, (k % 10 + 2) // 3)] for k in columns)
-    return Base(columns, matrix, names, units)
+    return BaseParameters(columns, matrix, names, units)
 
 
 def _combination(row: Floats, parameters: list[str]) -> str:

@@ -25,9 +25,9 @@ from vdfmu.arm.equations.harmonic_drive import deformation, kinematic_error
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
-from vdfmu.study.identify.base import Base, base_parameters
+from vdfmu.study.identify.base import BaseParameters, base_parameters
 from vdfmu.study.identify.log import Log
-from vdfmu.study.identify.problem import Problem
+from vdfmu.study.identify.problem import IdentificationProblem
 from vdfmu.study.identify.regressor import body_parameters, regressor
 from vdfmu.study.identify.search import solve
 
@@ -69,7 +69,7 @@ class Identified:
     torque, torque_error : (k, n) [N.m or N]
         Measured torques, link-side, filtered, and what the model leaves of them.
     deformation_error : (k, n) [rad or m] or None
-    base : Base
+    base : BaseParameters
     """
 
     names: tuple[str, ...]
@@ -87,7 +87,7 @@ class Identified:
     torque: Floats
     torque_error: Floats
     deformation_error: Floats | None
-    base: Base
+    base: BaseParameters
 
     def interval(self, factor: float = 1.96) -> tuple[Floats, Floats]:
         """Return the ends of the confidence intervals, 95 % by default."""
@@ -168,7 +168,9 @@ def identify(log: Log, robot: Robot, *, band: float | None = None) -> Identified
     )  # fmt: skip
 
 
-def _prepare(log: Log, robot: Robot, band: float | None) -> tuple[Problem, slice, Floats, float]:
+def _prepare(
+    log: Log, robot: Robot, band: float | None
+) -> tuple[IdentificationProblem, slice, Floats, float]:
     h = log.step
     if band is None:
         power = np.abs(np.fft.rfft(np.diff(log.kappa, axis=0), axis=0)) ** 2
@@ -205,7 +207,7 @@ def _prepare(log: Log, robot: Robot, band: float | None) -> tuple[Problem, slice
     base = base_parameters(robot)
     tau = log.tau * robot.ell
     stretch = None if log.q is None else filtered(log.kappa - log.q - error)
-    problem = Problem(
+    problem = IdentificationProblem(
         robot, base, filtered(parts.links[:, :, base.columns]), filtered(parts.rotors),
         filtered(kappa_ddot + parts.carried), filtered(tau), _slope(sosfiltfilt(narrow, tau, axis=0), h)[rows], stretch,
         kappa_dot, filtered,

@@ -11,7 +11,7 @@ from vdfmu.arm.equations.harmonic_drive import deformation, deformation_derivati
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.arrays import Floats
-from vdfmu.study.identify.base import Base
+from vdfmu.study.identify.base import BaseParameters
 from vdfmu.study.identify.regressor import body_parameters
 
 DRIVES = ("I_m", "f_c", "f_s", "v_s", "f_v")
@@ -19,11 +19,11 @@ SPRINGS = ("K_f0", "c_f", "K_w0", "c_w")
 
 
 @dataclass
-class Problem:
+class IdentificationProblem:
     """The rows, and the parameters' places in one vector."""
 
     robot: Robot
-    base: Base
+    base: BaseParameters
     Y: Floats
     R: Floats
     acceleration: Floats

@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
-from vdfmu.study.identify.problem import Problem
+from vdfmu.study.identify.problem import IdentificationProblem
 
 _UNKNOWN = 0.1
 """Standard deviation, relative, from which on a parameter is not identified."""
@@ -19,7 +19,7 @@ _STEPS = 30
 """Of the search in each."""
 
 
-def solve(problem: Problem) -> tuple[Floats, Floats, dict[str, str]]:
+def solve(problem: IdentificationProblem) -> tuple[Floats, Floats, dict[str, str]]:
     """Return all parameters, their covariance, and what is held.
 
     Gauss-Newton in logarithms of drives and springs, which are positive, and in parts of the sizes of all else.
@@ -57,13 +57,15 @@ def solve(problem: Problem) -> tuple[Floats, Floats, dict[str, str]]:
         x[place], free[place] = problem.start[place], False
 
 
-def _scale(problem: Problem, x: Floats, sizes: Floats) -> Floats:
+def _scale(problem: IdentificationProblem, x: Floats, sizes: Floats) -> Floats:
     """Return what a change by 1 of the search's variables is: of positive parameters their value."""
     count = problem.places["links"].start
     return np.concatenate([x[:count], sizes[count:]])
 
 
-def _slopes(problem: Problem, x: Floats, free: Any, sizes: Floats, weights: list[Any]) -> Floats:
+def _slopes(
+    problem: IdentificationProblem, x: Floats, free: Any, sizes: Floats, weights: list[Any]
+) -> Floats:
     scale = _scale(problem, x, sizes)[free]
     each = zip(problem.jacobian(x), weights, strict=True)
     return np.concatenate(
@@ -71,7 +73,7 @@ def _slopes(problem: Problem, x: Floats, free: Any, sizes: Floats, weights: list
     )
 
 
-def _weights(problem: Problem, x: Floats, free: Any, sizes: Floats) -> list[Any]:
+def _weights(problem: IdentificationProblem, x: Floats, free: Any, sizes: Floats) -> list[Any]:
     """Return the noise of each equation: what the linear problem at the start leaves."""
     found = []
     for error, slope in zip(problem.errors(x), problem.jacobian(x), strict=True):
@@ -82,7 +84,9 @@ def _weights(problem: Problem, x: Floats, free: Any, sizes: Floats) -> list[Any]
     return found
 
 
-def _fitted(problem: Problem, x: Floats, free: Any, sizes: Floats, weights: list[Any]) -> Floats:
+def _fitted(
+    problem: IdentificationProblem, x: Floats, free: Any, sizes: Floats, weights: list[Any]
+) -> Floats:
     """Return the least squares with these weights."""
     count = problem.places["links"].start
 
@@ -106,7 +110,9 @@ def _fitted(problem: Problem, x: Floats, free: Any, sizes: Floats, weights: list
     return whole(found.x)
 
 
-def _covariance(problem: Problem, x: Floats, free: Any, sizes: Floats, weights: list[Any]) -> Floats:
+def _covariance(
+    problem: IdentificationProblem, x: Floats, free: Any, sizes: Floats, weights: list[Any]
+) -> Floats:
     """Covariance of the search's variables."""
     slopes = _slopes(problem, x, free, sizes, weights)
     V: Any
@@ -116,7 +122,12 @@ def _covariance(problem: Problem, x: Floats, free: Any, sizes: Floats, weights: 
 
 
 def _hold(
-    problem: Problem, x: Floats, free: Any, sizes: Floats, weights: list[Any], held: dict[str, str]
+    problem: IdentificationProblem,
+    x: Floats,
+    free: Any,
+    sizes: Floats,
+    weights: list[Any],
+    held: dict[str, str],
 ) -> str | None:
     """Return the parameter that is known least, if that is too little, and note why."""
     covariance = _covariance(problem, x, free, sizes, weights)
@@ -140,7 +151,7 @@ def _hold(
     return name
 
 
-def _sizes(problem: Problem) -> Floats:
+def _sizes(problem: IdentificationProblem) -> Floats:
     """Sizes of parameters: of those of the links the largest of the same unit, of a delay 1 ms, of an offset 1e-4."""
     sizes, links = np.abs(problem.start), problem.places["links"]
     for i in range(links.start, links.stop):

@@ -16,7 +16,7 @@ from vdfmu.base.show_progress import Shown, with_progress
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report.browser import Browser
-from vdfmu.study.report.page import Run, arm_page, read_run
+from vdfmu.study.report.page import ShownRun, arm_page, read_run
 
 _ROWS = 501
 """Rows at most, between which the arm moves on straight lines."""
@@ -60,7 +60,7 @@ def animate(run: Results | str | os.PathLike[str]) -> Animation:
     >>> vdfmu.animate("results/tracking").save("arm.gif")
     """
     if isinstance(run, Results):
-        shown = Run("run", run, run.summary, Path(run.summary.get("package", "")))
+        shown = ShownRun("run", run, run.summary, Path(run.summary.get("package", "")))
     else:
         shown = read_run(Path(run))
     if "arm" not in shown.summary:
@@ -78,7 +78,7 @@ def animate(run: Results | str | os.PathLike[str]) -> Animation:
 class Animation:
     """The arm of a run, moving; made by :func:`vdfmu.animate`."""
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: ShownRun) -> None:
         self._page = arm_page(run._replace(results=run.results.thinned(_ROWS)))
         self._name = f"{run.summary.get('scenario', run.name)}, {run.summary.get('robot', 'an arm')}"
 

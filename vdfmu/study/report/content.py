@@ -141,10 +141,10 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
     }
     drawn = _contrast_figures if summary.get("kind") == "contrast" else _figures
     copies = {signal.name: signal for signal in results.signals if signal.of}
-    frames, travel = _Table(), np.zeros(n)
+    frames, travel = _CurveTable(), np.zeros(n)
     tables = {
-        "figures": [_Table(figure) for figure in drawn(results, summary, sums if shown else {})],
-        "signals": [_Table(figure) for figure in _groups(results, n, copies)],
+        "figures": [_CurveTable(figure) for figure in drawn(results, summary, sums if shown else {})],
+        "signals": [_CurveTable(figure) for figure in _groups(results, n, copies)],
     }
     for k, part in enumerate(results.blocks(_BLOCK)):
         even = np.arange(-k * _BLOCK % stride, len(part), stride)  # every k-th row of the whole
@@ -171,7 +171,7 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-class _Table:
+class _CurveTable:
     """Rows of curves, gathered stretch by stretch."""
 
     def __init__(self, figure: Figure | None = None) -> None:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from vdfmu.arm.robot import Robot
 
 
-class Unit(NamedTuple):
+class JointUnit(NamedTuple):
     """How the values of one type of joint are shown: units, and the factor from rad or m."""
 
     joint_type: str
@@ -23,14 +23,14 @@ class Unit(NamedTuple):
 class Group(NamedTuple):
     """Joints that share a unit, counted from 0; `suffix` names their type where there is more than one."""
 
-    unit: Unit
+    unit: JointUnit
     joints: list[int]
     suffix: str
 
 
 UNITS = {
-    "revolute": Unit("revolute", "deg", 180.0 / math.pi, "N.m", "N.mm", "torque"),
-    "prismatic": Unit("prismatic", "mm", 1e3, "N", "mN", "force"),
+    "revolute": JointUnit("revolute", "deg", 180.0 / math.pi, "N.m", "N.mm", "torque"),
+    "prismatic": JointUnit("prismatic", "mm", 1e3, "N", "mN", "force"),
 }
 """Type of a joint to how it is shown."""
 

@@ -61,7 +61,7 @@ _ALONE = (
 """Style of a page with the arm alone."""
 
 
-class Run(NamedTuple):
+class ShownRun(NamedTuple):
     """A run that a page shows."""
 
     name: str
@@ -81,7 +81,7 @@ def newest_run(folder: Path) -> Path:
     return found[-1].parent
 
 
-def read_run(folder: Path) -> Run:
+def read_run(folder: Path) -> ShownRun:
     """Return the run whose results are in a folder.
 
     Raises
@@ -101,7 +101,7 @@ def read_run(folder: Path) -> Run:
     if not len(results):
         raise UsageError(f"{folder}: the results have no rows, so there is nothing to show.")
     package = folder / "system.ssp"
-    return Run(
+    return ShownRun(
         folder.resolve().name,
         results,
         summary,
@@ -109,12 +109,12 @@ def read_run(folder: Path) -> Run:
     )
 
 
-def write_report(runs: Sequence[Run], path: Path, *, simulate: bool = False) -> Path:
+def write_report(runs: Sequence[ShownRun], path: Path, *, simulate: bool = False) -> Path:
     """Write the page of one run or of several.
 
     Parameters
     ----------
-    runs : sequence of Run
+    runs : sequence of ShownRun
     path : Path
     simulate : bool, optional
         Whether the page can run them again by itself, for which their units are compiled.
@@ -128,12 +128,12 @@ def write_report(runs: Sequence[Run], path: Path, *, simulate: bool = False) -> 
     return path
 
 
-def arm_page(run: Run) -> bytes:
+def arm_page(run: ShownRun) -> bytes:
     """Return a page of which only the arm is seen, for the size of any frame."""
     return report_page([run], arm_alone=True)
 
 
-def report_page(runs: Sequence[Run], *, simulate: bool = False, arm_alone: bool = False) -> bytes:
+def report_page(runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: bool = False) -> bytes:
     """Return the page of one run or of several, or of their arms alone; `simulate` as of :func:`write_report`."""
     first = runs[0].summary
     names = _names(runs)
@@ -209,7 +209,7 @@ def _inert(text: str) -> str:
     return text.replace("<", "\\u003c")
 
 
-def _names(runs: Sequence[Run]) -> list[str]:
+def _names(runs: Sequence[ShownRun]) -> list[str]:
     """Return the scenarios, or, where two are the same, the folders; the same folder name gets a number."""
     names = [str(run.summary.get("scenario") or run.summary.get("system") or run.name) for run in runs]
     if len(set(names)) < len(names):
@@ -220,7 +220,7 @@ def _names(runs: Sequence[Run]) -> list[str]:
     ]
 
 
-def _checks(names: Sequence[str], runs: Sequence[Run]) -> Iterator[str]:
+def _checks(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
     for name, run in zip(names, runs, strict=True):
         found = checks_of(run.summary)
         if found:
@@ -237,7 +237,7 @@ def _checks(names: Sequence[str], runs: Sequence[Run]) -> Iterator[str]:
             yield f'<section class="checks"><h2{shown}>{title}</h2><ul>{rows}</ul></section>'
 
 
-def _tables(names: Sequence[str], runs: Sequence[Run]) -> Iterator[str]:
+def _tables(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
     shown: list[tuple[str, Sheet]] = []
     if len(runs) > 1:
         shown += [("", sheet) for sheet in comparison_sheet(names, [run.summary for run in runs])]
@@ -252,7 +252,7 @@ def _tables(names: Sequence[str], runs: Sequence[Run]) -> Iterator[str]:
         )
 
 
-def _facts(names: Sequence[str], runs: Sequence[Run]) -> Iterator[str]:
+def _facts(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
     yield '<section class="card"><h2>What was run</h2>'
     columns = [dict(_facts_of(run.summary)) for run in runs]
     rows = [

@@ -15,7 +15,7 @@ from vdfmu.base.arrays import Floats
 _FRAMES = ("offset", "rotation", "tool_offset", "tool_rotation")
 
 
-class Part(NamedTuple):
+class DrawnShape(NamedTuple):
     """A shape that is fixed to a body."""
 
     body: int
@@ -57,7 +57,7 @@ class Chain:
         """Origins of {I}, of every {B_i} and of {O} in {I}: (n + 2, 3) [m]."""
         return np.array([p for p, _ in poses(self._robot, q)], dtype=np.float64)
 
-    def parts(self, travel: ArrayLike, reach: float) -> Iterator[Part]:
+    def parts(self, travel: ArrayLike, reach: float) -> Iterator[DrawnShape]:
         """Yield housings along the axes of the joints, and the robot's own shapes or tubes from joint to joint.
 
         Rails of prismatic joints are as long as `travel`, (n,) or one for all [m]; radii are shares of `reach` [m].
@@ -71,19 +71,19 @@ class Chain:
             r, body, R = radius(i), i + 1, self.rotation[i]
             if kind == "prismatic":
                 middle = self.offset[i] + R[:, 2] * rails[i] / 2.0
-                yield Part(i, "box", (1.5 * r, 1.5 * r, float(rails[i]) + 2.0 * r), middle, R)
-                yield Part(body, "box", (2.1 * r, 2.1 * r, 1.6 * r), *here, "joint")
+                yield DrawnShape(i, "box", (1.5 * r, 1.5 * r, float(rails[i]) + 2.0 * r), middle, R)
+                yield DrawnShape(body, "box", (2.1 * r, 2.1 * r, 1.6 * r), *here, "joint")
                 continue
-            yield Part(body, "cylinder", (r, 2.2 * r), *here, "joint")
+            yield DrawnShape(body, "cylinder", (r, 2.2 * r), *here, "joint")
             for side in (-1.16, 1.16):
                 cap = np.array([0.0, 0.0, side * r])
-                yield Part(body, "cylinder", (0.82 * r, 0.16 * r), cap, np.eye(3), "dark")
+                yield DrawnShape(body, "cylinder", (0.82 * r, 0.16 * r), cap, np.eye(3), "dark")
         yield from own_shapes(self.shapes)
         for body, to in enumerate([] if self.shapes else [*self.offset, self.tool_offset]):
             length = float(np.linalg.norm(to))
             if length > 1e-9:
                 r = 0.68 * radius(min(max(body - 1, 0) + 0.5, self.n - 1))
-                yield Part(body, "capsule", (r, length), to / 2.0, turn_to(to))
+                yield DrawnShape(body, "capsule", (r, length), to / 2.0, turn_to(to))
 
 
 def drawing_of(arm: Mapping[str, Any], travel: Floats) -> dict[str, Any]:
@@ -99,13 +99,13 @@ def drawing_of(arm: Mapping[str, Any], travel: Floats) -> dict[str, Any]:
     return numbers | {"up": chain.up.tolist(), "reach": reach, "parts": parts}
 
 
-def own_shapes(shapes: Sequence[Mapping[str, Any]]) -> Iterator[Part]:
+def own_shapes(shapes: Sequence[Mapping[str, Any]]) -> Iterator[DrawnShape]:
     """Yield the tables ``[[visuals]]`` of a robot file but meshes."""
     for shape in shapes:
         if shape["shape"] != "mesh":
             colour = "#" + bytes(round(255.0 * part) for part in shape["color"][:3]).hex()
             offset, rotation = np.array(shape["offset"]), np.array(shape["rotation"])
-            yield Part(shape["joint"], shape["shape"], shape["size"], offset, rotation, colour)
+            yield DrawnShape(shape["joint"], shape["shape"], shape["size"], offset, rotation, colour)
 
 
 def turn_to(direction: Floats) -> Floats:

@@ -21,11 +21,11 @@ import numpy as np
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.data import data_path
 from vdfmu.base.errors import VdfmuError
-from vdfmu.compiler.c.compile import Job, compile_libraries, native_available
+from vdfmu.compiler.c.compile import Compilation, compile_libraries, native_available
 from vdfmu.compiler.c.platforms import WASM
 from vdfmu.compiler.fmu.content import installed_digest
 from vdfmu.compiler.fmu.native import fmi_headers
-from vdfmu.engine.fmu.variables import Value, Variable
+from vdfmu.engine.fmu.variables import FmuVariable, Value
 from vdfmu.engine.masters.exchange import largest_step
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.read import load_ssp
@@ -165,13 +165,15 @@ def _checked(summary: Mapping[str, Any], package: Path) -> Checked:
 def _modules(checked: Checked, binaries: dict[str, str]) -> dict[str, str]:
     """Return the digest of the module of each unit's FMU, and add the modules."""
     sources = {d.source: d for d in checked.descriptions.values()}
-    jobs: list[Job] = []
+    jobs: list[Compilation] = []
     path = checked.system.path
     with Archive(path, path.name) as package:
         for source, description in sources.items():
             with package.opened(source, source) as unit:
                 files = _sources(unit, source)
-            jobs.append(Job(description.identifier, files | fmi_headers("2.0"), WASM, exported=_FUNCTIONS))
+            jobs.append(
+                Compilation(description.identifier, files | fmi_headers("2.0"), WASM, exported=_FUNCTIONS)
+            )
     size = sum(len(c) for job in jobs for name, c in job.sources.items() if name.startswith("kernel_"))
     if size > MOST_C:
         raise _CannotError(f"its units, {size / 1e6:.1f} MB of C, would make the page larger than 1 MB")
@@ -207,12 +209,12 @@ def _sources(unit: Archive, source: str) -> dict[str, bytes]:
     return kept | {"absent.c": f'#include "kernel.h"\n{text}'.encode()}
 
 
-def _position(variable: Variable) -> int:
+def _position(variable: FmuVariable) -> int:
     """Return the value reference in FMI 2.0; in FMI 3.0 an array has that of its first element."""
     return variable.reference + variable.index
 
 
-def _outputs(checked: Checked, name: str) -> list[Variable]:
+def _outputs(checked: Checked, name: str) -> list[FmuVariable]:
     return [v for v in checked.descriptions[name].named("output") if v.type == "Real"]
 
 
@@ -271,7 +273,7 @@ def _unit(
     }
 
 
-def _parameters(checked: Checked, name: str) -> dict[Variable, float]:
+def _parameters(checked: Checked, name: str) -> dict[FmuVariable, float]:
     """Return the real parameters of a unit, with the values of the run."""
     given: dict[str, Value] = {v.name: value for v, value in checked.starts.get(name, ())}
     return {

@@ -23,7 +23,7 @@ class List:
 
 
 @dataclass(frozen=True)
-class Table:
+class Keyed:
     """A table whose keys are names."""
 
     of: Any
@@ -43,24 +43,24 @@ KEYS: Mapping[str, Any] = {
     **dict.fromkeys(("adaptive", "step", "start", "stop", "tolerance", "wall_s", "real_time_factor"), NUMBER),
     **dict.fromkeys(("joints", "steps"), WHOLE),
     **dict.fromkeys(("inputs", "warnings", "notes", "left_out", "order", "files"), List(TEXT)),
-    "versions": Table(TEXT), "plant_factors": Table(NUMBER), "settings": Table(ANY), "joint_names": _UNITS,
+    "versions": Keyed(TEXT), "plant_factors": Keyed(NUMBER), "settings": Keyed(ANY), "joint_names": _UNITS,
     **dict.fromkeys(("position_units", "torque_units"), _UNITS),
     **dict.fromkeys((*_TRACKING, *_SPRINGS, *_CONTRAST), _JOINTS),
     "gravities_m_s2": _VECTOR,
     "paper": {"source": TEXT, **dict.fromkeys((*_TRACKING, *_CONTRAST), _VECTOR)},
     "implied_gains": {"K_p_paper": _VECTOR, "K_p": _VECTOR},
     "power_bond": dict.fromkeys(("residual_energy_j", "residual_energy_abs_j", "exchanged_energy_j"), _VECTOR),
-    "limits": Table(dict.fromkeys(("torque", "speed", "stop"), _VECTOR)),
+    "limits": Keyed(dict.fromkeys(("torque", "speed", "stop"), _VECTOR)),
     "communication": dict.fromkeys(("steps", "rejected", "unit_steps"), WHOLE)
     | dict.fromkeys(("shortest_step", "longest_step"), NUMBER),
     "separation": {"change": NUMBER, "max_position_difference_rad": NUMBER},
-    "reference": Table({
-        "name": TEXT, "max_difference": Table(NUMBER), "max_position_difference_rad": NUMBER,
+    "reference": Keyed({
+        "name": TEXT, "max_difference": Keyed(NUMBER), "max_position_difference_rad": NUMBER,
         "max_torque_difference_nm": NUMBER, "rms_position_difference": NUMBER, "rms_torque_difference": NUMBER,
     }),
     "arm": {
         "types": _UNITS, "ell": _JOINTS, "rotation": List(List(_VECTOR), True), "offset": List(_VECTOR, True),
-        "tool_offset": _VECTOR, "tool_rotation": List(_VECTOR), "gravity": _VECTOR, "shapes": List(Table(ANY)),
+        "tool_offset": _VECTOR, "tool_rotation": List(_VECTOR), "gravity": _VECTOR, "shapes": List(Keyed(ANY)),
     },
     "verdict": {
         "passed": FLAG, "checks": List({"name": TEXT, "passed": FLAG, "text": TEXT}),
@@ -191,8 +191,8 @@ def _read(value: Any, of: Any, where: str, problems: list[str], lengths: dict[st
         place = f"{where}[{key + 1}]" if isinstance(key, int) else f"{where}.{key}".lstrip(".")
         return _read(entry, kind, place, problems, lengths)
 
-    if isinstance(of, Mapping | Table) and isinstance(value, dict):
-        kinds = dict.fromkeys(value, of.of) if isinstance(of, Table) else of
+    if isinstance(of, Mapping | Keyed) and isinstance(value, dict):
+        kinds = dict.fromkeys(value, of.of) if isinstance(of, Keyed) else of
         entries = ((key, entry, kinds.get(key, ANY)) for key, entry in value.items())
         return {key: inner(key, entry, kind) for key, entry, kind in entries if entry is not None}
     if isinstance(of, List) and isinstance(value, list):

@@ -22,7 +22,7 @@ Values = Mapping[str, Mapping[str, Any]]
 _READ = ("tau", "q", "kappa_dot")
 
 
-class Limits(NamedTuple):
+class ArmLimits(NamedTuple):
     """Limits that act on an arm of a system."""
 
     plant: str
@@ -37,14 +37,14 @@ class Limits(NamedTuple):
         return tau if self.robot is None else motor_torque(self.robot, tau, kappa_dot)
 
 
-def limits_of(scenario: Scenario, values: Values) -> list[Limits]:
+def limits_of(scenario: Scenario, values: Values) -> list[ArmLimits]:
     """Return the limits of the arms of a system, without arms that have none."""
     return [
         one for one in _limits(scenario, values) if one.robot is not None or (one.tau_max < NO_LIMIT).any()
     ]
 
 
-def _limits(scenario: Scenario, values: Values) -> Iterator[Limits]:
+def _limits(scenario: Scenario, values: Values) -> Iterator[ArmLimits]:
     system = scenario.system
     units = units_of(system)
     for plant, unit in units.items():
@@ -60,14 +60,14 @@ def _limits(scenario: Scenario, values: Values) -> Iterator[Limits]:
             names = (row.name for row in section("limits"))
             own = {name: _with_values(getattr(robot, name), name, values[plant]) for name in names}
             limited = SimpleNamespace(**own)
-        yield Limits(plant, limited, tau_max)
+        yield ArmLimits(plant, limited, tau_max)
 
 
 def _with_values(numbers: Floats, name: str, values: Mapping[str, Any]) -> Floats:
     return np.array([values.get(f"{name}[{i + 1}]", number) for i, number in enumerate(numbers)], dtype=float)
 
 
-def time_at_limits(results: Results, limits: list[Limits]) -> dict[str, Any]:
+def time_at_limits(results: Results, limits: list[ArmLimits]) -> dict[str, Any]:
     """Return the shares of a run's time that the joints were at their limits.
 
     A motor is at its torque limit where it, or the controller before it, gives less torque than is asked for and
@@ -88,7 +88,7 @@ def time_at_limits(results: Results, limits: list[Limits]) -> dict[str, Any]:
     return {"limits": found} if found else {}
 
 
-def _shares(results: Recorded, one: Limits) -> Floats:
+def _shares(results: Recorded, one: ArmLimits) -> Floats:
     """Return the shares of the time at the limits of torque, speed and travel: (3, n)."""
     spent: Floats = np.zeros((3, len(one.tau_max)))
     before = results.time[0]

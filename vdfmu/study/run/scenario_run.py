@@ -37,7 +37,7 @@ from vdfmu.engine.results.verdict import verdict_of
 from vdfmu.engine.run import Interrupted, LogMessage, Results
 from vdfmu.engine.run.simulator import check_coupling
 from vdfmu.study.report.content import arm_of
-from vdfmu.study.report.page import NAME, Run, write_report
+from vdfmu.study.report.page import NAME, ShownRun, write_report
 from vdfmu.study.run.at_limits import limits_of, time_at_limits
 from vdfmu.study.run.contrast import contrast
 from vdfmu.study.run.stability import explain, loop_checks, simulated
@@ -344,7 +344,7 @@ def _run_contrast(
 
 def _write(results: Results, scenario: Scenario, folder: Path, simulate: bool = False) -> None:
     """Write the page and the summary of a complete run."""
-    page = [Run(scenario.name, results, results.summary, folder / "system.ssp")]
+    page = [ShownRun(scenario.name, results, results.summary, folder / "system.ssp")]
     with doing("page"):
         write_report(page, folder / NAME, simulate=simulate)
     write_summary(results.summary, folder)

@@ -14,7 +14,7 @@ from vdfmu.base.measure import unit_of
 from vdfmu.base.version import __version__
 from vdfmu.engine.algorithms import is_continuous
 from vdfmu.engine.results.results import Results
-from vdfmu.study.run.at_limits import Limits
+from vdfmu.study.run.at_limits import ArmLimits
 from vdfmu.system.reference.reference import BLOCK, Reference
 from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.parts import units_of
@@ -73,7 +73,7 @@ def start_notes(results: Results, scenario: Scenario) -> list[str]:
     return notes
 
 
-def tracking_errors(results: Results, robot: Robot, limits: Iterable[Limits] = ()) -> dict[str, Any]:
+def tracking_errors(results: Results, robot: Robot, limits: Iterable[ArmLimits] = ()) -> dict[str, Any]:
     """Position errors in deg (mm for prismatic joints) and torque compensation errors link-side in N m (N).
 
     The compensation error is the control torque minus the feedforward torque that the controller added to, as the

@@ -14,9 +14,9 @@ import numpy as np
 
 from vdfmu.base.errors import CosimError, StorageError, VdfmuError, disk_error
 from vdfmu.base.text import error_text, matching
-from vdfmu.engine.plan.inputs import Table
+from vdfmu.engine.plan.inputs import InputTable
 from vdfmu.engine.run import Results, Simulator
-from vdfmu.study.batch.program import LANES, Program
+from vdfmu.study.batch.program import LANES, BatchProgram
 from vdfmu.study.sweeps.measures import Measure, measured
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ _ALIVE = 8
 
 
 @dataclass(frozen=True)
-class Binding:
+class AxisBinding:
     """What the value of an axis sets in a system."""
 
     names: tuple[str, ...]
@@ -57,10 +57,10 @@ class WiredSystem:
     content: bytes
     options: Mapping[str, Any]
     run: Mapping[str, Any]
-    inputs: Sequence[Table]
+    inputs: Sequence[InputTable]
     input_hold: bool
-    bindings: Mapping[str, Binding]
-    program: Program | None = None
+    bindings: Mapping[str, AxisBinding]
+    program: BatchProgram | None = None
     follow: Callable[[Mapping[str, Any]], dict[str, Any]] | None = None
     """Values by ``component.variable`` to the values of what follows from them; it stays with the plan."""
 
@@ -69,7 +69,7 @@ class WiredSystem:
         return {
             name: one
             for target, value in values.items()
-            for name, one in self.bindings.get(target, Binding((target,))).values(value).items()
+            for name, one in self.bindings.get(target, AxisBinding((target,))).values(value).items()
         }
 
 

@@ -19,10 +19,10 @@ from vdfmu.base.progress import counted
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.base.version import __version__
 from vdfmu.engine.plan.inputs import read_inputs
-from vdfmu.study.batch.program import LANES, Program
+from vdfmu.study.batch.program import LANES, BatchProgram
 from vdfmu.study.sweeps.axes import Axis, is_option, read_axes
 from vdfmu.study.sweeps.checks import check_overlap, default_measures, recorded, signals_of, try_measures
-from vdfmu.study.sweeps.job import Binding, Job, Task, WiredSystem
+from vdfmu.study.sweeps.job import AxisBinding, Job, Task, WiredSystem
 from vdfmu.study.sweeps.measures import Measure, function_digest, read_measures, unit_of
 from vdfmu.study.sweeps.points import Points, draw
 
@@ -231,7 +231,7 @@ def _of_package(
         {name: given[name] for name in ("step", "stop") if given.get(name) is not None},
         tables,
         bool(options.get("input_hold")),
-        {axis.target: Binding((axis.target,)) for axis in axes},
+        {axis.target: AxisBinding((axis.target,)) for axis in axes},
     )
 
 
@@ -314,7 +314,7 @@ def _following(
 
 def _program(
     scenario: Any, values: Mapping[str, Any], names: Sequence[str], *, needed: bool
-) -> Program | None:
+) -> BatchProgram | None:
     """Return what runs points of a scenario side by side, if there can be one; UsageError if it is `needed`."""
     from vdfmu.study.batch.make import make_program
     from vdfmu.system.package.description import SystemDescription
@@ -328,7 +328,7 @@ def _program(
         raise UsageError(f"{lines}\nTake the engine fmu.") from None
 
 
-def _binding(scenario: Any, axis: Axis, values: Mapping[str, Mapping[str, Any]]) -> Binding:
+def _binding(scenario: Any, axis: Axis, values: Mapping[str, Mapping[str, Any]]) -> AxisBinding:
     """Return what an axis sets; UsageError for what is unknown, or cannot have its values."""
     from vdfmu.system.scenario.values import override, present_values
 
@@ -340,11 +340,11 @@ def _binding(scenario: Any, axis: Axis, values: Mapping[str, Mapping[str, Any]])
         if axis.form == "values" and any(isinstance(value, str) for value in axis.values):
             spread = {value: names(value) for value in axis.values}
             words = {value: next(iter(each.values())) for value, each in spread.items()}
-            return Binding(tuple(next(iter(spread.values()))), words=words)
+            return AxisBinding(tuple(next(iter(spread.values()))), words=words)
         tried = axis.values or [
             axis.at(u).item() for u in ((0.0, 1.0) if axis.form in ("lin", "log") else (0.5,))
         ]
-        return Binding([tuple(names(value)) for value in tried][0])
+        return AxisBinding([tuple(names(value)) for value in tried][0])
     reached = present_values(scenario, values, axis.target, 1.0)
     nominal = [value for value in reached.values() if isinstance(value, float)]
     if len(nominal) < len(reached):
@@ -353,4 +353,4 @@ def _binding(scenario: Any, axis: Axis, values: Mapping[str, Mapping[str, Any]])
         )
     if not any(nominal):
         raise UsageError(f"{axis}: expected numbers to multiply that are not all 0; leave the star out.")
-    return Binding(tuple(reached), nominal=tuple(nominal))
+    return AxisBinding(tuple(reached), nominal=tuple(nominal))

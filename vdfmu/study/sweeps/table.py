@@ -15,13 +15,13 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.text import close_to, elided
 from vdfmu.engine.results.parquet import needed
-from vdfmu.study.report.summary import ANY, TEXT, WHOLE, List, Table, typed
+from vdfmu.study.report.summary import ANY, TEXT, WHOLE, Keyed, List, typed
 from vdfmu.study.sweeps.axes import is_option
 from vdfmu.study.sweeps.ledger import LEDGER, TABLE, files_of, readable, table_of
 
 _FACTS: Mapping[str, Any] = {
     **dict.fromkeys(("scenario", "source", "vdfmu", "sample", "engine"), TEXT), "n": WHOLE, "seed": WHOLE,
-    "axes": List(TEXT), "measures": Table(TEXT), "units": Table(TEXT), "settings": Table(ANY), "options": Table(ANY),
+    "axes": List(TEXT), "measures": Keyed(TEXT), "units": Keyed(TEXT), "settings": Keyed(ANY), "options": Keyed(ANY),
     "systems": List({"package": TEXT}),
 }  # fmt: skip
 """What the study is, as far as it is read, and the types."""

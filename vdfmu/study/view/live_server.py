@@ -24,7 +24,7 @@ from vdfmu.study.report.content import MOTOR_SIDE, SUMS
 from vdfmu.study.report.joints import UNITS
 from vdfmu.study.report.shapes import Chain
 from vdfmu.study.view.live import HEAD, SIGNALS
-from vdfmu.study.view.scene import PERIOD, Arm, address, clear, open_server, stage
+from vdfmu.study.view.scene import PERIOD, ArmScene, address, clear, open_server, stage
 
 QUANTITIES = {"torque": "Torque, link side", "error": "Tracking error", "torsion": "Torsion"}
 _NUMBERS = 0.2
@@ -58,9 +58,9 @@ class Scene:
         self._server, self.chain = server, (chain := Chain(arm))
         self.start, self.stop = start, stop
         stage(server, chain, np.vstack([chain.points(np.zeros(chain.n)), 0.8 * chain.reach * chain.up]))
-        self._arm = Arm(server, chain)
+        self._arm = ArmScene(server, chain)
         self._arm.frame(chain.n, "tool", 0.1 * chain.reach, chain.tool_offset, chain.tool_rotation)
-        self._ghost = Arm(server, chain, "desired", ghost=True) if "q_d" in given else None
+        self._ghost = ArmScene(server, chain, "desired", ghost=True) if "q_d" in given else None
         self._peaks: dict[str, Floats] = {}
         self._time: list[float] = []
         self._curves: dict[str, list[Floats]] = {}
@@ -206,7 +206,7 @@ NEEDS = {name: {_KEYS[signal] for _, signal in SUMS[name]} for name in QUANTITIE
 COLOURS = ("#1667c7", "#e2570d", "#2f9e44", "#9c36b5", "#c2255c", "#0b7285", "#868e96", "#a17c1a")
 
 
-class Server:
+class ViewServer:
     """Takes what `LiveView` sends, and draws."""
 
     def __init__(self, server: Any) -> None:
@@ -309,7 +309,7 @@ def main() -> None:
         os._exit(0)
 
     threading.Thread(target=read, daemon=True).start()
-    drawer, clients = Server(server), 0
+    drawer, clients = ViewServer(server), 0
     while True:
         with suppress(queue.Empty):
             name, arguments = tasks.get_nowait()

@@ -20,7 +20,7 @@ from vdfmu.study.analysis.modes import MOTORS, Modes, middle_pose, natural_modes
 from vdfmu.study.report.content import arm_of
 from vdfmu.study.report.joints import UNITS
 from vdfmu.study.report.shapes import Chain, turn_to
-from vdfmu.study.view.scene import PERIOD, Arm, address, open_server, stage
+from vdfmu.study.view.scene import PERIOD, ArmScene, address, open_server, stage
 from vdfmu.study.view.shapes import centres, inertia_parts
 
 _REST = 0.3
@@ -59,7 +59,7 @@ class RobotView:
             travel = np.maximum(np.abs(robot.q_min), np.abs(robot.q_max)).tolist()
         stage(self._server, chain, chain.points(self._q))
         visuals = [visual.to_dict() for visual in robot.visuals]
-        self.arm = Arm(self._server, chain, travel=travel, visuals=visuals, folder=folder)
+        self.arm = ArmScene(self._server, chain, travel=travel, visuals=visuals, folder=folder)
         ellipsoids, self.notes = inertia_parts(robot)
         self.notes += self.arm.notes
         self._groups = self._add_groups(ellipsoids)

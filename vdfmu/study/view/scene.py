@@ -15,7 +15,7 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError, VdfmuError
-from vdfmu.study.report.shapes import Chain, Part, own_shapes, turn_to
+from vdfmu.study.report.shapes import Chain, DrawnShape, own_shapes, turn_to
 from vdfmu.study.view.shapes import Colour, blend, rgb
 
 HOST = "127.0.0.1"
@@ -100,7 +100,7 @@ def address(server: Any) -> str:
     return f"http://{HOST}:{server.get_port()}/{server.token}/"
 
 
-class Arm:
+class ArmScene:
     """An arm in the scene of a server.
 
     Parameters
@@ -157,7 +157,7 @@ class Arm:
                 self._marked.append(handle)
         self._colours: list[Colour] = []
 
-    def add(self, part: Part, name: str, **look: Any) -> Any:
+    def add(self, part: DrawnShape, name: str, **look: Any) -> Any:
         """Add a shape to its body; return viser's handle."""
         shrink = 0.97 if self._ghost else 1.0  # within the other where they are at one place
         name, size = f"{self.names[part.body]}/{name}", [shrink * float(each) for each in part.size]

@@ -6,7 +6,7 @@ import numpy as np
 
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
-from vdfmu.study.report.shapes import Part
+from vdfmu.study.report.shapes import DrawnShape
 
 Colour = tuple[int, int, int]
 LOOKS = {"light": "#dee4eb", "dark": "#586473", "joint": "#a3aeba"}
@@ -29,7 +29,7 @@ def half_axes(mass: float, moments: Floats) -> Floats:
     return np.sqrt(np.maximum(squares, 0.0))
 
 
-def inertia_parts(robot: Robot) -> tuple[list[Part], list[str]]:
+def inertia_parts(robot: Robot) -> tuple[list[DrawnShape], list[str]]:
     """Ellipsoids of inertia of the links and the payload, and what is said of those that have none.
 
     An axis of less than a hundredth of the longest is drawn as that much.
@@ -40,7 +40,7 @@ def inertia_parts(robot: Robot) -> tuple[list[Part], list[str]]:
         p, R = robot.tool_offset, robot.tool_rotation
         centroid, inertia = p + R @ robot.payload_centroid, R @ robot.payload_inertia @ R.T
         bodies.append(("payload", robot.n, robot.payload_mass, centroid, inertia))
-    parts: list[Part] = []
+    parts: list[DrawnShape] = []
     notes: list[str] = []
     for name, body, mass, centroid, inertia in bodies:
         if not float(mass) > 0.0:
@@ -57,7 +57,7 @@ def inertia_parts(robot: Robot) -> tuple[list[Part], list[str]]:
             continue
         axes[:, 2] *= np.sign(np.linalg.det(axes))
         size = np.maximum(size, 0.01 * size.max())
-        parts.append(Part(body, "ellipsoid", size.tolist(), centroid, axes, "#7c3aed"))
+        parts.append(DrawnShape(body, "ellipsoid", size.tolist(), centroid, axes, "#7c3aed"))
     return parts, notes
 
 

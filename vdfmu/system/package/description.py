@@ -23,7 +23,7 @@ Values = Mapping[str, Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
-class Signal:
+class PackageSignal:
     """What a tool sees as one variable: a scalar, or an array of FMI 3."""
 
     name: str
@@ -58,11 +58,11 @@ class Signal:
 
 
 @dataclass(frozen=True)
-class Link:
+class ElementConnection:
     """One connection; an end that is one element of an array has an index, counted from 1."""
 
-    start: tuple[str, Signal]
-    end: tuple[str, Signal]
+    start: tuple[str, PackageSignal]
+    end: tuple[str, PackageSignal]
     start_index: tuple[int, ...] = ()
     end_index: tuple[int, ...] = ()
 
@@ -72,7 +72,7 @@ class ParameterSet:
     """Parameters of one file: signal and the values of its elements."""
 
     name: str
-    entries: tuple[tuple[Signal, tuple[Any, ...]], ...]
+    entries: tuple[tuple[PackageSignal, tuple[Any, ...]], ...]
 
 
 @dataclass(frozen=True)
@@ -115,18 +115,18 @@ class SystemDescription:
         alone = [table.model_name for table in self.tables.values()].count(model) == 1
         return f"{model}.fmu" if alone else f"{model}_{component}.fmu"
 
-    def _signals_of(self, table: Variables) -> tuple[Signal, ...]:
+    def _signals_of(self, table: Variables) -> tuple[PackageSignal, ...]:
         if self.version == "1.0" or not isinstance(table, Interface):
-            return tuple(Signal(v.name, (v,), (), v.type) for v in table)
-        found: list[Signal] = []
+            return tuple(PackageSignal(v.name, (v,), (), v.type) for v in table)
+        found: list[PackageSignal] = []
         for array in table.arrays:
             variables = table.memory[array.positions]
             if variables[0].causality in ("input", "output", "parameter"):
                 kind = FMI_3_TYPES[variables[0].type]
-                found.append(Signal(array.name, variables, array.shape, kind))
+                found.append(PackageSignal(array.name, variables, array.shape, kind))
         return tuple(found)
 
-    def signals(self, unit: str, kind: str) -> tuple[Signal, ...]:
+    def signals(self, unit: str, kind: str) -> tuple[PackageSignal, ...]:
         """Signals of a unit with a causality, in the order of its table."""
         return tuple(s for s in self._signals[unit] if s.kind == kind)
 
@@ -136,7 +136,7 @@ class SystemDescription:
         return float(self.values.get("plant", {}).get("tolerance", self.scenario.tolerance))
 
     @cached_property
-    def links(self) -> tuple[Link, ...]:
+    def links(self) -> tuple[ElementConnection, ...]:
         """All connections."""
         return tuple(
             link
@@ -145,21 +145,21 @@ class SystemDescription:
             for link in self._links(source, target)
         )
 
-    def _links(self, source: str, target: str) -> list[Link]:
+    def _links(self, source: str, target: str) -> list[ElementConnection]:
         starts, ends = self._ends(source, "output"), self._ends(target, "input")
         (start_unit, _), (end_unit, _) = source.split(".", 1), target.split(".", 1)
         wholes = {s for s, _ in starts.values()}, {s for s, _ in ends.values()}
         arrays = all(len(found) == 1 and next(iter(found)).shape for found in wholes)
         if arrays and starts.keys() == ends.keys():
-            return [Link((start_unit, wholes[0].pop()), (end_unit, wholes[1].pop()))]
+            return [ElementConnection((start_unit, wholes[0].pop()), (end_unit, wholes[1].pop()))]
         return [
-            Link((start_unit, start), (end_unit, end), _counted(start, a), _counted(end, b))
+            ElementConnection((start_unit, start), (end_unit, end), _counted(start, a), _counted(end, b))
             for index, (end, b) in ends.items()
             if index in starts
             for start, a in [starts[index]]
         ]
 
-    def _ends(self, end: str, kind: str) -> dict[tuple[int, ...], tuple[Signal, Variable]]:
+    def _ends(self, end: str, kind: str) -> dict[tuple[int, ...], tuple[PackageSignal, Variable]]:
         """Signals and variables of one end of a connection by their indices."""
         component, name = end.split(".", 1)
         signals = {v: s for s in self.signals(component, kind) for v in s.variables}
@@ -203,7 +203,7 @@ class SystemDescription:
         bindings: dict[str, list[Binding]] = {unit: [] for unit in self.tables}
         left = {unit: self._entries(unit) for unit in self.tables}
         shared = self._take_shared(left)
-        robots: dict[str, dict[str, tuple[Signal, tuple[Any, ...]]]] = {}
+        robots: dict[str, dict[str, tuple[PackageSignal, tuple[Any, ...]]]] = {}
         known = self.scenario.robot
         nominal = (
             {p.name: float(getattr(known, p.field)[p.index]) for p in parameters(known)} if known else {}
@@ -235,7 +235,7 @@ class SystemDescription:
                 bindings[unit].append(Binding(f"{name}.ssv", mapping))
         return files, bindings
 
-    def _entries(self, unit: str) -> dict[str, tuple[Signal, tuple[Any, ...]]]:
+    def _entries(self, unit: str) -> dict[str, tuple[PackageSignal, tuple[Any, ...]]]:
         """Return the parameters of a unit that have a value; an array has one with any of its elements."""
         values = self.values[unit]
         return {
@@ -244,7 +244,9 @@ class SystemDescription:
             if any(v.name in values for v in s.variables)
         }
 
-    def _take_shared(self, left: dict[str, dict[str, tuple[Signal, tuple[Any, ...]]]]) -> dict[str, Any]:
+    def _take_shared(
+        self, left: dict[str, dict[str, tuple[PackageSignal, tuple[Any, ...]]]]
+    ) -> dict[str, Any]:
         """Take the values that units share out of `left`, unless they differ: entries, and unit to mapping."""
         found: dict[str, Any] = {}
         for name, groups in self._shared.items():
@@ -266,7 +268,7 @@ class SystemDescription:
         return found
 
 
-def _counted(signal: Signal, variable: Variable) -> tuple[int, ...]:
+def _counted(signal: PackageSignal, variable: Variable) -> tuple[int, ...]:
     """Index of an element of an array, counted from 1."""
     return tuple(i + 1 for i in variable.index) if signal.shape else ()
 
@@ -283,13 +285,13 @@ def _corners(system: SystemFile) -> dict[str, Box]:
     return corners
 
 
-def _key(entry: tuple[Signal, Sequence[Any]]) -> tuple[Any, ...]:
+def _key(entry: tuple[PackageSignal, Sequence[Any]]) -> tuple[Any, ...]:
     """Return what two entries that share a value have in common: indices, type, unit and values."""
     signal, values = entry
     return signal.shape, signal.type, signal.unit, tuple(v.index for v in signal.variables), tuple(values)
 
 
-def positions(signals: Sequence[Signal]) -> dict[str, float]:
+def positions(signals: Sequence[PackageSignal]) -> dict[str, float]:
     """Height of connectors on their side of the box, from 0 to 1: evenly, with a gap between groups."""
     slots: dict[str, int] = {}
     slot = 0

@@ -8,7 +8,7 @@ from typing import Any
 
 from vdfmu.base.version import __version__
 from vdfmu.compiler.fmu.page import page, table
-from vdfmu.system.package.description import Signal, SystemDescription
+from vdfmu.system.package.description import PackageSignal, SystemDescription
 from vdfmu.system.package.drawing import draw_system
 from vdfmu.system.package.xml import value_text
 
@@ -115,7 +115,7 @@ def _connections(description: SystemDescription) -> str:
     return table(("from", "to", "signals", "unit"), rows, ("name", "name", "", ""))
 
 
-def _units(signals: Iterable[Signal]) -> str:
+def _units(signals: Iterable[PackageSignal]) -> str:
     return escape(", ".join(sorted({s.unit or "" for s in signals})))
 
 
@@ -141,7 +141,7 @@ def _parameters(description: SystemDescription) -> str:
     return "\n".join(parts)
 
 
-def _choice(signal: Signal, values: Sequence[Any]) -> str:
+def _choice(signal: PackageSignal, values: Sequence[Any]) -> str:
     choices = signal.variables[0].choices
     return f" ({escape(choices[int(values[0])])})" if choices else ""
 
@@ -159,5 +159,5 @@ def _connectors(description: SystemDescription) -> str:
     return "\n".join(parts)
 
 
-def _type(signal: Signal) -> str:
+def _type(signal: PackageSignal) -> str:
     return signal.type + (f" [{', '.join(map(str, signal.shape))}]" if signal.shape else "")

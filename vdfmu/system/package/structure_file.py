@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from vdfmu.engine.package.experiment import EXPERIMENT_TYPE, FOREIGN, OSP_TYPE
-from vdfmu.system.package.description import Signal, SystemDescription, positions
+from vdfmu.system.package.description import PackageSignal, SystemDescription, positions
 from vdfmu.system.package.geometry import route
 from vdfmu.system.package.xml import META, add, add_foreign, add_units, root
 from vdfmu.system.scenario.foreign import ForeignInterface
@@ -101,7 +101,7 @@ def mapping_name(unit: str, file: str) -> str:
     return f"{unit}.{file.removesuffix('.ssv')}.ssm"
 
 
-def _add_connector(connectors: Any, signal: Signal, x: float, y: float) -> None:
+def _add_connector(connectors: Any, signal: PackageSignal, x: float, y: float) -> None:
     connector = add(
         connectors, "ssd:Connector", name=signal.name, kind=signal.kind, description=signal.description
     )

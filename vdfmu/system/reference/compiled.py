@@ -16,17 +16,17 @@ from vdfmu.compiler.c.functions import c_prototype
 from vdfmu.compiler.c.loaded import SHOWN, loaded
 from vdfmu.compiler.unit.evaluate import Traced
 from vdfmu.compiler.unit.program import Call
-from vdfmu.system.reference.wired import Action, Carry, Clock, Run, System
+from vdfmu.system.reference.wired import Action, Carry, Run, TimeSetter, WiredUnits
 
 
 def runs(
-    system: System, lists: Mapping[str, Sequence[Action]], files: Mapping[str, bytes] | None
+    system: WiredUnits, lists: Mapping[str, Sequence[Action]], files: Mapping[str, bytes] | None
 ) -> dict[str, Run]:
     """Return what runs each list of actions.
 
     Parameters
     ----------
-    system : System
+    system : WiredUnits
     lists : mapping of str to actions
     files : mapping of str to bytes, or None
         Their :func:`sources`. Without them, or the compiler, the actions run in Python, with the same results to
@@ -49,7 +49,7 @@ def _bound(library: PyDLL, name: str, memory: int) -> Run:
     return partial(function, memory)
 
 
-def sources(system: System, lists: Mapping[str, Sequence[Action]]) -> dict[str, bytes] | None:
+def sources(system: WiredUnits, lists: Mapping[str, Sequence[Action]]) -> dict[str, bytes] | None:
     """Return file name to C text of lists of actions; None where a unit has no C."""
     code = Code(system)
     try:
@@ -68,7 +68,7 @@ class Code:
     head = "double *m, double t"
     unused = "(void)t;"
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, system: WiredUnits) -> None:
         self.system = system
         self.called: dict[str, ca.Function] = {}
         self._taken: dict[str, ca.Function] = {}
@@ -83,7 +83,7 @@ class Code:
         if isinstance(action, Carry):
             for start, end in zip(action.starts.tolist(), action.ends.tolist(), strict=True):
                 yield f"m[{end}] = m[{start}];"
-        elif isinstance(action, Clock):
+        elif isinstance(action, TimeSetter):
             for place in action.places.tolist():
                 yield f"m[{place}] = t;"
         else:

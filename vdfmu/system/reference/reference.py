@@ -29,8 +29,8 @@ from vdfmu.compiler.functions.cache import cache_folder, load, store
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.compiled import runs, sources
-from vdfmu.system.reference.solution import Continuous, Sampled
-from vdfmu.system.reference.wired import System
+from vdfmu.system.reference.solution import ContinuousReference, SampledReference
+from vdfmu.system.reference.wired import WiredUnits
 
 BLOCK = 1024
 """Rows of a stretch: what is held in memory of a long run."""
@@ -85,11 +85,15 @@ def reference_blocks(
     """
     if name not in ("sampled", "sampled-delayed", "continuous"):
         raise UsageError(f"no reference {name!r}; there are sampled, sampled-delayed and continuous.")
-    system = System(description)
+    system = WiredUnits(description)
     m = round(stop / step)
     t: Floats = step * np.arange(m + 1, dtype=np.float64)
     places, where = system.shown(groups)
-    solution = Continuous(system) if name == "continuous" else Sampled(system, name == "sampled-delayed")
+    solution = (
+        ContinuousReference(system)
+        if name == "continuous"
+        else SampledReference(system, name == "sampled-delayed")
+    )
     files = sources(system, solution.lists)
     system.start()
     small = files is not None and t.size * places.size * t.itemsize <= _KEPT
@@ -121,7 +125,7 @@ def reference(name: str, description: SystemDescription, *, step: float, stop: f
 
 
 def _key(
-    name: str, system: System, files: Mapping[str, bytes], t: Floats, places: npt.NDArray[np.intp]
+    name: str, system: WiredUnits, files: Mapping[str, bytes], t: Floats, places: npt.NDArray[np.intp]
 ) -> str:
     """Return the digest of what decides a solution: what is calculated, from which values and signals, and by whom."""
     digest = sha256(repr((name, scipy.__version__, source_digest("system.reference"))).encode())

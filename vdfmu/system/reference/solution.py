@@ -21,7 +21,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.compiler.unit.scipy_solver import samples, switchings
-from vdfmu.system.reference.wired import Action, Carry, Clock, Evaluate, Places, Run, System
+from vdfmu.system.reference.wired import Action, Carry, Evaluate, Places, Run, TimeSetter, WiredUnits
 
 _SHORT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-11}
 """Tolerances on the way from one communication point to the next: 2e-13 rad in the tracking and the two-joint run."""
@@ -39,19 +39,19 @@ _PARTS = 64
 """Smallest part of a way, counted, that the first step on it is."""
 
 
-class _Rate:
+class _RightHandSide:
     """The right-hand side as scipy calls it.
 
     Parameters
     ----------
-    system : System
+    system : WiredUnits
     places : (n_x,) places of the states that the solver has, next to each other
     run : calculates their derivatives
     feed : sets the inputs of a time, where some change with it
     """
 
     def __init__(
-        self, system: System, places: Places, run: Run, feed: Callable[[float], None] | None = None
+        self, system: WiredUnits, places: Places, run: Run, feed: Callable[[float], None] | None = None
     ) -> None:
         first, last, offset = int(places[0]), int(places[-1]) + 1, len(system.x)
         self.x = system.memory[first:last]
@@ -75,10 +75,10 @@ class _Rate:
 class _Mover:
     """A unit with states on its way from one communication point to the next, with its inputs held."""
 
-    def __init__(self, system: System, name: str, run: Run | None, update: Run | None) -> None:
+    def __init__(self, system: WiredUnits, name: str, run: Run | None, update: Run | None) -> None:
         self._unit, self._name, self._update = system.units[name], name, update
         if run is not None:
-            self._rate = _Rate(system, system.alone(name)[0], run)
+            self._rate = _RightHandSide(system, system.alone(name)[0], run)
         self._steps = 1
         """Steps that the last way took: the next begins with a step of this part of it."""
         self._solvers: dict[int, Any] = {}
@@ -124,12 +124,12 @@ class _Mover:
             raise VdfmuError(f"The reference failed: {self._name} has no finite state after t = {t:.9g} s.")
 
 
-class Sampled:
+class SampledReference:
     """The reference in which outputs are held over a communication step.
 
     Parameters
     ----------
-    system : System
+    system : WiredUnits
     delayed : bool
         Whether every unit sees the others' outputs one sample late.
 
@@ -141,7 +141,7 @@ class Sampled:
         Units with states, in the order of a step.
     """
 
-    def __init__(self, system: System, delayed: bool) -> None:
+    def __init__(self, system: WiredUnits, delayed: bool) -> None:
         self._system = system
         self.lists: dict[str, list[Action]] = {}
         self.moving: list[str] = []
@@ -155,10 +155,10 @@ class Sampled:
                 if unit.x.size:
                     self.lists[f"rate_{i}"] = system.alone(name)[1]
                 if unit.interface.is_sampled:
-                    self.lists[f"update_{i}"] = [Clock(system.clock(name)), Evaluate(name, "update")]
+                    self.lists[f"update_{i}"] = [TimeSetter(system.clock(name)), Evaluate(name, "update")]
                 self.moving.append(name)
                 self.lists[f"part_{i + 1}"] = part = []
-            part += [Clock(system.clock(name)), Evaluate(name, "outputs")]
+            part += [TimeSetter(system.clock(name)), Evaluate(name, "outputs")]
 
     def solve(self, t: Floats, run: Mapping[str, Run]) -> Iterator[None]:
         """Yield whenever the memory has the outputs of the next time, which begins with those of the start.
@@ -184,12 +184,12 @@ class Sampled:
             yield
 
 
-class Continuous:
+class ContinuousReference:
     """The reference without sampling; sampled states change at their own samples.
 
     Parameters
     ----------
-    system : System
+    system : WiredUnits
 
     Attributes
     ----------
@@ -197,7 +197,7 @@ class Continuous:
         What is calculated.
     """
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, system: WiredUnits) -> None:
         self._system = system
         moving = [Evaluate(name, "derivatives") for name, unit in system.units.items() if unit.x.size]
         try:
@@ -214,12 +214,12 @@ class Continuous:
         }
 
     def solve(self, t: Floats, run: Mapping[str, Run]) -> Iterator[None]:
-        """Yield whenever the memory has the outputs of the next time, as :meth:`Sampled.solve`."""
+        """Yield whenever the memory has the outputs of the next time, as :meth:`SampledReference.solve`."""
         system, x = self._system, self._system.memory[self._system.x]
         rate = None
         if x.size:
             changing = any(not course.held for _, course in system.outside)
-            rate = _Rate(system, system.solver_x, run["rate"], self._feed if changing else None)
+            rate = _RightHandSide(system, system.solver_x, run["rate"], self._feed if changing else None)
         self._calculate(run["outputs"], 0.0, x)
         yield
         k = 1
@@ -282,7 +282,7 @@ class Continuous:
         yield begin, stop, units
 
 
-def _solved(rate: _Rate | None, begin: float, end: float, x: Floats, points: Floats) -> Floats:
+def _solved(rate: _RightHandSide | None, begin: float, end: float, x: Floats, points: Floats) -> Floats:
     """Return scipy's solution at points between two times [s], and at the end, one a row; without a rate, x."""
     if rate is None:
         return np.tile(x, (len(points) + 1, 1))

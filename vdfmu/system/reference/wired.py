@@ -15,7 +15,7 @@ import numpy.typing as npt
 from vdfmu.base.errors import UsageError
 from vdfmu.compiler.unit.evaluate import Evaluation, evaluation
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.engine.plan.inputs import Course, Table, read_inputs
+from vdfmu.engine.plan.inputs import Course, InputTable, read_inputs
 from vdfmu.system.package.description import SystemDescription
 
 Places = npt.NDArray[np.intp]
@@ -33,7 +33,7 @@ class Carry(NamedTuple):
     ends: Places
 
 
-class Clock(NamedTuple):
+class TimeSetter(NamedTuple):
     """Set the time at these places."""
 
     places: Places
@@ -46,10 +46,10 @@ class Evaluate(NamedTuple):
     method: str
 
 
-Action = Carry | Clock | Evaluate
+Action = Carry | TimeSetter | Evaluate
 
 
-class System:
+class WiredUnits:
     """The units of a system in one memory, joined by links.
 
     Parameters
@@ -118,13 +118,13 @@ class System:
         )
         self.evaluate: list[Action] = [
             Carry(self.solver_x, self.x),
-            Clock(self.clocks),
+            TimeSetter(self.clocks),
             self._links(lambda source, _: self._is_state(*source)),
             *(action for name, carry in moving for action in (Evaluate(name, "outputs"), carry)),
         ]
         """Calculate all inputs at a time, from the states of the solver."""
 
-    def _feed_from(self, table: Table) -> set[_Node]:
+    def _feed_from(self, table: InputTable) -> set[_Node]:
         """Let the columns of a table feed the inputs that they name; return these."""
         free = {
             f"{name}.{variable.name}": (name, i)
@@ -164,7 +164,7 @@ class System:
         among = slice(*np.searchsorted(self.x, (own[0], own[-1] + 1)))
         return self.solver_x[among], [
             Carry(self.solver_x[among], own),
-            Clock(self.clock(name)),
+            TimeSetter(self.clock(name)),
             Evaluate(name, "derivatives"),
             Carry(self._range(name, "derivatives"), self.solver_x_dot[among]),
         ]
@@ -273,7 +273,7 @@ class System:
             match action:
                 case Carry(starts, ends):
                     return lambda _: memory.__setitem__(ends, memory[starts])
-                case Clock(places):
+                case TimeSetter(places):
                     return lambda t: memory.__setitem__(places, t)
                 case Evaluate(unit, method):
                     call = getattr(self.units[unit], method)

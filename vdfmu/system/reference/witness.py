@@ -76,7 +76,7 @@ class Witness:
     """
 
     def __init__(self, scenario: Scenario, values: Mapping[str, Mapping[str, Any]]) -> None:
-        self._units: dict[str, _Unit] = {}
+        self._units: dict[str, _WitnessedUnit] = {}
         self._left: list[str] = []
         fed = {name for table in scenario.inputs or () for name in table.names}
         for name, table in tables_of(scenario.system, scenario.robot).items():
@@ -86,7 +86,7 @@ class Witness:
                     for i, v in enumerate(table)
                     if is_free(scenario.system, name, v) and f"{name}.{v.name}" not in fed
                 ]
-                self._units[name] = _Unit(table, values[name], free)
+                self._units[name] = _WitnessedUnit(table, values[name], free)
             else:
                 self._left.append(name)
         self.probe = Probe({name: unit.step(scenario.step) for name, unit in self._units.items()})
@@ -118,7 +118,7 @@ class Witness:
         }
 
 
-class _Unit:
+class _WitnessedUnit:
     """A component in numpy, on a memory of its own, with the parameters of the scenario."""
 
     def __init__(self, interface: Interface, values: Mapping[str, Any], free: Sequence[int]) -> None:

@@ -12,7 +12,7 @@ from vdfmu.compiler.unit.evaluate import Traced, evaluation
 from vdfmu.compiler.unit.integrator import Integrator
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.requirements import unmet
-from vdfmu.compiler.unit.scipy_solver import Motion
+from vdfmu.compiler.unit.scipy_solver import ScipySolver
 
 
 class Behaviour:
@@ -30,7 +30,7 @@ class Behaviour:
         self.memory = memory
         self._unit = evaluation(interface, memory)
         own = interface.has_states and isinstance(self._unit, Traced)
-        self._solver = Integrator(self._unit) if own else Motion(self._unit)
+        self._solver = Integrator(self._unit) if own else ScipySolver(self._unit)
         self._saved = ("h", "tolerance", "start") if interface.has_states else ("start",)
 
     def check(self) -> list[str]:
