@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test test-all hostile bench docs lint sbom audit lock vendor clean
+.PHONY: demo test test-all hostile mutants bench docs lint sbom audit lock vendor clean
 
 demo: $(VENV)/demo  ## run the paper's tracking simulation (Section IV-B)
 	$(BIN)/vdfmu run tracking
@@ -17,6 +17,9 @@ test-all: test $(VENV)/platforms  ## run the heavy ones too: all platforms, emul
 
 hostile: $(VENV)/test  ## try thousands of hostile inputs, print what came of them: minutes
 	$(BIN)/python -m tests.hostile --write docs/robustness.md
+
+mutants: $(VENV)/test  ## seed faults into the package and see whether make test finds them: hours
+	$(BIN)/python -m tests.mutants $(WORDS)
 
 bench: $(VENV)/bench  ## measure times and growth exponents
 	$(BIN)/python -m benchmarks
