@@ -112,7 +112,7 @@ def _value(schema: Mapping[str, Any]) -> str:
 
 
 _HUGE = 1e4
-"""Bound from which on it is there for broken files only."""
+"""Bound from which it is there for broken files only."""
 _COMMANDS_HEAD = """---
 hide: [toc]
 ---

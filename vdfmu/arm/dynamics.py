@@ -19,7 +19,7 @@ from vdfmu.compiler.c.rows import compiled_rows
 
 _NO_WRENCH = np.zeros(6)
 _WORTH = 50_000
-"""States of batches, of one function and robot, from which on it is compiled: what that takes, they take uncompiled."""
+"""States of batches, of one function and robot, from which it is compiled: what that takes, they take uncompiled."""
 
 
 class _RobotFunctions(Kernel):

@@ -71,7 +71,7 @@ def write_whole(path: Path, blocks: Iterable[bytes]) -> None:
     Raises
     ------
     UsageError, VdfmuError
-        It cannot be written: for want of its folder, or of the right to; for another reason.
+        It cannot be written: its folder or the right to is missing; or another reason.
     """
     try:
         with _replacing(path) as stream:

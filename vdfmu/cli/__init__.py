@@ -63,7 +63,7 @@ def _require_named_folder() -> None:
 
 
 def _say_missing(error: ImportError) -> None:
-    """End for want of a package, unless it is our own; the version needs none."""
+    """End because a package is missing, unless it is our own; the version needs none."""
     package = (error.name or str(error)).partition(".")[0]
     if package == "vdfmu":
         return

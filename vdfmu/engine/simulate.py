@@ -82,7 +82,7 @@ def run_system(
     formats : sequence of str
         The files ``results.csv`` and so on to write, of `vdfmu.engine.results.formats.FORMATS`: "csv", "parquet" ...
     inputs, input_hold : optional
-        Signals for inputs that nothing is connected to, as of :func:`vdfmu.engine.run.simulate`.
+        Signals for inputs that nothing is connected to, see :func:`vdfmu.engine.run.simulate`.
     progress : callable or bool, optional
         Called with stage, done, total; True shows bars, on the terminal or in the notebook.
     log : callable, optional
@@ -90,7 +90,7 @@ def run_system(
     plot : bool, optional
         Whether to draw the signals, but for those that copy others: ``signals.png``.
     observer : Observer, optional
-        As of :func:`vdfmu.engine.run.simulate`.
+        See :func:`vdfmu.engine.run.simulate`.
 
     Returns
     -------

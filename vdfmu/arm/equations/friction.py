@@ -59,7 +59,7 @@ def joint_friction(
     Parameters
     ----------
     load : (n,) [N m or N] torque of the drive, link-side, which loads the mesh of a robot with load_loss
-    tau_z, T_j : as of :func:`stribeck_friction`
+    tau_z, T_j : see :func:`stribeck_friction`
 
     Returns
     -------

@@ -24,7 +24,7 @@ _MOST_TIPS = 12
 class SerialChain:
     """An arm: bodies from base to tip, the tip's placement in the last, gravity (3,) in the base's frame.
 
-    `standard` says that gravity is none of the file's.
+    `standard` says that gravity is not from the file.
     """
 
     base: str

@@ -80,7 +80,7 @@ def robot_from_mjcf(
     Parameters
     ----------
     path, base, tip, drives
-        As of :func:`robot_from_urdf`, with its errors.
+        See :func:`robot_from_urdf`, with its errors.
 
     Returns
     -------
@@ -104,7 +104,7 @@ def import_robot(
     Parameters
     ----------
     path, base, tip, drives, density
-        As of :func:`robot_from_urdf`.
+        See :func:`robot_from_urdf`.
     out : path, optional
         Where the robot file will be, from which it names its meshes; default the folder of `path`.
     kind : str

@@ -20,7 +20,7 @@ _CONNECT, _WELD, _JOINT = range(3)
 _SHAPES = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}
 """Shapes by the numbers of MuJoCo's mjtGeom."""
 _VISIBLE = 3
-"""Groups of shapes from which on MuJoCo's viewer does not show them."""
+"""Groups of shapes from which MuJoCo's viewer does not show them."""
 
 
 def read_mjcf(path: Path, problems: Problems) -> Tree:

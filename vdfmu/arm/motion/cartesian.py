@@ -119,7 +119,7 @@ def circle(
     orientation : "keep", "turn" or "free", optional
         The rotation of {O} stays, turns along, or follows from the position.
     robot, start, velocity, acceleration, speed, duration, dwell, tolerance
-        As of :func:`line`, with its errors.
+        See :func:`line`, with its errors.
     """
     q = _start(robot, start)
     c, z = (np.array(one, dtype=float) for one in (centre, axis))

@@ -105,7 +105,7 @@ def sweep(
     Parameters
     ----------
     start, amplitude, velocity, acceleration
-        As of :func:`multisine`.
+        See :func:`multisine`.
     frequencies : (float, float) [Hz]
         At the start and at the end.
     duration : float [s]

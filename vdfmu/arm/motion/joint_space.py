@@ -91,7 +91,7 @@ def samples(times: npt.ArrayLike, points: npt.ArrayLike) -> Motion:
     Raises
     ------
     UsageError
-        As of :func:`waypoints`.
+        See :func:`waypoints`.
     """
     t, q = np.array(times, dtype=float), np.array(points, dtype=float)
     motion = waypoints(q, t)

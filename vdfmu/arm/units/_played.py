@@ -20,7 +20,7 @@ class Played(Unit):
 
     edges: ClassVar[Any] = np.array([0.0, 1.0, 2.0])
     rows: ClassVar[Any] = None
-    """As of :func:`~vdfmu.arm.equations.trajectory.played_motion`."""
+    """See :func:`~vdfmu.arm.equations.trajectory.played_motion`."""
     notes: ClassVar[tuple[str, ...]] = ()
     """What is to be said of the motion."""
 

@@ -106,7 +106,7 @@ _WHOLE = 18_000
 _PART = 1_000
 """Operations of one part of a longer trace."""
 _ALONE = 3_000
-"""Operations of a called function from which on it has a text of its own."""
+"""Operations of a called function from which it has a text of its own."""
 _TOGETHER = 30
 """Parts that one compiler gets, which takes some 200 MB for them."""
 

@@ -19,7 +19,7 @@ from vdfmu.compiler.unit.requirements import unmet
 
 _MOST_JOINTS = 64
 _SLOW_JOINTS = 9
-"""Joints from which on a first build is announced."""
+"""Joints from which a first build is announced."""
 
 
 def _build_seconds(n: int) -> float:

@@ -127,7 +127,7 @@ def rodas_step(
         explicit rows
     x, x_dot : (m, 1) state at the start of the step, and its derivative there
     h : (1, 1) step [s]
-    factors, stages : as of :func:`stage_equations`; the factors may be numbers
+    factors, stages : see :func:`stage_equations`; the factors may be numbers
 
     Returns
     -------

@@ -75,7 +75,7 @@ class BaseUnit:
     elimination: ClassVar[tuple[str, ...]] = ()
     """States in the order in which the solver eliminates them; it decides the cost, not the result."""
     chain: ClassVar[int | None] = None
-    """Joints from which on :meth:`balance` is linearised with what it hands to :meth:`cut` as unknowns of their own."""
+    """Joints from which :meth:`balance` is linearised with what it hands to :meth:`cut` as unknowns of their own."""
     experiment_stop: ClassVar[float] = 1.0
     """End of the experiment of the FMU's reference results [s]."""
     declared: Mapping[str, Declared] = {}

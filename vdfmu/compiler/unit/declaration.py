@@ -149,7 +149,7 @@ class Sampled(State):
     Its value is that of the time from the sample on, so the unit is stepped before those that read it. One that is
     `delayed` reaches them at the next communication point: that breaks a loop of sampled units.
 
-    Parameters as of :class:`Declared`, and
+    Parameters: see :class:`Declared`, and
 
     delayed : bool
     """
@@ -186,7 +186,7 @@ class Derivative(Declared):
 class Parameter(Declared):
     """A value that is fixed over a run, or `tunable` in it.
 
-    Parameters as of :class:`Declared`.
+    Parameters: see :class:`Declared`.
     """
 
     def __init__(

@@ -100,7 +100,7 @@ class UnitFunctions(Functions):
     robot : Robot or None
         Its structure decides the functions.
     cache : path, None or "default"
-        As of :class:`~vdfmu.compiler.functions.functions.Functions`. Functions of a unit that is not one of
+        See :class:`~vdfmu.compiler.functions.functions.Functions`. Functions of a unit that is not one of
         the package's are not kept: what they come from is known only once they are traced.
     """
 
@@ -378,7 +378,7 @@ def _along_chain(
     ----------
     states : places of the first joint's states, in their order for one joint
     n, n_x : joints and states
-    cuts : as of :class:`SymbolicWatch`; their unknowns come after the states
+    cuts : see :class:`SymbolicWatch`; their unknowns come after the states
     """
     ends = n_x + np.cumsum([symbols.numel() for _, symbols, _ in cuts])
     order: list[int] = []

@@ -124,7 +124,7 @@ def federate(
     Parameters
     ----------
     system : System, str or Path
-        As of :func:`vdfmu.simulate`.
+        See :func:`vdfmu.simulate`.
     split : sequence of str
         The components of each federate, such as ``["plant", "feedforward,controller"]``; those that are not named are
         one more. A federate has the name of its first component.
@@ -142,12 +142,12 @@ def federate(
     Returns
     -------
     Results
-        As of :func:`vdfmu.simulate`; the summary has the ``federates``, and the wall time that each waited for others.
+        See :func:`vdfmu.simulate`; the summary has the ``federates``, and the wall time that each waited for others.
 
     Raises
     ------
     SspError, UsageError, VdfmuError
-        As of :func:`vdfmu.simulate`, and for a wrong split, or if HELICS is not installed.
+        See :func:`vdfmu.simulate`, and for a wrong split, or if HELICS is not installed.
     CosimError
         A component failed, a federate has ended, here or elsewhere, or cannot be reached; `results` holds the rows.
     """

@@ -33,7 +33,7 @@ class FederationPlan(NamedTuple):
     levels: Mapping[Port, int]
     """How often a value passes from federate to federate before it reaches a variable in initialization mode."""
     core: str
-    """As of `Federation`; so is the broker."""
+    """See `Federation`; so is the broker."""
     broker: str | None
 
     @property

@@ -22,7 +22,7 @@ from vdfmu.engine.fmu.variables import FmuVariable
 TOLERANCE = 1e-6
 """Relative, where none is asked for; absolute, times the nominal values of the states."""
 _STIFF = 200
-"""Steps of the explicit method in a communication step from which on an implicit one takes over."""
+"""Steps of the explicit method in a communication step from which an implicit one takes over."""
 _DIFFERENCE = 1e-6
 """Of differences, relative to sizes and nominal values."""
 _EVENTS = 1000

@@ -254,7 +254,7 @@ def linear_system(
     Parameters
     ----------
     system, step
-        As of :func:`vdfmu.simulate`.
+        See :func:`vdfmu.simulate`.
     at : float, optional [s]
         Default the start.
     options
@@ -263,7 +263,7 @@ def linear_system(
     Raises
     ------
     SspError, UsageError, CosimError, Interrupted
-        As of :func:`vdfmu.simulate`; for components for co-simulation without directional derivatives.
+        See :func:`vdfmu.simulate`; for components for co-simulation without directional derivatives.
     """
     simulator = Simulator(system, isolate=False, **options)
     step = simulator.grid(None, None, step)[2]

@@ -171,7 +171,7 @@ def system_margins(
     opened : sequence of str
         Connected inputs at which the loops are opened, ``plant.tau``: each while those of all others are closed.
     growth, points
-        As of :class:`Loop`.
+        See :class:`Loop`.
 
     Raises
     ------

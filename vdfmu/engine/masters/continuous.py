@@ -30,7 +30,7 @@ _SAFETY, _LEAST, _MOST = 0.9, 0.2, 2.0
 _BETWEEN_JUMPS = 5
 """Accepted steps between two jumps of a signal; where there are fewer, it is no jump that makes them fail."""
 _BLIND = 0.1
-"""Allowed error over the largest value of a signal from which on it is as good as none."""
+"""Allowed error over the largest value of a signal from which it is as good as none."""
 
 
 class ContinuousStepper:

@@ -114,7 +114,7 @@ def check_system(
 
 
 def with_parameters(checked: Checked, parameters: Mapping[str, Value]) -> Checked:
-    """Return a checked system with other `parameters`, as of `check_system`; they win over those that it has.
+    """Return a checked system with other `parameters`, see `check_system`; they win over those that it has.
 
     Raises
     ------

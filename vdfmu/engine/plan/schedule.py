@@ -63,7 +63,7 @@ def choose_schedule(
         The algorithm.
     Schedule
     list of str
-        Problems, as of `make_schedule`.
+        Problems, see `make_schedule`.
     list of str
         Notes: that it is jacobi, and why.
     """

@@ -43,12 +43,12 @@ class Simulator:
     ----------
     system, algorithm, adaptive, convergence, tolerance, parameters, inputs, input_hold, log, strict, ignore_unmatched,
     isolate, time_limit, memory_limit, federation
-        As of :func:`vdfmu.simulate`.
+        See :func:`vdfmu.simulate`.
 
     Raises
     ------
     SspError, UsageError
-        As of :func:`vdfmu.simulate`, here and at the beginning of the block.
+        See :func:`vdfmu.simulate`, here and at the beginning of the block.
 
     Examples
     --------
@@ -141,7 +141,7 @@ class Simulator:
         parameters : mapping of str to value, optional
             For this run, before those of the simulator.
         start, stop, step, record, progress, stream, about, observer
-            As of :func:`vdfmu.simulate`.
+            See :func:`vdfmu.simulate`.
         probe : Probe, optional
             Reads the numbers of some components at five rows.
         visitor : Visitor, optional
@@ -150,7 +150,7 @@ class Simulator:
         Raises
         ------
         UsageError, CosimError, Interrupted, VdfmuError
-            As of :func:`vdfmu.simulate`; UsageError outside the block, too.
+            See :func:`vdfmu.simulate`; UsageError outside the block, too.
         """
         begin, end, step, n = self.grid(start, stop, step)
         files = [stream] if isinstance(stream, Path) else list(stream or ())
@@ -189,7 +189,7 @@ class Simulator:
         Raises
         ------
         UsageError, CosimError
-            As of :meth:`run`; UsageError for components that are isolated, too.
+            See :meth:`run`; UsageError for components that are isolated, too.
         """
         given = {key: np.asarray(value).tolist() for key, value in (parameters or {}).items()}
         wanted = self.grid(start, stop, step), given
@@ -272,7 +272,7 @@ class Simulator:
         Raises
         ------
         UsageError, CosimError, Interrupted, VdfmuError
-            As of :meth:`run`.
+            See :meth:`run`.
         """
         begin, end, step, _ = self.grid(None, None, step)
         if time is None or time == begin:

@@ -59,7 +59,7 @@ def linearize(
     opened : sequence of str
         Of a system: inputs whose connections are cut; what would come to them is an output, the last.
     **options : Any
-        Of a system: `master`, `settings`, `backend`, as of :func:`vdfmu.study.analysis.system.linearized`.
+        Of a system: `master`, `settings`, `backend`, see :func:`vdfmu.study.analysis.system.linearized`.
 
     Returns
     -------

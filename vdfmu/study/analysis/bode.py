@@ -15,9 +15,9 @@ from vdfmu.engine.inspect.loops import Complex
 
 _POINTS = 2000
 _SLOWEST = 1.0
-"""Frequency [Hz] from which on what oscillates is marked."""
+"""Frequency [Hz] from which what oscillates is marked."""
 _DAMPED = 0.3
-"""Damping ratio from which on it is not: there is no peak."""
+"""Damping ratio from which it is not: there is no peak."""
 
 
 class Bode(NamedTuple):

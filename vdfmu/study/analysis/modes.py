@@ -85,7 +85,7 @@ def natural_modes(robot: Robot, q: npt.ArrayLike, *, motors: str = "free", dry: 
     Raises
     ------
     UsageError
-        As of :func:`vdfmu.linearize`; for other `motors`.
+        See :func:`vdfmu.linearize`; for other `motors`.
     """
     if motors not in MOTORS:
         raise UsageError(f"motors: expected {' or '.join(MOTORS)}, got {motors!r}.")
@@ -140,7 +140,7 @@ def modes_along(
     Raises
     ------
     UsageError
-        As of :func:`natural_modes`; if no component ``trajectory`` says where the arm is to be.
+        See :func:`natural_modes`; if no component ``trajectory`` says where the arm is to be.
     """
     system = WiredUnits(SystemDescription(scenario, system_values(scenario)))
     trajectory = system.units.get("trajectory")

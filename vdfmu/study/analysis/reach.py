@@ -27,7 +27,7 @@ _STEP = 1e-3
 _FAR = {"revolute": 0.5, "prismatic": 0.1}
 """How far each joint moves [rad, m], where its end stops leave room."""
 _MANY = 8
-"""Joints from which on each moves less, so that long arms bend and do not coil."""
+"""Joints from which each moves less, so that long arms bend and do not coil."""
 _ROOM = 0.4
 """Share of the way to the end stop that a joint moves at most."""
 _AWAY = 0.1
@@ -79,14 +79,14 @@ def write_reach(robot: str | os.PathLike[str], out: str | os.PathLike[str]) -> R
     Parameters
     ----------
     robot : str or path
-        As of :func:`~vdfmu.load_robot`.
+        See :func:`~vdfmu.load_robot`.
     out : path
         File to write.
 
     Raises
     ------
     UsageError, ModelError
-        As of :func:`~vdfmu.load_robot`; if the file cannot be written.
+        See :func:`~vdfmu.load_robot`; if the file cannot be written.
     """
     path, place = Path(out), locate(robot, "robots")
     shipped = str(robot) in robot_names() and not Path(robot).exists()

@@ -101,9 +101,9 @@ def margins_along(
     Parameters
     ----------
     system, settings, backend
-        As of :func:`packaged`.
+        See :func:`packaged`.
     opened, growth
-        As of :func:`vdfmu.engine.inspect.loops.system_margins`.
+        See :func:`vdfmu.engine.inspect.loops.system_margins`.
     at : sequence of float, optional [s]
         Default five, evenly spread from the start to the end.
     master : str, optional

@@ -19,7 +19,7 @@ class BatchProgram:
     """The compiled communication steps of a system."""
 
     libraries: tuple[bytes, ...]
-    """As of :data:`vdfmu.study.batch.make.LEVELS`, as many as the platform has."""
+    """See :data:`vdfmu.study.batch.make.LEVELS`, as many as the platform has."""
     memory: Floats
     """Values before the start, (m,)."""
     parameters: Mapping[str, tuple[int, float, float]]

@@ -12,7 +12,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.study.identify.problem import IdentificationProblem
 
 _UNKNOWN = 0.1
-"""Standard deviation, relative, from which on a parameter is not identified."""
+"""Standard deviation, relative, from which a parameter is not identified."""
 _ROUNDS = 3
 """Of weights."""
 _STEPS = 30

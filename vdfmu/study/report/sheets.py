@@ -211,7 +211,7 @@ def reference_sheet(summary: Summary) -> Sheet:
 
 
 def _signals_sheet(compared: Summary) -> Sheet:
-    """Largest difference of every output of a system that has not the signals of the paper's."""
+    """Largest difference of every output of a system without the paper's signals."""
     order = [signal for entry in compared.values() for signal in entry["max_difference"]]
     return Sheet(
         "Difference to the references",

@@ -118,7 +118,7 @@ def implied_gains(
     -------
     dict
         ``implied_gains``: ``K_p_paper`` and ``K_p``, for the joints that both lists of the paper have. Empty where the
-        paper has not both, or an error of 0.
+        paper lacks one of them, or has an error of 0.
     """
     torque, position = (
         paper.get(key, ()) for key in ("rms_torque_compensation_error_nm", "rms_position_error_deg")

@@ -75,7 +75,7 @@ _MORE = {"at": (1, 1), "settling": (0, 1)}
 _TAKEN = ("point", "failed", "failed_at", "wall_s", "time", *OPTIONS)
 """Columns of a study that are no measures."""
 _OTHER_UNIT = {"settling", "integral", "sqrt", "exp", "log", "sin", "cos", "degrees"}
-"""Functions whose value has not the unit of what they are given."""
+"""Functions whose value has another unit than their arguments."""
 _OPERATORS: dict[type, Callable[..., Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
     ast.Pow: operator.pow, ast.USub: operator.neg, ast.UAdd: operator.pos, ast.Lt: operator.lt, ast.Gt: operator.gt,

@@ -29,7 +29,7 @@ from vdfmu.study.sweeps.points import Points, draw
 ENGINES = ("fmu", "batch")
 """What runs points: the FMUs of a system, or a program of it."""
 _FEW = 2 * LANES
-"""Points of a system from which on a program is compiled without being asked for."""
+"""Points of a system from which a program is compiled without being asked for."""
 _MOST_SYSTEMS = 200
 
 

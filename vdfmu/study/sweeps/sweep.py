@@ -81,7 +81,7 @@ def sweep(
     keep : sequence of str
         Signals to keep whole, such as ``plant.q[*]``: a list a point.
     settings, robot, units, step, stop, master, adaptive, inputs, input_hold, backend
-        The same for all points; as of :func:`vdfmu.run`.
+        The same for all points; see :func:`vdfmu.run`.
     engine : {"fmu", "batch"}, optional
         What runs the points: the FMUs, or one program of all units that steps several points at once. Default the
         program, where all units are ours and there are points enough, see :mod:`vdfmu.study.batch`.

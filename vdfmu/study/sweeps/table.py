@@ -168,7 +168,7 @@ class StudyTable:
         Raises
         ------
         UsageError
-            As of `row`; and for a study of a package, or of inputs that were no file.
+            See `row`; and for a study of a package, or of inputs that were no file.
         """
         from vdfmu.study.sweeps.axes import read_axes
         from vdfmu.study.sweeps.plan import digest, of_scenario

@@ -35,7 +35,7 @@ _LARGEST = 2**30
 _TRIES = 3
 """Processes that may be killed from outside at one point."""
 KILLED = "the process was killed (SIGKILL)"
-"""Begin of the reason of a point that failed for want of memory, or by somebody: no fault of the model."""
+"""Begin of the reason of a point that ran out of memory or was ended by somebody: no fault of the model."""
 _WRITTEN = "a component wrote into the pipe of the worker"
 _HEAD = {
     "point": int,

@@ -135,9 +135,9 @@ def tune(
     seed : int
         Of the robots and of the search.
     settings, robot, units, step, stop, master, inputs, input_hold, backend
-        As of :func:`vdfmu.run`.
+        See :func:`vdfmu.run`.
     engine : {"fmu", "batch"}
-        As of :func:`vdfmu.sweep`; ``batch`` runs the robots of several values side by side.
+        See :func:`vdfmu.sweep`; ``batch`` runs the robots of several values side by side.
     workers : int, optional
         Processes; default one a processor.
     time_limit : float [s], optional

@@ -36,7 +36,7 @@ def runs(
         try:
             # calls take less time than to let another thread run
             library = loaded(files, "system", PyDLL)
-        except FmuError:  # such as for want of room
+        except FmuError:  # such as when there is no room
             pass
         else:
             return {name: _bound(library, name, system.memory.ctypes.data) for name in lists}
