@@ -395,6 +395,7 @@ def test_engines(report: Report) -> None:
 
 
 @needs_compiler
+@pytest.mark.heavy
 def test_engines_that_are_not_installed_are_named_and_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     said: list[str] = []
     monkeypatch.setattr(engines, "find_spec", lambda _: None)

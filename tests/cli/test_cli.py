@@ -253,6 +253,7 @@ def test_a_temporary_folder_that_crashes_python_fmus_is_refused(tmp_path):
     assert vdfmu(*arguments, "--backend", "native", cwd=tmp_path, env=environment).returncode == 0
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("output", ["closed", "/dev/full"])
 def test_findings_that_cannot_be_written_are_an_error(tmp_path, output):
     (tmp_path / "text.fmu").write_text("no zip")

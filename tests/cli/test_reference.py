@@ -61,6 +61,7 @@ def test_a_run_of_either_package_agrees(folder, tmp_path, package):
         assert "45 of 45 signals agree, 1001 rows; largest error 0," in said
 
 
+@pytest.mark.heavy
 def test_a_perturbed_signal_is_found_with_its_time(folder, tmp_path):
     rows = rows_of(folder)
     k = rows[0].index("plant.q[1]")

@@ -150,6 +150,7 @@ def test_an_error_and_ctrl_c_begin_a_line_of_their_own_with_the_cursor_shown(how
     assert shown.text.rindex("\x1b[?25h") > shown.text.rindex("\x1b[?25l")
 
 
+@pytest.mark.heavy
 def test_a_narrow_terminal_without_colours_and_unicode():
     shown = works("ends", width=40, PYTHONIOENCODING="ascii", NO_COLOR="1")
     assert shown.text.isascii()
@@ -204,6 +205,7 @@ def test_quiet_leaves_one_line_of_a_run_and_verbose_adds_what_is_done(told):
         assert any(re.match(rf" +\d+\.\d\d s  {what}", line) for line in said), what
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     "words", ["modes planar_2dof", "check robot.toml", "robot reach planar_2dof -o r.toml --overwrite"]
 )

@@ -69,6 +69,7 @@ def test_units_are_shown_as_the_docstrings_have_them(api):
     assert found > 40
 
 
+@pytest.mark.heavy
 def test_formulas_in_docstrings_are_no_emphasis(api):
     assert "<code>A*sin(2*ell*kappa + phase)</code>" in api
     assert re.findall(r"<em>.*?</em>", api) == []

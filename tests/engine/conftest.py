@@ -11,6 +11,7 @@ import pytest
 from pythonfmu.builder import FmuBuilder
 
 from tests.engine.reference import models
+from vdfmu.engine.run import session
 
 # Variables and dependencies come from SPEC. The body has do_step(), and calc(), which computes the outputs
 # from the inputs in initialization mode.
@@ -454,6 +455,24 @@ def integer(name: str, value: int) -> str:
 def real(name: str, value: float, unit: str = "") -> str:
     unit = f' unit="{unit}"' if unit else ""
     return f'<ssv:Parameter name="{name}"><ssv:Real value="{value}"{unit}/></ssv:Parameter>'
+
+
+IN_PROCESS = {
+    "test_algorithms", "test_clocks", "test_continuous", "test_derivatives", "test_events", "test_experiment",
+    "test_fmi3", "test_inputs", "test_loops", "test_model_exchange", "test_multirate", "test_observer", "test_picture",
+    "test_recorder", "test_reference_models", "test_simulator", "test_systems",
+}  # fmt: skip
+"""Tests of signals and steps, which are the same in this process and in one of their own, but for its start."""
+
+
+@pytest.fixture(autouse=True)
+def in_process(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run components in this process where nothing is said of isolation, for the tests of `IN_PROCESS`."""
+    if request.module.__name__.rpartition(".")[2] in IN_PROCESS:
+        plain = session.unpack_units
+        monkeypatch.setattr(
+            session, "unpack_units", lambda checked, folder: (plain(checked, folder)[0], False)
+        )
 
 
 @pytest.fixture

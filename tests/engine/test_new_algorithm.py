@@ -58,6 +58,7 @@ def test_a_new_algorithm_is_one_row_of_the_registry(toy, chain, monkeypatch):
     assert np.abs(halved["g.y"] - coarse["g.y"]).max() > 0.01
 
 
+@pytest.mark.heavy
 def test_commands_and_scenarios_know_it(toy, tmp_path):
     code = f"import sys\nfrom vdfmu.engine.algorithms import ALGORITHMS, Algorithm\n{ROW}\n" + (
         "from vdfmu.cli.commands import app\napp(sys.argv[1:], standalone_mode=False)"

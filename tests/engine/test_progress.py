@@ -16,7 +16,7 @@ def test_true_shows_bars_and_a_function_is_called(monkeypatch, capsys, terminal)
         for done in range(3):
             report("count", done, 2)
 
-    monkeypatch.setattr(bars, "errors", bars.Terminal(stderr=True, force_terminal=terminal, width=100))
+    monkeypatch.setattr(bars, "errors", bars.EscapedTerminal(stderr=True, force_terminal=terminal, width=100))
     work(progress=True)
     said = capsys.readouterr().err
     assert ("count" in said and "2/2" in said) == terminal  # nothing where nobody looks

@@ -151,6 +151,7 @@ def test_ecos_applies_the_set_that_it_is_told(tracking, require, package):
     assert error_of(tracking, package, importer="ecos") > 1000 * TO_REFERENCE
 
 
+@pytest.mark.heavy
 def test_libcosim_applies_the_first_set_of_each_component(tracking, require, package):
     require("libcosim")
     assert error_of(tracking, package, importer="libcosim") < TO_REFERENCE

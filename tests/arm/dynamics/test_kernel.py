@@ -57,6 +57,7 @@ def test_cache_folder_is_taken_from_the_environment(planar, tmp_path, monkeypatc
     assert cache_folder() == platformdirs.user_cache_path("vdfmu", appauthor=False)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("roots", "code"),
     [

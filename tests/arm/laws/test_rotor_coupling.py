@@ -100,6 +100,7 @@ def test_vdc_without_errors_is_the_inverse(chain):
     np.testing.assert_allclose(vdc.tau_m, exact.tau_m, rtol=0, atol=1e-11)
 
 
+@pytest.mark.heavy
 def test_what_the_inverse_leaves_out_is_below_a_microradian(coupled):
     # The rotor's place lacks D' I_m D_ddot. Along the paper's motion D = 0.002 rad changes within 10 s: D_ddot is of
     # order 0.002 (2 pi / 10)^2 = 1e-3 rad/s2 and what is left out 1e-4 rad/N.m * 1e-3 kg.m2 * 1e-3 = 1e-10 rad.

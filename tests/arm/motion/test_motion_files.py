@@ -225,6 +225,7 @@ def test_the_schema_has_the_keys_of_each_kind():
     assert {"start", "centre", "angle"} <= found["circle"] and "robot" not in found["circle"]
 
 
+@pytest.mark.heavy
 def test_the_command_prints_and_draws_a_motion(written, tmp_path, capsys):
     path = written(
         f'robot = "planar_2dof"\n[motion]\nkind = "multisine"\n{GOOD["multisine"]}\nvelocity = 0.1\n'

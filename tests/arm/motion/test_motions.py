@@ -75,6 +75,7 @@ def made(planar, arm):
     yield motions.multisine([0.1, 0.2], 0.1, [1, 3, 5], 2.0)
 
 
+@pytest.mark.heavy
 def test_no_derivative_up_to_the_fourth_jumps_and_all_motions_rest_at_both_ends(planar, arm):
     for motion in made(planar, arm):
         assert np.all(jumps(motion) < rounding(motion))
@@ -389,6 +390,7 @@ def test_a_sweep_goes_from_one_frequency_to_the_other(law):
 # ---------------------------------------------------------------- lines and circles
 
 
+@pytest.mark.heavy
 def test_a_line_is_straight_and_a_circle_round(planar, arm):
     q = np.array([0.3, 0.5, 0.7, 0.2, 0.8, 0.1])
     p_0, R_0 = vdfmu.forward_kinematics(arm, q)

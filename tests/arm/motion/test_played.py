@@ -113,6 +113,7 @@ def test_cycles_are_played_one_after_the_other(robot):
         assert np.abs(unit.q_d_ddddot - motion.at(here)[4]).max() < 1e-8
 
 
+@pytest.mark.heavy
 def test_the_native_fmu_has_the_bits_of_the_trace_and_can_be_checked(robot, tmp_path):
     motion = motions.waypoints(POINTS, TIMES)
     fmus = vdfmu.build_fmus(robot, tmp_path, units=[motion.unit()])

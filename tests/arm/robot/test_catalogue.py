@@ -172,6 +172,7 @@ def test_what_the_catalogue_has_not_is_refused(change, words):
         robot_from_dict(data)
 
 
+@pytest.mark.heavy
 def test_the_command_lists_the_catalogue_and_shows_an_entry():
     run = CliRunner().invoke
     listed = run(app, ["robot", "drives"]).output

@@ -31,6 +31,7 @@ build_fmus(load_robot("planar_2dof"), sys.argv[1], backend="python")
 """
 
 
+@pytest.mark.heavy
 def test_a_second_build_has_the_same_bytes(
     planar: Robot, fmus: Mapping[str, Mapping[str, Path]], tmp_path: Path
 ) -> None:

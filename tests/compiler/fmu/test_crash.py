@@ -235,6 +235,7 @@ ctypes.CDLL = Spy
 """
 
 
+@pytest.mark.heavy
 @pytest.mark.skipif(sys.platform != "linux", reason="under Windows the library frees its data once")
 @pytest.mark.parametrize("spelling", ["same", "slashes", "link"])
 def test_a_library_whose_file_is_gone_is_freed_before_the_end(

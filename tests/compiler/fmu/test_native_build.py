@@ -234,6 +234,7 @@ def test_objects_have_no_debug_information(cold: Path) -> None:
     assert not [one for one in stored if b".debug_info" in one]
 
 
+@pytest.mark.heavy
 def test_a_file_that_the_compiler_refuses_is_named(cold: Path) -> None:
     sources = SMALL | {"kernel_bad.c": b"int bad(void) { return missing; }\n"}
     words = r"(?s)Plant for aarch64-linux: kernel_bad.c cannot be compiled:.*undeclared identifier 'missing'"

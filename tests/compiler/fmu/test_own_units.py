@@ -167,6 +167,7 @@ def test_a_unit_has_the_parameters_of_the_robot_that_it_declares(
         np.testing.assert_allclose(unit.step(q=q).get("y"), expected, rtol=1e-15)
 
 
+@pytest.mark.heavy
 def test_any_name_will_do_for_a_variable(own: Opener, form: str) -> None:
     """Against scipy on the unit in numpy; both solve to 1e-10 or better, over less than 1000 steps of damped motion."""
     values = {"x_0": 0.3, "h_0": -0.1, "w1": 0.2, "y_new": 0.1, "d_x": -0.5}
@@ -219,6 +220,7 @@ def test_a_state_saved_within_a_period_repeats_the_run_to_the_bit(own: Opener, f
     assert np.array_equal(go_on(other), expected)
 
 
+@pytest.mark.heavy
 def test_a_step_that_fails_at_a_later_sample_changes_nothing(own: Opener, form: str) -> None:
     """The count is that before the step, and the step of half the length does what it would have done."""
     unit = own("Burst", form).start().step(4e-4)

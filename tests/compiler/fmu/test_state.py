@@ -162,6 +162,7 @@ for k in range(steps):
 """
 
 
+@pytest.mark.heavy
 def test_a_state_moves_to_another_process(
     open_unit: Opener,
     folders: Mapping[str, Mapping[str, Path]],

@@ -115,6 +115,7 @@ def initial_case(unit: Instance, choices: dict[str, Any]) -> tuple[Any, ...]:
     return knowns, unknowns, point, evaluate
 
 
+@pytest.mark.heavy
 def test_during_initialization_they_are_slopes_in_inputs_and_parameters(
     native: Native, version: str, unit_name: str, robot_name: str
 ) -> None:

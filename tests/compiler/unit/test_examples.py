@@ -47,6 +47,7 @@ def fmus(example, planar, tmp_path_factory):
     }  # fmt: skip
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 @pytest.mark.parametrize(("name", "needs", "model"), UNITS, ids=NAMES)
 def test_build_makes_a_valid_fmu_of_the_file(examples, name, needs, model, version):
@@ -132,6 +133,7 @@ CASES = [
 ]
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(("name", "inputs", "outputs", "set_to"), CASES, ids=[c[0] for c in CASES])
 def test_directional_derivatives_are_the_slopes_of_the_outputs(fmus, name, inputs, outputs, set_to):
     path = fmus[name, "2.0"]
@@ -259,6 +261,7 @@ def test_an_fmu_in_place_of_the_unit_that_it_was_built_of(examples, planar):
         assert (same[name] == usual[name]).all()  # the same code: the same bits
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("importer", ["ecos", "libcosim"])
 def test_other_importers_give_the_same(system, importer):
     """Ecos takes the SSP, libcosim the OSP folder, of the same FMUs."""

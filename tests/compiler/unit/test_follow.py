@@ -119,6 +119,7 @@ def test_start_values_of_an_fmu_follow(folder):
     )
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("backend", ["native", "python"])
 def test_an_fmu_refuses_values_for_which_nothing_was_calculated(folder, backend, caplog):
     (path,) = vdfmu.build_fmus(None, folder, units=[folder / "regulator.py"], backend=backend).values()
@@ -194,6 +195,7 @@ def test_a_study_of_weights_has_the_gains_of_each(folder):
     np.testing.assert_allclose(found, [-gains([q, 0.1])[0] for q in weights], **CLOSE)
 
 
+@pytest.mark.heavy
 def test_a_point_for_which_the_function_fails_is_a_failed_row(folder):
     study = vdfmu.sweep(
         folder / "scenario.toml", {"lqr.R": [1.0, 200.0]},
@@ -236,6 +238,7 @@ def test_both_engines_of_studies_follow(folder, engine):
     np.testing.assert_allclose(found, np.exp(-0.2 * np.array([0.25, 1.0, 9.0])), rtol=0, atol=1e-6)
 
 
+@pytest.mark.heavy
 def test_a_run_follows_its_settings_and_its_reference_too(folder):
     results = vdfmu.run(folder / "scenario.toml", settings={"lqr.Q[1]": 30.0}, out=folder / "out")
     x, K = np.array([1.0, 0.0]), gains([30.0, 0.1])

@@ -194,6 +194,7 @@ def test_a_sample_acts_in_the_step_that_follows(scenario, run, options):
         assert compared["max_difference"]["cart.x"] < 1e-10  # scipy's tolerance of 1e-11, over the motion
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("every", [2, 3])
 def test_a_slower_controller_holds_between_its_samples(scenario, run, every):
     results = run(scenario("plain"), settings={"control.period": every * STEP})

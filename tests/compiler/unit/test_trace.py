@@ -194,6 +194,7 @@ def test_more_functions_of_numpy_are_those_of_symbols():
     assert_same(More, roundings=50)  # as above
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("unit", [Functions, More])
 def test_functions_of_numpy_run_in_c(unit, tmp_path):
     u = np.array([0.7, -1.3, 2.1])

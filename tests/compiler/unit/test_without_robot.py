@@ -164,6 +164,7 @@ def test_the_run_is_that_of_the_equations_sampled(ran):
     assert far > 100 * TOLERANCE  # so that the sampled solution above is another
 
 
+@pytest.mark.heavy
 def test_the_run_speaks_of_no_robot(ran, folder):
     _, summary = ran
     assert {"robot", "friction", "joints", "arm"}.isdisjoint(summary)
@@ -196,6 +197,7 @@ def test_packages_speak_of_no_robot(inside, form, name):
             assert word not in text, (entry, word)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     "words",
     [

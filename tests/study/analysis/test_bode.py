@@ -115,6 +115,7 @@ def test_the_arm_has_mujocos_transition(tmp_path):
     np.testing.assert_allclose(by_torque, system.B[rows][:, :n], rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.heavy
 def test_the_command_draws_a_joint(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     said = CliRunner().invoke(app, ["modes", "planar_2dof", "--pose", "0.3 -0.5", "--bode", "2"])

@@ -62,6 +62,7 @@ def test_all_inertias_that_a_joint_sees_count() -> None:
     assert both[2] >= 0.5
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("name", TYPICAL)
 def test_the_loops_of_the_whole_arm_keep_clear_of_minus_one(name: str) -> None:
     """The rule knows of no other joint: what coupling takes of its margin of 0.5 is less than a third."""
@@ -121,6 +122,7 @@ def test_the_motion_keeps_clear_of_end_stops(arm: Path, tmp_path: Path) -> None:
     assert found.notes == []
 
 
+@pytest.mark.heavy
 def test_motors_that_are_too_weak_are_said(arm: Path, tmp_path: Path) -> None:
     text = arm.read_text(encoding="utf-8")
     assert text.count("tau_stall = 0.5\n") == 2

@@ -235,6 +235,7 @@ def test_columns_of_a_log_may_have_the_names_of_joints(tmp_path, robot):
         np.testing.assert_array_equal(log.tau, plain.tau)
 
 
+@pytest.mark.heavy
 def test_wrong_logs_are_named(tmp_path, robot, clean):
     path, t = tmp_path / "log.csv", 0.001 * np.arange(600)
     y = [np.sin(t)] * 4

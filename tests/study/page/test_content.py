@@ -145,6 +145,7 @@ def test_tracking_errors_keep_their_digits(planar):
     assert folder.joinpath("report.html").exists()
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("master", ["gauss-seidel", "jacobi"])
 def test_figures_and_frames_are_sums_of_outputs(planar, master):
     """The page evaluates the recipes for what it simulates, whose signals are the outputs."""

@@ -80,6 +80,7 @@ def test_the_page_has_what_the_master_needs(planar, made):
     }
 
 
+@pytest.mark.heavy
 def test_a_module_has_the_c_of_the_fmu_but_for_derivatives(planar, made):
     found_in(planar)
     plant = next(job for job in made if job.name == "Plant")

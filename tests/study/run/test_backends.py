@@ -81,6 +81,7 @@ def test_the_container_runs_in_plain_fmpy_as_jacobi_does_to_the_bit(runs, contai
         np.testing.assert_array_equal(result[name], jacobi[name])
 
 
+@pytest.mark.heavy
 def test_a_parameter_and_a_free_input_of_the_container_are_those_of_its_units(runs, container):
     for name, value in (("controller.K_p[1]", 100.0), ("plant.F_e[2]", 30.0)):
         _, jacobi = runs(backend="native", master="jacobi")

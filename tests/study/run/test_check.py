@@ -45,6 +45,7 @@ def test_a_good_fmu_has_no_problems(fmus):
         assert check_file(path) == []
 
 
+@pytest.mark.heavy
 def test_an_entry_that_is_there_twice_with_one_content_is_a_note(changed):
     path = changed("nothing")
     with zipfile.ZipFile(path, "a") as file, warnings.catch_warnings():
@@ -55,6 +56,7 @@ def test_an_entry_that_is_there_twice_with_one_content_is_a_note(changed):
     assert report.notes == [f"entry {SCRIPT!r} occurs more than once, with the same content"]
 
 
+@pytest.mark.heavy
 def test_what_the_process_leaves_is_removed(fmus, tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     assert check_file(fmus["plant"]) == []

@@ -46,6 +46,7 @@ def test_units_agree_with_the_reference_results_that_they_carry(fmus, unit):
     assert check_file(fmus[unit]) == []
 
 
+@pytest.mark.heavy
 def test_a_unit_that_does_not_is_found_by_variable_and_time(fmus, tmp_path):
     content = members(fmus["plant"])
     name = f"{REFERENCE}Plant_out.csv"

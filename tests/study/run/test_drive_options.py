@@ -84,6 +84,7 @@ def test_a_drive_with_all_options_runs_as_its_reference(every, tmp_path):
         assert np.ptp(native[f"plant.{state}"], axis=0).min() > 0.0
 
 
+@pytest.mark.heavy
 def test_the_plant_with_all_options_is_the_same_in_model_exchange(plant):
     names = ["q[1]", "q[2]", *(f"{state}[{i}]" for state in MORE.values() for i in (1, 2)), "E_spring"]
     given = {

@@ -157,7 +157,7 @@ def test_what_the_right_hand_side_raises_ends_the_solution(own_cache, monkeypatc
         self.error = KeyboardInterrupt()
         raise self.error
 
-    monkeypatch.setattr(solution._Rate, "__call__", interrupted)
+    monkeypatch.setattr(solution._RightHandSide, "__call__", interrupted)
     with pytest.raises(KeyboardInterrupt):
         reference(name, described(), step=1e-3, stop=0.05)
 
@@ -172,16 +172,16 @@ def test_a_solution_that_runs_away_says_where(own_cache, name):
 @pytest.mark.parametrize("name", NAMES)
 def test_ctrl_c_within_a_step_of_scipy_ends_the_solution(own_cache, monkeypatch, name):
     """A signal acts where Python code next begins: the right-hand side, out of which not every solver lets it."""
-    plain, calls = solution._Rate.__call__, []
+    plain, calls = solution._RightHandSide.__call__, []
 
-    class Rate(solution._Rate):
+    class Rate(solution._RightHandSide):
         def __call__(self, t, x):
             calls.append(t)
             if len(calls) == 100:
                 signal.raise_signal(signal.SIGINT)
             return plain(self, t, x)
 
-    monkeypatch.setattr(solution, "_Rate", Rate)
+    monkeypatch.setattr(solution, "_RightHandSide", Rate)
     with pytest.raises(KeyboardInterrupt):
         reference(name, described(), step=1e-3, stop=0.5)
     assert len(calls) < 1000  # some hundred a step

@@ -78,6 +78,7 @@ def test_a_known_payload_tracks_as_none(scenario_file):
     assert errors[1] < 2.5 * errors[0] < 2e-5
 
 
+@pytest.mark.heavy
 def test_an_unknown_payload_costs_what_statics_say(scenario_file):
     """At rest the feedback carries what the feedforward does not: K_p e = G(q) - G_known(q_d), in closed form."""
     q_d, K_p, g = np.array([0.3, 0.4]), np.array([1500.0, 500.0]), 9.81

@@ -143,6 +143,7 @@ def test_the_rotor_follows_its_own_desired_velocity_without_sampling():
     assert largest["mixed"] > 5e-6
 
 
+@pytest.mark.heavy
 def test_the_algorithms_do_not_match_each_other(tmp_path):
     """The test above can fail: one sample of delay is far outside its bounds."""
     case = Case(tmp_path, "planar_tracking", "1e-9")
@@ -151,6 +152,7 @@ def test_the_algorithms_do_not_match_each_other(tmp_path):
     assert torque > 10 * TORQUE
 
 
+@pytest.mark.heavy
 def test_required_velocities_and_settings_reach_the_reference(tmp_path):
     settings = {
         "feedforward__mode": "vdc",

@@ -267,6 +267,7 @@ def test_a_wrong_option_is_refused_before_anything_is_built(tmp_path, options, w
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.heavy
 def test_another_value_of_a_robot_adds_its_fmus_to_the_cache_and_nothing_else(planar, tmp_path, monkeypatch):
     monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
 

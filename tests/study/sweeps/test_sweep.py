@@ -164,6 +164,7 @@ def test_one_fault_in_a_thousand_points_costs_one_point(wild, tmp_path):
     assert list((tmp_path / "study").iterdir()) and not list((tmp_path / "study").glob("parts/*"))
 
 
+@pytest.mark.heavy
 def test_an_error_of_the_unit_says_when(tmp_path):
     found = vdfmu.sweep(
         "planar_tracking", {"controller.K_v[1]": [10.0, 1e5]}, stop=0.5, out=tmp_path / "study", workers=1

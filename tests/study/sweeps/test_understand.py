@@ -176,6 +176,7 @@ def test_what_cannot_be_drawn_is_said(tmp_path):
         study(tmp_path / "u", {"f.a": "1"}, lambda a: a * 1.0).plot()
 
 
+@pytest.mark.heavy
 def test_the_commands_write_figures_a_page_and_a_table(saltelli, tmp_path):
     runner = CliRunner()
     made = runner.invoke(app, ["sweep", "indices", str(saltelli.folder), "--measure", "y"])
@@ -211,6 +212,7 @@ def test_a_unit_is_that_of_the_signals_where_the_expression_keeps_it():
         assert unit_of(read_measures([f"m={text}"])[0], units) == unit, text
 
 
+@pytest.mark.heavy
 def test_a_study_knows_the_units_of_its_axes_and_measures(tmp_path):
     found = vdfmu.sweep(
         "planar_tracking", ["plant.K_f0[2]=1e4, 2e4", "plant.mass=*1", "feedforward.mode=vdc"], stop=0.01, workers=1,

@@ -78,6 +78,7 @@ def test_the_cost_is_that_of_runs_one_by_one(tuned, tmp_path):
     np.testing.assert_allclose(tuned.after.cost, np.mean(costs, axis=0), rtol=1e-12)
 
 
+@pytest.mark.heavy
 def test_all_runs_are_kept(tuned):
     runs = Sweep(tuned.folder)
     assert len(runs) == 2 * tuned.evaluations and not runs.failed

@@ -19,6 +19,7 @@ UNIT = (
 )
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("path", "kind"),
     [

@@ -108,7 +108,7 @@ def test_times_that_cannot_be_run_are_a_problem(tmp_path, attributes, expected, 
         (ours('communicationStepSize="fast"'), "expected a positive finite communicationStepSize, got fast"),
         (ours('algorithm="euler"'), "expected algorithm gauss-seidel, jacobi, extrapolated, iterative, got 'euler'"),
         (ours('algorithm="iterative" adaptive="2"'), "expected a positive adaptive, got 2; write a relative error"),
-        (ours('algorithm="jacobi" adaptive="1e-6"'), "adaptive is for extrapolated and iterative, not for jacobi"),
+        (ours('algorithm="jacobi" adaptive="1e-6"'), "adaptive is for extrapolated or iterative, not for jacobi"),
     ],
 )  # fmt: skip
 def test_annotations_that_cannot_be_run_are_a_problem(tmp_path, annotation, expected):

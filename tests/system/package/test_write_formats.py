@@ -47,6 +47,7 @@ def fmus_3(scenario, tmp_path_factory):
     return build_parts(scenario, tmp_path_factory.mktemp("fmus"), fmi_version="3.0")
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("version", ["1.0", "2.0"])
 @pytest.mark.parametrize("name", ["estimation", "slider_tracking", "tracking", "two_joint"])
 def test_every_file_is_valid_for_another_reader(name, version, tmp_path):
