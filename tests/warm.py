@@ -96,6 +96,11 @@ def command(
 ) -> subprocess.CompletedProcess[str]:
     """Run ``vdfmu arguments``, as :func:`subprocess.run` with text."""
     words = [str(each) for each in arguments]
+    if not hasattr(socket, "send_fds"):  # on Windows
+        return subprocess.run(
+            [sys.executable, "-m", "vdfmu.cli", *words], cwd=cwd, env=env, input=input, timeout=timeout, check=False,
+            capture_output=True, encoding="utf-8", errors=errors,
+        )  # fmt: skip
     given = None if input is None else input.encode()
     code, *said = _server().run(words, cwd, env, given, timeout)
     out, error = (text.decode(errors=errors).replace("\r\n", "\n") for text in said)
