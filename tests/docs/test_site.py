@@ -16,6 +16,7 @@ import vdfmu
 from tests.study.page.browser import Browser
 from vdfmu.arm import dynamics
 
+pytestmark = pytest.mark.heavy
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENTED = [vdfmu.Robot, vdfmu.Results, *(f for f in vars(dynamics).values() if inspect.isfunction(f)),
               vdfmu.run, vdfmu.simulate, vdfmu.build_fmus, vdfmu.write_container]  # fmt: skip
@@ -54,7 +55,6 @@ def words(text):
     return " ".join(html.unescape(text).split())
 
 
-@pytest.mark.heavy
 def test_units_are_shown_as_the_docstrings_have_them(api):
     shown = words(re.sub(r"<[^>]+>", "", api))
     found = 0
@@ -69,7 +69,6 @@ def test_units_are_shown_as_the_docstrings_have_them(api):
     assert found > 40
 
 
-@pytest.mark.heavy
 def test_formulas_in_docstrings_are_no_emphasis(api):
     assert "<code>A*sin(2*ell*kappa + phase)</code>" in api
     assert re.findall(r"<em>.*?</em>", api) == []
@@ -102,7 +101,6 @@ def test_a_public_function_documents_its_parameters_and_what_it_returns(name):
         )
 
 
-@pytest.mark.heavy
 @pytest.mark.parametrize("name", [name for name in vdfmu.__all__ if not name.startswith("_")])
 def test_every_public_name_is_on_the_page_of_the_api(api, name):
     assert re.search(rf'<h3 id="[\w.]*\.{name}"', api)
@@ -149,7 +147,6 @@ NARROW = """(() => {
 })()"""
 
 
-@pytest.mark.heavy
 def test_every_page_is_readable_on_a_phone(site, tmp_path):
     """Nothing is beyond the edge but in a box that scrolls; formulas keep their size, in tables that of its text."""
     with Browser(tmp_path) as browser:
@@ -185,7 +182,6 @@ SEARCHES = {
 """What is looked for, a page that must be found, and words beside it."""
 
 
-@pytest.mark.heavy
 def test_the_search_of_a_page_from_disk_finds_other_pages(site, tmp_path):
     with Browser(tmp_path) as browser:
         for text, (page, words_of_it) in SEARCHES.items():

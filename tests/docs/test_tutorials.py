@@ -27,8 +27,6 @@ BLOCK = re.compile(r"^```(?P<kind>\w+)(?P<options>[^\n]*)\n(?P<body>.*?)^```", r
 SKIP = "<!-- not run -->\n"  # before a block that the test leaves out
 VARIES = re.compile(r"^│ (Wall time|Real-time factor) .*$", re.MULTILINE)
 INSTALLS = re.compile(r"^make |pip install", re.MULTILINE)  # what is done in a clone
-LONG_PAGES = {"identification", "modes", "motions", "own_arm", "own_robot", "systems", "view", "world"}
-LONG = re.compile(rf"{INSTALLS.pattern}|vdfmu reference|vdfmu sweep")
 
 
 def read_blocks(path):
@@ -101,10 +99,11 @@ def run_page(path):
     return checked
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     "page",
     [
-        pytest.param(page, marks=[pytest.mark.heavy] * (page.stem in LONG_PAGES), id=page.stem)
+        pytest.param(page, id=page.stem)
         for page in (
             *PAGES,
             *(
@@ -131,12 +130,10 @@ def readme_blocks():
     return found
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("kind", "body", "output"),
-    [
-        pytest.param(*block, marks=[pytest.mark.heavy] * bool(LONG.search(block[1])), id=str(number))
-        for number, block in enumerate(readme_blocks())
-    ],
+    [pytest.param(*block, id=str(number)) for number, block in enumerate(readme_blocks())],
 )
 def test_block_of_the_readme_runs_by_itself_as_printed(tmp_path, kind, body, output):
     folder, further = tmp_path / "here", {}

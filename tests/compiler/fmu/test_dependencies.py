@@ -176,6 +176,7 @@ def test_initial_dependencies_are_exactly_what_outputs_change_with(
     assert sorted(moved & hidden) == []
 
 
+@pytest.mark.heavy
 def test_direct_dependencies_are_exactly_what_outputs_change_with_at_a_step(
     open_unit: Opener, table: Interface
 ) -> None:
