@@ -66,7 +66,7 @@ def cross_driver(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str
             # -O3 -s as the units have it: with other flags the compiler makes its support for Windows again
             run([sys.executable, "-m", "ziglang", "cc", "-target", PLATFORMS[platform].target, "-std=c11", "-O3", "-s",
                  f"-I{HEADERS}", *version_flags(version), HERE / "driver.c", "-o", path, *libraries],
-                seconds=300)  # fmt: skip
+                seconds=900)  # fmt: skip
             found[platform, version] = path
         return found[platform, version]
 
