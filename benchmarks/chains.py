@@ -6,11 +6,8 @@ import dataclasses
 
 import numpy as np
 
-from benchmarks.counting import Counter
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.arm.robot.parameters import PARAMETERS
-
-_RIGID = ("rotation", "offset", "mass", "centroid", "inertia")
 
 
 def repeated_link(n: int, seed: int = 1) -> Robot:
@@ -50,15 +47,6 @@ def repeated_link(n: int, seed: int = 1) -> Robot:
             name: np.repeat(np.asarray(value, dtype=float)[None], n, axis=0) for name, value in fields.items()
         },
     )
-
-
-def counting_chain(n: int, counter: Counter) -> Robot:
-    """Chain of `n` revolute joints whose numbers all are the counter."""
-    robot = repeated_link(n)
-    fields = {
-        name: counter.array(*getattr(robot, name).shape) for name in (*_RIGID, "gravity", "tool_offset")
-    }
-    return dataclasses.replace(robot, **fields)
 
 
 def random_motion(n: int, seed: int = 2) -> list[np.ndarray]:

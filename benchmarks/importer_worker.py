@@ -12,6 +12,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import files
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,8 @@ Request = Mapping[str, Any]
 def _load_tbb() -> None:
     """Load the library of the package tbb, to which ecos is linked and which is on no search path."""
     if sys.platform == "linux":
-        ctypes.CDLL(str(Path(sys.prefix) / "lib" / "libtbb.so.12"), mode=ctypes.RTLD_GLOBAL)
+        (library,) = (file for file in files("tbb") or () if file.name == "libtbb.so.12")
+        ctypes.CDLL(str(library.locate()), mode=ctypes.RTLD_GLOBAL)
 
 
 class Ecos:
@@ -54,7 +56,7 @@ class Ecos:
 
 
 class Libcosim:
-    """A package or a folder with an ``OspSystemStructure.xml`` in libcosim."""
+    """A package in libcosim."""
 
     def __init__(self, path: str, step: float, parameter_set: str | None, observed: bool) -> None:
         from libcosimpy._internal import get_last_error_message
@@ -67,10 +69,7 @@ class Libcosim:
         log_output_level(CosimLogLevel.ERROR)
         self._step = round(step * 1e9)
         try:
-            if path.endswith(".ssp"):
-                self._execution = CosimExecution.from_ssp_file(ssp_path=path, step_size=self._step)
-            else:
-                self._execution = CosimExecution.from_osp_config_file(osp_path=path)
+            self._execution = CosimExecution.from_ssp_file(ssp_path=path, step_size=self._step)
         except AssertionError as error:  # it does not tell the reason, which only the library has
             raise RuntimeError(get_last_error_message() or str(error)) from None
         self._places: dict[str, tuple[int, dict[str, int]]] = {}

@@ -26,7 +26,6 @@ from vdfmu.engine.container import write_container
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.run.master import simulate
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.package.osp import write_osp
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.reference.reference import reference
 from vdfmu.system.scenario import Scenario, load_scenario
@@ -64,11 +63,10 @@ class Case:
 
 _PYTHON, _NATIVE, _NATIVE_3 = ("python", "2.0"), ("native", "2.0"), ("native", "3.0")
 _SSP = (("SSP 1.0", _PYTHON), ("SSP 1.0", _NATIVE), ("SSP 2.0", _NATIVE_3))
-_OSP = (("OSP", _PYTHON), ("OSP", _NATIVE))
 _SINGLE = tuple(("single units", units) for units in (_PYTHON, _NATIVE, _NATIVE_3))
 _CASES = {
     "ecos": (*_SSP, ("plant alone", _NATIVE_3)),
-    "libcosim": (*_SSP, *_OSP, ("plant alone", _NATIVE_3)),
+    "libcosim": (*_SSP, ("plant alone", _NATIVE_3)),
     "fmpy.simulate_fmu": (("one FMU", _PYTHON), ("one FMU", _NATIVE), ("one FMU", _NATIVE_3), *_SINGLE),
     "fmpy.ssp": _SSP,
     "fmucontainer": _SSP,
@@ -126,8 +124,6 @@ class Tracking:
                 scenario.arm, self.fmus(kind, fmi), start_values=values, backend=kind, fmi_version=fmi
             )
             write_ssp(scenario, fmus, self.package(kind, fmi), version=SSP_OF_FMI[fmi])
-            if fmi == "2.0":
-                write_osp(scenario, fmus, self.osp(kind))
         for step in (self.step, EXACT_STEP):
             stop = round(self.stop / step) * step
             solved = reference("sampled-delayed", SystemDescription(scenario, values), step=step, stop=stop)
@@ -147,10 +143,6 @@ class Tracking:
     def package(self, kind: str, fmi: str = "2.0") -> Path:
         """Return the package of the system: SSP 1.0 with FMI 2.0, SSP 2.0 with FMI 3.0."""
         return self.folder / f"{kind}-{fmi}.ssp"
-
-    def osp(self, kind: str) -> Path:
-        """Folder with an ``OspSystemStructure.xml`` of the system."""
-        return self.folder / f"{kind}-osp"
 
     def recorded(self, kind: str, step: float) -> Path:
         """All signals of our own ``jacobi`` run; an input has the value of the step that ends at a row."""
@@ -229,8 +221,8 @@ def _in_importer(tracking: Tracking, case: Case) -> Seen:
     """Run a package in ecos or libcosim."""
     if case.form == "plant alone":
         return _alone(tracking, case)
-    path = tracking.osp(case.kind) if case.form == "OSP" else tracking.package(case.kind, case.fmi)
-    request = tracking.request(run="rows", importer=case.tool, path=str(path))
+    path = str(tracking.package(case.kind, case.fmi))
+    request = tracking.request(run="rows", importer=case.tool, path=path)
     return tracking.judge(case.tool, case.kind, ask_rows(request))
 
 

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
+from benchmarks.importers import PACKAGES, ask, missing
 from benchmarks.native_plan import Plan, interpreter_parts, ready
-from benchmarks.report import COLOURS, Report, Table, new_figure, tidy
+from benchmarks.report import Report, Table
 from benchmarks.system import Clock, container_run, least, median, packed, quiet_run, write_emptied
-from vdfmu.compiler.c.compile import native_available
 from vdfmu.engine.container import write_container
 from vdfmu.engine.run import Results
 from vdfmu.system.scenario import Scenario, load_scenario
@@ -43,8 +41,8 @@ class Native:
         Inside the units' libraries; that of the user's controller is `OWN`.
     container : dict of "do_step" | "get" to time
         Inside the container's library, with its units.
-    master, container_master : dict of "calls" | "gather" | "record" to time
-        Parts of the master's step with the four empty units, and with an empty container.
+    master : dict of "calls" | "gather" | "record" to time
+        Parts of the master's step with the four empty units.
     differences : dict of case to float [rad]
         Largest difference of the plant's positions to those of the same algorithm in another form.
     """
@@ -57,7 +55,6 @@ class Native:
     units: dict[str, dict[str, float]] = field(default_factory=dict)
     container: dict[str, float] = field(default_factory=dict)
     master: dict[str, float] = field(default_factory=dict)
-    container_master: dict[str, float] = field(default_factory=dict)
     differences: dict[str, float] = field(default_factory=dict)
 
     def least(self, case: str) -> float:
@@ -80,11 +77,7 @@ class Native:
 
 
 def run(report: Report, quick: bool = False) -> None:
-    """Measure, tabulate and draw."""
-    if not native_available():
-        report.facts["skipped"] = "the compiler of native FMUs is not installed (pip install .[native])"
-        report.say(f"skipped: {report.facts['skipped']}")
-        return
+    """Measure and tabulate."""
     scenario = load_scenario("tracking")
     stop_python = 0.5 if quick else scenario.stop
     found = study(
@@ -93,20 +86,23 @@ def run(report: Report, quick: bool = False) -> None:
         stop_python=stop_python,
         rounds=3 if quick else 5,
         say=report.say,
+        others=[importer for importer in PACKAGES if not missing(importer)],
     )
     tabulate(found, report)
-    report.save(draw(found))
 
 
 def study(
-    scenario: Scenario, *, stop: float, stop_python: float, rounds: int, say: Callable[[str], None]
-) -> Native:
+    scenario: Scenario, *, stop: float, stop_python: float, rounds: int, say: Callable[[str], None],
+    others: Sequence[str] = (),
+) -> Native:  # fmt: skip
     """Run the system in all forms, in turns.
 
     Parameters
     ----------
     stop, stop_python : float [s]
         Simulated time, and that of the Python FMUs, which are slower by orders.
+    others : sequence of str
+        Importers of `benchmarks.importers.PACKAGES`, which record nothing while they are timed.
     """
     found = Native(scenario.step, stop, stop_python)
     step, n = scenario.step, round(stop / scenario.step)
@@ -136,6 +132,11 @@ def study(
             last[case] = container_run(fmu, stop=stop, step=step, progress=clock.progress)
             _note(found, case, clock.wall, clock.processor)
 
+        def elsewhere(case: str, path: Path, importer: str) -> None:
+            chosen = {"parameter_set": "scenario"} if importer == "ecos" else {}
+            request = {"run": "timed", "importer": importer, "path": str(path), "step": step, "steps": n}
+            _note(found, case, np.divide(ask(request | chosen)["wall"], n), None)
+
         def in_loop(case: str, path: Path, algorithm: str) -> None:
             with ready(path, algorithm, stop) as exchange:
                 plan = Plan(exchange, step)
@@ -156,6 +157,9 @@ def study(
             in_loop(LOOP_CONTAINER, container, "jacobi")
             under_master(EMPTY, empty, stop)
             in_container(EMPTY_CONTAINER, empty_container)
+            for importer in others:
+                elsewhere(importer, package, importer)
+                elsewhere(f"empty FMUs, {importer}", empty, importer)
 
         say("parts of a step")
         units: dict[tuple[str, str], list[np.ndarray]] = defaultdict(list)
@@ -176,8 +180,6 @@ def study(
                 found.units[unit][what] = max(least(rounds_of), 0.0)
         found.container = {what: least(rounds_of) for (_, what), rounds_of in inner.items()}
         found.master = interpreter_parts(empty, "gauss-seidel", step, 20 * rounds)
-        hollow = write_emptied(container, folder / "hollow.fmu")
-        found.container_master = interpreter_parts(hollow, "jacobi", step, 20 * rounds)
 
     q = {case: results["plant.q"] for case, results in last.items()}
     shared = min(len(q[PYTHON]), len(q[NATIVE]))
@@ -211,20 +213,9 @@ def tabulate(found: Native, report: Report) -> None:
         [("form", ""), ("simulated [s]", "g"), ("least", ".2f"), ("median", ".2f"), ("processor", ".2f"),
          ("real-time factor", ".1f"), ("times as fast as Python FMUs", ".1f"), ("as native, gauss-seidel", ".2f")],
     )  # fmt: skip
-    for case in (
-        PYTHON,
-        NATIVE,
-        OWN,
-        ISOLATED,
-        JACOBI,
-        CONTAINER,
-        LOOP,
-        LOOP_CONTAINER,
-        EMPTY,
-        EMPTY_CONTAINER,
-    ):
+    for case in found.wall:
         time = found.least(case)
-        real = case not in (EMPTY, EMPTY_CONTAINER)
+        real = "empty" not in case
         processor = found.processor.get(case)
         table.add(
             case, found.stop_python if case == PYTHON else found.stop, us * time, us * median(found.wall[case]),
@@ -303,75 +294,3 @@ def _master(found: Native) -> dict[str, float]:
     """Parts of the master [s], which with the units make up the run."""
     parts = {key: found.master[key] for key in ("calls", "gather", "record")}
     return parts | {"rest": found.least(NATIVE) - found.in_units - sum(parts.values())}
-
-
-_COLOURS = {
-    "plant doStep": COLOURS["blue"], "feedforward doStep": "#86b6de", "other doStep": "#c3daee",
-    "set and get in the units": COLOURS["green"], "code of the container": "#9ccba5",
-    "calls": COLOURS["orange"], "gather": "#555555", "record": "#8c8c8c", "rest": "#c4c4c4",
-}  # fmt: skip
-
-
-def _bars(found: Native) -> dict[str, dict[str, float]]:
-    """Forms, each with its parts [s]."""
-    do_step = {unit: found.units[unit]["do_step"] for unit in UNITS}
-    inside = {
-        "plant doStep": do_step["plant"],
-        "feedforward doStep": do_step["feedforward"],
-        "other doStep": do_step["trajectory"] + do_step["controller"],
-    }
-    exchange = {"set and get in the units": found.in_units - sum(inside.values())}
-    whole = sum(found.container.values())
-    of_master = {key: found.container_master[key] for key in ("calls", "record")}
-    container = inside | exchange | {"code of the container": max(whole - found.in_units, 0.0)}
-    return {
-        "master, gauss-seidel": inside | exchange | _master(found),
-        "master, container": container
-        | of_master
-        | {"rest": max(found.least(CONTAINER) - whole - sum(of_master.values()), 0.0)},
-        "compiled loop": inside | exchange | {"rest": max(found.least(LOOP) - found.in_units, 0.0)},
-        "master, empty FMUs": {
-            key: found.master[key] for key in ("calls", "gather", "record")
-        } | {"rest": max(found.least(EMPTY) - sum(found.master[k] for k in ("calls", "gather", "record")), 0.0)},
-    }  # fmt: skip
-
-
-def draw(found: Native) -> Figure:
-    """Above: a step in all forms. Below: what it is made of."""
-    figure = new_figure(8.6, 5.4)
-    above, below = figure.subplots(2, 1, height_ratios=(4, 5))
-    forms = (PYTHON, NATIVE, JACOBI, CONTAINER)
-    for y, case in enumerate(forms):
-        value = 1e6 * found.least(case)
-        above.barh(y, value, height=0.6, color=COLOURS["orange" if case == PYTHON else "blue"])
-        text = f"{value:.1f} µs, real-time factor {1e6 * found.step / value:.1f}"
-        above.annotate(text, (value, y), (4, 0), textcoords="offset points", va="center", fontsize=8)
-    above.set_xscale("log")
-    above.set_xlim(1.0, 12e6 * found.least(PYTHON))
-    above.set_yticks(range(len(forms)), forms)
-    above.set_title(f"tracking at {1e-3 / found.step:g} kHz: time of one step [µs]", loc="left")
-
-    labelled: set[str] = set()
-    bars = _bars(found)
-    for y, parts in enumerate(bars.values()):
-        left = 0.0
-        for key, value in parts.items():
-            below.barh(
-                y, 1e6 * value, left=left, height=0.62, color=_COLOURS[key], edgecolor="white", linewidth=0.6,
-                label=None if key in labelled else _LABELS.get(key, key),
-            )  # fmt: skip
-            labelled.add(key)
-            left += 1e6 * value
-        below.annotate(f"{left:.1f}", (left, y), (4, 0), textcoords="offset points", va="center", fontsize=8)
-    below.set_yticks(range(len(bars)), list(bars))
-    below.set_xlim(left=0.0)
-    below.margins(x=0.08)
-    below.set_xlabel("what a step is made of [µs]")
-    for axes in (above, below):
-        axes.invert_yaxis()
-        tidy(axes, "x")
-        axes.tick_params(axis="y", length=0)
-    handles: Any
-    handles, labels = below.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
-    return figure

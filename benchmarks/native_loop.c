@@ -6,7 +6,6 @@
 
 typedef int Transfer(void *component, const unsigned reference[], size_t n, double value[]);
 typedef int DoStep(void *component, double point, double size, int keep);
-typedef void Generated(const double *a, const double *b, const double *c, const double *d, double *result);
 
 enum { COPY, TRANSFER, DO_STEP };
 
@@ -71,14 +70,4 @@ double clock_cost(void)
         least = sum < 1000.0 * least ? sum / 1000.0 : least;
     }
     return least;
-}
-
-/* Time of one call of a generated function of four arguments [s]. */
-double call_time(Generated *function, const double *a, const double *b, const double *c, const double *d, double *result,
-                 long calls)
-{
-    const double began = now();
-    for (long i = 0; i < calls; i++)
-        function(a, b, c, d, result);
-    return (now() - began) / (double)calls;
 }

@@ -55,7 +55,7 @@ def loop_library() -> Any:
         path = Path(folder) / f"native_loop{PLATFORMS[platform].suffix}"
         path.write_bytes(content)
         library = ctypes.CDLL(str(path))
-    for name in ("run_plan", "clock_cost", "call_time"):
+    for name in ("run_plan", "clock_cost"):
         getattr(library, name).restype = ctypes.c_double
     return library
 
@@ -127,7 +127,7 @@ class Plan:
         self._copy(unit, slice(start, start + self._bank.fresh_counts[unit]))
         for function, _, references, _, values, name in calls:
             address = ctypes.cast(function, ctypes.c_void_p).value
-            instance = slave.component.value
+            instance = slave.fmu.component
             if name == "doStep":
                 self._add(unit, "do_step", _Action(_DO_STEP, address, instance, None, 0, None, None))
                 continue

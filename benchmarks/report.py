@@ -1,4 +1,4 @@
-"""Tables for terminal, Markdown and CSV, and the look of the pictures."""
+"""Tables for terminal, Markdown and CSV."""
 
 from __future__ import annotations
 
@@ -11,14 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import rich.box
 import rich.table
-from matplotlib.figure import Figure
 from rich.console import Console
-
-COLOURS = {"blue": "#2a6fb0", "orange": "#d9730d", "green": "#3a8a4d", "grey": "#8c8c8c", "light": "#d9d9d9"}
-INK, FAINT = "#333333", "#dddddd"
 
 
 @dataclass
@@ -87,7 +82,7 @@ def _show(value: Any, spec: str) -> str:
 
 
 class Report:
-    """What one benchmark found: tables, facts for ``bench.json`` and pictures."""
+    """What one benchmark found: tables, and facts for ``bench.json``."""
 
     def __init__(self, name: str, title: str, out: Path, console: Console) -> None:
         self.name = name
@@ -95,7 +90,6 @@ class Report:
         self.out = out
         self.tables: list[Table] = []
         self.facts: dict[str, Any] = {}
-        self.pictures: list[Path] = []
         self._console = console
 
     def say(self, text: str) -> None:
@@ -110,16 +104,9 @@ class Report:
             self._console.print(f"  {note}", highlight=False, markup=False)
         self._console.print()
 
-    def save(self, figure: Figure) -> None:
-        """Write a picture under the name of the benchmark."""
-        path = self.out / f"{self.name}.png"
-        figure.savefig(path, dpi=150)
-        self.pictures.append(path)
-
     def write(self) -> None:
         """Write ``<name>.md`` and a CSV for each table."""
         text = [f"## {self.title}", ""]
-        text += [f"![{self.title}]({path.name})\n" for path in self.pictures]
         text += [table.to_markdown() for table in self.tables]
         (self.out / f"{self.name}.md").write_text("\n".join(text), encoding="utf-8")
         for table in self.tables:
@@ -154,21 +141,3 @@ def _processor() -> str:
 def write_summary(path: Path, facts: dict[str, Any]) -> None:
     """Write ``bench.json``."""
     path.write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
-
-
-def new_figure(width: float, height: float) -> Figure:
-    """Empty figure; no window system is touched."""
-    mpl.rcParams["font.size"] = 9
-    return Figure(figsize=(width, height), layout="constrained", facecolor="white")
-
-
-def tidy(axes: Any, grid: str = "both") -> None:
-    """Thin grid behind the data, no box."""
-    axes.grid(True, which="major", axis=grid, color=FAINT, linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.minorticks_off()
-    axes.tick_params(color=FAINT, labelcolor=INK)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    for side in ("left", "bottom"):
-        axes.spines[side].set_color("#bbbbbb")

@@ -68,7 +68,6 @@ def quiet_run(
     stop: float,
     algorithm: str = "gauss-seidel",
     adaptive: float | None = None,
-    convergence: float | None = None,
     tolerance: float | None = None,
     progress: Callable[[int, int], None] | None = None,
     isolate: bool | None = None,
@@ -79,13 +78,13 @@ def quiet_run(
     ----------
     tolerance : float, optional
         Of the plant's solver, in place of the package's.
-    adaptive, convergence, progress, isolate : optional
+    adaptive, progress, isolate : optional
         See :func:`vdfmu.engine.run.simulate`.
     """
     parameters = None if tolerance is None else {"plant.tolerance": tolerance}
     return simulate(
         package, start=0.0, stop=stop, step=step, algorithm=algorithm, adaptive=adaptive,
-        convergence=convergence, parameters=parameters, progress=progress, log=quiet, isolate=isolate,
+        parameters=parameters, progress=progress, log=quiet, isolate=isolate,
     )  # fmt: skip
 
 

@@ -7,11 +7,11 @@ chatters or sticks and slips.
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 import numpy as np
 
+from benchmarks.report import Report, Table
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.inspect.loops import GROWTH, Poses
 from vdfmu.engine.run import Simulator
@@ -19,6 +19,7 @@ from vdfmu.study.analysis.system import packaged
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import group_value
 
+TITLE = "The verdict on the loops"
 NUDGE = 1e-3
 """In rad/s, of all joints."""
 FLOOR = 1e-9
@@ -60,17 +61,19 @@ def grows(simulator: Simulator, n: int, end: float, parameters: dict[str, Any]) 
     return "chatters" if median.max() > CHATTER else ""
 
 
-def count(name: str, master: str, motion: float, end: float, factors: tuple[float, float], sets: int) -> str:
+def count(
+    name: str, master: str, motion: float, end: float, factors: tuple[float, float], sets: int
+) -> list[Any]:
     """Judge gain sets of a scenario; return a row of the table."""
     scenario = load_scenario(name)
     n, generator = scenario.arm.n, np.random.default_rng(22)
     gains = {key: np.asarray(group_value(scenario, f"controller.{key}")) for key in ("K_p", "K_v")}
     found = {"fails": 0, "grows": 0, "chatters": 0, "": 0}
-    missed, false = [], []
+    missed = false = 0
     with packaged(scenario) as (package, options):
         changed: dict[str, Any] = {**options, "algorithm": master, "log": lambda _: None}
         with Simulator(package, isolate=False, **changed) as simulator:
-            for k in range(sets):
+            for _ in range(sets):
                 low, high = np.log(factors)
                 chosen: dict[str, Any] = {"trajectory.T": motion}
                 for key, values in gains.items():
@@ -83,19 +86,19 @@ def count(name: str, master: str, motion: float, end: float, factors: tuple[floa
                     simulator.run(stop=motion, parameters=chosen, record=(), visitor=(poses := Poses("tau")))
                     growth = poses.growth(0.0, motion)
                     unstable = growth.unstable
-                    print(k, repr(truth), growth, file=sys.stderr)
                 except CosimError:  # the run fails, which is its verdict
                     unstable = True
-                if unstable != bool(truth):
-                    (missed if truth else false).append(k)
-    text = (
-        f"{name} {master}: {sets} sets, {found['']} stable, {found['fails']} fail, {found['grows']} grow, "
-        f"{found['chatters']} chatter"
-    )
-    return f"{text}; missed {len(missed)} {missed}, false alarms {len(false)} {false}"
+                missed += bool(truth) and not unstable
+                false += unstable and not truth
+    return [f"{name}, {master}", sets, *found.values(), missed, false]
 
 
-if __name__ == "__main__":
-    chosen = [int(i) for i in sys.argv[1:]] or range(len(CASES))
-    for i in chosen:
-        print(count(*CASES[i]), flush=True)
+def run(report: Report, quick: bool = False) -> None:
+    """Judge the gain sets of all scenarios."""
+    heads = ("sets", "fail", "grow", "chatter", "stable", "missed", "false alarms")
+    table = Table("verdict", TITLE, [("scenario, master", ""), *((head, "d") for head in heads)])
+    for name, master, motion, end, factors, sets in CASES:
+        report.say(f"{name}, {master}")
+        table.add(*count(name, master, motion, end, factors, 3 if quick else sets))
+    report.show(table)
+    report.facts["rows"] = table.rows

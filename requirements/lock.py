@@ -16,20 +16,9 @@ CONSTRAINTS = ROOT / "constraints.txt"
 FILES = {
     "base": ((), ()),
     "native": (("--extra=native",), ("base",)),
-    "parquet": (("--extra=parquet",), ("base",)),
-    "sweep": (("--extra=sweep",), ("parquet",)),
-    "federate": (("--extra=federate",), ("base",)),
-    "motion": (("--extra=motion",), ("base",)),
-    "notebook": (("--extra=notebook",), ("base",)),
-    "view": (("--extra=view",), ("base",)),
-    "robots": (("--extra=robots",), ("base",)),
     "docs": (("--extra=docs",), ("base",)),
     "dev": (("--extra=dev",), ("base",)),
-    "test": (
-        ("--extra=test",),
-        ("docs", "native", "sweep", "federate", "robots", "motion", "view"),
-    ),
-    "bench": (("--extra=bench",), ("native", "sweep", "robots", "view")),
+    "test": (("--extra=test",), ("docs", "native")),
     "supply": (("--group=supply",), ()),
 }
 """Name of a file to the options that choose its packages, and to the files that it includes."""

@@ -5,9 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import shutil
-from fractions import Fraction
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -16,33 +13,24 @@ from rich.console import Console
 
 from benchmarks import (
     arms,
-    c_loops,
     coupling,
-    engines,
-    federation,
     fmu_growth,
-    gradient,
-    growth,
-    importers,
     native,
-    order,
     sweeps,
+    verdict,
     whole,
     work_precision,
 )
 from benchmarks.__main__ import main
 from benchmarks.chains import random_motion, repeated_link
 from benchmarks.compiled import CompiledFunction, write_library
-from benchmarks.counting import Count, count_operations
-from benchmarks.fit import exact_polynomial, fit_exponent, upper_half
+from benchmarks.importers import PACKAGES, missing
 from benchmarks.report import Report, Table
 from benchmarks.system import Clock, least, median
 from benchmarks.timing import Case, measure
-from vdfmu.arm.equations.rigid_body import net_force
 from vdfmu.arm.robot import Robot, check_robot, load_robot
 from vdfmu.arm.robot.structure import values
 from vdfmu.compiler.c.compile import native_available
-from vdfmu.engine.masters.continuous import ContinuousStepper
 from vdfmu.system.scenario import load_scenario
 
 needs_compiler = pytest.mark.skipif(
@@ -53,86 +41,6 @@ needs_compiler = pytest.mark.skipif(
 @pytest.fixture
 def report(tmp_path: Path) -> Report:
     return Report("sample", "Sample", tmp_path, Console(file=io.StringIO(), width=120))
-
-
-def saved(report: Report) -> Path:
-    report.write()
-    (picture,) = report.pictures
-    assert picture.read_bytes().startswith(b"\x89PNG")
-    assert f"]({picture.name})" in (report.out / f"{report.name}.md").read_text(encoding="utf-8")
-    json.dumps(report.facts)  # all of it can be written to bench.json
-    return picture
-
-
-def test_exponent_of_a_power_is_recovered() -> None:
-    n = [1, 2, 4, 8, 16, 32]
-    fit = fit_exponent(n, [3e-6 * k**2.5 for k in n])
-    # rounding of six logarithms of numbers up to 1e-2
-    assert fit.slope == pytest.approx(2.5, abs=1e-12)
-    assert fit.error == pytest.approx(0.0, abs=1e-12)
-    assert fit.at(10) == pytest.approx(3e-6 * 10**2.5, rel=1e-12)
-    assert (fit.points, fit.range) == (6, "1 to 32")
-
-
-def test_exponent_with_noise_lies_within_its_standard_error() -> None:
-    random = np.random.default_rng(7)
-    n = np.geomspace(1, 100, 40)
-    fit = fit_exponent(n.tolist(), (n**4 * np.exp(random.normal(scale=0.1, size=40))).tolist())
-    # four standard errors: one draw in 16,000 lies outside, and this draw is fixed
-    assert abs(fit.slope - 4.0) < 4 * fit.error < 0.1
-
-
-def test_one_point_has_no_slope() -> None:
-    with pytest.raises(ValueError, match="expected at least 2 points, got 1"):
-        fit_exponent([1], [1])
-
-
-def test_upper_half_rounds_up() -> None:
-    assert upper_half([1, 2, 3, 4, 5], [9, 8, 7, 6, 5]) == ([3, 4, 5], [7, 6, 5])
-
-
-def test_polynomial_of_counts_is_exact() -> None:
-    n = [1, 2, 3, 5, 8, 9, 12]
-    found = exact_polynomial(n, [(5 * k**4 - 3 * k) // 1 + 7 for k in n])
-    assert found is not None
-    assert found.coefficients == (7, -3, 0, 0, 5)
-    assert (found.degree, found.checked, str(found)) == (4, 2, "5 n^4 - 3 n + 7")
-    assert found(100) == 5 * 100**4 - 300 + 7
-
-
-def test_polynomial_with_fractions() -> None:
-    n = [1, 2, 3, 4, 5, 6]
-    found = exact_polynomial(n, [k * (k + 1) // 2 for k in n])
-    assert found is not None
-    assert found.coefficients == (0, Fraction(1, 2), Fraction(1, 2))
-
-
-def test_no_polynomial_without_points_to_spare() -> None:
-    assert exact_polynomial([1, 2, 3, 4, 5], [2, 4, 8, 16, 32]) is None
-
-
-def test_known_expressions() -> None:
-    assert count_operations(lambda c: c * 2.0 + 1.0 - c / c) == Count(2, 2, 0)
-    assert count_operations(lambda c: -c) == Count(0, 0, 0)
-    assert count_operations(lambda c: np.sin(c.array(4)) + np.cos(c.array(4))) == Count(0, 4, 8)
-    # a product of a (3, 3) and a (3,): 9 products, 6 sums; times a vector: 3 products, 2 sums
-    assert count_operations(lambda c: np.eye(3) @ c.array(3) @ c.array(3)) == Count(12, 8, 0)
-
-
-def test_equations_run_on_it() -> None:
-    counted = count_operations(
-        lambda c: net_force(c, c.array(3), c.array(3, 3), c.array(3), c.array(6), c.array(6))
-    )
-    assert counted.multiplications > 2 * 36  # two products of (6, 6) and (6,) alone
-    assert counted.functions == 0
-
-
-@pytest.mark.parametrize(("name", "degree"), [("VD", 1), ("Newton-Euler", 1), ("Lagrange", 4)])
-def test_growth_of_the_formulations(name: str, degree: int) -> None:
-    n = list(range(1, 9))
-    found = exact_polynomial(n, [growth.count(name, k).multiplications for k in n])
-    assert found is not None
-    assert found.degree == degree
 
 
 def test_every_case_gets_samples() -> None:
@@ -184,24 +92,6 @@ def test_repeated_link_is_a_valid_chain_of_equal_links() -> None:
 
 
 @pytest.mark.heavy
-def test_growth(report: Report) -> None:
-    joints = [1, 2, 3, 4]
-    every = dict.fromkeys(growth.FORMULATIONS, joints)
-    found = growth.grow(joints, every | {"Lagrange": [1, 2, 3]}, every, 1, 0.0, report.say)
-    # torques of 4 links from formulations that share nothing: a few hundred roundings
-    assert found.disagreement < 1e-12
-    growth.tabulate(found, report, 1)
-    report.save(growth.draw(found))
-    saved(report)
-    rows = {table.name: len(table.rows) for table in report.tables}
-    assert rows["growth_plain"] == rows["growth_generated"] == rows["growth_operations"] == 4
-    multiplications = report.facts["exponents"]["multiplications"]
-    assert {name: fact["degree"] for name, fact in multiplications.items()} == {
-        "VD": 1, "Newton-Euler": 1, "Lagrange": 4,
-    }  # fmt: skip
-
-
-@pytest.mark.heavy
 def test_arms_are_measured_and_run_by_their_names(report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
     ran = {"build": 1.0, "second": 0.1, "largest": 1e-5, "final": 1e-6}
@@ -222,74 +112,6 @@ def test_growth_of_the_fmus(report: Report, monkeypatch: pytest.MonkeyPatch) -> 
     # the libraries of all units, and of the plant
     assert table.rows[0][4] < table.rows[1][4]
     assert sizes.rows[0][7] < sizes.rows[1][7]
-
-
-@pytest.mark.heavy
-def test_order(report: Report) -> None:
-    steps = {a: [1e-3, 5e-4, 2.5e-4] for a in order.ALGORITHMS} | {"iterative": [4e-3, 2e-3, 1e-3]}
-    found = order.converge(load_scenario("tracking"), steps, 0.2, report.say)
-    assert order.EXPECTED == {"gauss-seidel": 1, "jacobi": 1, "extrapolated": 2, "iterative": 2}
-    for algorithm, expected in order.EXPECTED.items():
-        # a tenth is the bound of the project for observed orders
-        assert found.order("q", algorithm).slope == pytest.approx(expected, abs=0.1)
-    order.tabulate(found, 0.2, report)
-    report.save(order.draw(found, 0.2))
-    saved(report)
-    assert [row[0] for row in report.tables[0].rows] == [4.0, 2.0, 1.0, 0.5, 0.25]
-    assert [row[0] for row in report.tables[1].rows] == list(order.ALGORITHMS)
-    # a step that an algorithm did not run is a gap, not a number
-    assert [v is None for v in report.tables[0].rows[0]] == [False, *2 * [True, True, True, False]]
-
-
-@needs_compiler
-@pytest.mark.heavy
-def test_coupling(report: Report) -> None:
-    before = ContinuousStepper.advance
-    steps = {a: [1e-3, 5e-4, 2.5e-4] for a in order.ALGORITHMS} | {"iterative": [4e-3, 2e-3, 1e-3]}
-    errors = [1e-4, 1e-5, 1e-6]
-    found = coupling.study(load_scenario("tracking"), steps, errors, stop=0.2, rounds=2, say=report.say)
-    assert ContinuousStepper.advance is before  # the instrument is gone
-    for algorithm, expected in order.EXPECTED.items():
-        points = found.of(algorithm)
-        # a tenth is the bound of the project for observed orders
-        slope = fit_exponent(steps[algorithm], [p.error for p in points]).slope
-        assert slope == pytest.approx(expected, abs=0.1)
-        assert [p.steps for p in points] == [round(0.2 / h) for h in steps[algorithm]]
-        for p in points:
-            assert p.residual is not None and p.bound is not None
-            if algorithm == "iterative":
-                assert 0.0 < p.residual <= p.bound
-            else:  # one step of each of the four units
-                assert p.unit_steps == 4 * p.steps
-        if algorithm != "iterative":
-            assert found.energy_order(algorithm).slope == pytest.approx(expected, abs=0.1)
-    for algorithm in coupling.CONTROLLED:
-        points = found.of(f"{algorithm}, adaptive")
-        assert [p.adaptive for p in points] == errors
-        # a hundredth of the allowed error costs more steps and is more precise
-        assert points[0].error > points[-1].error
-        assert points[0].steps < points[-1].steps
-        assert all(p.unit_steps >= 4 * (p.steps + p.rejected) for p in points)
-        time, mean = found.chosen[algorithm]
-        assert time[-1] == pytest.approx(0.2)
-        # each row is cut into whole steps, so the counts of the rows add up to those of the same run
-        assert np.sum(coupling.LONGEST / mean) == pytest.approx(points[1].steps)
-    coupling.tabulate(found, report)
-    report.save(coupling.draw(found))
-    saved(report)
-    assert [len(table.rows) for table in report.tables] == [18, 3, 12]
-
-
-def test_work_at_an_error_is_the_least_of_the_points_and_between_them() -> None:
-    found = coupling.Coupling(1.0)
-    found.points = [
-        coupling.Point("iterative", None, h, error, unit_steps=n)
-        for h, error, n in ((3e-3, 1e-5, 100), (2e-3, 1e-7, 10_000), (1e-3, 1e-8, 20_000))
-    ]
-    assert found.work_at("iterative", 1e-6) == pytest.approx(1000.0, rel=1e-12)
-    assert found.work_at("iterative", 1e-3) == 100  # the longest step is more precise than that
-    assert found.work_at("iterative", 1e-9) is None
-    assert found.work_at("jacobi", 1e-6) is None
 
 
 def test_least_of_blocks_leaves_out_what_disturbed_a_round() -> None:
@@ -325,8 +147,9 @@ def test_compiled_function_is_the_traced_one(tmp_path: Path, planar: Robot, func
 @pytest.mark.heavy
 def test_native(report: Report) -> None:
     found = native.study(
-        load_scenario("planar_tracking"), stop=0.2, stop_python=0.1, rounds=2, say=report.say
-    )
+        load_scenario("planar_tracking"), stop=0.2, stop_python=0.1, rounds=2, say=report.say,
+        others=[name for name in PACKAGES if not missing(name)],
+    )  # fmt: skip
     assert found.differences[native.PYTHON] < 1e-9  # the bound of the project
     assert found.differences[native.CONTAINER] < 1e-12  # the same calls in the same order
     assert found.differences[native.ISOLATED] == 0.0  # the very calls, in another process
@@ -340,22 +163,7 @@ def test_native(report: Report) -> None:
         found.master["number of calls"] == 11
     )  # set, doStep and get of four units, of which one has no inputs
     native.tabulate(found, report)
-    report.save(native.draw(found))
-    saved(report)
     assert report.tables[1].rows[-1][0] == "total"
-
-
-@needs_compiler
-@pytest.mark.heavy
-def test_importers(report: Report) -> None:
-    others = [name for name in importers.PACKAGES if not importers.missing(name)]
-    found = importers.study(load_scenario("planar_tracking"), others, stop=0.1, rounds=1, say=report.say)
-    assert found.importers == [importers.MASTER, importers.CONTAINER, *others]
-    # the same units and values, exchanged at the same times
-    assert max(found.differences.values()) < 1e-9
-    importers.tabulate(found, report)
-    report.save(importers.draw(found))
-    saved(report)
 
 
 @needs_compiler
@@ -370,39 +178,7 @@ def test_work_precision(report: Report) -> None:
         # a hundred times the tolerance: the local error is controlled, of all states
         assert tight.error < 1e-5
         assert tight.error < loose.error
-        assert (tight.calls is None) == (method == work_precision.COSIM)
     work_precision.tabulate(found, report)
-    report.save(work_precision.draw(found))
-    saved(report)
-
-
-@needs_compiler
-@pytest.mark.heavy
-def test_engines(report: Report) -> None:
-    found = engines.study(load_robot("planar_2dof"), stop=0.02, rounds=1, say=report.say)
-    methods = {p.method for p in found.points}
-    present = {name for name, package in engines.METHODS.items() if not package or find_spec(package)}
-    assert methods == present
-    for method in methods:
-        points = found.of(method)
-        # Error control and steps span three decades at least; without another model in between, so does the error.
-        assert points[-1].error < 0.1 * points[0].error
-        # A fall of 20 ms is one of 0.5 mrad: engines agree with the plant to a hundredth of it.
-        assert points[-1].error < 5e-6
-    engines.tabulate(found, report)
-    report.save(engines.draw(found))
-    saved(report)
-
-
-@needs_compiler
-@pytest.mark.heavy
-def test_engines_that_are_not_installed_are_named_and_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    said: list[str] = []
-    monkeypatch.setattr(engines, "find_spec", lambda _: None)
-    found = engines.study(load_robot("planar_2dof"), stop=0.02, rounds=1, say=said.append)
-    assert {p.method for p in found.points} == {work_precision.COSIM}
-    assert "without MuJoCo, RK4: mujoco is not installed (pip install .[bench])" in said
-    assert "without Drake, runge_kutta3: drake is not installed (pip install .[bench])" in said
 
 
 @needs_compiler
@@ -415,52 +191,8 @@ def test_whole(report: Report) -> None:
     assert report.facts["a state of a batch, compiled"] > 0.0
 
 
-@needs_compiler
-@pytest.mark.heavy
-def test_sweeps(report: Report) -> None:
-    sweeps.run(report, quick=True)
-    assert [table.name for table in report.tables] == [
-        "sweep_points",
-        "sweep_point",
-        "sweep_engines",
-        "sweep_growth",
-        "sweep_cluster",
-    ]
-    assert (
-        report.facts["vdfmu.sweep, engine batch_2"]["points_per_s"] > 0.0
-        and report.facts["dask_1"]["scheduler_s"] > 0.0
-    )
-
-
-@pytest.mark.heavy
-def test_federation(report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(federation, "BURNS", (0.0, 1e-4))
-    monkeypatch.setattr(federation, "CORES", ("ipc",))
-    monkeypatch.setattr(federation, "measured", lambda quick: ("planar_tracking", 5, 5, 1))
-    federation.run(report)
-    forms, loads = report.tables
-    assert [(row[0], row[1]) for row in forms.rows] == [
-        ("1", "none"),
-        ("1, apart", "none"),
-        ("2", "ipc"),
-        ("4", "ipc"),
-    ]
-    assert [row[0] for row in loads.rows] == [0.0, 100.0]
-    saved(report)
-
-
-def test_break_even_is_the_last_crossing() -> None:
-    loads, one = (0.0, 1.0, 2.0, 4.0), (0.0, 2.0, 4.0, 8.0)
-    assert (
-        federation.break_even(loads, one, (3.0, 3.0, 3.0, 5.0)) == 1.5
-    )  # half between 1, slower by 1, and 2, faster by 1
-    assert federation.break_even(loads, one, (3.0, 1.0, 5.0, 5.0)) == 2.5  # a lucky one before does not count
-    assert federation.break_even(loads, one, (9.0, 9.0, 9.0, 9.0)) is None
-    assert federation.break_even(loads, one, (-1.0, 1.0, 3.0, 7.0)) == 0.0
-
-
 def test_time_at_an_error_is_interpolated() -> None:
-    found = work_precision.WorkPrecision("", 1.0, 0.0, 1e-6, 1e-6)
+    found = work_precision.WorkPrecision("", 1.0, 0.0)
     found.points = [
         work_precision.Point("A", tolerance, time, error)
         for tolerance, time, error in ((1e-4, 1.0, 1e-4), (1e-8, 100.0, 1e-8))
@@ -471,51 +203,45 @@ def test_time_at_an_error_is_interpolated() -> None:
 
 
 @pytest.mark.heavy
-def test_c_loops(report: Report) -> None:
-    lacking = c_loops.missing()
-    if lacking:
-        pytest.skip(lacking)
-    found = list(
-        c_loops.compare(
-            [repeated_link(3)],
-            c_loops.PROCESSORS[:1],
-            processes=1,
-            rounds=1,
-            calls=64,
-            say=report.say,
-            compiler="clang++"
-            if shutil.which("clang++")
-            else "g++",  # the first reads templates in a third of the time
-            flags=("-O0",),
-        )
-    )
-    assert [c.algorithm for c in found] == list(c_loops.ALGORITHMS)
-    assert max(c.difference for c in found) < 1e-9
-    c_loops.tabulate(found, report)
-    report.save(c_loops.draw(found))
-    saved(report)
-
-
-@pytest.mark.heavy
-def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     with pytest.raises(SystemExit) as exit_:
         main(["nothing"])
     assert exit_.value.code == 2
     assert "there is no benchmark 'nothing'" in capsys.readouterr().err
-    assert main(["growth", "--quick", "--out", str(tmp_path / "out")]) == 0
+    monkeypatch.setattr(coupling, "STEPS", {"jacobi": (1e-3, 5e-4), "iterative": (4e-3, 2e-3)})
+    monkeypatch.setattr(coupling, "ERRORS", (1e-4,))
+    assert main(["coupling", "--quick", "--out", str(tmp_path / "out")]) == 0
     facts = json.loads((tmp_path / "out" / "bench.json").read_text(encoding="utf-8"))
-    assert set(facts["benchmarks"]) == {"growth"}
-    assert facts["benchmarks"]["growth"]["disagreement"] < 1e-9  # of the formulations, each a sum of n terms
+    points = facts["benchmarks"]["coupling"]["points"]
+    assert {name: len(each) for name, each in points.items()} == {
+        "jacobi": 2, "iterative": 2, "extrapolated, adaptive": 1, "iterative, adaptive": 1,
+    }  # fmt: skip
+    (loose, steps), (tight, more) = points["jacobi"]
+    assert tight == pytest.approx(loose / 2, rel=0.1) and (steps, more) == (
+        4000,
+        8000,
+    )  # first order, four units
+    assert points["iterative"][1][0] < points["iterative"][0][0] < loose
     names = {p.name for p in (tmp_path / "out").iterdir()}
-    assert {"bench.json", "bench.md", "growth.md", "growth.png", "growth_operations.csv"} <= names
+    assert {"bench.json", "bench.md", "coupling.md", "coupling_equal.csv"} <= names
+
+
+def test_work_at_an_error_is_the_least_of_the_points_and_between_them() -> None:
+    points = [(1e-5, 100), (1e-7, 10_000), (1e-8, 20_000)]
+    assert coupling.work_at(points, 1e-6) == pytest.approx(1000.0, rel=1e-12)
+    assert coupling.work_at(points, 1e-3) == 100  # the longest step is more precise than that
+    assert coupling.work_at(points, 1e-9) is None
 
 
 @needs_compiler
 @pytest.mark.heavy
-def test_the_adjoint_is_the_gradient_of_the_chain_and_of_the_fmus() -> None:
-    found = gradient.study("planar_tracking", 0.1).found
-    adjoint = found["adjoint of the chain"]
-    # forward differences of 0.1 % of costs that go with 1 / gain^2: half the curvature, 1.5e-3 of each derivative; the
-    # chain's step without error control moves the FMUs' by some 1e-4 more
-    for way in ("differences of the chain", "differences of the FMUs"):
-        assert np.abs(found[way] - adjoint).max() < 3e-3 * np.abs(adjoint).max()
+def test_sweeps_and_verdict(report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
+    sweeps.run(report, quick=True)
+    assert [table.name for table in report.tables] == ["sweep_points", "sweep_engines"]
+    assert report.facts["batch_2"]["points_per_s"] > 0.0
+    monkeypatch.setattr(verdict, "CASES", verdict.CASES[:1])
+    verdict.run(report, quick=True)
+    (row,) = report.tables[-1].rows
+    assert row[1] == sum(row[2:6]) == 3
