@@ -10,6 +10,7 @@ from vdfmu.arm.robot import Robot, check_robot
 from vdfmu.arm.units import find_unit, shipped_units
 from vdfmu.base.once import one_job
 from vdfmu.base.show_progress import Shown, with_progress
+from vdfmu.base.standards import FMI_2
 from vdfmu.compiler.fmu.build import build_units
 from vdfmu.compiler.unit.unit import Unit
 
@@ -25,7 +26,7 @@ def build_fmus(
     units: Units | None = None,
     start_values: Mapping[str, Mapping[str, float]] | None = None,
     backend: str | None = None,
-    fmi_version: str = "2.0",
+    fmi_version: str = FMI_2.name,
     platforms: Sequence[str] | str | None = None,
     progress: Shown = None,
 ) -> dict[str, Path]:

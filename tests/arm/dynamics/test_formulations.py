@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from benchmarks.lagrange import (
+from tests.arm.dynamics.lagrange import (
     christoffel_symbols,
     lagrange_inverse_dynamics,
     lagrange_mass_matrix,

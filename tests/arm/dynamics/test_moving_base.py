@@ -50,7 +50,7 @@ class Ride(NamedTuple):
 
     def base(self, robot):
         """Return it as the equations take it."""
-        return moving_base(robot, self.R_S, self.V_S[3:], self.A_S)
+        return moving_base(self.R_S, self.V_S[3:], self.A_S)
 
 
 def rides(count, seed):
@@ -145,8 +145,8 @@ def test_gravity_is_an_acceleration_of_the_base(chain, draw):
     floating = dataclasses.replace(chain, gravity=np.zeros(3))
     for state, ride in zip(draw(chain, 5, seed=18), rides(5, 19), strict=True):
         upward = np.concatenate([ride.R_S.T @ chain.gravity, np.zeros(3)])
-        lifted = moving_base(floating, ride.R_S, np.zeros(3), upward)
-        tilted = moving_base(chain, ride.R_S, np.zeros(3), np.zeros(6))
+        lifted = moving_base(ride.R_S, np.zeros(3), upward)
+        tilted = moving_base(ride.R_S, np.zeros(3), np.zeros(6))
         motion = state.q, state.q_dot, state.q_ddot, state.F_e
         close(
             inverse_dynamics(floating, *motion, base=lifted),
@@ -221,14 +221,12 @@ def test_two_arms_accelerate_as_the_arm_of_all_their_joints(chain, draw, coupled
         x_1, x_2 = (np.concatenate([s[joints] for s in x]) for joints in (slice(0, 1), slice(1, n)))
         R_O = ride.R_S @ plant_outputs(one, x_1).R_O
         V_O, _ = tool_motion(one, x_1, state.tau[:1], np.zeros(6), Ends(base))
-        carried = Ends(moving_base(two, R_O, V_O[3:], np.zeros(6)))
+        carried = Ends(moving_base(R_O, V_O[3:], np.zeros(6)))
         M_S, F_S0 = base_load(two, x_2, state.tau[1:], state.F_e, carried)
         loaded = Ends(base, M_S)
         found_1 = plant_derivative(one, x_1, state.tau[:1], F_S0, loaded)
         _, A_O = tool_motion(one, x_1, state.tau[:1], F_S0, loaded)
-        found_2 = plant_derivative(
-            two, x_2, state.tau[1:], state.F_e, Ends(moving_base(two, R_O, V_O[3:], A_O))
-        )
+        found_2 = plant_derivative(two, x_2, state.tau[1:], state.F_e, Ends(moving_base(R_O, V_O[3:], A_O)))
         found = [
             np.concatenate(pair) for pair in zip(np.split(found_1, 4), np.split(found_2, 4), strict=True)
         ]
@@ -271,13 +269,13 @@ def test_the_feedforward_of_a_base_that_turns_steadily_is_the_exact_inverse(chai
     omega, A_S = ride.V_S[3:], np.concatenate([ride.A_S[:3], np.zeros(3)])
 
     def base(t):
-        return moving_base(chain, ride.R_S @ Rotation.from_rotvec(t * omega).as_matrix(), omega, A_S)
+        return moving_base(ride.R_S @ Rotation.from_rotvec(t * omega).as_matrix(), omega, A_S)
 
     def desired(t):
         return desired_motion(t, -0.3 * np.ones(n), 0.4 + 0.1 * np.arange(n), 2.0, 0.0)
 
     def drives(t):
-        return desired_drive_motion(chain, desired(t), None, base(t))
+        return desired_drive_motion(chain, desired(t), np.zeros(6), base(t))
 
     t, h = 0.83, 1e-4
     found = drives(t)
@@ -295,6 +293,6 @@ def test_the_feedforward_of_a_base_that_turns_steadily_is_the_exact_inverse(chai
     close(x_dot.q_dot, motion.q_d_ddot, 1e-9)
     gains = FeedbackGains(*(np.zeros(n) for _ in range(4)))
     vdc = feedforward_vdc(
-        chain, gains, motion, motion.q_d, motion.q_d_dot, torques.kappa_dot_d, None, base(t)
+        chain, gains, motion, motion.q_d, motion.q_d_dot, torques.kappa_dot_d, np.zeros(6), base(t)
     )
     close(vdc.tau_m, torques.tau_m, 1e-9)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from benchmarks.chains import counting_chain
-from benchmarks.counting import count_operations
+from tests.arm.laws.counting import count_operations, counting_chain
 from vdfmu.arm.equations.feedforward import (
     FeedbackGains,
     desired_drive_motion,
@@ -125,7 +124,7 @@ def test_angular_momentum_changes_by_the_torque_of_the_base_alone(coupled, plant
     def momentum(x):
         state = split_state(robot, x)
         motion = link_motion(robot, state.q, state.q_dot, np.zeros(6))
-        V_D = rotor_velocities(robot, motion.V_B, state.kappa_dot)
+        V_D = rotor_velocities(robot, motion.V_B, state.kappa_dot, np.zeros(6))
         H, U = 0.0, np.eye(6)
         for i, U_AB in enumerate(joint_transforms(robot, state.q)):
             # Rotor i lies on the link before it, with axis `rotation @ z` there.
@@ -195,7 +194,7 @@ def test_the_cost_stays_linear_in_the_number_of_joints():
             drives = {"ell": counter.array(n), "I_m": counter.array(n)}
             robot = dataclasses.replace(counting_chain(n, counter), **drives)
             one = counter.array(n)
-            q_ddot = forward_dynamics(robot, one, one, one, None, Rotors(one, one))
+            q_ddot = forward_dynamics(robot, one, one, one, np.zeros(6), Rotors(one, one))
             rotor_acceleration(robot, one, link_motion(robot, one, one, q_ddot))
             inverse_dynamics(robot, one, one, one, rotors=(one, one))
 

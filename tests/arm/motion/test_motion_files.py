@@ -193,26 +193,18 @@ def test_a_motion_beyond_the_robot_is_refused(robot):
 
 
 def test_a_scenario_reports_the_problems_of_its_motion_beside_its_own(written):
-    head = 'name = "a"\nkind = "cosimulation"\nrobot = "planar_2dof"\nstop = 1.0\nstep = -1.0\n'
+    head = 'name = "a"\nrobot = "planar_2dof"\nstop = 1.0\nstep = -1.0\n'
     path = written(f'{head}[motion]\nkind = "waypoints"\npoints = [[0, 0], [1, 1]]\n[trajectory]\nT = 1.0\n')
     with pytest.raises(ModelError) as caught:
         vdfmu.load_scenario(path)
     text = str(caught.value)
     for words in ("step: expected", "motion: waypoints: expected times", "trajectory.T: motion has no T"):
         assert words in text
-    with pytest.raises(ModelError) as caught:  # a kind that is missing is one problem
-        vdfmu.load_scenario(written(f'{head}motion = "other.toml"\n'.replace('kind = "cosimulation"\n', "")))
-    assert "expected a scenario of kind" not in str(caught.value)
-    contrast = written(
-        head.replace("cosimulation", "contrast").replace("-1.0", "0.1") + 'motion = "other.toml"\n'
-    )
-    with pytest.raises(ModelError, match="motion: expected a scenario of kind cosimulation"):
-        vdfmu.load_scenario(contrast)
 
 
 def test_a_scenario_may_name_the_file_of_its_motion(written):
     written(f'kind = "waypoints"\n{GOOD["waypoints"]}', "other.toml")
-    head = 'name = "a"\nkind = "cosimulation"\nrobot = "planar_2dof"\nstop = 1.0\nstep = 0.1\nmotion = "other.toml"\n'
+    head = 'name = "a"\nrobot = "planar_2dof"\nstop = 1.0\nstep = 0.1\nmotion = "other.toml"\n'
     scenario = vdfmu.load_scenario(written(f"{head}[trajectory]\nspeed = 0.5\n"))
     assert scenario.system.parts["trajectory"].unit.__name__ == "Motion"
     assert scenario.sections["plant"]["q_0"] == [0.0, 0.0]

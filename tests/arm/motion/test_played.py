@@ -21,7 +21,6 @@ POINTS = np.array([[-1.57, 0.0], [-1.2, 0.5], [-0.6, 0.2], [-0.3, 0.6], [0.0, 0.
 TIMES = np.array([0.0, 0.3, 0.55, 0.8, 1.0])
 SCENARIO = """\
 name = "way"
-kind = "cosimulation"
 robot = "planar_2dof"
 stop = 0.3
 step = 0.001

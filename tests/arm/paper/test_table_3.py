@@ -1,14 +1,16 @@
 """Section IV-A: two formulations along (57), and what Table 3 most likely shows."""
 
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.arm.equations.newton_euler import newton_euler
 from vdfmu.arm.equations.trajectory import desired_motion
-from vdfmu.system.scenario import load_scenario
 
-TABLE_3 = np.array(load_scenario("contrast").paper["rms_torque_difference_nmm"])
+TABLE_3 = np.array([0.2, 22.7, 8.9, 0.6, 2.3, 0.0])
 Q_END = np.radians([90.0, 60.0, 60.0, 90.0, 60.0, 90.0])
 
 
@@ -79,3 +81,19 @@ def test_direction_of_l2_is_x_not_y(arm):
     assert abs(sideways[1] - TABLE_3[1]) > 0.3 * TABLE_3[1]
     # Only joint 2 tells: what hangs beyond joint 3 does not know about l2. Same products, so 100 roundings.
     np.testing.assert_allclose(sideways[2:5], gravity_difference(arm)[2:5], rtol=0, atol=1e-9)
+
+
+def test_the_example_prints_the_table_of_the_documentation(tmp_path, capsys):
+    path = Path(__file__).parents[3] / "examples" / "contrast.py"
+    spec = spec_from_file_location("contrast", path)
+    assert spec and spec.loader
+    example = module_from_spec(spec)
+    spec.loader.exec_module(example)
+    example.main(tmp_path)
+    printed = [line.split() for line in capsys.readouterr().out.splitlines()[1:7]]
+    torque, rounding, gravity, paper = np.array(printed, dtype=float).T[1:]
+    assert torque.tolist() == [0.099, 22.6, 8.9, 0.635, 2.28, 0.000483]
+    assert rounding.max() < 1e-9  # rounding is below 1e-14 N m, 1e-11 N mm, an operation
+    assert gravity[1:5].tolist() == [22.9, 9.02, 0.647, 2.31] and max(gravity[[0, 5]]) < 1e-9
+    assert paper.tolist() == TABLE_3.tolist()
+    assert {path.name for path in tmp_path.iterdir()} == {"figure_7.png", "figure_8.png"}

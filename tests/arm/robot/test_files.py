@@ -32,7 +32,6 @@ def test_shipped_names() -> None:
         "ur5e_6dof",
     ]
     assert scenario_names() == [
-        "contrast",
         "estimation",
         "planar_tracking",
         "screw",

@@ -31,7 +31,6 @@ arm = "plant"
 """
 SCENARIO = """
 name = "mine"
-kind = "cosimulation"
 system = "mine.sys.toml"
 robot = "planar_2dof"
 stop = 0.02

@@ -83,7 +83,6 @@ def test_drives_are_fitted_to_the_catalogue() -> None:
 @pytest.mark.parametrize(
     ("name", "degrees", "T"),
     [
-        ("contrast", [90, 60, 60, 90, 60, 90], 10.0),
         ("tracking", [90, 60, 60, 90, 60, 90], 10.0),
         ("two_joint", [60, 30, 0, 0, 0, 0], 30.0),
     ],
@@ -98,13 +97,6 @@ def test_motion_of_section_4(name: str, degrees: list[float], T: float) -> None:
     assert group_value(scenario, "trajectory.T") == scenario.stop == T
     assert scenario.step == 1e-3
     assert scenario.robot.name == "manipulator_6dof"
-
-
-def test_table_3() -> None:
-    assert load_scenario("contrast").paper == {
-        "source": "Table 3",
-        "rms_torque_difference_nmm": [0.2, 22.7, 8.9, 0.6, 2.3, 0.0],
-    }
 
 
 def test_table_4() -> None:

@@ -13,7 +13,7 @@ import pytest
 
 import vdfmu
 from vdfmu.arm.robot import Robot, load_robot
-from vdfmu.arm.robot.parameters import OPTIONAL, PARAMETERS
+from vdfmu.arm.robot.parameters import JOINT_OPTIONS, OPTIONAL, PARAMETERS
 from vdfmu.arm.robot.robot import JOINT_TYPES
 from vdfmu.arm.units.plant import Plant
 from vdfmu.base.measure import measure
@@ -22,7 +22,7 @@ from vdfmu.compiler.unit.interface import Interface
 from vdfmu.system.scenario import load_scenario
 
 PACKAGE = Path(vdfmu.__file__).parent
-ROW = '    k_new: Array = _row("drive", "stiffness", "new stiffness, Eq. {}", "(99)", 1e3, POSITIVE, default=2.0)\n'
+ROW = '    k_new: Array = row("drive", "stiffness", "new stiffness, Eq. {}", "(99)", 1e3, POSITIVE, default=2.0)\n'
 # What a tool or a user sees of the new parameter, from a package that has one more line than this one.
 PROGRAM = """
 import inspect, json
@@ -76,8 +76,9 @@ def extended(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
         (root / folder).symlink_to(PACKAGE.parent / folder)
     table = root / "vdfmu" / "arm" / "robot" / "parameters.py"
     text = table.read_text(encoding="utf-8")
-    assert text.count("    # fmt: on\n") == 1
-    table.write_text(text.replace("    # fmt: on\n", ROW + "    # fmt: on\n"), encoding="utf-8")
+    before, end, after = text.rpartition("    # fmt: on\n")
+    assert end
+    table.write_text(before + ROW + end + after, encoding="utf-8")
     return os.environ | {"PYTHONPATH": str(root), "VDFMU_CACHE_DIR": str(root / "cache"), "COLUMNS": "100"}
 
 
@@ -143,14 +144,16 @@ def test_the_name_of_a_parameter_is_in_the_table_and_in_equations_alone(name: st
         for path in PACKAGE.rglob("*.py")
         if re.search(rf"\b{name}\b", without_equations(path))
     }
-    assert "arm/robot/parameters.py" in files
+    row = PARAMETERS[name]
+    table = f"arm/drive/{row.section}.py" if row.section in JOINT_OPTIONS else "arm/robot/parameters.py"
+    assert table in files
     # what is estimated from a log is named where it is estimated
     others = {
         path
         for path in files
         if not path.startswith(("arm/equations/", "arm/drive/", "arm/world/", "study/identify/"))
     }
-    assert others == {"arm/robot/parameters.py"}
+    assert others == {table} - {f"arm/drive/{row.section}.py"}
 
 
 @pytest.mark.parametrize("name", PARAMETERS)

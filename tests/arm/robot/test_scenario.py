@@ -22,7 +22,6 @@ Writer = Callable[[str, dict[str, Any]], Path]
 
 # (path to the entry, its new value, what the message says)
 FAULTS: list[tuple[tuple[str, ...], Any, str]] = [
-    (("kind",), "cosim", r'kind: expected "contrast" or "cosimulation", got "cosim"'),
     (("friction",), "splt", r'friction: expected "lumped" or "split", got "splt"\. Did you mean "split"\?'),
     (("master",), "gauss", r'master: expected "gauss-seidel" or "jacobi" or .*, got "gauss"'),
     (("adaptive",), 1e-6, r"adaptive: expected master = 'extrapolated' or 'iterative', got 'gauss-seidel'"),
@@ -104,7 +103,7 @@ def test_fault_is_named(
     assert len(caught.value.problems) >= 1
 
 
-@pytest.mark.parametrize("key", ["name", "kind", "stop", "step"])
+@pytest.mark.parametrize("key", ["name", "stop", "step"])
 def test_missing_key(write: Writer, scenario_data: dict[str, Any], key: str) -> None:
     del scenario_data[key]
     with pytest.raises(
@@ -114,7 +113,7 @@ def test_missing_key(write: Writer, scenario_data: dict[str, Any], key: str) -> 
 
 
 def test_every_problem_at_once(write: Writer, scenario_data: dict[str, Any]) -> None:
-    scenario_data["kind"] = "x"
+    scenario_data["friction"] = "x"
     scenario_data["step"] = 0
     scenario_data["trajectory"]["q_end"] = [1.0, 2.0, 3.0]
     scenario_data["controller"]["K_v"] = -1

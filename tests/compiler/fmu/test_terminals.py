@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
-from typing import Literal
 
 import fmpy
 import pytest
@@ -13,17 +12,17 @@ from lxml import etree
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import find_unit, shipped_units
 from vdfmu.base.data import data_path
+from vdfmu.base.standards import FMI_2, FMI_3, FMI_VERSIONS, FmiVersion
 from vdfmu.compiler.fmu.description import document
 from vdfmu.compiler.fmu.terminals import icon_files, terminals_and_icons
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.system.scenario.load import load_system
 
 SCHEMA = etree.XMLSchema(etree.parse(Path(fmpy.__file__).parent / "schema/fmi3/fmi3TerminalsAndIcons.xsd"))
-FMI = Literal[2, 3]
 
 
-@pytest.fixture(params=(2, 3))
-def fmi(request: pytest.FixtureRequest) -> FMI:
+@pytest.fixture(params=FMI_VERSIONS.values(), ids=lambda version: version.prefix)
+def fmi(request: pytest.FixtureRequest) -> FmiVersion:
     return request.param
 
 
@@ -32,11 +31,11 @@ def interface(robots: dict[str, Robot], robot_name: str, unit_name: str) -> Inte
     return Interface(shipped_units()[unit_name], robots[robot_name])
 
 
-def read(interface: Interface, fmi: FMI) -> etree._Element:
+def read(interface: Interface, fmi: FmiVersion) -> etree._Element:
     return etree.fromstring(document(terminals_and_icons(interface, fmi)))
 
 
-def members(interface: Interface, fmi: FMI) -> dict[str, dict[str, str]]:
+def members(interface: Interface, fmi: FmiVersion) -> dict[str, dict[str, str]]:
     """Return terminal and member to the name of the variable."""
     return {
         terminal.get("name"): {
@@ -46,12 +45,12 @@ def members(interface: Interface, fmi: FMI) -> dict[str, dict[str, str]]:
     }
 
 
-def test_it_obeys_the_schema_of_the_standard(interface: Interface, fmi: FMI) -> None:
+def test_it_obeys_the_schema_of_the_standard(interface: Interface, fmi: FmiVersion) -> None:
     assert SCHEMA.validate(read(interface, fmi)), SCHEMA.error_log
 
 
-def test_members_are_inputs_and_outputs_of_the_unit(interface: Interface, fmi: FMI) -> None:
-    if fmi == 2:
+def test_members_are_inputs_and_outputs_of_the_unit(interface: Interface, fmi: FmiVersion) -> None:
+    if fmi is FMI_2:
         causality = {v.name: v.causality for v in interface}
     else:
         causality = {a.name: interface.memory[a.first].causality for a in interface.arrays}
@@ -66,7 +65,7 @@ def test_members_are_inputs_and_outputs_of_the_unit(interface: Interface, fmi: F
 
 
 def test_joining_terminals_of_one_name_makes_the_connections_of_the_system(
-    robots: dict[str, Robot], robot_name: str, fmi: FMI
+    robots: dict[str, Robot], robot_name: str, fmi: FmiVersion
 ) -> None:
     """Output to input, member by member; all elements of both."""
     interfaces = {unit: Interface(shipped_units()[unit], robots[robot_name]) for unit in shipped_units()}
@@ -93,7 +92,7 @@ def test_joining_terminals_of_one_name_makes_the_connections_of_the_system(
     assert found == expected
 
 
-def test_all_pictures_are_there_and_small(interface: Interface, fmi: FMI) -> None:
+def test_all_pictures_are_there_and_small(interface: Interface, fmi: FmiVersion) -> None:
     files = icon_files(interface, fmi)
     folder = "terminalsAndIcons/"
     assert files[f"{folder}terminalsAndIcons.xml"] == document(terminals_and_icons(interface, fmi))
@@ -105,21 +104,21 @@ def test_all_pictures_are_there_and_small(interface: Interface, fmi: FMI) -> Non
         assert width == height >= 40
         assert etree.fromstring(svg).tag == "{http://www.w3.org/2000/svg}svg"
         assert max(len(png), len(svg)) < 10_000
-    assert ("model.png" in files) == (fmi == 2)
+    assert ("model.png" in files) == (fmi is FMI_2)
 
 
 def test_each_unit_has_its_own_icon(robots: dict[str, Robot]) -> None:
     robot = robots["planar_2dof"]
-    files = [icon_files(Interface(shipped_units()[unit], robot), 3) for unit in shipped_units()]
+    files = [icon_files(Interface(shipped_units()[unit], robot), FMI_3) for unit in shipped_units()]
     assert len({f["terminalsAndIcons/icon.png"] for f in files}) == len(shipped_units())
 
 
 def test_a_unit_without_a_picture_has_that_of_all_units() -> None:
     """And no terminals, where it declares none."""
     interface = Interface(find_unit(Path(__file__).parent / "own_units.py:LowPass"), None)
-    files = icon_files(interface, 2)
+    files = icon_files(interface, FMI_2)
     for kind in ("png", "svg"):
         picture = (data_path("fmu_src") / "icons" / f"unit.{kind}").read_bytes()
         assert files[f"terminalsAndIcons/icon.{kind}"] == picture
-    assert SCHEMA.validate(read(interface, 2)), SCHEMA.error_log
-    assert members(interface, 2) == {}
+    assert SCHEMA.validate(read(interface, FMI_2)), SCHEMA.error_log
+    assert members(interface, FMI_2) == {}

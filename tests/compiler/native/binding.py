@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes as ct
-import math
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Sequence
@@ -427,8 +426,3 @@ class Instance:
 def same_bits(a: Any, b: Any) -> bool:
     """Whether two arrays are equal to the bit, NaN and the sign of zero included."""
     return np.asarray(a, dtype=float).tobytes() == np.asarray(b, dtype=float).tobytes()
-
-
-def is_finite(values: Any) -> bool:
-    """Whether all values are finite."""
-    return all(math.isfinite(value) for value in np.ravel(values))

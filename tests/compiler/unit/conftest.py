@@ -8,7 +8,6 @@ import pytest
 import vdfmu
 from vdfmu.arm.units import find_unit
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.package.osp import write_osp
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario.parts import build_parts
 from vdfmu.system.scenario.values import system_values
@@ -31,7 +30,6 @@ class System:
         self.description = SystemDescription(self.scenario, self.values)
         fmus = build_parts(self.scenario, folder / "fmus", self.values)
         self.package = write_ssp(self.scenario, fmus, folder / "own_units.ssp", self.values)
-        self.osp = write_osp(self.scenario, fmus, folder / "osp", self.values)
 
 
 @pytest.fixture(scope="session")

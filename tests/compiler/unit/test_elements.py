@@ -32,7 +32,6 @@ spring = "spring.py"
 """
 SCENARIO = """
 name = "spring"
-kind = "cosimulation"
 system = "system.toml"
 robot = "planar_2dof"
 stop = 0.05

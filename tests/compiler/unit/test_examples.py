@@ -264,7 +264,6 @@ def test_an_fmu_in_place_of_the_unit_that_it_was_built_of(examples, planar):
 @pytest.mark.heavy
 @pytest.mark.parametrize("importer", ["ecos", "libcosim"])
 def test_other_importers_give_the_same(system, importer):
-    """Ecos takes the SSP, libcosim the OSP folder, of the same FMUs."""
     here = (platform.system(), platform.machine())
     if here not in {("Linux", "x86_64"), ("Windows", "AMD64")}:
         pytest.skip(f"{importer} has no binaries for {' '.join(here)}")
@@ -276,9 +275,8 @@ def test_other_importers_give_the_same(system, importer):
         for name in ("plant.q", "trajectory.q_d", "encoder.q_measured", "controller.tau", "wall.F_e")
         for i in (1, 2)
     ]
-    path = system.package if importer == "ecos" else system.osp.parent
     rows = ask_rows({
-        "run": "rows", "importer": importer, "path": str(path), "step": step, "steps": round(stop / step),
+        "run": "rows", "importer": importer, "path": str(system.package), "step": step, "steps": round(stop / step),
         "signals": signals,
     })  # fmt: skip
     ours = np.column_stack([results[name] for name in signals])

@@ -63,7 +63,6 @@ lqr = "regulator.py"
 SCENARIO = """
 name = "regulated"
 description = "A mass and its regulator"
-kind = "cosimulation"
 system = "system.toml"
 robot = "planar_2dof"
 stop = 0.2

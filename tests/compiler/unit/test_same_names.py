@@ -47,7 +47,6 @@ connections = {{ "a.y" = ["b.u"] }}
 """
 SCENARIO = """
 name = "pair"
-kind = "cosimulation"
 system = "system.toml"
 robot = "planar_2dof"
 stop = 0.02

@@ -97,7 +97,6 @@ class Clock(Unit):
 SYSTEM = 'name = "loop"\ndescription = "loop"\n[units]\n{}\n[connections]\n{}\n'
 SCENARIO = f"""name = "loop"
 description = "A cart on a sampled controller"
-kind = "cosimulation"
 robot = "planar_2dof"
 system = "{{}}.toml"
 stop = {STOP}

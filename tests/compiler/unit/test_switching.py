@@ -158,7 +158,7 @@ def test_reference_results_and_references_have_them(fmu, motor, tmp_path):
         'name = "m"\ndescription = "m"\n[units]\nm = "motor.py"\n[connections]\n'
     )
     (folder / "scenario.toml").write_text(
-        'name = "m"\ndescription = "m"\nkind = "cosimulation"\nsystem = "system.toml"\nrobot = "planar_2dof"\n'
+        'name = "m"\ndescription = "m"\nsystem = "system.toml"\nrobot = "planar_2dof"\n'
         f"stop = {STOP}\nstep = 0.05\n"
     )
     results = vdfmu.run(folder / "scenario.toml", settings={"m.duty": 0.01}, out=tmp_path / "r")

@@ -67,7 +67,6 @@ motor = "motor.py:DCMotor"
 SCENARIO = """
 name = "motor"
 description = "A step of the speed"
-kind = "cosimulation"
 system = "drive.toml"
 stop = 0.5
 step = 0.001
@@ -92,7 +91,6 @@ name = "own_robots"
 )
 REACH = """
 name = "own_robots"
-kind = "cosimulation"
 system = "own_robots.toml"
 stop = 0.02
 step = 0.001
@@ -174,22 +172,14 @@ def test_the_run_speaks_of_no_robot(ran, folder):
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize(
-    ("form", "name"), [("1.0", "motor.ssp"), ("2.0", "motor_2.0.ssp"), ("osp", "motor_osp")]
-)
+@pytest.mark.parametrize(("form", "name"), [("1.0", "motor.ssp"), ("2.0", "motor_2.0.ssp")])
 def test_packages_speak_of_no_robot(inside, form, name):
     done = command("ssp", "motor.toml", "--format", form)
     assert done.exit_code == 0, done.output
-    if form == "osp":
-        texts = {path.name: path.read_bytes() for path in (inside / name).glob("*.xml")}
-    else:
-        with zipfile.ZipFile(inside / name) as archive:
-            texts = {entry: archive.read(entry) for entry in archive.namelist() if not entry.endswith(".fmu")}
-        assert command("check", name).exit_code == 0
-        assert (
-            'print(results["controller.e"][-1])' in texts["documentation/index.html"].decode()
-            or form == "2.0"
-        )
+    with zipfile.ZipFile(inside / name) as archive:
+        texts = {entry: archive.read(entry) for entry in archive.namelist() if not entry.endswith(".fmu")}
+    assert command("check", name).exit_code == 0
+    assert 'print(results["controller.e"][-1])' in texts["documentation/index.html"].decode() or form == "2.0"
     assert texts
     for entry, text in texts.items():
         assert "robot" not in entry
@@ -325,9 +315,6 @@ def test_what_needs_a_robot_is_named(inside):
         vdfmu.load_scenario("arm.toml")
     assert len(caught.value.problems) == 1
     assert vdfmu.load_scenario("arm.toml", "planar_2dof").arm.name == "planar_2dof"  # which the option may be
-    (inside / "table.toml").write_text(SCENARIO.replace("cosimulation", "contrast"))
-    with pytest.raises(ModelError, match=r"table\.toml: robot: .* The key is missing: add it"):
-        vdfmu.load_scenario("table.toml")
 
 
 def test_a_robot_that_nothing_takes_is_noted(inside):

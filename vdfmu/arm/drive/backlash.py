@@ -6,9 +6,25 @@ its energy exact.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+
+from vdfmu.arm.drive.option import Array, DriveOption, row
+from vdfmu.base.measure import POSITIVE
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BacklashRows:
+    """Its parameters."""
+
+    backlash: bool = False
+    # fmt: off
+    w_gap: Array = row("backlash", "position", "width of the backlash, link-side", "", 1.0, 0.0)
+    tau_gap: Array = row(
+        "backlash", "torque", "torque that takes up 71 % of the backlash, link-side", "", 1e9, POSITIVE)
+    # fmt: on
 
 
 def gap_deformation(robot: Any, tau_s: Any) -> Any:
@@ -35,3 +51,6 @@ def gap_energy(robot: Any, tau_s: Any) -> Any:
     """Elastic energy, the integral of ``t`` times the slope from 0 to tau_s: (n,) [J]; at most ``w tau_gap / 2``."""
     x = tau_s / robot.tau_gap
     return 0.5 * robot.w_gap * robot.tau_gap * (1.0 - 1.0 / np.sqrt(1.0 + x * x))
+
+
+BACKLASH = DriveOption(deformation=gap_deformation, compliance=gap_compliance, elastic_energy=gap_energy)

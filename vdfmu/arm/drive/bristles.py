@@ -6,12 +6,26 @@ The bristles are Dahl's element, with the level of (54) as its limit. Their damp
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
-from vdfmu.arm.drive.dahl import dahl_rate
+from vdfmu.arm.drive.dahl import dahl_energy, dahl_rate
+from vdfmu.arm.drive.option import Array, DriveOption, OptionState, row
+from vdfmu.base.measure import POSITIVE
 
 _LEAST = 1e-9
 """Torque [N m or N] that stands for a friction of 0, which has no bristles."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BristlesRows:
+    """Its parameters."""
+
+    bristles: bool = False
+    # fmt: off
+    sigma_0: Array = row("bristles", "stiffness", "stiffness of the bristles, link-side", "", 1e12, POSITIVE)
+    sigma_1: Array = row("bristles", "damping", "damping of the bristles, link-side", "", 1e9, 0.0)
+    # fmt: on
 
 
 def bristle_rate(robot: Any, velocity: Any, tau_z: Any, level: Any) -> Any:
@@ -34,3 +48,26 @@ def bristle_torque(robot: Any, velocity: Any, tau_z: Any, level: Any) -> Any:
 
 def _damping(robot: Any, velocity: Any, level: Any) -> Any:
     return robot.sigma_1 / (1.0 + 0.25 * robot.sigma_1 * abs(velocity) / (level + _LEAST))
+
+
+def _dry_friction(xi: Any, robot: Any, velocity: Any, level: Any, tau_z: Any) -> Any:
+    return xi if tau_z is None else bristle_torque(robot, velocity, tau_z, level)
+
+
+def _stored(robot: Any, velocity: Any, level: Any, tau_z: Any) -> Any:
+    return 0.0 if tau_z is None else tau_z * bristle_rate(robot, velocity, tau_z, level) / robot.sigma_0
+
+
+BRISTLES = DriveOption(
+    state=OptionState(
+        "tau_z",
+        "torque",
+        "torque of the bristles of friction, link-side",
+        "start of the bristles, without equilibrium",
+    ),
+    dry_parameters=("sigma_0", "sigma_1"),
+    dry_friction=_dry_friction,
+    stored=_stored,
+    rate=lambda robot, motion, tau_z: bristle_rate(robot, motion.velocity, tau_z, motion.level),
+    energy=lambda robot, tau_z: dahl_energy(robot.sigma_0, tau_z),
+)

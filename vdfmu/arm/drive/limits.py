@@ -2,9 +2,35 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
+from vdfmu.arm.drive.option import Array, DriveOption, row
+from vdfmu.base.measure import POSITIVE
 from vdfmu.compiler.scalar.generic import clip
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LimitsRows:
+    """Its parameters."""
+
+    limits: bool = False
+    # fmt: off
+    q_min: Array = row("limits", "position", "lower end stop", "", 1e6, given="lower")
+    q_max: Array = row("limits", "position", "upper end stop", "", 1e6, given="upper")
+    stop_stiffness: Array = row("limits", "stiffness", "stiffness of the end stops, link-side", "", 1e12, POSITIVE)
+    stop_damping: Array = row(
+        "limits", "per velocity", "damping of the end stops over stiffness and depth", "", 1e6, 0.0,
+        hint="Give 0 for stops without loss.")
+    tau_stall: Array = row(
+        "limits", "N.m", "largest torque of the motor, motor-side", "", 1e9, POSITIVE, given="effort")
+    kappa_dot_max: Array = row(
+        "limits", "velocity", "no-load speed of the motor divided by ell", "", 1e9, POSITIVE, given="velocity")
+    full_speed: Array = row(
+        "limits", "1", "share of the no-load speed up to which the motor has its largest torque", "", 0.99, 0.0,
+        default=0.0, fold="zeros", given="velocity",
+        hint="Give 0 for a line from standstill, 0.95 for a drive that limits the speed.")
+    # fmt: on
 
 
 def _positive(x: Any) -> Any:
@@ -75,3 +101,10 @@ def motor_rectangle(robot: Any, most: Any) -> tuple[Any, Any]:
     """
     speed = clip(clip(robot.full_speed, 0.5, 1.0) * robot.kappa_dot_max, 0.0, most)
     return speed, motor_torque(robot, robot.tau_stall, speed)
+
+
+LIMITS = DriveOption(
+    stop_torque=stop_torque,
+    stop_energy=stop_energy,
+    motor=lambda tau, robot, kappa_dot, own: motor_torque(robot, tau, kappa_dot),
+)

@@ -2,9 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+
+from vdfmu.arm.drive.option import Array, DriveOption, row
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LoadLossRows:
+    """Its parameters."""
+
+    load_loss: bool = False
+    # fmt: off
+    mu_l: Array = row(
+        "load_loss", "1", "friction of the mesh over the torque that the drive carries", "", 1.0, 0.0,
+        scaled_as="friction")
+    # fmt: on
 
 
 def mesh_friction(robot: Any, kappa_dot: Any, load: Any) -> Any:
@@ -31,3 +46,6 @@ def efficiency(robot: Any, load: Any, friction: Any) -> Any:
     friction : (n,) [N m or N] friction without load at that speed, link-side
     """
     return abs(load) / ((1.0 + robot.mu_l) * abs(load) + friction)
+
+
+LOAD_LOSS = DriveOption(mesh_friction=mesh_friction, dry_parameters=("mu_l",))

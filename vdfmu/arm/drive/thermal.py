@@ -2,9 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+
+from vdfmu.arm.drive.option import Array, DriveOption, OptionState, row
+from vdfmu.base.measure import POSITIVE
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ThermalRows:
+    """Its parameters."""
+
+    thermal: bool = False
+    # fmt: off
+    T_ref: Array = row("thermal", "K", "temperature for which the viscous friction is given", "", 1e4, 0.0)
+    T_v: Array = row(
+        "thermal", "K", "rise of temperature by which viscous friction falls to 1/e", "", 1e9, POSITIVE,
+        hint="For friction that does not depend on temperature give a large value such as 1e9.")
+    T_amb: Array = row("thermal", "K", "temperature of the surroundings", "", 1e4, 0.0)
+    C_th: Array = row("thermal", "J/K", "heat capacity of the joint", "", 1e9, POSITIVE)
+    G_th: Array = row("thermal", "W/K", "heat flow to the surroundings over the rise of temperature", "", 1e6, 0.0)
+    # fmt: on
 
 
 def viscosity(robot: Any, T_j: Any = None) -> Any:
@@ -17,8 +37,6 @@ def viscosity(robot: Any, T_j: Any = None) -> Any:
     T_j : (n,) [K], optional
         Temperature; default that of the surroundings.
     """
-    if not robot.thermal:
-        return robot.f_v
     T = robot.T_amb if T_j is None else T_j
     return robot.f_v * np.exp((robot.T_ref - T) / robot.T_v)
 
@@ -37,3 +55,13 @@ def temperature_rate(robot: Any, loss: Any, T_j: Any) -> Any:
 def ambient(robot: Any) -> Any:
     """Temperature of the surroundings: (n,) [K]."""
     return robot.T_amb
+
+
+THERMAL = DriveOption(
+    state=OptionState(
+        "T_j", "K", "temperature of the joint", "start temperature", start=ambient, minimum=0.0, slow=True
+    ),
+    viscosity=lambda f_v, robot, T_j: viscosity(robot, T_j),
+    rate=lambda robot, motion, T_j: temperature_rate(robot, motion.loss, T_j),
+    rest=lambda robot, tau_s: None,
+)

@@ -2,9 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
+from vdfmu.arm.drive.option import Array, DriveOption, OptionState, row
+from vdfmu.base.measure import POSITIVE
 from vdfmu.compiler.scalar.generic import clip
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class WindingRows:
+    """Its parameters."""
+
+    winding: bool = False
+    # fmt: off
+    k_t: Array = row(
+        "winding", "N.m/A", "torque constant of the motor, and its back-EMF in V.s/rad", "", 1e6, POSITIVE)
+    R_w: Array = row("winding", "Ohm", "resistance of the winding", "", 1e9, 0.0)
+    L_w: Array = row("winding", "H", "inductance of the winding", "", 1e6, POSITIVE)
+    U_max: Array = row("winding", "V", "largest voltage", "", 1e9, POSITIVE)
+    i_max: Array = row("winding", "A", "largest current", "", 1e9, POSITIVE)
+    w_i: Array = row("winding", "1/s", "bandwidth of the current loop", "", 1e9, POSITIVE)
+    # fmt: on
 
 
 def winding_torque(robot: Any, i_m: Any) -> Any:
@@ -36,3 +55,11 @@ def current_rate(robot: Any, tau: Any, kappa_dot: Any, i_m: Any) -> Any:
 def _drop(robot: Any, kappa_dot: Any, i_m: Any) -> Any:
     """Voltage that resistance and back-EMF take."""
     return robot.R_w * i_m + robot.k_t * robot.ell * kappa_dot
+
+
+WINDING = DriveOption(
+    state=OptionState("i_m", "A", "current of the motor", "start current, without equilibrium"),
+    motor=lambda tau, robot, kappa_dot, i_m: winding_torque(robot, i_m),
+    rate=lambda robot, motion, i_m: current_rate(robot, motion.tau, motion.kappa_dot, i_m),
+    rest=lambda robot, tau_s: tau_s / (robot.ell * robot.k_t),
+)

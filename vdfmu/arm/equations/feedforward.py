@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from vdfmu.arm.equations.flexible_joint import (
     axial_torques,
+    inertia_torques,
     rotor_body,
     rotor_forces,
     rotor_position,
@@ -26,7 +28,7 @@ from vdfmu.arm.equations.kinematics import joint_transforms, tool_transform
 from vdfmu.arm.equations.rigid_body import coriolis_matrix, gravity_force, link_body, mass_matrix
 from vdfmu.arm.equations.spatial import cross_motion, joint_axis, skew
 from vdfmu.arm.equations.trajectory import Desired
-from vdfmu.arm.world.attachment import Base
+from vdfmu.arm.world.attachment import AT_REST, NO_WRENCH, Base
 from vdfmu.compiler.scalar.jet import derivative, jets
 
 
@@ -63,21 +65,20 @@ class DriveMotion(NamedTuple):
     kappa_ddot: Any
 
 
-def _base_jets(base: Base) -> Base:
-    """Motion of the base with two derivatives in time; A_S changes none."""
+def _seen_from_base(robot: Any, base: Base) -> tuple[Any, Base]:
+    """Return the arm and its base in {S}, with two derivatives in time: gravity turns there. A_S changes none."""
+    g_S = base.R_S.T @ robot.gravity
     turning, zero = skew(base.V_S[3:]), np.zeros(6)
-    g_S_dot = -(turning @ base.g_S)
-    g_S_ddot = -(skew(base.V_S_dot[3:]) @ base.g_S) - turning @ g_S_dot
-    V_S_dot = np.concatenate(
-        [np.zeros(3), base.V_S_dot[3:]]
-    )  # the linear velocity stays 0: see `moving_base`
-    return Base(
-        jets(base.g_S, g_S_dot, g_S_ddot), jets(base.V_S, V_S_dot, zero), jets(base.V_S_dot, zero, zero)
-    )
+    g_S_dot = -(turning @ g_S)
+    g_S_ddot = -(skew(base.V_S_dot[3:]) @ g_S) - turning @ g_S_dot
+    # the linear velocity stays 0: see `moving_base`
+    V_S_dot = np.concatenate([np.zeros(3), base.V_S_dot[3:]])
+    seen = replace(robot, gravity=jets(g_S, g_S_dot, g_S_ddot))
+    return seen, Base(np.eye(3), jets(base.V_S, V_S_dot, zero), jets(base.V_S_dot, zero, zero))
 
 
 def desired_drive_motion(
-    robot: Any, desired: Desired, F_e_d: np.ndarray | None = None, base: Base | None = None
+    robot: Any, desired: Desired, F_e_d: np.ndarray = NO_WRENCH, base: Base = AT_REST
 ) -> DriveMotion:
     """Return what springs and rotors must do while the links follow the desired motion exactly.
 
@@ -94,15 +95,14 @@ def desired_drive_motion(
     q_dot = jets(q_d_dot, q_d_ddot, q_d_dddot)
     q_ddot = jets(q_d_ddot, q_d_dddot, q_d_ddddot)
     xi_l, _ = joint_friction(robot, q_dot, q_dot)
-    rotors = (q_dot, q_ddot) if robot.rotor_coupling else None
-    base_jets = None if base is None else _base_jets(base)
-    tau_s = inverse_dynamics(robot, q, q_dot, q_ddot, F_e_d, rotors, base_jets) + xi_l
+    seen, base_jets = _seen_from_base(robot, base)
+    tau_s = inverse_dynamics(seen, q, q_dot, q_ddot, F_e_d, (q_dot, q_ddot), base_jets) + xi_l
     kappa = rotor_position(robot, q, tau_s)
     return DriveMotion(derivative(tau_s, 0), derivative(kappa, 0), derivative(kappa, 1), derivative(kappa, 2))
 
 
 def feedforward_inverse(
-    robot: Any, desired: Desired, F_e_d: np.ndarray | None = None, base: Base | None = None
+    robot: Any, desired: Desired, F_e_d: np.ndarray = NO_WRENCH, base: Base = AT_REST
 ) -> FeedforwardTorques:
     """Exact inverse of the plant along the desired motion: ``tau_m = z.T F_Dk + tau_s / ell + xi_m``.
 
@@ -116,18 +116,16 @@ def feedforward_inverse(
     ----------
     desired : q_d to its fourth derivative, each (n,)
     F_e_d : (6,) [N, N m] wrench that the arm is to exert on its surroundings, in {O}, constant
-    base : Base, optional
-        Motion of the base, of :func:`~vdfmu.arm.world.attachment.moving_base`; None: at rest.
+    base : Base
+        Its motion, of :func:`~vdfmu.arm.world.attachment.moving_base`; default at rest.
     """
     drive = desired_drive_motion(robot, desired, F_e_d, base)
     xi_l, xi_m = joint_friction(robot, desired.q_d_dot, drive.kappa_dot, drive.tau_s)
-    tau_s = drive.tau_s
-    tau_k = robot.I_m * drive.kappa_ddot  # (56)
-    if robot.rotor_coupling:
-        motion = link_motion(robot, desired.q_d, desired.q_d_dot, desired.q_d_ddot, base=base)
-        F_Dk = rotor_forces(robot, motion, drive.kappa_dot, drive.kappa_ddot)  # (7), (10)
-        tau_k = axial_torques(F_Dk)
-        tau_s = joint_torques(robot, link_forces(robot, motion, F_e_d, F_Dk)) + xi_l
+    motion = link_motion(robot, desired.q_d, desired.q_d_dot, desired.q_d_ddot, base)
+    F_Dk = rotor_forces(robot, motion, drive.kappa_dot, drive.kappa_ddot)  # (7), (10)
+    tau_k = axial_torques(F_Dk)
+    with_rotors = joint_torques(robot, link_forces(robot, motion, F_e_d, F_Dk)) + xi_l  # (11), (44)-(47)
+    tau_s = np.where(robot.rotor_coupling, with_rotors, drive.tau_s)
     tau_m = tau_k + tau_s / robot.ell + xi_m  # (27)
     return FeedforwardTorques(tau_m, tau_s, drive.kappa_dot)
 
@@ -166,7 +164,7 @@ def required_net_forces(
     q_dot: np.ndarray,
     kappa_dot: np.ndarray,
     required: RequiredMotion,
-    base: Base | None = None,
+    base: Base = AT_REST,
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Return the required net forces of links (50) and rotors (16), along required velocities, Eq. (48)-(49).
 
@@ -182,24 +180,21 @@ def required_net_forces(
     F_B_r_star : n times (6,) [N, N m] in {B_i}
     F_D_r_star : n times (6,) [N, N m] in {D_i}
     """
-    g_B = gravity_in_links(robot, U_AB, base=base)
-    V_S, V_S_dot = base[1:] if base else (None, None)
+    g_B = gravity_in_links(robot, U_AB, base)
     V_B: list[np.ndarray] = []
     V_B_r: list[np.ndarray] = []
     V_B_r_dot: list[np.ndarray] = []
     F_B_r_star: list[np.ndarray] = []
     for i in range(robot.n):
         z = joint_axis(robot.joint_types[i])
-        V_B.append(z * q_dot[i])
-        V_B_r.append(z * required.q_dot_r[i])  # (48)
-        V_B_r_dot.append(z * required.q_ddot_r[i])
-        if i > 0 or base:
-            before = (V_B[i - 1], V_B_r[i - 1], V_B_r_dot[i - 1]) if i > 0 else (V_S, V_S, V_S_dot)
-            V_B[i] = V_B[i] + U_AB[i].T @ before[0]
-            V_B_r[i] = V_B_r[i] + U_AB[i].T @ before[1]  # (49), (14)
-            # the derivative of (49): U depends on the measured position, so its rate on the measured velocity
-            carried = U_AB[i].T @ before[2]
-            V_B_r_dot[i] = V_B_r_dot[i] + carried + cross_motion(V_B_r[i]) @ (z * q_dot[i])
+        V_A, V_A_r, V_A_r_dot = (
+            (V_B[-1], V_B_r[-1], V_B_r_dot[-1]) if i > 0 else (base.V_S, base.V_S, base.V_S_dot)
+        )
+        V_B.append(z * q_dot[i] + U_AB[i].T @ V_A)  # (29)-(31)
+        V_B_r.append(z * required.q_dot_r[i] + U_AB[i].T @ V_A_r)  # (48)-(49), (14)
+        # the derivative of (49): U depends on the measured position, so its rate on the measured velocity
+        turned = cross_motion(V_B_r[i]) @ (z * q_dot[i])
+        V_B_r_dot.append(z * required.q_ddot_r[i] + U_AB[i].T @ V_A_r_dot + turned)
         body = link_body(robot, i)
         F_B_r_star.append(
             mass_matrix(*body) @ V_B_r_dot[i]
@@ -207,17 +202,14 @@ def required_net_forces(
             + gravity_force(*body[:2], g_B[i])
             + gains.K_V[i] * (V_B_r[i] - V_B[i])
         )  # (50), (15), (17)
-    if not robot.rotor_coupling:
-        return F_B_r_star, list(np.outer(robot.I_m * required.kappa_ddot_r, joint_axis("revolute")))  # (56)
-    V_D = rotor_velocities(robot, V_B, kappa_dot, V_S)
-    V_D_r = rotor_velocities(robot, V_B_r, required.kappa_dot_r, V_S)  # (13)
-    V_D_r_dot = rotor_velocities(robot, V_B_r_dot, required.kappa_ddot_r, V_S_dot)
-    F_D_r_star: list[np.ndarray] = []
-    for i in range(robot.n):
-        rotor = rotor_body(robot, i)
-        F_D_r_star.append(
-            mass_matrix(*rotor) @ V_D_r_dot[i] + coriolis_matrix(*rotor, V_D[i][3:]) @ V_D_r[i]
-        )  # (16)
+    V_D = rotor_velocities(robot, V_B, kappa_dot, base.V_S)  # (4)
+    V_D_r = rotor_velocities(robot, V_B_r, required.kappa_dot_r, base.V_S)  # (13)
+    V_D_r_dot = rotor_velocities(robot, V_B_r_dot, required.kappa_ddot_r, base.V_S_dot)
+    tau_k = inertia_torques(robot, V_D_r_dot, required.kappa_ddot_r)
+    z = joint_axis("revolute")
+    F_D_r_star = [
+        z * tau_k[i] + coriolis_matrix(*rotor_body(robot, i), V_D[i][3:]) @ V_D_r[i] for i in range(robot.n)
+    ]  # (16), of a body without mass
     return F_B_r_star, F_D_r_star
 
 
@@ -226,7 +218,7 @@ def required_forces(
     U_AB: list[np.ndarray],
     F_B_r_star: list[np.ndarray],
     F_D_r_star: list[np.ndarray],
-    F_e_d: np.ndarray | None = None,
+    F_e_d: np.ndarray = NO_WRENCH,
 ) -> list[np.ndarray]:
     """Return the required force on every driven cutting point, Eq. (51)-(53), from the last link to the first.
 
@@ -241,12 +233,10 @@ def required_forces(
     F_B_r : n times (6,) [N, N m] in {B_i}
     """
     F_B_r = list(F_B_r_star)
-    if F_e_d is not None:
-        F_B_r[-1] = F_B_r[-1] + tool_transform(robot) @ F_e_d  # (51)
+    F_B_r[-1] = F_B_r[-1] + tool_transform(robot) @ F_e_d  # (51)
     for i in reversed(range(robot.n - 1)):
         F_B_r[i] = F_B_r[i] + U_AB[i + 1] @ F_B_r[i + 1]  # (52)-(53)
-        if robot.rotor_coupling:
-            F_B_r[i] = F_B_r[i] + rotor_transform(robot, i + 1) @ F_D_r_star[i + 1]  # (19), (24)-(25)
+        F_B_r[i] = F_B_r[i] + rotor_transform(robot, i + 1) @ F_D_r_star[i + 1]  # (19), (24)-(25)
     return F_B_r
 
 
@@ -284,8 +274,8 @@ def feedforward_vdc(
     q: np.ndarray,
     q_dot: np.ndarray,
     kappa_dot: np.ndarray,
-    F_e_d: np.ndarray | None = None,
-    base: Base | None = None,
+    F_e_d: np.ndarray = NO_WRENCH,
+    base: Base = AT_REST,
 ) -> FeedforwardTorques:
     """Return the feedforward of virtual decomposition control, Eq. (12)-(27) and (48)-(53).
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.drive.backlash import gap_compliance, gap_deformation, gap_energy
+from vdfmu.arm.drive.options import options_of
 from vdfmu.arm.equations.harmonic_drive import (
     deformation,
     deformation_derivative,
@@ -19,9 +19,8 @@ from vdfmu.arm.equations.harmonic_drive import (
     kinematic_error_slope,
     spring_energy,
 )
-from vdfmu.arm.equations.rigid_body import coriolis_force, net_force
+from vdfmu.arm.equations.rigid_body import coriolis_force
 from vdfmu.arm.equations.spatial import force_transform, joint_axis
-from vdfmu.compiler.scalar.generic import zeros
 
 _z_tau = joint_axis("revolute")
 
@@ -58,9 +57,10 @@ def rotor_transform(robot: Any, i: int) -> np.ndarray:
     """Force transformation U_BD from the rotor frame {D_i} to {B_(i-1)}, which carries the rotor: (6, 6).
 
     {D_i} has the place and axes of {B_i} at q_i = 0. It does not turn with the rotor, whose inertia is the same in
-    every frame about its axis; so the transformation is constant.
+    every frame about its axis; so the transformation is constant. It is 0 for rotors in pure rotation (56), which feel
+    nothing of their base's motion and act on it with nothing but the drive's torque.
     """
-    return force_transform(robot.rotation[i], robot.offset[i])
+    return float(robot.rotor_coupling) * force_transform(robot.rotation[i], robot.offset[i])
 
 
 def rotor_body(robot: Any, i: int) -> tuple[Any, np.ndarray, np.ndarray]:
@@ -80,7 +80,7 @@ def rotor_force(robot: Any, i: int, V_D: np.ndarray, tau_k: Any) -> np.ndarray:
     return _z_tau * tau_k + coriolis_force(*rotor_body(robot, i), V_D)
 
 
-def rotor_velocities(robot: Any, V_B: list[np.ndarray], kappa_dot: Any, V_S: Any = None) -> list[np.ndarray]:
+def rotor_velocities(robot: Any, V_B: list[np.ndarray], kappa_dot: Any, V_S: Any) -> list[np.ndarray]:
     """Velocity of every rotor, Eq. (4): n times (6,) [m/s, rad/s] in {D_i}.
 
     U_BD is constant, so that of accelerations V_B_dot and kappa_ddot the same line makes the derivatives V_D_dot.
@@ -89,14 +89,25 @@ def rotor_velocities(robot: Any, V_B: list[np.ndarray], kappa_dot: Any, V_S: Any
     ----------
     V_B : n times (6,) [m/s, rad/s] velocities of the links
     kappa_dot : (n,) [rad/s] rotor speed divided by ell
-    V_S : (6,) [m/s, rad/s], optional
-        Velocity of the base of the first joint; None: at rest.
+    V_S : (6,) [m/s, rad/s] velocity of the base of the first joint
     """
-    bases = [np.zeros(6) if V_S is None else V_S, *V_B[:-1]]
+    bases = [V_S, *V_B[:-1]]
     return [
         rotor_velocity(V_A, rotor_transform(robot, i), robot.ell[i], kappa_dot[i])
         for i, V_A in enumerate(bases)
     ]
+
+
+def inertia_torques(robot: Any, V_D_dot: list[np.ndarray], kappa_ddot: Any) -> Any:
+    """Component of ``M_D V_D_dot`` of every rotor (7) along its axis: (n,) [N m], motor-side.
+
+    Parameters
+    ----------
+    V_D_dot : n times (6,) [m/s2, rad/s2]
+    kappa_ddot : (n,) [rad/s2 or m/s2], to which V_D_dot belongs
+    """
+    turning = robot.I_m / robot.ell * np.array([V_Dk_dot[5] for V_Dk_dot in V_D_dot])  # (7)
+    return np.where(robot.rotor_coupling, turning, robot.I_m * kappa_ddot)  # (56)
 
 
 def rotor_forces(robot: Any, motion: Any, kappa_dot: Any, kappa_ddot: Any) -> list[np.ndarray]:
@@ -108,11 +119,10 @@ def rotor_forces(robot: Any, motion: Any, kappa_dot: Any, kappa_ddot: Any) -> li
         Of the links.
     kappa_dot, kappa_ddot : (n,) [rad/s, rad/s2] rotor speed and acceleration divided by ell
     """
-    V_S, V_S_dot = motion.base[1:] if motion.base else (None, None)
-    V_D = rotor_velocities(robot, motion.V_B, kappa_dot, V_S)
-    V_D_dot = rotor_velocities(robot, motion.V_B_dot, kappa_ddot, V_S_dot)
-    no_weight = np.zeros(3)
-    return [net_force(*rotor_body(robot, i), no_weight, V_D[i], V_D_dot[i]) for i in range(robot.n)]
+    V_D = rotor_velocities(robot, motion.V_B, kappa_dot, motion.base.V_S)
+    V_D_dot = rotor_velocities(robot, motion.V_B_dot, kappa_ddot, motion.base.V_S_dot)
+    tau_k = inertia_torques(robot, V_D_dot, kappa_ddot)
+    return [rotor_force(robot, i, V_D[i], tau_k[i]) for i in range(robot.n)]
 
 
 def axial_torques(F_Dk: list[np.ndarray]) -> np.ndarray:
@@ -138,11 +148,8 @@ def rotor_acceleration(robot: Any, tau_k: Any, motion: Any = None) -> Any:
     kappa_ddot = tau_k / robot.I_m
     if motion is None:
         return kappa_ddot
-    carried = zeros((robot.n,), kappa_ddot, *motion.V_B_dot)
-    if motion.base is not None:
-        carried[0] = (rotor_transform(robot, 0).T @ motion.base.V_S_dot)[5]
-    for i in range(1, robot.n):
-        carried[i] = (rotor_transform(robot, i).T @ motion.V_B_dot[i - 1])[5]
+    bases = [motion.base.V_S_dot, *motion.V_B_dot[:-1]]
+    carried = np.array([(rotor_transform(robot, i).T @ V_A_dot)[5] for i, V_A_dot in enumerate(bases)])
     return kappa_ddot - carried / robot.ell
 
 
@@ -162,15 +169,17 @@ def spring_rate(robot: Any, kappa: Any, kappa_dot: Any, q_dot: Any, tau_s: Any) 
     tau_s_dot : (n,) [N m/s or N/s]
     """
     compliance = deformation_derivative(robot, tau_s)
-    if robot.backlash:
-        compliance = compliance + gap_compliance(robot, tau_s)
+    for option, _ in options_of(robot):
+        compliance = compliance + option.compliance(robot, tau_s)
     return stretch_rate(robot, kappa, kappa_dot, q_dot) / compliance
 
 
 def elastic_energy(robot: Any, tau_s: Any) -> Any:
-    """Energy of the springs, (2)-(3), with the backlash of a robot that has it: (n,) [J]."""
+    """Energy of the springs, (2)-(3), and of what options put in series: (n,) [J]."""
     energy = spring_energy(robot, tau_s)
-    return energy + gap_energy(robot, tau_s) if robot.backlash else energy
+    for option, _ in options_of(robot):
+        energy = energy + option.elastic_energy(robot, tau_s)
+    return energy
 
 
 def rotor_position(robot: Any, q: Any, tau_s: Any) -> Any:
@@ -180,8 +189,8 @@ def rotor_position(robot: Any, q: Any, tau_s: Any) -> Any:
     the error, at most 1/2 A, at every pass; four passes end below rounding.
     """
     free = q + deformation(robot, tau_s)
-    if robot.backlash:
-        free = free + gap_deformation(robot, tau_s)
+    for option, _ in options_of(robot):
+        free = free + option.deformation(robot, tau_s)
     kappa = free
     for _ in range(4):
         residual = kappa - free - kinematic_error(robot, kappa)

@@ -12,7 +12,7 @@ from vdfmu.arm.equations.kinematics import joint_placements, tool_transform
 from vdfmu.arm.equations.mapping import joint_space_mass_matrix
 from vdfmu.arm.equations.rigid_body import coriolis_force, gravity_force, link_body, mass_matrix
 from vdfmu.arm.equations.spatial import cross_motion, force_transform, joint_axis, transform_mass_matrix
-from vdfmu.arm.world.attachment import FREE, Ends, point_acceleration
+from vdfmu.arm.world.attachment import FREE, NO_WRENCH, Ends, point_acceleration
 from vdfmu.compiler.scalar.elimination import factorize, solve
 from vdfmu.compiler.scalar.generic import zeros
 
@@ -50,20 +50,20 @@ def _articulated(
     # pass 1, base to end effector: velocities (31), and the forces at zero joint acceleration (47)
     placements = joint_placements(robot, q)
     U_AB = [force_transform(R_AB, p_AB) for R_AB, p_AB in placements]
-    g_B = gravity_in_links(robot, U_AB, base=base)
+    g_B = gravity_in_links(robot, U_AB, base)
     V_B: list[np.ndarray] = []
     c_B: list[np.ndarray] = []
     M_A: list[np.ndarray] = []
     p_A: list[np.ndarray] = []
     p_S = np.zeros(6)
     for i in range(n):
-        V_A = V_B[i - 1] if i > 0 else base and base.V_S
-        V_B.append(z[i] * q_dot[i] if V_A is None else z[i] * q_dot[i] + U_AB[i].T @ V_A)
-        c_B.append(np.zeros(6) if V_A is None else cross_motion(V_B[i]) @ (z[i] * q_dot[i]))
+        V_A = V_B[i - 1] if i > 0 else base.V_S
+        V_B.append(z[i] * q_dot[i] + U_AB[i].T @ V_A)
+        c_B.append(cross_motion(V_B[i]) @ (z[i] * q_dot[i]))
         body = link_body(robot, i)
         M_A.append(mass_matrix(*body))
         p_A.append(coriolis_force(*body, V_B[i]) + gravity_force(*body[:2], g_B[i]))
-        if rotors is not None and V_A is not None:
+        if rotors is not None:
             U_BD = rotor_transform(robot, i)
             V_D = rotor_velocity(V_A, U_BD, robot.ell[i], rotors.kappa_dot[i])  # (4)
             F_B = U_BD @ rotor_force(robot, i, V_D, rotors.tau_k[i])  # (10)-(11)
@@ -71,12 +71,11 @@ def _articulated(
                 p_A[i - 1] = p_A[i - 1] + F_B
             else:
                 p_S = F_B
-    if F_e is not None:
-        p_A[-1] = p_A[-1] + tool_transform(robot) @ F_e
-    if ends.M_e is not None:  # a load that is a body of its own: its part of F is M_e A_O
-        U_O, V_O = tool_transform(robot), tool_transform(robot).T @ V_B[-1]
-        M_A[-1] = M_A[-1] + transform_mass_matrix(robot.tool_rotation, robot.tool_offset, ends.M_e)
-        p_A[-1] = p_A[-1] + U_O @ (ends.M_e @ point_acceleration(V_O, np.zeros(6)))
+    U_O, V_O = tool_transform(robot), tool_transform(robot).T @ V_B[-1]
+    p_A[-1] = p_A[-1] + U_O @ F_e
+    # a load that is a body of its own: its part of F is M_e A_O
+    M_A[-1] = M_A[-1] + transform_mass_matrix(robot.tool_rotation, robot.tool_offset, ends.M_e)
+    p_A[-1] = p_A[-1] + U_O @ (ends.M_e @ point_acceleration(V_O, np.zeros(6)))
 
     # pass 2, end effector to base: eliminate q_ddot_i, hand the rest to the previous link
     M_z: list[np.ndarray] = [np.zeros(6)] * n
@@ -104,7 +103,7 @@ def forward_dynamics(
     q: np.ndarray,
     q_dot: np.ndarray,
     tau: np.ndarray,
-    F_e: np.ndarray | None = None,
+    F_e: np.ndarray = NO_WRENCH,
     rotors: Rotors | None = None,
     ends: Ends = FREE,
 ) -> np.ndarray:
@@ -133,10 +132,10 @@ def forward_dynamics(
 
     # pass 3, base to end effector: accelerations
     q_ddot = zeros((robot.n,), q, q_dot, tau)
-    V_A_dot = None if ends.base is None else ends.base.V_S_dot
+    V_A_dot = ends.base.V_S_dot
     for i in range(robot.n):
         z = joint_axis(robot.joint_types[i])
-        a = a_.c_B[i] if V_A_dot is None else a_.U_AB[i].T @ V_A_dot + a_.c_B[i]
+        a = a_.U_AB[i].T @ V_A_dot + a_.c_B[i]
         q_ddot[i] = (a_.u[i] - a_.M_z[i] @ a) / a_.d[i]
         V_A_dot = a + z * q_ddot[i]
     return q_ddot
@@ -147,7 +146,7 @@ def apparent_load(
     q: np.ndarray,
     q_dot: np.ndarray,
     tau: np.ndarray,
-    F_e: np.ndarray | None = None,
+    F_e: np.ndarray = NO_WRENCH,
     rotors: Rotors | None = None,
     ends: Ends = FREE,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -170,7 +169,7 @@ def apparent_load(
 
 
 def forward_dynamics_by_mapping(
-    robot: Any, q: np.ndarray, q_dot: np.ndarray, tau: np.ndarray, F_e: np.ndarray | None = None
+    robot: Any, q: np.ndarray, q_dot: np.ndarray, tau: np.ndarray, F_e: np.ndarray = NO_WRENCH
 ) -> np.ndarray:
     """Joint accelerations by the mapping matrices (37)-(43): ``M q_ddot = tau - ID(q, q_dot, 0)``.
 

@@ -1,14 +1,16 @@
-"""Joint friction, Eq. (54)-(55), in two arrangements; with options, its load, its temperature and its bristles."""
+"""Joint friction, Eq. (54)-(55), in two arrangements, with what the options of a drive make of it."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.drive.bristles import bristle_rate, bristle_torque
-from vdfmu.arm.drive.load_loss import mesh_friction
-from vdfmu.arm.drive.thermal import viscosity
+from vdfmu.arm.drive.options import options_of
+
+States = Mapping[str, Any]
+"""States that options add, (n,) each, by name; empty along a desired motion, which has none."""
 
 
 def friction_level(robot: Any, velocity: Any) -> Any:
@@ -16,7 +18,7 @@ def friction_level(robot: Any, velocity: Any) -> Any:
     return robot.f_c + (robot.f_s - robot.f_c) * np.exp(-((velocity / robot.v_s) ** 2))
 
 
-def stribeck_friction(robot: Any, velocity: Any, tau_z: Any = None, T_j: Any = None) -> Any:
+def stribeck_friction(robot: Any, velocity: Any, states: States | None = None) -> Any:
     """Coulomb, Stribeck and viscous friction xi, Eq. (54): (n,) [N m or N], link-side.
 
     Deviations: sgn(v) is regularised as tanh(v / eps), so that the plant is an ordinary differential equation
@@ -25,17 +27,15 @@ def stribeck_friction(robot: Any, velocity: Any, tau_z: Any = None, T_j: Any = N
     Parameters
     ----------
     velocity : (n,) [rad/s or m/s]
-    tau_z : (n,) [N m or N], optional
-        Torque of bristles in place of tanh.
-    T_j : (n,) [K], optional
-        Temperature of an arm whose viscous friction depends on it; default that of the surroundings.
+    states : mapping of str to (n,), optional
+        Those of options, such as a temperature on which the viscous friction depends.
     """
     level = friction_level(robot, velocity)
-    if tau_z is None:
-        dry = level * np.tanh(velocity / robot.eps)
-    else:
-        dry = bristle_torque(robot, velocity, tau_z, level)
-    return dry + viscosity(robot, T_j) * velocity
+    dry, f_v = level * np.tanh(velocity / robot.eps), robot.f_v
+    for option, own in options_of(robot, states):
+        dry = option.dry_friction(dry, robot, velocity, level, own)
+        f_v = option.viscosity(f_v, robot, own)
+    return dry + f_v * velocity
 
 
 def coulomb_friction(robot: Any, kappa_dot: Any) -> Any:
@@ -46,8 +46,13 @@ def coulomb_friction(robot: Any, kappa_dot: Any) -> Any:
     return robot.f_ck * np.tanh(kappa_dot / robot.eps)
 
 
+def friction_velocity(robot: Any, q_dot: Any, kappa_dot: Any) -> Any:
+    """Velocity at which (54) acts in the robot's arrangement: (n,) [rad/s or m/s]."""
+    return {"split": q_dot, "lumped": kappa_dot}[robot.friction]
+
+
 def joint_friction(
-    robot: Any, q_dot: Any, kappa_dot: Any, load: Any = 0.0, tau_z: Any = None, T_j: Any = None
+    robot: Any, q_dot: Any, kappa_dot: Any, load: Any = 0.0, states: States | None = None
 ) -> tuple[Any, Any]:
     """Friction on the link and on the rotor in the robot's arrangement.
 
@@ -58,43 +63,42 @@ def joint_friction(
 
     Parameters
     ----------
-    load : (n,) [N m or N] torque of the drive, link-side, which loads the mesh of a robot with load_loss
-    tau_z, T_j : see :func:`stribeck_friction`
+    load : (n,) [N m or N] torque of the drive, link-side
+    states : see :func:`stribeck_friction`
 
     Returns
     -------
     xi_l : (n,) [N m or N], link-side, on the link
     xi_m : (n,) [N m], motor-side, on the rotor
     """
-    if robot.friction == "split":
-        xi_l, xi_m = stribeck_friction(robot, q_dot, tau_z, T_j), coulomb_friction(robot, kappa_dot)
-    else:
-        xi_l, xi_m = np.zeros(robot.n), stribeck_friction(robot, kappa_dot, tau_z, T_j) / robot.ell
-    if robot.load_loss:
-        xi_m = xi_m + mesh_friction(robot, kappa_dot, load)
+    xi = stribeck_friction(robot, friction_velocity(robot, q_dot, kappa_dot), states)
+    xi_l, xi_m = {
+        "lumped": (np.zeros(robot.n), xi / robot.ell),
+        "split": (xi, coulomb_friction(robot, kappa_dot)),
+    }[robot.friction]
+    for option, _ in options_of(robot):
+        xi_m = xi_m + option.mesh_friction(robot, kappa_dot, load)
     return xi_l, xi_m
 
 
-def bristles_rate(robot: Any, q_dot: Any, kappa_dot: Any, tau_z: Any) -> Any:
-    """Rate of the bristles' torque, which act where (54) does: (n,) [N m/s or N/s]."""
-    velocity = q_dot if robot.friction == "split" else kappa_dot
-    return bristle_rate(robot, velocity, tau_z, friction_level(robot, velocity))
-
-
 def friction_loss(
-    robot: Any, q_dot: Any, kappa_dot: Any, load: Any = 0.0, tau_z: Any = None, T_j: Any = None
+    robot: Any, q_dot: Any, kappa_dot: Any, load: Any = 0.0, states: States | None = None
 ) -> Any:
     """Power that friction turns into heat, never negative: (n,) [W]. Parameters as of :func:`joint_friction`.
 
     It is the power that friction takes, but for what bristles store and give back.
     """
-    xi_l, xi_m = joint_friction(robot, q_dot, kappa_dot, load, tau_z, T_j)
-    power = xi_l * q_dot + xi_m * robot.ell * kappa_dot
-    if tau_z is None:
-        return power
-    return power - tau_z * bristles_rate(robot, q_dot, kappa_dot, tau_z) / robot.sigma_0
+    xi_l, xi_m = joint_friction(robot, q_dot, kappa_dot, load, states)
+    loss = xi_l * q_dot + xi_m * robot.ell * kappa_dot
+    velocity = friction_velocity(robot, q_dot, kappa_dot)
+    for option, own in options_of(robot, states):
+        loss = loss - option.stored(robot, velocity, friction_level(robot, velocity), own)
+    return loss
 
 
 def dry_friction(robot: Any) -> tuple[str, ...]:
     """Names of the parameters that are 0, or as small as they may be, in an arm without dry friction."""
-    return ("f_ck", "mu_l", *(("sigma_0", "sigma_1") if robot.bristles else ("f_c", "f_s")))
+    options = [option for option, _ in options_of(robot)]
+    own = [name for option in options for name in option.dry_parameters]
+    replaced = any(option.replaces_dry_friction for option in options)
+    return ("f_ck", *own, *(() if replaced else ("f_c", "f_s")))

@@ -6,7 +6,6 @@ Pass 1 goes from the base to the end effector and pass 2 back; the functions sta
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +14,8 @@ from vdfmu.arm.equations.flexible_joint import rotor_forces, rotor_transform
 from vdfmu.arm.equations.kinematics import joint_transforms, tool_transform
 from vdfmu.arm.equations.rigid_body import link_body, net_force
 from vdfmu.arm.equations.spatial import cross_motion, joint_axis
-from vdfmu.arm.world.attachment import Base
+from vdfmu.arm.world.attachment import AT_REST, NO_WRENCH, Base
+from vdfmu.compiler.scalar.generic import cut
 
 # pass 1, base to end effector: velocities, accelerations and gravity
 
@@ -26,60 +26,39 @@ class ChainMotion(NamedTuple):
     U_AB: list[np.ndarray]
     V_B: list[np.ndarray]
     V_B_dot: list[np.ndarray]
-    base: Base | None = None
-
-
-Cut = Callable[[int, Any], Any]
-"""Takes a joint and a quantity of its link; returns the quantity, or symbols for it where the solver cuts the chain."""
-
-
-def whole(_: int, value: Any) -> Any:
-    """Cut nothing."""
-    return value
+    base: Base
 
 
 def link_motion(
-    robot: Any,
-    q: np.ndarray,
-    q_dot: np.ndarray,
-    q_ddot: np.ndarray,
-    cut: Cut = whole,
-    base: Base | None = None,
+    robot: Any, q: np.ndarray, q_dot: np.ndarray, q_ddot: np.ndarray, base: Base = AT_REST
 ) -> ChainMotion:
     """Velocities of all links by Eq. (29)-(31), and their derivatives.
 
-    Deviation: (30)-(31) are printed for i = 2..5; they run to i = n. The derivative of (31),
-    ``V_B_dot = z q_ddot + U.T V_A_dot + (V_B x) z q_dot``, is not printed in the paper.
+    Deviation: (30)-(31) are printed for i = 2..5; they run to i = n, and (29) is (31) on a base at rest. The derivative
+    of (31), ``V_B_dot = z q_ddot + U.T V_A_dot + (V_B x) z q_dot``, is not printed in the paper.
 
     Parameters
     ----------
     q, q_dot, q_ddot : (n,) [rad or m, and per s, s2]
-    cut : see :data:`Cut`
-    base : Base, optional
-        Motion of the base; None: at rest.
+    base : Base
+        Its motion, default at rest.
     """
     U_AB = joint_transforms(robot, q)
     V_B: list[np.ndarray] = []
     V_B_dot: list[np.ndarray] = []
     for i in range(robot.n):
         z = joint_axis(robot.joint_types[i])
-        if i == 0 and base is None:
-            V_B.append(cut(i, z * q_dot[0]))
-            V_B_dot.append(cut(i, z * q_ddot[0]))
-        else:
-            V_A, V_A_dot = (base.V_S, base.V_S_dot) if base and i == 0 else (V_B[i - 1], V_B_dot[i - 1])
-            V_B.append(cut(i, z * q_dot[i] + U_AB[i].T @ V_A))
-            turned = z * q_ddot[i] + U_AB[i].T @ V_A_dot + cross_motion(V_B[i]) @ (z * q_dot[i])
-            V_B_dot.append(cut(i, turned))
+        V_A, V_A_dot = (V_B[-1], V_B_dot[-1]) if i > 0 else (base.V_S, base.V_S_dot)
+        V_B.append(cut(i, z * q_dot[i] + U_AB[i].T @ V_A))  # (29)-(31)
+        turned = z * q_ddot[i] + U_AB[i].T @ V_A_dot + cross_motion(V_B[i]) @ (z * q_dot[i])
+        V_B_dot.append(cut(i, turned))
     return ChainMotion(U_AB, V_B, V_B_dot, base)
 
 
-def gravity_in_links(
-    robot: Any, U_AB: list[np.ndarray], cut: Cut = whole, base: Base | None = None
-) -> list[np.ndarray]:
+def gravity_in_links(robot: Any, U_AB: list[np.ndarray], base: Base = AT_REST) -> list[np.ndarray]:
     """Vector g of (62) in every link frame, ``R_BI @ g`` : n times (3,) [m/s2]."""
     g_B = []
-    g = robot.gravity if base is None else base.g_S
+    g = base.R_S.T @ robot.gravity
     for i, U in enumerate(U_AB):
         g = cut(i, U[:3, :3].T @ g)
         g_B.append(g)
@@ -92,9 +71,8 @@ def gravity_in_links(
 def link_forces(
     robot: Any,
     motion: ChainMotion,
-    F_e: np.ndarray | None = None,
+    F_e: np.ndarray = NO_WRENCH,
     F_Dk: list[np.ndarray] | None = None,
-    cut: Cut = whole,
 ) -> list[np.ndarray]:
     """Force and torque on every driven cutting point, Eq. (44)-(47).
 
@@ -102,22 +80,20 @@ def link_forces(
 
     Parameters
     ----------
-    F_e : (6,) [N, N m] wrench of the arm on its surroundings, in {O} ({B_6} in the paper); None is 0.
+    F_e : (6,) [N, N m] wrench of the arm on its surroundings, in {O} ({B_6} in the paper).
     F_Dk : n times (6,) [N, N m] force from the base to every rotor, in {D_i}; None is 0.
-    cut : see :data:`Cut`
 
     Returns
     -------
     F_B : n times (6,) [N, N m] in {B_i}
     """
     n = robot.n
-    g_B = gravity_in_links(robot, motion.U_AB, cut, motion.base)
+    g_B = gravity_in_links(robot, motion.U_AB, motion.base)
     F_B: list[np.ndarray] = [np.zeros(6)] * n
     for i in reversed(range(n)):
-        F_B[i] = net_force(*link_body(robot, i), g_B[i], motion.V_B[i], motion.V_B_dot[i])
+        F_B[i] = net_force(*link_body(robot, i), g_B[i], motion.V_B[i], motion.V_B_dot[i])  # (47)
         if i == n - 1:
-            if F_e is not None:
-                F_B[i] = F_B[i] + tool_transform(robot) @ F_e
+            F_B[i] = F_B[i] + tool_transform(robot) @ F_e  # (44)
         else:
             F_B[i] = F_B[i] + motion.U_AB[i + 1] @ F_B[i + 1]  # (46)
             if F_Dk is not None:
@@ -138,9 +114,9 @@ def inverse_dynamics(
     q: np.ndarray,
     q_dot: np.ndarray,
     q_ddot: np.ndarray,
-    F_e: np.ndarray | None = None,
+    F_e: np.ndarray = NO_WRENCH,
     rotors: tuple[Any, Any] | None = None,
-    base: Base | None = None,
+    base: Base = AT_REST,
 ) -> np.ndarray:
     """Joint torques of the rigid arm for a given motion, Eq. (29)-(31) and (44)-(47). The cost is O(n).
 
@@ -150,8 +126,8 @@ def inverse_dynamics(
     F_e : (6,) [N, N m] wrench on the surroundings in {O}
     rotors : (kappa_dot, kappa_ddot), each (n,), optional
         Motion of rotors whose reaction on the links counts, Eq. (11); without it the links are alone.
-    base : Base, optional
-        Motion of the base; None: at rest.
+    base : Base
+        Its motion, default at rest.
 
     Returns
     -------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
@@ -15,7 +14,10 @@ from vdfmu.arm.imports.drives import PARTS, DriveNumbers
 from vdfmu.arm.imports.tree import MOVING, Body, few
 from vdfmu.arm.robot.parameters import PARAMETERS, Section, section
 from vdfmu.arm.robot.visual import Visual
+from vdfmu.base.toml_text import toml_value
 
+ROUNDING = 1e-16
+"""Largest rest of a zero that turning frames leaves, as a share of the largest number of a list."""
 _HEAD = """\
 # {file}, from {base} to {tip}, as a robot file of vdfmu.
 # SI units, angles in rad. Frame B_i is fixed to link i; its z axis is the axis of joint i; B_0 is the frame of {base}.
@@ -44,15 +46,15 @@ def robot_text(name: str, file: str, arm: SerialChain, driven: Sequence[DriveNum
     sources: list[dict[str, str]] = []
     lines = [_HEAD.format(file=_line(file), base=arm.base, tip=arm.tip)]
     description = f"From {file}: {len(arm.bodies)} joints from {arm.base} to {arm.tip}"
-    lines += [f"name = {toml_value(name[:100])}", f"description = {toml_value(description)}"]
+    lines += [f"name = {_text(name[:100])}", f"description = {_text(description)}"]
     whole = {"gravity": arm.gravity, "tip": arm.tool.p}
     if np.abs(arm.tool.R - np.eye(3)).max() > 1e-9:
         whole["tip_axes"] = arm.tool.R
-    lines += [f"{row.key} = {toml_value(whole[row.given])}" for row in section("robot") if row.given in whole]
+    lines += [f"{row.key} = {_text(whole[row.given])}" for row in section("robot") if row.given in whole]
     for i, (body, drive) in enumerate(zip(arm.bodies, driven, strict=True), 1):
         lines += ["", f"# Joint {i}: {_about(body, drive)}", "[[joints]]"]
-        lines.append(f"name = {toml_value(body.joint.name)}")
-        lines.append(f"type = {toml_value(MOVING[body.joint.kind])}")
+        lines.append(f"name = {_text(body.joint.name)}")
+        lines.append(f"type = {_text(MOVING[body.joint.kind])}")
         lines += _entries("joint", {"rotation": body.placement.R, "offset": body.placement.p})
         lines += ["", "[joints.link]"]
         lines += _entries("link", {"mass": body.mass, "centroid": body.centroid, "inertia": body.inertia})
@@ -60,20 +62,20 @@ def robot_text(name: str, file: str, arm: SerialChain, driven: Sequence[DriveNum
             rows = [row for row in section(part) if row.path in drive.numbers]
             if rows:
                 lines += ["", f"[joints.{part}]"]
-                lines += [f"{row.key} = {toml_value(drive.numbers[row.path][0])}" for row in rows]
+                lines += [f"{row.key} = {_text(drive.numbers[row.path][0])}" for row in rows]
         placed = f"{file}: origins and axes of the joints; z turned onto the axis"
         where = {row.path: placed for row in section("joint")}
         where |= {row.path: f"{file}: the links in the comment above the joint" for row in section("link")}
         sources.append(where | {path: source for path, (_, source) in drive.numbers.items()})
     lines += ["", "[sources]"]
-    lines += [f"{key} = {toml_value(text)}" for key, text in _sources(file, arm, whole, sources)]
+    lines += [f"{key} = {_text(text)}" for key, text in _sources(file, arm, whole, sources)]
     for visual in arm.visuals:
         lines += ["", "[[visuals]]", *_look(visual, folder)]
     return "\n".join(lines) + "\n"
 
 
 def _entries(part: Section, values: dict[str, Any]) -> list[str]:
-    return [f"{row.key} = {toml_value(values[row.name])}" for row in section(part) if row.name in values]
+    return [f"{row.key} = {_text(values[row.name])}" for row in section(part) if row.name in values]
 
 
 def _about(body: Body, drive: DriveNumbers) -> str:
@@ -93,11 +95,11 @@ def _sources(
     for row in (row for row in PARAMETERS.values() if row.per_joint):
         texts = [joint[row.path] for joint in joints if row.path in joint]
         if len(set(texts)) == 1 and len(texts) == len(joints):
-            yield toml_value(row.path), texts[0]
+            yield _text(row.path), texts[0]
             continue
         for i, joint in enumerate(joints, 1):
             if row.path in joint:
-                yield toml_value(row.path.replace("joints", f"joints[{i}]", 1)), joint[row.path]
+                yield _text(row.path.replace("joints", f"joints[{i}]", 1)), joint[row.path]
 
 
 def _look(visual: Visual, folder: Path) -> Iterator[str]:
@@ -105,21 +107,13 @@ def _look(visual: Visual, folder: Path) -> Iterator[str]:
     if Path(visual.file).is_absolute():
         table["file"] = Path(os.path.relpath(visual.file, folder.resolve())).as_posix()
     for key, value in table.items():
-        yield f"{key} = {toml_value(value)}"
+        yield f"{key} = {_text(value)}"
 
 
 def _line(text: str) -> str:
     return " ".join(text.split())
 
 
-def toml_value(value: Any) -> str:
-    """Return a value of TOML; what turning frames has left of a zero is written as zero."""
-    if isinstance(value, str):
-        return json.dumps(_line(value), ensure_ascii=False)
-    if isinstance(value, (list, tuple, np.ndarray)):
-        array = np.asarray(value, dtype=float)
-        clean = np.where(np.abs(array) <= 1e-16 * np.abs(array).max(initial=0.0), 0.0, array)
-        return f"[{', '.join(map(toml_value, clean))}]"
-    if isinstance(value, bool):
-        return str(value).lower()
-    return repr(int(value)) if isinstance(value, int) else repr(float(value))
+def _text(value: Any) -> str:
+    """Return a value of TOML on one line, without what turning frames has left of a zero."""
+    return toml_value(_line(value) if isinstance(value, str) else value, ROUNDING)

@@ -1,30 +1,26 @@
 """THE table of a robot's parameters: every number of a robot, once.
 
 `Robot`, the robot file with its checks, the kernel's parameter vector, the FMI variables, ``vdfmu models show`` and the
-docs read it. A new parameter is a field of `Parameters`, and an equation that uses it.
+docs read it. A new parameter is a field of `Parameters`, or of an option in `vdfmu.arm.drive`, and an equation that
+uses it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.base.measure import unit_of
-from vdfmu.base.toml_tables import LARGEST_NUMBER, POSITIVE
+from vdfmu.arm.drive.option import Array, row
+from vdfmu.arm.drive.options import OPTIONS, OptionName, OptionRows
+from vdfmu.base.measure import LARGEST_NUMBER, POSITIVE, unit_of
 
-Array = npt.NDArray[Any]
-Section = Literal[
-    "robot", "payload", "joint", "link", "drive", "friction", "limits", "hysteresis", "load_loss", "backlash",
-    "bristles", "winding", "thermal",
-]  # fmt: skip
+Section = Literal["robot", "payload", "joint", "link", "drive", "friction"] | OptionName
 Fold = Literal["never", "always", "zeros", "inertia", "lumped friction", "no kinematic error"]
 
-JOINT_OPTIONS: tuple[Section, ...] = (
-    "limits", "hysteresis", "load_loss", "backlash", "bristles", "winding", "thermal",
-)  # fmt: skip
+JOINT_OPTIONS: tuple[OptionName, ...] = tuple(OPTIONS)
 """Tables that all joints of a robot have or none."""
 OPTIONAL: tuple[Section, ...] = ("payload", *JOINT_OPTIONS)
 """Sections that a robot may lack; the flag of `Robot` that says so has the same name."""
@@ -146,132 +142,96 @@ class Row:
                 return self.fold == "never"
 
 
-def _row(*row: Any, **rest: Any) -> Any:
-    """Field of `Parameters` that is a `Row`."""
-    return field(metadata={"row": row, "rest": rest})
-
-
 _VECTOR, _MATRIX = (3,), (3, 3)
 _ALIGNED = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _MOMENTS = "One number (isotropic), 3 principal moments or a symmetric 3 x 3 matrix will do."
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Parameters:
+class ArmParameters:
+    """The table of what every arm has, but for what follows its options."""
+
+    # fmt: off
+    gravity: Array = row(
+        "robot", "m/s2", "Gravity vector of Eq. {} in {I}, upward", "(62)", 1e4, shape=_VECTOR, fold="zeros",
+        hint="Write +9.81 along the upward axis.", given="gravity")
+    tool_offset: Array = row(
+        "robot", "m", "Origin of the end-effector frame {O} in the last link frame", "(44)", 1e4, default=0.0,
+        shape=_VECTOR, fold="zeros", given="tip")
+    tool_rotation: Array = row(
+        "robot", "1", "Rotation matrix from {O} to the last link frame", "(44)", default=_ALIGNED, shape=_MATRIX,
+        fold="always", given="tip_axes")
+    payload_mass: Array = row(
+        "payload", "kg", "Mass of the payload", "(51)", 1e6, 0.0, hint="Give 0 for none; it can be set at run time.",
+        scaled_as="payload")
+    payload_centroid: Array = row(
+        "payload", "m", "Centre of mass of the payload in {O}", "(51)", 1e4, default=0.0, shape=_VECTOR)
+    payload_inertia: Array = row(
+        "payload", "kg.m2", "Inertia of the payload about its centre of mass", "(51)", 1e9, default=0.0,
+        shape=_MATRIX, fold="inertia", hint=_MOMENTS)
+    rotation: Array = row(
+        "joint", "1", "Rotation matrix from the link frame to the frame of the previous link at q = 0", "(34)-(36)",
+        shape=_MATRIX, fold="always")
+    offset: Array = row(
+        "joint", "m", "Origin of the link frame in the frame of the previous link", "(34)-(36)", 1e4, shape=_VECTOR,
+        fold="zeros")
+    centroid: Array = row("link", "m", "Centre of mass in the link frame", "(60)", 1e4, shape=_VECTOR, fold="zeros")
+    mass: Array = row("link", "kg", "mass of the link", "(60)", 1e6, POSITIVE, scaled_as="mass")
+    inertia: Array = row(
+        "link", "kg.m2", "Inertia about the centre of mass", "(60)", 1e9, shape=_MATRIX, fold="inertia",
+        hint=_MOMENTS, scaled_as="mass")
+    ell: Array = row(
+        "drive", "ratio", "reduction ratio", "(1)", 1e6, 1.0,
+        hint="Give the rotor angle for one unit of joint motion.")
+    I_m: Array = row("drive", "rotor inertia", "rotor inertia times ell, Eq. {}", "(56)", 1e6, POSITIVE,
+        given="armature")
+    K_f0: Array = row("drive", "stiffness", "flexspline stiffness, link-side, Eq. {}", "(2)", 1e12, POSITIVE,
+        scaled_as="stiffness")
+    c_f: Array = row(
+        "drive", "per torque", "flexspline stiffening, link-side, Eq. {}", "(2)", 1e6, POSITIVE,
+        hint="For a linear spring give a small value such as 1e-6.")
+    K_w0: Array = row("drive", "N.m/rad", "wave generator stiffness, motor-side, Eq. {}", "(3)", 1e12, POSITIVE,
+        scaled_as="stiffness")
+    c_w: Array = row(
+        "drive", "1/(N.m)", "wave generator stiffening, motor-side, Eq. {}", "(3)", 1e9, POSITIVE,
+        hint="For a linear spring give a small value such as 1e-3.")
+    f_c: Array = row(
+        "friction", "torque", "Coulomb friction, link-side, Eq. {}", "(54)", 1e9, 0.0, given="friction",
+        scaled_as="friction")
+    f_s: Array = row(
+        "friction", "torque", "static friction, link-side, Eq. {}", "(54)", 1e9, 0.0, given="friction",
+        scaled_as="friction")
+    f_v: Array = row(
+        "friction", "damping", "viscous friction, link-side, Eq. {}", "(54)", 1e9, 0.0, given="damping",
+        scaled_as="friction")
+    v_s: Array = row(
+        "friction", "velocity", "Stribeck velocity, Eq. {}", "(54)", 1e6, POSITIVE,
+        hint="For friction without the Stribeck effect set f_s = f_c.")
+    eps: Array = row(
+        "friction", "velocity", "velocity that regularises sgn as tanh(v/eps)", "(54)-(55)", 1e6, POSITIVE,
+        default=1e-3)
+    f_ck: Array = row(
+        "friction", "N.m", "Coulomb friction of the rotor, motor-side, Eq. {}", "(55)", 1e9, 0.0,
+        fold="lumped friction", scaled_as="friction")
+    # fmt: on
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Parameters(OptionRows, ArmParameters):
     """The table: a field is a row, in the order of the FMI value references. Arrays have the joint first."""
 
     # fmt: off
-    gravity: Array = _row(
-        "robot", "m/s2", "Gravity vector of Eq. {} in {I}, upward", "(62)", 1e4, shape=_VECTOR, fold="zeros",
-        hint="Write +9.81 along the upward axis.", given="gravity")
-    tool_offset: Array = _row(
-        "robot", "m", "Origin of the end-effector frame {O} in the last link frame", "(44)", 1e4, default=0.0,
-        shape=_VECTOR, fold="zeros", given="tip")
-    tool_rotation: Array = _row(
-        "robot", "1", "Rotation matrix from {O} to the last link frame", "(44)", default=_ALIGNED, shape=_MATRIX,
-        fold="always", given="tip_axes")
-    payload_mass: Array = _row(
-        "payload", "kg", "Mass of the payload", "(51)", 1e6, 0.0, hint="Give 0 for none; it can be set at run time.",
-        scaled_as="payload")
-    payload_centroid: Array = _row(
-        "payload", "m", "Centre of mass of the payload in {O}", "(51)", 1e4, default=0.0, shape=_VECTOR)
-    payload_inertia: Array = _row(
-        "payload", "kg.m2", "Inertia of the payload about its centre of mass", "(51)", 1e9, default=0.0,
-        shape=_MATRIX, fold="inertia", hint=_MOMENTS)
-    rotation: Array = _row(
-        "joint", "1", "Rotation matrix from the link frame to the frame of the previous link at q = 0", "(34)-(36)",
-        shape=_MATRIX, fold="always")
-    offset: Array = _row(
-        "joint", "m", "Origin of the link frame in the frame of the previous link", "(34)-(36)", 1e4, shape=_VECTOR,
-        fold="zeros")
-    centroid: Array = _row("link", "m", "Centre of mass in the link frame", "(60)", 1e4, shape=_VECTOR, fold="zeros")
-    mass: Array = _row("link", "kg", "mass of the link", "(60)", 1e6, POSITIVE, scaled_as="mass")
-    inertia: Array = _row(
-        "link", "kg.m2", "Inertia about the centre of mass", "(60)", 1e9, shape=_MATRIX, fold="inertia",
-        hint=_MOMENTS, scaled_as="mass")
-    ell: Array = _row(
-        "drive", "ratio", "reduction ratio", "(1)", 1e6, 1.0,
-        hint="Give the rotor angle for one unit of joint motion.")
-    I_m: Array = _row("drive", "rotor inertia", "rotor inertia times ell, Eq. {}", "(56)", 1e6, POSITIVE,
-        given="armature")
-    K_f0: Array = _row("drive", "stiffness", "flexspline stiffness, link-side, Eq. {}", "(2)", 1e12, POSITIVE,
-        scaled_as="stiffness")
-    c_f: Array = _row(
-        "drive", "per torque", "flexspline stiffening, link-side, Eq. {}", "(2)", 1e6, POSITIVE,
-        hint="For a linear spring give a small value such as 1e-6.")
-    K_w0: Array = _row("drive", "N.m/rad", "wave generator stiffness, motor-side, Eq. {}", "(3)", 1e12, POSITIVE,
-        scaled_as="stiffness")
-    c_w: Array = _row(
-        "drive", "1/(N.m)", "wave generator stiffening, motor-side, Eq. {}", "(3)", 1e9, POSITIVE,
-        hint="For a linear spring give a small value such as 1e-3.")
-    f_c: Array = _row(
-        "friction", "torque", "Coulomb friction, link-side, Eq. {}", "(54)", 1e9, 0.0, given="friction",
-        scaled_as="friction")
-    f_s: Array = _row(
-        "friction", "torque", "static friction, link-side, Eq. {}", "(54)", 1e9, 0.0, given="friction",
-        scaled_as="friction")
-    f_v: Array = _row(
-        "friction", "damping", "viscous friction, link-side, Eq. {}", "(54)", 1e9, 0.0, given="damping",
-        scaled_as="friction")
-    v_s: Array = _row(
-        "friction", "velocity", "Stribeck velocity, Eq. {}", "(54)", 1e6, POSITIVE,
-        hint="For friction without the Stribeck effect set f_s = f_c.")
-    eps: Array = _row(
-        "friction", "velocity", "velocity that regularises sgn as tanh(v/eps)", "(54)-(55)", 1e6, POSITIVE,
-        default=1e-3)
-    f_ck: Array = _row(
-        "friction", "N.m", "Coulomb friction of the rotor, motor-side, Eq. {}", "(55)", 1e9, 0.0,
-        fold="lumped friction", scaled_as="friction")
-    q_min: Array = _row("limits", "position", "lower end stop", "", 1e6, given="lower")
-    q_max: Array = _row("limits", "position", "upper end stop", "", 1e6, given="upper")
-    stop_stiffness: Array = _row("limits", "stiffness", "stiffness of the end stops, link-side", "", 1e12, POSITIVE)
-    stop_damping: Array = _row(
-        "limits", "per velocity", "damping of the end stops over stiffness and depth", "", 1e6, 0.0,
-        hint="Give 0 for stops without loss.")
-    tau_stall: Array = _row(
-        "limits", "N.m", "largest torque of the motor, motor-side", "", 1e9, POSITIVE, given="effort")
-    kappa_dot_max: Array = _row(
-        "limits", "velocity", "no-load speed of the motor divided by ell", "", 1e9, POSITIVE, given="velocity")
-    full_speed: Array = _row(
-        "limits", "1", "share of the no-load speed up to which the motor has its largest torque", "", 0.99, 0.0,
-        default=0.0, fold="zeros", given="velocity",
-        hint="Give 0 for a line from standstill, 0.95 for a drive that limits the speed.")
-    K_h: Array = _row(
-        "hysteresis", "stiffness", "stiffness of the hysteresis element, link-side", "", 1e12, POSITIVE,
-        hint="For none give a small value such as 1e-6.")
-    f_h: Array = _row(
-        "hysteresis", "torque", "torque at which the hysteresis element slips, link-side", "", 1e9, POSITIVE)
-    mu_l: Array = _row(
-        "load_loss", "1", "friction of the mesh over the torque that the drive carries", "", 1.0, 0.0,
-        scaled_as="friction")
-    w_gap: Array = _row("backlash", "position", "width of the backlash, link-side", "", 1.0, 0.0)
-    tau_gap: Array = _row(
-        "backlash", "torque", "torque that takes up 71 % of the backlash, link-side", "", 1e9, POSITIVE)
-    sigma_0: Array = _row("bristles", "stiffness", "stiffness of the bristles, link-side", "", 1e12, POSITIVE)
-    sigma_1: Array = _row("bristles", "damping", "damping of the bristles, link-side", "", 1e9, 0.0)
-    k_t: Array = _row(
-        "winding", "N.m/A", "torque constant of the motor, and its back-EMF in V.s/rad", "", 1e6, POSITIVE)
-    R_w: Array = _row("winding", "Ohm", "resistance of the winding", "", 1e9, 0.0)
-    L_w: Array = _row("winding", "H", "inductance of the winding", "", 1e6, POSITIVE)
-    U_max: Array = _row("winding", "V", "largest voltage", "", 1e9, POSITIVE)
-    i_max: Array = _row("winding", "A", "largest current", "", 1e9, POSITIVE)
-    w_i: Array = _row("winding", "1/s", "bandwidth of the current loop", "", 1e9, POSITIVE)
-    T_ref: Array = _row("thermal", "K", "temperature for which the viscous friction is given", "", 1e4, 0.0)
-    T_v: Array = _row(
-        "thermal", "K", "rise of temperature by which viscous friction falls to 1/e", "", 1e9, POSITIVE,
-        hint="For friction that does not depend on temperature give a large value such as 1e9.")
-    T_amb: Array = _row("thermal", "K", "temperature of the surroundings", "", 1e4, 0.0)
-    C_th: Array = _row("thermal", "J/K", "heat capacity of the joint", "", 1e9, POSITIVE)
-    G_th: Array = _row("thermal", "W/K", "heat flow to the surroundings over the rise of temperature", "", 1e6, 0.0)
-    theta_err_amplitude: Array = _row(
+    theta_err_amplitude: Array = row(
         "drive", "position", "amplitude of the kinematic error, link-side, Eq. {}", "(3)", 1.0, 0.0, default=0.0,
         fold="no kinematic error", hint="Give 0 for none; shift the phase by pi for a sign.")
-    theta_err_phase: Array = _row(
+    theta_err_phase: Array = row(
         "drive", "rad", "phase of the kinematic error, Eq. {}", "(3)", 1e6, default=0.0, fold="no kinematic error")
     # fmt: on
 
 
-PARAMETERS = {f.name: Row(f.name, *f.metadata["row"], **f.metadata["rest"]) for f in fields(Parameters)}
+PARAMETERS = {
+    f.name: Row(f.name, *f.metadata["row"], **f.metadata["rest"]) for f in fields(Parameters) if f.metadata
+}
 """Name of a parameter to its row."""
 
 

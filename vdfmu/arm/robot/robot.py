@@ -62,7 +62,7 @@ class Robot(Parameters):
         Provenance: key of the robot file to where its number is from.
     payload : bool
         Whether the last link carries a body of its own; the fields ``payload_`` count only then.
-    limits, hysteresis, load_loss, backlash, bristles, winding, thermal : bool
+    {options} : bool
         Whether joints have this option of the drives; the fields of its table, such as ``[joints.limits]``, count
         only then.
     moving_base : bool
@@ -86,13 +86,6 @@ class Robot(Parameters):
     rotor_coupling: bool
     sources: Mapping[str, str]
     payload: bool = False
-    limits: bool = False
-    hysteresis: bool = False
-    load_loss: bool = False
-    backlash: bool = False
-    bristles: bool = False
-    winding: bool = False
-    thermal: bool = False
     moving_base: bool = False
     coupled_tool: bool = False
     visuals: tuple[Visual, ...] = ()
@@ -235,7 +228,8 @@ def _documented(row: Row) -> str:
     return f"{row.name} : {size} [{units}]\n    {text}."
 
 
-Robot.__doc__ = "\n".join((inspect.cleandoc(Robot.__doc__ or ""), *map(_documented, PARAMETERS.values())))
+_WORDS = inspect.cleandoc(Robot.__doc__ or "").replace("{options}", ", ".join(JOINT_OPTIONS))
+Robot.__doc__ = "\n".join((_WORDS, *map(_documented, PARAMETERS.values())))
 
 
 def joint_free(key: str) -> str:

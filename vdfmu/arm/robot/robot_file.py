@@ -12,7 +12,8 @@ from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, PARAMETERS, Row, Sec
 from vdfmu.arm.robot.physical import check_drive, check_friction, check_inertia, check_rotation, check_stops
 from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES, Robot, joint_free, robot_argument
 from vdfmu.arm.robot.visual import read_visuals
-from vdfmu.base.toml_tables import POSITIVE, FloatArray, Problems, Table, nearest, shape_of, shown
+from vdfmu.base.measure import POSITIVE
+from vdfmu.base.toml_tables import FloatArray, Problems, Table, nearest, shape_of, shown
 
 Numbers = dict[str, float | FloatArray]
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from vdfmu.arm.robot.parameters import ENDS, OPTIONAL, PARAMETERS, Parameters
 from vdfmu.compiler.functions.sources import source_digest
-from vdfmu.compiler.scalar.symbol import Symbol
+from vdfmu.compiler.scalar.symbol import ZERO, Symbol
 from vdfmu.compiler.unit.machine import Entry
 
 R = TypeVar("R", bound=Parameters)
@@ -60,7 +60,7 @@ def symbolic_robot(robot: R) -> tuple[R, ca.SX]:
 def _constants(array: np.ndarray) -> np.ndarray:
     out = np.empty(array.shape, dtype=object)
     for index in np.ndindex(array.shape):
-        out[index] = Symbol(float(array[index]))
+        out[index] = Symbol(float(array[index])) if array[index] or np.signbit(array[index]) else ZERO
     return out
 
 

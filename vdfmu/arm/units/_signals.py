@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu.arm.equations.trajectory import Desired, desired_motion
-from vdfmu.arm.world.attachment import Base, moving_base
+from vdfmu.arm.world.attachment import AT_REST, Base, moving_base
 from vdfmu.compiler.unit import JOINTS, Input, Parameter
 
 DESIRED = {
@@ -57,9 +57,9 @@ def base_motion() -> tuple[Input, Input, Input]:
     )
 
 
-def base_of(unit: Any) -> Base | None:
-    """Return the motion of the base that a unit is given; None where its robot's is at rest."""
-    return moving_base(unit.robot, unit.R_S, unit.V_S[3:], unit.A_S) if unit.of_robot.moving_base else None
+def base_of(unit: Any) -> Base:
+    """Return the motion of the base that a unit is given, or at rest, as its robot's."""
+    return moving_base(unit.R_S, unit.V_S[3:], unit.A_S) if unit.of_robot.moving_base else AT_REST
 
 
 def tool_motion() -> tuple[Input, Input, Input]:

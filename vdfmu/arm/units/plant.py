@@ -6,16 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.drive.thermal import ambient
-from vdfmu.arm.equations.flexible_joint import rotor_position, spring_rate
+from vdfmu.arm.drive.options import OPTION_STATES, OPTIONS
+from vdfmu.arm.equations.flexible_joint import rotor_acceleration, rotor_position, spring_rate
+from vdfmu.arm.equations.forward_dynamics import Rotors, forward_dynamics
+from vdfmu.arm.equations.inverse_dynamics import link_motion
 from vdfmu.arm.equations.plant import (
     BasePose,
+    PlantState,
     balance,
     base_load,
     equilibrium_torque,
     option_rates,
-    plant_derivative,
     plant_outputs,
+    plant_torques,
     rest_state,
     state_names,
     tool_motion,
@@ -31,7 +34,7 @@ from vdfmu.arm.units._signals import (
     wave_wrench,
     wrench,
 )
-from vdfmu.arm.world.attachment import Ends
+from vdfmu.arm.world.attachment import AT_REST, Base, Ends
 from vdfmu.compiler.unit import (
     JOINTS,
     Derivative,
@@ -44,6 +47,14 @@ from vdfmu.compiler.unit import (
     Terminal,
     Unit,
 )
+
+_ADDED = [(name, option.state) for name, option in OPTIONS.items() if option.state]
+_STATES = {s.name: State(s.unit, JOINTS, s.text, when=name) for name, s in _ADDED}
+_RATES = {f"der_{name}": Derivative(state) for name, state in _STATES.items()}
+_STARTS = {
+    f"{s.name}_0": Parameter(s.unit, JOINTS, s.start_text, start=s.start, minimum=s.minimum, when=name)
+    for name, s in _ADDED
+}
 
 
 class Plant(Unit):
@@ -92,18 +103,12 @@ class Plant(Unit):
     q_dot = State("velocity", JOINTS, "velocity of the link")
     kappa_dot = State("velocity", JOINTS, "velocity of the rotor divided by ell")
     tau_s = State("torque", JOINTS, "spring torque, link-side")
-    tau_h = State("torque", JOINTS, "torque of the hysteresis, link-side", when="hysteresis")
-    tau_z = State("torque", JOINTS, "torque of the bristles of friction, link-side", when="bristles")
-    i_m = State("A", JOINTS, "current of the motor", when="winding")
-    T_j = State("K", JOINTS, "temperature of the joint", when="thermal")
+    vars().update(_STATES)
     der_q = Derivative(q)
     der_q_dot = Derivative(q_dot)
     der_kappa_dot = Derivative(kappa_dot)
     der_tau_s = Derivative(tau_s)
-    der_tau_h = Derivative(tau_h)
-    der_tau_z = Derivative(tau_z)
-    der_i_m = Derivative(i_m)
-    der_T_j = Derivative(T_j)
+    vars().update(_RATES)
     kappa = Output("position", JOINTS, "position of the rotor divided by ell")
     p_O = Output("m", 3, "Position of the end effector in {I}, axis")
     R_O = Output("1", (3, 3), "Rotation matrix of the end effector in {I}")
@@ -143,16 +148,13 @@ class Plant(Unit):
     )
     kappa_dot_0 = Parameter("velocity", JOINTS, "start velocity of the rotor, without equilibrium")
     tau_s_0 = Parameter("torque", JOINTS, "start spring torque, link-side, without equilibrium")
-    tau_h_0 = Parameter("torque", JOINTS, "start of the hysteresis, without equilibrium", when="hysteresis")
-    tau_z_0 = Parameter("torque", JOINTS, "start of the bristles, without equilibrium", when="bristles")
-    i_m_0 = Parameter("A", JOINTS, "start current, without equilibrium", when="winding")
-    T_j_0 = Parameter("K", JOINTS, "start temperature", start=ambient, minimum=0.0, when="thermal")
+    vars().update(_STARTS)
     robot = RobotParameters()
     terminals = (
         Terminal(
             "joints",
             "left",
-            ("tau", "q", "q_dot", "kappa_dot", "tau_s", "kappa", "tau_h", "tau_z", "i_m", "T_j"),
+            ("tau", "q", "q_dot", "kappa_dot", "tau_s", "kappa", *_STATES),
             "Motor torques and motion of the joints",
         ),
         Terminal(
@@ -169,23 +171,31 @@ class Plant(Unit):
         ),
     )
     # positions, rotors and springs are each tied to their own joint; the links' dense block last
-    elimination = ("q", "T_j", "i_m", "tau_z", "tau_h", "kappa_dot", "tau_s", "q_dot")
+    elimination = ("q", *reversed(_STATES), "kappa_dot", "tau_s", "q_dot")
     chain = 9  # from here on elimination along the chain takes fewer operations than that of the dense block
     experiment_stop = 0.2
 
     def _x(self) -> Any:
         return np.concatenate([getattr(self, name) for name in state_names(self.of_robot)])
 
+    def _state(self) -> PlantState:
+        added = {
+            name: getattr(self, name)
+            for name, option in OPTION_STATES.items()
+            if getattr(self.of_robot, option)
+        }
+        return PlantState(self.q, self.q_dot, self.kappa_dot, self.tau_s, added)
+
     def _ends(self) -> Ends:
-        return Ends(base_of(self), self.M_e if self.robot.coupled_tool else None)
+        return Ends(base_of(self), self.M_e) if self.robot.coupled_tool else Ends(base_of(self))
 
     def start(self) -> None:
         """Rest under the wrench on a base at rest, or what the parameters say."""
         self.q, self.q_dot = self.q_0, self.q_dot_0
         if self.equilibrium:
             self.kappa_dot = self.q_dot_0
-            R_S = self.R_S if self.robot.moving_base else None
-            self.tau_s = equilibrium_torque(self.robot, self.q_0, self.F_e, R_S)
+            base = Base(self.R_S) if self.robot.moving_base else AT_REST
+            self.tau_s = equilibrium_torque(self.robot, self.q_0, self.F_e, base)
         else:
             self.kappa_dot, self.tau_s = self.kappa_dot_0, self.tau_s_0
         rest = rest_state(self.robot, self.tau_s) if self.equilibrium else {}
@@ -195,33 +205,41 @@ class Plant(Unit):
     def outputs(self) -> None:
         """Calculate what the plant shows beside its state."""
         robot, x = self.robot, self._x()
-        base = BasePose(self.p_S, self.R_S, self.V_S) if robot.moving_base else None
+        base = BasePose(self.p_S, self.R_S, self.V_S) if robot.moving_base else BasePose()
         self.kappa, self.p_O, self.R_O, self.E_kin, self.E_pot, self.E_spring = plant_outputs(robot, x, base)
         if robot.coupled_tool:
             V_O, self.A_O = tool_motion(robot, x, self.tau, self.F_e, self._ends())
-            if base is not None:
+            if robot.moving_base:
                 V_O = V_O + np.concatenate([self.R_O.T @ (base.R_S @ base.V_S[:3]), np.zeros(3)])
             self.V_O = V_O
-        if base is not None:
+        if robot.moving_base:
             self.M_S, self.F_S0 = base_load(robot, x, self.tau, self.F_e, self._ends())
             self.F_S = self.M_S @ self.A_S + self.F_S0
 
     def derivatives(self) -> None:
-        """Eq. (9), (10) and the springs."""
-        x_dot = plant_derivative(self.robot, self._x(), self.tau, self.F_e, self._ends())
-        names = state_names(self.of_robot)
-        for name, rate in zip(names, np.split(x_dot, len(names)), strict=True):
+        """Eq. (9), (10) and the springs, in the order of the docstring; then the states of options."""
+        robot, state = self.robot, self._state()
+        tau_l, tau_k = plant_torques(robot, state, self.tau)  # tau_s - xi_l, tau - tau_s / ell - xi_m
+        F_e, ends = self.F_e, self._ends()
+        rotors = Rotors(self.kappa_dot, tau_k)
+        self.der_q = self.q_dot
+        self.der_q_dot = forward_dynamics(
+            robot, self.q, self.q_dot, tau_l, F_e, rotors, ends
+        )  # links, (9), (11)
+        motion = link_motion(robot, self.q, self.q_dot, self.der_q_dot, ends.base)
+        self.der_kappa_dot = rotor_acceleration(robot, tau_k, motion)  # rotors, (10), (56)
+        kappa = rotor_position(robot, self.q, self.tau_s)
+        self.der_tau_s = spring_rate(robot, kappa, self.kappa_dot, self.q_dot, self.tau_s)  # springs, (2)-(3)
+        for name, rate in option_rates(robot, state, self.tau).items():
             setattr(self, f"der_{name}", rate)
 
     def balance(self) -> Any:
         """Balance forces, by the inverse dynamics: shorter derivatives than those of accelerations."""
-        links, rotors = balance(
-            self.robot, self._x(), self.der_q_dot, self.tau, self.F_e, self.cut, self._ends()
-        )
+        links, rotors = balance(self.robot, self._x(), self.der_q_dot, self.tau, self.F_e, self._ends())
         kappa = rotor_position(self.robot, self.q, self.tau_s)
         springs = spring_rate(self.robot, kappa, self.kappa_dot, self.q_dot, self.tau_s)
         rates = [self.q_dot - self.der_q, links, rotors - self.der_kappa_dot, springs - self.der_tau_s]
-        for name, rate in option_rates(self.robot, self._x(), self.tau).items():
+        for name, rate in option_rates(self.robot, self._state(), self.tau).items():
             rates.append(rate - getattr(self, f"der_{name}"))
         return np.concatenate(rates)
 

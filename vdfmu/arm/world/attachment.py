@@ -21,28 +21,30 @@ class Base(NamedTuple):
     Forces are the same in all of them (Galilei): for these the linear velocity may be 0.
     """
 
-    g_S: Any
-    """(3,) [m/s2] gravity vector of (62) in {S}."""
-    V_S: Any
+    R_S: Any = np.eye(3)
+    """(3, 3) rotation of {S} in {I}, in which the gravity vector of (62) is given."""
+    V_S: Any = np.zeros(6)
     """(6,) [m/s, rad/s] velocity of {S} in {S}."""
-    V_S_dot: Any
+    V_S_dot: Any = np.zeros(6)
     """(6,) [m/s2, rad/s2] derivative of the coordinates V_S."""
 
 
 class Ends(NamedTuple):
     """Both ends of an arm."""
 
-    base: Base | None = None
-    """None: {S} is the inertial frame {I}."""
-    M_e: Any = None
-    """(6, 6) [kg, kg m, kg m2] apparent mass matrix of the load in {O}, symmetric; None: its wrench is F_e alone."""
+    base: Base = Base()
+    M_e: Any = np.zeros((6, 6))
+    """(6, 6) [kg, kg m, kg m2] apparent mass matrix of the load in {O}, symmetric; 0: its wrench is F_e alone."""
 
 
+AT_REST = Base()
+"""{S} is the inertial frame {I}, as in the paper: its zeros fold away in the generated code."""
 FREE = Ends()
 """Base at rest, no load with a mass."""
+NO_WRENCH = np.zeros(6)
 
 
-def moving_base(robot: Any, R_S: np.ndarray, omega_S: Any, A_S: np.ndarray) -> Base:
+def moving_base(R_S: np.ndarray, omega_S: Any, A_S: np.ndarray) -> Base:
     """Return the motion of a base for equations of forces, relative to the frame in which it has no linear velocity.
 
     Parameters
@@ -51,7 +53,7 @@ def moving_base(robot: Any, R_S: np.ndarray, omega_S: Any, A_S: np.ndarray) -> B
     omega_S : (3,) [rad/s] angular velocity of {S} in {S}
     A_S : (6,) [m/s2, rad/s2] acceleration of the origin of {S}, as of a point, and angular acceleration, in {S}
     """
-    return Base(R_S.T @ robot.gravity, np.concatenate([np.zeros(3), omega_S]), A_S)
+    return Base(R_S, np.concatenate([np.zeros(3), omega_S]), A_S)
 
 
 def point_acceleration(V: np.ndarray, V_dot: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from vdfmu.base.errors import FmuError, UsageError
+from vdfmu.base.standards import FMI_VERSIONS
 
 
 @dataclass(frozen=True)
@@ -116,13 +117,14 @@ def binaries(model_name: str, libraries: Mapping[str, bytes], fmi_version: str) 
     there is no other.
     """
     files: dict[str, bytes] = {}
+    tuples = FMI_VERSIONS[fmi_version].platform_tuples
 
     def add(folder: str, platform: str, content: bytes) -> None:
         files[f"binaries/{folder}/{model_name}{PLATFORMS[platform].suffix}"] = content
 
     for name, content in libraries.items():
-        add(PLATFORMS[name].folder_2 if fmi_version == "2.0" else name, name, content)
-    if fmi_version == "2.0":
+        add(name if tuples else PLATFORMS[name].folder_2, name, content)
+    if not tuples:
         for system in ("linux", "darwin"):
             arm, x86 = f"aarch64-{system}", f"x86_64-{system}"
             if arm in libraries and x86 not in libraries:

@@ -10,9 +10,10 @@ from pathlib import Path
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import regular_target, require_ours, storing
 from vdfmu.base.once import one_job
+from vdfmu.base.standards import FMI_2, FMI_VERSIONS, PYTHON_FMI
 from vdfmu.compiler.c import native_available
 from vdfmu.compiler.fmu.built import is_built, keep_record
-from vdfmu.compiler.fmu.content import BACKENDS, FMI_VERSIONS, Content
+from vdfmu.compiler.fmu.content import BACKENDS, Content
 from vdfmu.compiler.unit.base import BaseUnit, unit_name
 from vdfmu.compiler.unit.machine import Machine
 from vdfmu.compiler.unit.requirements import unmet
@@ -62,11 +63,11 @@ def build_units(
     *,
     start_values: Mapping[str, Mapping[str, float]] | None = None,
     backend: str | None = None,
-    fmi_version: str = "2.0",
+    fmi_version: str = FMI_2.name,
     platforms: Sequence[str] | str | None = None,
 ) -> dict[str, Path]:
     """Build FMUs of units, each ``<Name>.fmu``; see :func:`vdfmu.build_fmus`."""
-    if backend is None and (fmi_version == "3.0" or platforms is not None):
+    if backend is None and (fmi_version != PYTHON_FMI.name or platforms is not None):
         backend = "native"  # what only native FMUs have asks for them
     named = {unit_name(unit): unit for unit in units}
     backend = choose_backend(backend)
@@ -84,8 +85,7 @@ def build_units(
             unit,
             robot if unit.needs_robot() else None,
             dict((start_values or {}).get(name, {})),
-            "python" if unit.backend == "python" else backend,
-            "2.0" if unit.backend == "python" else fmi_version,
+            *form_of(unit, backend, fmi_version),
         )
         for name, unit in named.items()
     }
@@ -111,6 +111,11 @@ def build_units(
     return dict(zip(named, contents, strict=True))
 
 
+def form_of(unit: type[BaseUnit], backend: str, fmi_version: str) -> tuple[str, str]:
+    """Return backend and version of FMI of a unit where these are asked for: some units are Python FMUs only."""
+    return ("python", PYTHON_FMI.name) if unit.backend == "python" else (backend, fmi_version)
+
+
 def _check_names(
     units: Mapping[str, type[BaseUnit]],
     start_values: Mapping[str, Mapping[str, float]],
@@ -125,8 +130,10 @@ def _check_names(
         raise UsageError(
             f"There is no FMI {fmi_version!r} here. There are: {', '.join(map(repr, FMI_VERSIONS))}."
         )
-    if backend == "python" and fmi_version != "2.0":
-        raise UsageError(f"Python FMUs are of FMI 2.0, got {fmi_version}. Native ones are of 3.0 too.")
+    if backend == "python" and fmi_version != PYTHON_FMI.name:
+        raise UsageError(
+            f"Python FMUs are of FMI {PYTHON_FMI.name}, got {fmi_version}. Native ones are of 3.0 too."
+        )
     if backend == "python" and platforms is not None:
         raise UsageError("Platforms can be chosen for native FMUs only.")
 

@@ -15,11 +15,12 @@ from typing import Any
 
 from vdfmu.base.data import data_path
 from vdfmu.base.errors import FmuError, VdfmuError
+from vdfmu.base.standards import FMI_2, FMI_VERSIONS, FmiVersion
 from vdfmu.base.version import __version__
 from vdfmu.compiler.fmu.about import ABOUT, about
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.unit.base import BaseUnit, is_shipped, unit_name
-from vdfmu.compiler.unit.interface import Interface
+from vdfmu.compiler.unit.interface import Interface, interface_of
 from vdfmu.compiler.unit.load import load_units
 from vdfmu.compiler.unit.machine import Machine
 
@@ -27,7 +28,6 @@ CONTENT_FILE = "vdfmu.json"
 _UNIT_FILE = "unit.py"
 """Source of a unit that is not one of the package, in a Python FMU."""
 BACKENDS = ("python", "native")
-FMI_VERSIONS = ("2.0", "3.0")
 _DATA = {"python": ("python/*.py",), "native": ("c/*.[ch]", "icons/*")}
 """Data files that decide what the FMUs of a backend are, in addition to the modules."""
 
@@ -62,7 +62,7 @@ class Content:
     """Start values that differ from those of the declaration."""
     backend: str = "python"
     """``python`` or ``native``."""
-    fmi_version: str = "2.0"
+    fmi_version: str = FMI_2.name
     version: str = __version__
     """Version of vdfmu that built the FMU."""
     digest: str = ""
@@ -86,6 +86,11 @@ class Content:
         return f"vdfmu {self.version}, {self.tool}"
 
     @property
+    def fmi(self) -> FmiVersion:
+        """What is particular to its version of FMI."""
+        return FMI_VERSIONS[self.fmi_version]
+
+    @property
     def model_name(self) -> str:
         """Model identifier."""
         return self.unit.__name__
@@ -105,7 +110,9 @@ class Content:
     @cached_property
     def interface(self) -> Interface:
         """Variables with the start values of this FMU; raises as :class:`~vdfmu.compiler.unit.interface.Interface`."""
-        return Interface(self.unit, self.robot, self.start_values)
+        if self.start_values:
+            return Interface(self.unit, self.robot, self.start_values)
+        return interface_of(self.unit, self.robot)
 
     def to_json(self, **further: Any) -> str:
         """Text of the content file, with `further` entries."""

@@ -7,6 +7,7 @@ from copy import deepcopy
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from vdfmu.base.measure import measure
+from vdfmu.base.standards import FMI_2, FmiVersion
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.variable import Variable
 
@@ -43,7 +44,12 @@ def document(root: Element) -> bytes:
 
 
 def model_description(
-    interface: Interface, guid: str, tool: str, about: Mapping[str, str], sources: Sequence[str] | None = None
+    interface: Interface,
+    guid: str,
+    tool: str,
+    about: Mapping[str, str],
+    sources: Sequence[str] | None = None,
+    version: FmiVersion = FMI_2,
 ) -> Element:
     """Root element of the model description of FMI 2.0.
 
@@ -61,9 +67,10 @@ def model_description(
     sources : sequence of str, optional
         Files of the folder ``sources`` to compile; None for a Python FMU, which has neither states nor derivatives for
         the importer.
+    version : FmiVersion, optional
     """
     native = sources is not None
-    root = root_element(interface, "2.0", {"guid": guid}, tool, about)
+    root = root_element(interface, version, guid, tool, about)
     places = range(interface.size)
     states, derivatives = places[interface.states], places[interface.derivatives]
     common = {
@@ -91,7 +98,7 @@ def model_description(
         _add_sources(element, sources)
     shown = interface.memory[: interface.time] if native else interface.variables
     add_units(root, shown)
-    add_log_and_experiment(root, "fmi2", interface)
+    add_log_and_experiment(root, version.prefix, interface)
     if interface.is_sampled:
         add_sampled(SubElement(SubElement(root, "VendorAnnotations"), "Tool", {"name": SAMPLED}))
     variables = SubElement(root, "ModelVariables")
@@ -117,13 +124,13 @@ def model_description(
 
 
 def root_element(
-    interface: Interface, version: str, token: Mapping[str, str], tool: str, about: Mapping[str, str]
+    interface: Interface, version: FmiVersion, guid: str, tool: str, about: Mapping[str, str]
 ) -> Element:
-    """Root element; `token` is the attribute that identifies the FMU, of another name in each version."""
+    """Root element."""
     attributes = {
-        "fmiVersion": version,
+        "fmiVersion": version.name,
         "modelName": interface.model_name,
-        **token,
+        version.token: guid,
         "description": interface.description + (f" ({interface.robot.name})" if interface.robot else ""),
         **about,
         "generationTool": tool,

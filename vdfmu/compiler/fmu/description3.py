@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from xml.etree.ElementTree import Element, SubElement
 
+from vdfmu.base.standards import FMI_3, FmiVersion
 from vdfmu.compiler.fmu.description import (
     SAMPLED,
     add_log_and_experiment,
@@ -22,7 +23,9 @@ FMI_3_TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
 """Type of FMI 2.0 to that of FMI 3.0 and SSP 2.0."""
 
 
-def model_description_3(interface: Interface, guid: str, tool: str, about: Mapping[str, str]) -> Element:
+def model_description_3(
+    interface: Interface, guid: str, tool: str, about: Mapping[str, str], version: FmiVersion = FMI_3
+) -> Element:
     """Root element of the model description of a native FMU.
 
     A unit with states also has model exchange. Dependencies are those between whole variables; functions of the
@@ -37,11 +40,12 @@ def model_description_3(interface: Interface, guid: str, tool: str, about: Mappi
         Name and version of the generation tool.
     about : mapping of str to str
         Author, licence, copyright and version of the unit, as far as they are known.
+    version : FmiVersion, optional
     """
-    root = root_element(interface, "3.0", {"instantiationToken": guid}, tool, about)
+    root = root_element(interface, version, guid, tool, about)
     _add_interfaces(root, interface)
     add_units(root, interface.memory)
-    add_log_and_experiment(root, "fmi3", interface)
+    add_log_and_experiment(root, version.prefix, interface)
     variables = SubElement(root, "ModelVariables")
     for array in interface.arrays:
         _add_variable(variables, interface, array)
@@ -62,7 +66,7 @@ def build_description(files: Sequence[str], definitions: Mapping[str, str], mode
         Definitions of the preprocessor, name to value. fmpy writes an absent value as ``None``: give one.
     model_identifier : str
     """
-    root = Element("fmiBuildDescription", {"fmiVersion": "3.0"})
+    root = Element("fmiBuildDescription", {"fmiVersion": FMI_3.name})
     configuration = SubElement(root, "BuildConfiguration", {"modelIdentifier": model_identifier})
     sources = SubElement(configuration, "SourceFileSet", {"language": "C11"})
     for file in files:

@@ -98,10 +98,10 @@ def _use(content: Content) -> str:
     if content.backend == "native":
         lines.append(
             "<p>Directional "
-            + ("and adjoint derivatives" if content.fmi_version == "3.0" else "derivatives")
+            + ("and adjoint derivatives" if content.fmi.adjoints else "derivatives")
             + f" are exact: with respect to {known}, during initialization also to parameters.</p>"
         )
-        held += rate if content.fmi_version == "2.0" else ""
+        held += rate if content.fmi.input_derivatives else ""
     if interface.has_states:
         lines.append(
             "<p><b>Co-simulation.</b> The solver is Rodas4 (implicit, order 4) with error control; the parameter "
@@ -151,13 +151,13 @@ def _limits(content: Content) -> str:
 
 def _interface(content: Content) -> str:
     interface = content.interface
-    end = len(interface) if content.backend == "python" else interface.time + (content.fmi_version == "3.0")
+    end = len(interface) if content.backend == "python" else interface.time + content.fmi.time_variable
     arrays = [a for a in interface.arrays if a.first < end]
     rows = [[escape(cell) for cell in _cells(content, interface, array)] for array in arrays]
     heads = ("variable", "value reference", "kind", "unit", "start", "limits", "description")
     explanation = (
         "A variable with a size is an array, row by row."
-        if content.fmi_version == "3.0"
+        if content.fmi.arrays
         else "A row with several value references stands for as many scalar variables."
     )
     classes = ("name", "ref", "", "", "", "", "")
@@ -168,7 +168,7 @@ def _cells(content: Content, interface: Interface, array: Array) -> tuple[str, .
     members: Sequence[Variable] = interface.memory[array.positions]
     first, last = members[0], members[-1]
     name, reference = array.name, str(array.first)
-    if content.fmi_version == "3.0":
+    if content.fmi.arrays:
         name += f"  ({' × '.join(map(str, array.shape))})" if array.shape else ""
     elif len(members) > 1:
         name, reference = f"{first.name} .. {last.name}", f"{array.first} .. {array.first + array.size - 1}"

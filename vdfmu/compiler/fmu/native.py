@@ -8,11 +8,11 @@ from functools import lru_cache
 from importlib.metadata import files as installed_files
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Literal
 
 from vdfmu.base.data import PACKAGE, data_path
 from vdfmu.base.errors import FmuError, StorageError
 from vdfmu.base.files import pack_zip, read_member
+from vdfmu.base.standards import FMI_VERSIONS
 from vdfmu.compiler.c.compile import Compilation, compile_libraries
 from vdfmu.compiler.c.generate import generated_sources
 from vdfmu.compiler.c.platforms import binaries, chosen_platforms
@@ -26,7 +26,6 @@ from vdfmu.compiler.fmu.reference_results import reference_files
 from vdfmu.compiler.fmu.terminals import icon_files
 
 _CONTENT = f"extra/vdfmu/{CONTENT_FILE}"
-_MAJOR: dict[str, Literal[2, 3]] = {"2.0": 2, "3.0": 3}
 THIRD_PARTY = """
 The libraries in binaries/ contain parts of the run-time support of the compiler zig: compiler-rt (Apache-2.0 WITH
 LLVM-exception) and zig (MIT); those for Windows also parts of mingw-w64 (ZPL-2.1 and public domain), those for
@@ -72,9 +71,9 @@ def unit_sources(content: Content) -> dict[str, bytes]:
     With :func:`fmi_headers` beside them, and ``-I.``, all C files compile to the library.
     """
     files = {name: text.encode() for name, text in generated_sources(content.interface, content.guid).items()}
-    other = "fmi3.c" if content.fmi_version == "2.0" else "fmi2.c"
+    others = {f"{version.prefix}.c" for version in FMI_VERSIONS.values()} - {f"{content.fmi.prefix}.c"}
     for file in sorted((data_path("fmu_src") / "c").glob("*.[ch]")):
-        if file.name != other:
+        if file.name not in others:
             files[file.name] = file.read_bytes().replace(b"\r\n", b"\n")
     return files
 
@@ -87,7 +86,7 @@ def fmi_headers(fmi_version: str) -> dict[str, bytes]:
     """
     spec = find_spec("fmpy")
     for folder in (spec.submodule_search_locations if spec else None) or ():
-        headers = sorted((Path(folder) / "c-code").glob(f"fmi{_MAJOR[fmi_version]}*.h"))
+        headers = sorted((Path(folder) / "c-code").glob(f"{FMI_VERSIONS[fmi_version].prefix}*.h"))
         if headers:
             return {header.name: header.read_bytes().replace(b"\r\n", b"\n") for header in headers}
     raise FmuError("fmpy has no headers of FMI (folder fmpy/c-code). Install fmpy again.")
@@ -107,21 +106,22 @@ def _members(
     content: Content, sources: Mapping[str, bytes], libraries: Mapping[str, bytes]
 ) -> dict[str, bytes]:
     """Path to content of everything in the FMU."""
-    major = _MAJOR[content.fmi_version]
+    fmi = content.fmi
     c_files = [name for name in sorted(sources) if name.endswith(".c")]
     interface, guid, tool = content.interface, content.guid, content.generation_tool
     about = content.made_by or {}
     members = {f"sources/{name}": text for name, text in sources.items()}
-    if major == 2:
-        root = model_description(interface, guid, tool, about, c_files)
+    if fmi.arrays:
+        root = model_description_3(interface, guid, tool, about, fmi)
     else:
-        root = model_description_3(interface, guid, tool, about)
+        root = model_description(interface, guid, tool, about, c_files, fmi)
+    if fmi.build_description:
         definitions = {"DISABLE_PREFIX": "1"}
         build = build_description(c_files, definitions, content.model_name)
         members["sources/buildDescription.xml"] = document(build)
     members["modelDescription.xml"] = document(root)
     members |= binaries(content.model_name, libraries, content.fmi_version)
-    members |= icon_files(interface, major)
+    members |= icon_files(interface, fmi)
     members |= documentation_files(content)
     members |= reference_files(content)
     members["documentation/licenses/license.txt"] = (

@@ -36,7 +36,7 @@ def reference_files(content: Content) -> dict[str, bytes]:
     stored = _stored(content)
     stop = interface.unit.experiment_stop
     times = [stop * k / INTERVALS for k in range(INTERVALS + 1)]
-    arrays = content.fmi_version == "3.0"
+    arrays = content.fmi.arrays
     files = {f"{FOLDER}/{name}_out.csv": _csv(interface, times, stored["results"], arrays)}
     inputs = stored["inputs"]
     if inputs:

@@ -7,10 +7,10 @@ the connections of ``ssp/system.toml``. FMI 2.0 allows the folder since 2.0.4; t
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Literal
 from xml.etree.ElementTree import Element, SubElement
 
 from vdfmu.base.data import data_path
+from vdfmu.base.standards import FMI_3, FmiVersion
 from vdfmu.compiler.fmu.description import document
 from vdfmu.compiler.unit.declaration import Terminal
 from vdfmu.compiler.unit.interface import Interface
@@ -27,13 +27,13 @@ _PLACES = {
 _COLOR = "31 78 121"
 
 
-def terminals_and_icons(interface: Interface, fmi: Literal[2, 3]) -> Element:
+def terminals_and_icons(interface: Interface, version: FmiVersion) -> Element:
     """Root element of ``terminalsAndIcons.xml``.
 
     The rule is ``bus``: two terminals need not have all members in common. In FMI 3.0 a member is an array, in
     FMI 2.0 each of its elements.
     """
-    root = Element("fmiTerminalsAndIcons", {"fmiVersion": "3.0"})
+    root = Element("fmiTerminalsAndIcons", {"fmiVersion": FMI_3.name})
     picture = SubElement(root, "GraphicalRepresentation")
     extent = _extent(-100, -100, 100, 100)
     SubElement(picture, "CoordinateSystem", extent | {"suggestedScalingFactorTo_mm": "0.1"})
@@ -48,7 +48,7 @@ def terminals_and_icons(interface: Interface, fmi: Literal[2, 3]) -> Element:
             "Terminal",
             {"name": terminal.name, "matchingRule": "bus", "description": terminal.description},
         )
-        for name in _members(interface, terminal, fmi):
+        for name in _members(interface, terminal, version):
             member = {"variableName": name, "memberName": name, "variableKind": "signal"}
             SubElement(element, "TerminalMemberVariable", member)
         place = _extent(*_PLACES[terminal.side])
@@ -57,15 +57,15 @@ def terminals_and_icons(interface: Interface, fmi: Literal[2, 3]) -> Element:
     return root
 
 
-def icon_files(interface: Interface, fmi: Literal[2, 3]) -> dict[str, bytes]:
+def icon_files(interface: Interface, version: FmiVersion) -> dict[str, bytes]:
     """Return path in the FMU to content: terminals, icon and, in FMI 2.0, the picture ``model.png``."""
     icons = data_path("fmu_src") / "icons"
-    files = {f"{FOLDER}/terminalsAndIcons.xml": document(terminals_and_icons(interface, fmi))}
+    files = {f"{FOLDER}/terminalsAndIcons.xml": document(terminals_and_icons(interface, version))}
     for kind in ("png", "svg"):
         own = icons / f"{interface.name}.{kind}"
         files[f"{FOLDER}/icon.{kind}"] = (own if own.is_file() else icons / f"unit.{kind}").read_bytes()
         files[f"{FOLDER}/terminal.{kind}"] = (icons / f"terminal.{kind}").read_bytes()
-    if fmi == 2:
+    if version.picture:
         files["model.png"] = files[f"{FOLDER}/icon.png"]
     return files
 
@@ -74,10 +74,10 @@ def _extent(x1: int, y1: int, x2: int, y2: int) -> dict[str, str]:
     return {"x1": str(x1), "y1": str(y1), "x2": str(x2), "y2": str(y2)}
 
 
-def _members(interface: Interface, terminal: Terminal, fmi: int) -> Iterator[str]:
+def _members(interface: Interface, terminal: Terminal, version: FmiVersion) -> Iterator[str]:
     for group in terminal.groups:
         where = interface.groups.get(group, slice(0, 0))  # an optional one may be missing
-        if fmi == 2:
-            yield from (v.name for v in interface.memory[where])
-        else:
+        if version.arrays:
             yield from (a.name for a in interface.arrays if where.start <= a.first < where.stop)
+        else:
+            yield from (v.name for v in interface.memory[where])

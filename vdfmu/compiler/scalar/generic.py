@@ -7,6 +7,9 @@ method by name and fall back to numpy on floats.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any
 
 import numpy as np
@@ -120,6 +123,30 @@ def lookup(x: Any, edges: Any, rows: Any) -> Any:
     if hasattr(x, "row_of"):
         return x.row_of(edges, rows)
     return rows[min(max(int(np.searchsorted(edges, x, "right")) - 1, 0), len(rows) - 1)]
+
+
+_Cutter = Callable[[int, Any], Any]
+_cutter: ContextVar[_Cutter | None] = ContextVar("cutter", default=None)
+
+
+def cut(part: int, value: Any) -> Any:
+    """Return `value`, which a part of a chain, counted from 0, hands on to the next.
+
+    In the linearisation of a long chain symbols stand for it, so that the system of the solver is sparse, and its
+    elimination part by part takes O(n) operations.
+    """
+    cutter = _cutter.get()
+    return value if cutter is None else cutter(part, value)
+
+
+@contextmanager
+def cutting(cutter: _Cutter | None) -> Generator[None]:
+    """Have :func:`cut` return what a function makes of its arguments; None: the value."""
+    before = _cutter.set(cutter)
+    try:
+        yield
+    finally:
+        _cutter.reset(before)
 
 
 def piecewise_hold(s: Any) -> tuple[Any, Any]:

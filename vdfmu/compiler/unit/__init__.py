@@ -1,6 +1,6 @@
 """Units: their declaration, their variables for a robot, and their traced functions."""
 
-from vdfmu.compiler.scalar.generic import clip, interpolate, lookup, maximum, minimum, sgn, where, zeros
+from vdfmu.compiler.scalar.generic import clip, cut, interpolate, lookup, maximum, minimum, sgn, where, zeros
 from vdfmu.compiler.scalar.matrices import expm, inv, solve
 from vdfmu.compiler.unit.declaration import (
     JOINTS,
@@ -19,6 +19,6 @@ from vdfmu.compiler.unit.unit import Unit
 
 __all__ = [
     "JOINTS", "Choice", "Derivative", "Input", "Output", "Parameter", "RobotParameters", "Sampled", "State", "Switch",
-    "Terminal", "Unit", "clip", "expm", "interpolate", "inv", "lookup", "maximum", "minimum", "sgn", "solve", "where",
-    "zeros",
+    "Terminal", "Unit", "clip", "cut", "expm", "interpolate", "inv", "lookup", "maximum", "minimum", "sgn", "solve",
+    "where", "zeros",
 ]  # fmt: skip

@@ -52,10 +52,6 @@ class Watch(Protocol):
         """Robot with what a unit declares of it."""
         ...
 
-    def cut(self, joint: int, value: Any) -> Any:
-        """See :meth:`Unit.cut`."""
-        ...
-
 
 class BaseUnit:
     """A unit without what runs it; see :class:`vdfmu.unit.Unit`."""
@@ -75,7 +71,7 @@ class BaseUnit:
     elimination: ClassVar[tuple[str, ...]] = ()
     """States in the order in which the solver eliminates them; it decides the cost, not the result."""
     chain: ClassVar[int | None] = None
-    """Joints from which :meth:`balance` is linearised with what it hands to :meth:`cut` as unknowns of their own."""
+    """Joints from which :meth:`balance` is linearised with what it hands to ``cut`` as unknowns of their own."""
     experiment_stop: ClassVar[float] = 1.0
     """End of the experiment of the FMU's reference results [s]."""
     declared: Mapping[str, Declared] = {}
@@ -186,14 +182,6 @@ class BaseUnit:
         from parameters alone, without choices. A scenario is refused before its run, an FMU at its initialization.
         """
         return {}
-
-    def cut(self, joint: int, value: Any) -> Any:
-        """Return `value`; in the linearisation of a long chain, symbols that stand for it.
-
-        What links hand on to each other is cut there, so that the system of the solver is sparse, and its elimination
-        joint by joint, from the end effector to the base, takes O(n) operations.
-        """
-        return value if self._watch is None else self._watch.cut(joint, value)
 
     def experiment(self) -> None:
         """Set the inputs for the time ``self.t`` of the experiment of the FMU's reference results."""

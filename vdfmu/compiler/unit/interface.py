@@ -345,6 +345,12 @@ class Interface:
 
 
 @once
+def interface_of(unit: type[BaseUnit], robot: Machine | None) -> Interface:
+    """Return the variables of a unit for a robot, with the start values of its declaration; made once in a job."""
+    return Interface(unit, robot)
+
+
+@once
 def _declared(
     unit: type[BaseUnit], robot: Machine | None
 ) -> tuple[tuple[Variable, ...], tuple[Variable, ...]]:

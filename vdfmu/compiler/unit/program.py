@@ -25,6 +25,7 @@ from vdfmu.compiler.functions.rodas import Stages, rodas_step, stage_equations
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.functions.switching import NEVER, time_left
 from vdfmu.compiler.scalar.elimination import factorize, pattern, solve
+from vdfmu.compiler.scalar.generic import cutting
 from vdfmu.compiler.scalar.symbol import from_sx, to_sx
 from vdfmu.compiler.unit.base import BaseUnit, is_shipped, unit_name
 from vdfmu.compiler.unit.declaration import PHASES
@@ -283,8 +284,10 @@ class _Stiff:
         else:
             balance = SymbolicWatch(unit, "balance", watch.fixed, watch)
             x_dot = balance.symbol("x_dot", n_x)
-            cuts = balance.cuts = [] if cut and unit.chain is not None and unit.n >= unit.chain else None
-            residual = to_sx(run(unit, "balance", balance))
+            long = cut and unit.chain is not None and unit.n >= unit.chain
+            with cutting(balance.cut if long else None):
+                residual = to_sx(run(unit, "balance", balance))
+            cuts = balance.cuts
             unknown = x
             if cuts:
                 residual = ca.vertcat(residual, *[value - symbols for _, symbols, value in cuts])

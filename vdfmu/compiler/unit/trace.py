@@ -125,9 +125,6 @@ class _TraceWatch:
             return self.robot_value()
         return _RobotPart(self, fields)
 
-    def cut(self, joint: int, value: Any) -> Any:
-        return value
-
     def value(self, declared: Declared) -> Any:
         raise NotImplementedError
 
@@ -188,16 +185,15 @@ class SymbolicWatch(_TraceWatch):
     ----------
     symbols : dict of str to casadi.SX
         Columns of the variables read, of ``x``, the continuous states, ``x_dot``, ``p`` and ``t``.
-    cuts : list of (joint, symbols, values), or None to cut nothing
-        What :meth:`~vdfmu.compiler.unit.base.Unit.cut` has put symbols in place of, in the order of their
-        calculation.
+    cuts : list of (joint, symbols, values)
+        What :meth:`cut` has put symbols in place of, in the order of their calculation.
     """
 
     def __init__(self, unit: BaseUnit, phase: str, fixed: Fixed, other: SymbolicWatch | None = None) -> None:
         super().__init__(unit, phase, fixed)
         self.symbols: dict[str, ca.SX] = {} if other is None else dict(other.symbols)
         self._robot: Any = None if other is None else other._robot
-        self.cuts: list[tuple[int, ca.SX, ca.SX]] | None = None
+        self.cuts: list[tuple[int, ca.SX, ca.SX]] = []
 
     def symbol(self, name: str, size: int) -> ca.SX:
         """Column of a name."""
@@ -206,9 +202,7 @@ class SymbolicWatch(_TraceWatch):
         return self.symbols[name]
 
     def cut(self, joint: int, value: Any) -> Any:
-        """Put symbols in place of the elements of an array that are not constant."""
-        if self.cuts is None:
-            return value
+        """Put symbols in place of the elements of an array that are not constant, for :func:`.generic.cut`."""
         column = to_sx(value)
         free = [k for k in range(column.numel()) if not column[k].is_constant()]
         symbols = ca.SX.sym("cut", len(free))

@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.base.measure import derivative_of, measure, unit_of
-from vdfmu.base.toml_tables import POSITIVE
+from vdfmu.base.measure import POSITIVE, derivative_of, measure, unit_of
 from vdfmu.compiler.unit.base import BaseUnit
 from vdfmu.compiler.unit.declaration import JOINTS, Declared, Derivative, Input, Output, Sampled, State
 from vdfmu.compiler.unit.follow import start_arrays

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
 from functools import cache, wraps
 from pathlib import Path
 from typing import Any, ClassVar
@@ -90,6 +91,16 @@ def _words(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}"
 
 
+@contextmanager
+def _told(name: str, words: str) -> Generator[None]:
+    """Tell of an error of a call that has no slave; `words` may take it."""
+    try:
+        yield
+    except (TypeError, ValueError) as error:
+        hold_all_for_ever()
+        raise refusal(f"{name} failed: {words.format(error)}") from None
+
+
 class UnitSlave(Fmi2Slave):
     """The slave of all units; those of :func:`slave_class` name the model of their `unit`."""
 
@@ -122,11 +133,9 @@ class UnitSlave(Fmi2Slave):
         self._tolerance: float | None = None
         self._stale = True  # outputs and state are not those of the values set
         self._unchecked = True  # parameters were set since the last check
-        # How to get and set what a call names, and the last of each: importers repeat themselves at every step.
-        self._reads: dict[tuple[str, tuple[int, ...]], Read] = {}
-        self._writes: dict[tuple[str, tuple[int, ...]], tuple[Write, list[Variable], bool]] = {}
-        self._last_read: tuple[str, list[int], Read] | None = None
-        self._last_write: tuple[str, list[int], tuple[Write, list[Variable], bool]] | None = None
+        # How to get and set what the last call of a type named: importers repeat themselves at every step.
+        self._reads: dict[str, tuple[list[int], Read]] = {}
+        self._writes: dict[str, tuple[list[int], Write, list[Variable], bool]] = {}
 
     def to_xml(self, model_options: dict[str, str] | None = None) -> Element:
         """Model description of the unit, with units, dependencies and InitialUnknowns."""
@@ -206,7 +215,6 @@ class UnitSlave(Fmi2Slave):
         self.phase = phase
         self._reads.clear()
         self._writes.clear()
-        self._last_read = self._last_write = None
 
     def _require(self, *phases: str) -> None:
         if self.phase not in phases:
@@ -229,43 +237,21 @@ class UnitSlave(Fmi2Slave):
 
     get_real, get_integer, get_boolean = _getter("Real"), _getter("Integer", int), _getter("Boolean", bool)
     set_real, set_integer, set_boolean = map(_setter, ("Real", "Integer", "Boolean"))
-
-    @_call("getString")
-    def get_string(self, vrs: list[int]) -> list[str]:
-        """Refuse: there are no string variables."""
-        self._resolve("String", vrs)
-        return []
-
-    @_call("setString")
-    def set_string(self, vrs: list[int], values: list[str]) -> None:
-        """Refuse: there are no string variables."""
-        self._resolve("String", vrs)
+    get_string, set_string = _getter("String"), _setter("String")  # there are no string variables
 
     def _get(self, kind: str, vrs: list[int]) -> list[float]:
-        last = self._last_read
-        if last is not None and last[1] == vrs and last[0] == kind:
-            read = last[2]
-        else:
-            key = (kind, tuple(vrs))
-            read = self._reads.get(key)
-            if read is None:
-                read = self._reads[key] = self._reader(kind, vrs)
-            self._last_read = (kind, vrs, read)
+        last = self._reads.get(kind)
+        if last is None or last[0] != vrs:
+            last = self._reads[kind] = (vrs, self._reader(kind, vrs))
         if self._stale and self.phase == "initialization":
             self._refresh()
-        return read()
+        return last[1]()
 
     def _set(self, kind: str, vrs: list[int], values: list[Any]) -> None:
-        last = self._last_write
-        if last is not None and last[1] == vrs and last[0] == kind:
-            write, variables, inputs = last[2]
-        else:
-            key = (kind, tuple(vrs))
-            known = self._writes.get(key)
-            if known is None:
-                known = self._writes[key] = self._writer(kind, vrs)
-            self._last_write = (kind, vrs, known)
-            write, variables, inputs = known
+        last = self._writes.get(kind)
+        if last is None or last[0] != vrs:
+            last = self._writes[kind] = (vrs, *self._writer(kind, vrs))
+        _, write, variables, inputs = last
         # of inputs without limits only the sum is looked at: it is not finite if one of them is not
         if not (inputs and math.isfinite(sum(values))):
             for variable, value in zip(variables, values, strict=True):
@@ -356,23 +342,13 @@ class UnitSlave(Fmi2Slave):
 
     @staticmethod
     def _fmu_state_to_bytes(state: Any) -> bytes:
-        try:
+        with _told("serializeFMUstate", "this is not a state of a vdfmu unit: {}."):
             return json.dumps(state).encode()
-        except (TypeError, ValueError) as error:
-            hold_all_for_ever()
-            raise refusal(
-                f"serializeFMUstate failed: this is not a state of a vdfmu unit: {error}."
-            ) from None
 
     @staticmethod
     def _fmu_state_from_bytes(state: bytes) -> Any:
-        try:
+        with _told("deSerializeFMUstate", f"expected the bytes of a state, got {len(state)} other bytes."):
             return json.loads(state.decode())
-        except ValueError:
-            hold_all_for_ever()
-            raise refusal(
-                f"deSerializeFMUstate failed: expected the bytes of a state, got {len(state)} other bytes."
-            ) from None
 
 
 @cache

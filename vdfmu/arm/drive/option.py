@@ -1,0 +1,109 @@
+"""What a drive may have beside the paper's, as a record: rows of the table of parameters, a state, and hooks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[Any]
+Hook = Callable[..., Any]
+
+
+def row(*values: Any, **rest: Any) -> Any:
+    """Field of a table of parameters; arguments as of :class:`~vdfmu.arm.robot.parameters.Row`, but for the name."""
+    return field(metadata={"row": values, "rest": rest})
+
+
+class OptionState(NamedTuple):
+    """State of the joints that an option adds to the plant: name, unit and text of the unit's variables."""
+
+    name: str
+    unit: str
+    text: str
+    start_text: str
+    """Of the parameter ``<name>_0``."""
+    start: Any = 0.0
+    """Its value, or a function of the robot."""
+    minimum: float | None = None
+    slow: bool = False
+    """Whether it changes over minutes, so that vibrations know nothing of it."""
+
+
+class JointMotion(NamedTuple):
+    """What the rates of states may depend on, each (n,)."""
+
+    kappa_dot: Any
+    """Speed of the rotor divided by ell [rad/s or m/s]."""
+    stretch: Any
+    """Rate at which the drive is deformed [rad/s or m/s]."""
+    velocity: Any
+    """At which (54) acts [rad/s or m/s]."""
+    level: Any
+    """Coulomb and Stribeck friction at that speed, without sign [N m or N], link-side."""
+    tau: Any
+    """Torque that the motor is asked for [N m], motor-side."""
+    loss: Any
+    """Power that friction and hysteresis turn into heat [W]."""
+
+
+def _nothing(*_: Any) -> float:
+    return 0.0
+
+
+def _same(value: Any, *_: Any) -> Any:
+    return value
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveOption:
+    """What an option adds to the equations of a joint. All is (n,), and 0 unless the option says so.
+
+    ``robot`` has its parameters; ``own`` is its state, None along a desired motion, which has none.
+    """
+
+    state: OptionState | None = None
+    dry_parameters: tuple[str, ...] = ()
+    """Parameters of dry friction: 0, or as small as they may be, in an arm without."""
+
+    deformation: Hook = _nothing
+    """(robot, tau_s): deformation in series with the spring [rad or m], link-side."""
+    compliance: Hook = _nothing
+    """(robot, tau_s): its slope [rad/(N m) or m/N]."""
+    elastic_energy: Hook = _nothing
+    """(robot, tau_s): its energy [J]."""
+
+    torque: Hook = _nothing
+    """(robot, own): torque of the drive beside the spring [N m or N], link-side."""
+    energy: Hook = _nothing
+    """(robot, own): energy that the state stands for [J]."""
+    stop_torque: Hook = _nothing
+    """(robot, q, q_dot): torque on the link alone [N m or N], link-side."""
+    stop_energy: Hook = _nothing
+    """(robot, q): its energy [J]."""
+
+    mesh_friction: Hook = _nothing
+    """(robot, kappa_dot, load): friction on the rotor [N m], motor-side, of a drive that carries a load, link-side."""
+    dry_friction: Hook = _same
+    """(xi, robot, velocity, level, own): friction in place of ``xi = level tanh(velocity / eps)`` in (54)."""
+    viscosity: Hook = _same
+    """(f_v, robot, own): viscous friction in place of that of (54)."""
+    stored: Hook = _nothing
+    """(robot, velocity, level, own): the part of the power of friction that is stored [W]."""
+
+    motor: Hook = _same
+    """(tau, robot, kappa_dot, own): torque of the motor where `tau` is asked for [N m], motor-side."""
+    rate: Hook = _nothing
+    """(robot, motion, own): rate of the state, by a :class:`JointMotion`."""
+    loss: Hook = _nothing
+    """(robot, stretch, own): power that turns into heat beside that of friction [W]."""
+    rest: Hook = lambda robot, tau_s: np.zeros(robot.n)
+    """(robot, tau_s): state where springs and motors hold the arm at rest; None: that of the parameter."""
+
+    @property
+    def replaces_dry_friction(self) -> bool:
+        """Whether it has a law of its own in place of Coulomb and Stribeck friction."""
+        return self.dry_friction is not _same

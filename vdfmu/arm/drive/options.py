@@ -1,0 +1,50 @@
+"""The options of drives, one file each: a new one is a file like `hysteresis`, and its three words here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from vdfmu.arm.drive.backlash import BACKLASH, BacklashRows
+from vdfmu.arm.drive.bristles import BRISTLES, BristlesRows
+from vdfmu.arm.drive.hysteresis import HYSTERESIS, HysteresisRows
+from vdfmu.arm.drive.limits import LIMITS, LimitsRows
+from vdfmu.arm.drive.load_loss import LOAD_LOSS, LoadLossRows
+from vdfmu.arm.drive.option import DriveOption
+from vdfmu.arm.drive.thermal import THERMAL, ThermalRows
+from vdfmu.arm.drive.winding import WINDING, WindingRows
+
+OptionName = Literal["limits", "hysteresis", "load_loss", "backlash", "bristles", "winding", "thermal"]
+
+OPTIONS: dict[OptionName, DriveOption] = {
+    "limits": LIMITS,
+    "hysteresis": HYSTERESIS,
+    "load_loss": LOAD_LOSS,
+    "backlash": BACKLASH,
+    "bristles": BRISTLES,
+    "winding": WINDING,
+    "thermal": THERMAL,
+}
+"""Name of the flag of a robot, and of its table, to the option, in the order in which sums go over them."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class OptionRows(
+    ThermalRows, WindingRows, BristlesRows, BacklashRows, LoadLossRows, HysteresisRows, LimitsRows
+):
+    """Parameters of all options, and flags that say which a robot has; the fields of the last base come first."""
+
+
+OPTION_STATES = {option.state.name: name for name, option in OPTIONS.items() if option.state}
+"""State to the option of the robot that has it."""
+
+
+def options_of(robot: Any, states: Mapping[str, Any] | None = None) -> list[tuple[DriveOption, Any]]:
+    """Return the options that a robot has, each with its state; None for one of which `states` say nothing."""
+    given = states or {}
+    return [
+        (option, given.get(option.state.name) if option.state else None)
+        for name, option in OPTIONS.items()
+        if getattr(robot, name)
+    ]
