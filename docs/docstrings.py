@@ -12,6 +12,7 @@ from vdfmu.arm.robot import Robot
 
 _TYPE = re.compile(r"^ *[\w*, ]+ : .*$", re.MULTILINE)
 _GROUP = re.compile(r"^((?:\w+,\s)+\w+)\n((?: +.*\n)+)", re.MULTILINE)
+_UNIT = re.compile(r"(?<=\d\]) \[(?=\w)")
 _ROLE = re.compile(r":\w+:`~?([^`]+)`")
 
 
@@ -26,8 +27,12 @@ class PlainDocstrings(griffe.Extension):
         """Change the docstring of one object."""
         if isinstance(obj, griffe.Class):
             for parameter in obj.parameters:
-                if str(parameter.default).startswith("_row("):  # of the table of a robot's parameters
+                if str(parameter.default).startswith("row("):  # of the table of a robot's parameters
                     parameter.default = None
+        if isinstance(obj, griffe.Function) and "options" in obj.parameters:
+            _expand(obj)
+        if isinstance(obj, griffe.Class) and obj.docstring is not None and "**options" in obj.docstring.value:
+            obj.docstring.value = inspect.getdoc(griffe.dynamic_import(obj.path)) or ""
         if obj.docstring is not None:
             text = obj.docstring.value
             if obj.path == f"{Robot.__module__}.Robot":  # its docstring goes on with the table of parameters
@@ -36,4 +41,23 @@ class PlainDocstrings(griffe.Extension):
                 lambda m: "".join(f"{name}\n{m[2]}" for name in re.findall(r"\w+", m[1])), text + "\n"
             )
             text = _TYPE.sub(lambda line: line[0].replace(" [", "\u00a0["), text)
+            text = _UNIT.sub(r" \[", text)  # else Markdown takes the index and the unit for a link
             obj.docstring.value = _ROLE.sub(r"`\1`", text)
+
+
+def _expand(function: griffe.Function) -> None:
+    """Show each option of a function that takes them as ``**options``, in its signature and its docstring."""
+    real = griffe.dynamic_import(function.path)
+    own = [one for one in function.parameters if one.name != "options"]
+    more = list(inspect.signature(real).parameters.values())[len(own) :]
+    function.parameters = griffe.Parameters(
+        *own,
+        *(
+            griffe.Parameter(
+                one.name, annotation=one.annotation, kind=griffe.ParameterKind.keyword_only, default=repr(one.default)
+            )
+            for one in more
+        ),
+    )  # fmt: skip
+    if function.docstring is not None:
+        function.docstring.value = inspect.getdoc(real) or ""

@@ -54,7 +54,7 @@ def first_failure(fault: Fault) -> str:
     with tempfile.TemporaryDirectory(prefix="vdfmu_mutant_") as place:
         tree = Path(place)
         for name in _NEEDED:
-            shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
+            shutil.copytree(ROOT / name, tree / name)
         for path in ROOT.iterdir():
             if path.is_file():
                 shutil.copy(path, tree)

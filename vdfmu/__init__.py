@@ -12,7 +12,7 @@ Python API
     Rigid links, link-side torques, one state or a batch.
 ``linearize``, ``natural_modes``
     An arm at rest at a pose as a linear system, and its natural frequencies, damping and mode shapes.
-``build_fmus``, ``write_ssp``, ``write_osp``, ``write_container``
+``build_fmus``, ``write_ssp``, ``write_container``
     The four units as FMUs, the system that wires them as a package or for libcosim, and the system as one FMU.
 ``run``
     A whole scenario: co-simulation, references, comparison, files.
@@ -68,7 +68,6 @@ if TYPE_CHECKING:
     from vdfmu.study.tuning.tune import tune
     from vdfmu.study.view.live import LiveView
     from vdfmu.study.view.robot import RobotView
-    from vdfmu.system.package.osp import write_osp
     from vdfmu.system.package.write import write_ssp
     from vdfmu.system.scenario import Scenario, load_scenario, scenario_names
 
@@ -92,7 +91,6 @@ _NAMES = {
     "vdfmu.study.report.animation": ("Animation", "animate"),
     "vdfmu.arm.imports": ("robot_from_mjcf", "robot_from_urdf"),
     "vdfmu.system.scenario": ("Scenario", "load_scenario", "scenario_names"),
-    "vdfmu.system.package.osp": ("write_osp",),
     "vdfmu.system.package.write": ("write_ssp",),
     "vdfmu.study.sweeps.sweep": ("sweep",),
     "vdfmu.study.sweeps.study": ("Sweep",),
@@ -107,7 +105,7 @@ __all__ = [
     "VdfmuError", "__version__", "animate", "build_fmus", "federate", "forward_dynamics", "forward_kinematics",
     "gravity_torque", "inverse_dynamics", "jacobian", "linearize", "load_motion", "load_robot", "load_scenario",
     "load_ssp", "mass_matrix", "natural_modes", "package_limit", "robot_from_mjcf", "robot_from_urdf", "robot_names",
-    "run", "scenario_names", "simulate", "sweep", "tune", "write_container", "write_osp", "write_ssp",
+    "run", "scenario_names", "simulate", "sweep", "tune", "write_container", "write_ssp",
 ]  # fmt: skip
 
 

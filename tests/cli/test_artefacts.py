@@ -13,13 +13,12 @@ WRITERS = [
     ("ssp planar_tracking --backend python", 1),
     ("ssp slider_tracking --backend native", 1),
     ("ssp planar_tracking --format 2.0", 1),
-    ("ssp planar_tracking --format osp", 1),
     ("container planar_tracking", 1),
     ("container slider_tracking --step 0.0005", 1),
     ("run planar_tracking --stop 0.02 --no-reference", 1),
     ("reference planar_tracking", 2),
 ]
-"""Commands, and how many files they write that can be checked: the FMUs beside an OSP description go with it."""
+"""Commands, and how many files they write that can be checked."""
 READERS = {
     "cache",
     "check",
@@ -53,13 +52,7 @@ def test_what_a_command_writes_has_no_problems(command, count, tmp_path, monkeyp
     monkeypatch.chdir(tmp_path)
     done = CliRunner().invoke(app, command.split())
     assert done.exit_code == 0, done.output
-    beside = {path.parent for path in tmp_path.rglob("OspSystemStructure.xml")}
-    files = [
-        path
-        for pattern in ("*.fmu", "*.ssp", "*.ssd", "OspSystemStructure.xml")
-        for path in tmp_path.rglob(pattern)
-        if path.suffix == ".xml" or path.parent not in beside
-    ]
+    files = [path for pattern in ("*.fmu", "*.ssp", "*.ssd") for path in tmp_path.rglob(pattern)]
     assert len(files) == count
     for path in files:
         report = inspect_file(path)

@@ -12,7 +12,7 @@ from vdfmu.cli import doctor, extras
 from vdfmu.cli.commands import app
 
 PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
-OURS = {"test", "bench", "docs", "dev"}
+OURS = {"test", "docs", "dev"}
 
 
 def declared(_: str) -> list[str]:

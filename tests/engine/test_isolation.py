@@ -442,7 +442,7 @@ def fleeing(package, monkeypatch, tmp_path):
     [
         ("os._exit(3)", r"ended \(3\) after this call had returned"),
         ("os.kill(os.getpid(), 9)", r"ended \(SIGKILL\) after this call had returned"),
-        ("time.sleep(60)", "did not go on within 3 s after this call had returned"),
+        ("time.sleep(60)", "did not continue within 3 s after this call had returned"),
         (
             "raise ZeroDivisionError('ours')",
             "ZeroDivisionError: ours .* a fault of vdfmu, not of a component",

@@ -74,10 +74,10 @@ def test_the_last_step_is_cut_at_the_stop(system):
 
 def test_steps_that_do_not_go_together_are_refused(system):
     with pytest.raises(
-        UsageError, match=r"s: its step 0\.5 s is no whole multiple of the communication step 0\.2 s"
+        UsageError, match=r"s: its step 0\.5 s is not a whole multiple of the communication step 0\.2 s"
     ):
         simulate(system(), stop=2.0, step=0.2)
-    with pytest.raises(UsageError, match=r"s: its step 0\.05 s is no whole multiple"):
+    with pytest.raises(UsageError, match=r"s: its step 0\.05 s is not a whole multiple"):
         simulate(system(step=0.05), stop=2.0, step=0.5)
     with pytest.raises(UsageError, match="s: have steps of their own, and iterative takes one step for all"):
         simulate(system(), stop=2.0, step=0.25, algorithm="iterative")

@@ -125,31 +125,6 @@ def unit(*arguments, **options) -> tuple[str, bytes]:
     return "x.fmu", fmu(*arguments, **options)
 
 
-def osp(inner: str, version="0.1") -> tuple[str, bytes]:
-    text = (
-        '<OspSystemStructure xmlns="http://opensimulationplatform.com/MSMI/OSPSystemStructure" '
-        f'version="{version}">{inner}</OspSystemStructure>'
-    )
-    return "OspSystemStructure.xml", text.encode()
-
-
-def osp_system(*links: str, value="", second="b") -> tuple[str, bytes]:
-    """Return two simulators of an FMU that lies beside the file, with connections such as ``a.y b.u``."""
-    items = "".join(
-        "<VariableConnection>"
-        + "".join('<Variable simulator="{}" name="{}"/>'.format(*end.split(".")) for end in link.split())
-        + "</VariableConnection>"
-        for link in links
-    )
-    given = (
-        f'<InitialValues><InitialValue variable="k">{value}</InitialValue></InitialValues>' if value else ""
-    )
-    return osp(
-        f'<Simulators><Simulator name="a" source="m.fmu">{given}</Simulator><Simulator name="{second}" source="m.fmu"/>'
-        f"</Simulators>{f'<Connections>{items}</Connections>' if items else ''}"
-    )
-
-
 def entries(*changes) -> tuple[str, bytes]:
     """Return a package with more entries, each made by a function of the zip file."""
     box = io.BytesIO(package(component())[1])
@@ -299,12 +274,6 @@ BROKEN = {
         "extra/org.example/fmi-ls-manifest.xml":
         '<m xmlns:fmi-ls="http://fmi-standard.org/fmi-ls-manifest" fmi-ls:fmi-ls-version="1.0"/>'
     }),
-    "OSP001": lambda: osp("<Foo/>"),
-    "OSP002": lambda: osp("<Algorithm>none</Algorithm>"),
-    "OSP003": lambda: osp_system(second="a"),
-    "OSP004": lambda: osp_system(value='<Real value="-1"/>'),
-    "OSP005": lambda: osp_system("a.y b.y"),
-    "OSP006": lambda: osp_system("a.y b.u", "b.y b.u"),
     "RUN006": lambda: unit(),
     "RUN007": lambda: package(
         component(),
@@ -320,7 +289,7 @@ BROKEN = {
     "SRC001": lambda: ("x.toml", b"name = 3"),
     "SRC002": lambda: (
         "x.toml",
-        b'name = "x"\nkind = "cosimulation"\nrobot = "planar_2dof"\nstop = 1.0\nstep = 0.001\n'
+        b'name = "x"\nrobot = "planar_2dof"\nstop = 1.0\nstep = 0.001\n'
         b"[trajectory]\nq_start = [90.0, 0.0]\n",
     ),
 }  # fmt: skip
@@ -345,8 +314,6 @@ def test_a_file_that_breaks_a_rule_is_found_by_its_number(rule, tmp_path, monkey
         monkeypatch.setattr(parse, "schema_of", lambda *_: None)
     name, content = BROKEN[rule]()
     (tmp_path / name).write_bytes(content)
-    if name.endswith(".xml"):
-        (tmp_path / "m.fmu").write_bytes(fmu())
     assert rule in numbers(tmp_path / name)
 
 
@@ -405,7 +372,7 @@ def test_the_page_of_the_rules_is_that_of_the_list():
     assert (
         "\n".join(["| rule | severity | what holds | way out |", "| --- | --- | --- | --- |", *rows]) in page
     )
-    assert re.findall(r"^\| ((?:PKG|SSP|FMI|OSP|RUN|SRC)\d+) ", page, re.MULTILINE) == list(RULES)
+    assert re.findall(r"^\| ((?:PKG|SSP|FMI|RUN|SRC)\d+) ", page, re.MULTILINE) == list(RULES)
 
 
 @pytest.mark.heavy

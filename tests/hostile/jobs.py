@@ -47,7 +47,7 @@ def _urdf(folder: Path) -> None:
 
 def _motion(folder: Path) -> None:
     (folder / "motion.toml").write_text(
-        'name = "m"\nkind = "cosimulation"\nrobot = "planar_2dof"\nstop = 1.5\nstep = 1e-3\n[motion]\n'
+        'name = "m"\nrobot = "planar_2dof"\nstop = 1.5\nstep = 1e-3\n[motion]\n'
         'kind = "waypoints"\npoints = [[0, 0], [0.5, 0.4]]\nvelocity = 1.5\nacceleration = [4.0, 6.0]\n'
     )
 
@@ -74,7 +74,6 @@ _PACKAGE = ("ssp", "planar_tracking", "--out", "arm.ssp")
 _SIMULATE = ("simulate", "arm.ssp", "--out", "out", "--stop")
 _BUILD = ("build", "planar_tracking", "--out", "out")
 _SSP = ("ssp", "planar_tracking", "--out", "out/arm.ssp")
-_OSP = ("ssp", "planar_tracking", "--format", "osp", "--out", "out")
 _CONTAINER = ("container", "planar_tracking", "--out", "out/arm.fmu")
 _IDENTIFY = ("identify", "out/results.csv", "--robot", "planar_2dof", "--overwrite", "-o", "robot.toml")
 JOBS = {
@@ -94,7 +93,6 @@ JOBS = {
     "tune, more": Job((*_TUNE, "5"), ((*_TUNE, "3"),)),
     "build": Job(_BUILD, ((*_BUILD, *_OTHER),)),
     "ssp": Job(_SSP, ((*_SSP, *_OTHER),)),
-    "osp": Job(_OSP, ((*_OSP, *_OTHER),)),
     "container": Job(_CONTAINER, ((*_CONTAINER, *_OTHER),)),
     "reference": Job(("reference", "planar_tracking", "--out", "out")),
     "report": Job(("report", "out"), (_EARLIER,)),

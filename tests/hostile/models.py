@@ -16,7 +16,6 @@ from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.data import data_path
 from vdfmu.compiler.fmu.build import build_notes
 from vdfmu.engine.run import simulate
-from vdfmu.study.run.contrast import contrast
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario import Scenario, load_scenario
 from vdfmu.system.scenario.check import model_notes
@@ -96,7 +95,7 @@ def robot_file(number: int, folder: Path) -> Robot:
 
 def scenario_file(number: int, folder: Path) -> Scenario:
     """Read a scenario; one that is taken runs some steps to finite signals."""
-    names = ("planar_tracking", "planar_tracking", "planar_tracking", "contrast")
+    names = ("planar_tracking", "planar_tracking", "planar_tracking", "tracking")
     scenario = load_scenario(_written("scenarios", number, folder, names, 3))
     model_notes(scenario)
     if scenario.robot.name == "planar_2dof":
@@ -116,10 +115,6 @@ def robot_run(number: int, folder: Path) -> None:
 
 
 def _run(scenario: Scenario, folder: Path) -> None:
-    if scenario.kind == "contrast":
-        study = contrast(scenario)
-        _finite("a torque", *(study.results()[name] for name in study.results().names))
-        return
     scenario = dataclasses.replace(scenario, stop=5 * scenario.step)
     package = write_ssp(scenario, cached_fmus(scenario, folder), folder / "s.ssp", system_values(scenario))
     results = simulate(

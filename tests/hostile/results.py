@@ -17,6 +17,7 @@ import numpy as np
 
 import vdfmu
 from tests.hostile.table import Corpus
+from vdfmu.engine.simulate import run_system
 from vdfmu.study.identify.log import read_log
 from vdfmu.study.report.page import read_run, report_page
 from vdfmu.study.report.sheets import sheets
@@ -29,12 +30,12 @@ _VALUES: tuple[Any, ...] = (
 
 @cache
 def _runs() -> list[Path]:
-    """Return folders of a run with an arm, of one of a package, and of the contrast."""
+    """Return folders of a run with an arm and of one of a package."""
     home = Path(mkdtemp(prefix="vdfmu_hostile_runs_"))
     atexit.register(shutil.rmtree, home, ignore_errors=True)
     vdfmu.run("planar_tracking", stop=0.02, out=home / "arm")
-    vdfmu.run("contrast", out=home / "contrast")
-    return [home / "arm", home / "contrast"]
+    run_system(home / "arm" / "system.ssp", stop=0.02, out=home / "package")
+    return [home / "arm", home / "package"]
 
 
 def _places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:

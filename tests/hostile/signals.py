@@ -24,7 +24,6 @@ COMMANDS = (
     Job(BUILD, ((*BUILD, *OTHER),), cold=True),
     Job((*RUN, "0.2"), ((*RUN, "0.1"),), together=True, cold=True),
     Job((*RUN, "0.05", "--backend", "python"), ((*RUN, "0.1"),), together=True),
-    Job(("run", "contrast", "--out", "out"), ((*RUN, "0.1"),), together=True),
     Job(
         ("simulate", "arm.ssp", "--out", "out", "--stop", "1.0", "--isolate"), (_PACKAGE, (*RUN, "0.1")), together=True
     ),

@@ -15,21 +15,14 @@ from benchmarks.importers import ask_rows
 from benchmarks.interop import CASES, EXACT_STEP, Case, drive, examine
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.engine.container import write_container
-from vdfmu.system.package.osp import write_osp
 from vdfmu.system.package.write import write_ssp
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "importers.md"
-# Not the OSP folder of Python FMUs: it takes 10 s to show what two other cases show
-TESTED = [
-    case
-    for case in CASES
-    if case.tool in ("ecos", "libcosim", "fmpy.simulate_fmu") and (case.form, case.kind) != ("OSP", "python")
-]
+TESTED = [case for case in CASES if case.tool in ("ecos", "libcosim", "fmpy.simulate_fmu")]
 
 # What must run whatever the page says
 MUST_RUN = {
     *(Case(tool, "SSP 1.0", kind, "2.0") for tool in ("ecos", "libcosim") for kind in ("python", "native")),
-    Case("libcosim", "OSP", "native", "2.0"),
     Case("fmpy.simulate_fmu", "one FMU", "native", "2.0"),
     *(
         Case("fmpy.simulate_fmu", "single units", *u)
@@ -155,12 +148,6 @@ def test_ecos_applies_the_set_that_it_is_told(tracking, require, package):
 def test_libcosim_applies_the_first_set_of_each_component(tracking, require, package):
     require("libcosim")
     assert error_of(tracking, package, importer="libcosim") < TO_REFERENCE
-
-
-def test_libcosim_applies_the_initial_values_of_osp(tracking, require, bare, tmp_path):
-    require("libcosim")
-    folder = write_osp(tracking.scenario, bare, tmp_path / "osp").parent
-    assert error_of(tracking, folder, importer="libcosim") < TO_REFERENCE
 
 
 @pytest.mark.heavy

@@ -21,6 +21,10 @@ class UnitOfMeasurement:
     """Display unit to its factor, ``value in display unit = factor * value``."""
 
 
+POSITIVE = 1e-12
+"""Smallest value of what must be positive, in SI units: smaller ones underflow in products."""
+LARGEST_NUMBER = 1e12
+"""Largest absolute value of a number that has no bound of its own."""
 _BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 _DERIVED = {
     "N": {"kg": 1, "m": 1, "s": -2},

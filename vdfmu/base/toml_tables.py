@@ -16,13 +16,10 @@ import numpy as np
 import numpy.typing as npt
 
 from vdfmu.base.errors import ModelError
+from vdfmu.base.measure import LARGEST_NUMBER, POSITIVE
 from vdfmu.base.text import shown as written_out
 
 FloatArray = npt.NDArray[np.float64]
-POSITIVE = 1e-12
-"""Smallest value of what must be positive, in SI units: smaller ones underflow in products."""
-LARGEST_NUMBER = 1e12
-"""Largest absolute value of a number that has no bound of its own."""
 
 
 class Problems:

@@ -15,6 +15,7 @@ import typer
 from vdfmu.base.bars import Bars, errors
 from vdfmu.base.progress import LOG, showing
 from vdfmu.base.version import __version__
+from vdfmu.cli.options import expanded
 from vdfmu.cli.terminal import console
 
 _Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -77,23 +78,23 @@ def showing_signs(title: str) -> _Decorator:
     """Give a command the options of all, and bars below a title while it runs."""
 
     def shown(function: Callable[..., Any]) -> Callable[..., Any]:
+        parameters, read = expanded(function)
+
         @wraps(function)
         def command(*, quiet: bool, verbose: bool, **options: Any) -> None:
             look(quiet, verbose)
             with Bars(title) as bars, showing(bars.update):
                 console.bars = bars
                 try:
-                    function(**options)
+                    function(**read(options))
                 finally:
                     console.bars = None
 
-        given = inspect.signature(function, eval_str=True)
         more = [
             inspect.Parameter(word, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=option)
             for word, option in (("quiet", QuietOption), ("verbose", VerboseOption))
         ]
-        parameters = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in given.parameters.values()]
-        command.__signature__ = given.replace(parameters=[*parameters, *more])  # type: ignore[attr-defined]
+        command.__signature__ = inspect.Signature([*parameters, *more])  # type: ignore[attr-defined]
         return command
 
     return shown

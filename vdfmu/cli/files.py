@@ -13,6 +13,7 @@ import typer
 
 from vdfmu.base.errors import StorageError
 from vdfmu.base.files import require_ours
+from vdfmu.base.option import read_settings
 from vdfmu.base.text import first_few
 from vdfmu.cli.terminal import (
     BackendOption,
@@ -24,7 +25,6 @@ from vdfmu.cli.terminal import (
     errors,
     fail,
     load,
-    parse_settings,
     say,
     say_notes,
 )
@@ -67,7 +67,7 @@ def build(
     if chosen is None:
         unit = find_unit(scenario)
         fixed = load_robot(robot) if robot is not None else None
-        values = start_values(unit, fixed, parse_settings(settings))
+        values = start_values(unit, fixed, read_settings(settings))
         built = build_fmus(
             fixed,
             out,
@@ -91,7 +91,7 @@ def _values(scenario: Scenario, backend: str | None, settings: list[str] | None)
     from vdfmu.system.scenario.values import system_values
 
     say_notes([*model_notes(scenario), *build_notes(scenario.robot, backend)])
-    return system_values(scenario, parse_settings(settings))
+    return system_values(scenario, read_settings(settings))
 
 
 def container(
@@ -128,40 +128,34 @@ def ssp(
         str,
         typer.Option(
             "--format",
-            help="1.0 or 2.0: version of SSP, 2.0 with native units of FMI 3.0. osp: a folder for libcosim.",
+            help="1.0 or 2.0: version of SSP, 2.0 with native units of FMI 3.0.",
         ),
     ] = "1.0",
     out: Annotated[
         Path | None,
-        typer.Option(
-            help="File to write, default SCENARIO.ssp or SCENARIO_2.0.ssp; with osp a folder, default SCENARIO_osp."
-        ),
+        typer.Option(help="File to write, default SCENARIO.ssp or SCENARIO_2.0.ssp."),
     ] = None,
     backend: BackendOption = None,
     settings: SetOption = None,
 ) -> None:
-    """Pack the system of a scenario as an SSP or for libcosim, with FMUs and parameters inside.
+    """Pack the system of a scenario as an SSP, with FMUs and parameters inside.
 
     The FMUs have the scenario's values as start values too, for importers that do not apply all parameter sets.
     """
     chosen = load(scenario, robot, settings)
     from vdfmu.base.temporary import temporary_folder
-    from vdfmu.system.package.osp import write_osp
     from vdfmu.system.package.versions import fmi_of_format
     from vdfmu.system.package.write import write_ssp
     from vdfmu.system.scenario.parts import build_parts
 
     fmi_version = fmi_of_format(form, backend)
     name = chosen.name if form == "1.0" else f"{chosen.name}_{form}"
-    target = out or Path(f"{chosen.name}_osp" if form == "osp" else f"{name}.ssp")
+    target = out or Path(f"{name}.ssp")
     require_ours(target)
     values = _values(chosen, backend, settings)
     with temporary_folder("vdfmu_") as folder:
         fmus = build_parts(chosen, folder, values, backend=backend, fmi_version=fmi_version)
-        if form == "osp":
-            say(str(write_osp(chosen, fmus, target, values)))
-        else:
-            say(str(write_ssp(chosen, fmus, target, values, version=form)))
+        say(str(write_ssp(chosen, fmus, target, values, version=form)))
 
 
 def reference(
@@ -179,7 +173,7 @@ def reference(
     from vdfmu.system.scenario.values import system_values
 
     fmi_of_format("2.0", None)
-    written = write_reference(chosen, out, system_values(chosen, parse_settings(settings)))
+    written = write_reference(chosen, out, system_values(chosen, read_settings(settings)))
     for path in written:
         say(str(path))
 
@@ -187,9 +181,7 @@ def reference(
 def check(
     file: Annotated[
         Path,
-        typer.Argument(
-            help="An FMU, SSP, SSD or OSP file of any tool; a robot, scenario or system file; my_unit.py."
-        ),
+        typer.Argument(help="An FMU, SSP or SSD of any tool; a robot, scenario or system file; my_unit.py."),
     ],
     no_run: Annotated[bool, typer.Option("--no-run", help="Read only; do not run the units' code.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,

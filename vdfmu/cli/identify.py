@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from vdfmu.base.option import read_settings
 from vdfmu.cli.robots import OverwriteOption, target_file
-from vdfmu.cli.terminal import console, parse_settings, say, say_notes
+from vdfmu.cli.terminal import console, say, say_notes
 
 if TYPE_CHECKING:
     from vdfmu.study.identify.fit import Identified
@@ -52,7 +53,7 @@ def identify(
     true = load_robot(truth) if truth is not None else None
     targets = {path: target_file(path, "", overwrite) for path in (plot, out) if path is not None}
     found = estimate(
-        read_log(log, arm, parse_settings(column, "--column", "WHAT=NAME, such as q=q_{}")), arm, band=band
+        read_log(log, arm, read_settings(column, "--column", "WHAT=NAME, such as q=q_{}")), arm, band=band
     )
     _print(found, arm.joint_labels, None if true is None else found.of(true))
     say_notes([f"not identified, kept: {name}: {why}" for name, why in found.held.items()])

@@ -7,13 +7,13 @@ from typing import Annotated
 
 import typer
 
+from vdfmu.base.option import read_settings
 from vdfmu.cli.terminal import (
     BackendOption,
     RobotOption,
     SetOption,
     console,
     load,
-    parse_settings,
     say_error,
     say_notes,
 )
@@ -57,7 +57,7 @@ def margins(
         raise UsageError(f"margins: --robot is for a scenario; {system} has its own.")
     found = margins_along(
         system if package else load(system, robot), opened or ["plant.tau"], at, growth=growth, master=master,
-        settings=parse_settings(settings), backend=backend,
+        settings=read_settings(settings), backend=backend,
     )  # fmt: skip
     table = Table("t", "opened at", "modulus", "gain", "phase", "delay", "largest pole", box=None)
     for t, each, growing in zip(found.times, found.margins, found.growing, strict=True):

@@ -4,130 +4,36 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Unpack
 
 import typer
 
 from vdfmu.base.errors import UsageError
+from vdfmu.base.option import pick
+from vdfmu.cli.options import typer_option
 from vdfmu.cli.terminal import (
-    BackendOption,
-    RobotOption,
     ScenarioArgument,
-    SetOption,
     UnpackOption,
-    complete_robot,
     console,
     load,
-    parse_settings,
     say,
     say_notes,
     tell,
     unit_messages,
 )
 from vdfmu.cli.view import LiveOption, PortOption, SpeedOption, live_view
-from vdfmu.engine.algorithms import choice
-from vdfmu.engine.results.formats import FORMATS, choice_of_formats
-
-StepOption = Annotated[float | None, typer.Option(help="Communication step in seconds.")]
-StopOption = Annotated[float | None, typer.Option(help="End of the run in seconds.")]
-MasterOption = Annotated[str | None, typer.Option(help=f"{choice()}.")]
-AdaptiveOption = Annotated[
-    float | None,
-    typer.Option(
-        help="Relative error of a coupled signal that a communication step may have; steps are shortened to it.",
-        show_default=False,
-    ),
-]
-OverwriteOption = Annotated[
-    bool,
-    typer.Option("--overwrite", help="Replace files of these names too that no run wrote."),
-]
-
-InputOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--input",
-        metavar="FILE.csv",
-        help="Signals for inputs that nothing is connected to: columns time and, say, 'plant.F_e[1] [N]'. Repeatable.",
-    ),
-]
-HoldOption = Annotated[
-    bool,
-    typer.Option(
-        "--input-hold", help="Hold the values of --input until the next row; else they run linearly."
-    ),
-]
-UnitOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="COMPONENT=UNIT",
-        help="Unit in place of a component's: my_unit.py, my_units.py:Name, or an FMU of any tool. Repeatable.",
-    ),
-]
-
-FormatOption = Annotated[
-    str,
-    typer.Option(
-        "--format",
-        metavar="|".join(suffix[1:] for suffix in FORMATS),
-        help=f"Files of the results: {choice_of_formats()}.",
-    ),
-]
+from vdfmu.engine.options import PackageOptions, SystemOptions
+from vdfmu.study.options import RobotOptions, ScenarioOptions, ScenarioRunOptions
 
 PackageArgument = Annotated[
     Path, typer.Argument(help="A system package of SSP 1.0 or 2.0, of this or any other tool.")
-]
-VariantOption = Annotated[
-    str, typer.Option(metavar="SSD", help="The SSD to run, where the package has several.")
-]
-StartOption = Annotated[float | None, typer.Option(help="Start of the run in seconds.")]
-ToleranceOption = Annotated[float | None, typer.Option(help="Relative tolerance for the units' solvers.")]
-RecordOption = Annotated[
-    list[str] | None,
-    typer.Option(metavar="SIGNAL", help="Signals to record, such as 'plant.q[*]'; default all. Repeatable."),
-]
-ValueOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="COMPONENT.VARIABLE=VALUE",
-        help="Set a parameter or input; without an index, of all elements. Repeatable.",
-    ),
-]
-UnmatchedOption = Annotated[
-    bool,
-    typer.Option(
-        "--ignore-unmatched", help="Ignore values of the package's parameter sets that no variable takes."
-    ),
 ]
 
 
 def run(
     context: typer.Context,
     scenario: ScenarioArgument = "tracking",
-    robot: RobotOption = None,
-    step: StepOption = None,
-    stop: StopOption = None,
-    master: MasterOption = None,
-    adaptive: AdaptiveOption = None,
-    out: Annotated[Path | None, typer.Option(help="Folder of the results; default results/SCENARIO.")] = None,
-    overwrite: OverwriteOption = False,
-    no_reference: Annotated[
-        bool, typer.Option("--no-reference", help="Do not solve the references.")
-    ] = False,
-    backend: BackendOption = None,
-    fmi: Annotated[str, typer.Option(help="Version of FMI: 2.0, or 3.0 for native FMUs.")] = "2.0",
-    settings: SetOption = None,
-    unit: UnitOption = None,
-    inputs: InputOption = None,
-    input_hold: HoldOption = False,
-    formats: FormatOption = "csv",
-    pictures: Annotated[
-        str, typer.Option("--pictures", help="Kinds of the figures: png, svg and pdf, separated by commas.")
-    ] = "png",
-    simulate: Annotated[
-        bool, typer.Option("--simulate", help="Let report.html run the scenario again, with sliders.")
-    ] = False,
+    *,
     study: Annotated[
         Path | None,
         typer.Option(
@@ -143,6 +49,7 @@ def run(
     live: LiveOption = False,
     speed: SpeedOption = None,
     port: PortOption = None,
+    **options: Unpack[ScenarioRunOptions],
 ) -> None:
     """Run a scenario: build what is stale, co-simulate, solve the references, compare, write tables and figures.
 
@@ -154,15 +61,11 @@ def run(
     }.get(Path(scenario).suffix.lower())
     if way:
         raise UsageError(f"{scenario}: expected a scenario; this {way}.")
-    given: dict[str, Any] = {
-        "units": parse_settings(unit, "--unit", "COMPONENT=UNIT, such as controller=my_unit.py")
-    }
-    given |= {"step": step, "stop": stop, "master": master, "adaptive": adaptive, "inputs": inputs}
-    given |= {"input_hold": input_hold or None, "settings": parse_settings(settings)}
+    given: dict[str, Any] = {**options}
     if study is None:
         if row is not None or by is not None:
             raise UsageError("row, by: expected --from with a parameter study, of which they choose a point.")
-        given["scenario"] = load(scenario, robot)
+        given["scenario"] = load(scenario, given.pop("robot"))
     else:
         from vdfmu.study.sweeps.study import Sweep
 
@@ -174,10 +77,10 @@ def run(
         found = Sweep(study)
         point = found.options(row or "worst", by)
         say_notes(found.notes)
-        chosen = {name: value for name, value in given.items() if value not in (None, {}, [])}
-        given = point | chosen | {"units": {**point.get("units", {}), **given["units"]}}
-        given["settings"] = point["settings"] | parse_settings(settings)
-        given["robot"] = robot or point.get("robot")
+        changed = pick(ScenarioOptions, options)
+        given |= point | {name: value for name, value in changed.items() if value not in (None, {}, [])}
+        for name in ("units", "settings"):
+            given[name] = point.get(name, {}) | (options[name] or {})
     from vdfmu.study.report import tables
     from vdfmu.study.report.sheets import sheets
     from vdfmu.study.run.scenario_run import RUN_OUTPUTS
@@ -185,73 +88,33 @@ def run(
 
     with live_view(live, port, speed) as observer:
         with unit_messages() as log:
-            results = run_study(
-                **given,
-                out=out,
-                overwrite=overwrite,
-                reference=not no_reference,
-                backend=backend,
-                fmi_version=fmi,
-                formats=formats.split(","),
-                pictures=pictures.split(","),
-                simulate=simulate,
-                log=log,
-                observer=observer,
-            )
+            given |= {"log": log, "observer": observer}
+            results = run_study(**given)
         summary = results.summary
         passed = summary["verdict"]["passed"]
         tell(tables.run_panel(summary), *map(tables.sheet_table, sheets(summary)))
         (tell if passed else console.print)(tables.verdict_table(summary))
-        _say_written(out if out is not None else Path("results") / summary["scenario"], RUN_OUTPUTS)
+        _say_written(Path(options["out"] or Path("results", summary["scenario"])), RUN_OUTPUTS)
     if not passed:
         raise typer.Exit(1)
 
 
 def simulate(
     package: PackageArgument,
-    variant: VariantOption = "SystemStructure.ssd",
-    start: StartOption = None,
-    stop: StopOption = None,
-    step: StepOption = None,
-    master: MasterOption = None,
-    adaptive: AdaptiveOption = None,
-    tolerance: ToleranceOption = None,
-    out: Annotated[Path | None, typer.Option(help="Folder of the results; default results/NAME_ssp.")] = None,
-    overwrite: OverwriteOption = False,
-    record: RecordOption = None,
-    settings: ValueOption = None,
-    inputs: InputOption = None,
-    input_hold: HoldOption = False,
-    ignore_unmatched: UnmatchedOption = False,
+    *,
     unpack_limit: UnpackOption = None,
-    isolate: Annotated[
-        bool | None,
-        typer.Option(
-            "--isolate/--no-isolate",
-            help="Run the components in a process of their own, which they may crash. Default: where an FMU was not "
-            "built by this project.",
-            show_default=False,
-        ),
-    ] = None,
-    time_limit: Annotated[
-        float | None, typer.Option(help="Seconds that isolated components have for a step; default 300.")
-    ] = None,
-    memory_limit: Annotated[
-        float | None,
-        typer.Option(help="Memory in MB that isolated components have; default half of the machine's."),
-    ] = None,
-    formats: FormatOption = "csv",
-    plot: Annotated[bool, typer.Option("--plot", help="Draw the signals: signals.png.")] = False,
     live: LiveOption = False,
     speed: SpeedOption = None,
     port: PortOption = None,
     robot: Annotated[
         str | None,
-        typer.Option(
+        typer_option(
+            RobotOptions,
+            "robot",
             help="Of --live: whose arm it is, a name or the path of a TOML file; plant.q are its positions.",
-            autocompletion=complete_robot,
         ),
     ] = None,
+    **options: Unpack[SystemOptions],
 ) -> None:
     """Run a system package, and write its signals.
 
@@ -260,12 +123,8 @@ def simulate(
     if robot is not None and not live:
         raise UsageError("--robot: expected --live, which it is for.")
     with live_view(live, port, speed, robot) as observer:
-        _run_package(
-            package, out, unpack_limit, settings, record, formats, variant=variant, start=start, stop=stop, step=step,
-            master=master, adaptive=adaptive, tolerance=tolerance, inputs=inputs, input_hold=input_hold,
-            ignore_unmatched=ignore_unmatched, isolate=isolate, time_limit=time_limit, memory_limit=memory_limit,
-            overwrite=overwrite, plot=plot, observer=observer,
-        )  # fmt: skip
+        options["observer"] = observer
+        _run_package(package, unpack_limit, **options)
 
 
 def federate(
@@ -278,6 +137,7 @@ def federate(
             "Repeatable.",
         ),
     ],
+    *,
     only: Annotated[
         str | None,
         typer.Option(
@@ -295,27 +155,8 @@ def federate(
         str,
         typer.Option(help="How HELICS carries messages: tcp_ss, tcp, zmq, or ipc on one machine."),
     ] = "tcp_ss",
-    variant: VariantOption = "SystemStructure.ssd",
-    start: StartOption = None,
-    stop: StopOption = None,
-    step: StepOption = None,
-    tolerance: ToleranceOption = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Folder of the results; default results/NAME_ssp, or NAME_ssp_FEDERATE."),
-    ] = None,
-    overwrite: OverwriteOption = False,
-    formats: FormatOption = "csv",
-    record: RecordOption = None,
-    settings: ValueOption = None,
-    inputs: InputOption = None,
-    input_hold: HoldOption = False,
-    ignore_unmatched: UnmatchedOption = False,
     unpack_limit: UnpackOption = None,
-    time_limit: Annotated[
-        float | None,
-        typer.Option(help="Seconds that a step may take, and each wait for others; default 300."),
-    ] = None,
+    **options: Unpack[PackageOptions],
 ) -> None:
     """Run a system package in several processes, on this machine or on several, joined by HELICS.
 
@@ -324,14 +165,10 @@ def federate(
     from vdfmu.engine.federation import Federation
     from vdfmu.engine.simulate import default_folder
 
-    if out is None and only is not None:
+    if options["out"] is None and only is not None:
         folder = default_folder(package)
-        out = folder.with_name(f"{folder.name}_{only}")
-    _run_package(
-        package, out, unpack_limit, settings, record, formats, variant=variant, start=start, stop=stop, step=step,
-        tolerance=tolerance, inputs=inputs, input_hold=input_hold, ignore_unmatched=ignore_unmatched,
-        time_limit=time_limit, overwrite=overwrite, federation=Federation(split, only, broker, core),
-    )  # fmt: skip
+        options["out"] = folder.with_name(f"{folder.name}_{only}")
+    _run_package(package, unpack_limit, **options, federation=Federation(split, only, broker, core))
 
 
 def report(
@@ -362,15 +199,7 @@ def report(
     say(f"Written to {write_report(runs, out or default, simulate=simulate)}")
 
 
-def _run_package(
-    package: Path,
-    out: Path | None,
-    unpack_limit: int | None,
-    settings: list[str] | None,
-    record: list[str] | None,
-    formats: str,
-    **options: Any,
-) -> None:
+def _run_package(package: Path, unpack_limit: int | None, **options: Unpack[SystemOptions]) -> None:
     """Run a package with what a command line says, and print what the run was."""
     from vdfmu.engine.package.limits import package_limit
     from vdfmu.engine.results.folder import SYSTEM_OUTPUTS
@@ -378,12 +207,10 @@ def _run_package(
     from vdfmu.study.report import tables
 
     with unit_messages() as log, package_limit(unpack_limit):
-        results = run_system(
-            package, settings=parse_settings(settings), record=record or None, out=out, formats=formats.split(","),
-            log=log, **options,
-        )  # fmt: skip
+        options["log"] = log
+        results = run_system(package, **options)
     tell(tables.run_panel(results.summary))
-    _say_written(out or default_folder(package), SYSTEM_OUTPUTS)
+    _say_written(Path(options["out"] or default_folder(package)), SYSTEM_OUTPUTS)
 
 
 def _say_written(folder: Path, outputs: Sequence[str]) -> None:

@@ -3,31 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Unpack
 
 import typer
 from typer.core import TyperGroup
 
 from vdfmu.cli.app import App
-from vdfmu.cli.runs import (
-    AdaptiveOption,
-    HoldOption,
-    InputOption,
-    MasterOption,
-    StepOption,
-    StopOption,
-    UnitOption,
-)
-from vdfmu.cli.terminal import (
-    BackendOption,
-    RobotOption,
-    SetOption,
-    console,
-    parse_settings,
-    say,
-    say_notes,
-    tell,
-)
+from vdfmu.cli.terminal import console, say, say_notes, tell
+from vdfmu.study.options import SweepOptions
 
 _SHOWN = 5
 """Failed points that are listed."""
@@ -70,53 +53,7 @@ def run(
             "factors, *lin(0.9, 1.1). Repeatable.",
         ),
     ] = None,
-    sample: Annotated[
-        str,
-        typer.Option(
-            help="grid, lhs, sobol, random, saltelli, morris, or a CSV file: a line of targets, then points."
-        ),
-    ] = "grid",
-    n: Annotated[int | None, typer.Option("--n", help="Number of points, but of a grid or file.")] = None,
-    seed: Annotated[int, typer.Option(help="Of what is drawn.")] = 0,
-    measure: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=EXPRESSION",
-            help="What is kept of a run, such as 'error=rms(trajectory.q_d - plant.q)'. Repeatable.",
-        ),
-    ] = None,
-    keep: Annotated[
-        list[str] | None,
-        typer.Option(metavar="SIGNAL", help="Signals to keep whole, such as 'plant.q[*]'. Repeatable."),
-    ] = None,
-    settings: SetOption = None,
-    robot: RobotOption = None,
-    unit: UnitOption = None,
-    step: StepOption = None,
-    stop: StopOption = None,
-    master: MasterOption = None,
-    adaptive: AdaptiveOption = None,
-    inputs: InputOption = None,
-    input_hold: HoldOption = False,
-    backend: BackendOption = None,
-    engine: Annotated[
-        str | None,
-        typer.Option(help="fmu, or batch: several points at once. Default batch where all units are ours."),
-    ] = None,
-    workers: Annotated[int | None, typer.Option(help="Processes; default one a processor.")] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="Of a Dask scheduler, whose workers are taken instead."),
-    ] = None,
-    chunk: Annotated[
-        int | None, typer.Option(help="Points that a worker takes at a time; default by time.")
-    ] = None,
-    time_limit: Annotated[float | None, typer.Option(help="Seconds that a point has; default 600.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder; default results/sweep_SCENARIO.")] = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace another study in the folder.")
-    ] = False,
-    retry: Annotated[bool, typer.Option("--retry", help="Run points that failed again.")] = False,
+    **options: Unpack[SweepOptions],
 ) -> None:
     """Run a scenario at many points, and keep a row for each.
 
@@ -124,17 +61,11 @@ def run(
     """
     from vdfmu.study.sweeps.sweep import default_folder, sweep
 
-    folder = default_folder(scenario) if out is None else out
+    options["out"] = options["out"] or default_folder(scenario)
     try:
-        found = sweep(
-                scenario, over or (), sample=sample, n=n, seed=seed, measure=measure or None, keep=keep or (),
-                settings=parse_settings(settings), robot=robot, step=step, stop=stop, master=master, adaptive=adaptive,
-                units=parse_settings(unit, "--unit", "COMPONENT=UNIT, such as controller=my_unit.py") or None,
-                inputs=inputs, input_hold=input_hold or None, backend=backend, engine=engine, workers=workers,
-                scheduler=scheduler, chunk=chunk, time_limit=time_limit, out=folder, overwrite=overwrite, retry=retry,
-            )  # fmt: skip
+        found = sweep(scenario, over or (), **options)
     except KeyboardInterrupt as error:
-        error.add_note(f"What was done is in {folder}: give the same command again to go on.")
+        error.add_note(f"What was done is in {options['out']}: give the same command again to go on.")
         raise
     say_notes(found.notes)
     _say_measures(found)

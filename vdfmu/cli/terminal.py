@@ -15,9 +15,11 @@ import typer
 from rich.markup import escape
 
 from vdfmu.base.bars import Bars, EscapedTerminal, errors
-from vdfmu.base.errors import UsageError
+from vdfmu.base.option import read_settings
 from vdfmu.base.progress import LOG
 from vdfmu.base.text import elided, error_text, first_few
+from vdfmu.cli.options import typer_option
+from vdfmu.study.options import RobotOptions
 
 if TYPE_CHECKING:
     from rich.panel import Panel
@@ -59,13 +61,6 @@ def complete_scenario(incomplete: str) -> list[str]:
     return [name for name in (*scenario_names(), "reach") if name.startswith(incomplete)]
 
 
-def complete_robot(incomplete: str) -> list[str]:
-    """Complete the name of a robot in the shell."""
-    from vdfmu.arm.robot import robot_names
-
-    return [name for name in robot_names() if name.startswith(incomplete)]
-
-
 ScenarioArgument = Annotated[
     str,
     typer.Argument(
@@ -73,29 +68,9 @@ ScenarioArgument = Annotated[
         autocompletion=complete_scenario,
     ),
 ]
-RobotOption = Annotated[
-    str | None,
-    typer.Option(
-        "--robot",
-        help="Robot in place of the scenario's: a name or the path of a TOML file.",
-        autocompletion=complete_robot,
-    ),
-]
-BackendOption = Annotated[
-    str | None,
-    typer.Option(
-        "--backend", help="Kind of FMU, native or python; default native where its compiler is installed."
-    ),
-]
-SetOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="UNIT.PARAMETER=VALUE",
-        help="Set a parameter or free input; without an index, all elements, to one value or to one each: 0.3,-0.5. "
-        "Repeatable.",
-    ),
-]
+RobotOption = Annotated[str | None, typer_option(RobotOptions, "robot")]
+BackendOption = Annotated[str | None, typer_option(RobotOptions, "backend")]
+SetOption = Annotated[list[str] | None, typer_option(RobotOptions, "settings")]
 
 
 def _bytes(text: str) -> int:
@@ -152,22 +127,7 @@ def load(scenario: str, robot: str | None, settings: list[str] | None = None) ->
     from vdfmu.system.scenario.load import load_scenario
     from vdfmu.system.scenario.replace import with_payload
 
-    return with_payload(load_scenario(scenario, robot), parse_settings(settings))
-
-
-def parse_settings(
-    items: list[str] | None,
-    option: str = "--set",
-    form: str = "UNIT.PARAMETER=VALUE, such as controller.K_p[1]=3000",
-) -> dict[str, str]:
-    """Read ``--set`` options, or others of a form ``NAME=TEXT``: name to text."""
-    settings: dict[str, str] = {}
-    for item in items or []:
-        key, equals, value = item.partition("=")
-        if not equals or not key.strip() or not value.strip():
-            raise UsageError(f"{option} {item}: expected {form}.")
-        settings[key.strip()] = value.strip()
-    return settings
+    return with_payload(load_scenario(scenario, robot), read_settings(settings))
 
 
 def fail(error: object, code: int) -> NoReturn:

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vdfmu.base.errors import UsageError
-from vdfmu.cli.terminal import complete_robot, console, say, say_error, say_notes
+from vdfmu.cli.options import completing
+from vdfmu.cli.terminal import console, say, say_error, say_notes
+from vdfmu.study.options import known_robots
 
 if TYPE_CHECKING:
     from vdfmu.study.view.live import LiveView
@@ -44,7 +46,7 @@ def view(
         str,
         typer.Argument(
             help="Name of a shipped robot, or path of a robot file, a URDF or a MuJoCo file (MJCF).",
-            autocompletion=complete_robot,
+            autocompletion=completing(known_robots),
         ),
     ],
     base: Annotated[str | None, typer.Option(help="Of a URDF or MJCF: link that stands still.")] = None,

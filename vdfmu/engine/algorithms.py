@@ -16,7 +16,7 @@ class Algorithm:
     """How signals pass between components from one communication point to the next."""
 
     stepper: str
-    """``module:function``, which makes what steps the components of a `vdfmu.engine.masters.steppers.Coupling`."""
+    """``module:function``, which makes the stepper of a `vdfmu.engine.masters.steppers.Coupling`."""
     continuous: bool = False
     """Whether coupled signals are continuous, between the communication points too; else inputs hold over a step."""
     ordered: bool = False
@@ -24,7 +24,7 @@ class Algorithm:
     repeats: bool = False
     """Whether steps are repeated, from saved states, where components depend on each other."""
     reference: str = ""
-    """The reference of `vdfmu.system.reference` with the same schedule, which a run must match."""
+    """The reference of `vdfmu.system.reference` with the same schedule. A run must match it."""
 
     def load(self) -> Callable[..., Any]:
         """Return the function that makes the stepper."""
@@ -47,7 +47,7 @@ def is_continuous(name: str | None) -> bool:
 
 
 def choice(*, continuous: bool | None = None) -> str:
-    """Return the names of the algorithms, or of those that are `continuous` or not, in words."""
+    """Return the names of all algorithms, or of the algorithms that are `continuous` or not, in words."""
     *names, last = (n for n, a in ALGORITHMS.items() if continuous is None or a.continuous == continuous)
     return f"{', '.join(names)} or {last}" if names else last
 
@@ -55,7 +55,7 @@ def choice(*, continuous: bool | None = None) -> str:
 _MOST = 10**9
 """Communication steps of a run: 11 days at 1 kHz."""
 _CLOSE = 1e-9
-"""Relative error of a stop that is a multiple of the step; that of the rounded division is 1e-16."""
+"""Relative error of a stop that is a multiple of the step; the rounded division has 1e-16."""
 
 
 def count_steps(step: float, stop: float, start: float = 0.0) -> int:

@@ -23,6 +23,7 @@ from fmpy.model_description import read_model_description
 
 from vdfmu.base.errors import StorageError, UsageError
 from vdfmu.base.files import pack_zip, require_ours, storing
+from vdfmu.base.standards import FMI_2
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.base.version import __version__
 from vdfmu.engine.fmu.description import Description
@@ -45,7 +46,7 @@ def write_container(
     Parameters
     ----------
     system : System or path
-        An SSP of FMI 2.0 units with binaries of their own; Python FMUs do not run inside a container.
+        An SSP of FMI 2.0 units with native binaries; Python FMUs do not run inside a container.
     path : path
         The FMU to write.
     step : float [s]
@@ -95,10 +96,10 @@ def write_container(
 def _write(checked: Checked, path: Path, step: float, folder: Path) -> None:
     components: dict[str, Component] = {}
     for name, description in checked.descriptions.items():
-        if description.version != "2.0":
+        if description.version != FMI_2:
             raise UsageError(
-                f"{name}: {description.source} is an FMU of FMI {description.version}; a container holds units of FMI "
-                "2.0. Build it with --fmi 2.0."
+                f"{name}: {description.source} is an FMU of FMI {description.version.name}; a container holds "
+                f"units of FMI {FMI_2.name}. Build it with --fmi {FMI_2.name}."
             )
         file = folder / f"{name}.fmu"
         with Archive(checked.system.path, checked.system.path.name) as package, file.open("wb") as target:
@@ -131,9 +132,9 @@ def _write(checked: Checked, path: Path, step: float, folder: Path) -> None:
     unzipped.mkdir()  # it is emptied first
     try:
         create_container_fmu(configuration, unzipped, whole)
-    except zipfile.BadZipFile as error:  # of a file that was just written
+    except zipfile.BadZipFile as error:  # the file was just written
         raise StorageError(f"{path}: cannot be written: {error}. Give the same command again.") from None
-    # packed anew: the same system gives the same bytes, and fmpy leaves out files that the disk does not give
+    # repacked: the same system gives the same bytes, and fmpy omits files that the disk does not return
     pack_zip(
         path, {str(file.relative_to(unzipped).as_posix()): file.read_bytes() for file in _files(unzipped)}
     )
@@ -152,7 +153,7 @@ def _files(folder: Path) -> Iterator[Path]:
 def _bundles(checked: Checked) -> list[list[Link]]:
     """Return the links that the container carries over together, in the order that the initialization needs.
 
-    It does so with one call a bundle: all links of a type between two units make one, unless bundles then depend
+    Each bundle takes one call: all links of a type between two units form a bundle, unless bundles would then depend
     on each other in a circle.
     """
     whole: dict[tuple[str, str, str], list[Link]] = {}
@@ -170,7 +171,7 @@ def _bundles(checked: Checked) -> list[list[Link]]:
 
 
 def _feeds(unit: Description, feeding: Sequence[Link], fed: Sequence[Link]) -> bool:
-    """Whether what comes into a unit decides what goes out of it during initialization."""
+    """Whether outputs of a unit depend on its inputs during initialization."""
     arriving = {link.end[1] for link in feeding}
     for link in fed:
         known = unit.initial_dependencies.get(link.start[1])
@@ -190,10 +191,10 @@ def _variable(component: Component, name: str) -> fmi.ModelVariable:
 def _model(
     checked: Checked, components: dict[str, Component], step: float
 ) -> tuple[fmi.ModelDescription, dict[fmi.ModelVariable, list[tuple[Component, fmi.ModelVariable]]]]:
-    """Return the container's model description, and which variable of a unit each of its variables is."""
+    """Return the container's model description, and the unit's variable behind each of its variables."""
     connected = {link.end for link in checked.links}
     units: dict[str, Any] = {}
-    # value reference 0 is the time; fmpy numbers the variables as they come
+    # value reference 0 is the time; fmpy numbers the variables in order
     time = fmi.ModelVariable(name="time", type="Real", causality="independent", variability="continuous")
     variables, mappings = [time], {}
     for name, component in components.items():
@@ -228,7 +229,7 @@ def _model(
         stepSize=repr(step),
     )
     model = fmi.ModelDescription(
-        fmiVersion="2.0",
+        fmiVersion=FMI_2.name,
         modelName=checked.system.name,
         instantiationToken=token,
         description=f"The system {checked.system.name} as one FMU; its units exchange values every {step:g} s",

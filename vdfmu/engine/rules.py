@@ -154,12 +154,6 @@ FMI018 | A library is one of its platform and processor | build the FMU for it
 FMI019 note | An FMU has co-simulation | export it for co-simulation
 FMI020 | A nominal value is a finite number other than 0 | state the size of the values
 FMI021 | The manifest of a layered standard states its name and version | add what is missing
-OSP001 | The file is an `OspSystemStructure` of version 0.1, of elements and attributes of that | correct it
-OSP002 | Numbers and the algorithm are those that libcosim takes | correct the value
-OSP003 | Simulators have names of their own, and FMUs beside the file | rename one, or add the FMU
-OSP004 | An initial value is for a variable that can be set, of its type and within its limits | correct it
-OSP005 | A connection joins an output and an input of one type that exist | correct its ends
-OSP006 | An input has one source | remove the other connection
 RUN001 | Ten steps do not fail | see what the component says
 RUN002 | A component neither ends its process nor takes too long | see what the component does
 RUN003 | Reference results can be read, and the unit gives them | correct the table, or the unit

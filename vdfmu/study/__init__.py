@@ -1,1 +1,1 @@
-"""Whole studies: a scenario run, compared and reported; what the command line and the Python API share."""
+"""Whole studies: a scenario run, compared and reported, for the command line and the Python API."""

@@ -122,7 +122,6 @@ def test_what_cannot_be_linearised_is_said():
             lambda: margins_along("planar_tracking", at=[0.0], master="iterative"),
             "expected gauss-seidel or jacobi",
         ),
-        (lambda: margins_along("contrast", at=[0.0]), "contrast has no units"),
         (
             lambda: vdfmu.linearize("planar_tracking", 0.0, backend="python"),
             "plant: expected FMUs with directional",

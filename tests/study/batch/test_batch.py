@@ -52,12 +52,11 @@ def general_slider():
 
 def all_parameters(scenario):
     """Return factors near 1 for every group of parameters that are numbers; small values where there are none."""
-    from vdfmu.system.scenario.parts import tables_of
     from vdfmu.system.scenario.values import system_values
 
     values = system_values(scenario)
     groups: dict[str, list[float]] = {}
-    for name, table in tables_of(scenario.system, scenario.robot).items():
+    for name, table in scenario.resolved.tables.items():
         for v in table:
             if v.causality == "parameter" and v.type == "Real" and v.group not in ("tolerance", "period"):
                 groups.setdefault(f"{name}.{v.group}", []).append(values[name].get(v.name) or 0.0)
@@ -111,7 +110,7 @@ def test_inputs_from_outside_and_both_masters(bench, master):
     }
     for hold in (False, True):
         options = {"master": master, "stop": 0.06, "inputs": inputs, "input_hold": hold}
-        assert_same_runs(*bench("planar_tracking", over, options=options))
+        assert_same_runs(*bench("planar_tracking", over, **options))
         assert not bench.needed
 
 
@@ -119,13 +118,13 @@ def test_inputs_from_outside_and_both_masters(bench, master):
 def test_lanes_that_fail_have_the_reason_of_the_fmus_and_disturb_no_other(bench):
     options = {"stop": 0.2}
     over = {"plant.f_s[1]": [0.8, 0.1], "controller.K_v[2]": [30.0, 1e9], "plant.mass[1]": [6.0, 7.0]}
-    rows, others = bench("planar_tracking", over, options=options)
+    rows, others = bench("planar_tracking", over, **options)
     assert len({row["failed"] for row in rows}) > 2
     for row, other in zip(rows, others, strict=True):
         assert (row["failed"], row["failed_at"]) == (other["failed"], other["failed_at"])
     well = [k for k, row in enumerate(rows) if row["failed"] is None]
     assert 0 < len(well) < len(rows)
-    alone, others = bench("planar_tracking", over, options=options, tasks=well)
+    alone, others = bench("planar_tracking", over, **options, tasks=well)
     assert_same_runs(alone, others)
     for k, row in zip(well, alone, strict=True):
         for name, values in row.items():
@@ -134,7 +133,7 @@ def test_lanes_that_fail_have_the_reason_of_the_fmus_and_disturb_no_other(bench)
 
 def test_a_value_out_of_its_limits_is_refused_as_by_the_fmus(bench):
     rows, others = bench(
-        "planar_tracking", {"plant.mass[1]": "normal(0.5, 1.0)"}, sample="random", n=9, options={"stop": 0.02}
+        "planar_tracking", {"plant.mass[1]": "normal(0.5, 1.0)"}, sample="random", n=9, stop=0.02
     )
     assert [row["failed"] for row in rows] == [row["failed"] for row in others]
     assert {row["failed"] is None for row in rows} == {True, False}
@@ -206,10 +205,10 @@ def test_a_point_that_ends_the_process_costs_its_own_row(tmp_path):
 )
 def test_what_cannot_go_side_by_side_is_said_and_left_to_the_fmus(over, options, words):
     with pytest.raises(UsageError, match=f"engine: batch: {words}(.|\n)*Take the engine fmu"):
-        make_plan("planar_tracking", over, options=options, engine="batch")
+        make_plan("planar_tracking", over, **options, engine="batch")
     values = [1.0 + k / 20 for k in range(20)]
     many = {**over, "controller.K_v[1]": values}
-    assert make_plan("planar_tracking", many, options=options).facts["engine"] == "fmu"
+    assert make_plan("planar_tracking", many, **options).facts["engine"] == "fmu"
 
 
 def test_an_engine_that_there_is_not_is_said():
@@ -241,7 +240,7 @@ def test_units_of_a_user_with_states_and_twice_in_a_system(bench, tmp_path):
         'b = "low_pass.py"\n\n[connections]\n"wave.y" = ["a.u"]\n"a.y" = ["b.u"]\n'
     )
     (tmp_path / "scenario.toml").write_text(
-        'name = "filters"\ndescription = "two filters"\nkind = "cosimulation"\nsystem = "system.toml"\n'
+        'name = "filters"\ndescription = "two filters"\nsystem = "system.toml"\n'
         'robot = "planar_2dof"\nstop = 0.2\nstep = 0.01\nmaster = "gauss-seidel"\ntolerance = 1e-8\n'
     )
     over = {"a.T": "0.01, 0.1", "b.T": "0.02, 1e-4, 0.05", "wave.f": "10, 60"}
@@ -265,7 +264,7 @@ def test_what_a_unit_requires_of_its_parameters_holds_in_lanes_too(bench, tmp_pa
         'name = "bands"\ndescription = "a band"\n\n[units]\na = "band.py"\n'
     )
     (tmp_path / "scenario.toml").write_text(
-        'name = "bands"\ndescription = "a band"\nkind = "cosimulation"\nsystem = "system.toml"\n'
+        'name = "bands"\ndescription = "a band"\nsystem = "system.toml"\n'
         'robot = "planar_2dof"\nstop = 0.2\nstep = 0.01\nmaster = "gauss-seidel"\ntolerance = 1e-8\n'
     )
     over = {"a.low": "0, 0.5, 3", "a.high": "0.2, 1"}

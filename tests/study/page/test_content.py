@@ -220,7 +220,7 @@ def test_a_page_without_its_data_stays_below_its_limit(planar):
 def test_names_of_a_run_cannot_break_the_page(tmp_path):
     results = noise(5)
     evil = '</script><script>alert("x")</script>'
-    results.summary |= {"scenario": evil, "kind": "cosimulation"}
+    results.summary |= {"scenario": evil}
     renamed = results.renamed(lambda name: name.replace("unit", evil))
     text = report_page([ShownRun("run", renamed, renamed.summary, tmp_path / "none.ssp")]).decode()
     assert evil not in text

@@ -191,7 +191,6 @@ def test_a_page_of_several_runs_stays_below_its_size(planar, made, monkeypatch):
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"algorithm": None}, "it has no units"),
         ({"algorithm": "iterative"}, "its master is iterative, and the page's is gauss-seidel or jacobi"),
         ({"backend": "python"}, "its units are Python FMUs"),
         ({"inputs": ["wrench.csv"]}, "some of its inputs come from files"),

@@ -11,6 +11,7 @@ import pytest
 import vdfmu
 from tests.study.page.browser import Browser, centre, number, pixels, show
 from vdfmu.engine.results.results import Results
+from vdfmu.engine.simulate import run_system
 from vdfmu.study.report.page import read_run, write_report
 
 pytestmark = [pytest.mark.heavy, pytest.mark.usefixtures("quiet")]
@@ -287,13 +288,13 @@ def test_joints_that_slide_have_units_of_their_own(browser, tmp_path):
 
 
 def test_a_run_of_a_comparison_is_chosen(run, browser, tmp_path):
-    planar, study = tmp_path / "planar", tmp_path / "contrast"
+    planar, package = tmp_path / "planar", tmp_path / "package"
     vdfmu.run("planar_tracking", stop=0.2, out=planar, reference=False)
-    vdfmu.run("contrast", stop=0.2, out=study)
-    runs = [read_run(folder) for folder in (run, planar, study)]
+    run_system(planar / "system.ssp", stop=0.2, out=package)
+    runs = [read_run(folder) for folder in (run, planar, package)]
     opened(browser, write_report(runs, tmp_path / "three.html", simulate=True), 1280, 2600)
     assert words_of(browser, "#simulate > p:last-child").startswith(
-        "contrast: This run is not simulated here: "
+        "vdfmu_planar_tracking: This run is not simulated here: "
     )
     slide(browser, "Proportional", -60)
     assert browser.run("report.player.scene.puppets.length") == 2
@@ -310,12 +311,11 @@ def test_a_run_of_a_comparison_is_chosen(run, browser, tmp_path):
     assert words_of(browser, ".canvas").split() == ["recorded", "simulated"]
 
 
-def test_why_a_page_does_not_simulate_is_said(browser, tmp_path):
-    vdfmu.run("contrast", stop=0.2, out=tmp_path)
+def test_why_a_page_does_not_simulate_is_said(run, browser, tmp_path):
+    run_system(run / "system.ssp", stop=0.2, out=tmp_path)
     show(browser, write_report([read_run(tmp_path)], tmp_path / "report.html", simulate=True))
-    assert (
-        words_of(browser, "#simulate").split("\n")[-1] == "This run is not simulated here: it has no units."
-    )
+    words = "This run is not simulated here: only those of scenarios are, which 'vdfmu run' makes."
+    assert words_of(browser, "#simulate").split("\n")[-1] == words
     assert browser.run("report.simulation") is None
 
 

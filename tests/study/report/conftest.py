@@ -62,21 +62,6 @@ def make_results(n: int, points: int = POINTS, at_rest: bool = False) -> Results
     return Results(time, signals, {"real": np.hstack(list(columns.values()))})
 
 
-def make_contrast(types: tuple[str, ...]) -> SimpleNamespace:
-    """Return torques of a chain; the formulations differ by a known 1e-12 N.m and 1e-3 of the torque."""
-    time = np.linspace(0.0, 2.0, 401)
-    tau = 1.0 + np.outer(np.sin(time), np.arange(len(types)) + 1.0)
-    noise = 1e-12 * np.where(np.arange(len(time)) % 2, 1.0, -1.0)[:, None]
-    return SimpleNamespace(
-        robot=make_robot(types),
-        time=time,
-        tau_vd=tau,
-        tau_ne=tau + noise,
-        tau_low_g=0.999 * tau,
-        gravities=(9.81, 9.80),
-    )
-
-
 @pytest.fixture(params=list(TYPES), ids=lambda n: f"n={n}")
 def types(request: pytest.FixtureRequest) -> tuple[str, ...]:
     """Return the joint types of chains of 1, 2, 3 (one of them prismatic) and 6 joints."""
@@ -85,5 +70,5 @@ def types(request: pytest.FixtureRequest) -> tuple[str, ...]:
 
 @pytest.fixture(scope="session")
 def made() -> SimpleNamespace:
-    """Return the functions of this file as ``made.results``, ``made.scenario`` and ``made.contrast``."""
-    return SimpleNamespace(results=make_results, scenario=make_scenario, contrast=make_contrast)
+    """Return the functions of this file as ``made.results`` and ``made.scenario``."""
+    return SimpleNamespace(results=make_results, scenario=make_scenario)

@@ -17,6 +17,8 @@ from matplotlib.figure import Figure
 import vdfmu
 from vdfmu.base import style
 from vdfmu.base.errors import VdfmuError
+from vdfmu.engine.results.recorded import Signal
+from vdfmu.engine.results.results import Results
 from vdfmu.study.report import plots
 from vdfmu.study.report.tool import draw_tool
 from vdfmu.system.scenario import load_scenario
@@ -38,10 +40,8 @@ def caption(figure: Figure) -> str:
 
 
 def every_figure(made, types: tuple[str, ...]) -> dict[str, Figure]:
-    results, scenario, contrast = made.results(len(types)), made.scenario(types), made.contrast(types)
+    results, scenario = made.results(len(types)), made.scenario(types)
     return {
-        "contrast_torques": plots.draw_contrast_torques(contrast),
-        "contrast_differences": plots.draw_contrast_differences(contrast),
         "torques": plots.draw_torques(results, scenario),
         "errors": plots.draw_errors(results, scenario),
         "moving_positions": plots.draw_moving_positions(results, scenario),
@@ -140,8 +140,6 @@ def test_no_letter_is_on_two_panels_of_a_figure(made, kinds):
     results, scenario = made.results(len(kinds)), made.scenario(kinds)
     draws = (plots.draw_torques, plots.draw_errors, plots.draw_moving_positions, plots.draw_moving_torques)
     figures = [draw(results, scenario) for draw in draws]
-    contrast = made.contrast(kinds)
-    figures += [plots.draw_contrast_torques(contrast), plots.draw_contrast_differences(contrast)]
     for figure in figures:
         titles = [axes.get_title(loc="left") for axes in figure.axes]
         assert [title[:4] for title in titles] == [f"({'abcdefghi'[k]}) " for k in range(len(titles))]
@@ -149,40 +147,6 @@ def test_no_letter_is_on_two_panels_of_a_figure(made, kinds):
             for letter in re.findall(r"of (\([a-z]\))", title):
                 (other,) = (t for t in titles if t.startswith(letter))
                 assert other.partition(",")[2] == title.partition(",")[2]
-
-
-def test_contrast_torques_lie_on_each_other(made, types):
-    contrast = made.contrast(types)
-    panels = plots.draw_contrast_torques(contrast).axes
-    assert len(panels) == len(types)
-    for i, axes in enumerate(panels):
-        vd, newton_euler = curves(axes)
-        np.testing.assert_array_equal(vd, contrast.tau_vd[:, i])
-        np.testing.assert_array_equal(newton_euler, contrast.tau_ne[:, i])
-
-
-def test_contrast_differences_and_table_3(made):
-    contrast, scenario = made.contrast(SIX), load_scenario("contrast")
-    rounding, gravity, rms = plots.draw_contrast_differences(contrast, scenario).axes
-    assert rounding.get_yscale() == "log"
-    for i in range(6):
-        # 1e-12 N.m is 1e-9 N.mm; it is added to torques up to 7 N.m, whose last place is 9e-16
-        np.testing.assert_allclose(curves(rounding)[i], 1e-9, rtol=1e-3)
-        np.testing.assert_allclose(curves(gravity)[i], contrast.tau_vd[:, i], rtol=1e-12)
-    ours, table_3, thousandth = ([bar.get_height() for bar in bars] for bars in rms.containers)
-    np.testing.assert_allclose(ours, np.sqrt(np.mean(contrast.tau_vd**2, axis=0)), rtol=1e-12)
-    assert table_3 == [0.2, 22.7, 8.9, 0.6, 2.3, 0.0]
-    np.testing.assert_allclose(thousandth, ours, rtol=1e-12)  # the made difference is 1e-3 of the torque
-    assert gravity.get_title(loc="left").startswith("(b) g = 9.810 minus g = 9.800")
-    assert "N.mm" in rounding.get_ylabel()
-
-
-def test_equal_torques_draw_an_empty_panel(made):
-    contrast = made.contrast(TWO)
-    contrast.tau_ne = contrast.tau_vd
-    panel = plots.draw_contrast_differences(contrast).axes[0]
-    assert panel.get_yscale() == "linear"
-    assert all(len(values) == 0 for values in curves(panel))
 
 
 def test_captions_say_which_run_it_is(made):
@@ -282,10 +246,10 @@ def test_tick_labels_times_the_power_in_the_label_are_the_values(exponent):
 
 
 def test_a_constant_is_not_blown_up_to_its_rounding(made):
-    contrast = made.contrast(ONE)
-    contrast.tau_vd = np.full((401, 1), 21.0) + 1e-14 * np.sin(np.arange(401.0))[:, None]
-    contrast.tau_ne = contrast.tau_vd
-    (axes,) = plots.draw_contrast_torques(contrast).axes
+    scenario, time = made.scenario(ONE), np.linspace(0.0, 2.0, 401)
+    constant = (21.0 + 1e-14 * np.sin(np.arange(401.0))[:, None]) / scenario.robot.ell
+    signals = [Signal(f"controller.{name}[1]", "real", "", 0) for name in ("tau", "tau_m")]
+    (axes,) = plots.draw_torques(Results(time, signals, {"real": constant}), scenario).axes
     low, high = axes.get_ylim()
     assert low == 0.0 and 21.0 < high < 25.0
 
@@ -352,7 +316,7 @@ def test_torsion_and_the_error_of_the_tool_in_mm(made):
 
 @pytest.mark.parametrize(
     ("name", "tables"),
-    [("contrast", 3), ("tracking", 4), ("tracking_split", 4), ("two_joint", 5), ("slider_tracking", 0)],
+    [("tracking", 4), ("tracking_split", 4), ("two_joint", 5), ("slider_tracking", 0)],
 )
 def test_shipped_scenarios_say_which_table(name, tables):
     assert plots.paper_table(load_scenario(name)) == tables
@@ -363,8 +327,7 @@ def test_shipped_scenarios_say_which_table(name, tables):
 def test_files_are_png_of_plausible_size(made, tmp_path: Path, types):
     paths = plots.run_figures(made.results(len(types)), made.scenario(types), tmp_path)
     paths += plots.run_figures(made.results(len(types)), made.scenario(types, "Table 5"), tmp_path)
-    paths += plots.run_figures(made.contrast(types), made.scenario(types), tmp_path)
-    assert len({path.name for path in paths}) == 7
+    assert len({path.name for path in paths}) == 5
     for path in paths:
         png = path.read_bytes()
         width, height = struct.unpack(">II", png[16:24])

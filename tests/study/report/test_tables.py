@@ -8,13 +8,12 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from vdfmu.study.report.sheets import contrast_sheet, facts, reference_sheet, sheets, tracking_sheet
+from vdfmu.study.report.sheets import facts, reference_sheet, sheets, tracking_sheet
 from vdfmu.study.report.tables import run_panel, sheet_table
 
 TRACKING: dict[str, Any] = {
     "scenario": "two_joint",
     "robot": "manipulator_6dof",
-    "kind": "cosimulation",
     "friction": "lumped",
     "backend": "python",
     "master": "gauss-seidel",
@@ -49,20 +48,6 @@ TRACKING: dict[str, Any] = {
     },
     "warnings": ["Joint 1: K_v*step is [bold]above[/bold] 0.5."],
     "settings": {"controller.K_p[1]": "1500"},
-}
-CONTRAST: dict[str, Any] = {
-    "scenario": "contrast",
-    "robot": "manipulator_6dof",
-    "kind": "contrast",
-    "friction": "lumped",
-    "master": "gauss-seidel",
-    "step": 0.001,
-    "stop": 10.0,
-    "rms_torque_nm": [0.0989357, 22.5791, 0.000482769],
-    "rms_torque_difference_nmm": [8.20452e-13, 5.03691e-12, 3.05426e-17],
-    "rms_torque_difference_nmm_low_g": [7.34592e-13, 22.9483, 0.0],
-    "gravities_m_s2": [9.81, 9.80],
-    "paper": {"source": "Table 3", "rms_torque_difference_nmm": [0.2, 22.7, 0.0]},
 }
 
 
@@ -105,23 +90,6 @@ def test_units_stand_behind_the_numbers_where_joints_differ():
     assert sheet.columns == ("Joint", "Position\nRMS", "Position\nmaximum", "Torque\nRMS")
     assert sheet.rows[1] == ("2", "0.0122 mm", "0.0136 mm", "0.428 N")
     assert reference_sheet(summary).columns == ("Reference", "Position\n[rad or m]", "Torque\n[N.m or N]")
-    mixed = contrast_sheet({**CONTRAST, "torque_units": ["N.m", "N", "N.m"], "paper": {}})
-    assert mixed.rows[1] == ("2", "22.6 N", "5.04e-12 mN", "22.9 mN")
-
-
-def test_contrast_rows():
-    sheet = contrast_sheet(CONTRAST)
-    assert sheet.rows[0] == ("1", "0.0989", "8.2e-13", "7.35e-13", "0.2", "<0.01", "49")
-    assert sheet.rows[1] == ("2", "22.6", "5.04e-12", "22.9", "22.7", "101", "99")
-    assert sheet.rows[2] == ("3", "0.000483", "3.05e-17", "0", "0", "-", "-")  # no ratio to a printed 0
-    assert sheet.columns[2] == "VD minus\nNewton-Euler\n[N.mm]"
-    assert "a thousandth of the torque" in sheet.notes[-1]
-
-
-def test_the_heading_names_the_gravities_that_were_compared():
-    moon = {**CONTRAST, "gravities_m_s2": [1.62, 1.62 * 9.80 / 9.81]}
-    assert contrast_sheet(CONTRAST).columns[3] == "g = 9.810\nminus 9.800\n[N.mm]"
-    assert contrast_sheet(moon).columns[3] == "g = 1.620\nminus 1.618\n[N.mm]"
 
 
 def test_the_gains_that_the_paper_implies_stand_below_its_errors():
@@ -183,7 +151,6 @@ def test_no_reference(summary):
     ("sheet", "summary"),
     [
         (tracking_sheet, TRACKING),
-        (contrast_sheet, CONTRAST),
         (reference_sheet, TRACKING),
     ],
 )
@@ -228,14 +195,10 @@ def test_facts_of_a_run():
     assert all(name in text and value in text for name, value in facts(TRACKING))
 
 
-def test_facts_that_a_study_does_not_have_are_left_out():
-    assert [name for name, _ in facts(CONTRAST)] == ["Scenario", "Robot", "Step", "Stop"]
-
-
 def test_summaries_are_only_read():
-    before = copy.deepcopy((TRACKING, CONTRAST))
-    sheets(TRACKING), sheets(CONTRAST), shown(run_panel(TRACKING))
-    assert (TRACKING, CONTRAST) == before
+    before = copy.deepcopy(TRACKING)
+    sheets(TRACKING), shown(run_panel(TRACKING))
+    assert before == TRACKING
 
 
 def test_facts_say_why_there_is_no_reference():

@@ -15,6 +15,7 @@ from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.report.sheets import limits_sheet, sheets
 from vdfmu.study.run.at_limits import ArmLimits, limits_of, time_at_limits
 from vdfmu.study.run.summary import tracking_errors
+from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario.values import system_values
 
 TAU_STALL, NO_LOAD, FULL_SPEED = 10.0, 4.0, 0.5
@@ -103,10 +104,9 @@ def test_a_run_away_from_its_limits_has_no_table(planar_run):
 
 def test_values_of_the_run_are_those_of_the_motor():
     scenario = reach_scenario("kr_6dof")
-    (plain,) = limits_of(scenario, system_values(scenario, None))
-    (one,) = limits_of(
-        scenario, system_values(scenario, {"plant.tau_stall[2]": 0.1, "controller.tau_max[3]": 0.2})
-    )
+    (plain,) = limits_of(SystemDescription(scenario))
+    changed = system_values(scenario, {"plant.tau_stall[2]": 0.1, "controller.tau_max[3]": 0.2})
+    (one,) = limits_of(SystemDescription(scenario, changed))
     assert plain.robot.tau_stall[1] == load_robot("kr_6dof").tau_stall[1] != one.robot.tau_stall[1] == 0.1
     assert one.tau_max[2] == 0.2 and one.tau_max[1] == plain.tau_max[1]
 

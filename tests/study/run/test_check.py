@@ -130,7 +130,7 @@ def test_a_binary_that_is_none_is_found_without_running_it(changed):
     path = changed("none", {name: b"no library"})
     for run in (False, True):
         report = inspect_file(path, run=run)
-        assert report.problems == [f"{name}: is no shared library of the kind its name says"]
+        assert report.problems == [f"{name}: is not a shared library of the kind its name says"]
         assert not report.ran
     (problem,) = check_file(changed(name, {}), run=False)
     assert problem.startswith("no binary for this platform")
@@ -140,7 +140,7 @@ def test_files_that_are_no_fmu(tmp_path):
     for name, data in {"text.fmu": b"hello", "empty.fmu": b"", "cut.fmu": b"PK\x03\x04"}.items():
         (tmp_path / name).write_bytes(data)
         (problem,) = check_file(tmp_path / name)
-        assert problem.startswith(f"{name} is no FMU that can be read: cannot be read as a zip package")
+        assert problem.startswith(f"{name} is not a readable FMU: cannot be read as a zip package")
     for text, words in {
         "<a/>": "expected the root fmiModelDescription, got 'a'",
         "<a>": "is not well-formed XML",

@@ -106,7 +106,7 @@ def test_faults_of_all_layers_come_at_once(package):
         "of the atomic type 'xs:double'.",
     ]
     assert binary.startswith("resources/m.fmu: no binary for this platform")
-    assert last.startswith("resources/text.fmu: text.fmu is no FMU that can be read: cannot be read as")
+    assert last.startswith("resources/text.fmu: text.fmu is not a readable FMU: cannot be read as")
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""`vdfmu check` on systems of SSP 2.0, on several SSDs in a package, and on OSP system structures."""
+"""`vdfmu check` on systems of SSP 2.0 and on several SSDs in a package."""
 
 import pytest
 
@@ -236,7 +236,7 @@ def test_faults_of_the_schema_have_their_line_and_without_schemas_a_note_says_so
     _, fmu = inspect_file(
         package(text, {"resources/other.fmu": b"x"}), run=False
     ).problems  # not hidden by it
-    assert fmu.startswith("resources/other.fmu: other.fmu is no FMU that can be read")
+    assert fmu.startswith("resources/other.fmu: other.fmu is not a readable FMU")
     monkeypatch.setattr(parse, "schema_of", lambda *_: None)
     report = inspect_file(package(text), run=False)
     assert report.problems == []
@@ -251,37 +251,6 @@ def test_every_variant_of_a_package_is_checked(package):
     assert report.problems == [
         "VarB.ssd: connection Plant.q -> PDController.w: PDController declares no connector 'w'"
     ]
-
-
-OSP = """<OspSystemStructure xmlns="http://opensimulationplatform.com/MSMI/OSPSystemStructure" version="0.1">
-<Simulators><Simulator name="plant" source="Plant.fmu"><InitialValues><InitialValue variable="{initial}">
-<Real value="1"/></InitialValue></InitialValues></Simulator><Simulator name="pd" source="{source}"/></Simulators>
-<Connections><VariableConnection><Variable simulator="plant" name="q[1]"/><Variable simulator="pd" name="{sink}"/>
-</VariableConnection></Connections></OspSystemStructure>"""
-
-
-def test_an_osp_system_structure_is_checked_beside_its_fmus(fmus, tmp_path):
-    for unit in ("plant", "controller"):
-        (tmp_path / fmus["2.0"][unit].name).write_bytes(fmus["2.0"][unit].read_bytes())
-    path = tmp_path / "OspSystemStructure.xml"
-
-    def check(**changes):
-        path.write_text(
-            OSP.format(**{"initial": "q_0[1]", "source": "PDController.fmu", "sink": "q[1]"} | changes)
-        )
-        return inspect_file(path, run=False)
-
-    good = check()
-    assert (good.problems, good.kind, good.standard) == ([], "OSP", "OSP system structure 0.1")
-    assert good.notes[0].startswith("the system was not run: that takes libcosim")
-    assert check(initial="q_9", sink="tau[1]").problems == [
-        "simulator 'plant': initial value of 'q_9': Plant.fmu has no such variable",
-        "connection plant.q[1] -> pd.tau[1]: direction error, it joins output and output",
-    ]
-    assert check(source="None.fmu", sink="w").problems == [
-        "simulator 'pd': there is no file 'None.fmu' beside OspSystemStructure.xml"
-    ]
-    assert check(sink="w").problems == ["connection plant.q[1] -> pd.w: pd has no variable 'w'"]
 
 
 def test_without_schemas_what_cannot_be_read_is_a_problem_and_no_traceback(package, monkeypatch):
@@ -371,38 +340,3 @@ def test_units_sizes_of_parameters_and_the_implementation_are_checked(package):
     assert asked in check("0 0", 2, implementation="ModelExchange")
     for factor in ("0", "INF"):
         assert any(" unit 'm': factor" in p for p in check("0 0", 2, factor))
-
-
-def test_the_structure_and_the_initial_values_of_an_osp_file_are_checked(fmus, tmp_path):
-    for unit in ("plant", "controller"):
-        (tmp_path / fmus["2.0"][unit].name).write_bytes(fmus["2.0"][unit].read_bytes())
-    path = tmp_path / "OspSystemStructure.xml"
-    good = OSP.format(initial="q_0[1]", source=(tmp_path / "PDController.fmu").as_uri(), sink="q[1]")
-
-    def check(old, new):
-        assert old in good
-        path.write_text(good.replace(old, new, 1))
-        return [p.removeprefix("OspSystemStructure.xml") for p in inspect_file(path, run=False).problems]
-
-    assert check("<Simulators>", "<Algorithm>ecco</Algorithm><Simulators>") == []
-    value = "simulator 'plant': initial value of 'q_0[1]': "
-    assert check('value="1"', 'value="a"') == [f"{value}'a' is no Real"]
-    assert check('variable="q_0[1]"', 'variable="tolerance"') == [
-        "simulator 'plant': initial value of 'tolerance': expected at most 0.1, the limit of the FMU, got 1"
-    ]
-    assert check("<Real", "<Integer") == [f"{value}type mismatch, Integer for a variable of type Real"]
-    (problem,) = check('variable="q_0[1]"', 'variable="q[1]"')
-    assert problem.startswith("simulator 'plant': initial value of 'q[1]': cannot be set, it is ")
-    assert check('version="0.1"', 'version="9"') == [": version is '9'; expected '0.1'"]
-    assert check("<Simulators>", "<Foo/><Simulators>") == [
-        ", line 1: OspSystemStructure: unknown element 'Foo'"
-    ]
-    assert check("<Simulators>", "<BaseStepSize>0</BaseStepSize><Simulators>") == [
-        ", line 2: BaseStepSize: expected a positive number, got '0'"
-    ]
-    assert check("<Simulators>", "<Algorithm>x</Algorithm><Simulators>") == [
-        ", line 2: Algorithm: 'x' is unknown; expected one of fixedStep, ecco"
-    ]
-    assert check('<Variable simulator="plant" name="q[1]"/>', "") == [
-        ", line 4: VariableConnection: expected two ends, got 1"
-    ]

@@ -89,12 +89,6 @@ def test_arrays_feed_a_run_as_a_file_does(tmp_path):
     np.testing.assert_allclose(results["plant.F_e[2]"][1:], 300.0 * results.time[:-1], rtol=1e-12)
 
 
-def test_what_has_no_inputs_says_so(tmp_path):
-    path = wrench(tmp_path)
-    with pytest.raises(UsageError, match="nothing to set: .*wrench.csv"):
-        vdfmu.run("contrast", inputs=path, out=tmp_path / "out")
-
-
 def test_a_reference_refuses_a_signal_for_no_free_input():
     scenario = vdfmu.load_scenario("planar_tracking")
     scenario = dataclasses.replace(scenario, inputs={"plant.tau[1]": ([0.0], [0.0])})

@@ -25,7 +25,6 @@ connections = { "a.y" = ["b.u"], "b.y" = ["a.u"] }
 """
 SCENARIO = """
 name = "loop"
-kind = "cosimulation"
 system = "system.toml"
 robot = "planar_2dof"
 stop = 0.5

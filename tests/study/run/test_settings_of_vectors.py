@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vdfmu.base.errors import UsageError
-from vdfmu.cli.terminal import parse_settings
+from vdfmu.base.option import read_settings
 from vdfmu.engine.package.system import spread
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import system_values
@@ -12,7 +12,7 @@ from vdfmu.system.scenario.values import system_values
 
 @pytest.mark.parametrize("text", ["0.3,-0.5", "[0.3,-0.5]", "[0.3, -0.5]", "0.3 -0.5", " 0.3 , -0.5 "])
 def test_a_vector_gives_each_element_its_value(text):
-    values = system_values(load_scenario("planar_tracking"), parse_settings([f"plant.q_0={text}"]))["plant"]
+    values = system_values(load_scenario("planar_tracking"), read_settings([f"plant.q_0={text}"]))["plant"]
     assert [values["q_0[1]"], values["q_0[2]"]] == [0.3, -0.5]
 
 
@@ -33,4 +33,4 @@ def test_a_matrix_is_read_row_by_row_and_other_texts_as_they_are():
 )
 def test_a_wrong_vector_is_refused_in_words(text, said):
     with pytest.raises(UsageError, match=said):
-        system_values(load_scenario("planar_tracking"), parse_settings([f"plant.q_0={text}"]))
+        system_values(load_scenario("planar_tracking"), read_settings([f"plant.q_0={text}"]))

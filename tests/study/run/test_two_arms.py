@@ -14,7 +14,8 @@ from vdfmu.system.package.write import write_ssp
 from vdfmu.system.reference.reference import reference
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.load import load_system
-from vdfmu.system.scenario.parts import cached_fmus, tables_of
+from vdfmu.system.scenario.parts import cached_fmus
+from vdfmu.system.scenario.resolved import resolve
 from vdfmu.system.scenario.values import system_values
 
 ONE_ARM = """
@@ -143,7 +144,7 @@ def test_parts_of_a_system_have_robots_of_their_own(tmp_path):
         'two = { unit = "plant", robot = "planar_2dof" }\n'
     )
     path.write_text(text)
-    tables = tables_of(load_system(str(path)), load_robot("slider_3dof"))
+    tables = resolve(load_system(str(path)), load_robot("slider_3dof")).tables
     assert tables["one"].robot.n == 3 and tables["one"].robot.coupled_tool
     assert tables["two"].robot.n == 2 and not tables["two"].robot.coupled_tool
     path.write_text(text.replace("planar_2dof", "planar"))

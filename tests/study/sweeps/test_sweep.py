@@ -522,7 +522,7 @@ def test_other_numbers_of_an_input_are_another_study(kind, tmp_path):
 
     def key(last, hold=False):
         options = {"stop": 0.02, "inputs": inputs(last), "input_hold": hold}
-        plan = make_plan("planar_tracking", OVER, options=options, engine="fmu")
+        plan = make_plan("planar_tracking", OVER, **options, engine="fmu")
         json.dumps(plan.facts)
         return plan.key
 

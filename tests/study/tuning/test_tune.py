@@ -58,7 +58,7 @@ def test_the_cost_is_that_of_runs_one_by_one(tuned, tmp_path):
     """To the bit: the values of the fragment are those that were run."""
     with open(tuned.folder / "tuned.toml", "rb") as file:
         gains = tomllib.load(file)["controller"]
-    problem = make_problem("planar_tracking", GAINS, ERRORS, spread=SPREAD, spread_n=2, options={"stop": 0.3})
+    problem = make_problem("planar_tracking", GAINS, ERRORS, spread=SPREAD, spread_n=2, stop=0.3)
     scenario = vdfmu.load_scenario("planar_tracking")
     package = vdfmu.write_ssp(
         scenario, vdfmu.build_fmus(scenario.robot, tmp_path / "fmus"), tmp_path / "p.ssp"

@@ -7,7 +7,7 @@ import zipfile
 
 import pytest
 
-from vdfmu.base.errors import SspError
+from tests.system.package.problems import problems
 from vdfmu.engine.inspect.inspection import check_file
 from vdfmu.engine.package import load_ssp
 from vdfmu.engine.package.experiment import FOREIGN, Experiment, read_experiment
@@ -42,12 +42,6 @@ def osp(attributes):
         '<ssc:Annotation type="com.opensimulationplatform"><osp:Algorithm>'
         f"<osp:FixedStepAlgorithm {attributes}/></osp:Algorithm></ssc:Annotation>"
     )
-
-
-def problems(path):
-    with pytest.raises(SspError) as info:
-        load_ssp(path)
-    return info.value.problems
 
 
 @pytest.mark.parametrize("version", ["1.0", "2.0"])

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from vdfmu.base.errors import SspError
+from tests.system.package.problems import problems
 from vdfmu.engine.package import limits, load_ssp
 from vdfmu.engine.package.read import read_system
 
@@ -36,12 +36,6 @@ def system(elements: str = "", rest: str = "") -> str:
 
 def component(name: str = "a", source: str = "a.fmu", inner: str = "", attributes: str = "") -> str:
     return f'<ssd:Component name="{name}" source="{source}" {attributes}>{inner}</ssd:Component>'
-
-
-def problems(path: Path) -> list[str]:
-    with pytest.raises(SspError) as info:
-        load_ssp(path)
-    return info.value.problems
 
 
 @pytest.mark.parametrize("name", ["../evil.fmu", "/etc/evil", "a/../../evil", "C:/evil", "a\\..\\evil"])

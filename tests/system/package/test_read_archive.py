@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.system.package.problems import problems
 from vdfmu.base.errors import SspError
 from vdfmu.engine.package import limits, load_ssp
 from vdfmu.engine.package.archive import Archive
@@ -43,12 +44,6 @@ def write(path: Path, body: str = "", members: dict[str, bytes | str] | None = N
         for name, data in (members or {}).items():
             file.writestr(name, data)
     return path
-
-
-def problems(path: Path) -> list[str]:
-    with pytest.raises(SspError) as info:
-        load_ssp(path)
-    return info.value.problems
 
 
 def test_a_symbolic_link_is_refused(tmp_path):

@@ -11,8 +11,8 @@ import pytest
 
 import vdfmu
 from tests.hostile.packages import pack
+from tests.system.package.problems import problems
 from tests.warm import command
-from vdfmu.base.errors import SspError
 from vdfmu.engine.inspect.inspection import check_file
 from vdfmu.engine.package import limits, load_ssp
 
@@ -56,12 +56,6 @@ def chain(path: Path, way: str, levels: int, fan: int) -> Path:
         systems.append(f'<ssd:System name="s{levels}" id="s{levels}"/>')
         path.write_bytes(pack({"SystemStructure.ssd": ssd(refer(fan, "#s1", way) + "".join(systems))}))
     return path
-
-
-def problems(path: Path) -> list[str]:
-    with pytest.raises(SspError) as info:
-        load_ssp(path)
-    return info.value.problems
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -131,7 +125,7 @@ def test_what_packages_inside_unpack_to_counts(tmp_path, monkeypatch):
     """Each by itself is below the limit; the fourth is not read."""
     monkeypatch.setattr(limits, "TOTAL_LIMIT", 2_000_000)
     found = problems(nested(tmp_path / "x.ssp", 4))
-    assert "x.ssp: has more than 2000000 bytes unpacked, those of packages inside it" in found[-1]
+    assert "x.ssp: has more than 2000000 bytes unpacked, including packages inside it" in found[-1]
     assert "--unpack-limit, or vdfmu.package_limit in Python" in found[-1]
     with vdfmu.package_limit(4_000_000):
         assert not any("bytes unpacked" in text for text in problems(tmp_path / "x.ssp"))

@@ -9,6 +9,7 @@ from pathlib import Path
 import fmpy
 import pytest
 
+from tests.system.package.problems import problems
 from vdfmu.base.errors import SspError
 from vdfmu.engine.package import load_ssp
 from vdfmu.engine.package.parse import NAMESPACES
@@ -81,12 +82,6 @@ def links(path: Path, **options) -> list[str]:
     system = load_ssp(path, **options)
     assert system.problems == ()
     return sorted(map(str, system.connections))
-
-
-def problems(path: Path) -> list[str]:
-    with pytest.raises(SspError) as info:
-        load_ssp(path)
-    return info.value.problems
 
 
 GAIN = IO + elements(component("g")) + connections("u g.u", "g.y y")
@@ -208,7 +203,7 @@ def test_components_that_are_nothing_to_run_are_refused_at_once(pack):
     )
     assert problems(path) == [
         "x.ssp: component 'a': has no source, so that there is nothing to run; name an FMU",
-        "x.ssp: component 'b': 'b.ssp' is no FMU; set the component's type to 'application/x-ssp-package'",
+        "x.ssp: component 'b': 'b.ssp' is not an FMU; set the component's type to 'application/x-ssp-package'",
         "x.ssp: component 'c': the package has no 'c.ssp'",
     ]
 
@@ -408,7 +403,7 @@ def test_enumerations_are_mapped_by_the_names_of_their_items(pack):
     (link,) = checked.links
     assert link.conversion.table == {1: 5}
     with pytest.raises(
-        SspError, match=r"names 'stop', which is no item of the target; there are idle, running, on"
+        SspError, match=r"names 'stop', which is not an item of the target; there are idle, running, on"
     ):
         check_system(load_ssp(mapped(pack, '<ssc:MapEntry source="off" target="stop"/>')))
     assert problems_of_wiring(mapped(pack, off + off)) == [

@@ -7,7 +7,6 @@ import pytest
 
 from vdfmu.base.errors import StorageError
 from vdfmu.base.files import pack_zip, read_member, replacing
-from vdfmu.system.package.osp import write_osp
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario import load_scenario
 
@@ -84,13 +83,3 @@ def test_a_package_needs_the_name_of_a_file(scenario, tmp_path, monkeypatch):
     (tmp_path / "file").write_bytes(b"1")
     with pytest.raises(StorageError, match=r"^file/x.ssp: cannot be written"):
         write_ssp(scenario, {}, "file/x.ssp")
-
-
-def test_an_osp_system_needs_a_folder(scenario, tmp_path):
-    path = tmp_path / "file"
-    path.write_bytes(b"1")
-    with pytest.raises(StorageError, match=r"file: is a file; expected a folder, or a new name for one"):
-        write_osp(scenario, {}, path)
-    with pytest.raises(StorageError, match=r"the name of the folder to write is empty"):
-        write_osp(scenario, {}, "")
-    assert path.read_bytes() == b"1"

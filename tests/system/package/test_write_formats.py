@@ -1,7 +1,6 @@
-"""The files of both versions of SSP by the schemas of another package, OSP in libcosim, and what is refused."""
+"""The files of both versions of SSP by the schemas of another package, libcosim, and what is refused."""
 
 import json
-import os
 import re
 import subprocess
 import sys
@@ -20,7 +19,6 @@ from vdfmu.compiler.unit.interface import Interface
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.documentation import system_page
 from vdfmu.system.package.drawing import draw_system
-from vdfmu.system.package.osp import write_osp
 from vdfmu.system.package.parameter_files import mapping_file, parameter_file
 from vdfmu.system.package.structure_file import structure_file
 from vdfmu.system.package.versions import fmi_of_format
@@ -102,8 +100,6 @@ def test_the_wrong_fmus_are_refused(scenario, fmus, fmus_3, tmp_path):
         write_ssp(scenario, fmus, tmp_path / "x.ssp", version="2.0")
     with pytest.raises(UsageError, match=r"SSP 1.0 holds units of FMI 2.0, got Trajectory.fmu of FMI 3.0"):
         write_ssp(scenario, fmus_3, tmp_path / "x.ssp")
-    with pytest.raises(UsageError, match=r"an OSP system structure holds units of FMI 2.0"):
-        write_osp(scenario, fmus_3, tmp_path / "x")
     with pytest.raises(UsageError, match=r"There is no SSP '1.1' here. There are: '1.0', '2.0'"):
         write_ssp(scenario, fmus, tmp_path / "x.ssp", version="1.1")
     with pytest.raises(StorageError, match=r"plant: .*none.fmu is missing or no FMU"):
@@ -122,9 +118,8 @@ def test_the_page_says_which_version_of_fmi_is_in_it(scenario, fmus, fmus_3, tmp
 
 
 def test_impossible_formats_say_what_to_do(monkeypatch):
-    assert [fmi_of_format(form, None) for form in ("1.0", "2.0", "osp")] == ["2.0", "3.0", "2.0"]
-    assert fmi_of_format("osp", "python") == "2.0"
-    with pytest.raises(UsageError, match=r"--format 3.0: expected one of 1.0, 2.0, osp"):
+    assert [fmi_of_format(form, None) for form in ("1.0", "2.0")] == ["2.0", "3.0"]
+    with pytest.raises(UsageError, match=r"--format 3.0: expected one of 1.0, 2.0"):
         fmi_of_format("3.0", None)
     with pytest.raises(UsageError, match=r"Python FMUs are of FMI 2.0. Leave out --backend python"):
         fmi_of_format("2.0", "python")
@@ -176,30 +171,6 @@ def test_the_page_shows_the_system(scenario):
     assert "http://" not in page.replace("http://www.w3.org/2000/svg", "")  # needs no network
 
 
-def test_an_osp_folder_has_no_file_that_is_cut_off(scenario, fmus, tmp_path, monkeypatch):
-    """A disk that fills up at any file: each file is the old one or the new one."""
-    old = b'generationTool="vdfmu old"'
-    names = {path.name for path in write_osp(scenario, fmus, tmp_path).parent.iterdir()}
-    assert len(names) == 5
-    for name in names:
-        (tmp_path / name).write_bytes(old)
-    new = {path.name: path.read_bytes() for path in fmus.values()}
-    replace, moved = os.replace, []
-
-    def fill(source, target):
-        if len(moved) == 2:
-            raise OSError(28, "No space left on device")
-        replace(source, target)
-        moved.append(os.path.basename(target))
-
-    monkeypatch.setattr("os.replace", fill)
-    with pytest.raises(StorageError, match="No space left"):
-        write_osp(scenario, fmus, tmp_path)
-    assert {path.name for path in tmp_path.iterdir()} == names
-    for name in names:
-        assert (tmp_path / name).read_bytes() == (new[name] if name in moved else old)
-
-
 RUN = """
 import json, sys
 from libcosimpy.CosimExecution import CosimExecution
@@ -207,9 +178,7 @@ from libcosimpy.CosimObserver import CosimObserver
 from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
 
 log_output_level(CosimLogLevel.ERROR)
-kind, path, wanted = sys.argv[1], sys.argv[2], json.load(open(sys.argv[3]))
-create = CosimExecution.from_osp_config_file if kind == "osp" else CosimExecution.from_ssp_file
-execution = create(path)
+execution, wanted = CosimExecution.from_ssp_file(sys.argv[1]), json.load(open(sys.argv[2]))
 observer = CosimObserver.create_last_value()
 execution.add_observer(observer)
 assert execution.simulate_until(20_000_000)
@@ -221,23 +190,19 @@ print(json.dumps([execution.status().current_time, found]))
 """
 
 
-@pytest.mark.parametrize("kind", ["osp", "ssp"])
-def test_libcosim_applies_the_values(scenario, fmus, tmp_path, kind):
-    """FMUs without the scenario's values get all from OSP, and all but the start, which is mapped, from SSP."""
+def test_libcosim_applies_the_values(scenario, fmus, tmp_path):
+    """FMUs without the scenario's values get all but the start, which is mapped."""
     values = system_values(scenario)
-    if kind == "osp":
-        path = write_osp(scenario, fmus, tmp_path / "osp", values)
-    else:
-        path = write_ssp(scenario, fmus, tmp_path / "system.ssp", values)
-        for unit, group in (("trajectory", "q_start"), ("plant", "q_0")):
-            for name in [name for name in values[unit] if name.startswith(group)]:
-                del values[unit][name]
+    path = write_ssp(scenario, fmus, tmp_path / "system.ssp", values)
+    for unit, group in (("trajectory", "q_start"), ("plant", "q_0")):
+        for name in [name for name in values[unit] if name.startswith(group)]:
+            del values[unit][name]
     names = [(unit, name) for unit in values for name in values[unit]]
     tables = {unit: Interface(shipped_units()[unit], scenario.robot) for unit in values}
     wanted = [(u, tables[u].reference[n], tables[u].find(n).type) for u, n in names]
     (tmp_path / "wanted.json").write_text(json.dumps(wanted))
     done = subprocess.run(
-        [sys.executable, "-c", RUN, kind, str(path), str(tmp_path / "wanted.json")],
+        [sys.executable, "-c", RUN, str(path), str(tmp_path / "wanted.json")],
         capture_output=True, text=True, timeout=120,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

@@ -8,12 +8,14 @@ from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Unpack
 
 from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.base.option import with_options
 from vdfmu.base.text import close_to
 from vdfmu.engine.federation.federated import Federated
 from vdfmu.engine.federation.plan import FederationPlan, levels, sent_values, share
+from vdfmu.engine.options import FederateOptions
 from vdfmu.engine.package.system import System
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.link import SOURCE
@@ -22,7 +24,7 @@ from vdfmu.engine.run.elsewhere import Making
 from vdfmu.engine.run.master import simulate
 
 CORES = ("tcp_ss", "tcp", "zmq", "ipc")
-"""Ways of HELICS to carry messages; ``tcp_ss`` needs one port, that of the broker; ``ipc``, shared memory, one machine.
+"""Message transports of HELICS; ``tcp_ss`` needs one port, the broker's; ``ipc``, shared memory, works on one machine.
 
 Not ``zmq_ss``: exchanges of four federates stall with it in HELICS 3.6.1, for a tenth of a second each.
 """
@@ -30,20 +32,26 @@ Not ``zmq_ss``: exchanges of four federates stall with it in HELICS 3.6.1, for a
 
 @dataclass(frozen=True)
 class Federation:
-    """How a system is split over processes, and how these find each other; parameters as of `federate`."""
+    """How a system is split over processes, and how these find each other; for parameters see `federate`."""
 
     split: Sequence[str]
     only: str | None = None
     broker: str | None = None
     core: str = "tcp_ss"
 
+    def algorithm(self, wanted: str | None) -> str:
+        """Return jacobi; UsageError if another algorithm is wanted."""
+        if wanted not in (None, "jacobi"):
+            raise UsageError(f"federates step as jacobi has it, not {wanted}")
+        return "jacobi"
+
     def apart(self, checked: Checked) -> tuple[Checked, Making]:
-        """Return the part of a checked system that runs here, and what makes its `Federated`.
+        """Return the part of a checked system that runs here, and the factory of its `Federated`.
 
         Raises
         ------
         UsageError
-            With all that is wrong with the split.
+            With all problems of the split.
         VdfmuError
             HELICS is not installed.
         """
@@ -107,6 +115,7 @@ class Federation:
         return FederationPlan(parts, here, sent, levels(checked, crossing), self.core, self.broker)
 
 
+@with_options
 def federate(
     system: System | str | Path,
     split: Sequence[str],
@@ -114,30 +123,30 @@ def federate(
     only: str | None = None,
     broker: str | None = None,
     core: str = "tcp_ss",
-    **options: Any,
+    **options: Unpack[FederateOptions],
 ) -> Results:
     """Co-simulate a system in several processes, federates, that pass each other values by HELICS.
 
     Every federate steps its components with the values that the others had at the start of the step: the results are
-    those of :func:`vdfmu.simulate` with ``algorithm="jacobi"``.
+    the same as with :func:`vdfmu.simulate` and ``algorithm="jacobi"``.
 
     Parameters
     ----------
     system : System, str or Path
         See :func:`vdfmu.simulate`.
     split : sequence of str
-        The components of each federate, such as ``["plant", "feedforward,controller"]``; those that are not named are
-        one more. A federate has the name of its first component.
+        The components of each federate, such as ``["plant", "feedforward,controller"]``; components that are not named
+        form one more. A federate has the name of its first component.
     only : str, optional
-        The federate to run here, where others run on other machines; the results are those of its components. By
+        The federate to run here, while others run on other machines; the results hold only its components. By
         default all run here.
     broker : str, optional
         Address, ``HOST:PORT``, of the HELICS broker that all federates know. By default one is started here, on
         loopback.
     core : str, optional
         How HELICS carries messages, one of `CORES`.
-    **options : Any
-        Those of :func:`vdfmu.simulate`, but for the algorithm and what belongs to others, and isolation.
+    **options
+        :class:`vdfmu.engine.options.FederateOptions`.
 
     Returns
     -------

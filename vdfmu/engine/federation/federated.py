@@ -1,14 +1,13 @@
 """The federates of one run that are processes of this machine.
 
-Each is a process as of `vdfmu.engine.run.isolated`: it has its components, shares the memory of their values with
-this one, and steps them when it is told to. What its components read of those of others it gets from these themselves,
-by HELICS; this process only reads the values of all, row by row. A federate that has failed tells the others, wherever
-they are; one that has died is missed by this process at once, and by other machines after some seconds.
+Each is a process as in `vdfmu.engine.run.isolated`: it holds components, shares the memory of their values with this
+process, and steps them on request. It gets values of other federates' components directly from these federates, by
+HELICS; this process only reads all values, row by row. A federate that has failed tells the others, on any machine. If
+one has died, this process notices at once, and other machines after some seconds.
 """
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -19,17 +18,16 @@ from typing import Any
 from numpy import array, intp
 
 from vdfmu.base.errors import CosimError, VdfmuError
-from vdfmu.base.process import end_group
 from vdfmu.engine.federation.plan import FederationPlan, share
 from vdfmu.engine.fmu.access import TEXTS
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.plan.checked import Checked
-from vdfmu.engine.run.isolated import REQUEST, Isolated, Limits
+from vdfmu.engine.run.isolated import Isolated, Limits
 
 
 class _Federate(Isolated):
-    """The process of a federate; `ended` is called with its name when it has ended before its time."""
+    """The process of a federate; `ended` is called with its name when it has ended early."""
 
     server = "vdfmu.engine.federation.server"
 
@@ -42,19 +40,19 @@ class _Federate(Isolated):
 
     @property
     def waits(self) -> bool:
-        """Whether it has waited too long, for another and not for a component."""
-        return self._late and self.exchange.running.value <= 0
+        """Whether it has waited too long for another federate (not for a component)."""
+        return self.late and self.exchange.running.value <= 0
 
     @property
     def works(self) -> bool:
-        """Whether it is in a call of a component."""
+        """Whether it is calling a component."""
         return self.exchange.running.value > 0
 
     def cut(self, late: bool) -> None:
-        """End the process, because of another one; `late`: of this one itself, which took too long."""
-        self._late = late
-        if (process := self._process) is not None:
-            end_group(process)
+        """End the process because another one ended, or, if `late`, because this one took too long."""
+        if (child := self._child) is not None:
+            child.late = late
+            child.kill()
 
     def begin(self) -> None:
         """Note that the steps begin."""
@@ -62,12 +60,12 @@ class _Federate(Isolated):
 
     def facts(self) -> dict[str, Any]:
         with suppress(VdfmuError):  # it has just ended
-            return super().facts() if self._since == math.inf else {}
+            return super().facts() if self.waiting else {}
         return {}
 
     def idle(self, time: float, code: int | str) -> CosimError:
         why = f"its process ended ({code})"
-        if self._late:
+        if self.late:
             why = f"no answer of other federates within {self.limits.time:g} s (time_limit, --time-limit)"
         return CosimError(f"federate {self.name}", "exchange", time, why)
 
@@ -150,14 +148,13 @@ class Federated:
     def advance(self, time: float, step: float, stop: float) -> None:
         """Step all components."""
         self.exchange.clock.value, self.exchange.size.value = time, step
-        request = REQUEST.pack(0, time, step, stop)
         for federate in self._federates.values():
-            federate.post(request)
+            federate.post_step(time, step, stop)
         self._take()
         self._copy()
 
     def facts(self) -> dict[str, Any]:
-        """Return what the summary says of the federates."""
+        """Return the summary's entries on the federates."""
         federates = {
             name: {"components": list(self._plan.parts[name])} | federate.facts()
             for name, federate in self._federates.items()
@@ -169,7 +166,7 @@ class Federated:
         return []
 
     def close(self) -> CosimError | None:
-        """Free all, end the processes, the broker's as the last, and return the first failure in that."""
+        """Free all, end the processes, the broker's last, and return the first failure."""
         failures = [federate.close() for federate in reversed(self._federates.values())]
         return next((failure for failure in failures if failure is not None), None)
 
@@ -181,7 +178,7 @@ class Federated:
     def _take(self, joining: bool = False) -> None:
         """Wait for the answers of all; raise the error of the one that failed or ended first.
 
-        A failure is known to all but while they are `joining`: who cannot join ends those that would wait for it.
+        All learn of a failure, except while they are `joining`: one that cannot join then ends all others.
         """
         failures: dict[str, VdfmuError] = {}
 
@@ -203,19 +200,19 @@ class Federated:
             raise failures.get(self._first or "") or next(iter(failures.values()))
 
     def _ended(self, name: str) -> None:
-        """End the others, which would wait for a federate that has ended; called by any thread, for the first only."""
+        """End the others, which would wait for a federate that has ended. Any thread may call it; the first counts."""
         with self._lock:
             if self._first is not None:
                 return
             self._first = name
             late = self._federates[name].waits
-            if late:  # for another, which may be here
+            if late:  # it waited for another, which may be here
                 self._first = next((n for n, federate in self._federates.items() if federate.works), name)
         for other, federate in self._federates.items():
             if other != name:
                 federate.cut(late and other == self._first)
 
     def _copy(self) -> None:
-        """Bring the values of all here."""
+        """Copy the values of all federates to this process."""
         for memory, to, other, of in self._copies:
             memory[to] = other[of]

@@ -16,15 +16,15 @@ from typing import Any, NamedTuple
 from vdfmu.base.errors import CosimError
 
 if sys.platform == "linux":
-    # HELICS shows all the C++ library that it brings to libraries that are loaded later, of which those of Python FMUs
-    # then wait for ever when they start: the system's is to be found first.
+    # HELICS exposes its bundled C++ library to all libraries that are loaded later; those of Python FMUs then hang when
+    # they start. So the system's library is loaded first.
     with suppress(OSError):  # there is none, so nothing needs it
         CDLL("libstdc++.so.6", RTLD_GLOBAL)
 
 import helics as h
 
 _QUIET = "--loglevel=no_print --tick=2s"
-"""Of brokers and cores: no words, and how often they look after each other; one that is gone is missed after 8 s."""
+"""Options of brokers and cores: no log, and how often they check on each other; a lost one is noticed after 8 s."""
 _CONNECT = "--timeout=30s"
 """Time that a federate has to find the broker."""
 _FAREWELL = 2000
@@ -43,7 +43,7 @@ def start_broker(core: str, federates: int) -> tuple[Any, str]:
 
 
 def _free_ports(number: int) -> int:
-    """Return the first of some ports in a row that are free, below those that systems give to connections."""
+    """Return the first of some consecutive free ports, below the range that systems assign to connections."""
     while True:
         first = randrange(20_000, 32_000)
         try:
@@ -60,7 +60,7 @@ def _loopback(core: str) -> str:
 
 
 class Heard(NamedTuple):
-    """What another federate sent: the reals, after the time, and what else it said."""
+    """Message of another federate: the time and the reals, and everything else it said."""
 
     name: str
     reals: list[float]
@@ -70,16 +70,16 @@ class Heard(NamedTuple):
 class HelicsLink:
     """The connection of a federate to all others.
 
-    Federates count exchanges, which are the time of HELICS, so that no rounding of a time matters.
+    The time of HELICS is a count of exchanges, so rounding of times does not matter.
 
     Parameters
     ----------
     name : str
     others : sequence of str
     core, address : str
-        Of the broker.
+        The broker's.
     digest : str
-        What must be the same for all.
+        Must be the same for all federates.
 
     Attributes
     ----------
@@ -129,7 +129,7 @@ class HelicsLink:
         return CosimError(f"federate {self._name}", "exchange", time, why)
 
     def swap(self, time: float, reals: list[float], said: dict[str, Any]) -> list[Heard]:
-        """Send values at a time [s], and return those of all others; raise CosimError if one has failed or left."""
+        """Send values at a time [s], and return all others' values; raise CosimError if one has failed or left."""
         began = perf_counter()
         self._count += 1
         try:
@@ -175,17 +175,17 @@ class HelicsLink:
             h.helicsPublicationPublishString(self._words, json.dumps(said))
 
     def leave(self, said: dict[str, Any]) -> None:
-        """Leave the others, with a reason; nothing if that has happened."""
+        """Leave the others, with a reason; do nothing if already done."""
         if not self._left:
             self._left = True
             try:
                 self._say([], said)
                 h.helicsFederateDisconnect(self._federate)
-            except h.HelicsException:  # they are gone
+            except h.HelicsException:  # they have gone
                 pass
 
     def _named(self, text: str) -> str:
-        """Return a message of HELICS with the names of federates for the numbers of their cores."""
+        """Return a message of HELICS with the numbers of cores replaced by the names of their federates."""
         for number, name in self._cores.items():
             text = text.replace(number, f"federate {name}")
         return text

@@ -1,4 +1,4 @@
-"""Which component steps in which process, and what these send each other."""
+"""Which component steps in which process, and which values the processes send each other."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from vdfmu.engine.plan.schedule import topological, variable_graph
 
 
 class Sent(NamedTuple):
-    """Variables that a federate sends to others, which read them: the reals, and those of other types."""
+    """Variables that a federate sends to others, which read them: the reals, and all other types."""
 
     reals: tuple[Port, ...]
     rest: tuple[Port, ...]
@@ -25,11 +25,11 @@ class FederationPlan(NamedTuple):
     """The federates of a system."""
 
     parts: Mapping[str, tuple[str, ...]]
-    """The components of each federate, by its name, that of its first component."""
+    """The components of each federate, by its name, which its first component has too."""
     here: tuple[str, ...]
-    """Those to run here."""
+    """The federates to run here."""
     sent: Mapping[str, Sent]
-    """What each sends; of the reals those that change in steps come first."""
+    """Variables that each sends; reals that change in steps come first."""
     levels: Mapping[Port, int]
     """How often a value passes from federate to federate before it reaches a variable in initialization mode."""
     core: str
@@ -38,7 +38,7 @@ class FederationPlan(NamedTuple):
 
     @property
     def digest(self) -> str:
-        """What is the same for all federates of one run."""
+        """Digest of the plan, the same for all federates of one run."""
         same = self.parts, self.sent, sorted(self.levels.items())
         return sha256(repr(same).encode()).hexdigest()
 
@@ -66,9 +66,9 @@ def levels(checked: Checked, crossing: Sequence[Link]) -> dict[Port, int]:
 
 
 def share(checked: Checked, components: Collection[str]) -> Checked:
-    """Return the system of some components of a checked one: what they read of others comes from outside.
+    """Return the system of some components of a checked one: values from all others come from outside.
 
-    But in its initialization, which is that of all.
+    Its initialization remains the initialization of the whole system.
     """
     links: dict[Port, Link] = {}
     outside: dict[str, FmuVariable] = dict(checked.feed.description.variables) if checked.feed else {}

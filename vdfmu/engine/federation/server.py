@@ -23,15 +23,15 @@ from vdfmu.engine.run.isolated_server import Server, serve
 
 
 class _FederateExchange(Exchange):
-    """What flows between the components of a federate; in initialization mode, between those of all."""
+    """Exchange between the components of a federate; in initialization mode, between the components of all."""
 
     levels: Mapping[Port, int]
     heard: Mapping[Port, Any]
     swap: Callable[[float, Collection[Port]], None]
-    """Sends all values, of some variables new ones, and waits for those of the others, which are `heard` then."""
+    """Sends all values, new ones for some variables, and waits for the others' values, which are then in `heard`."""
 
     def initialize(self, time: float, convergence: float) -> None:
-        """See `Exchange.initialize`: all federates do the same, each with its components and the values of others."""
+        """See `Exchange.initialize`: all federates do the same, each with its own components and the others' values."""
         self._time = time
         self.swap(time, [link.start for link in self.checked.schedule.initial.torn])
         super().initialize(time, convergence)
@@ -57,7 +57,7 @@ class _FederateComponents(Components):
 
 
 class FederateServer(Server):
-    """What runs in the process of a federate: steps of its components, and exchanges with the others."""
+    """Runs in the process of a federate: steps its components and exchanges values with the others."""
 
     components = _FederateComponents
     _broker: Any = None
@@ -98,13 +98,13 @@ class FederateServer(Server):
         return [(port, *place) for port, place in found if place is not None]
 
     def initialize(self, *arguments: Any) -> None:
-        """See `Components.initialize`; the outputs of others are here then."""
+        """See `Components.initialize`; afterwards the others' outputs are here, too."""
         with self._announced():
             super().initialize(*arguments)
             self._exchange(arguments[0])
 
     def _settle(self, time: float, new: Collection[Port]) -> None:
-        """Exchange values in initialization mode, of which some are `new`."""
+        """Exchange values in initialization mode; some are `new`."""
         components = self._components
         for ports, values in ((self._sent.reals, self._reals), (self._sent.rest, self._rest)):
             for i, (unit, name) in enumerate(ports):
@@ -120,7 +120,7 @@ class FederateServer(Server):
             self._exchange(stop)
 
     def _exchange(self, time: float) -> None:
-        """Send the outputs and take those of the others."""
+        """Send the outputs and receive the others' outputs."""
         self._reals[: self._own.size] = self._components.exchange.banks[0].memory[self._own]
         for i, port in enumerate(self._sent.rest):
             if (place := self._place(port)) is not None:
@@ -160,11 +160,11 @@ class FederateServer(Server):
             raise
 
     def facts(self) -> dict[str, Any]:
-        """Return the wall time that the federate waited for the others."""
+        """Return the wall time spent waiting for the others."""
         return super().facts() | {"waited_s": self._link.waited if self._link else 0.0}
 
     def close(self, time: float) -> list[Any] | None:
-        """See `Components.close`; leave the others before."""
+        """See `Components.close`; leave the others first."""
         if self._link is not None:
             self._link.leave({"left": True})
         failure = super().close(time) if hasattr(self, "_components") else None
@@ -183,4 +183,4 @@ def _from_json(value: Any) -> Value:
 
 if __name__ == "__main__":
     serve(FederateServer, *sys.argv[1:])
-    os._exit(0)  # without the end of the libraries that are loaded, in which some processes die
+    os._exit(0)  # skips the shutdown of loaded libraries, in which some processes die

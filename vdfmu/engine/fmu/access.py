@@ -19,7 +19,7 @@ DTYPES: dict[str, Any] = {
 """How the master holds the kinds of variables; texts and binary values as ``bytes``."""
 KINDS = tuple(DTYPES)
 TEXTS = ("String", "Binary")
-"""Kinds that tables do not hold and no guess improves."""
+"""Kinds that tables do not hold and that no guess improves."""
 
 
 def held(kind: str, value: Any) -> Any:
@@ -30,7 +30,7 @@ def held(kind: str, value: Any) -> Any:
 
 
 def shown(kind: str, number: Any) -> Value:
-    """Return the value that the master holds so."""
+    """Return the value that the master holds in this form."""
     if kind == "String":
         return number.decode("utf-8", "surrogateescape")
     return number if kind == "Binary" else number.item()
@@ -39,7 +39,7 @@ def shown(kind: str, number: Any) -> Value:
 class Transfer:
     """Variables of one type of an FMU between a window of the master's memory and the memory of a call.
 
-    That is the window itself where both have the same type and order. An array of FMI 3.0 is got and set as a whole:
+    The two are the same memory where type and order agree. An array of FMI 3.0 is got and set as a whole:
     elements that the window does not have are set to `known`.
 
     Parameters
@@ -51,7 +51,7 @@ class Transfer:
     values : array
         The window.
     dtype : type
-        Of the memory of the call.
+        Type in the memory of the call.
     known : callable
         Returns the values of all elements of a variable, by its value reference.
     failure : callable
@@ -81,14 +81,14 @@ class Transfer:
         position = {element: i for i, element in enumerate(whole)}
         self._places = np.array([position[element] for element in elements], np.intp)
         self.sizes = np.zeros(len(whole), np.uintp)
-        """Of binary values."""
+        """Sizes of binary values."""
         if self.direct:
             self.memory = values[places[0] : places[0] + len(places)]
             return
         self.memory = np.zeros(len(whole), dtype)
-        """What the call reads or fills."""
+        """Memory that the call reads or fills."""
         self._slots: dict[int, tuple[bytes, Any]] = {}
-        """Of texts and binary values by place: the content, and the copy whose address is in the memory."""
+        """Texts and binary values by place: the content, and the copy whose address is in the memory."""
         if verb == "Set" and len(elements) < len(whole):
             rest = [held(self._kind, value) for reference in lengths for value in known(reference)]
             self._put(range(len(rest)), rest)
@@ -104,7 +104,7 @@ class Transfer:
         return byref(c_char.from_buffer(self.memory))  # pyright: ignore[reportArgumentType]
 
     def around(self, function: Callable[..., int]) -> Callable[..., int]:
-        """Return the function of a call with what moves the values."""
+        """Return the function of a call, wrapped to move the values."""
         if self.direct:
             return function
 
@@ -142,7 +142,7 @@ class Transfer:
     def _put(self, places: Any, values: Any) -> None:
         """Put values into the memory of the call; a text stays where it is until its variable gets another."""
         if self._kind not in TEXTS:
-            with np.errstate(over="ignore"):  # of Float32: infinite, as the type has it
+            with np.errstate(over="ignore"):  # Float32 overflows to infinity
                 self.memory[places] = values
             return
         for place, content in zip(places, values, strict=True):

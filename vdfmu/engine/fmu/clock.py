@@ -9,7 +9,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Clock:
-    """Of a clock of FMI 3.0: how its interval varies, the interval, NaN if it is asked for, and the first tick [s]."""
+    """A clock of FMI 3.0: how its interval varies, the interval, NaN if it is asked for, and the first tick [s]."""
 
     variability: str
     interval: float
@@ -22,7 +22,7 @@ class Clock:
 
     @property
     def asked(self) -> bool:
-        """Whether the component says the interval."""
+        """Whether the component states the interval."""
         return self.variability in ("calculated", "tunable", "changing", "countdown")
 
 

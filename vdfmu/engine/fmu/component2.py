@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from ctypes import byref, c_double, c_int, c_size_t, c_uint, c_void_p
+from ctypes import byref, c_double, c_int, c_size_t, c_uint
 from typing import Any
 
-import fmpy
 import numpy as np
 from fmpy import fmi2
 
@@ -24,7 +23,7 @@ except Exception:  # no proxy library for this platform: messages come without t
     addLoggerProxy = None
 
 _LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3
-"""Of fmi2StatusKind."""
+"""Values of fmi2StatusKind."""
 
 
 def _on_message(token: int | None, instance: bytes, status: int, category: bytes, text: bytes) -> None:
@@ -32,47 +31,33 @@ def _on_message(token: int | None, instance: bytes, status: int, category: bytes
 
 
 _RECEIVER = fmi2.fmi2CallbackLoggerTYPE(_on_message)
-_ALLOCATE = fmi2.fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
-_FREE = fmi2.fmi2CallbackFreeMemoryTYPE(fmpy.free)
 
 
 class Slave2(Slave):
     """An instance of an FMU of FMI 2.0."""
 
-    prefix, state_name, derivatives_name = "fmi2", "FMUstate", "GetDerivatives"
-    counted = False
-    results = {"Instantiate": c_void_p, "FreeInstance": None}  # noqa: RUF012
+    kinds = fmi2.FMU2Slave, fmi2.FMU2Model
+    prefix, sized, derivatives_name = "fmi2", False, "GetDerivatives"
     dtypes = {"Real": np.float64, "Integer": np.int32, "Boolean": np.int32, "String": np.uintp}  # noqa: RUF012
 
-    def make(self) -> int | None:
+    def make(self) -> None:
         """See `Slave.make`."""
-        self._callbacks = fmi2.fmi2CallbackFunctions()
-        self._callbacks.logger = _RECEIVER
-        self._callbacks.allocateMemory = _ALLOCATE
-        self._callbacks.freeMemory = _FREE
-        self._callbacks.componentEnvironment = self.token
+        default = fmi2.defaultCallbacks
+        callbacks = fmi2.fmi2CallbackFunctions(
+            _RECEIVER, default.allocateMemory, default.freeMemory, default.stepFinished, self.token
+        )
         # pythonfmu passes its text as the format, without arguments: a percent sign must not be formatted.
         if addLoggerProxy is not None and not self.python:
-            addLoggerProxy(byref(self._callbacks))
+            addLoggerProxy(byref(callbacks))
         # FMPy's container would log every call to its units, in a millisecond a step; their errors come anyway
         talkative = self.description.identifier == "container_fmu"
-        return self.function("Instantiate")(
-            self.name.encode(), c_int(not self.description.exchange), self.description.guid.encode(),
-            (self.folder / "resources").as_uri().encode(), byref(self._callbacks), c_int(0), c_int(not talkative),
-        )  # fmt: skip
+        self.fmu.instantiate(callbacks=callbacks, loggingOn=not talkative)
 
     def prepare(self, tolerance: float | None, start: float, stop: float, values: Starts) -> None:
         """See `Slave.prepare`."""
         self.tolerance = tolerance
-        self.call(
-            "SetupExperiment", c_int(tolerance is not None), c_double(tolerance or 0.0), c_double(start),
-            c_int(1), c_double(stop),
-        )  # fmt: skip
+        self.fmu.setupExperiment(tolerance, start, stop)
         self.set_all(values)
-
-    def enter_initialization(self) -> None:
-        """See `Slave.enter_initialization`."""
-        self.call("EnterInitializationMode")
 
     def value_call(self, moved: Transfer) -> Call:
         """See `Slave.value_call`."""
@@ -114,33 +99,20 @@ class Slave2(Slave):
         """See `Slave.sizes`."""
         return self.description.sizes
 
-    def update(self, time: float) -> None:
-        """See `Slave.update`."""
-        info = fmi2.fmi2EventInfo()
-
-        def update() -> tuple[bool, bool, float]:
-            self.call("NewDiscreteStates", byref(info))
-            after = info.nextEventTime if info.nextEventTimeDefined else math.inf
-            return bool(info.newDiscreteStatesNeeded), bool(info.terminateSimulation), after
-
-        self.updated(time, update)
-
-    def completed_step(self) -> bool:
-        """See `Slave.completed_step`."""
-        enter, end = c_int(), c_int()
-        self.call("CompletedIntegratorStep", c_int(1), byref(enter), byref(end))
-        return self.ended_step(bool(enter.value), bool(end.value))
+    def discrete_states(self) -> tuple[bool, bool, bool, bool, bool, float]:
+        """See `Slave.discrete_states`."""
+        return self.fmu.newDiscreteStates()
 
     def has_ended(self) -> bool:
         """See `Slave.has_ended`."""
         before, ended, time = len(self.box.pending), c_int(), c_double(math.nan)
         try:
-            status = self.function("GetBooleanStatus")(self.component, c_int(_TERMINATED), byref(ended))
+            status = self.function("GetBooleanStatus")(self.argument, c_int(_TERMINATED), byref(ended))
             if status == 0 and ended.value:
-                self.function("GetRealStatus")(self.component, c_int(_LAST_SUCCESSFUL_TIME), byref(time))
+                self.function("GetRealStatus")(self.argument, c_int(_LAST_SUCCESSFUL_TIME), byref(time))
                 self.box.ended[self.name] = time.value
                 return True
         except CosimError:  # a library without them
             pass
-        del self.box.pending[before:]  # what it says of these calls is not why it discarded the step
+        del self.box.pending[before:]  # messages on these calls do not explain why it discarded the step
         return False

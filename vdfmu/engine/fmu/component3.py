@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Sequence
-from ctypes import CFUNCTYPE, byref, c_bool, c_char, c_char_p, c_double, c_int, c_size_t, c_uint32, c_void_p
+from ctypes import byref, c_bool, c_char, c_double, c_int, c_size_t, c_uint32
 from functools import partial
 from typing import Any
 
 import numpy as np
+from fmpy.fmi3 import FMU3Model, FMU3Slave
 
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import Call, Transfer
@@ -17,24 +17,19 @@ from vdfmu.engine.fmu.component import Slave, Starts, Steps
 from vdfmu.engine.fmu.messages import on_message
 from vdfmu.engine.fmu.variables import FmuVariable
 
-_RECEIVER = CFUNCTYPE(None, c_void_p, c_int, c_char_p, c_char_p)(on_message)
-_UPDATE = CFUNCTYPE(None, c_void_p, c_double, c_bool, c_bool, c_bool, c_bool, c_void_p, c_void_p)
 _EVENT, _END, _EARLY = range(3)
 """Answers of doStep."""
 _CLOSE = 1e-9
 """Part of a step that an early return may leave undone by rounding."""
 _CHANGED = 2
-"""Of fmi3IntervalQualifier."""
+"""Value of fmi3IntervalQualifier."""
 
 
 class Slave3(Slave):
     """An instance of an FMU of FMI 3.0."""
 
-    prefix, state_name = "fmi3", "FMUState"
-    derivatives_name = "GetContinuousStateDerivatives"
-    results = {  # noqa: RUF012
-        "InstantiateCoSimulation": c_void_p, "InstantiateModelExchange": c_void_p, "FreeInstance": None,
-    }  # fmt: skip
+    kinds = FMU3Slave, FMU3Model
+    prefix, sized, derivatives_name = "fmi3", True, "GetContinuousStateDerivatives"
     dtypes = {  # noqa: RUF012
         "Float64": np.float64, "Float32": np.float32, "Boolean": np.bool_, "String": np.uintp, "Binary": np.uintp,
         **{f"{sign}Int{bits}": np.dtype(f"{sign.lower()}int{bits}") for sign in ("", "U") for bits in (8, 16, 32, 64)},
@@ -49,43 +44,36 @@ class Slave3(Slave):
     _piece, _late = math.inf, 0.0
     """Length of the last internal step [s]; `_lag` up to the last update."""
     _opening = _piece, _late
-    """Those at the begin of the step."""
+    """Both at the begin of the step."""
     _failed: CosimError | None = None
-    """What failed in an intermediate update."""
+    """Failure in an intermediate update."""
 
-    def make(self) -> int | None:
+    def make(self) -> None:
         """See `Slave.make`."""
-        self._update = _UPDATE(self._updated)
-        whose = (
-            self.name.encode(),
-            self.description.guid.encode(),
-            f"{self.folder / 'resources'}{os.sep}".encode(),
-        )
+        token = self.token
+
+        def receive(_: int | None, *message: Any) -> None:
+            on_message(token, *message)
+
         if self.description.exchange:
-            return self.function("InstantiateModelExchange")(
-                *whose, c_bool(False), c_bool(True), c_void_p(self.token), _RECEIVER
-            )
-        return self.function("InstantiateCoSimulation")(
-            *whose, c_bool(False), c_bool(True), c_bool(self.event_mode), c_bool(self.event_mode), None, c_size_t(0),
-            c_void_p(self.token), _RECEIVER, self._update if self.updates else None,
-        )  # fmt: skip
+            return self.fmu.instantiate(loggingOn=True, logMessage=receive)
+        updated = self._updated if self.updates else None
+        self.fmu.instantiate(False, True, self.event_mode, self.event_mode, receive, updated)
 
     def prepare(self, tolerance: float | None, start: float, stop: float, values: Starts) -> None:
         """See `Slave.prepare`."""
         self.tolerance = tolerance
-        self._experiment = (
-            c_bool(tolerance is not None), c_double(tolerance or 0.0), c_double(start), c_bool(True), c_double(stop),
-        )  # fmt: skip
+        self._experiment = tolerance, start, stop
         structure = [(v, x) for v, x in values if v.causality == "structuralParameter"]
         if structure:
-            self.call("EnterConfigurationMode")
+            self.fmu.enterConfigurationMode()
             self.set_all(structure)
-            self.call("ExitConfigurationMode")
+            self.fmu.exitConfigurationMode()
         self.set_all([pair for pair in values if pair not in structure])
 
     def enter_initialization(self) -> None:
         """See `Slave.enter_initialization`."""
-        self.call("EnterInitializationMode", *self._experiment)
+        self.fmu.enterInitializationMode(*self._experiment)
 
     def value_call(self, moved: Transfer) -> Call:
         """See `Slave.value_call`."""
@@ -126,7 +114,7 @@ class Slave3(Slave):
 
     def _run_line(self, begin: float, end: float) -> None:
         """Begin a step whose inputs run on lines."""
-        if begin != self._begin:  # a step that is repeated begins as it did
+        if begin != self._begin:  # a repeated step begins as it did
             self._begin, self._opening = begin, (self._piece, self._late + self._lag(self._end))
         self._piece, self._late = self._opening
         self._at, self._end, self._failed = begin, end, None
@@ -146,13 +134,13 @@ class Slave3(Slave):
                 self._failed = error
 
     def _lag(self, time: float) -> float:
-        """Return the integral of the time minus that of the value which is held, since the last update [s^2]."""
+        """Return the integral of the time minus the integral of the held value, since the last update [s^2]."""
         return (time - self._at) * (0.5 * (self._at + time) - self._held)
 
     def _hold(self, length: float) -> None:
-        """Set the inputs for an internal step of a length that is a guess, so that their integral is that of the line.
+        """Set the inputs for an internal step of a length that is a guess, so that their integral is the line's.
 
-        What a wrong guess has left of the integral before is made up for.
+        It also corrects the error that a wrong guess left in the previous integral.
         """
         self._held = self._at + 0.5 * length + self._late / length
         self.line(self._held)
@@ -169,7 +157,7 @@ class Slave3(Slave):
         return moved.around(call), byref(moved.references), count, moved.pointer, size, "getOutputDerivatives"
 
     def _answered(self, flags: Any, last: float, done: bool) -> bool:
-        """Take what a step has answered beside its status; False if the rest of it, but for rounding, is to be done."""
+        """Take the answers of a step other than its status; False if more of it than rounding remains to be done."""
         self.event_needed = bool(flags[_EVENT])
         if flags[_END]:
             self.box.ended[self.name] = last
@@ -219,47 +207,25 @@ class Slave3(Slave):
         self.event_needed = False
         super().enter_event()
 
-    def update(self, time: float) -> None:
-        """See `Slave.update`."""
-        flags, at = (c_bool * 5)(), c_double()
-        arguments = *(byref(flags, i) for i in range(5)), byref(at)
-
-        def update() -> tuple[bool, bool, float]:
-            self.call("UpdateDiscreteStates", *arguments)
-            again, end, _, _, defined = flags
-            return again, end, at.value if defined else math.inf
-
-        self.updated(time, update)
-
-    def completed_step(self) -> bool:
-        """See `Slave.completed_step`."""
-        enter, end = c_bool(), c_bool()
-        self.call("CompletedIntegratorStep", c_bool(True), byref(enter), byref(end))
-        return self.ended_step(enter.value, end.value)
+    def discrete_states(self) -> tuple[bool, bool, bool, bool, bool, float]:
+        """See `Slave.discrete_states`."""
+        return self.fmu.updateDiscreteStates()
 
     def sizes(self) -> tuple[int, int]:
         """See `Slave.sizes`."""
-        found = c_size_t(), c_size_t()
-        for name, size in zip(("ContinuousStates", "EventIndicators"), found, strict=True):
-            self.call(f"GetNumberOf{name}", byref(size))
-        return found[0].value, found[1].value
+        return self.fmu.getNumberOfContinuousStates(), self.fmu.getNumberOfEventIndicators()
 
     def set_clocks(self, references: Sequence[int]) -> None:
         """Let input clocks tick."""
-        n = len(references)
-        if n:
-            self.call("SetClock", (c_uint32 * n)(*references), c_size_t(n), (c_bool * n)(*[True] * n))
+        if references:
+            self.fmu.setClock(references, [True] * len(references))
 
     def clocks(self, references: Sequence[int]) -> list[bool]:
         """Return which output clocks tick."""
-        n = len(references)
-        ticks = (c_bool * max(n, 1))()
-        if n:
-            self.call("GetClock", (c_uint32 * n)(*references), c_size_t(n), ticks)
-        return list(ticks)[:n]
+        return self.fmu.getClock(references) if references else []
 
     def intervals(self, references: Sequence[int]) -> list[float | None]:
-        """Return the intervals of clocks [s]; None for those that have not changed."""
+        """Return the intervals of clocks [s]; None for unchanged ones."""
         n = len(references)
         intervals, qualifiers = (c_double * n)(), (c_int * n)()
         self.call("GetIntervalDecimal", (c_uint32 * n)(*references), c_size_t(n), intervals, qualifiers)

@@ -1,4 +1,4 @@
-"""What the master needs to know of an FMU, read from its model description."""
+"""An FMU as the master needs to know it, read from its model description."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 from fmpy.model_description import CoSimulation, ModelDescription, ValidationError, read_model_description
 
 from vdfmu.base.errors import SspError
+from vdfmu.base.standards import FMI_2, FMI_VERSIONS, FmiVersion
 from vdfmu.engine.fmu.variables import FmuVariable, Value, element_names, read_variables, type_of
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.elements import read_units
@@ -35,13 +36,13 @@ class Description:
     variables: Mapping[str, FmuVariable]
     """Arrays by their elements."""
     step_dependencies: Mapping[str, frozenset[str] | None]
-    """For each output the names it depends on in the steps. None where the FMU does not say, which means: on all."""
+    """For each output the names it depends on in the steps; None, where the FMU does not say, means all."""
     initial_dependencies: Mapping[str, frozenset[str] | None]
     """The same during initialization, for each initial unknown."""
-    version: str = "2.0"
-    """Of FMI."""
+    version: FmiVersion = FMI_2
+    """Record of its FMI version."""
     shapes: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
-    """Of the arrays."""
+    """Shapes of the arrays."""
     saves_state: bool = False
     """Whether its state can be saved and restored, so that a step can be repeated."""
     serializes_state: bool = False
@@ -65,8 +66,8 @@ class Description:
     sizes: tuple[int, int] = (0, 0)
     """Numbers of continuous states and of event indicators."""
     period: str = ""
-    """Parameter with the time between samples of its discrete outputs, as an annotation of this project names it: they
-    are states that change by the inputs at the begin of a step. Directional derivatives give the next sample's."""
+    """Parameter with the time between samples of its discrete outputs, as an annotation of this project names it. They
+    are states that change by the inputs at the begin of a step; directional derivatives are for the next sample."""
 
     @property
     def sampled(self) -> list[FmuVariable]:
@@ -79,7 +80,7 @@ class Description:
         return [*(v.name for v in self.variables.values() if v.length == 1), *self.shapes]
 
     def elements(self, name: str, index: Sequence[int] = ()) -> list[FmuVariable]:
-        """Return a variable, or the elements of an array, or of a part of it; empty if there is none of the name."""
+        """Return a variable, or the elements of an array, or of a part of it; empty if the name is unknown."""
         if name not in self.shapes:
             return [self.variables[name]] if name in self.variables else []
         inside = np.ndindex(*self.shapes[name])
@@ -92,9 +93,9 @@ class Description:
         return [v for v in self.variables.values() if v.causality == causality]
 
 
-def library_name(identifier: str, version: str) -> str:
+def library_name(identifier: str, version: FmiVersion) -> str:
     """Return the member of an FMU that holds the binary for this platform."""
-    platform = fmpy.platform if version == "2.0" else fmpy.platform_tuple
+    platform = fmpy.platform_tuple if version.platform_tuples else fmpy.platform
     return f"binaries/{platform}/{identifier}{fmpy.sharedLibraryExtension}"
 
 
@@ -110,9 +111,9 @@ def inspect_description(
     source : str
         Its name in messages.
     implementation : str
-        What the SSD asks for.
+        The implementation that the SSD asks for.
     sizes : mapping of str to value, optional
-        Values of structural parameters, of which the shapes of arrays are made, in place of their start values.
+        Values of structural parameters, which decide the shapes of arrays, instead of their start values.
 
     Returns
     -------
@@ -132,9 +133,9 @@ def _inspect(
 ) -> tuple[Description | None, list[str]]:
     xml, names = unit.read("modelDescription.xml"), unit.names
     root = parse_xml(xml, f"{source}: modelDescription.xml")
-    version = root.get("fmiVersion")
-    if version not in ("2.0", "3.0"):
-        text = f"{source}: is an FMU of FMI {version}; the master runs FMI 2.0 and 3.0"
+    version = FMI_VERSIONS.get(root.get("fmiVersion") or "")
+    if version is None:
+        text = f"{source}: is an FMU of FMI {root.get('fmiVersion')}; the master runs FMI {' and '.join(FMI_VERSIONS)}"
         raise SspError(found("RUN007", text, root))
     problems: list[str] = []
     try:
@@ -142,7 +143,7 @@ def _inspect(
     except Exception as error:  # fmpy raises bare exceptions
         faults = error.problems if isinstance(error, ValidationError) else [error]
         broken = [fmpy_found(str(f), f"{source}: faulty model description: {f}") for f in faults]
-        problems += [text for text in broken if text.rule.number != "FMI013"]  # what is missing counts as all
+        problems += [text for text in broken if text.rule.number != "FMI013"]  # missing ones count as all
         try:
             model = read_model_description(unit.file, validate=False)
         except Exception:
@@ -198,7 +199,7 @@ def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -
         shapes={v.name: tuple(v.shape) for v in model.modelVariables if v.shape},
         step_dependencies=_unknowns(model.outputs),
         initial_dependencies=_unknowns(model.initialUnknowns),
-        version=str(model.fmiVersion),
+        version=FMI_VERSIONS[str(model.fmiVersion)],
         saves_state=bool(part.canGetAndSetFMUstate),
         serializes_state=_declared(root, exchange, "canSerializeFMUstate", "canSerializeFMUState"),
         varies_steps=exchange or bool(part.canHandleVariableCommunicationStepSize),
@@ -227,7 +228,7 @@ def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -
 
 
 def _declared(root: Any, exchange: bool, *flags: str) -> bool:
-    """Whether an FMU declares an ability, by its name in FMI 2.0 or in FMI 3.0; FMPy reads few of those."""
+    """Whether an FMU declares an ability, by its name in FMI 2.0 or in FMI 3.0; FMPy reads few of them."""
     parts = root.iterfind("ModelExchange" if exchange else "CoSimulation")
     return any(part.get(flag) in _TRUE for part in parts for flag in flags)
 

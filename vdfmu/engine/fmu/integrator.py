@@ -20,20 +20,20 @@ from vdfmu.engine.fmu.component import Slave
 from vdfmu.engine.fmu.variables import FmuVariable
 
 TOLERANCE = 1e-6
-"""Relative, where none is asked for; absolute, times the nominal values of the states."""
+"""Relative tolerance by default; the absolute one is this times the nominal values of the states."""
 _STIFF = 200
-"""Steps of the explicit method in a communication step from which an implicit one takes over."""
+"""Explicit steps in a communication step after which an implicit method takes over."""
 _DIFFERENCE = 1e-6
-"""Of differences, relative to sizes and nominal values."""
+"""Size of differences, relative to sizes and nominal values."""
 _EVENTS = 1000
-"""Events in a communication step at most."""
+"""Most events in a communication step."""
 
 
 class ModelExchangeIntegrator:
     """Integrates the states of a component over communication steps.
 
-    By DOP853; where a communication step takes many steps of it, by Radau from then on. An event indicator that changes
-    its sign within a step is located by bisection, to rounding; the event is just behind.
+    By DOP853; once a communication step takes many of its steps, by Radau. An event indicator that changes its sign
+    within a step is located by bisection, to rounding; the event is just behind.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ class ModelExchangeIntegrator:
     def _crossing(
         self, low: float, high: float, state: Callable[[float], Any], signs: NDArray[np.bool_]
     ) -> float:
-        """Return the first time behind a change of sign [s]."""
+        """Return the first time after a change of sign [s]."""
         while True:
             middle = 0.5 * (low + high)
             if not low < middle < high:
@@ -142,7 +142,7 @@ class ModelExchangeIntegrator:
     def differences(
         self, time: float, inputs: Sequence[FmuVariable], outputs: Sequence[FmuVariable]
     ) -> Floats:
-        """Return what `vdfmu.engine.masters.interface.derivatives` does, by central differences."""
+        """See `vdfmu.engine.masters.interface.derivatives`; calculated by central differences."""
         slave, n = self.slave, self._x.size
         slave.leave_event()
         self._values("GetContinuousStates", self._x)

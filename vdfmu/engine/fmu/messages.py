@@ -14,7 +14,7 @@ STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 _LENGTH = 10_000
 """Bytes of a message that are kept."""
 _FAILURE = re.compile("error|fatal|discard", re.IGNORECASE)
-"""In the category of a message that is worse than its status says."""
+"""Part of the category of a message that is worse than its status."""
 _LEVEL = {"ok": logging.DEBUG, "note": logging.INFO, "warning": logging.WARNING}
 
 
@@ -80,7 +80,7 @@ class MessageBox:
         if not worst:
             return "the unit gave no reason" + (f"; its last message: {own[-1].text.strip()}" if own else "")
         text = re.sub(r"Fatal py exception encountered: \[\w+\] \w+ ?", "", text)  # pythonfmu's own prefix
-        # a unit that names itself and the call: the error that quotes it does so already
+        # a unit that names itself and the call: the error that quotes it names them already
         text = re.sub(rf"^{re.escape(unit)}: \w+( at t = \S+ s)? failed: ", "", text)
         return text or "the unit gave no reason"
 
@@ -96,7 +96,7 @@ def on_message(token: int | None, status: int, category: bytes, text: bytes) -> 
         message += f" ... ({len(text) - _LENGTH} bytes more)"
     label = STATUS[status] if 0 <= status < len(STATUS) else str(status)
     entry = boxes.get(token or 0)
-    if entry is None:  # of an instance of fmpy's own, whose proxy knows one receiver only, now this one
+    if entry is None:  # of fmpy's own instance, whose proxy knows only one receiver, now this one
         print(f"[{label.upper()}] {message}")
         return
     name, box = entry

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from fmpy.model_description import ModelDescription
 
+from vdfmu.base.standards import FMI_VERSIONS
 from vdfmu.engine.fmu.clock import Clock, read_clock
 from vdfmu.engine.package.system import UnitFactor
 
@@ -20,15 +21,15 @@ RANGES = {"Integer": (-(2**31), 2**31 - 1)} | {
     for sign in ("", "U")
     for bits in (8, 16, 32, 64)
 }
-"""Least and largest value of types of integers; of those of UInt64 that the master passes on."""
+"""Least and largest value of integer types; for UInt64, of the values that the master passes on."""
 _TYPES = {"Float32": "Real", "Float64": "Real"} | {
     f"{sign}Int{bits}": "Integer" for sign in ("", "U") for bits in (8, 16, 32, 64)
 }
-"""Types of FMI 3.0 that are one of FMI 2.0 for the master."""
+"""Types of FMI 3.0 that the master treats as a type of FMI 2.0."""
 
 
 def type_of(name: str) -> str:
-    """Return what a type of FMI 2.0 or 3.0 is for the master: floats of any length are Real, integers Integer."""
+    """Return the master's name of a type of FMI 2.0 or 3.0: floats of any length are Real, integers Integer."""
     return _TYPES.get(name, name)
 
 
@@ -36,8 +37,8 @@ def type_of(name: str) -> str:
 class FmuVariable:
     """A scalar variable of an FMU, or an element of an array of FMI 3.0.
 
-    `reference` is its value reference, `type` Real, Integer, Enumeration, Boolean, String or Binary, `items` those of
-    an enumeration, `nominal` the size of its values, in its unit, None where the FMU does not say, `limits` the least
+    `reference` is its value reference, `type` Real, Integer, Enumeration, Boolean, String or Binary, `items` the items
+    of an enumeration, `nominal` the size of its values, in its unit, None if the FMU does not say, `limits` the least
     and the largest value, `native` the type in the names of the FMI functions that get and set it, `index` its position
     among the `length` elements, row by row, `start` its start value, `clocks` the value references of its clocks,
     `clock` what a clock is.
@@ -73,7 +74,7 @@ class FmuVariable:
 
     @property
     def size(self) -> float:
-        """The nominal value; 1, as FMI has it, where the FMU states none."""
+        """The nominal value; 1, by FMI's default, where the FMU states none."""
         return self.nominal or 1.0
 
     @property
@@ -85,7 +86,7 @@ class FmuVariable:
 
 
 def limits_of(variable: Any) -> tuple[float, float]:
-    """Return the limits of fmpy's variable, else those of its type; infinite where there are none that can be read."""
+    """Return the limits of fmpy's variable, else its type's; infinite where neither can be read."""
     found = [-math.inf, math.inf]
     for k, name in enumerate(("min", "max")):
         text = getattr(variable, name)
@@ -108,7 +109,7 @@ def limit_fault(value: float, limits: tuple[float, float]) -> str | None:
 
 
 def element_names(name: str, shape: Sequence[int] | None) -> list[str]:
-    """Return the names of the elements of a variable, row by row, that count from 1; of a scalar its name."""
+    """Return the names of the elements of a variable, row by row, counted from 1; for a scalar its name."""
     if not shape:
         return [name]
     return [f"{name}[{','.join(str(i + 1) for i in index)}]" for index in np.ndindex(*shape)]
@@ -118,6 +119,7 @@ def read_variables(
     model: ModelDescription, relative: set[str], units: Mapping[str, UnitFactor], clocks: Mapping[str, Any]
 ) -> dict[str, FmuVariable]:
     """Return the variables of fmpy's description by their names, arrays by their elements."""
+    version = FMI_VERSIONS[str(model.fmiVersion)]
     variables: dict[str, FmuVariable] = {}
     for v in model.modelVariables:
         declared = v.declaredType
@@ -140,7 +142,7 @@ def read_variables(
                 else None,
                 nominal=_nominal(nominal),
                 limits=limits_of(v),
-                native=_native(v.type, str(model.fmiVersion)),
+                native=version.enumeration if v.type == "Enumeration" else v.type,
                 index=index,
                 length=len(names),
                 start=start,
@@ -150,13 +152,8 @@ def read_variables(
     return variables
 
 
-def _native(kind: str, version: str) -> str:
-    """Return the type in the names of the functions for a variable of a type."""
-    return kind if kind != "Enumeration" else "Integer" if version == "2.0" else "Int64"
-
-
 def _elements(text: str | None, length: int) -> list[str | None]:
-    """Return the text of each element from that of an array, or of one for all."""
+    """Return the text of each element, from the text of an array or from one text for all."""
     parts: list[str | None] = [None] if text is None else [*text.split()]
     return parts if len(parts) == length else [parts[0] if parts else None] * length
 
@@ -164,7 +161,7 @@ def _elements(text: str | None, length: int) -> list[str | None]:
 def start_values(variable: Any) -> list[Value]:
     """Return the start values of the elements of fmpy's variable.
 
-    What cannot be read, which the check of the unit reports, is 0.
+    Unreadable ones, which the check of the unit reports, are 0.
     """
     kind, text = type_of(variable.type), variable.start
     length = math.prod(variable.shape or ())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from ctypes import byref, c_byte, c_double, c_size_t, c_void_p
+from ctypes import c_double, c_void_p
 from pathlib import Path
 
 import fmpy
@@ -11,8 +11,8 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
+from vdfmu.engine.fmu.classes import CLASSES
 from vdfmu.engine.fmu.component import Slave
-from vdfmu.engine.fmu.component2 import Slave2
 from vdfmu.engine.fmu.component3 import Slave3
 from vdfmu.engine.fmu.description import Description, inspect_description
 from vdfmu.engine.fmu.integrator import ModelExchangeIntegrator
@@ -23,13 +23,13 @@ from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.rules import found
 
 _MOST = 20
-"""Most outputs whose directional derivatives are asked for: the first."""
+"""Directional derivatives are asked for of this many outputs, the first."""
 _REPEATED = 1e-9
 """Relative difference between a step and its repetition: the same operations, each within 1e-16."""
 
 
 def try_abilities(path: Path, start: float, step: float) -> Findings:
-    """Make the calls that an FMU declares it takes, each kind with an instance of its own.
+    """Make the calls that an FMU declares to support, each kind with its own instance.
 
     Parameters
     ----------
@@ -67,8 +67,7 @@ def _attempt(
     step: float,
 ) -> str:
     """Take an instance through initialization and an attempt; return what is wrong."""
-    version = Slave2 if description.version == "2.0" else Slave3
-    slave = version("FMU", description, folder, MessageBox(lambda message: None), set())
+    slave = CLASSES[description.version]("FMU", description, folder, MessageBox(lambda message: None), set())
     if isinstance(slave, Slave3):
         slave.event_mode = attempt is _event_mode
     slave.box.time = start
@@ -81,7 +80,7 @@ def _attempt(
     except CosimError as error:
         return str(error).removeprefix("FMU: ")
     finally:
-        slave.close()  # the plain run has shown whether that fails
+        slave.close()  # a failure would show in the plain run
 
 
 def _inputs(description: Description) -> list[FmuVariable]:
@@ -128,23 +127,17 @@ def _state(slave: Slave, start: float, step: float) -> str:
 
 
 def _serialized(slave: Slave, start: float, step: float) -> str:
-    """Do the same with a state that has been bytes in between."""
+    """Do the same with a state that was bytes in between."""
     _step(slave, start, step)
-    state, size = slave.saved_state(), c_size_t()
-    names = ("SerializedFMU{}Size", "SerializeFMU{}", "DeSerializeFMU{}")
-    if slave.prefix == "fmi3":
-        names = (*names[:2], "DeserializeFMU{}")
-    length, write, read = (name.format(slave.state_name.removeprefix("FMU")) for name in names)
-    slave.call(length, state, byref(size))
-    content, again = (c_byte * size.value)(), c_void_p()
-    slave.call(write, state, content, size)
+    state = slave.saved_state()
+    content = slave.fmu.serializeFMUState(state)
     slave.free_state(state)
-    slave.call(read, content, size, byref(again))
+    again = slave.fmu.deserializeFMUState(content)
     return _repeated(slave, start + step, step, again)
 
 
 def _repeated(slave: Slave, time: float, step: float, state: c_void_p) -> str:
-    """Step from where the instance is, and from the state that says the same; return how the outputs differ."""
+    """Step from the current state, and from the saved state, which should equal it; return how the outputs differ."""
     _step(slave, time, step)
     first = _outputs(slave)
     slave.restore_state(state)

@@ -1,4 +1,4 @@
-"""Check of the shared libraries of an FMU by their first bytes: nothing of them is run."""
+"""Check of the shared libraries of an FMU by their first bytes: none of their code is run."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _PE = {0x14C: "x86", 0x1C0: "arm", 0x8664: "x86_64", 0xAA64: "aarch64"}
 
 
 def library_fault(name: str, data: bytes) -> str | None:
-    """Return what is wrong with a file that is named as a shared library, or None."""
+    """Return the fault of a file that is named as a shared library, or None."""
     if data.startswith(_MAGIC[posixpath.splitext(name)[1]]):
         return None
-    return f"{name}: is no shared library of the kind its name says"
+    return f"{name}: is not a shared library of the kind its name says"
 
 
 def architecture_fault(name: str, data: bytes) -> str | None:
@@ -34,7 +34,7 @@ def architecture_fault(name: str, data: bytes) -> str | None:
 
 
 def _architecture(data: bytes) -> str | None:
-    """Return the processor of an ELF or PE library; None where the head does not say."""
+    """Return the processor of an ELF or PE library; None where the header does not say."""
     try:
         if data.startswith(b"\x7fELF"):
             (number,) = struct.unpack_from("<H" if data[5] == 1 else ">H", data, 18)
@@ -47,6 +47,6 @@ def _architecture(data: bytes) -> str | None:
                 if data[head : head + 4] == b"PE\0\0"
                 else None
             )
-    except (struct.error, IndexError):  # cut off, which the loading tells
+    except (struct.error, IndexError):  # truncated; loading reports it
         pass
     return None

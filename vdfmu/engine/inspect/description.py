@@ -45,10 +45,10 @@ _TYPE_ATTRIBUTES = (
 
 
 def description_faults(root: Any) -> tuple[list[str], Any]:
-    """Return what breaks the schema or a rule, all of it at once.
+    """Return all that breaks the schema or a rule.
 
-    fmpy stops at the first reference that leads nowhere. Such references are found here and taken out, so that it
-    can say what else there is. Faults against the schema come alone.
+    fmpy stops at the first reference that leads nowhere. Such references are found here and removed, so that it
+    can report everything else. If the schema is broken, only that is reported.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def description_faults(root: Any) -> tuple[list[str], Any]:
     -------
     list of str
     ModelDescription or None
-        What fmpy makes of the description without the references that lead nowhere; None where it breaks the schema.
+        The description as fmpy reads it without dangling references; None where it breaks the schema.
     """
     version = str(root.get("fmiVersion"))
     faults = schema_faults(root, _SCHEMAS[version[0]], DESCRIPTION)
@@ -102,7 +102,7 @@ def variables_of(root: Any) -> Iterator[tuple[Any, Any]]:
 
 
 def _restore_lines(model: Any, root: Any) -> None:
-    """Give fmpy's objects the line numbers of the file: those of the text that it got may be others."""
+    """Give fmpy's objects the line numbers of the file; the text that it got may have others."""
     for variable, (item, _) in zip(model.modelVariables, variables_of(root), strict=False):
         variable.sourceline = item.sourceline
     for name, path in _UNKNOWNS.get(str(root.get("fmiVersion"))[0], {}).items():
@@ -115,7 +115,7 @@ def _restore_lines(model: Any, root: Any) -> None:
 
 
 def _rules(model: Any) -> list[str]:
-    """Return what fmpy finds. It takes aliases of FMI 3.0 for variables, which have entries in the model structure."""
+    """Return fmpy's findings. It takes aliases of FMI 3.0 for variables and expects them in the model structure."""
     everything = model.modelVariables
     aliases = [v for v in everything if v.alias is not None]
     model.modelVariables = [v for v in everything if v.alias is None]
@@ -144,11 +144,11 @@ def _rules(model: Any) -> list[str]:
 
 _IDENTIFIER = r"[A-Za-z_][A-Za-z_0-9]*(\[[0-9]+(,[0-9]+)*\])?"
 _PLAIN = re.compile(rf"{_IDENTIFIER}(\.{_IDENTIFIER})*|der\({_IDENTIFIER}(\.{_IDENTIFIER})*(,[0-9]+)?\)")
-"""Names that are legal by either naming convention; fmpy's parser takes milliseconds for each, and reads the others."""
+"""Names that are legal by either naming convention; fmpy's parser, at milliseconds each, reads the others."""
 
 
 class _Dangling:
-    """Finds the references of a description that lead nowhere, and takes them out."""
+    """Finds the references of a description that lead nowhere, and removes them."""
 
     def __init__(self, root: Any) -> None:
         self.faults: list[str] = []
@@ -204,7 +204,7 @@ class _Dangling:
             elif self.version == "3" and value.tag not in ("Float64", "Float32"):
                 variability = "discrete"
         if causality in _CAUSALITIES[variability] or item.get("initial") is not None:
-            return  # with `initial` fmpy reads on, and tells
+            return  # with `initial` fmpy reports this itself
         allowed = [v for v, causalities in _CAUSALITIES.items() if causality in causalities]
         stated = "" if item.get("variability") else ", which is the default,"
         self.fault(
@@ -223,7 +223,7 @@ class _Dangling:
                 continue
             if unit is None:
                 self.fault("FMI005", item, f"has the display unit {shown!r} and no unit; state the unit")
-            del holder.attrib["displayUnit"]  # of a unit that is not defined, which fmpy tells
+            del holder.attrib["displayUnit"]  # of an undefined unit, which fmpy reports
 
     def _derivative(self, item: Any, value: Any) -> None:
         text = value.get("derivative")
@@ -271,7 +271,7 @@ class _Dangling:
             kept = self._list(item, "dependencies")
             item.set("dependencies", " ".join(kept))
             if len(kept) < len(before) == len(kinds):
-                kinds = kinds[: len(kept)]  # only their number is looked at
+                kinds = kinds[: len(kept)]  # only their number is checked
         if item.get("dependenciesKind") is not None:
             item.set("dependenciesKind", " ".join(kinds))
 

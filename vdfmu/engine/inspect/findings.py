@@ -1,4 +1,4 @@
-"""What a check finds."""
+"""Findings of a check."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Findings:
     """Problems and notes of a file, or of a part of one."""
 
     problems: list[str] = field(default_factory=list[str])
-    """What is wrong: one sentence or more each, with the place."""
+    """Faults: one sentence or more each, with the place."""
     notes: list[str] = field(default_factory=list[str])
     """Notes, not errors, such as what could not be checked and why."""
     compared: list[str] = field(default_factory=list[str])
@@ -23,7 +23,7 @@ class Findings:
     """Whether code of the file was run."""
 
     def add(self, other: Findings, where: str = "", file: str = "") -> None:
-        """Take over what another check found, with its place before each sentence, and a file before that of each."""
+        """Add the findings of another check, with its place before each sentence, and `file` before each file."""
         self.ran = self.ran or other.ran
         self.problems += _placed(other.problems, where, file)
         self.notes += _placed(other.notes, where, file)

@@ -17,7 +17,7 @@ from vdfmu.engine.rules import found
 TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
 BUILD = "sources/buildDescription.xml"
 _SHOWN = 5
-"""Most missing source files that are named."""
+"""Most missing source files that a message names."""
 
 
 def variable_faults(root: Any) -> list[str]:
@@ -44,7 +44,7 @@ def variable_faults(root: Any) -> list[str]:
 
 
 def _nominal_fault(value: Any, declared: Any) -> list[str]:
-    """Return what is wrong with the nominal value, by which importers scale tolerances; it may be that of the type."""
+    """Return what is wrong with the nominal value, by which importers scale tolerances; it may come from the type."""
     text = value.get("nominal") or (declared.get("nominal") if declared is not None else None)
     if text is None or _number(text) is None or (math.isfinite(float(text)) and float(text)):
         return []
@@ -64,7 +64,7 @@ def manifest_faults(name: str, root: Any) -> list[str]:
 
 
 def _range_faults(value: Any, declared: Any) -> list[str]:
-    """Return where min <= start <= max does not hold; a bound that a variable does not state is that of its type."""
+    """Return where min <= start <= max does not hold; bounds that a variable does not state come from its type."""
     bounds: dict[str, float] = {}
     shown: dict[str, str] = {}
     for name in ("min", "max"):
@@ -87,7 +87,7 @@ def _range_faults(value: Any, declared: Any) -> list[str]:
 
 
 def _number(text: str | None) -> float | None:
-    """Return the number of a text, an integer as it is; None for what the schema refuses."""
+    """Return the number in a text, integers exactly; None for text that the schema refuses."""
     if text is None:
         return None
     try:

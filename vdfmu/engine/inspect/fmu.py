@@ -35,12 +35,12 @@ _XML_FOLDERS = ("terminalsAndIcons/", "sources/", "extra/")
 
 @dataclass(frozen=True)
 class _FmuContents:
-    """What is in an FMU: its members, the roots of its XML files by name, and the processors of its libraries."""
+    """Contents of an FMU: its members, the roots of its XML files by name, and the processors of its libraries."""
 
     names: list[str]
     roots: Mapping[str, Any]
     misbuilt: Mapping[str, str]
-    """Libraries in a folder of this platform that are for another processor, and what to say of them."""
+    """Libraries in a folder of this platform that are for another processor, and a message for each."""
 
 
 def store(archive: Archive, source: str, folder: Path) -> Path:
@@ -65,12 +65,12 @@ def check_unit(
     ----------
     path : Path
     name : str, optional
-        Its name in messages, if not that of the file.
+        Its name in messages, if not the file's.
     run : bool, optional
         Whether to make ten steps and to compare with reference results, in a process of its own, if nothing else is
         wrong.
     outer : Archive, optional
-        The package of which it is: they share one limit of what may be unpacked.
+        The package that contains it: they share one limit of what may be unpacked.
 
     Returns
     -------
@@ -91,12 +91,12 @@ def check_unit(
 
 
 def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, str | None]:
-    """Check all that needs no run; arguments and result as of `check_unit`."""
+    """Check all that needs no run; for arguments and result see `check_unit`."""
     findings = Findings()
     try:
         unit = _read(path, name, findings, outer)
     except SspError as error:
-        why = f"{name} is no FMU that can be read"
+        why = f"{name} is not a readable FMU"
         return Findings([reworded(p, f"{why}: {p.removeprefix(f'{name}: ')}") for p in error.problems]), None
     root = unit.roots[DESCRIPTION]
     version = root.get("fmiVersion")
@@ -112,7 +112,7 @@ def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, st
     findings.add(broken)
     try:
         description = read_unit(path)
-    except Exception:  # fmpy raises bare ones where an element is not as it expects; `_rules` says which
+    except Exception:  # fmpy raises bare ones for unexpected elements; `_rules` says which
         description = mended
     if description is None:
         return findings, standard
@@ -141,7 +141,7 @@ def _rules(unit: _FmuContents) -> tuple[Findings, Any]:
             ours += manifest_faults(name, other)
     build = build_faults(root, unit.roots.get(BUILD), unit.names)
     problems, description = description_faults(root)
-    if description is None:  # faults against the schema come alone
+    if description is None:  # only faults against the schema are reported
         return Findings(problems), None
     return Findings([*problems, *ours, *build.problems], build.notes), description
 
@@ -178,7 +178,7 @@ def _experiment(description: Any) -> list[str]:
 
 
 def _read(path: Path, label: str, findings: Findings, outer: Archive | None) -> _FmuContents:
-    """Read what an FMU holds; XML that must not be parsed is reported and goes no further."""
+    """Read what an FMU holds; XML that must not be parsed is reported and skipped."""
     with Archive(path, label, outer) as archive:
         findings.notes += [
             found("PKG007", f"entry {name!r} occurs more than once, with the same content")

@@ -16,26 +16,24 @@ from vdfmu.base.files import pack_zip
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.engine.inspect.findings import Findings, one_line
 from vdfmu.engine.inspect.fmu import check_unit
-from vdfmu.engine.inspect.osp import NAMESPACE as OSP_NAMESPACE
-from vdfmu.engine.inspect.osp import check_osp
 from vdfmu.engine.inspect.package import check_package
 from vdfmu.engine.package.archive import is_inside
 from vdfmu.engine.package.read import DEFAULT
 from vdfmu.engine.rules import Finding
 
 FORMAT = 1
-"""Version of the structure of `Report`; it changes when a key changes its meaning or goes."""
-_ENDINGS = ".fmu, .ssp, .ssd, or an OspSystemStructure.xml"
+"""Version of the structure of `Report`; it changes when a key changes its meaning or is removed."""
+_ENDINGS = (".fmu", ".ssp", ".ssd")
 
 
 @dataclass
 class Report(Findings):
-    """What the check of a file found; `vdfmu check --json` prints these keys."""
+    """Result of the check of a file; `vdfmu check --json` prints these keys."""
 
     file: str = ""
     """The path as it was given."""
     kind: str = ""
-    """``FMU``, ``SSP``, ``SSD`` or ``OSP``."""
+    """``FMU``, ``SSP`` or ``SSD``."""
     standard: str | None = None
     """Such as ``FMI 3.0``; None where the file does not get that far."""
 
@@ -61,12 +59,12 @@ def check_file(path: str | os.PathLike[str], run: bool = True) -> list[str]:
 
 
 def inspect_file(path: str | os.PathLike[str], run: bool = True) -> Report:
-    """Check an FMU, an SSP, an SSD or an OSP system structure, by the ending of its name.
+    """Check an FMU, an SSP or an SSD, by the ending of its name.
 
     Parameters
     ----------
     path : path
-        ``.fmu``; ``.ssp``; ``.ssd`` with its resources beside it; ``.xml`` of OSP with the FMUs beside it.
+        ``.fmu``; ``.ssp``; ``.ssd`` with its resources next to it.
     run : bool, optional
         Whether to make ten steps of the unit or system and to compare an FMU with the reference results that it
         may carry (FMI-LS-REF). That runs the units' code, in a process of its own.
@@ -74,7 +72,7 @@ def inspect_file(path: str | os.PathLike[str], run: bool = True) -> Report:
     Raises
     ------
     UsageError
-        If there is no such file, or one that cannot be opened, or of another ending.
+        If the file does not exist, cannot be opened, or has another ending.
     StorageError
         If the temporary folder cannot be written.
     """
@@ -93,8 +91,6 @@ def inspect_file(path: str | os.PathLike[str], run: bool = True) -> Report:
 def _inspect(path: Path, suffix: str, run: bool) -> Report:
     if suffix == ".fmu":
         return _report(path, "FMU", *check_unit(path, run))
-    if suffix == ".xml":
-        return _report(path, "OSP", check_osp(path, run), "OSP system structure 0.1")
     with temporary_folder("vdfmu_check_") as folder:
         package = path
         if suffix == ".ssd":
@@ -131,25 +127,23 @@ def _report(path: Path, kind: str, findings: Findings, standard: str | None) -> 
 
 
 def _require(path: Path, suffix: str) -> None:
-    """Raise UsageError for what is no file that can be checked."""
+    """Raise UsageError for anything that cannot be checked."""
     if path.is_dir():
         inside = path / DEFAULT
-        hint = f"; give {inside}" if inside.is_file() else f"; expected a file, {_ENDINGS}"
+        hint = f"; give {inside}" if inside.is_file() else f"; expected a file, {', '.join(_ENDINGS)}"
         raise UsageError(f"{path}: is a folder{hint}.")
     if not path.is_file():
         raise UsageError(f"{path}: there is no such file.")
     try:
-        with path.open("rb") as file:
-            head = file.read(4096)
+        path.open("rb").close()
     except OSError as error:
         raise UsageError(f"{path}: cannot be opened: {error.strerror}.") from error
-    known = suffix in (".fmu", ".ssp", ".ssd") or (suffix == ".xml" and OSP_NAMESPACE.encode() in head)
-    if not known:
-        raise UsageError(f"{path}: is not of a kind that can be checked; expected {_ENDINGS}.")
+    if suffix not in _ENDINGS:
+        raise UsageError(f"{path}: is not of a kind that can be checked; expected {', '.join(_ENDINGS)}.")
 
 
 def _pack(ssd: Path, package: Path) -> None:
-    """Pack an SSD with the files beside it that it names, and with those that an SSD among these names."""
+    """Pack an SSD with the files next to it that it names, and that SSDs among these files name."""
     members = {DEFAULT: ssd.read_bytes()}
     home = ssd.parent.resolve()
     waiting = [("", members[DEFAULT])]

@@ -92,9 +92,9 @@ class LinearSystem:
         return list(dict.fromkeys(i for each in found for i in each))
 
     def around(self, opened: Sequence[str]) -> LinearSystem:
-        """Return the part of the system that lies on ways from the opened inputs back to them.
+        """Return the part of the system that lies on paths from the opened inputs back to them.
 
-        Whatever else there is neither sees these loops nor acts on their stability.
+        Nothing else affects the stability of these loops.
 
         Raises
         ------
@@ -165,16 +165,16 @@ class LinearSystem:
         return replace(found, notes=(*found.notes, *notes))
 
     def sampled(self, opened: Sequence[str] = ()) -> StateSpace:
-        """Return the system from one communication point to the next; parameters as of :meth:`continuous`.
+        """Return the system from one communication point to the next; for parameters see :meth:`continuous`.
 
-        States are those of the components, sampled ones after the others, and the values L y that wait at their inputs.
+        States are the components' states, sampled ones last, then the values L y that wait at the components' inputs.
         Outputs are ``C x + D u``.
 
         Raises
         ------
         UsageError
-            For unknown inputs, or signals and samples of which it is not known how they go from one communication point
-            to the next.
+            For unknown inputs, or signals and samples with unknown changes from one communication point to
+            the next.
         """
         if self.constant:
             raise UsageError(
@@ -193,7 +193,7 @@ class LinearSystem:
         Phi, Gamma = held(Linear(A, np.hstack([B, E])), self.step)
         by_s, keeps = np.vstack([Gamma[:, m:], np.eye(n_s)]), np.zeros((n_x + n_s, n_x + n_s))
         keeps[:n_x, :n_x] = Phi
-        # the sample is the first of the step: F tells the s that x and y have through it
+        # the sample comes first in the step: F gives the s that holds for x and y during it
         Phi = keeps + by_s @ np.hstack([F[:, :n_x], F[:, n_x + m :]])
         Gamma = np.vstack([Gamma[:, :m], np.zeros((n_s, m))]) + by_s @ F[:, n_x : n_x + m]
         C, n = np.hstack([C, G]), n_x + n_s
@@ -214,7 +214,7 @@ class LinearSystem:
         return self._named(np.vstack([x, waits]), np.vstack([y, back[cut]]), cut, self.step)
 
     def _named(self, motion: Floats, outputs: Floats, cut: list[int], step: float | None) -> StateSpace:
-        """Return the state space of matrices by (states, d); what comes to cut inputs are the last outputs."""
+        """Return the state space of matrices by (states, d); signals at cut inputs are the last outputs."""
         p, size, value = self.parts, len(motion), self.links @ self.parts.y
         waiting, signals = (len(value), self.samples.signals) if step is not None else (0, ())
         return replace(
@@ -229,7 +229,7 @@ class LinearSystem:
 
 
 def _reached(acts: npt.NDArray[np.bool_], begins: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
-    """Whether something acts on each place, in any number of steps, from some of them."""
+    """Whether each place is affected, in any number of steps, by some of them."""
     found = np.zeros(len(acts), bool)
     new = np.zeros(len(acts), bool)
     new[begins] = True
@@ -248,8 +248,8 @@ def linear_system(
 ) -> LinearSystem:
     """Run a system to a time and linearise its components there.
 
-    By their directional derivatives; those of a component for model exchange that has none by central differences, of
-    which `notes` tells. Sampled states are linearised where an annotation names their period.
+    Directional derivatives give the matrices; for a model-exchange component without any, central differences do, with
+    one of the `notes`. Sampled states are linearised where an annotation names their period.
 
     Parameters
     ----------
@@ -275,7 +275,7 @@ def linear_system(
 def linearised(components: Components, step: float, time: float, values: bool = True) -> LinearSystem:
     """Linearise components in this process where they are, at a time [s]; see :func:`linear_system`.
 
-    Without `values` those of states, inputs and outputs are 0.
+    Without `values`, states, inputs and outputs have the value 0.
     """
     checked = components.checked
     blind = [

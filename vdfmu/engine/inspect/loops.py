@@ -29,13 +29,13 @@ Complex = npt.NDArray[np.complex128]
 _GRID = 400
 """Frequencies at which a loop is calculated by default."""
 _COARSE = 100
-"""Those for the modulus margin alone: a hundred a run of 4 decades, and poles have their own."""
+"""Frequencies for the modulus margin alone: a hundred over 4 decades; poles have their own."""
 _AROUND = np.concatenate([-np.geomspace(8.0, 0.25, 6), [0.0], np.geomspace(0.25, 8.0, 6)])
 """Distances to the frequency of a pole, as shares of its decay rate."""
 _SLOWEST = 1e-4
-"""Lowest of them, as a share of half the sampling frequency."""
+"""Lowest frequency, as a share of half the sampling frequency."""
 GROWTH = 2.0
-"""Rate [1/s] up to which what grows counts as stable: a fast mode of links on springs, which friction holds."""
+"""Growth rate [1/s] that still counts as stable: a fast mode of links on springs, which friction holds."""
 _HARM = 50.0
 """Factor by which disturbances grow, beyond what this rate gives, before a run is unstable: vibration and the ends of a
 motion, where friction falls with speed, let them grow for a while."""
@@ -45,9 +45,9 @@ motion of 4 s lasts for 0.1 s."""
 _MARGINS = 3
 """Poses at which margins are calculated, which takes longer than the growth."""
 _NONE = 1e-300
-"""Smallest pole, of which there is a logarithm."""
+"""Smallest pole that has a logarithm."""
 _ROUNDING = 1e-9
-"""Of rates over a step, as a share of the state's largest."""
+"""Rounding of rates over a step, as a share of the state's largest."""
 
 
 class Margins(NamedTuple):
@@ -62,8 +62,8 @@ class Margins(NamedTuple):
     delay: Floats
     """Smallest further delay [s] that does."""
     radius: float
-    """Largest absolute eigenvalue of the closed loop, but for those of constants; unless it is below 1, or what the
-    growth allows, modulus, phase and delay are 0."""
+    """Largest absolute eigenvalue of the closed loop, except for constants; unless it is below 1, or what the growth
+    allows, modulus, phase and delay are 0."""
 
 
 @dataclass(frozen=True)
@@ -71,15 +71,15 @@ class Loop:
     """The loop at one time."""
 
     t: float
-    """In s."""
+    """Time [s]."""
     plant: Linear
     """Continuous, with the motor torques as inputs."""
     K: Floats
-    """Feedback (n, n_x): deviation of the motor torques by those of the plant's states."""
+    """Feedback (n, n_x): deviation of the motor torques by deviations of the plant's states."""
     step: float
-    """In s."""
+    """Communication step [s]."""
     growth: float = 0.0
-    """Rate [1/s] up to which what grows counts as stable: margins are those on the circle ``|z| = exp(growth
+    """Growth rate [1/s] that still counts as stable: margins are taken on the circle ``|z| = exp(growth
     step)``."""
     discrete: bool = False
     """Whether the plant is given from one communication point to the next already."""
@@ -95,7 +95,7 @@ class Loop:
     def constants(self) -> int:
         """Number of combinations of states that stay as they are whatever the inputs do.
 
-        At rest hysteresis and bristles are springs, parallel to those of the drives: the states of such springs have
+        At rest, hysteresis and bristles are springs, parallel to the drives' springs: the states of such springs have
         a common rate. Their pole is 1, and no loop reaches it.
         """
         A, B = self.sampled
@@ -128,7 +128,7 @@ class Loop:
         return np.exp((self.growth + 1j * w) * self.step)
 
     def closed(self, K: Floats | None = None, delay: int = 1) -> Floats:
-        """Matrix of the closed loop's states from one communication point to the next; K in place of its own."""
+        """Matrix of the closed loop's states from one communication point to the next; K instead of its own."""
         A, B = self.sampled
         K = self.K if K is None else K
         if not delay:
@@ -169,7 +169,7 @@ def system_margins(
     ----------
     system : LinearSystem
     opened : sequence of str
-        Connected inputs at which the loops are opened, ``plant.tau``: each while those of all others are closed.
+        Connected inputs at which the loops are opened, ``plant.tau``: each while all others are closed.
     growth, points
         See :class:`Loop`.
 
@@ -239,9 +239,9 @@ class Growth(NamedTuple):
     exponent: float
     """Logarithm of the factor by which they grow, beyond what the rate `GROWTH` gives."""
     begin: float
-    """In s."""
+    """Begin [s]."""
     end: float
-    """In s."""
+    """End [s]."""
     rate: float
     """Largest rate in this time [1/s]."""
     state: str
@@ -261,14 +261,14 @@ class Poses:
     Parameters
     ----------
     group : str
-        Connected inputs of this name, at any component, are where the loops are opened.
+        Loops are opened at connected inputs of this name, at any component.
 
     Attributes
     ----------
     systems : list of (time, LinearSystem)
-        What lies in the loops.
+        Systems in the loops.
     lacking : str
-        Why there is nothing, or not all.
+        Why systems are missing; empty if none are.
     """
 
     def __init__(self, group: str) -> None:
@@ -299,7 +299,7 @@ class Poses:
             if not self.lacking:
                 loops = found.around(self.opened)
                 if not self.systems and not is_continuous(loops.algorithm):
-                    loops.sampled()  # refuses what is not known
+                    loops.sampled()  # refuses unknown behaviour
                 elif is_continuous(loops.algorithm) and loops.samples.signals:
                     self.lacking = f"{loops.algorithm} takes as continuous what has sampled states"
                 self.systems.append((time, loops))
@@ -326,7 +326,7 @@ class Poses:
     def margin(self) -> tuple[float, float, str] | None:
         """Return the smallest modulus margin, its time [s], and the input at which that loop is opened.
 
-        Without a margin the state that grows most. None for a master that takes signals as continuous.
+        Without a margin, the state that grows most. None for a master that takes signals as continuous.
         """
         if is_continuous(self.systems[0][1].algorithm):
             return None
@@ -349,7 +349,7 @@ def _margins(L: Any, w: Floats) -> Floats:
     found[0] = np.abs(1.0 + L).min(axis=0)
     for i, loop in enumerate(L.T):
         size = np.log(np.abs(loop))
-        left = np.angle(-loop)  # the lag that is left until -1
+        left = np.angle(-loop)  # the lag left until -1
         if loop[-1].real < 0.0:  # at half the sampling frequency a loop is real
             left[-1] = 0.0
         change = np.angle(loop[1:] / loop[:-1])

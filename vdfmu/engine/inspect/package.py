@@ -9,6 +9,7 @@ from typing import Any
 from urllib.parse import unquote
 
 from vdfmu.base.errors import SspError
+from vdfmu.base.standards import SSP_FORMATS
 from vdfmu.engine.inspect.findings import Findings
 from vdfmu.engine.inspect.fmu import NOT_RUN, check_unit, store
 from vdfmu.engine.inspect.reference import FOLDER as REFERENCES
@@ -29,7 +30,7 @@ def check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str | 
     path : Path
         The package.
     folder : Path
-        A place for FMUs.
+        Folder for FMUs.
     run : bool
         Whether to run the system, and the FMUs that carry reference results, if nothing is wrong.
     """
@@ -110,7 +111,7 @@ def _check_variant(path: Path, variant: str, folder: Path, stored: dict[str, Pat
 
 
 _OF_UNIT = ("FMI", "PKG")
-"""Rules whose breach the check of an FMU tells, too."""
+"""Rules whose breach the check of an FMU reports, too."""
 
 
 def _against_units(system: System) -> Findings:
@@ -143,7 +144,7 @@ def _head(archive: Archive, label: str, name: str) -> tuple[Any, Findings]:
         return None, Findings()  # reported by its check
     version = root.get("version")
     notes: list[str] = []
-    if version and version not in ("1.0", "2.0"):
+    if version and version not in SSP_FORMATS:
         text = f"the SSD states version {version!r}; it was checked as SSP {version_of(root)}"
         notes.append(found("SSP005", text, root))
     for element in root.iter():

@@ -38,7 +38,7 @@ _NUMBERS = {"Float64", "Float32", "Real", "Integer", "Boolean", "Enumeration", *
 
 
 class _NotComparedError(Exception):
-    """Why results are left out that are no fault of the FMU."""
+    """Reasons, not faults of the FMU, for leaving results out."""
 
 
 @dataclass(frozen=True)
@@ -50,13 +50,13 @@ class ReferenceTable:
 
 
 def refuse_negative(call: str) -> None:
-    """Raise for a call, as fmpy logs it, that returned a status below 0, which fmpy takes for a good one."""
+    """Raise for a call, as fmpy logs it, that returned a status below 0. fmpy takes such a status for success."""
     if match := re.fullmatch(r"(\w+)\(.*\) -> (-\d+)", call, re.DOTALL):
         raise FMICallException(function=match[1], status=int(match[2]))
 
 
 def compare(path: Path) -> Findings:
-    """Hold the results of an FMU beside every table of reference results in it."""
+    """Compare the results of an FMU with every table of reference results in it."""
     findings = Findings()
     description = fmpy.read_model_description(str(path), validate=False)
     variables = {v.name: v for v in description.modelVariables}
@@ -90,9 +90,9 @@ def compare(path: Path) -> Findings:
 
 
 def _tables(archive: zipfile.ZipFile) -> tuple[list[str], list[str]]:
-    """Return the tables of results, those that the manifest calls so or whose name says it, and those that are missing.
+    """Return the tables of results, by the manifest or by their own names, and the tables that are missing.
 
-    A manifest may name a file that is not there: other tools may have taken it out (FMI-LS-REF, Related Files).
+    A manifest may name a file that is not there: other tools may have removed it (FMI-LS-REF, Related Files).
     """
     names = set(archive.namelist())
     tables = [n for n in archive.namelist() if n.startswith(FOLDER) and n.endswith(("_out.csv", "_ref.csv"))]
@@ -112,7 +112,7 @@ def _tables(archive: zipfile.ZipFile) -> tuple[list[str], list[str]]:
 def _results_of(
     archive: zipfile.ZipFile, name: str, variables: Mapping[str, Any], findings: Findings
 ) -> ReferenceTable:
-    """Return the columns that can be compared; a note tells of the others.
+    """Return the columns that can be compared; a note names the others.
 
     One table may serve several FMUs, so a column need not have a variable in each.
     """
@@ -142,7 +142,7 @@ def _results_of(
 
 
 def _inputs_of(archive: zipfile.ZipFile, name: str, variables: Mapping[str, Any]) -> ReferenceTable | None:
-    """Return the inputs beside a table of results; raise for a column that cannot be fed."""
+    """Return the inputs that belong to a table of results; raise for a column that cannot be fed."""
     for ending in ("_out.csv", "_ref.csv"):
         inputs = name.removesuffix(ending) + "_in.csv"
         if name.endswith(ending) and inputs in archive.namelist():
@@ -195,7 +195,7 @@ def _number(text: str) -> float:
 
 
 def _differences(expected: ReferenceTable, results: Mapping[str, Floats]) -> list[str]:
-    """Return the variables that are off, each at its worst time, most different first element of an array."""
+    """Return the variables that differ too much, each at its worst time and, for an array, its worst element."""
     problems: list[str] = []
     for name, wanted in expected.columns.items():
         error = np.abs(results[name] - wanted)

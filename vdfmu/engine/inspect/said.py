@@ -1,4 +1,4 @@
-"""What a unit says while FMPy runs it."""
+"""Messages of a unit while FMPy runs it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from fmpy import fmi2
 
 _MOST = 20
-"""Most messages of a unit that are kept: the first."""
+"""Most messages of a unit that are kept, from the first."""
 _TEXT = 1000
 """Most characters of one of them."""
 
@@ -29,14 +29,14 @@ class Said:
             self.messages.append(text if len(self.messages) < _MOST else f"more than {_MOST} messages")
 
     def with_error(self, error: Exception) -> str:
-        """Return what it said before an error, and the error, as one text."""
+        """Return its messages before an error, and the error, as one text."""
         return "; ".join([*self.messages, str(error)])
 
     def stay(self) -> None:
         """Take messages of FMI 1.0 and 2.0 from now on.
 
-        FMPy has one place for all loggers of the process, where that of its last simulation stays, whose memory
-        is free.
+        FMPy has one place for all loggers of the process. The logger of its last simulation stays there after its
+        memory has been freed.
         """
         fmi2.defaultCallbacks.logger = fmi2.fmi2CallbackLoggerTYPE(self)
         with contextlib.suppress(ImportError, OSError):  # as FMPy: there is a library for some platforms

@@ -33,9 +33,9 @@ from vdfmu.engine.rules import Finding, found
 
 STEPS = 10
 SECONDS = 60.0
-"""Time that the short run may take, with the start of Python and the preparation of the unit."""
+"""Time that the short run may take, including the start of Python and the preparation of the unit."""
 NAMING = 10.0
-"""Part of it [s] before whose begin a call of a package's component must end, so that the component can be named."""
+"""Last part of it [s]: a call of a package's component must end before, so that the component can be named."""
 MEMORY = 4 * 2**30
 """Address space that the process may have [byte], on Linux; Python and fmpy take 0.3 GiB of it."""
 FILE_SIZE = 2**30
@@ -124,7 +124,7 @@ def run_apart(
 
 
 def _encoded(findings: Findings, whole: bool) -> dict[str, Any]:
-    """Return findings as JSON holds them: rules by their numbers, and whether more would have followed."""
+    """Return findings as JSON holds them: rules by their numbers, and whether more were to follow."""
     pairs = {
         key: [
             (text.rule.number, text, text.file, text.line)
@@ -138,7 +138,7 @@ def _encoded(findings: Findings, whole: bool) -> dict[str, Any]:
 
 
 def _decoded(values: Any) -> Findings:
-    """Return the findings of :func:`_encoded`; ValueError, TypeError or KeyError for what they are not."""
+    """Return the findings of :func:`_encoded`; ValueError, TypeError or KeyError for anything else."""
     problems, notes = (
         [found(rule, text, (str(file), int(line))) for rule, text, file, line in values[key]]
         for key in ("problems", "notes")
@@ -182,7 +182,7 @@ def _run_unit(path: Path, phase: Callable[..., None]) -> Findings:
     try:
         results = fmpy.simulate_fmu(
             str(path),
-            validate=False,  # its problems are known by now
+            validate=False,  # its problems are already known
             start_time=start,
             stop_time=start + STEPS * step,
             output_interval=step,
@@ -228,7 +228,7 @@ def _not_finite(results: npt.NDArray[Any]) -> list[str]:
 
 
 def master_of(system: System) -> str:
-    """Return the master algorithm of a system, else jacobi: it steps whatever there is, loops too."""
+    """Return the master algorithm of a system, else jacobi, which steps any system, even with loops."""
     return system.experiment.algorithm or "jacobi"
 
 
@@ -261,7 +261,7 @@ def _run_system(path: Path, deadline: float) -> Findings:
 
 
 def _open(stream: Any) -> bool:
-    """Whether the file of a stream of the process is open still."""
+    """Whether the file of a stream of the process is still open."""
     try:
         os.fstat(stream.fileno())
     except OSError:
@@ -286,10 +286,10 @@ def serve(
         Takes the kind, the path, the time of `monotonic` by which a call is ended, and a function that notes what is
         under way.
     """  # fmt: skip
-    tempfile.tempdir = folder  # what a crash leaves there goes with the folder
+    tempfile.tempdir = folder  # files that a crash leaves there are removed with the folder
 
     def phase(what: str, findings: Findings | None = None) -> None:
-        """Say what is done next, and what was found before."""
+        """Report the next task, and the findings so far."""
         if findings is not None:
             answer(findings, whole=False)
         Path(folder, _PHASE).write_text(what, encoding="utf-8")

@@ -93,7 +93,7 @@ class Bank:
     ) -> list[Call]:
         """Return the vectorised calls that ``Get`` or ``Set`` a unit's window; none when it is empty.
 
-        Without `chosen`, which says which variables they are for, those that the unit has between its events.
+        They are for the `chosen` variables; by default for those that the unit has between its events.
         """
         window = (self.output_windows if verb == "Get" else self.input_windows)[slave.name]
         shift = 0 if verb == "Get" else self.outputs.size

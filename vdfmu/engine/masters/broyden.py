@@ -10,19 +10,19 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 
 _LEAST, _EACH = 30, 3
-"""Repetitions at least, and for each unknown: a linear loop needs two, but for rounding errors (Gay 1979)."""
+"""Repetitions at least, and for each unknown: a linear loop needs two, apart from rounding errors (Gay 1979)."""
 _HOPELESS = 1e9
-"""Growth of the change over the first at which repeating ends, before numbers overflow. On its way the method grows a
+"""Growth of the change over the first that ends repeating, before numbers overflow. On its way the change grows a
 lot: 1e3 is too little for 8 unknowns whose loop has a gain of 40."""
 _KEPT = 1e-3
-"""Bound below which Broyden's formula divides by what is mostly rounding errors."""
+"""Bound below which Broyden's formula divides mostly by rounding errors."""
 
 _Map = Callable[[Floats], Floats]
 
 
 @dataclass
 class Broyden:
-    """Solver of one fixed point problem after the other, which keeps what it has learnt."""
+    """Solves one fixed point problem after the other and keeps what it has learnt."""
 
     inverse: Floats | None = None
     """(n, n): Inverse of the derivative of the residual by the guess, as far as the method knows it. None: minus the
@@ -50,7 +50,7 @@ class Broyden:
         with np.errstate(invalid="ignore", over="ignore"):  # the caller is told by the sizes
             kept = self.inverse is not None
             sizes, count = self._try(guess, repeat, size, tolerance)
-            if kept and self.inverse is None:  # what was learnt may be of another regime
+            if kept and self.inverse is None:  # the kept inverse may belong to another regime
                 sizes, more = self._try(guess, repeat, size, tolerance)
                 count += more
         return sizes, count

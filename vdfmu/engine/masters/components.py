@@ -11,10 +11,11 @@ from vdfmu.base.errors import CosimError
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.engine.algorithms import ALGORITHMS, is_continuous
 from vdfmu.engine.fmu.access import TEXTS
-from vdfmu.engine.fmu.component import Slave, Watch
-from vdfmu.engine.fmu.component2 import Slave2
+from vdfmu.engine.fmu.classes import CLASSES
+from vdfmu.engine.fmu.component import Slave
 from vdfmu.engine.fmu.component3 import Slave3
 from vdfmu.engine.fmu.integrator import ModelExchangeIntegrator
+from vdfmu.engine.fmu.library import Watch
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.continuous import ContinuousStepper
 from vdfmu.engine.masters.events import Events
@@ -36,7 +37,7 @@ class Components:
     words : array, optional
         Memory of the exchange; see `Exchange`.
     watch : callable, optional
-        Around all that runs code of an FMU; see `Slave`.
+        Wraps everything that runs code of an FMU; see `Slave`.
     """
 
     exchanges = Exchange
@@ -64,13 +65,13 @@ class Components:
         own_steps = any(component.step is not None for component in self.checked.system.components)
         for name, description in self.checked.descriptions.items():
             folder = self.folders[description.source]
-            version = Slave2 if description.version == "2.0" else Slave3
-            slave = self.slaves[name] = version(name, description, folder, self.box, corrupt, self._watch)
+            kind = CLASSES[description.version]
+            slave = self.slaves[name] = kind(name, description, folder, self.box, corrupt, self._watch)
             if isinstance(slave, Slave3):
                 continuous = is_continuous(self.checked.algorithm)
                 slave.event_mode = description.event_mode and not continuous and not own_steps
                 slave.updates = description.updates_inputs and continuous
-            with InterruptGuard():  # of which units written in Python would make an error
+            with InterruptGuard():  # which units written in Python would turn into an error
                 self._instantiate(slave)
 
     def _instantiate(self, slave: Slave) -> None:
@@ -108,14 +109,14 @@ class Components:
     def couple(
         self, adaptive: float | None, convergence: float | None, span: float, record: Sequence[str] | None
     ) -> SampledStepper | ContinuousStepper:
-        """Return what steps them, with the algorithm of `checked`; parameters as of `simulate`."""
+        """Return their stepper, by the algorithm of `checked`; for parameters see `simulate`."""
         make = ALGORITHMS[self.checked.algorithm].load()
         stepper = make(Coupling(self.exchange, self.box, self._events, convergence, adaptive, span))
         self._stepper = stepper
         return stepper
 
     def bring_inputs(self, time: float) -> None:
-        """Set all inputs to what the outputs are that feed them."""
+        """Set all inputs to the values of the outputs that feed them."""
         self.exchange.feed(time)
         for bank in self.exchange.banks:
             gather = bank.gather(slice(0, bank.inputs.size))
@@ -154,7 +155,7 @@ class Components:
         return found
 
     def reset(self) -> None:
-        """Take all back to what they were after loading."""
+        """Return all to their state after loading."""
         stepper, self._stepper, self._events = self._stepper, None, None
         with InterruptGuard():
             if isinstance(stepper, ContinuousStepper):
@@ -167,7 +168,7 @@ class Components:
         self.box.flush()
 
     def close(self) -> CosimError | None:
-        """Terminate and free them all; return the first failure in that. The others are messages."""
+        """Terminate and free them all; return the first failure. The others become messages."""
         failures: list[CosimError] = []
         try:
             if isinstance(self._stepper, ContinuousStepper):

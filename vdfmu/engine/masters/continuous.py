@@ -24,13 +24,13 @@ from vdfmu.engine.masters.interface import interface_inverse
 _FIRST = 1e-5
 """First step of the error control, relative to the longest: it finds the slopes of the signals."""
 _SHORTEST = 1e-11
-"""Shortest step of the error control, relative to the run, of whose times it leaves four digits."""
+"""Shortest step of the error control, relative to the run; it leaves four digits of the run's times."""
 _SAFETY, _LEAST, _MOST = 0.9, 0.2, 2.0
-"""Next step relative to the last: factor to the wanted one, and its bounds, as one-step methods have them."""
+"""Next step relative to the last: factor to the wanted one, and its bounds, as usual for one-step methods."""
 _BETWEEN_JUMPS = 5
-"""Accepted steps between two jumps of a signal; where there are fewer, it is no jump that makes them fail."""
+"""Accepted steps between two jumps of a signal; where there are fewer, steps fail for another reason."""
 _BLIND = 0.1
-"""Allowed error over the largest value of a signal from which it is as good as none."""
+"""Ratio of allowed error to the largest value of a signal above which there is effectively no control."""
 
 
 class ContinuousStepper:
@@ -117,17 +117,17 @@ class ContinuousStepper:
                     raise KeyboardInterrupt
                 if self._attempt(time, largest_step(time, end), step):
                     time = end
-        # what a row holds of an input is its value at the end
+        # a row holds the value of an input at the end
         np.copyto(self._coupled.inputs, self._coupled.ends)
 
     def _target(self, time: float, stop: float) -> float:
-        """Return where a step under error control ends at the latest: no signal from outside jumps or bends in it."""
+        """Return the latest end of a step under error control: no signal from outside jumps or bends in it."""
         breaks, close = self.exchange.breaks, self.exchange.close
         i = int(breaks.searchsorted(time + close, "right")) if breaks.size else 0
         return float(breaks[i]) if i < breaks.size and breaks[i] < stop - close else stop
 
     def facts(self) -> dict[str, Any]:
-        """Return what the summary says of the steps."""
+        """Return the summary's entries on the steps."""
         return {
             "communication": {
                 "steps": self.steps,
@@ -193,7 +193,7 @@ class ContinuousStepper:
     def _attempt(self, time: float, h: float, longest: float) -> bool:
         """Do a step under error control and choose the next; False, with everything restored, if it is too long.
 
-        A unit that refuses the step makes it too long, unless the refusal is fatal: FMI 2.0 lets a unit go on from a
+        A unit that refuses the step makes it too long, unless the refusal is fatal: FMI 2.0 lets a unit continue from a
         restored state after fmi2Discard and fmi2Error. A step in which a discrete signal changes is shortened until the
         change is found, and one in which a continuous signal jumps or a unit ends the simulation.
         """
@@ -207,11 +207,11 @@ class ContinuousStepper:
             sizes, failure = np.zeros(0), error
         ratio = math.inf if failure is not None else float(sizes.max(initial=0.0))
         changed = self._changed()
-        # what changes with every step has the communication points themselves for its time
+        # signals that change with every step change at the communication points themselves
         switched = ratio <= 1.0 and bool(np.any(changed & ~self._changing))
         early = any(at < time + h - self._floor for at in self.box.ended.values())
         if (switched or early) and _LEAST * h >= self._floor:
-            ratio = math.inf  # the others are to know when
+            ratio = math.inf  # the others need to know when
         self._h = min(h * min(max(_SAFETY / math.sqrt(max(ratio, 1e-12)), _LEAST), _MOST), longest)
         if ratio <= 1.0:
             self._since_jump += 1
@@ -254,7 +254,7 @@ class ContinuousStepper:
         )  # fmt: skip
 
     def _accept(self, h: float, longest: float, changed: NDArray[np.bool_], jump: bool) -> None:
-        """Accept a step; after a jump what was predicted from the signals before it is worth nothing."""
+        """Accept a step; after a jump, predictions from earlier signals are worthless."""
         self._done(h)
         self._tried = 0.0, 0.0
         self._changing = changed
@@ -273,7 +273,7 @@ class ContinuousStepper:
         order, or by h^2 / 2 times that where the component gives the first derivative; the line between its values at
         the ends of the step departs from it by at most h^2 / 8 times that. In a step far shorter than the last that
         would make an error of a jump small, which it is not; but an output that passes an input on starts with the
-        error that its prediction had in the last step, which is no jump.
+        error that its prediction had in the last step, which is not a jump.
         """
         difference = np.abs(self._outputs - predicted) / self._scale()
         difference[np.isnan(difference)] = math.inf
@@ -299,7 +299,7 @@ class ContinuousStepper:
         def repeat(guess: Floats) -> Floats:
             nonlocal first
             if not first:
-                del self.box.pending[reported:]  # of a step that is taken back
+                del self.box.pending[reported:]  # of a step that is undone
                 self._restore(block.units)
                 for values, before, chosen in block.stepwise:
                     values[chosen] = before[chosen]

@@ -30,32 +30,32 @@ class CoupledUnit:
     """The equal parts of a step: where on the line through the whole step each input begins, and the calls. It is 0 for
     an input that runs; any other stays there."""
     inputs: Floats
-    """What is set before a part."""
+    """Values to set before a part."""
     starts: Floats
     ends: Floats
     slopes: Floats
     runs: bool
     """Whether inputs run over a step; else they hold over a part of it."""
     held: Indices
-    """Those that keep their value at the start of the step."""
+    """Inputs that keep their value at the start of the step."""
 
 
 @dataclass
 class Block:
     """Units that depend on each other, in the order of their steps; or a unit alone.
 
-    `torn` are the continuous outputs that a unit of the block reads before they are computed: those that are guessed.
+    `torn` are the continuous outputs that a unit of the block reads before they are computed, so they are guessed.
     """
 
     units: list[CoupledUnit]
     torn: Indices
     stepwise: list[tuple[NDArray[Any], NDArray[Any], Indices]]
-    """Of each type: outputs, those at the start of the step, and which are discrete."""
+    """For each type: outputs, now and at the start of the step, and which are discrete."""
     solver: Broyden = field(default_factory=Broyden)
 
 
 class Coupled:
-    """What a step works on: memory of inputs and outputs, and the units in the order of their steps."""
+    """Data that a step works on: memory of inputs and outputs, and the units in the order of their steps."""
 
     def __init__(self, exchange: Exchange) -> None:
         self.exchange = exchange
@@ -64,7 +64,7 @@ class Coupled:
         """All real outputs, the latest; all connected real inputs, as they are set."""
         n = len(bank.links)
         self.starts, self.ends, self.slopes = np.zeros(n), np.zeros(n), np.zeros(max(n, 1))
-        """Of the real inputs: at the start and the end of the step, and what the units are told of the way between."""
+        """Real inputs at the start and the end of the step, and the slopes that the units are told."""
         variables = [v for _, v in bank.variables[: bank.outputs.size]]
         self.discrete = np.array([v.variability == "discrete" for v in variables], bool)
         """Which real outputs change at communication points only."""
@@ -82,9 +82,9 @@ class Coupled:
         self.passing = np.isin(self.lines, list(direct))
         """Which of them depend directly on an input."""
         self.derived = np.zeros(self.outputs.size, bool)
-        """Of which real outputs a unit gives the derivatives by time."""
+        """Real outputs for which a unit gives the derivatives by time."""
         self.rates: list[tuple[Slave, Call, Indices, Floats]] = []
-        """What gets these, of which outputs, and where they are then."""
+        """Calls that get these derivatives, for which outputs, and the memory that receives them."""
         for name, slave in exchange.slaves.items():
             own = self.read_of(name)
             if slave.description.derives_outputs and own.size:
@@ -93,7 +93,7 @@ class Coupled:
                 self.rates.append((slave, call, own, rates))
                 self.derived[own] = True
         self.switches: list[tuple[NDArray[Any], NDArray[Any], Indices]] = []
-        """Of each type: outputs, those at the start of the step, and which of them are read and discrete."""
+        """For each type: outputs, now and at the start of the step, and which of them are read and discrete."""
         for each, before in zip(exchange.banks, self.begun, strict=True):
             read = {each.position[k.start] for k in each.links if k.discrete and k.start[0] != SOURCE}
             read -= set() if each is not bank else set(np.flatnonzero(~self.discrete))
@@ -114,7 +114,7 @@ class Coupled:
                 np.copyto(self.waiting.get(bank.kind, self.starts), bank.inputs)
 
     def undo(self) -> None:
-        """Bring the outputs at the start of the step back."""
+        """Restore the outputs at the start of the step."""
         for bank, before in zip(self.exchange.banks, self.begun, strict=True):
             np.copyto(bank.outputs, before)
 
@@ -128,7 +128,7 @@ class Coupled:
         gathers = [self._gather_of(each, name) for each in exchange.banks]
         links = bank.links[window]
         through = [not k.discrete and not moving and k.end in schedule.through for k in links]
-        # what a component computes last from an input set within the step is not of the end of the line
+        # outputs computed last, from an input set within the step, do not belong to the end of the line
         runs = moving or (slave.description.updates_inputs and not any(through))
         hold = np.array([
             1.0 if k.discrete or needed else 0.0 if runs else 0.5 for k, needed in zip(links, through, strict=True)
@@ -137,8 +137,8 @@ class Coupled:
             calls.insert([call[-1] for call in calls].index("doStep"), self._rate_call(slave, window))
         parts = [(hold, calls)]
         if any(through) and slave.description.varies_steps:
-            # The unit may integrate such an input, too. Half the step with the value at the start and half with that
-            # at the end have the integral of the line, and end with the value at the end.
+            # The unit may integrate such an input, too. Half the step with the value at the start and half with the
+            # value at the end have the integral of the line, and end with the value at the end.
             gets = [call for call in calls if call[-1].startswith("get")]
             first = np.array([1.0 if k.discrete else 0.0 for k in links])
             parts = [(first, calls[: len(calls) - len(gets)]), (np.ones(len(links)), calls)]

@@ -23,7 +23,7 @@ from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.masters.exchange import Exchange, SampledStepper, largest_step
 
 _ROUNDS = 100
-"""Events at one time, one after the other, at most."""
+"""Most events at one time, one after the other."""
 _CLOSE = 1e-9
 """Part of the communication step within which a time is a communication point."""
 
@@ -52,14 +52,14 @@ class _Ticking:
             self.count += 1
 
     def given(self, interval: float, time: float) -> None:
-        """Take an interval that the component has said: from now on, or, of a clock with a period, from the start."""
+        """Take an interval that the component states: from now on, or, for a clock with a period, from the start."""
         if self.clock.variability in ("countdown", "changing"):
             self.origin, self.count = time, 1
         self.interval = interval
 
 
 class _EventUnit:
-    """A component with event mode: its calls in it, by the clock of the variables (None: of none), and its clocks."""
+    """A component with event mode: its calls there, by the clock of the variables (None: no clock), and its clocks."""
 
     def __init__(self, exchange: Exchange, slave: Slave3, start: float) -> None:
         self.slave = slave
@@ -134,7 +134,7 @@ class Events:
         self._handle(start, set(self._units), 0.0)
 
     def next(self, time: float, stop: float) -> float:
-        """Return when the next event is that is known before, after `time` and at `stop` at the latest [s]."""
+        """Return the time [s] of the next event known in advance, after `time`, `stop` at the latest."""
         close = _CLOSE * (stop - time)
         times = [tick.next for unit in self._units.values() for tick in unit.ticking]
         times += [unit.slave.next_event for unit in self._units.values()]
@@ -208,7 +208,7 @@ class Events:
 
 
 class EventStepper(SampledStepper):
-    """Steps the units as `SampledStepper` does, from event to event."""
+    """Steps the units like `SampledStepper`, from event to event."""
 
     def __init__(self, exchange: Exchange, events: Events) -> None:
         super().__init__(exchange)

@@ -1,4 +1,4 @@
-"""What flows between units and master: initialization, the calls of a step, recording."""
+"""Exchange between units and master: initialization, the calls of a step, recording."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Exchange:
         self.clock, self.size = (c_double.from_buffer(words, 8 * i) for i in (0, 1))  # pyright: ignore[reportArgumentType]
         """Arguments currentCommunicationPoint and communicationStepSize of every doStep."""
         self.running, self.pressed = (c_int.from_buffer(words, 8 * i) for i in (2, 3))  # pyright: ignore[reportArgumentType]
-        """For two processes that share the memory: what the components' process is doing, and whether to stop."""
+        """For two processes that share the memory: activity of the components' process, and whether to stop."""
         self.banks: list[Bank] = []
         taken = _HEAD
         for kind in KINDS:
@@ -182,7 +182,7 @@ class Exchange:
         """Return the recorded signals, their arrays, and the function that stores row k.
 
         Names may have ``*`` for any text. Signals come unit by unit in the order of the SSD, outputs first. A signal
-        that has the values of another in all rows has its column too.
+        that has the values of another in all rows shares its column.
         """
         wanted = None if record is None else self._match(record)
         order = {unit: i for i, unit in enumerate(self.checked.descriptions)}
@@ -237,10 +237,10 @@ class Exchange:
         return found, bank.memory, [names[name] for name in found]
 
     def _copies(self, bank: Bank, among: Set[int]) -> dict[int, tuple[int, int, int]]:
-        """Return input to where its values are, the signal whose values they are, and how many rows before.
+        """Return the place of each copying input to the place of its values, the copied signal, and the rows of delay.
 
-        Of those `among` others, where the algorithm holds inputs over a step: a fresh one is what it reads, any other
-        what that was a row before, as are all that read the same.
+        Only inputs `among` others, if the algorithm holds inputs over a step: a fresh one copies the signal it reads,
+        any other that signal one row before, as do all inputs that read the same.
         """
         if is_continuous(self.checked.algorithm) or self.checked.multiples:
             return {}
@@ -249,7 +249,7 @@ class Exchange:
         for i, link in enumerate(bank.links, start=bank.outputs.size):
             of = bank.position[link.start]
             fresh = link.end in self.checked.schedule.fresh
-            # not what comes from outside or is converted; initialization may have left something else
+            # not if it comes from outside or is converted; initialization may have left another value
             same = bank.memory[i].tobytes() == bank.memory[of].tobytes()
             if same and link.conversion.trivial and {i, of} <= among:
                 found[i] = (of, of, 0) if fresh else (first.setdefault(of, i), of, 1)
@@ -260,7 +260,7 @@ class Exchange:
         return float(self.banks[0].outputs.take(self._watched).dot(self._zeros)) == 0.0
 
     def refuse_not_finite(self, call: str, time: float) -> None:
-        """Raise CosimError if an output that is read or recorded is no finite number at `time`."""
+        """Raise CosimError if an output that is read or recorded is not finite at `time`."""
         bank = self.banks[0]
         order = {unit: i for i, unit in enumerate(self.checked.schedule.units)}
         found = sorted(
@@ -300,7 +300,7 @@ class Exchange:
 
 
 class SampledStepper:
-    """Steps the units as `gauss-seidel` or `jacobi`: inputs are held over a step."""
+    """Steps the units by `gauss-seidel` or `jacobi`: inputs are held over a step."""
 
     def __init__(self, exchange: Exchange) -> None:
         self._clock, self._size = exchange.clock, exchange.size
@@ -340,7 +340,7 @@ class SampledStepper:
         return []
 
     def facts(self) -> dict[str, Any]:
-        """Return what the summary says of the steps: nothing."""
+        """Return the summary's entries on the steps: none."""
         return {}
 
 

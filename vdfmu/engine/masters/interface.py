@@ -17,7 +17,7 @@ def interface_inverse(block: Block, coupled: Coupled, h: float) -> Floats | None
     """Return the inverse of the derivative of a loop's residual by the guess: see `Broyden`.
 
     Each component is taken as x' = A x + B u, y = C x + D u, with the matrices at the start of a step of `h` [s]. None
-    if one of them gives no directional derivatives, or if there is no inverse.
+    if one of them gives no directional derivatives, or if no inverse exists.
     """
     if not all(unit.slave.description.derives_unknowns for unit in block.units):
         return None
@@ -69,7 +69,7 @@ def _sensitivity(unit: CoupledUnit, coupled: Coupled, h: float) -> Callable[[Flo
 
 
 def derivatives(slave: Slave, inputs: Sequence[FmuVariable], outputs: Sequence[FmuVariable]) -> Floats:
-    """Return the derivatives of those of the declared states, and of outputs, by states and by inputs.
+    """Return the derivatives of the declared states' rates and of outputs, by states and by inputs.
 
     From the directional derivatives of the component: [[A, B], [C, D]].
     """

@@ -21,8 +21,8 @@ def with_steps(checked: Checked, step: float) -> Checked:
     Raises
     ------
     UsageError
-        Steps that are no whole multiples of `step`, or that the algorithm cannot make; periods of sampled states that
-        are no whole multiples of their component's step.
+        Steps that are not whole multiples of `step`, or that the algorithm cannot make; periods of sampled states that
+        are not whole multiples of their component's step.
     """
     multiples: dict[str, int] = {}
     problems: list[str] = []
@@ -33,7 +33,7 @@ def with_steps(checked: Checked, step: float) -> Checked:
         multiples[component.name] = max(1, round(ratio))
         if abs(ratio - multiples[component.name]) > 1e-9 * ratio:
             problems.append(
-                f"{component.name}: its step {component.step:g} s is no whole multiple of the communication step "
+                f"{component.name}: its step {component.step:g} s is not a whole multiple of the communication step "
                 f"{step:g} s; choose another one (step, --step)"
             )
     slow = [name for name, multiple in multiples.items() if multiple > 1]
@@ -124,7 +124,7 @@ class _RateUnit:
 
 
 class MultirateStepper(SampledStepper):
-    """Steps units as `SampledStepper` does, each by its own multiple of the communication step.
+    """Steps units like `SampledStepper`, each by its own multiple of the communication step.
 
     A unit reads its inputs when its step begins, and they hold until it ends. Then it steps, so its outputs change at
     the end of its step; one that passes inputs on to others with gauss-seidel steps when its step begins, and its

@@ -1,4 +1,4 @@
-"""What may look at a run while it goes on."""
+"""Observers and visitors of a run in progress."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from vdfmu.engine.results.results import Results
 
 
 class Observer(Protocol):
-    """Is given rows of a run, which waits for it. A class needs those of these that it wants, and ``row``."""
+    """Receives rows of a run, which waits for it. A class needs ``row``; the other members are optional."""
 
     wanted: Sequence[str]
-    """Names of real signals that it is to be given, with ``*`` for any text; there need not be any. Default: all."""
+    """Names of real signals that it receives, with ``*`` for any text; they need not exist. Default: all."""
     period: float
     """Wall time between two rows [s], at least; 0, the default, for every row."""
 
     def begin(self, names: Sequence[str], about: Mapping[str, Any]) -> None:
-        """Take the names of the signals that there are, and the facts of the run."""
+        """Take the names of the existing signals, and the facts of the run."""
         ...
 
     def row(self, time: float, values: Floats) -> None:
@@ -35,10 +35,10 @@ class Observer(Protocol):
 
 
 class Visitor(Protocol):
-    """Is shown the components of a run at some of its rows, to ask them; it leaves them as they are."""
+    """Sees the components of a run at some of its rows, to query them; it leaves them unchanged."""
 
     def rows(self, n: int) -> Container[int]:
-        """Return the rows of a run of n steps that it is to be shown."""
+        """Return the rows of a run of n steps that it wants to see."""
         ...
 
     def visit(self, components: Any, time: float, step: float) -> None:
@@ -49,7 +49,7 @@ class Visitor(Protocol):
 def visited(
     visitor: Visitor, components: Any, n: int, begin: float, step: float, store: Callable[[int], None]
 ) -> Callable[[int], None]:
-    """Return what stores a row k and shows the components to a visitor of it."""
+    """Return a function that stores a row k and shows the components to its visitor."""
     rows = visitor.rows(n)
 
     def storing(k: int) -> None:
@@ -68,7 +68,7 @@ def observed(
     step: float,
     store: Callable[[int], None],
 ) -> Callable[[int], None]:
-    """Return what stores a row k, of the time ``begin + k * step``, and shows it to the observer when it is due."""
+    """Return a function that stores row k, at time ``begin + k * step``, and shows it to the observer when due."""
     names, memory, places = exchange.reals(getattr(observer, "wanted", ("*",)))
     getattr(observer, "begin", lambda names, about: None)(names, about)
     period, due, now = getattr(observer, "period", 0.0), 0.0, clock.perf_counter

@@ -1,4 +1,4 @@
-"""What components hold at some rows of a run, and where one more step takes them."""
+"""Values of components at some rows of a run, and after one more step from there."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.plan.checked import Checked
 
 _PLACES = (0.0, 0.21, 0.47, 0.76, 1.0)
-"""Of the rows in a run: uneven, since at the quarters of a motion from rest to rest some signals are zero."""
+"""Places of the rows in a run: uneven, since at the quarters of a motion from rest to rest some signals are zero."""
 _KINDS = ("Real", "Integer", "Boolean")
 
 Numbers = Mapping[int, float]
@@ -55,9 +55,8 @@ class Probe:
 
     Parameters
     ----------
-    steps : mapping of str to float
-        Components, and the length [s] of the further step that each does from its kept state, with its inputs held.
-        0, or an end beyond that of the run: none.
+    Components, and the length [s] of the further step that each does from its kept state, with its inputs held.
+    None is done for 0, or for an end beyond the run's.
 
     Attributes
     ----------
@@ -75,7 +74,7 @@ class Probe:
     def keeping(
         self, components: Kept, checked: Checked, begin: float, n: int, store: Callable[[int], None]
     ) -> Callable[[int], None]:
-        """Return what stores a row k of n + 1, and keeps the states where it is one of the five."""
+        """Return a function that stores row k of n + 1, and keeps the states if it is one of the five."""
         whole = int(np.lcm.reduce(list(checked.multiples.values()) or [1]))  # where all steps end
         rows = {n if place == 1.0 else whole * round(place * n / whole) for place in _PLACES}
         clock, size = components.exchange.clock, components.exchange.size
@@ -117,7 +116,7 @@ def numeric(variables: Mapping[str, FmuVariable]) -> list[FmuVariable]:
 
 
 def reader(slave: Slave) -> Callable[[], list[float]]:
-    """Return what gets all numbers of a component, in the order of :func:`numeric`."""
+    """Return a function that gets all numbers of a component, in the order of :func:`numeric`."""
     own = numeric(slave.description.variables)
     parts: list[tuple[NDArray[Any], list[Call]]] = []
     for kind in dict.fromkeys(v.kind for v in own):

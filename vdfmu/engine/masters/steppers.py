@@ -1,4 +1,4 @@
-"""What steps the components of a run, for each algorithm of `vdfmu.engine.algorithms.ALGORITHMS`."""
+"""Steppers of the components of a run, for each algorithm of `vdfmu.engine.algorithms.ALGORITHMS`."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ CONVERGENCE = 1e-8
 
 
 class Coupling(NamedTuple):
-    """What a stepper is made of; `convergence` and `error` as of :class:`ContinuousStepper`, None where not given."""
+    """Parts of a stepper; for `convergence` and `error` see :class:`ContinuousStepper`, None where not given."""
 
     exchange: Exchange
     box: MessageBox
     events: Events | None
-    """Of components of FMI 3.0 in event mode."""
+    """Events of components of FMI 3.0 in event mode."""
     convergence: float | None
     error: float | None
     span: float
@@ -28,7 +28,7 @@ class Coupling(NamedTuple):
 
 
 def held(coupling: Coupling) -> SampledStepper:
-    """Return what steps components whose inputs hold over a step."""
+    """Return the stepper for inputs that hold over a step."""
     if coupling.exchange.checked.multiples:
         return MultirateStepper(coupling.exchange, coupling.span)
     if coupling.events is not None:
@@ -37,12 +37,12 @@ def held(coupling: Coupling) -> SampledStepper:
 
 
 def extrapolated(coupling: Coupling) -> ContinuousStepper:
-    """Return what steps components whose inputs run to predicted outputs."""
+    """Return the stepper for inputs that run to predicted outputs."""
     return _continuous(coupling, repeat=False)
 
 
 def iterative(coupling: Coupling) -> ContinuousStepper:
-    """Return what repeats steps until the predicted outputs come out."""
+    """Return the stepper that repeats steps until the predicted outputs come out."""
     return _continuous(coupling, repeat=True)
 
 

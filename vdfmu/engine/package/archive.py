@@ -38,7 +38,7 @@ class Archive:
     Raises
     ------
     SspError
-        The file is missing or no zip, or a member points outside the package, occurs twice with different
+        The file is missing or not a zip, or a member points outside the package, occurs twice with different
         contents, differs from another in case only, is a link, is encrypted, is packed by another method than
         deflation or is larger than the limits of `vdfmu.engine.package.limits`.
 
@@ -142,7 +142,7 @@ class Archive:
         return {name: info for name, info in members.items() if not info.is_dir()}
 
     def _same(self, one: zipfile.ZipInfo, other: zipfile.ZipInfo) -> bool:
-        """Whether two entries have the same content; what cannot be unpacked has not."""
+        """Whether two entries have the same content; False if one cannot be unpacked."""
         try:
             with self._zip.open(one) as first, self._zip.open(other) as second:
                 while block := first.read(_BLOCK):
@@ -208,7 +208,7 @@ class Archive:
         return b"".join(archive._blocks(name, limits.XML_LIMIT, kept=True))
 
     def head(self, name: str) -> bytes:
-        """Return the first bytes of one member, 256 KiB at most; the rest is unpacked, and its check sum held."""
+        """Return the first bytes of one member, 256 KiB at most; the rest is unpacked to verify its checksum."""
         blocks = self._blocks(name)
         head = next(blocks, b"")
         for _ in blocks:
@@ -222,7 +222,7 @@ class Archive:
             target.write(block)
 
     def _blocks(self, name: str, limit: int | None = None, kept: bool = False) -> Iterator[bytes]:
-        """Yield one member piece by piece: what it really has is counted, never more than it declares."""
+        """Yield one member piece by piece: its actual bytes are counted, never more than it declares."""
         info = self._members.get(name)
         if info is None:
             raise SspError(found("SSP011", f"{self.label}: the package has no {name!r}"))
@@ -268,7 +268,7 @@ class Archive:
 
 
 def _blame_disk(label: str, error: Exception) -> None:
-    """Raise UsageError for an error of the disk, which is no fault of a package."""
+    """Raise UsageError for an error of the disk, which is not the fault of a package."""
     if reason := disk_error(error):
         text = f"{label}: cannot be read: {reason.strerror}. Give the same command again once it can be read."
         raise UsageError(text) from error

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from vdfmu.base.errors import SspError
+from vdfmu.base.standards import SSP_FORMATS
 from vdfmu.engine.package.archive import resolve
 from vdfmu.engine.package.elements import (
     Node,
@@ -47,24 +48,24 @@ class _Bound:
     entry: _BoundValue
     node: Node
     level: int
-    """Depth of the binding in the tree; 0 for those of the whole system."""
+    """Depth of the binding in the tree; 0 for the whole system."""
     elsewhere: tuple[tuple[str, str], ...]
 
 
 class Bindings:
     """Collects the parameter bindings of a tree.
 
-    Bindings of a higher level take precedence over those of a lower one, later ones over earlier ones of the
+    Bindings of a higher level take precedence over bindings of a lower one, later ones over earlier ones of the
     same level (SSP 1.0, ParameterBindings). A prefix is put before every name of the set; with a mapping, only the
     values that it names are applied. A value goes to everything that has its name: dots may be part of the names of
-    elements, so these need not be unique. What is connected to a connector with a value takes that value, whatever
-    it is given itself.
+    elements, so these need not be unique. A connector with a value passes it to everything connected to it,
+    whatever that is given itself.
     """
 
     def __init__(self, wiring: Wiring) -> None:
         self.wiring = wiring
         self.fatal: list[str] = []
-        """What makes a parameter source unreadable."""
+        """Faults that make a parameter source unreadable."""
         self.unmatched: list[Finding] = []
         self.notes: list[str] = []
         """Values without effect."""
@@ -90,7 +91,7 @@ class Bindings:
         return self.wiring.kinds.get(key, "component") != "component"
 
     def _collect(self, node: Node) -> None:
-        """Apply the bindings below `node`, then its own, then those of a component that it stands for."""
+        """Apply the bindings below `node`, then its own, then those for the component that it represents."""
         for child in node.children.values():
             self._collect(child)
         self._own(node, node.element, node.scope)
@@ -100,7 +101,7 @@ class Bindings:
     def _own(self, node: Node, element: Any, scope: Scope) -> None:
         for binding in element.iterfind("ssd:ParameterBindings/ssd:ParameterBinding", NAMESPACES):
             if binding.get("sourceBase") == "component" and node.kind == "component" and not node.source:
-                continue  # lies in an FMU that is not there, which is reported
+                continue  # lies in a missing FMU, which is reported
             try:
                 entries = self._entries(node, binding, scope)
             except SspError as error:
@@ -163,7 +164,7 @@ class Bindings:
         }
 
     def _overruled(self, key: Key, bound: _Bound, source: Key) -> None:
-        """Note a value that one would expect to win over that of the source."""
+        """Note a value that one would expect to win over the source's value."""
         winner = self._bound[source]
         if bound.level <= winner.level:
             text = f"{bound.node.label or 'the system'}: parameter {key[1]!r} ({bound.entry.origin}): has no effect, "
@@ -204,7 +205,7 @@ class Bindings:
         return root
 
     def _entries(self, node: Node, binding: Any, scope: Scope) -> list[_BoundValue]:
-        """Return the values of a binding under the names of the node; SspError with the faults of set and mapping."""
+        """Return the values of a binding under the names of the node; SspError lists the faults of set and mapping."""
         where = f"{scope.label}: parameter binding of {node.label or 'the system'}"
         problems: list[str] = []
         entries: list[_BoundValue] = []
@@ -266,7 +267,7 @@ class Bindings:
             name = item.get("name")
             typed = next(c for c in item if c.tag.startswith(_SSV))
             kind, origin = typed.tag[len(_SSV) :], f"{label}: {name}"
-            if kind == "Binary" and scope.version == "1.0":
+            if kind == "Binary" and not SSP_FORMATS[scope.version].binary_parameters:
                 text = f"{scope.label}: {origin}: binary parameters are not part of FMI 2.0"
                 self.fatal.append(found("SSP054", text, item))
                 continue
@@ -297,4 +298,4 @@ _READ = {
     "Boolean": read_boolean,
     **dict.fromkeys(("Integer", "Int", "UInt"), int),
 }
-"""Types without the number of bits, to what reads their values."""
+"""Types without the number of bits, to the readers of their values."""

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from urllib.parse import unquote, urlsplit
 
 from vdfmu.base.errors import SspError
+from vdfmu.base.standards import SSP_1
 from vdfmu.engine.package.archive import INSIDE, Archive, is_inside, resolve
 from vdfmu.engine.package.parse import NAMESPACES, parse_ssp_xml
 from vdfmu.engine.package.system import BASE_UNITS, Connector, Shape, Transformation, UnitFactor
@@ -32,15 +33,15 @@ class Scope:
     archive: Archive
     """The package that holds the SSD."""
     prefix: str
-    """What leads from the outermost package to it, such as ``resources/arm.ssp!/``."""
+    """Prefix that leads from the outermost package to it, such as ``resources/arm.ssp!/``."""
     base: str
     """Folder of the SSD in the package; relative URIs start there."""
     document: str
     """Name of the SSD in its package."""
     label: str
-    """The package in messages."""
-    version: str = "1.0"
-    """Of SSP: 1.0 or 2.0."""
+    """Name of the package in messages."""
+    version: str = SSP_1.name
+    """SSP version."""
     aliases: dict[str, str] = field(default_factory=dict)
     """Names of units that another SSD of the tree defines otherwise, and the names they have here instead."""
     units: dict[str, UnitFactor] = field(default_factory=dict)
@@ -57,7 +58,7 @@ class Scope:
         return joined
 
     def read(self, member: str, kind: str, archive: Archive | None = None) -> Any:
-        """Return the root of a file of the package, or of an FMU in it; SspError for what the schema refuses."""
+        """Return the root of a file of the package, or of an FMU in it; SspError if the schema refuses it."""
         archive = archive or self.archive
         key = f"{self.prefix}{archive.label}{INSIDE}{member}"
         if key not in self.files:
@@ -68,7 +69,7 @@ class Scope:
         return self.files[key].root
 
     def define(self, root: Any, kind: str = "ssd") -> None:
-        """Add the unit definitions of an SSD, or of a signal dictionary, to those of the tree."""
+        """Add the unit definitions of an SSD, or of a signal dictionary, to the tree's."""
         for name, unit in read_units(root.iterfind(f"{kind}:Units/ssc:Unit", NAMESPACES)).items():
             known = self.units.get(name)
             if known is None or (known.exponents, known.factor, known.offset) == (
@@ -98,7 +99,7 @@ class Node:
     """A system, component or signal dictionary reference of the tree. The root has an empty path.
 
     A component that is a system of its own is a system here: `element` is that system, `scope` its SSD, and
-    `outer` the component with the scope in which it stands.
+    `outer` the component with the scope that contains it.
     """
 
     path: tuple[str, ...]

@@ -28,9 +28,9 @@ class Experiment:
     """Simulated time [s], as the stop."""
     stop: float | None = None
     step: float | None = None
-    """Communication step [s], of an annotation of this project or of libcosim."""
+    """Communication step [s], from an annotation of this project or of libcosim."""
     algorithm: str | None = None
-    """Master algorithm, of an annotation of this project."""
+    """Master algorithm, from an annotation of this project."""
     adaptive: float | None = None
     """Largest relative error of a coupled signal in a step, for `algorithm`."""
 
@@ -62,7 +62,7 @@ def read_experiment(root: Any, where: str) -> tuple[Experiment, list[str]]:
 
 
 def read_step(component: Any, where: str) -> tuple[float | None, list[str]]:
-    """Return the step [s] that a component has of its own, of an annotation of this project or of libcosim."""
+    """Return a component's own step [s], from an annotation of this project or of libcosim."""
     reader = _NumberReader(component, where)
     step = reader.number(
         _content(component, EXPERIMENT_TYPE, f"{{{FOREIGN['vdfmu']}}}Experiment"),
@@ -83,7 +83,7 @@ def _content(experiment: Any, kind: str, path: str) -> Any:
 
 
 class _NumberReader:
-    """Reads numbers and collects what is wrong with them."""
+    """Reads numbers and collects their faults."""
 
     def __init__(self, element: Any, place: str) -> None:
         self.place = place

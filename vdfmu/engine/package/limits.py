@@ -1,4 +1,4 @@
-"""Limits of what a package may cost, with all that is inside it."""
+"""Limits of the cost of a package, with everything inside it."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def package_limit(total: int | None) -> Generator[None]:
     Parameters
     ----------
     total : int or None [byte]
-        In place of `TOTAL_LIMIT`; None leaves it. The limits of single members and of memory change in proportion.
+        Replaces `TOTAL_LIMIT`; None leaves it. The limits of single members and of memory change in proportion.
     """
     token = _chosen.set(_chosen.get() if total is None else total)
     try:
@@ -58,7 +58,7 @@ def unpack_limit() -> int:
 
 @dataclass
 class Budget:
-    """What a package has cost, with all inside it, in bytes that were really unpacked."""
+    """Cost of a package, with everything inside it, in bytes that were really unpacked."""
 
     label: str
     scale: float
@@ -75,6 +75,6 @@ class Budget:
             (self.kept, MEMORY_LIMIT, "bytes of XML"),
         ):
             if spent > limit * self.scale:
-                text = f"{self.label}: has more than {limit * self.scale:.0f} {what}, those of packages inside it"
-                text += f" and of what is named several times included; {_WAY}"
+                text = f"{self.label}: has more than {limit * self.scale:.0f} {what}, including packages inside it"
+                text += f" and what is named several times; {_WAY}"
                 raise SspError(found("PKG004", text))

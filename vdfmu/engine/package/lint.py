@@ -1,4 +1,4 @@
-"""Rules for the files of a system that do not keep it from being run."""
+"""Rules for the files of a system whose breach does not keep it from being run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _USERS = {"ssd": "Connector", "ssv": "Parameter", "ssb": "DictionaryEntry"}
 
 
 def file_faults(documents: Iterable[Document]) -> list[Finding]:
-    """Return what is wrong in files, beyond schemas: encoding, names of connectors, units that are not defined."""
+    """Return faults of files, beyond schemas: encoding, names of connectors, units that are not defined."""
     faults: list[Finding] = []
     for kind, root, where in documents:
         encoding = root.getroottree().docinfo.encoding or "UTF-8"
@@ -39,7 +39,7 @@ def _each(root: Any, kind: str, box: str) -> Iterator[Any]:
 
 
 def _unit_faults(kind: str, root: Any, units: set[str], where: str) -> Iterator[Finding]:
-    """Yield the units that nothing can be converted with, and those that a file names and does not define."""
+    """Yield units without any conversion, and units that a file names but does not define."""
     for item in _each(root, kind, "Units"):
         for name, unit in read_units([item]).items():
             if not unit.usable:
@@ -58,7 +58,7 @@ def _unit_faults(kind: str, root: Any, units: set[str], where: str) -> Iterator[
 
 
 def _name(item: Any) -> str:
-    """Return the name of an item; of a connector the dotted one, without the outermost system."""
+    """Return the name of an item; for a connector the dotted one, without the outermost system."""
     tags = (f"{{{NAMESPACES['ssd']}}}{t}" for t in ("Component", "System", "SignalDictionaryReference"))
     names = [above.get("name") for above in item.iterancestors(*tags)]
     is_connector = item.tag == f"{{{NAMESPACES['ssd']}}}Connector"

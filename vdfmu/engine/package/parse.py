@@ -1,4 +1,4 @@
-"""Safe reading of XML, and of that of SSP 1.0 and 2.0 against its schemas."""
+"""Safe reading of XML, and of SSP 1.0 and 2.0 against their schemas."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import fmpy.ssp
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
 from vdfmu.base.errors import SspError
+from vdfmu.base.standards import SSP_1, SSP_FORMATS
 from vdfmu.engine.rules import found
 
 _FILES = {
@@ -21,7 +21,7 @@ _FILES = {
     "ssb": "SystemStructureSignalDictionary",
 }
 NAMESPACES = {prefix: f"http://ssp-standard.org/SSP1/{name}" for prefix, name in _FILES.items()}
-"""Those of SSP 1.0 and 2.0 are the same."""
+"""The same for SSP 1.0 and 2.0."""
 _NAMED = {
     f"{{{NAMESPACES[prefix]}}}{tag}"
     for prefix, tag in (
@@ -70,17 +70,16 @@ _XINCLUDE = "http://www.w3.org/2001/XInclude"
 
 @lru_cache
 def schema_of(kind: str, version: str) -> Any:
-    """Return a schema of SSP; None for 2.0 where the package that brings them is not installed."""
-    if version == "1.0":
-        return etree.XMLSchema(file=str(Path(fmpy.ssp.__file__).parent / "schema" / f"{_FILES[kind]}.xsd"))
-    spec = importlib.util.find_spec("pyssp_standard")
+    """Return a schema of SSP; None where the package that brings them is not installed."""
+    package, folder = SSP_FORMATS[version].schemas
+    spec = importlib.util.find_spec(package)
     if spec is None or not spec.submodule_search_locations:
         return None
-    file = Path(spec.submodule_search_locations[0], "resources", "ssp2", f"{_FILES[kind]}.xsd")
+    file = Path(spec.submodule_search_locations[0], folder, f"{_FILES[kind]}.xsd")
     return etree.XMLSchema(file=str(file)) if file.is_file() else None
 
 
-def validate(root: Any, kind: str, where: str, version: str = "1.0") -> None:
+def validate(root: Any, kind: str, where: str, version: str = SSP_1.name) -> None:
     """Check a tree against a schema of SSP; without one, that elements have names.
 
     Parameters
@@ -91,7 +90,7 @@ def validate(root: Any, kind: str, where: str, version: str = "1.0") -> None:
     where : str
         The name used in messages.
     version : str, optional
-        Of SSP, 1.0 or 2.0.
+        SSP version.
     """
     schema = schema_of(kind, version)
     if schema is None:
@@ -106,17 +105,20 @@ def validate(root: Any, kind: str, where: str, version: str = "1.0") -> None:
         raise SspError([found("SSP003", f"{where}, line {n}: {text}", (where, n)) for n, text in wrong])
 
 
-def parse_ssp_xml(data: bytes, kind: str, where: str, version: str | None = "1.0") -> Any:
-    """Parse and validate one SSP file; `kind` as in `validate`, a version None is that which the file states."""
+def parse_ssp_xml(data: bytes, kind: str, where: str, version: str | None = SSP_1.name) -> Any:
+    """Parse and validate one SSP file; `kind` as in `validate`, for version None the one that the file states."""
     root = parse_xml(data, where)
     space = etree.QName(root).namespace
     if space != NAMESPACES[kind]:
-        text = f"{where}: expected namespace {NAMESPACES[kind]} (SSP {version or '1.0 and 2.0'}), got {space}"
+        versions = version or " and ".join(SSP_FORMATS)
+        text = f"{where}: expected namespace {NAMESPACES[kind]} (SSP {versions}), got {space}"
         raise SspError(found("SSP002", text, root))
     validate(root, kind, where, version or version_of(root))
     return root
 
 
 def version_of(root: Any) -> str:
-    """Return the version of SSP by which a file is read: 2.0 for 2.x, else 1.0."""
-    return "2.0" if (root.get("version") or "").startswith("2") else "1.0"
+    """Return the version of SSP by which a file is read: its own, one with the same first digit, or else 1.0."""
+    stated = root.get("version") or ""
+    alike = (name for name in SSP_FORMATS if name[0] == stated[:1])
+    return stated if stated in SSP_FORMATS else next(alike, SSP_1.name)

@@ -42,12 +42,12 @@ def load_ssp(path: str | Path, variant: str = DEFAULT) -> System:
     -------
     System
         Faults of the wiring, such as two sources for one connector, are in its `problems`, so that
-        `vdfmu.engine.run.check_system` can report them together with those that only the FMUs show.
+        `vdfmu.engine.run.check_system` can report them together with faults that only the FMUs show.
 
     Raises
     ------
     SspError
-        The file cannot be understood: no zip, an entry outside the package, a missing resource, a member
+        The file cannot be understood: not a zip, an entry outside the package, a missing resource, a member
         over the size limit, XML with a document type, a violation of the schemas, an element this reader does
         not know. All problems of these kinds that were found are listed.
     """
@@ -64,8 +64,8 @@ def read_system(path: str | Path, variant: str = DEFAULT) -> tuple[System | None
     -------
     System or None
         None when there is no SSD to speak of: the package or its SSD cannot be parsed, or is over a limit. Otherwise
-        the system without what could not be read; a component whose FMU is not there has the source "". Its
-        `problems` hold those of the reading too, so `vdfmu.engine.run.check_system` reports everything at once.
+        the system without its unreadable parts; a component whose FMU is missing has the source "". Its
+        `problems` include problems of the reading, so `vdfmu.engine.run.check_system` reports everything at once.
     list of str
         The problems of the reading, empty for a package that `load_ssp` takes.
     """
@@ -84,10 +84,10 @@ def _read(archive: Archive, path: Path, variant: str) -> tuple[System, list[str]
         scope = replace(scope, version=version_of(root))
         return _flattened(root, scope, path)
     except (ValueError, TypeError, AttributeError, StopIteration) as error:
-        if scope.version == "1.0" or parse.schema_of("ssd", scope.version) is not None:
+        if parse.schema_of("ssd", scope.version) is not None:
             raise
         text = f"{path.name}: {variant}: cannot be read, an element or attribute is missing or odd: {error}"
-        raise SspError(found("SSP003", text)) from None  # what the schema refuses, where there is none
+        raise SspError(found("SSP003", text)) from None  # what a schema would refuse, where there is none
 
 
 def _flattened(root: Any, scope: Scope, path: Path) -> tuple[System, list[str]]:
@@ -146,6 +146,6 @@ def _structure(scope: Scope) -> Any:
         has = f"; it has {', '.join(others)}" if others else ""
         raise SspError(found("SSP001", f"{scope.label}: the package has no {scope.document!r}{has}"))
     root = scope.read(scope.document, "ssd")
-    if root.find("ssd:System", NAMESPACES) is None:  # as it can be without a schema
+    if root.find("ssd:System", NAMESPACES) is None:  # possible without a schema
         raise SspError(found("SSP003", f"{scope.label}: {scope.document}: has no system", root))
     return root

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.base.standards import SSP_1
 from vdfmu.engine.package.experiment import Experiment
 from vdfmu.engine.rules import Finding, Place
 
@@ -27,7 +28,7 @@ class UnitFactor:
 
     name: str
     exponents: tuple[int, ...] | None = None
-    """Of `BASE_UNITS`; None where the unit has a name only."""
+    """Exponents of `BASE_UNITS`; None where the unit has a name only."""
     factor: float = 1.0
     offset: float = 0.0
 
@@ -65,7 +66,7 @@ def spread(value: Any, names: Sequence[str]) -> list[Any]:
     Raises
     ------
     ValueError
-        Another number of values than variables.
+        The number of values differs from the number of variables.
     """
     if isinstance(value, str) and len(names) > 1:
         numbers = re.sub(r"[\[\],]", " ", value).split()
@@ -124,13 +125,13 @@ class Hop:
     transformation: Transformation | None = None
     suppress_unit_conversion: bool = False
     unit: str | None = None
-    """What the connector at the end of the hop declares; of the type the same."""
+    """Declared by the connector at the end of the hop; so is the type."""
     type: str | None = None
     place: Place = field(default=("", 0), compare=False)
 
 
 Index = tuple[int, ...]
-"""Of an element or a part of an array, the first 1; empty for the whole."""
+"""Indices of an element or a part of an array, from 1; empty for the whole."""
 
 
 @dataclass(frozen=True)
@@ -160,7 +161,7 @@ class BoundParameter:
     name: str
     value: Value | tuple[Value, ...]
     type: str
-    """As the parameter set has it: ``Real``, ``Integer``, ``Boolean``, ``String``, ``Enumeration``, ``Float64`` ..."""
+    """In the parameter set: ``Real``, ``Integer``, ``Boolean``, ``String``, ``Enumeration``, ``Float64`` ..."""
     unit: UnitFactor | None
     """The unit of the value."""
     hops: tuple[Hop, ...]
@@ -179,10 +180,10 @@ class BoundParameter:
 class Component:
     """A component; nested ones are named ``system.component``, and ``system.component#2`` where that is taken.
 
-    `step` [s] is a multiple of the communication step in which it is stepped, None for that itself.
-    `overruled` are values in the place of which others are in `parameters`.
+    `step` [s] is a multiple of the communication step in which it is stepped, None for the communication step.
+    `overruled` are values that others in `parameters` replace.
     `source` is the member of the package, ``inner.ssp!/member`` where a package inside it holds the FMU; empty
-    where there is no FMU, which the system's `problems` then tell.
+    where the FMU is missing. The system's `problems` then say so.
     """
 
     name: str
@@ -211,16 +212,16 @@ class System:
     experiment: Experiment = field(default_factory=Experiment)
     """How it is run unless told otherwise."""
     problems: tuple[str, ...] = ()
-    """Faults of the wiring, and with `vdfmu.engine.package.read.read_system` those of the reading.
-    `vdfmu.engine.plan.check` reports them together with those of the FMUs."""
+    """Faults of the wiring, and with `vdfmu.engine.package.read.read_system` of the reading.
+    `vdfmu.engine.plan.check` reports them together with faults of the FMUs."""
     unmatched: tuple[Finding, ...] = ()
     """Parameters of system-level bindings that name no element or connector."""
     notes: tuple[str, ...] = ()
     """Notes, not errors: parameters without effect, components with one dotted name."""
     faults: tuple[str, ...] = ()
     """Breaches of rules that do not keep it from being run."""
-    version: str = "1.0"
-    """Of SSP: 1.0 or 2.0."""
+    version: str = SSP_1.name
+    """SSP version."""
 
     def component(self, name: str) -> Component:
         """Return a component by its name."""

@@ -59,8 +59,8 @@ class TreeReader:
             self._count += 1
             if self._count > limits.ELEMENT_LIMIT:
                 text = (
-                    f"{scope.label}: the system has more than {limits.ELEMENT_LIMIT} elements, those of systems "
-                    "that components refer to included; that is the limit (ELEMENT_LIMIT). Look for systems that "
+                    f"{scope.label}: the system has more than {limits.ELEMENT_LIMIT} elements, including systems "
+                    "that components refer to; that is the limit (ELEMENT_LIMIT). Look for systems that "
                     "refer to one another many times, or split the system"
                 )
                 raise LimitError(found("SSP016", text, child))
@@ -102,7 +102,7 @@ class TreeReader:
             if member not in scope.archive:
                 self.problems.append(found("SSP011", f"{where}: the package has no {member!r}", element))
             elif (other := _SUFFIXES.get(posixpath.splitext(member)[1].lower())) is not None:
-                text = f"{where}: {member!r} is no FMU; set the component's type to {other!r}"
+                text = f"{where}: {member!r} is not an FMU; set the component's type to {other!r}"
                 self.problems.append(found("SSP014", text, element))
             else:
                 node.source = scope.prefix + member
@@ -141,7 +141,7 @@ class TreeReader:
             return self._stand_in(node, root.find("ssd:System", NAMESPACES), scope, where)
 
     def _by_reference(self, node: Node, source: str, where: str) -> Node:
-        """Read a system of the same SSD once more, in the place of a component."""
+        """Read a system of the same SSD once more, to replace a component."""
         tree = node.element.getroottree()
         named = [s for s in tree.getroot().iterfind(".//ssd:System", NAMESPACES) if s.get("id") == source[1:]]
         if not named:
@@ -165,7 +165,7 @@ class TreeReader:
             self._open.pop()
 
     def _stand_in(self, node: Node, element: Any, scope: Scope, where: str) -> Node:
-        """Return the system that a component stands for, under the component's name."""
+        """Return the system that a component represents, under the component's name."""
         parent = Node(node.path[:-1], "system", {}, None, scope)
         inner = self.system(element, scope, parent, node.path[-1])
         inner.outer = node.element, node.scope
@@ -180,7 +180,7 @@ class TreeReader:
                     f"{where}: connector {name!r} is of kind {connector.kind}, its system says {other.kind}"
                 )
                 self.problems.append(found("SSP019", text, connector.place))
-            else:  # what the system leaves open, the component may say
+            else:  # the component may state what the system leaves open
                 inner.connectors[name] = replace(
                     other, type=other.type or connector.type, unit=other.unit or connector.unit
                 )

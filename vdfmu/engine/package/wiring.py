@@ -7,6 +7,7 @@ from itertools import count
 from typing import Any
 
 from vdfmu.base.errors import SspError
+from vdfmu.base.standards import SSP_FORMATS
 from vdfmu.engine.package.elements import Node, read_boolean, read_transformation
 from vdfmu.engine.package.parse import NAMESPACES
 from vdfmu.engine.package.system import Connection, Connector, Hop, Index, Shape, UnitFactor
@@ -50,16 +51,16 @@ def _flows_2() -> set[tuple[str, str]]:
     return flows | {pair for a, b in flows for pair in ((wild(a), b), (a, wild(b)), (wild(a), wild(b)))}
 
 
-_FLOWS = {"1.0": FLOWS, "2.0": _flows_2()}
+_FLOWS = {False: FLOWS, True: _flows_2()}
 
 
 class Wiring:
     """All connectors of a system tree and the connections between them.
 
-    The words start and end of an SSD do not say where data flows to: the kinds of the connectors do. Inside
+    The words start and end of an SSD do not say where data flows: the kinds of the connectors do. Inside
     a system, an output of an element and an input of the system itself are sources; an input of an element
     and an output of the system are sinks; the same for calculated parameters and parameters. In SSP 2.0 several
-    connections may feed one array, each of them other elements of it.
+    connections may feed one array, each of them different elements.
     """
 
     def __init__(self, top: Node) -> None:
@@ -68,7 +69,7 @@ class Wiring:
         """"component", "system" or "dictionary" of every connector."""
         self.forward: dict[Key, list[tuple[Key, Hop, Indices]]] = {}
         self._sources: dict[Key, dict[Index, Key]] = {}
-        """What feeds a connector, or a part of it."""
+        """Sources of a connector, or of a part of it."""
         self.names: dict[tuple[str, ...], str] = {}
         """The components: path to name, which is unique."""
         self._taken: set[str] = set()
@@ -119,7 +120,7 @@ class Wiring:
                 ends.append((kind, owner, connector, index))
         if len(ends) < 2:
             return
-        flows = _FLOWS[node.scope.version]
+        flows = _FLOWS[SSP_FORMATS[node.scope.version].more_connections]
         if (ends[0][0], ends[1][0]) not in flows:
             if (ends[1][0], ends[0][0]) not in flows:
                 kinds = [kind for kind, *_ in ends]
@@ -143,7 +144,7 @@ class Wiring:
         suppressed = read_boolean(item.get("suppressUnitConversion"))
         hop = Hop(transformation, suppressed, target.unit, target.type, place_of(item))
         around = any(kind.startswith("system ") for kind in (first_kind, second_kind))
-        if around and not node.path:  # no path from component to component leads over the outermost system
+        if around and not node.path:  # no path from component to component leads through the outermost system
             for rule, what in _misfits(node, begin, target, hop):
                 fault(rule, what)
         shapes = begin.dimensions[len(start) :], target.dimensions[len(end) :]
@@ -152,7 +153,7 @@ class Wiring:
         self.forward.setdefault(source, []).append((sink, hop, (start, end)))
 
     def above(self, key: Key) -> Iterator[Key]:
-        """Yield what feeds a connector, what feeds that, and so on."""
+        """Yield the sources of a connector, their sources, and so on."""
         seen, waiting = {key}, [key]
         while waiting:
             for source in self._sources.get(waiting.pop(0), {}).values():
@@ -191,7 +192,7 @@ class Wiring:
 
 
 def _join(first: Indices, then: Indices) -> Indices | None:
-    """Return what two connections in a row carry: parts of the first start and the last end; None for nothing."""
+    """Join two connections in a row: parts of the first start and the last end; None for nothing."""
     (start, middle), (other, end) = first, then
     if middle[: len(other)] != other[: len(middle)]:
         return None
@@ -199,7 +200,7 @@ def _join(first: Indices, then: Indices) -> Indices | None:
 
 
 def _misfits(node: Node, begin: Connector, target: Connector, hop: Hop) -> Iterator[tuple[str, str]]:
-    """Yield how two connectors do not fit together, by what the SSD says of them."""
+    """Yield reasons why two connectors do not fit together, according to the SSD."""
     types = {begin.type, target.type}
     if None not in types and len(types) > 1 and hop.transformation is None:
         yield "SSP033", f"type mismatch, {begin.type} to {target.type}"
@@ -216,7 +217,7 @@ def _expected(kinds: Sequence[str], flows: set[tuple[str, str]]) -> str:
 
 
 def index_faults(index: Index, shape: Shape, name: str) -> list[str]:
-    """Return what is wrong with indices of an array."""
+    """Return the faults of indices of an array."""
     if len(index) > len(shape):
         return [f"{len(index)} for {name}, which is {show_shape(shape)}"]
     return [

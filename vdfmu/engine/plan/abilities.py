@@ -1,4 +1,4 @@
-"""What the algorithms for continuous coupling need of the units."""
+"""Abilities that the algorithms for continuous coupling need from the units."""
 
 from __future__ import annotations
 

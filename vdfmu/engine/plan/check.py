@@ -37,17 +37,17 @@ def check_system(
     system : System
     parameters : mapping of str to value, optional
         Values of ``component.variable``, in the unit of the FMU; without an index, of all ``component.variable[...]``:
-        one value, or a list or array with one for each. They win over those of the package.
+        one value, or a list or array with one for each. They win over the package's values.
     inputs : sequence of InputTable
         Signals for inputs that nothing is connected to.
     algorithm : str, optional
-        One of `vdfmu.engine.run.ALGORITHMS`; default as `vdfmu.engine.plan.schedule.choose_schedule` has it.
+        One of `vdfmu.engine.run.ALGORITHMS`; default: see `vdfmu.engine.plan.schedule.choose_schedule`.
     repeats : bool
         Whether steps may be repeated and vary, so that units must save and restore their state.
     strict : bool
         Makes an input that has neither a connection nor a bound value a problem instead of a note.
     ignore_unmatched : bool
-        Makes a bound parameter that no variable matches a note, as SSP 1.0 has it. By default it is a
+        Makes a bound parameter that no variable matches a note, following SSP 1.0. By default it is a
         problem, because it is nearly always a misspelling.
 
     Returns
@@ -78,7 +78,7 @@ def check_system(
         checker.notes += feed.notes
     checker.inputs(links)
     starts = checker.start_values()
-    # start values of inputs in parameter sets are common, and worth no word
+    # start values of inputs in parameter sets are common and need no note
     fixed = {link.end: link.start for link in links if not link.stepped}
     for name, values in starts.items():
         notes = _fed(name, values, fixed, "the value of the parameter set")

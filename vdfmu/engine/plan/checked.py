@@ -22,12 +22,12 @@ class Checked:
     descriptions: Mapping[str, Description]
     """By component name, in the order of the SSD."""
     links: tuple[Link, ...]
-    """With those from the signals of `feed`."""
+    """Including links from the signals of `feed`."""
     algorithm: str
     """The master algorithm that `schedule` is for."""
     schedule: Schedule
     starts: Mapping[str, Sequence[tuple[FmuVariable, Value]]]
-    """What to set in each component before initialization, in the units of the FMU."""
+    """Values to set in each component before initialization, in the units of the FMU."""
     notes: tuple[str, ...]
     """Notes, not errors: inputs that nothing feeds, for example."""
     feed: Feed | None = None
@@ -39,5 +39,5 @@ class Checked:
 
     @property
     def sources(self) -> Mapping[str, Description]:
-        """All that has outputs: the components, and after them the signals from outside."""
+        """Everything that has outputs: the components, and after them the signals from outside."""
         return {**self.descriptions, **({SOURCE: self.feed.description} if self.feed else {})}

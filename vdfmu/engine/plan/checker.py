@@ -1,4 +1,4 @@
-"""What is wrong with a system beside its FMUs: connectors, connections, parameters."""
+"""Checks of a system against its FMUs: connectors, connections, parameters."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _PAIRS = {("output", "input"), ("calculatedParameter", "parameter"), ("calculate
 class Checker:
     """Problems and notes of a system, as they are found.
 
-    Parameters as of `vdfmu.engine.plan.check.check_system`.
+    For parameters see `vdfmu.engine.plan.check.check_system`.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class Checker:
         sizes: dict[str, Value] = {}
         for v in description.named("structuralParameter"):
             value = self.parameters.get(f"{component.name}.{v.name}", given.get(v.name, v.start))
-            with suppress(ValueError):  # which the check of its value reports
+            with suppress(ValueError):  # the check of its value reports it
                 size = as_type(value, v)
                 sizes |= {v.name: size} if size != v.start and not limit_fault(float(size), v.limits) else {}
         return sizes
@@ -130,7 +130,7 @@ class Checker:
                         self.notes.append(found("SSP021", text))
 
     def _connector(self, connector: Connector, description: Description) -> Iterator[tuple[str, str]]:
-        """Yield the rules that a connector breaks beside the variable of its name."""
+        """Yield the rules that a connector breaks, compared with the variable of its name."""
         shape = description.shapes.get(connector.name, ())
         variable = next(iter(description.elements(connector.name)), None)
         if variable is None:
@@ -163,7 +163,7 @@ class Checker:
         return self._unit(connector.unit) if connector is not None and connector.unit else None
 
     def _as_declared(self, port: Port, variable: FmuVariable) -> bool:
-        """Whether the connector is of a kind that the variable has; what is not is reported with the connectors."""
+        """Whether the connector is of a kind that the variable has; mismatches are reported with the connectors."""
         kind = self.system.component(port[0]).connectors[port[1]].kind
         return kind in (variable.causality, "unspecified")
 
@@ -304,13 +304,13 @@ class Checker:
 
 _OF_CONNECTION = {"type": "SSP033", "unit": "SSP034", "transformation": "SSP036"}
 _OF_VALUE = {"type": "SSP054", "unit": "SSP055", "transformation": "SSP036"}
-"""What does not fit, to the rule that it breaks."""
+"""Kinds of misfits, to the rule that each breaks."""
 _SAME = {"Real": "Float64", "Integer": "Int32"}
-"""Types of SSP 1.0 and FMI 2.0 to those of SSP 2.0 and FMI 3.0."""
+"""Types of SSP 1.0 and FMI 2.0 to types of SSP 2.0 and FMI 3.0."""
 
 
 def _same_type(stated: str, declared: str) -> bool:
-    """Whether a connector has the type of a variable; those of SSP 1.0 are of any length."""
+    """Whether a connector has the type of a variable; types of SSP 1.0 have any length."""
     if stated in _SAME:
         return stated == type_of(declared)
     return stated == _SAME.get(declared, declared)

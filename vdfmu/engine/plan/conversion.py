@@ -118,7 +118,7 @@ def compose(
 
 
 def _chain(first: Mapping[int, int] | None, then: Mapping[int, int]) -> dict[int, int]:
-    """Return one table for two in a row; what a table does not mention it leaves as it is."""
+    """Return one table for two in a row; a table leaves values that it does not mention."""
     before = first or {}
     return {**then, **{source: then.get(value, value) for source, value in before.items()}}
 
@@ -132,7 +132,7 @@ def _values_of(
         for which, item, known in (("source", name, source), ("target", meaning, target)):
             if item not in (known or {}):
                 there = ", ".join(known or {}) or "none"
-                text = f"the mapping names {item!r}, which is no item of the {which}; there are {there}"
+                text = f"the mapping names {item!r}, which is not an item of the {which}; there are {there}"
                 raise MisfitError("transformation", text)
         table[(source or {})[name]] = (target or {})[meaning]
     return table

@@ -1,4 +1,4 @@
-"""Inputs that signals from outside feed, checked: the signals are outputs of a source beside the components."""
+"""Inputs that signals from outside feed, checked: the signals are outputs of a source in addition to the components."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Fed(NamedTuple):
 
 
 class Feed(NamedTuple):
-    """The source's signals, what it is for the schedule and the exchange, its connections, and notes."""
+    """The source's signals, its description for the schedule and the exchange, its connections, and notes."""
 
     courses: tuple[Fed, ...]
     description: Description
@@ -62,7 +62,7 @@ def feed_inputs(
     Feed or None
         None without tables.
     list of str
-        All problems: names of no input, inputs that are connected, units of measurement and values that do not fit.
+        All problems: unknown names, inputs that are connected, units of measurement and values that do not fit.
     """
     if not tables:
         return None, []
@@ -149,7 +149,7 @@ def _list(free: Sequence[str]) -> str:
 def _conversion(
     name: str, target: UnitFactor | None, sink: FmuVariable, units: Mapping[str, UnitFactor]
 ) -> Conversion:
-    """Return the conversion from a unit of measurement by its name; an empty one is that of the input."""
+    """Return the conversion from a unit of measurement by its name; an empty name means the input's unit."""
     if not name or (target is not None and target.name == name):
         return Conversion()
     unit = units.get(name)

@@ -23,22 +23,22 @@ from vdfmu.engine.results.recorded import copies_in, later
 _HEADING = re.compile(r"(.*?)(?:\s+\[(.+)\])?")
 """A name, and a unit of measurement in brackets behind a space."""
 _CLOSE = 1e-12
-"""Part of the largest time within which a time is that of a row: both are rounded."""
+"""Part of the largest time within which a time counts as a row's: both are rounded."""
 _STRAIGHT = 1e-9
-"""Part of the largest slope below which a change of it is rounding and no bend."""
+"""Part of the largest slope below which a change of it is rounding and not a bend."""
 _MOST_PROBLEMS = 8
 
 
 @dataclass(frozen=True, eq=False)
 class InputTable:
-    """Signals of one file, or one array: what they are for, and their values at times."""
+    """Signals of one file, or one array: their targets, and their values at times."""
 
     where: str
     """The file, or the name of the array, for messages."""
     names: tuple[str, ...]
     """``component.variable`` of each column."""
     units: tuple[str, ...]
-    """Unit of measurement of each; empty for that of the input."""
+    """Unit of measurement of each; empty for the input's unit."""
     t: Floats
     """(m,) [s], increasing."""
     values: Floats
@@ -78,7 +78,7 @@ class Course:
     def __init__(self, t: Floats, values: Floats, held: bool) -> None:
         self.held, self.t, self.values = held, t, values
         self.tolerance = _CLOSE * float(np.abs(t).max())
-        """Difference [s] within which a time is that of a row."""
+        """Difference [s] within which a time counts as a row's."""
         change, least = np.diff(values, axis=0), 0.0
         if not held:
             slope = change / np.diff(t)[:, None]
@@ -111,12 +111,12 @@ def read_inputs(inputs: Inputs, hold: bool = False) -> tuple[InputTable, ...]:
     inputs : path, sequence of paths, mapping of str to (t, values), or tables
         Times (m,) [s], and values (m,) of ``component.variable``, or (m, n) of ``component.variable[1]`` to ``[n]``.
     hold : bool
-        Whether values hold until the next row; what is not real does in any case.
+        Whether values hold until the next row; values that are not real do in any case.
 
     Raises
     ------
     UsageError
-        For files or arrays of another form, with every problem and its row.
+        For files or arrays in another form, with every problem and its row.
     """
     problems: list[str] = []
     tables: list[InputTable | None] = []
@@ -152,7 +152,7 @@ def _from_arrays(name: str, pair: tuple[Any, Any], hold: bool, problems: list[st
 
 
 class Columns(NamedTuple):
-    """A CSV file: names and units of measurement of its columns, values (m, n); whether it is one of results."""
+    """A CSV file: names and units of measurement of its columns, values (m, n); whether it holds results."""
 
     names: list[str]
     units: list[str]
@@ -253,7 +253,7 @@ def _check_rows(
     values: Floats,
     problems: list[str],
 ) -> None:
-    """Note the first row of each kind that is not finite or not later than that before."""
+    """Note the first row of each kind that is not finite or not later than the row before."""
     for name, column in zip(("time", *names), (t, *values.T), strict=True):
         bad = np.flatnonzero(~np.isfinite(column))
         if bad.size:

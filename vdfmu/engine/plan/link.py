@@ -10,7 +10,7 @@ from vdfmu.engine.plan.conversion import Conversion
 Port = tuple[str, str]
 """Component and variable."""
 SOURCE = "(inputs)"
-"""In the place of a component: where signals from outside come from."""
+"""Takes the place of a component for signals from outside."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Values that the user gives: what they are for, checked."""
+"""Values that the user gives: their variables, found and checked."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Starts = dict[str, dict[str, tuple[FmuVariable, Value]]]
 
 
 def overrides(descriptions: Mapping[str, Description], parameters: Mapping[str, Value]) -> Starts:
-    """Resolve ``component.variable`` names given by the user; one without an index stands for all elements."""
+    """Resolve ``component.variable`` names given by the user; one without an index means all elements."""
     starts: Starts = {}
     problems: list[str] = []
     for full, value in parameters.items():

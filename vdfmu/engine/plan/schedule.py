@@ -41,11 +41,11 @@ class Schedule:
     units: tuple[str, ...]
     """The components in the order of their doStep."""
     fresh: frozenset[Port]
-    """Inputs that get the value their source computed in the same step. All others get the value that their source had
-    at the start of the step; with a continuous algorithm all other discrete ones."""
+    """Inputs that get the value their source computed in the same step. The others (the other
+    discrete ones with a continuous algorithm) get the value that their source had at the start of the step."""
     through: frozenset[Port] = frozenset()
-    """Connected inputs that an output of their unit depends on directly which another unit reads, or which any does if
-    none is read."""
+    """Connected inputs on which an output that another unit reads depends directly. If no output is read, any output
+    counts."""
     direct: frozenset[Port] = frozenset()
     """Outputs that depend directly on a connected input."""
     blocks: tuple[tuple[str, ...], ...] = ()
@@ -174,7 +174,7 @@ def make_schedule(
 
 
 def _through(read: Mapping[Port, Sequence[str]], starts: set[Port]) -> frozenset[Port]:
-    """Return the inputs that an output depends on directly which another unit reads, or any if none is read.
+    """Return the inputs on which an output that another unit reads (or any output if none is read) depends directly.
 
     An output that nobody reads must not decide how the others are computed.
     """
@@ -188,9 +188,9 @@ def _through(read: Mapping[Port, Sequence[str]], starts: set[Port]) -> frozenset
 
 
 def _fresh_discrete(names: Sequence[str], links: Sequence[Link], through: frozenset[Port]) -> frozenset[Port]:
-    """Return the discrete inputs that get the value of the end of the step: those that outputs depend on directly.
+    """Return the discrete inputs that outputs depend on directly: these get the value at the end of the step.
 
-    But for those through which, within the step, the value depends on itself: a switch in such a loop would have no
+    Except inputs through which, within the step, the value depends on itself: a switch in such a loop would have no
     value to settle on.
     """
     edges = {(k.start[0], k.end[0]) for k in links if not k.discrete or k.end in through}
@@ -207,9 +207,9 @@ def _fresh_discrete(names: Sequence[str], links: Sequence[Link], through: frozen
 def _blocks(names: Sequence[str], links: Sequence[Link], feeding: set[str]) -> tuple[tuple[str, ...], ...]:
     """Group units that read each other, blocks in the order of the data.
 
-    Within a block, the `feeding` units, whose connected outputs depend on inputs directly, come first, each after
-    those whose feed-through it reads; so only outputs of units without are guessed. Where that order has a cycle (an
-    algebraic loop), the order of the SSD stands.
+    Within a block, the `feeding` units, whose connected outputs depend on inputs directly, come first, each after the
+    units whose feed-through it reads; so only outputs of units without feed-through are guessed. Where that order has a
+    cycle (an algebraic loop), the order of the SSD stays.
     """
     edges = {(k.start[0], k.end[0]) for k in links}
     loops = {name: tuple(part) for part, _ in cycles(names, edges) for name in part}
@@ -265,8 +265,8 @@ def _tear(
 ) -> dict[Port, tuple[Link, Sequence[Port]]]:
     """Take connections away until the edges have no cycle; return them by their ends, with a cycle of their loop.
 
-    Of a loop all connections into one unit go, that with the fewest discrete ones, which no guess improves, and the
-    fewest at all.
+    In a loop, all connections into one unit are removed: the unit with the fewest discrete ones, which no guess
+    improves, and then with the fewest in all.
     """
     torn: dict[Port, tuple[Link, Sequence[Port]]] = {}
     loop_of: dict[Port, Sequence[Port]] = {}

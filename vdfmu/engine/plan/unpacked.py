@@ -29,7 +29,7 @@ def unpack_units(checked: Checked, folder: Path) -> tuple[dict[str, Path], bool]
     Raises
     ------
     VdfmuError
-        If there is no room, or the folder's name has what a Python FMU cannot be run from.
+        If there is no room, or the folder's name keeps a Python FMU from running.
     """
     unpacked: dict[str, Path] = {}
     path, foreign = checked.system.path, False
@@ -47,7 +47,7 @@ def unpack_units(checked: Checked, folder: Path) -> tuple[dict[str, Path], bool]
 
 
 def _refuse_escapes(folder: Path) -> None:
-    """Raise where a Python FMU would crash the process: its wrapper decodes no escape of a URI but that of a space."""
+    """Raise where a Python FMU would crash the process: its wrapper decodes no URI escape except a space's."""
     uri = folder.as_uri()
     if (folder / "resources" / "slavemodule.txt").is_file() and "%" in uri.replace("%20", " "):
         raise VdfmuError(

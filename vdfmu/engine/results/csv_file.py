@@ -77,7 +77,7 @@ def _read_table(path: Path, stream: TextIO) -> tuple[list[str], list[str], Float
 
 
 def summary_beside(path: Path) -> dict[str, Any]:
-    """Return the ``summary.json`` beside a CSV file; nothing if there is none of the run that wrote this very file."""
+    """Return the ``summary.json`` next to a CSV file; nothing unless the same run wrote both."""
     try:
         found = json.loads(path.with_name("summary.json").read_bytes())
         return found if "copies" in found and found["csv_bytes"] == path.stat().st_size else {}
@@ -93,7 +93,7 @@ def csv_head(signals: Sequence[Signal]) -> str:
         ["s", *(s.unit if s.kind == "real" else s.kind for s in signals)],
     ):
         line = io.StringIO()
-        csv.writer(line, lineterminator="\r\n").writerow(row)  # both of which are then quoted in names
+        csv.writer(line, lineterminator="\r\n").writerow(row)  # both are then quoted in names
         head += line.getvalue().removesuffix("\r\n") + "\n"
     return head
 

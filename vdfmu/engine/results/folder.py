@@ -1,4 +1,4 @@
-"""The folder of a run's results: a run is written beside an earlier one and takes its place when it is complete."""
+"""The folder of a run's results: a run is written next to an earlier one and replaces it when complete."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from vdfmu.engine.results.verdict import Check, verdict_of
 from vdfmu.engine.run import Interrupted
 
 SYSTEM_OUTPUTS = (*result_files(), "signals.png", "summary.json")
-"""Files that a run of a package writes, and replaces in the folder of an earlier one; no package is among them."""
+"""Files that a run of a package writes, and replaces in the folder of an earlier one; packages are not among them."""
 PICTURES = ("png", "svg", "pdf")
 """Kinds of files of a picture."""
 DRAWN = 20_000
@@ -27,7 +27,7 @@ DRAWN = 20_000
 
 
 def known_formats(formats: Sequence[str]) -> None:
-    """Raise UsageError for a format of results that there is not, or whose package is not installed."""
+    """Raise UsageError for an unknown format of results, or one whose package is not installed."""
     if not formats or not {f".{form}" for form in formats} <= FORMATS.keys():
         raise UsageError(f"format: expected {choice_of_formats()}, got {','.join(formats) or 'none'}.")
     for form in formats:
@@ -35,7 +35,7 @@ def known_formats(formats: Sequence[str]) -> None:
 
 
 def known_pictures(pictures: Sequence[str]) -> None:
-    """Raise UsageError for a kind of picture that there is not."""
+    """Raise UsageError for an unknown kind of picture."""
     unknown = [kind for kind in pictures if kind not in PICTURES]
     if unknown:
         raise UsageError(f"pictures: expected some of {', '.join(PICTURES)}, got {', '.join(unknown)}.")
@@ -47,7 +47,7 @@ def replacing_results(folder: Path, outputs: Sequence[str], overwrite: bool) -> 
 
     A run that fails or is stopped leaves its rows in ``partial``, which its error says, and the earlier run as it was.
     Without rows it leaves nothing. One that is killed leaves ``partial_PID``. Several at once, in threads or processes,
-    do not meet: the last that is complete stays.
+    do not interfere: the last to complete stays.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def _replacing(partial: Path, folder: Path, outputs: Sequence[str], overwrite: b
 
 @contextmanager
 def _one_process(folder: Path) -> Generator[None]:
-    """Let no other process publish in a folder meanwhile, where the system has such locks."""
+    """Keep other processes from publishing in a folder meanwhile, where the system has such locks."""
     if os.name != "posix":
         yield
         return
@@ -121,7 +121,7 @@ def _prepare(partial: Path, folder: Path, outputs: Sequence[str], overwrite: boo
         foreign = sorted(set(found) - _ours(folder))
         if foreign and not overwrite:
             raise UsageError(
-                f"{folder}: has {', '.join(foreign)}, which no run wrote there; expected a new folder, or that of an "
+                f"{folder}: has {', '.join(foreign)}, which no run wrote there; expected a new folder, or one of an "
                 "earlier run. Choose another one with --out, or let them be replaced with --overwrite."
             )
         partial.mkdir(parents=True, exist_ok=True)
@@ -143,7 +143,7 @@ def _has_rows(path: Path) -> bool:
 
 
 def _set_aside(partial: Path, outputs: Sequence[str]) -> Path:
-    """Give the folder of a failed run its name, in place of that of the one before."""
+    """Give the folder of a failed run its name; it replaces the previous one."""
     target = partial.with_name("partial")
     with suppress(OSError):
         if target.exists():
@@ -167,7 +167,7 @@ def _remove(folder: Path, names: Iterable[str]) -> None:
 
 
 def _publish(partial: Path, folder: Path, outputs: Sequence[str]) -> None:
-    """Move the files of a complete run to their place, the summary, which says what is ours, as the last.
+    """Move the files of a complete run to their place, the summary, which lists our files, last.
 
     Those of the earlier run are kept until all are there, and come back if one cannot be moved.
     """

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 class Stream(NamedTuple):
     """A format of text whose rows are written as they come.
 
-    Its copies are those that ``summary.json`` has, with the size of the file as ``SUFFIX_bytes``.
+    Its copies are listed in ``summary.json``, with the size of the file as ``SUFFIX_bytes``.
     """
 
     head: Callable[[Sequence[Signal]], str]

@@ -1,4 +1,4 @@
-"""Results as tables: what is in them, how they differ, and as pandas and xarray have them."""
+"""Results as tables: contents, differences, and the forms of pandas and xarray."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from vdfmu.engine.results.recorded import Recorded
 
 
 class Listing(NamedTuple):
-    """A table that shows itself, as text and as HTML in a notebook; `rows` has what it shows."""
+    """A table that shows itself, as text and as HTML in a notebook; `rows` has its contents."""
 
     title: str
     head: tuple[str, ...]

@@ -1,8 +1,8 @@
 """Results in Parquet: the same numbers as in CSV, in a third of the room, with what the run was in the same file.
 
-Columns are ``time`` and the signals that copy no other. The metadata of a column has its ``unit``, those of the file
-have ``vdfmu``: the summary as JSON, whose ``copies`` names the signals that are left out. Columns are compressed, the
-bytes of reals taken apart before (BYTE_STREAM_SPLIT). The package pyarrow is imported when it is needed.
+Columns are ``time`` and the signals that copy no other. The metadata of a column has its ``unit``. The file's metadata
+has ``vdfmu``: the summary as JSON, whose ``copies`` names the signals that are left out. Columns are compressed, with
+the bytes of reals taken apart before (BYTE_STREAM_SPLIT). The package pyarrow is imported when it is needed.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from vdfmu.base.json_text import to_json
 from vdfmu.engine.results.recorded import KINDS, Recorded, Signal, copies_in, no_rows, with_copies
 
 _GROUP = 2**16
-"""Rows that are compressed at a time: what is held in memory of a long run."""
+"""Rows that are compressed at a time: the part of a long run held in memory."""
 _KEY = b"vdfmu"
 
 
 def needed() -> tuple[ModuleType, ModuleType]:
-    """Return pyarrow and what it has for Parquet; UsageError if it is not installed."""
+    """Return pyarrow and its module for Parquet; UsageError if it is not installed."""
     try:
         import pyarrow
         import pyarrow.parquet
@@ -58,7 +58,7 @@ def write_parquet(results: Recorded, path: Path) -> None:
 
 
 def _array(pa: ModuleType, column: NDArray[Any]) -> Any:
-    """Return a column as pyarrow has it; of its own conversion pyarrow would import pandas, which takes long."""
+    """Return a column of pyarrow; pyarrow's own conversion would import pandas, which takes long."""
     kinds = {"f": pa.float64(), "i": pa.int32(), "b": pa.bool_()}
     values = (
         np.packbits(column, bitorder="little") if column.dtype.kind == "b" else np.ascontiguousarray(column)
@@ -71,7 +71,7 @@ def read_parquet(path: Path) -> Recorded:
     pa, parquet = needed()
     try:
         with open(path, "rb") as file:
-            table = parquet.ParquetFile(file).read(use_threads=False)  # they hang where memory is short
+            table = parquet.ParquetFile(file).read(use_threads=False)  # threads hang where memory is short
     except (OSError, pa.ArrowException) as error:
         raise UsageError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
     kinds = {pa.float64(): "real", pa.int32(): "integer", pa.bool_(): "boolean"}
@@ -95,7 +95,7 @@ def read_parquet(path: Path) -> Recorded:
     }
     try:
         summary = json.loads((table.schema.metadata or {}).get(_KEY, b"{}"))
-    except (ValueError, RecursionError):  # none of ours
+    except (ValueError, RecursionError):  # not ours
         summary = {}
     signals, data = with_copies(signals, data, copies_in(summary))
     return Recorded(table["time"].to_numpy(), signals, data, summary)

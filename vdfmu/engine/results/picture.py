@@ -19,7 +19,7 @@ from vdfmu.engine.results.recorded import Recorded
 PANELS = 12
 """Panels of a picture; more would be too small to read."""
 _CURVES, _CURVES_ALONE = 8, 28
-"""Curves of a panel whose legend fits beside it, and of one that is alone; those differ in colour or dashes."""
+"""Curves of a panel whose legend fits next to it, and of one that is alone; its curves differ in colour or dashes."""
 _TITLE, _TITLE_ALONE = 38, 80
 """Characters of the title of a panel."""
 _LEAST, _LARGEST = 1e-290, 1e290
@@ -112,7 +112,7 @@ def draw_signals(
 
 
 def _run_look(k: int) -> dict[str, Any]:
-    """Dashes and width of run `k`, from 0: what is drawn over another is dashed and thinner."""
+    """Dashes and width of run `k`, from 0: runs drawn over another are dashed and thinner."""
     return {"linestyle": style.DASHES[k % len(style.DASHES)], "linewidth": 1.6 if k == 0 else 1.2}
 
 
@@ -137,14 +137,14 @@ def _draw(axes: Axes, runs: Sequence[Recorded], panel: _Panel, most: int, length
 
 
 def _plain(text: str, length: int) -> str:
-    """Return a text that matplotlib takes for no formula, shortened in its middle."""
+    """Return a text that matplotlib does not take for a formula, shortened in its middle."""
     if len(text) > length:
         text = f"{text[: length // 2 - 1]}…{text[-(length - length // 2) :]}"
     return text.replace("$", r"\$")
 
 
 def _panels(results: Recorded, hidden: Collection[str]) -> list[_Panel]:
-    """Return the groups in the order of the results; elements of another unit are another panel."""
+    """Return the groups in the order of the results; elements with another unit get another panel."""
     panels: dict[tuple[str, str], _Panel] = {}
     for group, elements in results.groups.items():
         for name in elements.values():

@@ -1,4 +1,4 @@
-"""What a co-simulation recorded."""
+"""Recorded signals of a co-simulation."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _ELEMENT = re.compile(r"(.+)\[(\d+(?:,\d+)*)\]")
 class Signal(NamedTuple):
     """Where a signal is: `column` of the array of its `kind`.
 
-    In all rows it has the values of the signal `of`, if that is not empty, or those that it had `late` rows before.
+    In all rows it has the values of the signal `of`, if that is not empty, or its values `late` rows before.
     """
 
     name: str
@@ -101,7 +101,7 @@ class Recorded:
         Parameters
         ----------
         name : str
-            Of a signal; or of an array, without indices.
+            Name of a signal; or of an array, without indices.
 
         Returns
         -------
@@ -198,19 +198,19 @@ def copies_of(signals: Sequence[Signal]) -> dict[str, dict[str, str]]:
 
 
 def copies_in(summary: Any) -> dict[str, tuple[str, int]]:
-    """Return signal to the one that it copies, and how many rows late, as a summary has it; nothing if it has not."""
+    """Return signal to the one that it copies, and how many rows late, as a summary has it; nothing if it has none."""
     try:
         found = summary["copies"].items()
         late = {n: int(n) for n, _ in found if 0 <= int(n) < 2**31}
         return {str(name): (str(of), late[n]) for n, each in found for name, of in each.items()}
-    except (KeyError, TypeError, ValueError, AttributeError):  # none of ours
+    except (KeyError, TypeError, ValueError, AttributeError):  # not ours
         return {}
 
 
 def with_copies(
     signals: Sequence[Signal], data: Mapping[str, NDArray[Any]], copies: Mapping[str, tuple[str, int]]
 ) -> tuple[list[Signal], dict[str, NDArray[Any]]]:
-    """Return signals and data with the copies of those that are among them."""
+    """Return signals and data with the copies of the given signals."""
     known = {signal.name: signal for signal in signals}
     more, added = list(signals), {kind: [array] for kind, array in data.items()}
     for name, (of, late) in copies.items():

@@ -16,9 +16,9 @@ from vdfmu.engine.results.formats import Stream, format_of
 from vdfmu.engine.results.recorded import Signal, no_rows
 
 ROWS = 512
-"""Rows that are kept in memory at most."""
+"""Most rows that are kept in memory."""
 _SECONDS = 2.0
-"""Time for which a row is kept in memory at most, if another follows."""
+"""Longest time that a row is kept in memory, if another follows."""
 
 
 class Recorder:
@@ -27,14 +27,14 @@ class Recorder:
     Parameters
     ----------
     paths : sequence of Path
-        The files of results; those of these names are replaced. One whose format does not stream is only named in
+        The files of results; existing ones are replaced. One whose format does not stream is only named in
         messages, and the numbers go to its folder: it is written when all rows are there.
     signals : sequence of Signal
         Copies of others are left out: ``summary.json`` has their names.
     data : mapping of str to (`ROWS`, columns) array
         The block, by kind.
     put : callable
-        Called as ``put(i)`` to store what the signals are now in row `i` of the block.
+        Called as ``put(i)`` to store the current signals in row `i` of the block.
     times : callable
         Called as ``times(first, end)``: the times [s] of the rows from `first` to before `end`, (end - first,).
 
@@ -84,7 +84,7 @@ class Recorder:
         self._put(k - self._first)
 
     def finish(self, time: Floats) -> dict[str, NDArray[Any]]:
-        """Write the rows that are left, up to that of the last `time`; return all of them, by kind, from disk."""
+        """Write the remaining rows, up to the last `time`; return all of them, by kind, from disk."""
         self._flush(time[self._first :])
         for file, _ in self._texts:
             file.close()

@@ -73,8 +73,8 @@ class Results(Recorded):
     def compare(self, other: Results) -> Listing:
         """Return the differences to other results, group by group, the largest in its unit first.
 
-        Values of `other` between its rows are interpolated; those of integers and booleans hold. Only the time that
-        both have counts.
+        Values of `other` between its rows are interpolated; integers and booleans hold. Only the time common to both
+        counts.
 
         Raises
         ------
@@ -131,7 +131,7 @@ class Results(Recorded):
     def read(cls, path: str | Path) -> Results:
         """Read what `write` or a run wrote, with the copies of signals in the file.
 
-        A Parquet file has its summary too, a CSV file the one in the ``summary.json`` beside it.
+        A Parquet file has its summary too; the summary of a CSV file is the ``summary.json`` next to it.
 
         Raises
         ------

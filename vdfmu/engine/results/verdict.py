@@ -1,4 +1,4 @@
-"""The verdict on a run: what was checked of it, each with pass or fail.
+"""The verdict on a run: its checks, each with pass or fail.
 
 A run makes it once and keeps it in its summary; terminal, page and exit code read it from there.
 """
@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 
 
 class Check(NamedTuple):
-    """One thing that was checked of a run."""
+    """One check of a run."""
 
     name: str
     passed: bool
     text: str
-    """What was found, and the limit that it was compared with."""
+    """The result, and the limit that it was compared with."""
 
 
 def verdict_of(checks: Iterable[Check], not_checked: Sequence[str] = ()) -> dict[str, Any]:
@@ -29,7 +29,7 @@ def verdict_of(checks: Iterable[Check], not_checked: Sequence[str] = ()) -> dict
 
 
 def checks_of(summary: Mapping[str, Any]) -> list[Check]:
-    """Return the checks of a run from its summary; none where the summary has no verdict."""
+    """Return the checks of a run from its summary; empty where the summary has no verdict."""
     return [
         Check(str(one["name"]), one["passed"] is True, str(one["text"]))
         for one in (summary.get("verdict") or {}).get("checks", ())
@@ -37,5 +37,5 @@ def checks_of(summary: Mapping[str, Any]) -> list[Check]:
 
 
 def not_checked(summary: Mapping[str, Any]) -> list[str]:
-    """Return what was not checked of a run, and why."""
+    """Return the checks that were left out, and why."""
     return [str(one) for one in (summary.get("verdict") or {}).get("not_checked", ())]

@@ -36,7 +36,7 @@ class ByHand:
     def __init__(self, run: Run, begin: float, end: float, step: float, n: int) -> None:
         assert isinstance(run.components, Components)
         self._run, self._slaves = run, run.components.slaves
-        run.exchange.recorders(1, ())  # what is read must be finite
+        run.exchange.recorders(1, ())  # values that are read must be finite
         run.exchange.refuse_not_finite("initialization", begin)
         self._one = run.stepping(begin, end, step, n)
         self._begin, self._end, self._step, self.n, self._k = begin, end, step, n, 0
@@ -45,7 +45,7 @@ class ByHand:
         self._memory = [(bank.memory, bank.memory.copy()) for bank in run.exchange.banks]
         self._states: list[tuple[Slave, c_void_p]] = []
         # arrays of FMI 3.0 are set as a whole, with elements that the slave remembers
-        simple = all(d.saves_state and d.version == "2.0" for d in run.checked.descriptions.values())
+        simple = all(d.saves_state and not d.version.arrays for d in run.checked.descriptions.values())
         if simple and type(run.stepper) is SampledStepper:
             self._states = [(slave, slave.saved_state()) for slave in self._slaves.values()]
 
@@ -55,7 +55,7 @@ class ByHand:
         return self._end if self._k == self.n else self._begin + self._k * self._step
 
     def restart(self) -> bool:
-        """Go back to the start from saved states; False where that needs a new initialization."""
+        """Go back to the start from saved states; False if that needs a new initialization."""
         for slave, state in self._states:
             slave.restore_state(state)
         for memory, before in self._memory:
@@ -120,7 +120,7 @@ class ByHand:
         return found
 
     def get(self, name: str) -> Any:
-        """Return a number, or the array of those whose names begin with it."""
+        """Return a number, or the array of all numbers whose names begin with it."""
         source = self._sources.get(name) or self._sources.setdefault(name, self._source_of(name))
         return source()
 
@@ -157,7 +157,7 @@ class ByHand:
         return lambda: np.array([number() for number in numbers]).reshape(shape)
 
     def _place(self, slave: Slave, variable: FmuVariable) -> tuple[NDArray[Any], int] | None:
-        """Return where the master has a number; None for one that only the component has."""
+        """Return the place of a number in the master; None if only the component has it."""
         if variable.kind in TEXTS:
             return None
         bank = self._run.exchange.banks[KINDS.index(variable.kind)]

@@ -14,7 +14,7 @@ from vdfmu.engine.run.isolated import Limits
 
 
 class Elsewhere(Protocol):
-    """Components of a run, and what steps them; `vdfmu.engine.run.isolated.Isolated` says what each method does."""
+    """Components of a run and their stepper; for the methods see `vdfmu.engine.run.isolated.Isolated`."""
 
     exchange: Exchange
 
@@ -32,10 +32,14 @@ class Elsewhere(Protocol):
 
 
 Making = Callable[[Checked, Mapping[str, Path], MessageBox, Path, Limits], Elsewhere]
-"""Makes them, of a checked system, the folders of its FMUs, the box for messages, a temporary folder and limits."""
+"""Makes them from a checked system, the folders of its FMUs, the box for messages, a temporary folder and limits."""
 
 
 class Division(Protocol):
-    """Says which part of a checked system runs here, and what makes its components."""
+    """Chooses the algorithm, given the wanted one, the components that run here, and what makes them.
 
+    It is what `simulate`, `run_system` and `Simulator` take as `federation`: all that they know of running elsewhere.
+    """
+
+    def algorithm(self, wanted: str | None) -> str: ...  # noqa: D102
     def apart(self, checked: Checked) -> tuple[Checked, Making]: ...  # noqa: D102

@@ -16,7 +16,7 @@ from vdfmu.engine.fmu.messages import MessageBox
 
 @contextmanager
 def report_exits(box: MessageBox, save: Callable[[], str]) -> Generator[None]:
-    """Say which component ends the process, save the rows, and make the exit code 1.
+    """Report which component ends the process, save the rows, and make the exit code 1.
 
     With the C libraries of Linux (glibc) and macOS; nothing is said with others, which cannot take a handler back.
 
@@ -24,7 +24,7 @@ def report_exits(box: MessageBox, save: Callable[[], str]) -> Generator[None]:
     ----------
     box : MessageBox
     save : callable
-        Saves what there is, and returns what is said of it.
+        Saves the rows so far, and returns a text about them.
     """
     if platform.libc_ver()[0] != "glibc" and sys.platform != "darwin":
         yield
@@ -33,7 +33,7 @@ def report_exits(box: MessageBox, save: Callable[[], str]) -> Generator[None]:
 
     @ctypes.CFUNCTYPE(None, ctypes.c_void_p)
     def at_exit(_: int | None) -> None:
-        if over or os.getpid() != process:  # a process that the component has forked
+        if over or os.getpid() != process:  # in a process that the component has forked
             return
         with suppress(BaseException):
             where = save()

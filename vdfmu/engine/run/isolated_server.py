@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import math
-import os
 import pickle
 import sys
 import traceback
@@ -13,20 +11,19 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
-import numpy as np
-
+from vdfmu.base.child import Parent
 from vdfmu.base.errors import CosimError, UsageError, VdfmuError
-from vdfmu.base.process import limit, private_pipes
+from vdfmu.base.process import limit
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.exchange import Exchange
-from vdfmu.engine.run.isolated import CALLS, REPLY, REQUEST, mapped
+from vdfmu.engine.run.isolated import CALLS, STEP, mapped
 
 
 class Server:
-    """What runs in the process: the methods of `Isolated` call those of the same name here."""
+    """Runs in the process: each method of `Isolated` calls the method of the same name here."""
 
     components = Components
     """Their class."""
@@ -69,7 +66,7 @@ class Server:
         exchange = self._components.exchange
         self._stepper = self._components.couple(adaptive, convergence, span, record)
         self._stepper.pressed = lambda: bool(exchange.pressed.value)
-        with suppress(UsageError):  # the master says so
+        with suppress(UsageError):  # the master reports it
             exchange.recorders(1, record)
 
     def advance(self, time: float, step: float, stop: float) -> None:
@@ -78,11 +75,11 @@ class Server:
         self._stepper.advance(time, step, stop)
 
     def facts(self) -> dict[str, Any]:
-        """Return what the summary says of the steps."""
+        """Return the summary's entries on the steps."""
         return self._stepper.facts()
 
     def notes(self) -> list[str]:
-        """Return what is worth knowing after the run."""
+        """Return notes on the run."""
         return self._stepper.notes()
 
     def keep(self, *arguments: Any) -> None:
@@ -94,25 +91,21 @@ class Server:
         return self._components.look(*arguments)
 
     def close(self, time: float) -> list[Any] | None:
-        """See `Components.close`; `time` is that of the last row."""
+        """See `Components.close`; `time` is the last row's."""
         self._box.time = time
         failure = self._components.close()
         return None if failure is None else list(failure.args[:4])
 
-    def answer(self, requests: BinaryIO) -> bytes | None:
-        """Serve a request; return the reply, None when there is no request any more."""
-        head = requests.read(REQUEST.size)
-        if len(head) < REQUEST.size:
-            return None
-        size, *times = REQUEST.unpack(head)
+    def answer(self, request: bytes, parent: Parent) -> dict[str, Any] | None:
+        """Serve a request; return the reply, None for a step with nothing to report."""
         reply: dict[str, Any] = {"result": None, "failure": None, "fault": None, "interrupted": False}
         try:
-            if not size:
-                self.advance(*times)
+            if not request:
+                self.advance(*STEP.unpack(parent.read(STEP.size)))
                 if not (self._box.pending or self._box.ended):
-                    return REPLY.pack(0)
+                    return None
             else:
-                name, arguments = pickle.loads(requests.read(size))
+                name, arguments = pickle.loads(request)
                 reply["result"] = getattr(self, name)(*arguments)
         except CosimError as error:
             reply["failure"] = error.args[:4]
@@ -125,13 +118,11 @@ class Server:
         messages = [*self._said, *self._box.pending]
         self._said.clear()
         self._box.pending.clear()
-        reply |= {"messages": [asdict(message) for message in messages], "ended": self._box.ended}
-        answer = json.dumps(reply, default=np.generic.item).encode()
-        return REPLY.pack(len(answer)) + answer
+        return reply | {"messages": [asdict(message) for message in messages], "ended": self._box.ended}
 
 
 def _fault(error: Exception) -> str:
-    """Return the words for an error that no component has raised."""
+    """Return the message of an error that no component has raised."""
     if isinstance(error, MemoryError):
         return "the process of the components has no more memory: memory_limit (--memory-limit) gives it more"
     frame = traceback.extract_tb(error.__traceback__)[-1]
@@ -141,18 +132,16 @@ def _fault(error: Exception) -> str:
 
 def serve(make: Callable[[str], Server], memory: str, most: str) -> None:
     """Serve requests until there are no more; `memory` is a file, `most` in MB."""
-    requests, replies = private_pipes()
+    parent = Parent()
     if math.isfinite(float(most)):
         limit("DATA", int(float(most) * 2**20))
     logging.getLogger("vdfmu.compiler.fmu").addHandler(
         logging.NullHandler()
-    )  # what it says comes back as messages
+    )  # its log comes back as messages
     server = make(memory)
-    reply: bytes | None = REPLY.pack(0)  # it has started
-    while reply is not None:
-        while reply:
-            reply = reply[os.write(replies, reply) :]
-        reply = server.answer(requests)
+    parent.reply()  # it has started
+    for request in parent.requests():
+        parent.reply(server.answer(request, parent))
 
 
 if __name__ == "__main__":

@@ -49,7 +49,7 @@ class Interrupted(KeyboardInterrupt):
 class Run:
     """The components of one run; leaving it terminates and frees them and removes the unpacked FMUs.
 
-    `isolate` and `limits` as of `simulate`; `apart` makes what runs them in processes of their own, if not `Isolated`.
+    For `isolate` and `limits` see `simulate`; `apart`, if given, replaces `Isolated`.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class Run:
         return self
 
     def _left(self, folder: Path) -> str:
-        """Save the rows of a process that a component ends; return what is said of them."""
+        """Save the rows of a process that a component ends; return a text about them."""
         shutil.rmtree(folder, ignore_errors=True)
         return self._save()
 
@@ -110,7 +110,7 @@ class Run:
                 failure = self.components.close()
         finally:
             self._stack.close()
-            self._save = lambda: ""  # nothing is to hold the run, and the files of its memory, any more
+            self._save = lambda: ""  # nothing may hold the run and the files of its memory any more
         if failure is not None and error is not None:
             self.box.pending.append(failure_message(failure))
         self.box.flush()
@@ -121,7 +121,7 @@ class Run:
             raise failure
 
     def reset(self, checked: Checked) -> None:
-        """Take components that are not isolated back to what they were after loading; `checked` has their starts."""
+        """Return components that are not isolated to their state after loading; `checked` has their start values."""
         assert isinstance(self.components, Components)
         self.checked = self.components.checked = checked
         self.box.flush()
@@ -131,7 +131,7 @@ class Run:
         self.components.reset()
 
     def stepping(self, begin: float, end: float, step: float, n: int) -> Callable[[int], None]:
-        """Return what does step k of `n`, after which what is read is finite."""
+        """Return the function for step k of `n`, which checks that values read are finite."""
         box, advance, exchange, finite = self.box, self.stepper.advance, self.exchange, self.exchange.finite
 
         def one(k: int) -> None:
@@ -182,7 +182,7 @@ class Run:
             for path in stream if done >= 0 else ():
                 if not (form := format_of(path)).streams:
                     form.write(found, path)
-                else:  # by which a reader knows that the copies are those of this file
+                else:  # tells a reader that the copies belong to this file
                     self.summary[f"{suffix_of(path)[1:]}_bytes"] = path.stat().st_size
             if observer is not None and done >= 0:
                 getattr(observer, "end", lambda results: None)(found)
@@ -209,7 +209,7 @@ class Run:
         stride = max(1, -(-n // 100))
         guard = InterruptGuard()
         try:
-            with guard, np.errstate(invalid="ignore"):  # they are looked for
+            with guard, np.errstate(invalid="ignore"):  # finite() looks for them
                 stepper.pressed = lambda: guard.number != 0
                 exchange.refuse_not_finite("initialization", begin)
                 store(0)
@@ -250,10 +250,10 @@ class Run:
         return found
 
     def _end(self, k: int, time: float) -> int:
-        """Note the end that a unit has made in the step after row k, at `time`; return the last row."""
+        """Note that a unit ended the simulation in the step after row k, at `time`; return the last row."""
         unit, at = min(self.box.ended.items(), key=lambda item: item[1])
         reached = self.exchange.clock.value + self.exchange.size.value
-        if not time <= at <= reached:  # a unit that knows no last successful time, or another rounding of it
+        if not time <= at <= reached:  # the unit knows no last successful time, or rounds it differently
             at = reached
         last = k + 1 if at > time else k
         note = f"{unit} ended the simulation at t = {at:.9g} s"

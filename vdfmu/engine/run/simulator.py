@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Unpack
 
 import numpy as np
 
 from vdfmu.base.errors import CosimError, UsageError
-from vdfmu.base.show_progress import Steps, shown_steps
+from vdfmu.base.option import lists_options, with_options
+from vdfmu.base.show_progress import shown_steps
 from vdfmu.engine.algorithms import ALGORITHMS, choice, count_steps, is_continuous
 from vdfmu.engine.fmu.messages import LogMessage
 from vdfmu.engine.masters.components import CONVERGENCE, Components
 from vdfmu.engine.masters.multirate import with_steps
-from vdfmu.engine.masters.observer import Observer, Visitor
+from vdfmu.engine.masters.observer import Visitor
 from vdfmu.engine.masters.probe import Probe
+from vdfmu.engine.options import RowOptions, SimulatorOptions
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import System
 from vdfmu.engine.plan.check import Value, check_system, with_parameters
 from vdfmu.engine.plan.checked import Checked
-from vdfmu.engine.plan.inputs import Inputs, outside, read_inputs
+from vdfmu.engine.plan.inputs import outside, read_inputs
 from vdfmu.engine.plan.schedule import DEFAULT
 from vdfmu.engine.results.formats import format_of
 from vdfmu.engine.results.results import Results
@@ -29,21 +31,20 @@ from vdfmu.engine.run.by_hand import ByHand
 from vdfmu.engine.run.isolated import Limits
 from vdfmu.engine.run.session import Run
 
-if TYPE_CHECKING:
-    from vdfmu.engine.run.elsewhere import Division
 
-
+@lists_options
 class Simulator:
     """A system whose components are loaded once for many runs, and reset between them.
 
-    A run costs its steps then, and next to nothing else. Isolated components are loaded anew for each, as are those of
-    a run that failed.
+    A run then costs its steps, and next to nothing else. Isolated components are loaded anew for each run, as are
+    all components after a failed run.
 
     Parameters
     ----------
-    system, algorithm, adaptive, convergence, tolerance, parameters, inputs, input_hold, log, strict, ignore_unmatched,
-    isolate, time_limit, memory_limit, federation
+    system : System, str or Path
         See :func:`vdfmu.simulate`.
+    **options
+        :class:`vdfmu.engine.options.SimulatorOptions`, the options of :func:`vdfmu.simulate` except for `run`.
 
     Raises
     ------
@@ -61,56 +62,36 @@ class Simulator:
     ...         simulator.step()
     """
 
-    def __init__(
-        self,
-        system: System | str | Path,
-        *,
-        algorithm: str | None = None,
-        adaptive: float | None = None,
-        convergence: float | None = None,
-        tolerance: float | None = None,
-        parameters: Mapping[str, Value] | None = None,
-        inputs: Inputs = None,
-        input_hold: bool = False,
-        log: Callable[[LogMessage], None] | None = None,
-        strict: bool = False,
-        ignore_unmatched: bool = False,
-        isolate: bool | None = None,
-        time_limit: float | None = None,
-        memory_limit: float | None = None,
-        federation: Division | None = None,
-    ) -> None:
+    @with_options
+    def __init__(self, system: System | str | Path, **options: Unpack[SimulatorOptions]) -> None:
         self._system = system if isinstance(system, System) else load_ssp(system)
-        experiment = self._system.experiment
-        if federation is not None:
-            if algorithm not in (None, "jacobi"):
-                raise UsageError(f"federates step as jacobi has it, not {algorithm}")
-            algorithm = "jacobi"
-        if algorithm is None:
-            algorithm = experiment.algorithm
-            adaptive = experiment.adaptive if adaptive is None else adaptive
+        experiment, tolerance = self._system.experiment, options["tolerance"]
+        if options["federation"] is not None:
+            options["algorithm"] = options["federation"].algorithm(options["algorithm"])
+        if options["algorithm"] is None:
+            options["algorithm"] = experiment.algorithm
+            if options["adaptive"] is None:
+                options["adaptive"] = experiment.adaptive
         if tolerance is not None and not 0.0 < tolerance < np.inf:
             raise UsageError(f"tolerance must be positive and finite, got {tolerance}")
-        check_coupling(algorithm or DEFAULT, adaptive, convergence)
-        self._algorithm, self._adaptive, self._convergence = algorithm, adaptive, convergence
-        self._tolerance, self._parameters = tolerance, parameters
-        self._inputs, self._input_hold = inputs, input_hold
-        self._log, self._isolate, self._limits = log, isolate, Limits(time_limit, memory_limit)
-        self._strict, self._ignore_unmatched, self._federation = strict, ignore_unmatched, federation
+        check_coupling(options["algorithm"] or DEFAULT, options["adaptive"], options["convergence"])
+        self._options, self._limits = options, Limits(options["time_limit"], options["memory_limit"])
         self._checked: Checked | None = None
         self._run: Run | None = None
         self._by_hand: ByHand | None = None
         self._begun: Any = None
 
     def __enter__(self) -> Simulator:
-        self._tables = read_inputs(self._inputs, self._input_hold)
+        options = self._options
+        self._tables = read_inputs(options["inputs"], bool(options["input_hold"]))
         self._checked = check_system(
-            self._system, self._parameters, inputs=self._tables, algorithm=self._algorithm,
-            repeats=self._adaptive is not None, strict=self._strict, ignore_unmatched=self._ignore_unmatched,
+            self._system, options["parameters"], inputs=self._tables, algorithm=options["algorithm"],
+            repeats=options["adaptive"] is not None, strict=options["strict"],
+            ignore_unmatched=options["ignore_unmatched"],
         )  # fmt: skip
         self._apart = None
-        if self._federation is not None:
-            self._checked, self._apart = self._federation.apart(self._checked)
+        if options["federation"] is not None:
+            self._checked, self._apart = options["federation"].apart(self._checked)
         return self
 
     def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
@@ -119,40 +100,35 @@ class Simulator:
         if run is not None:
             run.__exit__(None, error)
 
+    @with_options
     def run(
         self,
         *,
-        start: float | None = None,
-        stop: float | None = None,
-        step: float | None = None,
         parameters: Mapping[str, Value] | None = None,
-        record: Sequence[str] | None = None,
-        progress: Steps | bool | None = None,
-        stream: Path | Sequence[Path] | None = None,
-        about: Mapping[str, Any] | None = None,
-        observer: Observer | None = None,
         probe: Probe | None = None,
         visitor: Visitor | None = None,
+        **options: Unpack[RowOptions],
     ) -> Results:
         """Run the system, from its start.
 
         Parameters
         ----------
         parameters : mapping of str to value, optional
-            For this run, before those of the simulator.
-        start, stop, step, record, progress, stream, about, observer
-            See :func:`vdfmu.simulate`.
+            For this run, before the simulator's.
         probe : Probe, optional
             Reads the numbers of some components at five rows.
         visitor : Visitor, optional
-            Is shown the components at some rows, where they are in this process.
+            Sees the components at some rows, if they are in this process.
+        **options
+            :class:`vdfmu.engine.options.RowOptions`.
 
         Raises
         ------
         UsageError, CosimError, Interrupted, VdfmuError
             See :func:`vdfmu.simulate`; UsageError outside the block, too.
         """
-        begin, end, step, n = self.grid(start, stop, step)
+        begin, end, step, n = self.grid(options["start"], options["stop"], options["step"])
+        stream, record, adaptive = options["stream"], options["record"], self._options["adaptive"]
         files = [stream] if isinstance(stream, Path) else list(stream or ())
         for path in files:
             format_of(path).needs()
@@ -161,16 +137,18 @@ class Simulator:
         with self._freeing():
             run = self._ready(checked)
             run.box.pending += [LogMessage("", begin, "note", "", note) for note in reach]
-            run.components.initialize(begin, end, self._tolerance, self._convergence or CONVERGENCE)
+            self._initialize(run, begin, end)
             run.summary |= {
-                **(about or {}),
-                "system": self._system.name, "algorithm": checked.algorithm, "adaptive": self._adaptive,
+                **(options["about"] or {}),
+                "system": self._system.name, "algorithm": checked.algorithm, "adaptive": adaptive,
                 "order": list(checked.schedule.units), "start": begin, "stop": end, "step": step, "steps": n,
                 "isolated": run.isolated, "notes": [*checked.notes, *reach],
             }  # fmt: skip
-            run.stepper = run.components.couple(self._adaptive, self._convergence, end - begin, record)
-            with shown_steps(progress, "co-simulation") as advance:
-                run.results = run.steps(begin, end, step, n, record, advance, files, observer, probe, visitor)
+            run.stepper = run.components.couple(adaptive, self._options["convergence"], end - begin, record)
+            with shown_steps(options["progress"], "co-simulation") as advance:
+                run.results = run.steps(
+                    begin, end, step, n, record, advance, files, options["observer"], probe, visitor
+                )
         return run.results
 
     def reset(
@@ -203,8 +181,10 @@ class Simulator:
             run = self._ready(checked)
             if not isinstance(run.components, Components):
                 raise UsageError("reset: isolated components are not stepped by hand; use isolate=False.")
-            run.components.initialize(begin, end, self._tolerance, self._convergence or CONVERGENCE)
-            run.stepper = run.components.couple(self._adaptive, self._convergence, end - begin, ())
+            self._initialize(run, begin, end)
+            run.stepper = run.components.couple(
+                self._options["adaptive"], self._options["convergence"], end - begin, ()
+            )
             self._by_hand, self._begun = ByHand(run, begin, end, step, n), wanted
 
     def step(self, count: int = 1) -> None:
@@ -241,7 +221,7 @@ class Simulator:
 
     @contextmanager
     def _freeing(self, kind: type[BaseException] = BaseException) -> Generator[None]:
-        """Free the components if what is done in the block fails."""
+        """Free the components if the block fails."""
         try:
             yield
         except kind as error:
@@ -265,7 +245,7 @@ class Simulator:
         return checked
 
     def stand(self, time: float | None = None, step: float | None = None) -> Components:
-        """Run the system to a time, by default its start; return its components, with their inputs of that time.
+        """Run the system to a time, by default its start; return its components, with their inputs at that time.
 
         They stay until the next run or the end of the block. The simulator must not isolate them.
 
@@ -277,10 +257,10 @@ class Simulator:
         begin, end, step, _ = self.grid(None, None, step)
         if time is None or time == begin:
             assert self._checked is not None
-            components = self._ready(with_steps(self._checked, step)).components
-            components.initialize(begin, end, self._tolerance, self._convergence or CONVERGENCE)
-            assert isinstance(components, Components)
-            return components
+            run = self._ready(with_steps(self._checked, step))
+            self._initialize(run, begin, end)
+            assert isinstance(run.components, Components)
+            return run.components
         if not begin < time < np.inf:
             raise UsageError(f"at: expected a time of the run, which starts at {begin:g} s; got {time:g} s.")
         self.run(stop=time, step=step, record=())
@@ -299,10 +279,15 @@ class Simulator:
             run.__exit__(None, None)
             run = None
         if run is None:
-            self._run = run = Run(checked, self._log, self._isolate, self._limits, self._apart).__enter__()
+            log, isolate = self._options["log"], self._options["isolate"]
+            self._run = run = Run(checked, log, isolate, self._limits, self._apart).__enter__()
         else:
             run.reset(checked)
         return run
+
+    def _initialize(self, run: Run, begin: float, end: float) -> None:
+        options = self._options
+        run.components.initialize(begin, end, options["tolerance"], options["convergence"] or CONVERGENCE)
 
     def _end_by_hand(self) -> None:
         if self._by_hand is not None:

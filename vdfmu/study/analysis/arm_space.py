@@ -23,7 +23,7 @@ from vdfmu.system.scenario import Scenario
 
 _INPUTS = ("tau", "F_e")
 _OUTPUTS = ("kappa", "p_O")
-"""Outputs beside the states."""
+"""Outputs in addition to the states."""
 
 
 def linearize(
@@ -41,8 +41,8 @@ def linearize(
     q_dot, kappa_dot, tau_s; inputs the motor torques tau and the wrench F_e of the arm on its surroundings; outputs the
     states, the rotors' positions kappa and the end effector's p_O, all as of the unit Plant.
 
-    A system is its FMUs, by their directional derivatives, with the connections closed; inputs are all of theirs, where
-    they are connected as a disturbance that adds to what comes; see :mod:`vdfmu.engine.inspect.linear`.
+    A system is its FMUs, by their directional derivatives, with the connections closed. All inputs of the FMUs are
+    inputs; on a connected one, a disturbance adds to the signal. See :mod:`vdfmu.engine.inspect.linear`.
 
     Parameters
     ----------
@@ -51,15 +51,15 @@ def linearize(
     at : (n,) [rad or m], or float [s]
         Positions of the joints, or the time.
     dry : bool
-        Of an arm: whether Coulomb and Stribeck friction stay, with the slope at rest of their regularisation (54).
+        For an arm: whether Coulomb and Stribeck friction stay, with the slope at rest of their regularisation (54).
         Viscous friction stays in any case.
     sampled : bool
-        Of a system: from one communication point to the next, with the delays of the master, in place of continuous
+        For a system: from one communication point to the next, with the delays of the master, instead of continuous
         time.
     opened : sequence of str
-        Of a system: inputs whose connections are cut; what would come to them is an output, the last.
+        For a system: inputs whose connections are cut; the signals that would reach them are the last outputs.
     **options : Any
-        Of a system: `master`, `settings`, `backend`, see :func:`vdfmu.study.analysis.system.linearized`.
+        For a system: `master`, `settings`, `backend`, see :func:`vdfmu.study.analysis.system.linearized`.
 
     Returns
     -------

@@ -15,13 +15,13 @@ from vdfmu.engine.inspect.loops import Complex
 
 _POINTS = 2000
 _SLOWEST = 1.0
-"""Frequency [Hz] from which what oscillates is marked."""
+"""Frequency [Hz] from which resonances are marked."""
 _DAMPED = 0.3
-"""Damping ratio from which it is not: there is no peak."""
+"""Damping ratio from which they are not marked: there is no peak."""
 
 
 class Bode(NamedTuple):
-    """Responses of outputs to one input: frequencies (m,) [Hz], responses (k, m), and what is marked."""
+    """Responses of outputs to one input: frequencies (m,) [Hz], responses (k, m), and marked frequencies."""
 
     frequency: Floats
     response: Complex
@@ -71,7 +71,7 @@ def bode(system: StateSpace, source: str, outputs: Sequence[str]) -> Bode:
 
 
 def _oscillating(s: Any, fastest: float) -> Floats:
-    """Frequencies [Hz] of those of poles or zeros that are lightly damped, from low to high.
+    """Frequencies [Hz] of lightly damped poles or zeros, from low to high.
 
     Zeros at infinity, which rounding makes very large numbers, are beyond 100 times the `fastest` pole [1/s].
     """

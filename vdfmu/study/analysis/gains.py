@@ -27,7 +27,7 @@ from vdfmu.engine.inspect.loops import GROWTH, Loop
 
 _DAMPING = 0.5
 _FIRST, _FALL, _LAST = 0.4, 0.9, 1e-4
-"""N of the first try, what the next one is multiplied by, and where the search ends."""
+"""N of the first try, the factor from one try to the next, and N where the search ends."""
 _INERTIAS = 5
 """Inertias of the links that a joint's loop is tried with, from the smallest to the largest."""
 
@@ -52,17 +52,17 @@ def joint_gains(
     K : float [N m/rad or N/m]
         Stiffness, link-side.
     inertias : (m,) [kg m2 or kg]
-        Of the links that the joint sees.
+        Inertias of the links that the joint sees.
     step : float [s]
     margin : float
         Required modulus margin.
     name : str
-        What messages call the joint.
+        Name of the joint in messages.
 
     Raises
     ------
     UsageError
-        If the smallest gains that are tried miss the margin.
+        If the smallest gains of the search miss the margin.
     """
     tries = np.geomspace(inertias.min(), inertias.max(), _INERTIAS)
     N = _FIRST
@@ -93,7 +93,7 @@ def arm_gains(robot: Robot, q: npt.ArrayLike, step: float, margin: float = 0.5) 
     ----------
     robot : Robot
     q : (m, n) [rad or m]
-        Positions along the motion, or all over where the arm works. A joint sees the inertia of its links with all
+        Positions along the motion, or all over the workspace. A joint sees the inertia of its links with all
         other joints held, and with all free.
     step : float [s]
         Communication step.

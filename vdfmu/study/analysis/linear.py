@@ -1,4 +1,4 @@
-"""What a linear model of an arm leaves out, and how its torques depend on its states through feedback."""
+"""Parts left out of the linear model of an arm, and how its torques depend on its states through feedback."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from vdfmu.arm.drive.options import OPTIONS
 from vdfmu.arm.equations.friction import dry_friction
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.arrays import Floats
@@ -23,15 +24,19 @@ def without_dry_friction(unit: Evaluation) -> None:
 
 
 def lively(states: Iterable[str], dry: bool) -> npt.NDArray[np.intp]:
-    """Return indices of states of the plant but temperatures, which take minutes, and bristles that are not `dry`."""
-    still = {"T_j"} if dry else {"T_j", "tau_z"}
+    """Return indices of the plant's states except temperatures, which take minutes, and bristles unless `dry`."""
+    still = {
+        option.state.name
+        for option in OPTIONS.values()
+        if option.state and (option.state.slow or (option.replaces_dry_friction and not dry))
+    }
     return np.array([i for i, name in enumerate(states) if name.split("[")[0] not in still], dtype=np.intp)
 
 
 def feedback(system: WiredUnits, plant: str, inputs: Sequence[str], t: float) -> Floats:
     """Return how inputs of a unit depend on its states through all other units: K (m, n), ``u = K x``.
 
-    By differences around the states that the solver's part of the memory has; exact to rounding for units that are
+    By differences around the states that the solver's part of the memory holds; exact to rounding for units that are
     linear in what they measure.
 
     Raises

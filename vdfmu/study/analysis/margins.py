@@ -1,6 +1,6 @@
 """Margins of stability of the sampled loop of an arm: plant linearised along the motion, feedback held over a step.
 
-At each time the plant is linearised where the desired motion has it, discretised exactly for inputs that are held over
+At each time the plant is linearised on the desired motion, discretised exactly for inputs that are held over
 a communication step, and closed by ``u[k] = K x[k - d]`` with d samples of delay. Joint i's loop is opened at its
 motor, see `vdfmu.engine.inspect.loops`.
 """
@@ -29,15 +29,15 @@ _DESIRED = {
     "kappa_dot": "feedforward.kappa_dot_d",
     "tau_s": "feedforward.tau_s",
 }
-"""States of the plant to the signals that have them along the desired motion."""
+"""States of the plant to the signals that hold them along the desired motion."""
 _TIMES = 11
 
 
 class ArmLoops:
     """The loop of a scenario with trajectory, feedforward, controller and plant along its desired motion.
 
-    Without Coulomb and Stribeck friction of the plant, whose slope damps by far more than all else near standstill, and
-    takes damping away at slow motion; viscous friction stays.
+    Coulomb and Stribeck friction of the plant are left out: near standstill its slope damps far more than all else, and
+    in slow motion it takes damping away. Viscous friction stays.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class ArmLoops:
     times : sequence of float, optional
         Default eleven, evenly spread from the start to the end.
     growth : float [1/s]
-        Rate up to which what grows counts as stable. A weakly damped mode of the arm may grow slowly at some places of
+        Growth rate that still counts as stable. A weakly damped mode of the arm may grow slowly at some places of
         a motion that soon passes them.
 
     Attributes
@@ -107,7 +107,7 @@ class ArmLoops:
         Parameters
         ----------
         values : mapping, optional
-            Other parameters of units but the plant, ``component.variable``.
+            Other parameters of units except the plant, ``component.variable``.
         delay : int
             Samples that the feedback comes late: 0 with ``gauss-seidel``, 1 with ``jacobi`` and most importers.
         """

@@ -24,7 +24,7 @@ from vdfmu.system.scenario.values import system_values
 
 MOTORS = ("free", "held")
 _STILL = 1e-6
-"""What turns more slowly, as a share of the fastest eigenvalue, does not oscillate: the rounding of a double one."""
+"""Slower eigenvalues, as a share of the fastest, do not oscillate: the rounding of a double one."""
 
 
 @dataclass(frozen=True)
@@ -36,13 +36,13 @@ class Modes:
     frequency : (m,) [Hz]
         ``|s| / 2 pi`` of an eigenvalue s.
     damping : (m,)
-        Damping ratio ``-Re s / |s|``; of a mode that grows it is negative.
+        Damping ratio ``-Re s / |s|``; negative for a mode that grows.
     links, rotors : (m, n) complex
         Displacements of links and of rotors divided by ell [rad or m]; the largest of a mode is 1.
     share : (m, n)
         Share of each joint in the largest energy of the springs.
     rates : (k,) [1/s]
-        Real eigenvalues, what does not oscillate.
+        Real eigenvalues, which do not oscillate.
     """
 
     frequency: Floats
@@ -102,7 +102,7 @@ def _modes(system: StateSpace, motors: str, dry: bool) -> Modes:
         B = A[:, currents]
     links, speeds, rotors, springs = np.split(np.arange(4 * n), 4)
     stiffness = -np.diag(A[np.ix_(springs, speeds)])  # tau_s_dot = K (kappa_dot (1 - theta_err') - q_dot)
-    states = np.eye(m)  # from those of the motion
+    states = np.eye(m)  # from states of the motion
     if motors == "held":
         brakes = -np.linalg.solve(B[rotors], A[rotors])
         moving = np.delete(np.arange(m), np.concatenate([rotors, springs, currents]))
@@ -135,12 +135,12 @@ def modes_along(
     times : (points,) [s]
         Evenly spread from the start to the end.
     modes : dict of str to list of Modes
-        By what the motors do.
+        By the state of the motors.
 
     Raises
     ------
     UsageError
-        See :func:`natural_modes`; if no component ``trajectory`` says where the arm is to be.
+        See :func:`natural_modes`; if no component ``trajectory`` gives the desired motion.
     """
     system = WiredUnits(SystemDescription(scenario, system_values(scenario)))
     trajectory = system.units.get("trajectory")

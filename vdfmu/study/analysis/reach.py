@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.files import write_whole
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.base.toml_file import locate
+from vdfmu.base.toml_text import toml_value
 from vdfmu.engine.inspect.loops import Margins
 from vdfmu.study.analysis.gains import GROWTH, Gains, arm_gains
 from vdfmu.study.analysis.margins import ArmLoops
@@ -31,11 +31,11 @@ _MANY = 8
 _ROOM = 0.4
 """Share of the way to the end stop that a joint moves at most."""
 _AWAY = 0.1
-"""Distance from the end stops at which the motion starts, as a share of the way between them."""
+"""Distance from the end stops at which the motion starts, as a share of the distance between them."""
 _TIMES = (1.0, 2.0, 4.0, 8.0, 16.0)
 """Durations [s] that are tried."""
 _RESERVE = 0.7
-"""Share of what a motor can give that the motion takes at most."""
+"""Largest share of a motor's capacity that the motion takes."""
 _POINTS = 21
 _STRONG = f"It takes at most {100 * _RESERVE:g} % of what the motors can give."
 _WEAK = "the motors are too weak to move or to hold the arm: see their torques"
@@ -46,7 +46,6 @@ _TEXT = """\
 
 name = {name}
 description = {description}
-kind = "cosimulation"
 robot = {written}
 stop = {stop!r}
 step = {step!r}
@@ -65,7 +64,7 @@ K_v = {K_v}  # N.m.s/rad or N.s/m, link-side, on the rotors' velocity
 
 
 class Reach(NamedTuple):
-    """What was written: the file, its gains, the margins of the whole arm, and what is to be said of the motion."""
+    """The written file, its gains, the margins of the whole arm, and notes on the motion."""
 
     path: Path
     gains: Gains
@@ -111,21 +110,21 @@ def reach_scenario(robot: Robot | str | os.PathLike[str] | None = None) -> Scena
 
 
 def _write(arm: Robot, name: str, written: str, path: Path) -> tuple[Gains, list[str]]:
-    """Write the scenario; return its gains, and what is to be said of its motion."""
+    """Write the scenario; return its gains, and notes on its motion."""
     start, end, T, notes = _motion(arm)
     gains = arm_gains(arm, np.linspace(start, end, _POINTS), _STEP)
     text = _TEXT.format(
-        robot=name, name=json.dumps(path.stem), written=json.dumps(written), stop=T + 0.5, step=_STEP, T=T,
+        robot=name, name=toml_value(path.stem), written=toml_value(written), stop=T + 0.5, step=_STEP, T=T,
         start=_list(start), end=_list(end), K_p=_list(gains.K_p), K_v=_list(gains.K_v),
         motors="; ".join(notes).capitalize() + "." if notes else _STRONG,
-        margins=", ".join(f"{m:.2f}" for m in gains.modulus), description=json.dumps(f"A first motion of {name}"),
+        margins=", ".join(f"{m:.2f}" for m in gains.modulus), description=toml_value(f"A first motion of {name}"),
     )  # fmt: skip
     write_whole(path, [text.encode()])
     return gains, notes
 
 
 def _motion(robot: Robot) -> tuple[Floats, Floats, float, list[str]]:
-    """Return start, end and duration of the motion, and what is to be said of it."""
+    """Return start, end and duration of the motion, and notes on it."""
     start = np.zeros(robot.n)
     step = np.array([_FAR[kind] for kind in robot.joint_types]) * min(1.0, _MANY / robot.n)
     if robot.limits:
@@ -143,7 +142,7 @@ def _motion(robot: Robot) -> tuple[Floats, Floats, float, list[str]]:
 def _within(robot: Robot, start: Floats, end: Floats, T: float) -> bool:
     """Whether the motors give what the motion takes, with some reserve."""
     if not robot.limits:
-        return T > _TIMES[0]  # of speeds that are unknown, no fast one
+        return T > _TIMES[0]  # no fast motion if the speeds are unknown
     motions = [desired_motion(t, start, end, T) for t in np.linspace(0.0, T, _POINTS)]
     q, q_dot, q_ddot = (np.array([motion[k] for motion in motions]) for k in range(3))
     tau = inverse_dynamics(robot, q, q_dot, q_ddot) / robot.ell + robot.I_m * q_ddot
@@ -152,4 +151,4 @@ def _within(robot: Robot, start: Floats, end: Floats, T: float) -> bool:
 
 
 def _list(numbers: Floats) -> str:
-    return "[" + ", ".join(repr(float(f"{number:.4g}")) for number in numbers) + "]"
+    return toml_value([float(f"{number:.4g}") for number in numbers])

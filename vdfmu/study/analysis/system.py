@@ -10,7 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from vdfmu.base.errors import UsageError
 from vdfmu.base.progress import counted
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.engine.inspect.linear import LinearSystem, linear_system
@@ -37,15 +36,13 @@ def packaged(
     settings : mapping, optional
         Changed parameters.
     backend : str, optional
-        Of a scenario's FMUs, ``native`` or ``python``.
+        Kind of a scenario's FMUs, ``native`` or ``python``.
     """
     if not isinstance(system, Scenario):
         if Path(system).suffix.lower() == ".ssp":
             yield Path(system), {"parameters": settings}
             return
         system = load_scenario(system)
-    if system.kind == "contrast":
-        raise UsageError(f"scenario {system.name} has no units, so there is nothing to linearise.")
     values = system_values(system, settings)
     with temporary_folder("vdfmu_") as folder:
         built = cached_fmus(system, folder, backend)
@@ -65,7 +62,7 @@ def linearized(
 ) -> LinearSystem:
     """Linearise the components of a scenario or package at a time of its run, by default its start.
 
-    `master` in place of its own; the others as of :func:`packaged`; errors as of
+    `master` replaces its own; for the others see :func:`packaged`, for errors
     :func:`vdfmu.engine.inspect.linear.linear_system`.
     """
     with packaged(system, settings, backend) as (package, options):
@@ -107,12 +104,12 @@ def margins_along(
     at : sequence of float, optional [s]
         Default five, evenly spread from the start to the end.
     master : str, optional
-        ``gauss-seidel`` or ``jacobi``, in place of the system's own.
+        ``gauss-seidel`` or ``jacobi``, instead of the system's own.
 
     Raises
     ------
     UsageError, SspError, CosimError
-        As of these, and of :func:`vdfmu.engine.inspect.linear.linear_system`.
+        See these, and :func:`vdfmu.engine.inspect.linear.linear_system`.
     """
     with packaged(system, settings, backend) as (package, options):
         chosen: dict[str, Any] = options | ({"algorithm": master} if master else {})

@@ -22,7 +22,7 @@ _MOST = 2**30
 
 
 class Engine:
-    """Runs a program, side by side as many points as this processor has lanes for.
+    """Runs a program, with as many points side by side as this processor has lanes.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ class Engine:
     record : sequence of str
         Patterns of the signals that the results have.
     level : int, optional
-        Of the library, see :data:`~vdfmu.study.batch.make.LEVELS`; default the highest that the processor can run.
+        Level of the library, see :data:`~vdfmu.study.batch.make.LEVELS`; default the highest that the processor runs.
     """
 
     def __init__(self, program: BatchProgram, record: Sequence[str], level: int | None = None) -> None:
@@ -94,7 +94,7 @@ class Engine:
         ]
 
     def _set(self, lane: int, point: Mapping[str, Any]) -> bool:
-        """Set the parameters of a lane; whether they are within their limits."""
+        """Set the parameters of a lane; return whether they are within their limits."""
         for name, value in point.items():
             place, least, largest = self._program.parameters.get(name, (0, np.inf, -np.inf))
             try:
@@ -108,7 +108,7 @@ class Engine:
 
 
 def _aligned(rows: int, columns: int) -> Floats:
-    """Return an array whose memory begins where a vector may."""
+    """Return an array whose memory is aligned for vectors."""
     bytes_ = np.zeros(rows * columns * 8 + _ALIGNED, dtype=np.uint8)
     offset = -bytes_.ctypes.data % _ALIGNED
     return bytes_[offset : offset + rows * columns * 8].view(np.float64).reshape(rows, columns)

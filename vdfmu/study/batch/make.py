@@ -24,7 +24,7 @@ _WIDE = ("-mavx2", "-mfma", "-mavx512f", "-mavx512dq", "-mavx512vl", "-mprefer-v
 LEVELS = ((4, ()), (4, ("-mavx2", "-mfma")), (8, _WIDE))
 """Lanes and flags of the libraries: for any processor, for those with AVX2, for those with AVX-512."""
 FLAGS = ("-ffp-contract=fast",)
-"""A product and a sum in one go: the bits are no FMU's in any case."""
+"""A product and a sum in one go: the bits differ from an FMU's in any case."""
 
 
 def make_program(description: SystemDescription, varied: Iterable[str]) -> BatchProgram:
@@ -80,7 +80,7 @@ def make_program(description: SystemDescription, varied: Iterable[str]) -> Batch
 
 
 def _deciding(name: str, unit: Traced, varied: set[str]) -> list[str]:
-    """Return what is wrong with variables of a unit that are to vary: those that decide what is compiled."""
+    """Return the variables of a unit that cannot vary, since they decide what is compiled."""
     program = unit.interface.program
     groups = {choice for call in (*program.calls, *program.step) for choice, _ in call.when}
     return [

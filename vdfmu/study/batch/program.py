@@ -23,11 +23,11 @@ class BatchProgram:
     memory: Floats
     """Values before the start, (m,)."""
     parameters: Mapping[str, tuple[int, float, float]]
-    """What a point may set, ``component.variable``: place, least and largest value."""
+    """Variables that a point may set, ``component.variable``: place, least and largest value."""
     signals: Mapping[str, tuple[int, str]]
-    """What can be recorded: place and unit."""
+    """Signals that can be recorded: place and unit."""
     optional: list[list[int]]
-    """Places that a call sets which runs where one of them is recorded."""
+    """Places set by calls that run only if one of these places is recorded."""
     fed: npt.NDArray[np.int64]
     """Places of the inputs from outside, (k,)."""
     course: Floats
@@ -37,4 +37,4 @@ class BatchProgram:
     sizes: Floats
     """Length of each step [s], (n,)."""
     time: Floats
-    """Of the rows [s], (n + 1,)."""
+    """Times of the rows [s], (n + 1,)."""

@@ -18,11 +18,11 @@ from vdfmu.system.reference.solution import SampledReference
 from vdfmu.system.reference.wired import Evaluate, WiredUnits
 
 _DIVISION = re.compile(r" / (w\d+);")
-"""End of a line of C that divides: as a product, so that a compiler finds reciprocals that it has."""
+"""End of a line of C that divides: as a product, so that a compiler reuses reciprocals."""
 
 
 def lane_sources(system: WiredUnits, delayed: bool) -> tuple[dict[str, bytes], list[list[int]]]:
-    """Return file name to content of the C, and the places that each call sets which runs where it is recorded only.
+    """Return file name to content of the C, and the places set by each call that runs only where these are recorded.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def lane_sources(system: WiredUnits, delayed: bool) -> tuple[dict[str, bytes], l
     Raises
     ------
     KernelError
-        If a unit has no traced functions, or one of them no C text.
+        If a unit has no traced functions, or one of these has no C text.
     """
     code = _LaneCode(system)
     folder = data_path("fmu_src")
@@ -151,7 +151,7 @@ class _LaneCode(Code):
         return f"static mask communication_step({arguments})\n{{\n{body}}}\n"
 
     def _begin(self) -> str:
-        """Text of the start, with what parameters must meet together."""
+        """Text of the start, with the conditions on several parameters."""
         lines = ["mask good = finite_lanes((real)0.0);", "begin(m, t, shown);"]
         for name, unit in self.system.units.items():
             robot = unit.interface.robot if unit.interface.has_robot else None

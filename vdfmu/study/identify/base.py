@@ -11,9 +11,9 @@ from vdfmu.base.arrays import Floats
 from vdfmu.study.identify.regressor import BODY, regressor
 
 _STATES = 100
-"""States of which the columns are made, beside those of ten joints ten times as many rows as columns."""
+"""States from which the columns are made: ten times as many rows as columns for ten joints."""
 _ZERO = 1e-8
-"""Part of a column's size below which what is left of it is rounding."""
+"""Part of a column's size below which the remainder is rounding."""
 
 
 class BaseParameters(NamedTuple):
@@ -28,7 +28,7 @@ class BaseParameters(NamedTuple):
 def base_parameters(robot: Robot) -> BaseParameters:
     """Find the base parameters of an arm, from its structure: at random states, by projection column by column.
 
-    A column of the regressor that those before it give is left out, and its parameter joins theirs.
+    A column of the regressor that the columns before it give is left out, and its parameter joins theirs.
     """
     n, random = robot.n, np.random.default_rng(0)
     q, q_dot, q_ddot = random.uniform(-2.0, 2.0, (3, max(_STATES, 20 * n), n))

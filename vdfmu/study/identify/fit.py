@@ -10,7 +10,7 @@ Positions go through a Butterworth filter, forward and backward, so without phas
 differences of fourth order; then both equations through a second one, four times as narrow, which acts on both sides
 alike, and one row is kept for every sample of its band, so that the noise of rows is independent. Each equation of
 each joint is weighted by its own residual. Torques may be late: ``delay`` is a parameter, the same for all joints.
-What a log cannot tell, by the standard deviation that the Jacobian gives, keeps its value of the robot file.
+Parameters that a log cannot determine, by the standard deviation from the Jacobian, keep the robot file's values.
 """
 
 from __future__ import annotations
@@ -40,34 +40,34 @@ _TRIM = 3.0
 _STILL = 1e-4
 """Range of a joint [rad or m] below which it did not move."""
 _APART = 0.5
-"""Range of kappa - q, as a share of kappa's, beyond which one of them is not what it should be."""
+"""Range of kappa - q, as a share of kappa's, beyond which one of them is wrong."""
 _LEFT = 0.3
 """Share of the root mean square of a torque that the model leaves, beyond which a note says so."""
 
 
 @dataclass(frozen=True)
 class Identified:
-    """What was estimated.
+    """Estimated parameters and their deviations.
 
     Attributes
     ----------
     names, units : tuple of str
         Drives and springs by joint, ``f_c[1]``, then the base parameters of the links.
     values, deviation, nominal : (m,) arrays
-        With standard deviations, and the values of the robot file.
+        Estimates, standard deviations, and values of the robot file.
     held : mapping of str to str
-        What is not identified and keeps its value: why, and the way out.
+        Parameters that are not identified and keep their values: why, and the way out.
     torque_level : (n,) array [N.m or N]
         Root mean square of the spring torques.
     stiffness, stiffness_deviation : (n,) arrays [N.m/rad or N/m]
-        Of the springs, link-side: torque by deformation at that torque.
+        Springs, link-side: torque by deformation at that torque.
     delay : float [s]
-        By which torques are later than positions.
+        Delay of torques after positions.
     band : float [Hz]
     t : (k,) [s]
         Times of the rows.
     torque, torque_error : (k, n) [N.m or N]
-        Measured torques, link-side, filtered, and what the model leaves of them.
+        Measured torques, link-side, filtered, and the rest that the model does not explain.
     deformation_error : (k, n) [rad or m] or None
     base : BaseParameters
     """
@@ -104,7 +104,7 @@ class Identified:
 
     @property
     def advice(self) -> list[str]:
-        """What the log lacks altogether, or what does not fit."""
+        """Data that the log lacks altogether, or that do not fit."""
         left, whole = ((each**2).mean(axis=0) for each in (self.torque_error, self.torque))
         notes = [
             f"joint {i + 1}: the model leaves more than {100 * _LEFT:.0f} % of the torque; check units, signs and "
@@ -127,10 +127,10 @@ def identify(log: Log, robot: Robot, *, band: float | None = None) -> Identified
     ----------
     log : Log
     robot : Robot
-        Kinematics, ratios, width of the friction's sign, kinematic error; and the values to start at, which what is not
-        identified keeps.
+        Kinematics, ratios, width of the friction's sign, kinematic error; its values are the start, and parameters that
+        are not identified keep them.
     band : float, optional [Hz]
-        Of the equations; default three times the frequency below which 99.9 % of the velocities' power lie.
+        Band of the equations; default three times the frequency below which 99.9 % of the velocities' power lie.
 
     Raises
     ------
@@ -198,7 +198,7 @@ def _prepare(
     error = kinematic_error(robot, kappa)
     if log.q is not None:
         q = np.asarray(sosfiltfilt(wide, log.q, axis=0), dtype=float)
-    else:  # where the springs of the robot file have the links, as far as they are not fast
+    else:  # the links by the springs of the robot file, unless they are fast
         rigid = regressor(robot, kappa, kappa_dot, kappa_ddot, kappa_dot, kappa_ddot)
         tau_s = rigid.links @ body_parameters(robot) + rigid.rotors @ (robot.I_m * robot.ell)
         q = kappa - error - deformation(robot, tau_s)

@@ -24,7 +24,7 @@ _KNOWN = {
     "tau": ("controller.tau[{}]", "plant.tau[{}]", "tau[{}]"),
     "tau_link": ("tau_link[{}]",),
 }
-"""What is taken from a log, to its columns; {} is the joint, from 1."""
+"""Quantities taken from a log, to its columns; {} is the joint, from 1."""
 _FACTORS = {
     "": 1.0, "rad": 1.0, "deg": np.pi / 180.0, "m": 1.0, "mm": 1e-3, "N.m": 1.0, "Nm": 1.0, "N m": 1.0, "N": 1.0,
     "mN.m": 1e-3,
@@ -64,7 +64,7 @@ def read_log(path: str | os.PathLike[str], robot: Robot, columns: Mapping[str, s
         brackets, ``q[1] [deg]``, without which angles must go over less than 4 pi; or a ``.mat`` of the KUKA KR300
         R2500 data set (Weigand et al. 2022), a recording or the file for forward identification.
     robot : Robot
-        Whose number of joints and ratios count.
+        Its number of joints and ratios count.
     columns : mapping, optional
         ``kappa``, rotors divided by ell, or ``theta``, motors; ``tau``, motor-side, or ``tau_link``, times ell; and
         ``q``, links: to the name of a column with ``{}`` for the joint, from 1 or by its name in the robot file, such
@@ -73,7 +73,7 @@ def read_log(path: str | os.PathLike[str], robot: Robot, columns: Mapping[str, s
     Raises
     ------
     UsageError
-        For what cannot be read, is not finite, has gaps, or is too short; with all problems.
+        For a log that cannot be read, is not finite, has gaps, or is too short; with all problems.
     """
     path = Path(path)
     wrong = [name for name in columns or () if name not in _KNOWN]

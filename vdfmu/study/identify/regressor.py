@@ -20,7 +20,7 @@ _PAIRS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 
 
 class Regressor(NamedTuple):
-    """Spring torques ``links @ phi + rotors @ J``, link-side, and what a rotor feels of the link that carries it."""
+    """Spring torques ``links @ phi + rotors @ J``, link-side, and the effect on a rotor of the link that carries it."""
 
     links: Floats
     """(m, n, 10 n), by the parameters of the bodies one after the other."""
@@ -50,7 +50,7 @@ def regressor(
     ----------
     q, q_dot, q_ddot : (m, n) [rad or m, per s, per s2]
     kappa_dot, kappa_ddot : (m, n) [rad/s, rad/s2]
-        Of the rotors, divided by ell.
+        Rotors, divided by ell.
     """
     m, n = q.shape
     slides = [kind == "prismatic" for kind in robot.joint_types]

@@ -1,24 +1,24 @@
-"""A robot file of what was identified."""
+"""A robot file of identified parameters."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.imports.write import toml_value
+from vdfmu.arm.imports.write import ROUNDING
 from vdfmu.arm.robot import Robot, check_robot
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import ModelError
+from vdfmu.base.toml_text import toml_text
 from vdfmu.study.identify.fit import Identified
 from vdfmu.study.identify.problem import DRIVES, SPRINGS
 from vdfmu.study.identify.regressor import body_parameters
 
 _SMALL = 1e-3
-"""Of a parameter that is 0, as a share of the largest of its kind in the link: its size."""
+"""Size of a parameter that is 0, as a share of the largest of its kind in the link."""
 _OWN = 0.1
 """How much easier all parameters of a link change by the same factor than each by itself."""
 
@@ -26,14 +26,14 @@ _OWN = 0.1
 def identified_robot(found: Identified, robot: Robot, where: str) -> tuple[Robot, list[str]]:
     """Return the robot with the identified values, whose sources name the log, and notes.
 
-    Base parameters leave the parameters of the links open: of those that have them, the ones nearest to the robot file
-    are taken: of the same shape, if that will do. Where these are not those of bodies, the links stay as they are.
+    Base parameters leave the parameters of the links open: of all that match, the ones nearest to the robot file are
+    taken, of the same shape if possible. If these are not parameters of bodies, the links stay as they are.
 
     Parameters
     ----------
     found : Identified
     robot : Robot
-        That it was identified with.
+        The robot used for the identification.
     where : str
         The log, for sources.
     """
@@ -85,22 +85,4 @@ def _links(found: Identified, robot: Robot) -> dict[str, Floats]:
 
 def robot_text(robot: Robot, head: str) -> str:
     """Return the content of a robot file, under a comment."""
-    return "\n".join([f"# {head}", "# SI units, angles in rad.", "", *_lines(robot.to_dict(), "")]) + "\n"
-
-
-def _lines(table: Mapping[str, Any], path: str) -> Iterator[str]:
-    """Yield lines of TOML, values before tables."""
-    inner = {key: value for key, value in table.items() if _is_table(value)}
-    for key, value in table.items():
-        if key not in inner:
-            yield f"{key if key.isidentifier() else toml_value(key)} = {toml_value(value)}"
-    for key, value in inner.items():
-        name = f"{path}.{key}" if path else key
-        for each in value if isinstance(value, list) else [value]:
-            yield ""
-            yield f"[[{name}]]" if isinstance(value, list) else f"[{name}]"
-            yield from _lines(each, name)
-
-
-def _is_table(value: Any) -> bool:
-    return isinstance(value, dict) or (isinstance(value, list) and bool(value) and isinstance(value[0], dict))
+    return f"# {head}\n# SI units, angles in rad.\n\n{toml_text(robot.to_dict(), ROUNDING)}"

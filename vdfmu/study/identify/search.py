@@ -1,4 +1,4 @@
-"""The least squares of an identification: weights, what is not known from the log, covariance."""
+"""The least squares of an identification: weights, parameters unknown from the log, covariance."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from vdfmu.study.identify.problem import IdentificationProblem
 _UNKNOWN = 0.1
 """Standard deviation, relative, from which a parameter is not identified."""
 _ROUNDS = 3
-"""Of weights."""
+"""Rounds of weights."""
 _STEPS = 30
-"""Of the search in each."""
+"""Steps of the search in each."""
 
 
 def solve(problem: IdentificationProblem) -> tuple[Floats, Floats, dict[str, str]]:
-    """Return all parameters, their covariance, and what is held.
+    """Return all parameters, their covariance, and the parameters that are held.
 
     Gauss-Newton in logarithms of drives and springs, which are positive, and in parts of the sizes of all else.
     """
@@ -58,7 +58,7 @@ def solve(problem: IdentificationProblem) -> tuple[Floats, Floats, dict[str, str
 
 
 def _scale(problem: IdentificationProblem, x: Floats, sizes: Floats) -> Floats:
-    """Return what a change by 1 of the search's variables is: of positive parameters their value."""
+    """Return the effect of a change by 1 of the search's variables: for positive parameters their value."""
     count = problem.places["links"].start
     return np.concatenate([x[:count], sizes[count:]])
 
@@ -74,7 +74,7 @@ def _slopes(
 
 
 def _weights(problem: IdentificationProblem, x: Floats, free: Any, sizes: Floats) -> list[Any]:
-    """Return the noise of each equation: what the linear problem at the start leaves."""
+    """Return the noise of each equation: the remainder of the linear problem at the start."""
     found = []
     for error, slope in zip(problem.errors(x), problem.jacobian(x), strict=True):
         scale = _scale(problem, x, sizes)[free]
@@ -129,7 +129,7 @@ def _hold(
     weights: list[Any],
     held: dict[str, str],
 ) -> str | None:
-    """Return the parameter that is known least, if that is too little, and note why."""
+    """Return the least known parameter, if it is known too little, and note why."""
     covariance = _covariance(problem, x, free, sizes, weights)
     spread, places = np.sqrt(np.diag(covariance)), np.flatnonzero(free)
     shown = places < problem.shown
@@ -152,7 +152,7 @@ def _hold(
 
 
 def _sizes(problem: IdentificationProblem) -> Floats:
-    """Sizes of parameters: of those of the links the largest of the same unit, of a delay 1 ms, of an offset 1e-4."""
+    """Sizes of parameters: for links the largest of the same unit, for a delay 1 ms, for an offset 1e-4."""
     sizes, links = np.abs(problem.start), problem.places["links"]
     for i in range(links.start, links.stop):
         same = [j for j in range(links.start, links.stop) if problem.units[j] == problem.units[i]]

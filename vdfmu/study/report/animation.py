@@ -19,9 +19,9 @@ from vdfmu.study.report.browser import Browser
 from vdfmu.study.report.page import ShownRun, arm_page, read_run
 
 _ROWS = 501
-"""Rows at most, between which the arm moves on straight lines."""
+"""Most rows; between them the arm moves on straight lines."""
 _HEIGHT = 620
-"""Of the frame in a notebook before the page is there [px]."""
+"""Height of the frame in a notebook before the page is there [px]."""
 _WINDOW, _CANVAS = (1000, 700), 600
 """Size of the window in which pictures are taken, and the least width of the arm's picture in it [px]."""
 _LAST = 1200
@@ -42,7 +42,7 @@ def animate(run: Results | str | os.PathLike[str]) -> Animation:
     Parameters
     ----------
     run : Results or path
-        What `vdfmu.run` returned, or the folder in which it or ``vdfmu run`` wrote its results.
+        Results of `vdfmu.run`, or the folder in which it or ``vdfmu run`` wrote its results.
 
     Returns
     -------
@@ -52,7 +52,7 @@ def animate(run: Results | str | os.PathLike[str]) -> Animation:
     Raises
     ------
     UsageError
-        The results are not those of an arm, or do not have its positions.
+        The results are not an arm's, or do not have its positions.
 
     Examples
     --------
@@ -112,7 +112,7 @@ class Animation:
             With the suffix ``.html`` a page with the player, which any browser opens. ``.gif`` and ``.webp``: pictures
             that move, for slides; they are taken in Chromium or Chrome, which must be installed.
         width : int [px], optional
-            Of the pictures.
+            Width of the pictures.
         frames : int, optional
             Number of pictures, at equal distances from the start to the end of the run.
         seconds : float [s], optional
@@ -156,7 +156,7 @@ class Animation:
                     picture = Image.open(io.BytesIO(browser.picture(".canvas"))).convert("RGB")
                     size = width, round(picture.height * width / picture.width)
                     taken.append(picture.resize(size, Image.Resampling.LANCZOS))
-        if form == "gif":  # which is small if its pictures have the same colours, and even areas stay even
+        if form == "gif":  # it is small if its pictures have the same colours, and even areas stay even
             colours = taken[frames // 2].quantize(256)
             taken = [picture.quantize(palette=colours, dither=Image.Dither.NONE) for picture in taken]
         file = io.BytesIO()

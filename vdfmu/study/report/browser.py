@@ -1,4 +1,4 @@
-"""Chromium, headless, driven through its DevTools pipe: no driver and no package beside it."""
+"""Chromium, headless, driven through its DevTools pipe: no driver and no other package."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ class Browser:
         return json.loads(text)
 
     def happened(self, event: dict[str, Any]) -> None:
-        """Take note of an event; here of none."""
+        """Take note of an event; here ignored."""
 
     def run(self, script: str) -> Any:
         """Value of an expression of JavaScript, which may be a promise."""
@@ -119,7 +119,7 @@ class Browser:
         return found["result"].get("value")
 
     def settle(self) -> None:
-        """Wait until what has changed is drawn."""
+        """Wait until all changes are drawn."""
         self.run(
             "new Promise(d => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(d, 30))))"
         )

@@ -1,4 +1,4 @@
-"""What a picture says of the run that it shows."""
+"""Captions of the pictures of a run."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.robot import Robot
-from vdfmu.base.arrays import Floats
 from vdfmu.engine.results.results import Results
 from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.values import group_value
@@ -20,19 +18,19 @@ _SHOWN = 4
 def paper_table(scenario: Scenario) -> int:
     """Return the number of the table of the paper that a scenario compares with; 0 for none."""
     source = str(scenario.paper.get("source", ""))
-    return next((table for table in (3, 4, 5) if source.startswith(f"Table {table}")), 0)
+    return next((table for table in (4, 5) if source.startswith(f"Table {table}")), 0)
 
 
 def run_caption(results: Results, scenario: Scenario, figures: Mapping[int, int]) -> str:
-    """Return which run a picture shows: scenario, robot, master, step, and how the plant is off the model.
+    """Return which run a picture shows: scenario, robot, master, step, and how the plant deviates from the model.
 
     Parameters
     ----------
     results : Results
-        What its summary says of master, step and settings goes before what the scenario asked for.
+        Master, step and settings in its summary override the scenario's.
     scenario : Scenario
     figures : mapping of int to int
-        Table of the paper that the scenario compares with to the figure of the paper that this is then.
+        Table of the paper that the scenario compares with to the figure of the paper that the picture then is.
     """
     facts: Mapping[str, Any] = results.summary
     master = facts.get("master") or facts.get("algorithm") or scenario.master
@@ -56,15 +54,6 @@ def run_caption(results: Results, scenario: Scenario, figures: Mapping[int, int]
         more = f" and {len(settings) - _SHOWN} more" if len(settings) > _SHOWN else ""
         lines.append(f"Settings: {shown}{more}.")
     return "\n".join(lines)
-
-
-def contrast_caption(robot: Robot, time: Floats, scenario: Scenario | None, figure: int) -> str:
-    """Return which study a picture shows: scenario, robot, points, step."""
-    name = "" if scenario is None else f"scenario {scenario.name}, "
-    points = len(time)
-    step = f", step {1e3 * (time[-1] - time[0]) / (points - 1):g} ms" if points > 1 else ""
-    figure = figure if scenario is None or paper_table(scenario) == 3 else 0
-    return f"{_figure(figure)}Rigid links, {name}robot {robot.name}, {points} points{step}."
 
 
 def _figure(number: int | None) -> str:

@@ -1,7 +1,7 @@
-"""What the page of a run draws: the arm, figures and recorded signals, thinned and packed for a browser.
+"""Content of the page of a run: the arm, figures and recorded signals, thinned and packed for a browser.
 
-A figure or a group of signals has rows of its own: every k-th of the run, and those of the smallest and largest values
-between them, so that no peak is lost. Numbers are single precision, calculated in double; they are those of these
+A figure or a group of signals has its own rows: every k-th of the run, and rows of the smallest and largest values
+between them, so that no peak is lost. Numbers are single precision, calculated in double; they are from these
 rows, never between them.
 """
 
@@ -26,9 +26,9 @@ from vdfmu.study.report.joints import UNITS
 from vdfmu.study.report.shapes import drawing_of
 
 FRAMES = 1000
-"""Intervals at most between the rows at equal distances, at which the arm is drawn."""
+"""Most intervals between the rows at equal distances, at which the arm is drawn."""
 EXTREMES = 1000
-"""Stretches of whose values the smallest and the largest are kept, shared among the curves of a figure."""
+"""Stretches whose smallest and largest values are kept, shared among the curves of a figure."""
 _BLOCK = 20_000
 """Rows that are in memory at a time."""
 
@@ -64,7 +64,7 @@ class Figure(NamedTuple):
     unit: str
     curves: Sequence[Curve]
     peak: str = ""
-    """What its largest absolute value is called; empty for none of interest."""
+    """Name of its largest absolute value; empty if not of interest."""
 
 
 SUMS: Mapping[str, Terms] = {
@@ -76,11 +76,11 @@ SUMS: Mapping[str, Terms] = {
     "compensation": [(1.0, "controller.tau"), (-1.0, "controller.tau_m")],
     "torsion": [(1.0, "plant.kappa"), (-1.0, "plant.q")],
 }
-"""What is drawn of each joint [rad or m; link-side N.m or N]: factors of arrays of signals."""
+"""Curves of each joint [rad or m; link-side N.m or N]: factors of arrays of signals."""
 MOTOR_SIDE = ("controller.tau", "controller.tau_m")
-"""Are multiplied by the reduction ratio."""
+"""Signals that are multiplied by the reduction ratio."""
 _FRAMES = ("q", "error", "torque", "torsion")
-"""What the drawn arm shows."""
+"""Curves that the drawn arm shows."""
 _FIGURES = (
     ("position", "Joint positions, desired dashed", "", {"q": "q", "q_d": "q_d"}),
     ("tracking", "Position tracking errors: q_d − q", "Tracking error", {"error": ""}),
@@ -88,17 +88,17 @@ _FIGURES = (
     ("compensation", "{} compensation errors: ℓ(τ − τ_m)", "{} compensation error", {"compensation": ""}),
     ("torsion", "Torsion of the drives: κ − q", "Torsion", {"torsion": ""}),
 )  # fmt: skip
-"""Key, title, name of the largest value, and what is drawn: solid, then dashed; torque or force stands for {}."""
+"""Key, title, name of the largest value, and what is drawn: solid, then dashed; {} becomes torque or force."""
 
 
 def arm_of(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the facts of which a robot is drawn: geometry, ratios, and the shapes of its file but for meshes.
+    """Return the facts from which a robot is drawn: geometry, ratios, and the shapes of its file except meshes.
 
     Parameters
     ----------
     robot : Robot
     values : mapping of str to value
-        Of the plant, such as ``offset[2,3]``, in place of the robot's.
+        Values of the plant, such as ``offset[2,3]``, instead of the robot's.
     """
 
     def listed(name: str, of_file: Any) -> Any:
@@ -119,12 +119,12 @@ def arm_of(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what the page of a run draws, ready for JSON.
+    """Return the content of the page of a run, ready for JSON.
 
     Returns
     -------
     dict
-        ``arm``: of :func:`vdfmu.study.report.shapes.drawing_of`, None without one. ``frames``: time and, for the arm,
+        ``arm``: see :func:`vdfmu.study.report.shapes.drawing_of`, None without one. ``frames``: time and, for the arm,
         joint positions, tracking errors, control torques and torsion at every k-th row. ``figures`` and ``signals``:
         lists of figures, with rows, time and values as base64 of little-endian numbers, curve by curve.
     """
@@ -139,11 +139,10 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
         for name in _FRAMES
         if shown and name in sums
     }
-    drawn = _contrast_figures if summary.get("kind") == "contrast" else _figures
     copies = {signal.name: signal for signal in results.signals if signal.of}
     frames, travel = _CurveTable(), np.zeros(n)
     tables = {
-        "figures": [_CurveTable(figure) for figure in drawn(results, summary, sums if shown else {})],
+        "figures": [_CurveTable(figure) for figure in _figures(results, summary, sums if shown else {})],
         "signals": [_CurveTable(figure) for figure in _groups(results, n, copies)],
     }
     for k, part in enumerate(results.blocks(_BLOCK)):
@@ -194,7 +193,7 @@ class _CurveTable:
         self._parts.append([array[:, rows] for array in arrays])
 
     def packed(self, names: Sequence[str]) -> dict[str, Any]:
-        """Return what the figure is, its times, and the arrays by name, curve by curve."""
+        """Return the description of the figure, its times, and the arrays by name, curve by curve."""
         joined = (np.hstack(array) for array in zip(*self._parts, strict=True))
         return {
             **self._facts,
@@ -209,7 +208,7 @@ def _values(curves: Iterable[Curve], results: Results) -> Floats:
 
 
 def _recipes(curves: Iterable[Curve], copies: Mapping[str, Signal]) -> list[Any]:
-    """Return how curves come from outputs, for the page: scale; factor, signal and rows by which that comes later."""
+    """Return how curves come from outputs, for the page: scale; factor, signal and its delay in rows."""
 
     def source(name: str) -> tuple[str, int]:
         return (copies[name].of, copies[name].late) if name in copies else (name, 0)
@@ -218,7 +217,7 @@ def _recipes(curves: Iterable[Curve], copies: Mapping[str, Signal]) -> list[Any]
 
 
 def _joints(results: Results, name: str, n: int) -> list[str]:
-    """Return the signals of an array with an element a joint; none if it was not recorded."""
+    """Return the signals of an array with an element a joint; empty if it was not recorded."""
     group = results.groups.get(name, {})
     return [group[index] for index in sorted(group)] if group and results.shape_of(name) == (n,) else []
 
@@ -270,36 +269,8 @@ def _figures(
                 )
 
 
-def _contrast_figures(results: Results, summary: Mapping[str, Any], _: Any) -> Iterator[Figure]:
-    """Yield torques by virtual decomposition and Newton-Euler, and their differences."""
-    n = int(summary["joints"])
-    vd, ne, low = (
-        _joints(results, f"{name}.tau", n) for name in ("vd", "newton_euler", "newton_euler_low_g")
-    )
-    units: Sequence[str] = summary.get("torque_units") or ["N.m"] * n
-    g, low_g = summary["gravities_m_s2"]
-    if not (vd and ne and low):
-        return
-    for unit in dict.fromkeys(units):
-        joints = [i for i, of in enumerate(units) if of == unit]
-
-        def curves(
-            name: str, *signed: tuple[float, Sequence[str]], of: Sequence[int] = joints, dashed: bool = False
-        ) -> list[Curve]:
-            return [
-                Curve(f"joint {i + 1}{name}", i + 1, [(s, names[i]) for s, names in signed], dashed=dashed)
-                for i in of
-            ]
-
-        both = curves(", VD", (1.0, vd)) + curves(", Newton-Euler", (1.0, ne), dashed=True)
-        yield Figure(f"torque.{unit}", "Torques by virtual decomposition, Newton-Euler dashed", unit, both)
-        yield Figure(f"rounding.{unit}", "VD minus Newton-Euler", unit, curves("", (1.0, vd), (-1.0, ne)))
-        title = f"g = {g:#.4g} minus g = {low_g:#.4g}"
-        yield Figure(f"gravity.{unit}", title, unit, curves("", (1.0, vd), (-1.0, low)))
-
-
 def _groups(results: Results, n: int, copies: Container[str]) -> Iterator[Figure]:
-    """Yield the recorded variables, an array as the curves of one figure; none that copies another. Of n: of joints."""
+    """Yield the recorded variables except copies, an array as the curves of one figure; `n` is the number of joints."""
     for group, members in results.groups.items():
         listed = [(k, name) for k, (_, name) in enumerate(sorted(members.items())) if name not in copies]
         units = dict.fromkeys(results.units[name] for _, name in listed)
@@ -313,5 +284,5 @@ def _groups(results: Results, n: int, copies: Container[str]) -> Iterator[Figure
 
 
 def _packed(values: NDArray[Any], kind: str) -> str:
-    with np.errstate(over="ignore"):  # what single precision cannot hold is drawn as a gap
+    with np.errstate(over="ignore"):  # values beyond single precision are drawn as gaps
         return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode()

@@ -1,4 +1,4 @@
-"""The picture of an identification: what the model leaves of the measured torques."""
+"""The picture of an identification: the part of measured torques that the model does not explain."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from vdfmu.base.arrays import Floats
 
 @style.styled
 def draw_torques(title: str, t: Floats, torque: Floats, error: Floats, units: tuple[str, ...]) -> Figure:
-    """Draw measured torques (m, n) over time, link-side, and what the model leaves of them, a panel each joint."""
+    """Draw measured torques (m, n) over time, link-side, and the part that the model leaves, a panel each joint."""
     n = torque.shape[1]
     figure = style.new_figure(
         title, "Motor torques times ell, in the band of the estimation, and what the model leaves of them.",

@@ -16,7 +16,6 @@ class JointUnit(NamedTuple):
     position: str
     factor: float
     torque: str
-    small_torque: str
     noun: str
 
 
@@ -29,14 +28,14 @@ class Group(NamedTuple):
 
 
 UNITS = {
-    "revolute": JointUnit("revolute", "deg", 180.0 / math.pi, "N.m", "N.mm", "torque"),
-    "prismatic": JointUnit("prismatic", "mm", 1e3, "N", "mN", "force"),
+    "revolute": JointUnit("revolute", "deg", 180.0 / math.pi, "N.m", "torque"),
+    "prismatic": JointUnit("prismatic", "mm", 1e3, "N", "force"),
 }
 """Type of a joint to how it is shown."""
 
 
 def group_joints(robot: Robot, joints: Sequence[int]) -> list[Group]:
-    """Return `joints` by unit, revolute first; units that none of them has are left out."""
+    """Return `joints` by unit, revolute first; units of no joint are left out."""
     members = {
         unit: [i for i in joints if robot.joint_types[i] == unit.joint_type] for unit in UNITS.values()
     }

@@ -66,9 +66,9 @@ def draw_bode(
     title : str
     frequency : (m,) [Hz]
     curves : mapping of str to (m,) arrays
-        What responds, to its response.
+        Name of an output to its response.
     unit : str
-        Of the amplitudes.
+        Unit of the amplitudes.
     resonance, antiresonance : (k,) [Hz]
         Marked by vertical lines: poles, and zeros of the first curve.
     """

@@ -1,8 +1,8 @@
-"""``report.html``: one run, or several beside each other, as one file that needs no other and no network.
+"""``report.html``: one run, or several side by side, as one file that needs no other file and no network.
 
-Tables, checks and the diagram are HTML from here; what moves is drawn by ``web/*.js`` from the numbers of
-:mod:`vdfmu.study.report.content`. The modules stand in the page as one script: names are unique among them, and the
-lines of ``import`` and the words ``export`` go.
+Tables, checks and the diagram are HTML from here; moving parts are drawn by ``web/*.js`` from the numbers of
+:mod:`vdfmu.study.report.content`. The modules are one script in the page: names are unique among them, and the
+lines of ``import`` and the words ``export`` are removed.
 """
 
 from __future__ import annotations
@@ -43,16 +43,16 @@ MODULES = (
     "simulation.js",
     "main.js",
 )
-"""In an order in which each comes after those that it imports."""
+"""In an order in which each comes after the modules that it imports."""
 WORKER = ("packed.js", "fmu.js", "master.js")
-"""Modules of the worker that simulates, which stand in the page as text."""
+"""Modules of the worker that simulates, which the page holds as text."""
 _VENDOR = ("three_uplot.min.js", "uplot.min.css")
 
 _POLICY = (
     "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; script-src 'unsafe-inline' "
     "'wasm-unsafe-eval'; worker-src blob:; style-src 'unsafe-inline'; img-src data:\">"
 )
-"""With which a browser refuses every request to a network; it runs WebAssembly, and workers made by the page."""
+"""Makes a browser refuse every request to a network; WebAssembly runs, and so do workers made by the page."""
 
 _ALONE = (
     "body { max-width: none; padding: 0 } body > :not(#arm, noscript) { display: none } #arm { margin: 0 } "
@@ -87,7 +87,7 @@ def read_run(folder: Path) -> ShownRun:
     Raises
     ------
     UsageError
-        It has no results of a run.
+        The folder has no results of a run.
     """
     tables = [folder / name for name in result_files()]
     table = next((file for file in reversed(tables) if file.exists()), tables[0])
@@ -129,12 +129,12 @@ def write_report(runs: Sequence[ShownRun], path: Path, *, simulate: bool = False
 
 
 def arm_page(run: ShownRun) -> bytes:
-    """Return a page of which only the arm is seen, for the size of any frame."""
+    """Return a page that shows only the arm, for the size of any frame."""
     return report_page([run], arm_alone=True)
 
 
 def report_page(runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: bool = False) -> bytes:
-    """Return the page of one run or of several, or of their arms alone; `simulate` as of :func:`write_report`."""
+    """Return the page of one run or of several, or of their arms alone; for `simulate` see :func:`write_report`."""
     first = runs[0].summary
     names = _names(runs)
     binaries: dict[str, str] = {}
@@ -180,7 +180,7 @@ def report_page(runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: 
 
 
 def look() -> str:
-    """Return what a page's head has: its style, light or dark, and the policy with which it asks no network."""
+    """Return the content of a page's head: its style, light or dark, and the policy that forbids network requests."""
     return f"{_POLICY}<style>{_text('report.css')}</style>"
 
 
@@ -205,7 +205,7 @@ def _text(name: str) -> str:
 
 
 def _inert(text: str) -> str:
-    """Return JSON in which nothing ends the script that it stands in."""
+    """Return JSON in which nothing ends the script that contains it."""
     return text.replace("<", "\\u003c")
 
 

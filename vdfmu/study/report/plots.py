@@ -6,7 +6,6 @@ are in deg, torques in N.m; a prismatic joint has mm and N. Joints of different 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,79 +20,39 @@ from vdfmu.arm.robot import Robot
 from vdfmu.base import style
 from vdfmu.base.arrays import Floats
 from vdfmu.engine.results.results import Results
-from vdfmu.study.report.captions import contrast_caption, paper_table, run_caption
-from vdfmu.study.report.contrast import Contrast
+from vdfmu.study.report.captions import paper_table, run_caption
 from vdfmu.study.report.joints import UNITS, Group, group_joints, panel_letter
 from vdfmu.study.report.tool import draw_tool
 from vdfmu.system.scenario import Scenario
 
 _BACK: dict[str, Any] = {"color": style.COLORS[5], "linewidth": 3.2}
 _ON_TOP: dict[str, Any] = {"color": "#000000", "linewidth": 1.1, "linestyle": (0, (5, 3))}
-_TORQUES = (r"control $\ell\,\tau$", r"feedforward $\ell\,\tau_m$")
-_DARK, _MIDDLE, _LIGHT = "#444444", "#888888", "#CCCCCC"
 
 
 # --- figures ---------------------------------------------------------------------------------------------
 
 
 @style.styled
-def draw_contrast_torques(contrast: Contrast, scenario: Scenario | None = None) -> Figure:
-    """Figure 7: torques of the rigid arm by both formulations, one panel a joint."""
-    robot, time = contrast.robot, contrast.time
-    title = "Joint torques by virtual decomposition and by Newton-Euler"
-    caption = contrast_caption(robot, time, scenario, 7)
-    legend = _pair("virtual decomposition", "Newton-Euler")
-    return _joint_panels(title, caption, robot, legend, time, contrast.tau_vd, contrast.tau_ne)
-
-
-@style.styled
-def draw_contrast_differences(contrast: Contrast, scenario: Scenario | None = None) -> Figure:
-    """Figure 8: VD minus Newton-Euler, g minus a lower g, and the RMS of that and 1e-3 of the torque beside Table 3.
-
-    The first panels show absolute values on a logarithmic axis of at most nine decades; a difference of 0 has
-    no point there.
-    """
-    robot, time = contrast.robot, contrast.time
-    rounding = 1e3 * (contrast.tau_vd - contrast.tau_ne)
-    gravity = 1e3 * (contrast.tau_vd - contrast.tau_low_g)
-    g, low = contrast.gravities
-    paper = [] if scenario is None else scenario.paper.get("rms_torque_difference_nmm", [])
-    groups = group_joints(robot, range(robot.n))
-    caption = contrast_caption(robot, time, scenario, 8)
-    figure, grid = _unit_columns("Differences of the joint torques", caption, groups, 3)
-    for column, (unit, joints, suffix) in enumerate(groups):
-        noise, constant, rms = grid[:, column]
-        if rounding[:, joints].any():
-            noise.set_yscale("log")
-        for i in joints:
-            size = np.abs(rounding[:, i])
-            rows = size > 0.0
-            dots = {"linestyle": "none", "marker": ".", "markersize": 3.0}
-            noise.plot(time[rows], size[rows], **{**style.joint_look(i), **dots})
-            style.curve(constant, time, gravity[:, i], **style.joint_look(i))
-        beside = [] if unit.joint_type == "prismatic" else paper
-        shown = f"RMS of {panel_letter(len(groups) + column)}"
-        _rms_bars(rms, shown, gravity, contrast.tau_vd, joints, beside)
-        style.dress(
-            noise, f"VD minus Newton-Euler: rounding{suffix}", "|difference|", unit.small_torque, time
-        )
-        style.dress(
-            constant, f"g = {g:#.4g} minus g = {low:#.4g}{suffix}", "Difference", unit.small_torque, time
-        )
-        title = f"{shown}, Table 3, and 1e-3 of the RMS torque" if beside else shown
-        style.dress(rms, f"{title}{suffix}", "RMS", unit.small_torque)
-        style.label_time([noise], 1)
-        style.label_time([constant], 1)
-    style.legend_beside(grid[0, -1], style.joint_handles(range(robot.n)))
-    return _lettered(figure)
-
-
-@style.styled
 def draw_torques(results: Results, scenario: Scenario) -> Figure:
     """Figure 10: control torque and feedforward torque, link-side, one panel a joint."""
-    title, caption = "Control and feedforward torques, link side", run_caption(results, scenario, {4: 10})
-    torques = _torques(results, scenario.arm)
-    return _joint_panels(title, caption, scenario.arm, _pair(*_TORQUES), results.time, *torques)
+    robot = scenario.arm
+    rows, columns = style.grid_of(robot.n)
+    figure = style.new_figure(
+        "Control and feedforward torques, link side",
+        run_caption(results, scenario, {4: 10}),
+        width=max(style.WIDTH, 2.9 * columns),
+        height=1.1 + (3.2 if rows == 1 else 2.1) * rows,
+        legend=_legend(),
+    )
+    grid: NDArray[Any] = figure.subplots(rows, columns, squeeze=False)
+    panels: list[Axes] = grid.ravel().tolist()
+    for axes in panels[robot.n :]:
+        axes.remove()
+    style.label_time(panels[: robot.n], columns)
+    tau, tau_m = _torques(results, robot)
+    for i, axes in enumerate(panels[: robot.n]):
+        _over_each_other(axes, f"Joint {i + 1}", robot, i, results.time, tau, tau_m)
+    return _lettered(figure)
 
 
 @style.styled
@@ -147,7 +106,7 @@ def draw_moving_torques(results: Results, scenario: Scenario) -> Figure:
         run_caption(results, scenario, {5: 14}),
         height=1.4 + 2.5 * (rows + 1),
         width=_width(groups),
-        legend=_pair(*_TORQUES),
+        legend=_legend(),
     )
     # fine enough that a panel a joint and a panel a unit both span whole cells
     grid = figure.add_gridspec(rows + 1, columns * len(groups))
@@ -169,28 +128,25 @@ def draw_moving_torques(results: Results, scenario: Scenario) -> Figure:
     return _lettered(figure)
 
 
-# --- what is written -------------------------------------------------------------------------------------
+# --- written files ---------------------------------------------------------------------------------------
 
 
 FIGURES: dict[int, dict[str, Callable[..., Figure]]] = {
-    3: {"figure_7": draw_contrast_torques, "figure_8": draw_contrast_differences},
     4: {"figure_10": draw_torques, "figure_11": draw_errors, "tool": draw_tool},
     5: {"figure_13": draw_moving_positions, "figure_14": draw_moving_torques, "tool": draw_tool},
     0: {"torques": draw_torques, "errors": draw_errors, "tool": draw_tool},
 }
-"""Table of the paper that a scenario compares with, to the names of its pictures and what draws them."""
+"""Table of the paper that a scenario compares with, to the names of its pictures and the functions that draw them."""
 
 
 def run_figures(
-    shown: Results | Contrast, scenario: Scenario, folder: Path | str, pictures: Sequence[str] = ("png",)
+    results: Results, scenario: Scenario, folder: Path | str, pictures: Sequence[str] = ("png",)
 ) -> list[Path]:
     """Write the pictures of a run: which ones, `FIGURES` says, by the table in ``scenario.paper["source"]``.
 
     The folder is made if it is missing. `pictures` are suffixes that `vdfmu.base.style.save` knows.
     """
-    table = 3 if not isinstance(shown, Results) else {4: 4, 5: 5}.get(paper_table(scenario), 0)
-    wanted = FIGURES[table].items()
-    figures = {name: draw(shown, scenario) for name, draw in wanted}
+    figures = {name: draw(results, scenario) for name, draw in FIGURES[paper_table(scenario)].items()}
     return [
         style.save(figure, Path(folder, f"{name}.{suffix}"))
         for name, figure in figures.items()
@@ -208,30 +164,6 @@ def _lettered(figure: Figure) -> Figure:
     return figure
 
 
-def _joint_panels(
-    title: str,
-    caption: str,
-    robot: Robot,
-    legend: Sequence[Line2D],
-    time: Floats,
-    back: Floats,
-    on_top: Floats,
-) -> Figure:
-    """Return a figure of two torques (m, n) over each other, one panel a joint."""
-    rows, columns = style.grid_of(robot.n)
-    width = max(style.WIDTH, 2.9 * columns)
-    height = 1.1 + (3.2 if rows == 1 else 2.1) * rows
-    figure = style.new_figure(title, caption, width=width, height=height, legend=legend)
-    grid: NDArray[Any] = figure.subplots(rows, columns, squeeze=False)
-    panels: list[Axes] = grid.ravel().tolist()
-    for axes in panels[robot.n :]:
-        axes.remove()
-    style.label_time(panels[: robot.n], columns)
-    for i, axes in enumerate(panels[: robot.n]):
-        _over_each_other(axes, f"Joint {i + 1}", robot, i, time, back, on_top)
-    return _lettered(figure)
-
-
 def _width(groups: Sequence[Group]) -> float:
     """Width [in] of a figure with a column for each group of joints."""
     return style.WIDTH + 2.0 * (len(groups) - 1)
@@ -245,9 +177,12 @@ def _unit_columns(
     return figure, figure.subplots(rows, len(groups), squeeze=False)
 
 
-def _pair(back: str, on_top: str) -> list[Line2D]:
-    """Entries of a legend of two curves that may lie on each other: a broad one and a dashed one over it."""
-    return [Line2D([], [], label=back, **_BACK), Line2D([], [], label=on_top, **_ON_TOP)]
+def _legend() -> list[Line2D]:
+    """Entries of two curves that may lie on each other: a broad one and a dashed one over it."""
+    return [
+        Line2D([], [], label=r"control $\ell\,\tau$", **_BACK),
+        Line2D([], [], label=r"feedforward $\ell\,\tau_m$", **_ON_TOP),
+    ]
 
 
 def _over_each_other(
@@ -281,37 +216,11 @@ def _errors(
     style.dress(axes, f"{what} errors{group.suffix}", quantity, unit, time)
 
 
-def _rms_bars(
-    axes: Axes, shown: str, values: Floats, torque: Floats, joints: Sequence[int], paper: Sequence[float]
-) -> None:
-    """Draw each joint's RMS of `values` [N.mm], and beside the paper's, if any, 1e-3 of that of `torque` [N.m]."""
-    ours, thousandth = (np.sqrt(np.mean(a[:, joints] ** 2, axis=0)).tolist() for a in (values, torque))
-    series = [(shown, ours, _DARK)]
-    if paper:
-        series.append(("Table 3", [paper[i] if i < len(paper) else math.nan for i in joints], _LIGHT))
-        series.append(("1e-3 of torque", thousandth, _MIDDLE))
-    width = 0.8 / len(series)
-    handles: list[Line2D] = []
-    for k, (label, heights, color) in enumerate(series):
-        places = np.arange(len(joints)) + (k - 0.5 * (len(series) - 1)) * width
-        bars = axes.bar(places, heights, width=0.92 * width, color=color)
-        texts = ["" if math.isnan(h) else f"{h:.1f}" if paper else f"{h:.2g}" for h in heights]
-        axes.bar_label(bars, texts, padding=1.5, fontsize=7.5 if paper else 9.0)  # three side by side
-        handles.append(Line2D([], [], linestyle="none", marker="s", markersize=9.0, color=color, label=label))
-    axes.set_xticks(range(len(joints)), [f"Joint {i + 1}" for i in joints])
-    axes.grid(visible=False, axis="x")
-    axes.margins(y=0.14)
-    beside = max(0.5, 0.5 * (4 - len(joints)))  # no broader than a bar of four
-    axes.set_xlim(-beside, len(joints) - 1 + beside)
-    if paper:
-        style.legend_beside(axes, handles)
-
-
 # --- data ------------------------------------------------------------------------------------------------
 
 
 def _torques(results: Results, robot: Robot) -> tuple[Floats, Floats]:
-    """Control torque and the feedforward that the controller added to, (m, n), link-side [N.m or N]."""
+    """Control torque and the feedforward to which the controller added, (m, n), link-side [N.m or N]."""
     return robot.ell * results["controller.tau"], robot.ell * results["controller.tau_m"]
 
 

@@ -1,4 +1,4 @@
-"""What an arm looks like: shapes in the frames of its links, for the page of a run and for 3D views."""
+"""Looks of an arm: shapes in the frames of its links, for the page of a run and for 3D views."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ class DrawnShape(NamedTuple):
     rotation: Floats
     """Its axes as columns, (3, 3)."""
     colour: str = "light"
-    """As ``#rrggbb``; "light" and "dark" as the theme has them; "joint" of what shows the value of joint `body`."""
+    """As ``#rrggbb``; "light" and "dark" by the theme; "joint" for parts that show the value of joint `body`."""
 
 
 class Chain:
-    """The frames of an arm, of what :func:`vdfmu.study.report.content.arm_of` says of it."""
+    """The frames of an arm, from the facts of :func:`vdfmu.study.report.content.arm_of`."""
 
     def __init__(self, arm: Mapping[str, Any]) -> None:
         self.types: list[str] = list(arm["types"])
@@ -87,7 +87,7 @@ class Chain:
 
 
 def drawing_of(arm: Mapping[str, Any], travel: Floats) -> dict[str, Any]:
-    """Return what the page draws of an arm whose joints are at most at +-`travel`, (n,) [rad or m]: ready for JSON."""
+    """Return the page's drawing of an arm whose joints are at most at +-`travel`, (n,) [rad or m]: ready for JSON."""
     chain = Chain(arm)
     rails = [each for each, kind in zip(travel, chain.types, strict=True) if kind == "prismatic"]
     reach = chain.reach + float(max(rails, default=0.0))
@@ -100,7 +100,7 @@ def drawing_of(arm: Mapping[str, Any], travel: Floats) -> dict[str, Any]:
 
 
 def own_shapes(shapes: Sequence[Mapping[str, Any]]) -> Iterator[DrawnShape]:
-    """Yield the tables ``[[visuals]]`` of a robot file but meshes."""
+    """Yield the tables ``[[visuals]]`` of a robot file except meshes."""
     for shape in shapes:
         if shape["shape"] != "mesh":
             colour = "#" + bytes(round(255.0 * part) for part in shape["color"][:3]).hex()

@@ -1,6 +1,6 @@
 """The numbers of a run as rows of text, for the terminal.
 
-A summary is what ``summary.json`` holds. Its lists run over the joints; those of ``paper`` may end earlier.
+A summary is the content of ``summary.json``. Its lists run over the joints; lists of ``paper`` may end earlier.
 """
 
 from __future__ import annotations
@@ -8,6 +8,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
+
+from vdfmu.base.standards import FMI_2
 
 Summary = Mapping[str, Any]
 
@@ -34,9 +36,7 @@ _NONE = "-"
 
 
 def sheets(summary: Summary) -> list[Sheet]:
-    """Return the tables of a run: those that its summary has the numbers for."""
-    if summary.get("kind") == "contrast":
-        return [contrast_sheet(summary)]
+    """Return the tables of a run for which its summary has the numbers."""
     made = {
         "rms_position_error_deg": tracking_sheet,
         "limits": limits_sheet,
@@ -51,7 +51,7 @@ def sheets(summary: Summary) -> list[Sheet]:
 
 
 def tracking_sheet(summary: Summary) -> Sheet:
-    """Position and torque compensation errors of each joint, beside the paper's and in per cent of them."""
+    """Position and torque compensation errors of each joint, next to the paper's and in per cent of them."""
     paper: Summary = summary.get("paper") or {}
     n = len(summary["rms_position_error_deg"])
     columns = ["Joint"]
@@ -144,40 +144,8 @@ def estimation_sheet(summary: Summary) -> Sheet:
     return Sheet("Torque estimates", columns, _rows(cells), notes)
 
 
-def contrast_sheet(summary: Summary) -> Sheet:
-    """RMS of torques and of their differences for each joint, and Table 3 beside two readings of it."""
-    paper: Summary = summary.get("paper") or {}
-    n = len(summary["rms_torque_nm"])
-    units = _units(summary, "torque_units", n)
-    small = ["mN" if unit == "N" else "N.mm" for unit in units]
-    columns = ["Joint"]
-    cells: list[list[str]] = [[str(i + 1) for i in range(n)]]
-    variant: Sequence[float] = summary["rms_torque_difference_nmm_low_g"]
-    g, low = summary["gravities_m_s2"]
-    for heading, values, unit in (
-        ("Torque", summary["rms_torque_nm"], units),
-        ("VD minus\nNewton-Euler", summary["rms_torque_difference_nmm"], small),
-        (f"g = {g:#.4g}\nminus {low:#.4g}", variant, small),
-    ):
-        label, texts = _with_units(heading, values, unit)
-        columns.append(label)
-        cells.append(texts)
-    notes = ["RMS over the motion, rigid links, link side."]
-    if paper.get("rms_torque_difference_nmm"):
-        theirs: Sequence[float] = paper["rms_torque_difference_nmm"]
-        columns += ["paper", "g\n%", "1e-3\n%"]
-        cells.append([f"{theirs[i]:g}" if i < len(theirs) else _NONE for i in range(n)])
-        for reading in (variant, summary["rms_torque_nm"]):  # a thousandth in N.mm has the numbers of N.m
-            cells.append([_per_cent(ours, theirs, i) for i, ours in enumerate(reading)])
-        notes += [
-            _source(paper),
-            "Per cent of it: the difference of the two g, and a thousandth of the torque.",
-        ]
-    return Sheet("Virtual decomposition against Newton-Euler", tuple(columns), _rows(cells), notes)
-
-
 def reference_sheet(summary: Summary) -> Sheet:
-    """Largest differences between the co-simulation and its references; of RMS values where solutions separate."""
+    """Largest differences between the co-simulation and its references; or of RMS values where solutions separate."""
     n = len(summary.get("rms_position_error_deg", ()))
     position = "rad or m" if "mm" in _units(summary, "position_units", n) else "rad"
     torque = "N.m or N" if "N" in _units(summary, "torque_units", n) else "N.m"
@@ -225,7 +193,7 @@ def _signals_sheet(compared: Summary) -> Sheet:
 
 
 def facts(summary: Summary) -> list[tuple[str, str]]:
-    """Return name and text of what the run was: scenario, robot, units, master, step, duration."""
+    """Return names and texts of the facts of the run: scenario, robot, units, master, step, duration."""
     settings: Summary = summary.get("settings") or {}
     lines = {
         "Package": ("package", "{}"),
@@ -243,15 +211,12 @@ def facts(summary: Summary) -> list[tuple[str, str]]:
         "Real-time factor": ("real_time_factor", "{:.3g}"),
         "No reference": ("no_reference", "{}"),
     }
-    rigid = (
-        ("friction", "master", "tolerance") if summary.get("kind") == "contrast" else ()
-    )  # no joints, no units
     found = [
         (name, form.format(summary[key]))
         for name, (key, form) in lines.items()
-        if summary.get(key) is not None and key not in rigid
+        if summary.get(key) is not None
     ]
-    if summary.get("fmi", "2.0") != "2.0":
+    if summary.get("fmi", FMI_2.name) != FMI_2.name:
         found = [
             (name, f"{text} of FMI {summary['fmi']}" if name == "Units" else text) for name, text in found
         ]

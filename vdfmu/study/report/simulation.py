@@ -1,8 +1,8 @@
-"""What the page of a run needs to run it again by itself: units as WebAssembly, start values, connections, knobs.
+"""Data for the page of a run to run it again by itself: units as WebAssembly, start values, connections, knobs.
 
-A unit is compiled from the C files in its FMU, without the derivatives of its functions, which the page does not ask
-for; the functions are those of FMI 2.0, to which a value reference is a position, whatever the version of the FMU.
-``web/master.js`` steps the units as :class:`~vdfmu.engine.masters.exchange.SampledStepper` does.
+A unit is compiled from the C files in its FMU, without the derivatives of its functions, which the page does not need.
+The functions are FMI 2.0's, in which a value reference is a position, whatever the version of the FMU.
+``web/master.js`` steps the units like :class:`~vdfmu.engine.masters.exchange.SampledStepper`.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import numpy as np
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.data import data_path
 from vdfmu.base.errors import VdfmuError
+from vdfmu.base.standards import FMI_2
 from vdfmu.compiler.c.compile import Compilation, compile_libraries, native_available
 from vdfmu.compiler.c.platforms import WASM
 from vdfmu.compiler.fmu.content import installed_digest
@@ -37,9 +38,9 @@ from vdfmu.engine.results.results import Results
 ROWS = 100
 """Intervals between the recorded rows to which the page's own run is compared."""
 LIMIT = 1e-9
-"""Difference [rad, m] below which the page's own run is the recorded one. Its sin, cos and tanh are others: 1e-15."""
+"""Difference [rad, m] below which the page's own run is the recorded one. Its sin, cos and tanh differ by 1e-15."""
 _APART = 3.0
-"""Times what separates a run from itself with a small change: both are as far apart as they can get, at other times."""
+"""Factor on the distance of a run from itself with a small change: both reach the largest distance, at other times."""
 _UNKNOWN = (
     "Whether single solutions of this loop separate, whose last digits grow, was not found out: the run has no "
     "reference."
@@ -51,9 +52,9 @@ NOT_MADE = (
     "This page has no simulation: 'vdfmu report' with the folder of the run makes one that has, and so does "
     "'vdfmu run --simulate'."
 )
-"""In the place of one."""
+"""Shown instead of one."""
 MOST_C = 2_400_000
-"""Bytes of generated C of a run, of which compressed modules have a fifth: with it a page stays below 1 MB."""
+"""Bytes of generated C of a run, a fifth of it as compressed modules: it keeps a page below 1 MB."""
 MOST_MODULES = 660_000
 """Characters of the compressed modules of a page of several runs, for the same reason."""
 MASTERS = ("gauss-seidel", "jacobi")
@@ -61,7 +62,7 @@ _FUNCTIONS = (
     "fmi2Instantiate", "fmi2SetupExperiment", "fmi2EnterInitializationMode", "fmi2ExitInitializationMode",
     "fmi2SetReal", "fmi2SetInteger", "fmi2SetBoolean", "fmi2GetReal", "fmi2DoStep",
 )  # fmt: skip
-"""What the page calls; what the others alone call is not in its modules."""
+"""Functions that the page calls; code that only others call is not in its modules."""
 _DERIVATIVE = re.compile(r"^(void \w+_(?:forward|reverse)\([^;]*\));", re.MULTILINE)
 _LEFT_OUT = re.compile(r"kernel_\w+_(forward|reverse)(_part_\d+)?\.c|kernel_\w+_avx2\.c|fmi3\.c")
 
@@ -79,7 +80,7 @@ class Knob(NamedTuple):
     least: float = 0.1
     most: float = 10.0
     known: bool = False
-    """Whether the feedforward has them too, and may know of the change."""
+    """Whether the feedforward has them too and may know the change."""
 
 
 def _scaled_as(what: str) -> tuple[str, ...]:
@@ -97,13 +98,13 @@ KNOBS = (
     Knob("Duration of the motion", "Trajectory", ("T",), 0.5, 2.0),
     Knob("Speed of the motion", "", ("speed",), 0.5, 2.0),
 )
-"""What the sliders may change, where a system has it; a model that is empty is any."""
+"""Parameters that the sliders may change, where a system has them; an empty model is any."""
 
 
 def simulation_of(
     results: Results, summary: Mapping[str, Any], package: Path, binaries: dict[str, str] | None
 ) -> dict[str, Any]:
-    """Return what the page runs, ready for JSON; ``{"reason": ..}`` where it cannot.
+    """Return the page's simulation, ready for JSON; ``{"reason": ..}`` where it cannot.
 
     Parameters
     ----------
@@ -133,8 +134,6 @@ def simulation_of(
 def _refuse(summary: Mapping[str, Any], package: Path) -> None:
     """Raise for a run that the page's master cannot make, as far as its summary tells."""
     master = summary.get("algorithm")
-    if master is None:
-        raise _CannotError("it has no units")
     if "scenario" not in summary:
         raise _CannotError("only those of scenarios are, which 'vdfmu run' makes")
     if summary.get("backend") != "native":
@@ -172,7 +171,9 @@ def _modules(checked: Checked, binaries: dict[str, str]) -> dict[str, str]:
             with package.opened(source, source) as unit:
                 files = _sources(unit, source)
             jobs.append(
-                Compilation(description.identifier, files | fmi_headers("2.0"), WASM, exported=_FUNCTIONS)
+                Compilation(
+                    description.identifier, files | fmi_headers(FMI_2.name), WASM, exported=_FUNCTIONS
+                )
             )
     size = sum(len(c) for job in jobs for name, c in job.sources.items() if name.startswith("kernel_"))
     if size > MOST_C:
@@ -189,12 +190,12 @@ def _modules(checked: Checked, binaries: dict[str, str]) -> dict[str, str]:
 
 
 def compressed(content: bytes) -> str:
-    """Return what ``unzip`` of ``web/packed.js`` reads."""
+    """Return the text that ``unzip`` of ``web/packed.js`` reads."""
     return base64.b64encode(gzip.compress(content, mtime=0)).decode()
 
 
 def _sources(unit: Archive, source: str) -> dict[str, bytes]:
-    """Return the C files of a unit, of what the page needs."""
+    """Return the C files of a unit that the page needs."""
     if "extra/vdfmu/vdfmu.json" not in unit.names or "sources/unit.c" not in unit.names:
         raise _CannotError(f"{source} was built by another tool")
     names = [name for name in unit.names if name.startswith("sources/") and name.endswith((".c", ".h"))]
@@ -210,7 +211,7 @@ def _sources(unit: Archive, source: str) -> dict[str, bytes]:
 
 
 def _position(variable: FmuVariable) -> int:
-    """Return the value reference in FMI 2.0; in FMI 3.0 an array has that of its first element."""
+    """Return the value reference in FMI 2.0; in FMI 3.0 an array has its first element's."""
     return variable.reference + variable.index
 
 
@@ -294,7 +295,7 @@ def _carried(link: Link, names: Sequence[str]) -> list[float]:
 
 
 def knobs(checked: Checked) -> Iterator[dict[str, Any]]:
-    """Yield what the page may change, ready for JSON: groups of parameters of which one is not zero."""
+    """Yield groups of parameters that the page may change, ready for JSON, if one of a group is not zero."""
     models = {name: description.identifier for name, description in checked.descriptions.items()}
     joined = {(link.start[0], link.end[0]) for link in checked.links}
     groups: dict[str, dict[str, list[float]]] = {}
@@ -328,7 +329,7 @@ def knobs(checked: Checked) -> Iterator[dict[str, Any]]:
 
 
 def _recorded(results: Results, summary: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
-    """Return some rows of what was recorded, in double precision, and by what the page's own run is judged."""
+    """Return some recorded rows, in double precision, and the criterion by which the page's own run is judged."""
     known = set(results.names)
     kept = [name for name in names if name in known]
     judged = [name for name in kept if name.startswith("plant.q[")] or kept

@@ -1,72 +1,32 @@
-"""What ``summary.json`` holds, as far as tables, checks and pages read it: its keys, their types, and the reader."""
+"""The reader of ``summary.json``, for tables, checks and pages."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.text import elided
 from vdfmu.engine.results.formats import result_files
-
-
-@dataclass(frozen=True)
-class List:
-    """A list, of an entry a joint if `joints`."""
-
-    of: Any
-    joints: bool = False
-
-
-@dataclass(frozen=True)
-class Keyed:
-    """A table whose keys are names."""
-
-    of: Any
-
+from vdfmu.study.report.summary_keys import (
+    ANY,
+    FLAG,
+    KEYS,
+    NUMBER,
+    SPRINGS,
+    TEXT,
+    TRACKING,
+    WHOLE,
+    Keyed,
+    List,
+)
 
 _TEXTS = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
-"""What JSON holds of numbers that are not finite."""
-NUMBER, WHOLE, TEXT, FLAG, ANY = "a number", "a whole number", "a text", "true or false", "anything"
-_JOINTS, _UNITS, _VECTOR = List(NUMBER, True), List(TEXT, True), List(NUMBER)
-_SPRINGS = ("rms_spring_torque_nm", "rms_tau_s_hat_error_nm", "rms_tau_f_hat_error_nm")
-_TRACKING = ("rms_position_error_deg", "max_position_error_deg", "rms_torque_compensation_error_nm")
-_CONTRAST = ("rms_torque_nm", "rms_torque_difference_nmm", "rms_torque_difference_nmm_low_g")
+"""Texts in JSON for numbers that are not finite."""
 _DIFFERENCES = ("position_difference", "torque_difference")
-KEYS: Mapping[str, Any] = {
-    **dict.fromkeys(("scenario", "kind", "robot", "friction", "vdfmu", "master", "backend", "fmi", "system"), TEXT),
-    **dict.fromkeys(("algorithm", "package", "no_reference", "error"), TEXT),
-    **dict.fromkeys(("adaptive", "step", "start", "stop", "tolerance", "wall_s", "real_time_factor"), NUMBER),
-    **dict.fromkeys(("joints", "steps"), WHOLE),
-    **dict.fromkeys(("inputs", "warnings", "notes", "left_out", "order", "files"), List(TEXT)),
-    "versions": Keyed(TEXT), "plant_factors": Keyed(NUMBER), "settings": Keyed(ANY), "joint_names": _UNITS,
-    **dict.fromkeys(("position_units", "torque_units"), _UNITS),
-    **dict.fromkeys((*_TRACKING, *_SPRINGS, *_CONTRAST), _JOINTS),
-    "gravities_m_s2": _VECTOR,
-    "paper": {"source": TEXT, **dict.fromkeys((*_TRACKING, *_CONTRAST), _VECTOR)},
-    "implied_gains": {"K_p_paper": _VECTOR, "K_p": _VECTOR},
-    "power_bond": dict.fromkeys(("residual_energy_j", "residual_energy_abs_j", "exchanged_energy_j"), _VECTOR),
-    "limits": Keyed(dict.fromkeys(("torque", "speed", "stop"), _VECTOR)),
-    "communication": dict.fromkeys(("steps", "rejected", "unit_steps"), WHOLE)
-    | dict.fromkeys(("shortest_step", "longest_step"), NUMBER),
-    "separation": {"change": NUMBER, "max_position_difference_rad": NUMBER},
-    "reference": Keyed({
-        "name": TEXT, "max_difference": Keyed(NUMBER), "max_position_difference_rad": NUMBER,
-        "max_torque_difference_nm": NUMBER, "rms_position_difference": NUMBER, "rms_torque_difference": NUMBER,
-    }),
-    "arm": {
-        "types": _UNITS, "ell": _JOINTS, "rotation": List(List(_VECTOR), True), "offset": List(_VECTOR, True),
-        "tool_offset": _VECTOR, "tool_rotation": List(_VECTOR), "gravity": _VECTOR, "shapes": List(Keyed(ANY)),
-    },
-    "verdict": {
-        "passed": FLAG, "checks": List({"name": TEXT, "passed": FLAG, "text": TEXT}),
-    },
-}  # fmt: skip
-"""Keys and the types of their values; other keys are not read. Of a table without names for its keys, all are read."""
 _NEEDS: Mapping[str, tuple[str, ...]] = {
     "arm": ("types", "ell", "rotation", "offset", "tool_offset", "tool_rotation", "gravity", "shapes"),
     "power_bond": ("residual_energy_j", "residual_energy_abs_j", "exchanged_energy_j"),
@@ -76,12 +36,12 @@ _NEEDS: Mapping[str, tuple[str, ...]] = {
     "verdict": ("passed", "checks"),
 }
 """Keys that a table has together."""
-_TOGETHER = (_TRACKING, _SPRINGS)
+_TOGETHER = (TRACKING, SPRINGS)
 """Keys of which a summary has all or none."""
 _SHAPES = {
     "tool_offset": (3,), "gravity": (3,), "tool_rotation": (3, 3), "offset": (-1, 3), "rotation": (-1, 3, 3),
 }  # fmt: skip
-"""Of the arm's arrays; -1 is the number of joints."""
+"""Shapes of the arm's arrays; -1 is the number of joints."""
 _KNOWN = {"position_units": ("deg", "mm"), "arm.types": ("revolute", "prismatic")}
 """Texts that a list may hold."""
 
@@ -92,7 +52,7 @@ def read_summary(file: Path) -> dict[str, Any]:
     Raises
     ------
     UsageError
-        It cannot be read, or is another table; with every problem.
+        It cannot be read, or is another table; lists every problem.
     """
     try:
         found = json.loads(file.read_bytes())
@@ -104,7 +64,7 @@ def read_summary(file: Path) -> dict[str, Any]:
             f"{getattr(error, 'strerror', None) or elided(str(error))}. 'vdfmu run' writes one."
         ) from None
     lengths: dict[str, int] = {}
-    summary, problems = typed(found, KEYS, lengths)
+    summary, problems = typed(found, {name: key.of for name, key in KEYS.items()}, lengths)
     if not problems:
         problems = [*_missing(summary), *_unequal(summary, lengths)]
     if problems:
@@ -115,7 +75,7 @@ def read_summary(file: Path) -> dict[str, Any]:
 def typed(
     found: Any, keys: Mapping[str, Any], lengths: dict[str, int] | None = None
 ) -> tuple[dict[str, Any], list[str]]:
-    """Return a table whose keys have these types, without those that are null, and what is wrong with it.
+    """Return a table whose keys have these types, without null ones, and its faults.
 
     Lists over the joints get their `lengths`.
     """
@@ -137,14 +97,9 @@ def _unequal(summary: Mapping[str, Any], lengths: Mapping[str, int]) -> Iterator
 
 
 def _missing(summary: Mapping[str, Any]) -> Iterator[str]:
-    """Yield what is not there, or not of the size, that another key needs."""
-    groups = [
-        *_TOGETHER,
-        *([(*_CONTRAST, "gravities_m_s2", "joints")] if summary.get("kind") == "contrast" else []),
-    ]
-    for keys in groups:
-        there = [key for key in keys if key in summary]
-        if there or "joints" in keys:
+    """Yield keys that are missing or of the wrong size although another key needs them."""
+    for keys in _TOGETHER:
+        if any(key in summary for key in keys):
             yield from (f"{key}: is missing" for key in keys if key not in summary)
     for key, needs in _NEEDS.items():
         yield from (
@@ -158,9 +113,6 @@ def _missing(summary: Mapping[str, Any]) -> Iterator[str]:
         yield from (
             f"verdict.checks[{i}].{k}: is missing" for k in ("name", "passed", "text") if k not in check
         )
-    g = summary.get("gravities_m_s2", [0.0, 0.0])
-    if len(g) != 2:
-        yield f"gravities_m_s2: expected 2 numbers, got {len(g)}"
     arm = summary.get("arm", {})
     for key, shape in _SHAPES.items():
         if key in arm and not _has_shape(arm[key], shape):

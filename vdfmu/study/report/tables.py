@@ -1,6 +1,6 @@
 """The tables of a run for the terminal.
 
-A summary is what ``summary.json`` holds; :mod:`vdfmu.study.report.sheets` says what the tables show of it.
+A summary is the content of ``summary.json``; :mod:`vdfmu.study.report.sheets` chooses what the tables show.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Summary = Mapping[str, Any]
 
 
 def run_panel(summary: Summary) -> Panel:
-    """Return what the run was, a line a fact."""
+    """Return the facts of the run, a line a fact."""
     grid = Table.grid(padding=(0, 2))
     grid.add_column(style="bold", no_wrap=True)
     grid.add_column(overflow="fold")

@@ -1,4 +1,4 @@
-"""The picture of the elastic arm: how far its drives twist, and where that puts the tool."""
+"""The picture of the elastic arm: how far its drives twist, and the effect on the tool."""
 
 from __future__ import annotations
 

@@ -23,12 +23,12 @@ _PANELS = {
 
 @style.styled
 def draw_tuning(history: Sequence[float], table: Sequence[tuple[str, float, float]]) -> Figure:
-    """Draw the cost over the evaluations, and what the table has of each joint.
+    """Draw the cost over the evaluations, and the table's values of each joint.
 
     Parameters
     ----------
     history : sequence of float
-        Objective of each evaluation, that of the start 1; beyond 10 where a constraint is missed.
+        Objective of each evaluation, 1 at the start; beyond 10 where a constraint is missed.
     table : sequence of (name, before, after)
     """
     groups = {

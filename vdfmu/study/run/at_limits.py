@@ -14,11 +14,9 @@ from vdfmu.base.arrays import Floats
 from vdfmu.compiler.unit.variable import NO_LIMIT
 from vdfmu.engine.results.recorded import Recorded
 from vdfmu.engine.results.results import Results
+from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.reference import BLOCK
-from vdfmu.system.scenario import Scenario
-from vdfmu.system.scenario.parts import units_of
 
-Values = Mapping[str, Mapping[str, Any]]
 _READ = ("tau", "q", "kappa_dot")
 
 
@@ -26,9 +24,9 @@ class ArmLimits(NamedTuple):
     """Limits that act on an arm of a system."""
 
     plant: str
-    """Its component."""
+    """The arm's component."""
     robot: Any
-    """With the values of the run, as :func:`vdfmu.arm.drive.limits.motor_torque` reads it; None without limits."""
+    """With the run's values, as :func:`vdfmu.arm.drive.limits.motor_torque` reads it; None without limits."""
     tau_max: Floats
     """(n,) [N m] motor-side, at which the controller cuts its torque; `NO_LIMIT` if it does not."""
 
@@ -37,21 +35,18 @@ class ArmLimits(NamedTuple):
         return tau if self.robot is None else motor_torque(self.robot, tau, kappa_dot)
 
 
-def limits_of(scenario: Scenario, values: Values) -> list[ArmLimits]:
-    """Return the limits of the arms of a system, without arms that have none."""
-    return [
-        one for one in _limits(scenario, values) if one.robot is not None or (one.tau_max < NO_LIMIT).any()
-    ]
+def limits_of(system: SystemDescription) -> list[ArmLimits]:
+    """Return the limits of the arms of a system, except arms without limits."""
+    return [one for one in _limits(system) if one.robot is not None or (one.tau_max < NO_LIMIT).any()]
 
 
-def _limits(scenario: Scenario, values: Values) -> Iterator[ArmLimits]:
-    system = scenario.system
-    units = units_of(system)
+def _limits(system: SystemDescription) -> Iterator[ArmLimits]:
+    units, values = system.resolved.units, system.values
     for plant, unit in units.items():
-        robot = system.parts[plant].robot or scenario.robot
+        robot = system.resolved.robots[plant]
         if robot is None or "q_0" not in unit.declared or "tau" not in unit.declared:
             continue
-        sources = [source for source, targets in system.connections.items() if f"{plant}.tau" in targets]
+        sources = [source for source, targets in system.groups.items() if f"{plant}.tau" in targets]
         controller = sources[0].partition(".")[0] if sources else ""
         cuts = controller in units and "tau_max" in units[controller].declared
         tau_max = _with_values(np.full(robot.n, NO_LIMIT), "tau_max", values[controller] if cuts else {})
@@ -72,13 +67,13 @@ def time_at_limits(results: Results, limits: list[ArmLimits]) -> dict[str, Any]:
 
     A motor is at its torque limit where it, or the controller before it, gives less torque than is asked for and
     gives its largest; at its speed limit where the speed alone makes it give less. A joint is at an end stop where the
-    stop pushes. A row stands for the step that ends there.
+    stop pushes. A row represents the step that ends there.
 
     Returns
     -------
     dict
         ``limits``: for each arm with limits, by component, ``torque``, ``speed`` and ``stop``, with a share of 0 to 1
-        for each joint. Empty where no arm has limits, or what they act on was not recorded.
+        for each joint. Empty where no arm has limits, or the limited signals were not recorded.
     """
     found: dict[str, Any] = {}
     for one in limits:

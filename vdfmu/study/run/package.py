@@ -9,17 +9,17 @@ from typing import Any
 from vdfmu.base.data import data_path
 from vdfmu.base.files import regular_target, replacing, require_ours
 from vdfmu.base.progress import counted
+from vdfmu.base.standards import SSP_1, SSP_FORMATS
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.run import Results
 from vdfmu.engine.run.master import simulate
-from vdfmu.system.package.versions import FMI_OF_SSP
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.parts import build_parts
 
 ROWS = 1001
-"""Of a table of results at most: some 2 MB for six joints."""
+"""Most rows of a table of results: some 2 MB for six joints."""
 _MASTERS = ("jacobi", "gauss-seidel")
 
 
@@ -30,18 +30,18 @@ def write_reference(scenario: Scenario, folder: Path, values: Mapping[str, Mappi
     ----------
     scenario : Scenario
     folder : Path
-        Made where it is missing.
+        Made if it is missing.
     values : mapping of unit to mapping of variable to value
-        Of :func:`vdfmu.system.scenario.values.system_values`.
+        See :func:`vdfmu.system.scenario.values.system_values`.
 
     Returns
     -------
     list of Path
-        What was written.
+        The written files.
     """
     packages = {
-        version: folder / f"{scenario.name}{'' if version == '1.0' else f'_{version}'}.ssp"
-        for version in FMI_OF_SSP
+        version: folder / f"{scenario.name}{'' if version == SSP_1.name else f'_{version}'}.ssp"
+        for version in SSP_FORMATS
     }
     tables = {algorithm: folder / f"{scenario.name}_{algorithm}.csv" for algorithm in _MASTERS}
     source = data_path("ssp") / "reference"
@@ -50,13 +50,15 @@ def write_reference(scenario: Scenario, folder: Path, values: Mapping[str, Mappi
     }
     for path in (*packages.values(), *tables.values(), *texts):
         regular_target(path)
-    readme = folder / "README.md"  # it says of tables and script, which cannot say it, that they are ours
+    readme = folder / "README.md"  # it says that tables and script, which cannot say so, are ours
     require_ours(*packages.values(), readme, *(() if readme.exists() else (*tables.values(), *texts)))
     for version, package in packages.items():
         with temporary_folder("vdfmu_") as built:
-            fmus = build_parts(scenario, built, values, backend="native", fmi_version=FMI_OF_SSP[version])
+            fmus = build_parts(
+                scenario, built, values, backend="native", fmi_version=SSP_FORMATS[version].fmi.name
+            )
             write_ssp(scenario, fmus, package, values, version=version)
-    system = load_ssp(packages["1.0"])
+    system = load_ssp(packages[SSP_1.name])
     record = [
         f"{component.name}.{connector.name}"
         for component in system.components

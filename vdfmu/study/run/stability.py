@@ -14,19 +14,21 @@ from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.errors import CosimError
 from vdfmu.base.progress import doing
 from vdfmu.engine.inspect.loops import GROWTH, Growth, Poses
+from vdfmu.engine.options import SimulatorOptions
 from vdfmu.engine.results.verdict import Check
 from vdfmu.engine.run import Interrupted, Results, Simulator
+from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import Scenario
 
 _NAME = "Sampled loops"
 
 
 def simulated(scenario: Scenario, package: Path, parameters: Any = None, **options: Any) -> Results:
-    """Co-simulate a scenario; `options` of :meth:`vdfmu.Simulator.run`, and `log`."""
-    with Simulator(
-        package, algorithm=scenario.master, adaptive=scenario.adaptive, inputs=scenario.inputs,
-        parameters=parameters, log=options.pop("log", None),
-    ) as simulator:  # fmt: skip
+    """Co-simulate a scenario; for `options` see :meth:`vdfmu.Simulator.run`, and `log`."""
+    own: SimulatorOptions = {
+        **scenario.coupling, "inputs": scenario.inputs, "parameters": parameters, "log": options.pop("log", None),
+    }  # fmt: skip
+    with Simulator(package, **own) as simulator:
         return simulator.run(start=0.0, stop=scenario.stop, step=scenario.step, **options)
 
 
@@ -42,20 +44,18 @@ def explain(error: CosimError | Interrupted, poses: Poses) -> list[Check]:
     return [check]
 
 
-def loop_checks(
-    poses: Poses, scenario: Scenario, package: Path, values: Mapping[str, Mapping[str, Any]]
-) -> Iterator[Check]:
-    """Yield the check of a run's loops, if they were linearised; `values` of parameters by component."""
+def loop_checks(poses: Poses, system: SystemDescription, package: Path) -> Iterator[Check]:
+    """Yield the check of a run's loops, if they were linearised."""
     if poses.lacking or not poses.systems:
         return
+    scenario, robots = system.scenario, system.resolved.robots
     growth = poses.growth(0.0, scenario.stop)
-    plant = scenario.system.parts.get("plant")
-    robot = plant.robot_of(scenario.robot) if plant else None
+    split = {p: robot for p in system.resolved.plants if (robot := robots[p]) and robot.friction == "split"}
     if not growth.unstable:
         yield Check(_NAME, True, _stable(poses))
-    elif robot is not None and robot.friction == "split":
+    elif split:
         with doing("stability"):
-            smooth, still = Poses("tau"), _without_dry_friction(robot, values)
+            smooth, still = Poses("tau"), _without_dry_friction(split, system.values)
             simulated(scenario, package, still, record=(), visitor=smooth)
         alone = smooth.growth(0.0, scenario.stop)
         excited = (
@@ -69,10 +69,13 @@ def loop_checks(
         yield Check(_NAME, False, _unstable(growth, poses))
 
 
-def _without_dry_friction(robot: Robot, values: Mapping[str, Mapping[str, Any]]) -> dict[str, float | None]:
+def _without_dry_friction(
+    plants: Mapping[str, Robot], values: Mapping[str, Mapping[str, Any]]
+) -> dict[str, float | None]:
     return {
-        f"plant.{name}": PARAMETERS[name.partition("[")[0]].smallest
-        for name in values.get("plant", {})
+        f"{plant}.{name}": PARAMETERS[name.partition("[")[0]].smallest
+        for plant, robot in plants.items()
+        for name in values[plant]
         if name.partition("[")[0] in dry_friction(robot)
     }
 
@@ -96,7 +99,7 @@ def _unstable(growth: Growth, poses: Poses) -> str:
 
 
 def _place(name: str, poses: Poses) -> str:
-    """Return the joint of a state or input of a plant, or of what waits at a controller; other names as they are."""
+    """Return the joint of a state or input of a plant, or of a value waiting at a controller; other names unchanged."""
     component, _, variable = name.removeprefix("at ").partition(".")
     states = poses.systems[0][1].parts.states
     arms = [arm for arm, _, _ in (opened.partition(".") for opened in poses.opened)]

@@ -17,21 +17,19 @@ from vdfmu.engine.results.results import Results
 from vdfmu.study.run.at_limits import ArmLimits
 from vdfmu.system.reference.reference import BLOCK, Reference
 from vdfmu.system.scenario import Scenario
-from vdfmu.system.scenario.parts import units_of
 from vdfmu.system.scenario.start import leaders
 
 _COMPARED = ("plant.q", "controller.tau", "feedforward.tau_m")
 _APART = 1e-6
-"""Largest difference [rad, m] of a start from where the motion begins that is not noted."""
+"""Largest difference [rad, m] between a start and the motion's start that is not noted."""
 _ESTIMATES = ("tau_f_hat", "tau_s_hat")
 
 
 def run_facts(scenario: Scenario) -> dict[str, Any]:
-    """Return what is known of a run before it begins, and with which versions it is made."""
+    """Return the facts known before a run begins, and the versions that make it."""
     robot = scenario.robot
     return {
         "scenario": scenario.name,
-        "kind": scenario.kind,
         **({} if robot is None else {"robot": robot.name, "friction": robot.friction, "joints": robot.n}),
         "vdfmu": __version__,
         "versions": _versions(),
@@ -46,7 +44,7 @@ def run_facts(scenario: Scenario) -> dict[str, Any]:
 
 
 def _versions() -> dict[str, str]:
-    """Versions of what the numbers of a run depend on, beside the package's."""
+    """Versions of the software that the numbers of a run depend on, in addition to the package's."""
     return {"Python": platform.python_version()} | {
         name: version(name) for name in ("numpy", "scipy", "casadi", "fmpy")
     }
@@ -58,9 +56,9 @@ def has_signals(results: Results, *groups: str) -> bool:
 
 
 def start_notes(results: Results, scenario: Scenario) -> list[str]:
-    """Return a note for each plant that starts elsewhere than the motion that leads it."""
+    """Return a note for each plant that does not start where its motion starts."""
     notes: list[str] = []
-    for plant, leader in leaders(scenario.system, units_of(scenario.system)).items():
+    for plant, leader in leaders(scenario.resolved).items():
         if has_signals(results, f"{leader}.q_d", f"{plant}.q"):
             apart = np.abs(results[f"{leader}.q_d"][0] - results[f"{plant}.q"][0])
             i = int(apart.argmax())
@@ -76,7 +74,7 @@ def start_notes(results: Results, scenario: Scenario) -> list[str]:
 def tracking_errors(results: Results, robot: Robot, limits: Iterable[ArmLimits] = ()) -> dict[str, Any]:
     """Position errors in deg (mm for prismatic joints) and torque compensation errors link-side in N m (N).
 
-    The compensation error is the control torque minus the feedforward torque that the controller added to, as the
+    The compensation error is the control torque minus the feedforward torque to which the controller added, as in the
     paper's Fig. 11(b): ``ell (tau - tau_m)``. With `limits` of the motors of ``plant``, tau is what they gave, which
     may be less than the controller asked for. Empty for a system without these signals.
     """
@@ -109,10 +107,10 @@ def tracking_errors(results: Results, robot: Robot, limits: Iterable[ArmLimits] 
 def implied_gains(
     paper: Mapping[str, Any], robot: Robot, values: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Any]:
-    """Position gains that the paper's errors imply, beside those of the run, link-side [N m/rad, N/m].
+    """Position gains that the paper's errors imply, next to the run's, link-side [N m/rad, N/m].
 
-    Where the errors change slowly, the torque of Eq. (58) is ``K_p (q_d - q)``: its RMS value over that of the position
-    error is K_p.
+    Where the errors change slowly, the torque of Eq. (58) is ``K_p (q_d - q)``: K_p is the ratio of its RMS value to
+    the RMS position error.
 
     Returns
     -------
@@ -146,10 +144,10 @@ def compared(results: Results, robot: Robot | None) -> tuple[str, ...] | None:
 def compare(
     results: Results, reference: Iterable[Reference], robot: Robot | None, master: str
 ) -> tuple[dict[str, Any], dict[str, float]]:
-    """Hold a run against a reference in stretches of `BLOCK` rows.
+    """Compare a run with a reference in stretches of `BLOCK` rows.
 
     A torque that a sampled master holds over a step is in the row at the step's end. The continuous reference has it
-    at every time, so it is compared with that of the step's begin, when it was calculated.
+    at every time, so it is compared with the reference at the step's begin, when it was calculated.
 
     Returns
     -------
@@ -162,7 +160,7 @@ def compare(
     if robot is None or compared(results, robot) is None:
         return _compare_all(results, reference), {}
     name, at, position, torque, before, held = "", 0.0, -1.0, 0.0, None, None
-    squares = np.zeros((4, robot.n))  # of the errors of position and torque, ours and theirs
+    squares = np.zeros((4, robot.n))  # errors of position and torque, ours and theirs
     for part, solution in zip(results.blocks(BLOCK), reference, strict=True):
         q_d, q = part["trajectory.q_d"], part["plant.q"]
         tau, tau_m = part["controller.tau"], part["controller.tau_m"]
@@ -217,7 +215,7 @@ def estimation_errors(results: Results, master: str) -> dict[str, Any]:
     squares, before = 0.0, np.empty((0, 0))
     for part in results.blocks(BLOCK):
         true = part["plant.tau_s"]
-        rows = slice(late if not before.size else 0, None)  # of the first block
+        rows = slice(late if not before.size else 0, None)  # in the first block
         seen = np.vstack([before, true])[: len(true)] if before.size else true[: len(true) - late]
         errors = [part[f"estimator.{name}"][rows] - seen for name in _ESTIMATES]
         squares = squares + np.sum(np.square([seen, *errors]), axis=1)
@@ -232,14 +230,14 @@ def power_bond(results: Results, robot: Robot) -> dict[str, Any]:
     Torque and rotor velocity carry power from controller to plant. The plant takes up ``ell tau_in kappa_dot`` with the
     torque that it was given, the controller gives ``ell tau kappa_dot_in`` with the velocity that it was given; with
     exact coupling the two are the same. Each step begins with inputs that are the outputs they read, so the difference
-    grows from zero over it, and half of that at the end times the step is the energy that the coupling adds to the
+    grows from zero over it, and half the final difference times the step is the energy that the coupling adds to the
     plant or takes from it (trapezoidal rule). Under error control, which steps between the rows, an estimate.
 
     Returns
     -------
     dict
         ``power_bond``: for each joint ``residual_energy_j``, the sum over the rows; ``residual_energy_abs_j``, the sum
-        of the absolute values; ``exchanged_energy_j``, the same of the energy that the plant took up. Empty where the
+        of the absolute values; ``exchanged_energy_j``, the same for the energy that the plant took up. Empty where the
         inputs were not recorded.
     """
     needed = ("controller.kappa_dot[1]", "plant.tau[1]")

@@ -1,1 +1,1 @@
-"""Parameter studies: runs at many points, on one machine or several, and what comes of them."""
+"""Parameter studies: runs at many points, on one machine or several, and their results."""

@@ -1,4 +1,4 @@
-"""What a parameter study varies: ``controller.K_p[2]=lin(500, 5000, 20)``."""
+"""Axes of a parameter study: ``controller.K_p[2]=lin(500, 5000, 20)``."""
 
 from __future__ import annotations
 
@@ -27,33 +27,32 @@ _CALL = re.compile(r"(\w+)\s*\((.*)\)")
 MOST_POINTS = 10_000_000
 """More are refused: a grid of many axes is more than one thinks."""
 OPTIONS = ("robot", "master", "step", "stop")
-"""Targets that are no parameters but options of a run."""
+"""Targets that are options of a run, not parameters."""
 
 
 def is_option(target: str) -> bool:
-    """Whether a target is no parameter but an option of a run, so that another value is another system."""
+    """Whether a target is an option of a run, not a parameter, so that another value means another system."""
     return target in OPTIONS or target.startswith("unit:")
 
 
 @dataclass(frozen=True)
 class Axis:
-    """One thing that varies, and how."""
+    """A quantity that varies, and how."""
 
     target: str
-    """``component.parameter``, with or without an index, ``robot.parameter``, or what a run takes as an option:
+    """``component.parameter``, with or without an index, ``robot.parameter``, or an option of a run:
     ``robot``, ``master``, ``step``, ``stop``, ``unit:COMPONENT``."""
     form: str
     """``values``, or the name of a distribution: ``lin`` and ``log`` spread evenly, ``normal`` and ``lognormal``."""
     numbers: tuple[float, ...] = ()
     """Parameters of the distribution."""
     values: tuple[Any, ...] = ()
-    """Those that it takes, numbers or words; of ``lin`` and ``log`` those of a grid; empty if there is no such
-    number."""
+    """Its values, numbers or words; for ``lin`` and ``log`` the values of a grid; empty if there is no such number."""
     factor: bool = False
-    """Whether a value multiplies that of the scenario, element by element."""
+    """Whether a value multiplies the scenario's, element by element."""
 
     def at(self, share: ArrayLike) -> NDArray[Any]:
-        """Values at shares of the distribution (its quantiles), each between 0 and 1; of a list the one there."""
+        """Values at shares of the distribution (its quantiles), each between 0 and 1; for a list the value there."""
         u = np.asarray(share, dtype=float)
         if self.form == "values":
             index = np.minimum((u * len(self.values)).astype(int), len(self.values) - 1)

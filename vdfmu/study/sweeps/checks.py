@@ -1,4 +1,4 @@
-"""Whether what is asked of a study fits its systems: signals, measures, axes that act."""
+"""Checks that a study fits its systems: signals, measures, axes that act."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ TRACKING = {
     "peak_error": "peak(trajectory.q_d - plant.q)",
     "peak_torque": "peak(controller.tau)",
 }
-"""Measures of a tracking loop, where none are asked for."""
+"""Measures of a tracking loop, if none are given."""
 
 
 def signals_of(
     system: WiredSystem, axes: Sequence[Axis]
 ) -> tuple[list[str], dict[str, str], tuple[float, float]]:
-    """Check a system, and the axes by a value of theirs.
+    """Check a system, and the axes by one of their values.
 
     Returns
     -------
     names
         Signals that it can record.
     units
-        Of all its variables that have one, with and without indices.
+        Units of all its variables that have one, with and without indices.
     times
         Start and stop [s].
     """
@@ -71,7 +71,7 @@ def signals_of(
 
 
 def check_overlap(axes: Sequence[Axis], system: WiredSystem) -> None:
-    """Raise UsageError for axes of which nothing is left, since others after them set the same."""
+    """Raise UsageError for axes without effect, since others after them set the same."""
     problems: list[str] = []
     later: dict[str, str] = {}
     for target in reversed([axis.target for axis in axes if axis.target in system.bindings]):
@@ -88,7 +88,7 @@ def check_overlap(axes: Sequence[Axis], system: WiredSystem) -> None:
 
 
 def try_measures(names: Sequence[str], measures: Sequence[Measure], times: tuple[float, float]) -> None:
-    """Evaluate the expressions on signals of zeros; UsageError for what no results have a value of."""
+    """Evaluate the expressions on signals of zeros; UsageError for values that no results have."""
     signals = [Signal(name, "real", "", 0) for name in names]
     zeros = Results(np.array(times), signals, {"real": np.zeros((2, 1))})
     problems: list[str] = []
@@ -102,7 +102,7 @@ def try_measures(names: Sequence[str], measures: Sequence[Measure], times: tuple
 
 
 def default_measures(names: Sequence[str]) -> list[Measure]:
-    """Return those of a tracking loop; UsageError where there is none."""
+    """Return the measures of a tracking loop; UsageError where there is none."""
     if not {"trajectory.q_d[1]", "plant.q[1]", "controller.tau[1]"} <= set(names):
         raise UsageError(
             "measure: expected at least one, such as 'error=rms(a.x - b.y)'; only the loop of trajectory, controller "
@@ -112,7 +112,7 @@ def default_measures(names: Sequence[str]) -> list[Measure]:
 
 
 def recorded(names: Sequence[str], measures: Sequence[Measure], keep: Sequence[str]) -> list[str]:
-    """Return patterns of what a run records; UsageError for signals that there are not."""
+    """Return patterns of what a run records; UsageError for unknown signals."""
     known = set(names)
     groups = {name.partition("[")[0] for name in names}
     record: list[str] = list(keep)

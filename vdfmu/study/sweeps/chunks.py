@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from vdfmu.study.sweeps.job import Row, Task
 
 LARGEST = 50
-"""Points in a chunk at most."""
+"""Most points in a chunk."""
 _SECONDS = 10.0
-"""Time [s] that a chunk is to take: what is lost at most when all is killed."""
+"""Time [s] that a chunk should take: the most that is lost when all is killed."""
 
 
 class Chunks:
@@ -23,7 +23,7 @@ class Chunks:
     ----------
     done : (n,) array of bool
     task : callable
-        What a worker needs to know of a point.
+        Returns a worker's task for a point.
     size : int, optional
         Points in a chunk; default by the time that points take, at most `LARGEST`.
     together : int
@@ -47,7 +47,7 @@ class Chunks:
             self._seconds += seconds
 
     def take(self, parts: int) -> list[Task] | None:
-        """Return the next chunk, by itself at most one of `parts` of what is left; None if there is none."""
+        """Return the next chunk, by default at most one of `parts` of the rest; None if there is none."""
         with self._lock:
             size = self._size
             if size is None:
@@ -64,6 +64,6 @@ class Chunks:
         return [self._task(int(point)) for point in part]
 
     def stop(self) -> None:
-        """Hand out nothing more."""
+        """Hand out no more chunks."""
         with self._lock:
             self._next = len(self._open)

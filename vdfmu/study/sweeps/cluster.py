@@ -34,8 +34,8 @@ def run_there(
 ) -> Generator[list[Row]]:
     """Yield the rows of chunks as they are done.
 
-    The scheduler sends the chunks of a worker that is gone to another. If it is gone itself, this waits for another one
-    at its address, and sends out again what had not come back.
+    The scheduler sends the chunks of a worker that is gone to another. If it is gone itself, this waits for another
+    scheduler at its address, and sends out again the chunks that had not come back.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def run_there(
             f"scheduler: needs Dask, of which this is missing: {error}. Install it: pip install 'vdfmu[sweep]'."
         ) from None
     try:
-        get_address_host_port(address)  # a client of what is no address complains when Python ends
+        get_address_host_port(address)  # a client of a bad address complains when Python ends
         client = Client(address, timeout=10, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise UsageError(f"scheduler: no Dask scheduler answers at {address}: {error}.") from None
@@ -88,7 +88,7 @@ class _LostError(Exception):
 
 
 _LOST = (OSError, futures.CancelledError, asyncio.CancelledError)
-"""What a client raises whose connection ends, even while it connects anew by itself."""
+"""Errors of a client whose connection ends, even while it reconnects by itself."""
 
 
 def _rounds(
@@ -99,7 +99,7 @@ def _rounds(
     time_limit: float | None,
     advance: Callable[[int], None],
 ) -> Generator[list[Row]]:
-    """As `run_there`, with one scheduler; `waiting` has what is to be sent out, with the number of tries."""
+    """See `run_there`; uses one scheduler. `waiting` holds the chunks to send out, with the number of tries."""
     from distributed import KilledWorker
     from distributed.comm.core import CommClosedError
 

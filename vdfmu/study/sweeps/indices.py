@@ -26,12 +26,12 @@ class Indices:
     """``sobol`` or ``morris``."""
     axes: tuple[str, ...]
     values: dict[str, Floats]
-    """Of Sobol ``first`` and ``total``, (d,), the share of the measure's variance that an axis makes alone, and with
-    all its interactions, and ``second``, (d, d), that of pairs, NaN but above the diagonal. Of Morris ``mu_star``, the
-    mean absolute change of the measure over the whole range of an axis, ``mu``, that with its sign, and ``sigma``, its
-    deviation, (d,): of an axis without curvature and interaction 0."""
+    """Sobol: ``first`` and ``total``, (d,), the share of the measure's variance that an axis makes alone, and with
+    all its interactions, and ``second``, (d, d), the share of pairs, NaN except above the diagonal. Morris:
+    ``mu_star``, the mean absolute change of the measure over the range of an axis, ``mu``, the same with its sign, and
+    ``sigma``, its deviation, (d,): 0 for an axis without curvature and interaction."""
     widths: dict[str, Floats]
-    """Half-widths, of the same shapes; there is none of ``mu`` and ``sigma``."""
+    """Half-widths, of the same shapes; ``mu`` and ``sigma`` have none."""
 
     def rows(self) -> list[tuple[str, dict[str, str]]]:
         """Return a line for each axis, then for each pair: name, and by index its value ± half-width as text."""

@@ -1,4 +1,4 @@
-"""What a worker of a parameter study does: runs of systems that it has loaded, one a point."""
+"""The job of a worker of a parameter study: runs of systems that it has loaded, one a point."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from vdfmu.study.batch.engine import Engine
 
 Row = dict[str, Any]
-"""``point``, ``failed`` (why, or None), ``failed_at`` [s], ``wall_s``, measures and signals, by column; of some points
+"""``point``, ``failed`` (why, or None), ``failed_at`` [s], ``wall_s``, measures and signals, by column; for some points
 of the batch engine ``to_fmu[rad]`` and so on, the largest difference of a signal of that unit to the run of the FMUs.
 """
 _ALIVE = 8
@@ -32,14 +32,14 @@ _ALIVE = 8
 
 @dataclass(frozen=True)
 class AxisBinding:
-    """What the value of an axis sets in a system."""
+    """Variables that the value of an axis sets in a system."""
 
     names: tuple[str, ...]
     """Variables, ``component.variable``."""
     nominal: tuple[float, ...] = ()
     """Their values, where the axis has factors; else empty."""
     words: Mapping[Any, Any] | None = None
-    """Value of the axis to value of the variables, for what is no number."""
+    """Value of the axis to value of the variables, for values that are not numbers."""
 
     def values(self, value: Any) -> dict[str, Any]:
         """Values by ``component.variable``."""
@@ -52,7 +52,7 @@ class AxisBinding:
 
 @dataclass(frozen=True)
 class WiredSystem:
-    """A package, how it runs, what the axes are in it, and the program that runs it in lanes, if there is one."""
+    """A package, how it runs, the axes in it, and the program that runs it in lanes, if there is one."""
 
     content: bytes
     options: Mapping[str, Any]
@@ -62,10 +62,10 @@ class WiredSystem:
     bindings: Mapping[str, AxisBinding]
     program: BatchProgram | None = None
     follow: Callable[[Mapping[str, Any]], dict[str, Any]] | None = None
-    """Values by ``component.variable`` to the values of what follows from them; it stays with the plan."""
+    """Values by ``component.variable`` to the values that follow from them; it stays with the plan."""
 
     def parameters(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Values by ``component.variable`` of those of the axes, and of what follows from them."""
+        """Values by ``component.variable`` of the axes' variables, and of variables that follow from them."""
         return {
             name: one
             for target, value in values.items()
@@ -75,14 +75,14 @@ class WiredSystem:
 
 @dataclass(frozen=True)
 class Job:
-    """All that a worker needs to know; it is sent to each once."""
+    """All that a worker needs; it is sent to each once."""
 
     systems: tuple[WiredSystem, ...]
     measures: tuple[Measure, ...]
     record: tuple[str, ...]
     """Patterns of the signals that a run records."""
     keep: tuple[str, ...]
-    """Of those, the patterns of signals that are kept."""
+    """Patterns of recorded signals that are kept."""
     compared: tuple[int, ...] = ()
     """Points that the FMUs run too, where a program runs them in lanes."""
 
@@ -93,7 +93,7 @@ class Job:
 
 
 Task = tuple[int, int, dict[str, Any]]
-"""Number of a point, that of its system, and the values of its axes by target."""
+"""Number of a point, number of its system, and the values of its axes by target."""
 
 
 class Bench:
@@ -112,7 +112,7 @@ class Bench:
         self._engines: dict[int, Engine] = {}
 
     def run(self, tasks: Sequence[Task], apart: bool = False) -> list[Row]:
-        """Run points of one system; what fails is said in their rows. `apart`: each by the FMUs.
+        """Run points of one system; failures are in their rows. `apart`: each by the FMUs.
 
         Raises
         ------
@@ -127,7 +127,7 @@ class Bench:
         share = (perf_counter() - begin) / len(tasks)
         rows: list[Row] = []
         for task, results in zip(tasks, found, strict=True):
-            # of what has no result an FMU knows why
+            # where there is no result, an FMU knows why
             row = self._row(task, self._by_fmus if results is None else lambda _, found=results: found)
             row["wall_s"] += share
             if results is not None and task[0] in self._job.compared:
@@ -180,7 +180,7 @@ class Bench:
             if not path.exists():
                 path.write_bytes(system.content)
             with ExitStack() as stack:
-                # a worker is a process of its own: its components need none
+                # a worker has its own process: its components need none
                 simulator = stack.enter_context(
                     Simulator(
                         path, inputs=list(system.inputs), input_hold=system.input_hold, isolate=False,
@@ -198,7 +198,7 @@ class Bench:
 
 
 def _words(error: Exception) -> str:
-    """Return the words of an error of a point; StorageError if it is one of the disk."""
+    """Return the text of an error of a point; StorageError if it is the disk's."""
     if reason := disk_error(error):
         raise StorageError(str(reason)) from error
     return error_text(error)

@@ -1,6 +1,6 @@
-"""The folder of a parameter study: a Parquet file for each chunk of points, which is the result and says what is done.
+"""The folder of a parameter study: a Parquet file for each chunk of points, both result and record of progress.
 
-A part takes its place when it is whole. So a study that is killed goes on where it was, and no point is there twice.
+A part takes its place when it is whole. So a killed study continues where it was, and no point occurs twice.
 When all are done, the parts become one file, ``sweep.parquet``.
 """
 
@@ -31,20 +31,20 @@ from vdfmu.study.sweeps.worker import KILLED
 TABLE = "sweep.parquet"
 """All points, once they are done."""
 LEDGER = "sweep.json"
-"""What the study is."""
+"""Facts of the study."""
 _PARTS = "parts"
 _METADATA = b"vdfmu"
 _PART = re.compile(r"part_\d+_\d+\.parquet")
 
 
 class Ledger:
-    """What is done of a study, in a folder that only one process writes to.
+    """Finished points of a study, in a folder that only one process writes to.
 
     Parameters
     ----------
     folder : Path
     facts : mapping
-        What the study is.
+        Facts of the study.
     key : str
         Digest of it.
     points : Points
@@ -109,7 +109,7 @@ class Ledger:
             self._put(place, json.dumps(self._facts, indent=1).encode() + b"\n")
 
     def _difference(self, known: Mapping[str, Any]) -> str:
-        """Return in what the study that the folder holds differs, if its facts can be read."""
+        """Return how the study in the folder differs, if its facts can be read."""
         names = {"vdfmu": "release", "systems": "units, values or files"}
         others = [
             names.get(name, name)
@@ -141,13 +141,13 @@ class Ledger:
         return found
 
     def reopen(self) -> list[Row]:
-        """As `done`, of a study to which points can be added; return the rows that are kept."""
+        """See `done`; for a study to which points can be added. Return the rows that are kept."""
         for _ in self._kept(KILLED):
             pass
         return [row for file in self._files() for row in table_of(file).to_pylist()]
 
     def _files(self) -> list[Path]:
-        """Return the files, after removing parts that are in the table: they are of the moment after it was made."""
+        """Return the files, after removing parts that are in the table: left by a kill just after it was made."""
         files = files_of(self._folder)
         if len(files) > 1 and files[0].name == TABLE:
             known = set(table_of(files[0], ["point"])["point"].to_pylist())
@@ -158,7 +158,7 @@ class Ledger:
         return files
 
     def _kept(self, again: str, n: int | None = None) -> Iterator[Any]:
-        """Yield points, below `n`, and reasons of failure of each file, of what is left of it; see `done`."""
+        """Yield points, below `n`, and reasons of failure in the intact part of each file; see `done`."""
         for file in files_of(self._folder):
             try:
                 rows = table_of(file, ["point", "failed"])
@@ -197,7 +197,7 @@ class Ledger:
         return self._parts / f"part_{first:08d}_{last:08d}.parquet"
 
     def _write(self, table: Any, place: Path) -> None:
-        """Write a part; what the study is, which may list thousands of values, is in `LEDGER` once for all parts."""
+        """Write a part; the facts of the study, perhaps thousands of values, are in `LEDGER` once for all parts."""
         buffer = self._arrow.BufferOutputStream()
         self._parquet.write_table(
             table.replace_schema_metadata(), buffer, compression="zstd", write_page_checksum=True
@@ -258,7 +258,7 @@ class Ledger:
 
 
 class BrokenError(UsageError):
-    """A file of a study is not whole, or is none."""
+    """A file is not whole, or is not a study's."""
 
     def __init__(self, file: Path, why: object) -> None:
         super().__init__(f"{file}: is not whole: {why}")
@@ -266,7 +266,7 @@ class BrokenError(UsageError):
 
 
 def files_of(folder: Path) -> list[Path]:
-    """Return the files of a study that are there, the table first; UsageError if the disk does not say."""
+    """Return the files of a study that are there, the table first; UsageError if the disk does not answer."""
     try:
         parts = sorted(name for name in os.listdir(folder / _PARTS) if _PART.fullmatch(name))
     except FileNotFoundError:
@@ -295,11 +295,11 @@ def readable(path: Path) -> bytes:
 
 
 def table_of(path: Path, columns: Sequence[str] | None = None) -> Any:
-    """Return the table of a Parquet file, or some of its columns; `BrokenError` if it is none.
+    """Return the table of a Parquet file, or some of its columns; `BrokenError` if it is not one.
 
-    By its bytes: Arrow takes only names in UTF-8, and tells no error of the disk from one of the file. Without its
-    threads, which `parquet.read_table` always starts: where memory is short it waits for them for ever, and one that
-    starts as the process ends aborts it.
+    By its bytes: Arrow takes only names in UTF-8, and does not distinguish errors of the disk from errors of the file.
+    Without its threads, which `parquet.read_table` always starts: where memory is short it waits for them for ever, and
+    one that starts as the process ends aborts it.
     """
     pyarrow, parquet = needed()
     content = pyarrow.BufferReader(readable(path))
@@ -326,7 +326,7 @@ def _require_rows(file: Path, rows: Any, n: int | None) -> None:
 
 
 def _in_order(files: Sequence[Path]) -> bool:
-    """Whether the points of each file are known to come after those of the one before."""
+    """Whether the points of each file are known to come after the points of the one before."""
     if files[0].name == TABLE and len(files) > 1:
         return False
     ends = [int(number) for file in files for number in file.stem.split("_")[1:]]

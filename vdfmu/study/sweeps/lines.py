@@ -15,7 +15,7 @@ from vdfmu.study.sweeps.looks import COLOUR_MAP, HIGH, LOW, new_figure
 from vdfmu.study.sweeps.sides import View, groups
 
 _BARS = 20
-"""Axes at most, those of most influence."""
+"""Most axes; the most influential are shown."""
 
 
 @style.styled

@@ -12,7 +12,7 @@ from vdfmu.study.sweeps.job import Row
 from vdfmu.study.sweeps.worker import Worker
 
 _TICK = 0.2
-"""Interval [s] at which Ctrl-C is looked for."""
+"""Interval [s] at which Ctrl-C is checked."""
 
 
 def processors() -> int:
@@ -23,10 +23,10 @@ def processors() -> int:
 def run_here(
     job: bytes, chunks: Chunks, workers: int, time_limit: float | None, advance: Callable[[int], None]
 ) -> Generator[list[Row]]:
-    """Yield the rows of chunks as they are done, those of a broken off chunk too.
+    """Yield the rows of chunks as they are done, even of an interrupted chunk.
 
     A thread for each worker waits for its process; all files are written by the thread that calls this. `advance` is
-    called with the points that were done since the last time.
+    called with the number of points done since the last time.
     """
     done: queue.SimpleQueue[list[Row] | BaseException | int | None] = queue.SimpleQueue()
     team = [Worker(job, time_limit) for _ in range(workers)]

@@ -1,4 +1,4 @@
-"""What the figures of a parameter study share: captions, colours, scales, and how failed points look."""
+"""Parts common to the figures of a parameter study: captions, colours, scales, and how failed points look."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ LOW, HIGH, FAILED = style.COLORS[0], style.COLORS[4], style.COLORS[1]
 def new_figure(
     shown: View, title: str, words: str, height: float, width: float = style.WIDTH, **more: Any
 ) -> Figure:
-    """Return a figure, in whose caption is what the study and the measure are."""
+    """Return a figure whose caption names the study and the measure."""
     facts, failed = shown.study.facts, int(shown.failed.sum())
     name = shown.value.name.partition(",")[0].partition("[")[0]
     caption = (
@@ -65,7 +65,7 @@ def dress(axes: Axes, side: Side, which: str, label: bool = True) -> None:
 
 
 def legend_of(shown: View) -> list[Line2D]:
-    """Return what says how failed points look, if there are any."""
+    """Return the legend of failed points, if there are any."""
     look: dict[str, Any] = {"color": FAILED, "marker": "x", "linestyle": "none"}
     return [Line2D([], [], label="no value: the run failed", **look)] if shown.failed.any() else []
 

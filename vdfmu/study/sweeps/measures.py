@@ -1,6 +1,6 @@
-"""What a run of a parameter study is judged by: expressions of its signals, such as ``rms(trajectory.q_d - plant.q)``.
+"""Measures of a run of a parameter study: expressions of its signals, such as ``rms(trajectory.q_d - plant.q)``.
 
-They are read as Python is, but hold nothing but signals, numbers, the functions below, ``+ - * / **`` and comparisons.
+They are read as Python, but hold nothing but signals, numbers, the functions below, ``+ - * / **`` and comparisons.
 """
 
 from __future__ import annotations
@@ -71,9 +71,9 @@ POINTWISE: dict[str, Callable[[Array], Array]] = {
 }  # fmt: skip
 _FUNCTIONS = (*REDUCTIONS, *ELEMENTS, *POINTWISE)
 _MORE = {"at": (1, 1), "settling": (0, 1)}
-"""Numbers that a function has beside its signal, at least and at most; the others have none."""
+"""Least and most numbers that a function takes in addition to its signal; the others take none."""
 _TAKEN = ("point", "failed", "failed_at", "wall_s", "time", *OPTIONS)
-"""Columns of a study that are no measures."""
+"""Columns of a study that are not measures."""
 _OTHER_UNIT = {"settling", "integral", "sqrt", "exp", "log", "sin", "cos", "degrees"}
 """Functions whose value has another unit than their arguments."""
 _OPERATORS: dict[type, Callable[..., Any]] = {
@@ -88,11 +88,11 @@ class Measure:
     """A named expression, or a function of the results."""
 
     name: str
-    """Of its column; one with several elements has ``name[1]``, ``name[2]`` and so on."""
+    """Name of its column; several elements have ``name[1]``, ``name[2]`` and so on."""
     text: str
-    """The expression; of a function its name."""
+    """The expression, or the name of the function."""
     signals: tuple[str, ...]
-    """Those that it needs, ``plant.q[1]``, or all elements, ``plant.q``; a function needs all that there are, ``*``."""
+    """Signals that it needs, ``plant.q[1]``, or all elements, ``plant.q``; a function needs all signals, ``*``."""
     function: Callable[[Results], Any] | None = None
     """Called with the `Results`; returns a number, or several."""
 
@@ -102,7 +102,7 @@ class Measure:
         Raises
         ------
         UsageError
-            If the results lack a signal, or the value is no number.
+            If the results lack a signal, or the value is not a number.
         """
         try:
             if self.function is not None:
@@ -114,7 +114,7 @@ class Measure:
                     )
             if array.ndim > 1 or not array.size:
                 raise ValueError(f"expected a number, or some, got the shape {array.shape}")
-        except Exception as error:  # of a function of the user's any
+        except Exception as error:  # the user's function may raise any
             plain = isinstance(error, VdfmuError) or self.function is None and isinstance(error, ValueError)
             kind = "" if plain else f"{type(error).__name__}: "
             words = f"{kind}{error_text(error)}".removesuffix(".")
@@ -125,7 +125,7 @@ class Measure:
 
 
 def function_digest(function: Callable[..., Any]) -> str:
-    """Digest of what a function does: its code, and what it has kept, as far as that can be pickled."""
+    """Digest of a function: its code, and values that it has kept, if they can be pickled."""
     code = getattr(function, "__code__", None)
     kept = [cell.cell_contents for cell in getattr(function, "__closure__", None) or ()]
     parts = [] if code is None else _code(code)
@@ -136,7 +136,7 @@ def function_digest(function: Callable[..., Any]) -> str:
 
 
 def _code(code: CodeType) -> list[bytes]:
-    """Return instructions, names and constants, those of functions inside too, without places in files."""
+    """Return instructions, names and constants, also of functions inside, without places in files."""
     parts = [code.co_code, repr(code.co_names).encode()]
     for value in code.co_consts:
         parts += _code(value) if isinstance(value, CodeType) else [repr(value).encode()]
@@ -194,12 +194,12 @@ def measured(measures: Sequence[Measure], results: Results) -> dict[str, float]:
 
 
 def unit_of(measure: Measure, units: Mapping[str, str]) -> str:
-    """Return the unit of a measure's value; nothing where that is not plain, as of products.
+    """Return the unit of a measure's value; nothing where that is not plain, as for products.
 
     Parameters
     ----------
     units : mapping of str to str
-        Of the signals, with and without indices.
+        Units of the signals, with and without indices.
     """
     if measure.function is not None:
         return ""
@@ -229,7 +229,7 @@ def _unit(node: ast.expr, units: Mapping[str, str]) -> str:
 
 
 def _signal(node: ast.expr) -> str | None:
-    """Name of a signal, ``plant.q`` or ``plant.q[1]``; None if it is none."""
+    """Name of a signal, ``plant.q`` or ``plant.q[1]``; None if it is not a signal."""
     if isinstance(node, ast.Subscript):
         name = _signal(node.value)
         indices = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
@@ -243,7 +243,7 @@ def _signal(node: ast.expr) -> str | None:
 
 
 def _signals(node: ast.expr) -> list[str]:
-    """Signals of an expression; ValueError for what is none."""
+    """Signals of an expression; ValueError for anything else."""
     if (name := _signal(node)) is not None:
         return [name]
     if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):

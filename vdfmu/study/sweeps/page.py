@@ -25,7 +25,7 @@ _SHOWN = 20
 
 
 def write_page(study: StudyTable, path: Path | None = None) -> Path:
-    """Write what a study is, the range of each measure, its worst point, failed points, and all figures that fit.
+    """Write facts of a study, the range of each measure, its worst point, failed points, and all figures that fit.
 
     Parameters
     ----------
@@ -75,14 +75,14 @@ def write_page(study: StudyTable, path: Path | None = None) -> Path:
             _table(("point", "why"), rows),
             f"<p>and {more} more</p>" if more else "",
         ]
-    with suppress(OSError):  # of which the writing then says more
+    with suppress(OSError):  # writing then reports more
         path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, [page(str(facts["scenario"]), "Parameter study", "\n".join(parts), 60, look())])
     return path
 
 
 def _compared(study: StudyTable) -> Iterable[str]:
-    """Return how far points of the batch engine are from the runs of the FMUs, as far as they were compared."""
+    """Return the differences of points of the batch engine from the runs of the FMUs, where they were compared."""
     columns = [column for column in study.columns if column.startswith("to_fmu[")]
     if not columns:
         return
@@ -95,7 +95,7 @@ def _compared(study: StudyTable) -> Iterable[str]:
 
 
 def _of_measure(study: StudyTable, name: str) -> Iterable[str]:
-    """Return worst point, indices and figures of a measure, as far as there are any."""
+    """Return worst point, indices and figures of a measure, if there are any."""
     try:
         worst = study.row("worst", name)
         words = ", ".join(f"{axis} = {worst[axis]}" for axis in study.axes)

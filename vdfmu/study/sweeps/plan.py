@@ -1,4 +1,4 @@
-"""From a scenario or a package and what varies to the systems and points of a parameter study."""
+"""From a scenario or a package and its axes to the systems and points of a parameter study."""
 
 from __future__ import annotations
 
@@ -10,16 +10,19 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
 from vdfmu.base.errors import UnitError, UsageError
+from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import counted
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.base.version import __version__
+from vdfmu.engine.options import CouplingOptions
 from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.study.batch.program import LANES, BatchProgram
+from vdfmu.study.options import PlanOptions, ScenarioOptions
 from vdfmu.study.sweeps.axes import Axis, is_option, read_axes
 from vdfmu.study.sweeps.checks import check_overlap, default_measures, recorded, signals_of, try_measures
 from vdfmu.study.sweeps.job import AxisBinding, Job, Task, WiredSystem
@@ -27,7 +30,7 @@ from vdfmu.study.sweeps.measures import Measure, function_digest, read_measures,
 from vdfmu.study.sweeps.points import Points, draw
 
 ENGINES = ("fmu", "batch")
-"""What runs points: the FMUs of a system, or a program of it."""
+"""Engines that run points: the FMUs of a system, or a program of it."""
 _FEW = 2 * LANES
 """Points of a system from which a program is compiled without being asked for."""
 _MOST_SYSTEMS = 200
@@ -42,56 +45,48 @@ class Plan:
     """(n,): Number of each point's system."""
     job: Job
     facts: dict[str, Any]
-    """What it is, for the ledger; the same for the same study."""
+    """Facts of it, for the ledger; the same for the same study."""
     follow: Sequence[Callable[[Mapping[str, Any]], dict[str, Any]] | None]
-    """Of each system, see `WiredSystem.follow`."""
+    """For each system, see `WiredSystem.follow`."""
 
     def __len__(self) -> int:
         return len(self.chosen)
 
     def task(self, point: int) -> Task:
-        """Return what a worker needs to know of a point."""
+        """Return a worker's task for a point."""
         own = {t: column[point].item() for t, column in self.points.items() if not is_option(t)}
         number = int(self.chosen[point])
         return point, number, own | self.followed(number, own)
 
     def followed(self, number: int, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return what follows from the values of the axes in a system, by ``component.variable``."""
+        """Return the values that follow from the axes' values in a system, by ``component.variable``."""
         follow = self.follow[number]
         return {} if follow is None else follow(self.job.systems[number].parameters(values))
 
     @property
     def key(self) -> str:
-        """A digest of `facts`, but for where files are and how a search goes: that of the same runs is the same."""
+        """A digest of `facts`, except for places of files and the course of a search: the same runs have the same."""
         apart = ("source", "options", "engine", "search")
         facts = {name: fact for name, fact in self.facts.items() if name not in apart}
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
 
 
+@with_options
 def make_plan(
-    scenario: Any,
-    over: Mapping[str, Any] | Sequence[str] = (),
-    *,
-    sample: str = "grid",
-    n: int | None = None,
-    seed: int = 0,
-    measure: Mapping[str, Any] | Sequence[str] | None = None,
-    keep: Sequence[str] = (),
-    settings: Mapping[str, Any] | None = None,
-    options: Mapping[str, Any] | None = None,
-    backend: str | None = None,
-    engine: str | None = None,
+    scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **options: Unpack[PlanOptions]
 ) -> Plan:
-    """Plan a study; arguments as of `vdfmu.sweep`, `options` those of `vdfmu.study.run.scenario_run.prepare`.
+    """Plan a study; for arguments see `vdfmu.sweep`.
 
     Raises
     ------
     UsageError, ModelError, SspError
-        For all that is wrong with it: nothing has run then.
+        For all its faults: nothing has run then.
     """
+    engine, measure, keep = options["engine"], options["measure"], options["keep"]
+    sample, settings = os.fspath(options["sample"]), options["settings"] or {}
     if engine not in (None, *ENGINES):
         raise UsageError(f"engine: expected {' or '.join(ENGINES)}, got {engine!r}.")
-    axes, points = draw(read_axes(over), str(sample), n, seed)
+    axes, points = draw(read_axes(over), sample, options["n"], options["seed"])
     switches = [axis for axis in axes if is_option(axis.target)]
     for axis in switches:
         if axis.factor:
@@ -107,22 +102,13 @@ def make_plan(
     is_package = isinstance(scenario, (str, os.PathLike)) and Path(scenario).suffix.lower() == ".ssp"
     wire = _of_package if is_package else of_scenario
     if engine is None:
-        engine = "fmu" if count < _FEW * len(combinations) or backend == "python" else ""
+        engine = "fmu" if count < _FEW * len(combinations) or options["backend"] == "python" else ""
+    given = pick(ScenarioOptions, options)
     systems: list[WiredSystem] = []
     measures: list[Measure] = [] if measure is None else read_measures(measure)
     for combination in counted("systems", combinations, len(combinations)):
         switched = dict(zip((axis.target for axis in switches), combination, strict=True))
-        systems.append(
-            wire(
-                scenario,
-                [a for a in axes if a not in switches],
-                switched,
-                settings or {},
-                options or {},
-                backend,
-                engine,
-            )
-        )
+        systems.append(wire(scenario, [a for a in axes if a not in switches], switched, given, engine))
     record: list[str] = []
     units: dict[str, str] = {}
     for system in systems:
@@ -138,11 +124,14 @@ def make_plan(
         "scenario": name_of(scenario),
         "source": _plain(scenario),
         "axes": [str(axis) for axis in axes],
-        "sample": str(sample),
+        "sample": sample,
         "n": count,
-        "seed": seed,
-        "settings": {name: _plain(value) for name, value in (settings or {}).items()},
-        "options": {name: _plain(value) for name, value in (options or {}).items()},
+        "seed": options["seed"],
+        "settings": {name: _plain(value) for name, value in settings.items()},
+        "options": {
+            name: _plain(value) for name, value in given.items()
+            if value is not None and name not in ("settings", "backend")
+        },
         "measures": {m.name: m.text for m in measures},
         "units": {axis.target: _unit_of_axis(axis, systems[0], units) for axis in axes}
         | {m.name: unit_of(m, units) for m in measures},
@@ -163,13 +152,13 @@ def make_plan(
     plan = Plan(
         points, chosen, Job(sent, tuple(measures), tuple(record), tuple(keep), compared), facts, follow
     )
-    if any(one is not None for one in follow):  # what follows is decided by code that no package has
+    if any(one is not None for one in follow):  # code that is not in a package decides what follows
         facts["followed"] = digest(*(repr(plan.task(point)[2]).encode() for point in compared))
     return plan
 
 
 def _plain(value: Any) -> Any:
-    """Return an option as JSON has it, where it is a number, several, a path or a name."""
+    """Return an option as JSON, if it is a number, several, a path or a name."""
     if isinstance(value, Mapping):
         return {str(name): _plain(one) for name, one in value.items()}
     if isinstance(value, (np.ndarray, np.generic)):
@@ -182,12 +171,12 @@ def _plain(value: Any) -> Any:
 
 
 def name_of(scenario: Any) -> str:
-    """Return the name of a scenario, or that of a file without its ending."""
+    """Return the name of a scenario, or of a file without its suffix."""
     return Path(scenario).stem if isinstance(scenario, (str, os.PathLike)) else str(scenario.name)
 
 
 def digest(*parts: bytes) -> str:
-    """Return what tells contents apart."""
+    """Return a key that tells contents apart."""
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
 
 
@@ -203,12 +192,10 @@ def _of_package(
     package: Any,
     axes: Sequence[Axis],
     switched: Mapping[str, Any],
-    settings: Mapping[str, Any],
-    options: Mapping[str, Any],
-    backend: str | None,
+    options: ScenarioOptions,
     engine: str,
 ) -> WiredSystem:
-    """Take a package as it is; what the axes name is checked by the master."""
+    """Take a package as it is; the master checks the names of the axes."""
     if engine == "batch":
         raise UsageError(
             f"engine: batch needs a scenario, whose equations are known; {package} is a package."
@@ -216,21 +203,21 @@ def _of_package(
     wrong = [target for target in switched if target not in ("master", "step", "stop")]
     wrong += [name for name in ("robot", "units") if options.get(name) is not None]
     wrong += [axis.target for axis in axes if axis.factor]
-    if backend is not None:
-        wrong.append("backend")
+    wrong += ["backend"] if options.get("backend") is not None else []
     if wrong:
         raise UsageError(
             f"{', '.join(wrong)}: for a scenario; {package} is a package, whose units are what they are."
         )
-    given = {**options, **switched}
-    tables = read_inputs(options.get("inputs"), bool(options.get("input_hold")))
-    chosen = {"algorithm": given.get("master"), "adaptive": given.get("adaptive")}
+    given: dict[str, Any] = {**options, **switched}
+    hold = bool(given.get("input_hold"))
+    chosen = {**pick(CouplingOptions, given), "algorithm": given.get("master")}
+    chosen = {name: value for name, value in chosen.items() if value is not None}
     return WiredSystem(
         Path(package).read_bytes(),
-        {**{k: v for k, v in chosen.items() if v is not None}, "parameters": dict(settings)},
+        {**chosen, "parameters": dict(given.get("settings") or {})},
         {name: given[name] for name in ("step", "stop") if given.get(name) is not None},
-        tables,
-        bool(options.get("input_hold")),
+        read_inputs(given.get("inputs"), hold),
+        hold,
         {axis.target: AxisBinding((axis.target,)) for axis in axes},
     )
 
@@ -239,12 +226,10 @@ def of_scenario(
     scenario: Any,
     axes: Sequence[Axis],
     switched: Mapping[str, Any],
-    settings: Mapping[str, Any],
-    options: Mapping[str, Any],
-    backend: str | None,
+    options: ScenarioOptions,
     engine: str = "fmu",
 ) -> WiredSystem:
-    """Build and pack a scenario with what a combination of options says."""
+    """Build and pack a scenario with a combination of options."""
     from vdfmu.study.run.scenario_run import prepare
     from vdfmu.system.package.write import write_ssp
     from vdfmu.system.scenario.parts import cached_fmus
@@ -256,19 +241,19 @@ def of_scenario(
     }
     plain = {name: value for name, value in switched.items() if not name.startswith("unit:")}
     given: dict[str, Any] = {**options, **plain, "units": units or None}
-    loaded = prepare(scenario, **given, settings=[*settings, *(axis.target for axis in axes)])
+    settings = options.get("settings") or {}
+    loaded = prepare(scenario, [axis.target for axis in axes], **given)
     values = system_values(loaded, settings)
     bindings = {axis.target: _binding(loaded, axis, values) for axis in axes}
     bound = [name for one in bindings.values() for name in one.names]
     following, follow = _following(loaded, settings, bound)
     with temporary_folder("vdfmu_sweep_") as folder:
-        package = write_ssp(
-            loaded, cached_fmus(loaded, folder, backend), Path(folder, "system.ssp"), values, mixed=True
-        )
+        fmus = cached_fmus(loaded, folder, options.get("backend"))
+        package = write_ssp(loaded, fmus, Path(folder, "system.ssp"), values, mixed=True)
         content = package.read_bytes()
     return WiredSystem(
         content,
-        {"algorithm": loaded.master, "adaptive": loaded.adaptive},
+        loaded.coupling,
         {"start": 0.0, "stop": loaded.stop, "step": loaded.step},
         read_inputs(loaded.inputs, loaded.input_hold),
         loaded.input_hold,
@@ -281,12 +266,11 @@ def of_scenario(
 def _following(
     scenario: Any, settings: Mapping[str, Any], bound: Iterable[str]
 ) -> tuple[list[str], Callable[[Mapping[str, Any]], dict[str, Any]] | None]:
-    """Return the variables that follow from those of axes, and their values for values of these."""
+    """Return the variables that follow from the axes' variables, and their values for values of these."""
     from vdfmu.compiler.unit.interface import Interface
-    from vdfmu.system.scenario.parts import tables_of
     from vdfmu.system.scenario.values import followed, given_values
 
-    given, tables = given_values(scenario, settings), tables_of(scenario.system, scenario.robot)
+    given, tables = given_values(scenario, settings), scenario.resolved.tables
     reached: set[str] = set()
     for name in bound:
         component, _, variable = name.partition(".")
@@ -301,7 +285,7 @@ def _following(
             own = {n.partition(".")[2]: v for n, v in changed.items() if n.partition(".")[0] == component}
             try:
                 values = followed(tables[component], given[component] | own)
-            except UnitError:  # of one point, which the FMU then refuses
+            except UnitError:  # at one point, which the FMU then refuses
                 values = dict.fromkeys(
                     followed(tables[component], given[component]).keys() - own.keys(), math.nan
                 )
@@ -315,7 +299,7 @@ def _following(
 def _program(
     scenario: Any, values: Mapping[str, Any], names: Sequence[str], *, needed: bool
 ) -> BatchProgram | None:
-    """Return what runs points of a scenario side by side, if there can be one; UsageError if it is `needed`."""
+    """Return the program that runs points of a scenario side by side, if possible; UsageError if it is `needed`."""
     from vdfmu.study.batch.make import make_program
     from vdfmu.system.package.description import SystemDescription
 
@@ -329,7 +313,7 @@ def _program(
 
 
 def _binding(scenario: Any, axis: Axis, values: Mapping[str, Mapping[str, Any]]) -> AxisBinding:
-    """Return what an axis sets; UsageError for what is unknown, or cannot have its values."""
+    """Return the variables that an axis sets; UsageError if they are unknown or cannot have its values."""
     from vdfmu.system.scenario.values import override, present_values
 
     def names(value: Any) -> dict[str, Any]:

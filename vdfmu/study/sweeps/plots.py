@@ -1,4 +1,4 @@
-"""The figures of a parameter study, in the style of those of a run."""
+"""The figures of a parameter study, in the style of a run's figures."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from vdfmu.study.sweeps.sides import View, view
 from vdfmu.study.sweeps.table import StudyTable
 
 _SCATTERED, _PARALLEL = 5, 9
-"""Axes at most, those of most influence, in a matrix and side by side."""
+"""Most axes in a matrix and side by side; the most influential are shown."""
 _LINES = 1000
-"""Points that are drawn at most as lines, and that a fit goes through."""
+"""Most points that are drawn as lines, and that a fit goes through."""
 _GRID = 61
 
 
@@ -38,9 +38,9 @@ def plot(
     kind : {"scatter", "surface", "parallel", "tornado", "indices"}, optional
         Default all that fit the study.
     measure : str, optional
-        A measure, of whose elements the largest counts at each point, or one of its columns; default the first.
+        A measure, whose largest element counts at each point, or one of its columns; default the first.
     out : path, optional
-        Folder; default that of the study.
+        Folder; default the study's.
 
     Returns
     -------
@@ -88,7 +88,7 @@ def _scatter(shown: View) -> Figure:
             size = float(np.clip(3e3 / len(x), 2.0, 18.0))
             axes.scatter(x[~failed], y[~failed], size, colours.to_rgba(shown.value.values[~failed]))
             axes.margins(x=0.25 if column.words else 0.06, y=0.25 if row.words else 0.06)
-            if row is shown.value:  # failed points have no height: they stand at the bottom
+            if row is shown.value:  # failed points have no height: they are at the bottom
                 at_bottom(axes, x[failed])
             else:
                 axes.plot(x[failed], y[failed], "x", color=FAILED, ms=4)
@@ -102,7 +102,7 @@ def _scatter(shown: View) -> Figure:
 
 @style.styled
 def _surface(shown: View) -> Figure:
-    """Draw the measure over its axis, or as contours over the two of most influence."""
+    """Draw the measure over its axis, or as contours over the two most influential axes."""
     from scipy.spatial import Delaunay
 
     good = ~shown.failed
@@ -175,9 +175,9 @@ def _curve(shown: View) -> Figure:
 
 
 def _fit(points: NDArray[Any], y: NDArray[Any]) -> tuple[Callable[[NDArray[Any]], NDArray[Any]], float]:
-    """Return a smooth function through points, (n, d), and the share of variance that it explains where it is blind.
+    """Return a smooth function through points, (n, d), and the share of variance that it explains at unseen points.
 
-    Points that coincide count as one, with their mean; of very many some are taken.
+    Points that coincide count as one, with their mean; of very many, only some are used.
     """
     from scipy.interpolate import RBFInterpolator
 
@@ -275,4 +275,4 @@ KINDS: dict[str, tuple[Callable[[View], Figure], Callable[[View], str]]] = {
     "tornado": (draw_tornado, lambda shown: "" if len(shown.sides) > 1 else "two axes that vary"),
     "indices": (draw_indices, _no_indices),
 }
-"""Kind of figure to what draws it, and what it lacks to be drawn; nothing if it fits."""
+"""Kind of figure to the function that draws it, and the reason why it does not fit; empty if it fits."""

@@ -1,4 +1,4 @@
-"""The points of a parameter study: which values the axes have together."""
+"""The points of a parameter study: combinations of the axes' values."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from vdfmu.study.sweeps.axes import MOST_POINTS, Axis, read_axes
 SAMPLES = ("grid", "lhs", "sobol", "random", "saltelli", "morris")
 """Ways to draw points; the last two for indices of sensitivity."""
 LEVELS = 4
-"""Of Morris' trajectories on each axis."""
+"""Levels of Morris' trajectories on each axis."""
 
 Points = dict[str, NDArray[Any]]
 """Target of an axis to its values, (n,) each: row k is point k."""
@@ -34,13 +34,13 @@ def draw(axes: Sequence[Axis], sample: str, n: int | None = None, seed: int = 0)
         (scrambled) or ``random``, `n` points; ``saltelli``, n (2 d + 2) points, or ``morris``, n (d + 1) points, for
         d axes; or the path of a CSV file: a line of targets, then a line a point.
     n : int, optional
-        Needed unless it is a grid or a file.
+        Needed except for a grid or a file.
     seed : int
 
     Returns
     -------
     axes
-        Those of the file where there is one.
+        The file's axes, if there is a file.
     points
 
     Raises
@@ -89,7 +89,7 @@ def _grid(axes: Sequence[Axis], n: int | None) -> Points:
 
 
 def shares(d: int, sample: str, n: int, seed: int) -> Floats:
-    """Return points in the unit cube, one a row: of each axis the shares of its distribution, see `Axis.at`."""
+    """Return points in the unit cube, one a row: for each axis the shares of its distribution, see `Axis.at`."""
     from scipy.stats import qmc
 
     drawn: Any = {"seed": seed}  # rng from SciPy 1.15 on, which takes both

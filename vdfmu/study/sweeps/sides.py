@@ -1,4 +1,4 @@
-"""What the figures of a parameter study show: the numbers of its axes and of a measure, and their names."""
+"""Data in the figures of a parameter study: the numbers of its axes and of a measure, and their names."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from vdfmu.study.sweeps.axes import read_axes
 from vdfmu.study.sweeps.table import StudyTable
 
 _DECADES = 1.5
-"""Those over which a measure must go to be drawn on a logarithmic scale."""
+"""Decades that a measure must span to be drawn on a logarithmic scale."""
 _FIFTHS = 5
 
 
@@ -26,11 +26,11 @@ class Side:
     name: str
     unit: str
     values: Floats
-    """(n,): Of words, their places in `words`."""
+    """(n,): Numbers; for words, their places in `words`."""
     log: bool = False
     """Whether its scale is logarithmic."""
     words: tuple[str, ...] = ()
-    """Where its values are no numbers."""
+    """Its values, if they are not numbers."""
 
     @property
     def label(self) -> str:
@@ -45,7 +45,7 @@ class Side:
         return (x - low) / (high - low) if high > low else np.where(np.isnan(x), x, 0.5)
 
     def on_scale(self, values: Floats) -> Floats:
-        """Return values, of a logarithmic side their logarithms."""
+        """Return values, or their logarithms for a logarithmic side."""
         return np.log(values) if self.log else values
 
     def at(self, scaled: Floats) -> Floats:
@@ -55,17 +55,17 @@ class Side:
         return np.exp(found) if self.log else found
 
     def text(self, value: float) -> str:
-        """Return a value as it is written beside an axis."""
+        """Return a value as it is written next to an axis."""
         return self.words[round(value)] if self.words else f"{float(f'{value:.3g}'):g}"
 
 
 @dataclass(frozen=True)
 class View:
-    """A measure over the axes that vary, those of most influence first."""
+    """A measure over the axes that vary, the most influential first."""
 
     study: StudyTable
     measure: str | None
-    """As it was asked for."""
+    """Name as requested."""
     sides: list[Side]
     value: Side
     """The measure."""
@@ -76,7 +76,7 @@ class View:
 
 
 def view(study: StudyTable, measure: str | None = None) -> View:
-    """Read what figures show of a measure, or of one of its columns.
+    """Read the data in figures of a measure, or of one of its columns.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def view(study: StudyTable, measure: str | None = None) -> View:
 
 
 def groups(side: Side, value: Side) -> list[tuple[float, float]]:
-    """Return means of a side and of the measure, at each value of a side that has few, else in fifths of its points."""
+    """Return means of a side and of the measure, at each value of a side with few, else in fifths of its points."""
     good = np.isfinite(value.values)
     x, y = side.values[good], value.values[good]
     distinct = np.unique(x)

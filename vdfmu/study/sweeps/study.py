@@ -1,4 +1,4 @@
-"""A parameter study: its table, and the figures, indices and page that are made of it."""
+"""A parameter study: its table, and the figures, indices and page made from it."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from vdfmu.study.sweeps.table import StudyTable
 
 
 class Sweep(StudyTable):
-    """What a parameter study found; columns are read from disk when they are asked for.
+    """The results of a parameter study; columns are read from disk when they are needed.
 
     Parameters
     ----------
     path : path
-        ``sweep.parquet``, or its folder. A study that is not complete has what is done of it.
+        ``sweep.parquet``, or its folder. An incomplete study has its finished points.
     notes : sequence of str
-        What came up.
+        Remarks on the study.
 
     Raises
     ------

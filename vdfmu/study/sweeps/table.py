@@ -15,7 +15,8 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.text import close_to, elided
 from vdfmu.engine.results.parquet import needed
-from vdfmu.study.report.summary import ANY, TEXT, WHOLE, Keyed, List, typed
+from vdfmu.study.report.summary import typed
+from vdfmu.study.report.summary_keys import ANY, TEXT, WHOLE, Keyed, List
 from vdfmu.study.sweeps.axes import is_option
 from vdfmu.study.sweeps.ledger import LEDGER, TABLE, files_of, readable, table_of
 
@@ -24,11 +25,11 @@ _FACTS: Mapping[str, Any] = {
     "axes": List(TEXT), "measures": Keyed(TEXT), "units": Keyed(TEXT), "settings": Keyed(ANY), "options": Keyed(ANY),
     "systems": List({"package": TEXT}),
 }  # fmt: skip
-"""What the study is, as far as it is read, and the types."""
+"""Facts of the study that are read, and their types."""
 
 
 class StudyTable:
-    """What a parameter study found, without what draws it; see :class:`vdfmu.Sweep`."""
+    """The results of a parameter study, without drawing; see :class:`vdfmu.Sweep`."""
 
     def __init__(self, path: str | os.PathLike[str], notes: Sequence[str] = ()) -> None:
         self.path = Path(path)
@@ -120,12 +121,12 @@ class StudyTable:
         return columns
 
     def values(self, by: str | None = None) -> Floats:
-        """Return a column, or of a measure the largest of its elements, at each point, (n,); NaN where it failed."""
+        """Return a column, or the largest element of a measure, at each point, (n,); NaN where it failed."""
         table = self.table(self.elements(by))
         return np.max([column.to_numpy().astype(float) for column in table.columns], axis=0)
 
     def ranges(self) -> list[list[str]]:
-        """Return of each column of a measure: name, smallest, median, largest, and the point of that."""
+        """Return for each column of a measure: name, smallest, median, largest, and the point of the largest."""
         points, rows = self["point"], list[list[str]]()
         for column in self.measures:
             values = self[column]
@@ -143,7 +144,7 @@ class StudyTable:
         ----------
         which : int, "worst" or "best"
         by : str, optional
-            A column, or a measure, of whose elements the largest counts; default the first.
+            A column, or a measure, whose largest element counts; default the first.
         """
         if which in ("worst", "best"):
             values = self.values(by)
@@ -161,14 +162,14 @@ class StudyTable:
         return self.table().slice(place, 1).to_pylist()[0]
 
     def options(self, which: int | str = "worst", by: str | None = None) -> dict[str, Any]:
-        """Return what `vdfmu.run` takes for the run of a point: ``vdfmu.run(**sweep.options("worst"))``.
+        """Return the options of `vdfmu.run` for the run of a point: ``vdfmu.run(**sweep.options("worst"))``.
 
-        Where the scenario, or what it names, is no longer that of the study, `notes` says so.
+        If the scenario, or a file that it names, has changed since the study, `notes` says so.
 
         Raises
         ------
         UsageError
-            See `row`; and for a study of a package, or of inputs that were no file.
+            See `row`; and for a study of a package, or of inputs that were not a file.
         """
         from vdfmu.study.sweeps.axes import read_axes
         from vdfmu.study.sweeps.plan import digest, of_scenario
@@ -183,7 +184,8 @@ class StudyTable:
             )
         own = [axis for axis in read_axes(self.facts["axes"]) if not is_option(axis.target)]
         switched = {axis: row[axis] for axis in self.axes if is_option(axis)}
-        system = of_scenario(options["scenario"], own, switched, settings, self.facts["options"], None)
+        given: Any = {**self.facts["options"], "settings": settings}
+        system = of_scenario(options["scenario"], own, switched, given)
         was = self.facts["systems"]
         if digest(system.content) not in [known["package"] for known in was]:
             self.notes.append(

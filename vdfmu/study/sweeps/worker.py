@@ -1,15 +1,8 @@
-"""A worker of a parameter study: a process that runs points, and is replaced when one of them kills it or hangs.
-
-It gets pickled messages, and answers in JSON: code of the FMUs might have written the answer.
-"""
+"""A worker of a parameter study: a process that runs points, and is replaced when one of them kills it or hangs."""
 
 from __future__ import annotations
 
-import json
-import pickle
-import queue
 import signal
-import subprocess
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, suppress
@@ -19,23 +12,20 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.base.child import SIZE, Child
 from vdfmu.base.errors import VdfmuError
-from vdfmu.base.process import Listener, end_group, started
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.base.text import elided, shown
-from vdfmu.study.sweeps.child import SIZE
 from vdfmu.study.sweeps.job import Row, Task
 
 TIME_LIMIT = 600.0
 """Time [s] that a point has."""
 _START = 120.0
 """Time [s] that the process has to start."""
-_LARGEST = 2**30
-"""Largest answer that is read [byte]: rows of some points."""
 _TRIES = 3
 """Processes that may be killed from outside at one point."""
 KILLED = "the process was killed (SIGKILL)"
-"""Begin of the reason of a point that ran out of memory or was ended by somebody: no fault of the model."""
+"""Begin of the reason of a point that ran out of memory or was ended by somebody: not a fault of the model."""
 _WRITTEN = "a component wrote into the pipe of the worker"
 _HEAD = {
     "point": int,
@@ -60,8 +50,7 @@ class Worker:
     def __init__(self, job: bytes, time_limit: float | None = None) -> None:
         self._job = job
         self._limit = TIME_LIMIT if time_limit is None else time_limit
-        self._process: subprocess.Popen[bytes] | None = None
-        self._replies: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._child: Child | None = None
         self._stopped = threading.Event()
         self._together: list[int] = []
         self._folders = ExitStack()
@@ -69,8 +58,8 @@ class Worker:
     def run(self, tasks: Sequence[Task]) -> Iterator[Row]:
         """Yield a row for each point, in order; nothing more after `stop`.
 
-        Those that a program runs side by side are sent together; if that ends the process, or takes longer than a point
-        may, they are run one by one, by their FMUs.
+        Points that a program runs side by side are sent together; if that ends the process, or takes longer than a
+        point may, they are run one by one, by their FMUs.
 
         Raises
         ------
@@ -78,10 +67,10 @@ class Worker:
             If no process can be started.
         """
         left = list(tasks)
-        apart = 0  # of the next points
+        apart = 0  # number of the next points
         killed = failures = 0
         while left and not self._stopped.is_set():
-            if self._process is None:
+            if self._child is None:
                 self._begin()
                 if self._stopped.is_set():
                     return
@@ -89,10 +78,11 @@ class Worker:
             most = 1 if apart else self._together[number]
             group = list(takewhile(lambda task, number=number: task[1] == number, left[:most]))
             begin = perf_counter()
-            self._send(pickle.dumps((group, apart > 0)))
-            rows = self._reply(self._limit)
+            assert self._child is not None
+            self._child.send((group, apart > 0))
+            rows = self._reply(self._child)
             if isinstance(rows, dict):
-                self._end()
+                self._end(self._child)
                 failures += 1
                 if failures < _TRIES:
                     continue
@@ -101,10 +91,10 @@ class Worker:
                     f"point {left[0][0]}: the disk fails: {why}. What was done is kept: free space, or choose another "
                     "folder with TMPDIR, and give the same command again."
                 )
-            if isinstance(rows, list):
+            if not isinstance(rows, str):
                 rows = _rows(rows, [point for point, *_ in group])
                 if rows == _WRITTEN:
-                    self._end()
+                    self._end(self._child)
             if not isinstance(rows, list):
                 if self._stopped.is_set():
                     return
@@ -132,36 +122,21 @@ class Worker:
     def stop(self) -> None:
         """End the process at once, from any thread."""
         self._stopped.set()
-        process = self._process
-        if process is not None:
-            end_group(process)
+        if (child := self._child) is not None:
+            child.kill()
 
     def close(self) -> None:
         """Let the process end, and remove what it left in its temporary folder."""
         with self._folders:
-            self._close()
-
-    def _close(self) -> None:
-        process, self._process = self._process, None
-        if process is not None:
-            with suppress(OSError):
-                assert process.stdin is not None
-                process.stdin.close()
-            with suppress(subprocess.TimeoutExpired):
-                process.wait(5.0)
-            end_group(process)
-            process.wait()
-            self._listener.finish()
+            if self._child is not None:
+                self._end(self._child)
 
     def _begin(self) -> None:
         folder = self._folders.enter_context(temporary_folder("vdfmu_sweep_"))
-        self._process = process = started("vdfmu.study.sweeps.child", folder)
-        self._replies = replies = queue.SimpleQueue()
-        assert process.stderr is not None
-        self._listener = Listener(process.stderr)
-        threading.Thread(target=_listen, args=(process, replies), daemon=True).start()
-        self._send(self._job)
-        ready = self._reply(_START)
+        self._child = child = Child("vdfmu.study.sweeps.child", folder, limit=_START)
+        child.post(SIZE.pack(len(self._job)) + self._job)
+        ready = self._reply(child)
+        child.limit = self._limit
         if isinstance(ready, list):
             self._together = ready
         elif not self._stopped.is_set():
@@ -169,63 +144,33 @@ class Worker:
                 f"a worker could not be started: {ready}. The package must be importable, with what its measures need."
             )
 
-    def _send(self, content: bytes) -> None:
-        process = self._process
-        assert process is not None
-        assert process.stdin is not None
-        with suppress(OSError):  # it has ended, as the reply will say
-            process.stdin.write(SIZE.pack(len(content)) + content)
-            process.stdin.flush()
-
-    def _reply(self, limit: float) -> Any:
-        """Return the next message, or, as text, why there is none."""
-        try:
-            alive, message = self._replies.get(timeout=limit)
-        except queue.Empty:
-            self._end()
-            return f"no result within {limit:g} s, the time limit of a point"
-        if alive:
-            return message
-        code = self._end()
+    def _reply(self, child: Child) -> Any:
+        """Return the next message, or, as text, why none came."""
+        with suppress(EOFError):
+            return child.take()
+        code, said = self._end(child)
+        if child.late:
+            return f"no result within {child.limit:g} s, the time limit of a point"
         if code < 0:
             if code == -signal.SIGKILL:
                 return KILLED
             with suppress(ValueError):
                 return f"a component crashed the process ({signal.Signals(-code).name})"
-        last = self._said.strip().rpartition("\n")[2]
+        last = said.strip().rpartition("\n")[2]
         return f"a component ended the process (exit code {code}){f': {shown(last)}' if last else ''}"
 
-    def _end(self) -> int:
-        process, self._process = self._process, None
-        assert process is not None
-        end_group(process)
-        code = process.wait()
-        self._said = self._listener.finish()
+    def _end(self, child: Child) -> tuple[int, str]:
+        """End the process; return its exit code and the end of what it printed."""
+        self._child = None
+        code, _, said = child.end()
         self._folders.close()
-        return code
+        return code, said
 
 
-def _listen(process: subprocess.Popen[bytes], replies: queue.SimpleQueue[Any]) -> None:
-    """Pass the messages of a process on; at its end say so."""
-    stream = process.stdout
-    assert stream is not None
-    with stream:
-        while len(head := stream.read(SIZE.size)) == SIZE.size:
-            size = SIZE.unpack(head)[0]
-            if size > _LARGEST or len(content := stream.read(size)) < size:
-                break
-            try:
-                replies.put((True, json.loads(content)))
-            except ValueError:
-                break
-    with suppress(subprocess.TimeoutExpired):
-        process.wait(5.0)  # its code is that of its own end
-    replies.put((False, None))
-
-
-def _rows(message: list[Any], points: Sequence[int]) -> list[Row] | str:
-    """Return the rows of points, with arrays for lists; or, as text, that they are not of the worker."""
-    good = len(message) == len(points) and all(
+def _rows(message: Any, points: Sequence[int]) -> list[Row] | str:
+    """Return the rows of points, with arrays for lists; or, as text, that they are not the worker's."""
+    good = isinstance(message, list) and len(message) == len(points)
+    good = good and all(
         isinstance(row, dict)
         and row.get("point") == point
         and all(isinstance(row.get(key, ()), kinds) for key, kinds in _HEAD.items())

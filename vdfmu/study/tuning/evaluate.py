@@ -22,9 +22,9 @@ from vdfmu.study.sweeps.worker import Worker
 from vdfmu.study.tuning.problem import Problem
 
 _STEEP = 100.0
-"""Excess for each unit of the spectral radius beyond 1, where margins are 0."""
+"""Excess for each unit of the spectral radius above 1, where margins are 0."""
 _SECONDS = 5.0
-"""Time [s] between two files of runs: what is lost at most when all is killed."""
+"""Time [s] between two files of runs: the most that is lost when all is killed."""
 
 
 class SpentError(Exception):
@@ -33,18 +33,18 @@ class SpentError(Exception):
 
 @dataclass(frozen=True)
 class Score:
-    """What values are worth."""
+    """Score of values."""
 
     values: Floats
     """(d,)."""
     number: int | None
-    """Of the evaluation; None where the margin was missed and nothing was run."""
+    """Number of the evaluation; None where the margin was missed and nothing was run."""
     cost: Floats
     """(k,): Elements of the cost over all robots; infinite where a run failed."""
     failed: int
     """Runs that failed."""
     excess: Floats
-    """(m,): How far each constraint is missed, of the order of 1; positive where it is."""
+    """(m,): How far each constraint is missed, of the order of 1; positive if missed."""
     margins: Margins | None
     measures: dict[str, float]
     """Largest of each other measure over all robots."""
@@ -56,7 +56,7 @@ class Score:
 
 
 class Evaluations:
-    """Costs of values, with those that are known from the ledger.
+    """Costs of values, including costs known from the ledger.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class Evaluations:
     budget : int
         Evaluations that may be run.
     time_limit : float, optional
-        Time [s] that a run has.
+        Time limit of a run [s].
     report : callable
         Called with the number of evaluations.
     """
@@ -79,7 +79,7 @@ class Evaluations:
     ) -> None:  # fmt: skip
         self.problem, self.budget = problem, budget
         self.scores: list[Score] = []
-        """Those of all evaluations that were run, in order."""
+        """Scores of all evaluations that were run, in order."""
         self.missed = 0
         """Values that were not run, since they miss the margin."""
         self._ledger, self._report = ledger, report
@@ -109,12 +109,12 @@ class Evaluations:
                 worker.close()
 
     def scores_of(self, several: Sequence[Floats], always: bool = False) -> list[Score]:
-        """Return the scores of values; those that miss the margin are not run, unless `always` and stable.
+        """Return the scores of values; values that miss the margin are not run, unless `always` and stable.
 
         Raises
         ------
         SpentError
-            When the budget does not hold all that are new; those that it holds are run and kept first.
+            When the budget does not suffice for all new ones; as many as it allows are run and kept first.
         """
         keys = [tuple(map(float, values)) for values in several]
         new: list[tuple[float, ...]] = []

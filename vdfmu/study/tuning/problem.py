@@ -1,4 +1,4 @@
-"""What is tuned: the numbers that vary, the cost, limits, the spread of robots, and the required margin."""
+"""The problem of a tuning: the numbers that vary, the cost, limits, the spread of robots, and the required margin."""
 
 from __future__ import annotations
 
@@ -8,15 +8,17 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
+from vdfmu.base.option import pick, with_options
 from vdfmu.compiler.unit.variable import NO_LIMIT
 from vdfmu.engine.inspect.loops import Margins
 from vdfmu.study.analysis.margins import ArmLoops
+from vdfmu.study.options import ProblemOptions, ScenarioOptions
 from vdfmu.study.run.scenario_run import prepare
 from vdfmu.study.sweeps.axes import Axis, is_option, read_axes
 from vdfmu.study.sweeps.checks import TRACKING
@@ -24,13 +26,13 @@ from vdfmu.study.sweeps.plan import Plan, make_plan
 from vdfmu.system.scenario.values import present_values, system_values
 
 _RANGE = "*log(0.1, 10)"
-"""Of a number that varies, unless another is given."""
+"""Default range of a number that varies."""
 _LIMIT = re.compile(r"(.+?)\s*(<=|>=|<|>)\s*([^<>=]+)")
 
 
 @dataclass(frozen=True)
 class Problem:
-    """What is tuned."""
+    """The problem of a tuning."""
 
     axes: tuple[Axis, ...]
     """One for each number that varies, ``lin`` or ``log``, of values."""
@@ -39,9 +41,9 @@ class Problem:
     limits: dict[str, tuple[str, float]]
     """Measure whose largest value over all robots must not be positive, to its text and the size of its right side."""
     over: str
-    """``mean`` or ``worst``: what counts of the costs of the robots."""
+    """``mean`` or ``worst``: how the costs of the robots are combined."""
     plan: Plan
-    """Of the sweep, whose points are the robots."""
+    """Plan of the sweep, whose points are the robots."""
     loops: ArmLoops | None
     margin: Floats
     """(n,): Required modulus margin of each joint, with one sample of delay; empty without."""
@@ -58,16 +60,16 @@ class Problem:
 
     @property
     def spread(self) -> dict[str, Floats]:
-        """What the robots differ in: target to values, (robots,)."""
+        """Variables that differ between the robots: target to values, (robots,)."""
         return {target: column for target, column in self.plan.points.items() if target not in self.names}
 
     def values(self, u: Floats) -> Floats:
-        """Values (d,) at a point of the unit cube, those of four digits next to it."""
+        """Values (d,) at a point of the unit cube, rounded to four digits."""
         at = np.array([axis.at(share) for axis, share in zip(self.axes, u, strict=True)])
         return np.array([float(f"{value:.4g}") for value in at])
 
     def place(self, values: Floats) -> Floats:
-        """Return the point of the unit cube where values are, or the one next to them."""
+        """Return the point of the unit cube for values, or the nearest one."""
         ends = np.array([axis.numbers for axis in self.axes]).T
         log = np.array([axis.form == "log" for axis in self.axes])
         low, high, x = (np.where(log, np.log(np.where(log, np.abs(v), 1.0)), v) for v in (*ends, values))
@@ -80,37 +82,29 @@ class Problem:
         return self.loops.margins(dict(zip(self.names, values.tolist(), strict=True)))
 
 
+@with_options
 def make_problem(
     scenario: Any,
     vary: Mapping[str, Any] | Sequence[str],
     cost: str,
-    *,
-    limit: Sequence[str] = (),
-    spread: Mapping[str, Any] | Sequence[str] = (),
-    spread_n: int = 8,
-    over: str = "mean",
-    margin: float | str | None = None,
-    growth: float = 0.0,
-    seed: int = 0,
-    settings: Mapping[str, Any] | None = None,
-    options: Mapping[str, Any] | None = None,
-    backend: str | None = None,
-    engine: str = "fmu",
+    **options: Unpack[ProblemOptions],
 ) -> Problem:
-    """Read and check what is tuned; arguments as of :func:`vdfmu.tune`.
+    """Read and check the problem; for arguments see :func:`vdfmu.tune`.
 
     Raises
     ------
     UsageError, ModelError
-        For all that is wrong with it: nothing has run then.
+        For all its faults: nothing has run then.
     """
+    over, limit, margin, growth = options["over"], options["limit"], options["margin"], options["growth"]
+    given, settings = pick(ScenarioOptions, options), options["settings"] or {}
     if over not in ("mean", "worst"):
         raise UsageError(f"over: expected mean or worst, got {over}.")
     if isinstance(scenario, (str, os.PathLike)) and os.fspath(scenario).endswith(".ssp"):
         raise UsageError(f"{scenario}: expected a scenario, whose values are known; a package can be swept.")
-    loaded = prepare(scenario, **(options or {}), settings=settings)
-    axes, start = _elements(loaded, vary, settings or {})
-    spread_axes = read_axes(spread)
+    loaded = prepare(scenario, **given)
+    axes, start = _elements(loaded, vary, settings)
+    spread_axes = read_axes(options["spread"])
     if wrong := [
         str(axis) for axis in spread_axes if is_option(axis.target) or isinstance(axis.at(0.0).item(), str)
     ]:
@@ -128,10 +122,10 @@ def make_problem(
     if {"trajectory", "controller", "plant"} <= loaded.system.parts.keys():
         measures |= {name: text for name, text in TRACKING.items() if name not in measures}
     over_all = {axis.target: str(axis).partition("=")[2] for axis in (*axes, *spread_axes)}
-    n = spread_n if spread_axes else 1
+    n = options["spread_n"] if spread_axes else 1
     plan = make_plan(
-        scenario, over_all, sample="lhs", n=n, seed=seed, measure=measures, settings=settings, options=options,
-        backend=backend, engine=engine,
+        scenario, over_all, sample="lhs", n=n, seed=options["seed"], measure=measures, engine=options["engine"],
+        **given,
     )  # fmt: skip
     facts = {**plan.facts, "tune": {"limits": list(limit), "over": over, "start": start}}
     loops, required = None, np.zeros(0)

@@ -15,17 +15,17 @@ from vdfmu.study.tuning.evaluate import Evaluations, Score, SpentError
 METHODS = ("both", "global", "local")
 """Differential evolution with a half of the budget, then COBYQA; or one of them."""
 _MISSED = 10.0
-"""Objective at the border of what the constraints allow; the start has 1."""
+"""Objective at the border of the constraints; the start has 1."""
 _INSIDE = 0.005
-"""How far inside of what is allowed COBYQA ends: it comes to a border from either side."""
+"""How far inside the constraints COBYQA ends: it comes to a border from either side."""
 _PULLED = 5
-"""Evaluations at the end, between the best that keeps the margin and those of the lowest cost."""
+"""Evaluations at the end, between the best that keeps the margin and the values with the lowest cost."""
 _TRUST = (0.1, 1e-3)
 """First and last radius of the trust region, in the unit cube."""
 
 
 def objective(score: Score, start: Score) -> float:
-    """Mean of the elements of the cost relative to those of the start; more than 10 where a constraint is missed."""
+    """Mean of the elements of the cost relative to the start's; more than 10 where a constraint is missed."""
     if score.failed:
         return math.inf
     if (score.excess > 0.0).any():
@@ -34,7 +34,7 @@ def objective(score: Score, start: Score) -> float:
 
 
 def relative(score: Score, start: Score) -> float:
-    """Mean over the elements of the cost relative to that of the start, whether constraints hold or not."""
+    """Mean over the elements of the cost relative to the start's, whether constraints hold or not."""
     return float(np.mean(score.cost / start.cost))
 
 
@@ -62,7 +62,7 @@ def search(evaluations: Evaluations, method: str, seed: int) -> tuple[Score, Sco
 
 
 def _pull(evaluations: Evaluations, inner: Score, outer: Score) -> None:
-    """Evaluate the last point on the way between two that keeps the margin, which takes no run to find."""
+    """Evaluate the last point between two that keeps the margin. Finding it takes no run."""
     problem = evaluations.problem
     ends = problem.place(inner.values), problem.place(outer.values)
     low, high = 0.0, 1.0

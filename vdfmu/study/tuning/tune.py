@@ -1,21 +1,22 @@
-"""`tune`: search, and what it leaves: values for a scenario, the table of all runs, a comparison and a picture."""
+"""`tune`: search, and its output: values for a scenario, the table of all runs, a comparison and a picture."""
 
 from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import replacing
 from vdfmu.base.once import one_job
+from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import doing, report
-from vdfmu.base.show_progress import Shown, with_progress
-from vdfmu.engine.plan.inputs import Inputs
+from vdfmu.base.show_progress import with_progress
+from vdfmu.base.toml_text import toml_text
+from vdfmu.study.options import ProblemOptions, ScenarioOptions, TuneOptions
 from vdfmu.study.run.scenario_run import prepare
 from vdfmu.study.sweeps.ledger import Ledger
 from vdfmu.study.sweeps.local import processors
@@ -27,7 +28,7 @@ from vdfmu.system.scenario.values import group_value
 
 @dataclass(frozen=True)
 class Tuned:
-    """What a search found."""
+    """The results of a search."""
 
     folder: Path
     """It has ``tuned.toml``, sections for a scenario; ``tune.json``, the comparison; ``sweep.parquet``, all runs; and
@@ -35,9 +36,9 @@ class Tuned:
     settings: dict[str, Any]
     """The values, as `vdfmu.run` takes them."""
     before: Score
-    """Of the scenario's values."""
+    """Score of the scenario's values."""
     after: Score
-    """Of the best."""
+    """Score of the best values."""
     evaluations: int
     """Values that were run."""
     failed: int
@@ -70,84 +71,30 @@ class Tuned:
 
 @with_progress
 @one_job()
+@with_options
 def tune(
     scenario: Any,
     vary: Mapping[str, Any] | Sequence[str],
     cost: str,
-    *,
-    limit: Sequence[str] = (),
-    spread: Mapping[str, Any] | Sequence[str] = (),
-    spread_n: int = 8,
-    over: str = "mean",
-    margin: float | str | None = None,
-    growth: float = 0.0,
-    method: str = "both",
-    budget: int = 300,
-    seed: int = 0,
-    settings: Mapping[str, Any] | None = None,
-    robot: Any = None,
-    units: Mapping[str, Any] | None = None,
-    step: float | None = None,
-    stop: float | None = None,
-    master: str | None = None,
-    inputs: Inputs = None,
-    input_hold: bool | None = None,
-    backend: str | None = None,
-    engine: str = "fmu",
-    workers: int | None = None,
-    time_limit: float | None = None,
-    out: str | os.PathLike[str] | None = None,
-    overwrite: bool = False,
-    progress: Shown = None,
+    **options: Unpack[TuneOptions],
 ) -> Tuned:
     """Search the values of parameters that make a cost smallest, over a spread of robots and within limits.
 
-    Every run is kept: after Ctrl-C or a kill the same call goes on where it was; so does one with a larger budget or
-    another method, which takes the runs that it needs and finds.
+    Every run is kept: after Ctrl-C or a kill the same call continues where it was. So does a call with a larger budget
+    or another method, which reuses the runs that it needs and finds.
 
     Parameters
     ----------
     scenario : Scenario, str or path
-        Loaded, the name of a shipped one, or a file. Its values are where the search begins.
+        Loaded, the name of a shipped one, or a file. The search begins at its values.
     vary : mapping, or sequence of "TARGET" or "TARGET=FORM"
         What varies, element by element: ``controller.K_p``. Its form is ``lin(a, b)`` or ``log(a, b)``; after a star
         factors of the scenario's values. Default ``*log(0.1, 10)``.
     cost : str
-        An expression of the signals as of a sweep, such as ``worst(rms(trajectory.q_d - plant.q))``. Of one with
-        several elements, the mean of their ratios to those of the start counts, and none may exceed 1.
-    limit : sequence of str
-        Such as ``worst(peak(controller.tau)) < 2.5``, for every robot.
-    spread : mapping, or sequence of "TARGET=FORM"
-        What is uncertain, as the axes of a sweep: ``plant.mass[3]=*normal(1, 0.1)``.
-    spread_n : int
-        Number of robots, a Latin hypercube of the spread.
-    over : "mean" or "worst"
-        What counts of the robots' costs.
-    margin : float or "same", optional
-        Modulus margin, min abs(1 + L), that every joint's loop of the nominal robot has at least along the motion,
-        with one sample of delay; or that which it has at the start.
-    growth : float [1/s]
-        Rate up to which what grows counts as stable for the margin, see :class:`vdfmu.study.analysis.margins.ArmLoops`.
-    method : "both", "global" or "local"
-        Differential evolution over the whole range, then COBYQA from the best, or one of them.
-    budget : int
-        Evaluations: values that are run with all robots.
-    seed : int
-        Of the robots and of the search.
-    settings, robot, units, step, stop, master, inputs, input_hold, backend
-        See :func:`vdfmu.run`.
-    engine : {"fmu", "batch"}
-        See :func:`vdfmu.sweep`; ``batch`` runs the robots of several values side by side.
-    workers : int, optional
-        Processes; default one a processor.
-    time_limit : float [s], optional
-        Time that a run has; default 600.
-    out : path, optional
-        Folder; default ``results/tune_NAME``.
-    overwrite : bool
-        Whether to replace another search in it.
-    progress : callable or bool, optional
-        Called with stage, done, total; True shows bars, on the terminal or in the notebook.
+        An expression of the signals as in a sweep, such as ``worst(rms(trajectory.q_d - plant.q))``. If it has
+        several elements, the mean of their ratios to the start's counts, and none may exceed 1.
+    **options
+        :class:`vdfmu.study.options.TuneOptions`.
 
     Returns
     -------
@@ -156,13 +103,15 @@ def tune(
     Raises
     ------
     UsageError, ModelError
-        Before the first run, for what is wrong.
+        Before the first run, for all faults.
     VdfmuError
         If the runs of the start fail, or nothing can be written.
     """
+    method, budget, growth = options["method"], options["budget"], options["growth"]
+    workers, time_limit, out = options["workers"], options["time_limit"], options["out"]
     if method not in METHODS:
         raise UsageError(f"method: expected {', '.join(METHODS)}, got {method}.")
-    for name, value in (("budget", budget), ("spread_n", spread_n), ("workers", workers)):
+    for name, value in (("budget", budget), ("spread_n", options["spread_n"]), ("workers", workers)):
         if value is not None and value < 1:
             raise UsageError(f"{name}: expected at least 1, got {value}.")
     if time_limit is not None and not time_limit > 0.0:
@@ -171,29 +120,21 @@ def tune(
         raise UsageError(f"growth: expected a finite rate, got {growth:g} 1/s.")
     import scipy
 
-    given: dict[str, Any] = {
-        "robot": robot, "units": units, "step": step, "stop": stop, "master": master, "inputs": inputs,
-        "input_hold": input_hold,
-    }  # fmt: skip
-    options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    problem = make_problem(
-        scenario, vary, cost, limit=limit, spread=spread, spread_n=spread_n, over=over, margin=margin,
-        growth=growth, seed=seed,
-        settings=settings, options=options, backend=backend, engine=engine,
-    )  # fmt: skip
+    problem = make_problem(scenario, vary, cost, **pick(ProblemOptions, options))
     plan = problem.plan
     plan.facts["search"] = {"method": method, "budget": budget, "scipy": scipy.__version__}
     folder = Path("results") / f"tune_{plan.facts['scenario']}" if out is None else Path(out)
-    with Ledger(folder, plan.facts, plan.key, {}, overwrite) as ledger:
+    with Ledger(folder, plan.facts, plan.key, {}, options["overwrite"]) as ledger:
         known = ledger.reopen()
         with Evaluations(
             problem, ledger, known, min(workers or processors(), max(problem.robots, 2)), budget, time_limit,
             lambda done: report("evaluations", done, budget),
         ) as evaluations:  # fmt: skip
-            before, after = search(evaluations, method, seed)
+            before, after = search(evaluations, method, options["seed"])
         ledger.finish()
-        loaded = prepare(scenario, **options, settings=settings)
-        tuned = {**(settings or {}), **dict(zip(problem.names, after.values.tolist(), strict=True))}
+        loaded = prepare(scenario, **pick(ScenarioOptions, options))
+        values = dict(zip(problem.names, after.values.tolist(), strict=True))
+        tuned = {**(options["settings"] or {}), **values}
         groups = list(dict.fromkeys(name.partition("[")[0] for name in problem.names))
         found = Tuned(
             folder,
@@ -203,7 +144,7 @@ def tune(
         )  # fmt: skip
         if before.failed:
             found.notes.append(f"{before.failed} of the runs with the scenario's own values failed.")
-        if margin == "same" and not problem.margin.all():
+        if options["margin"] == "same" and not problem.margin.all():
             found.notes.append(
                 "margin: with one sample of delay the loop of the start is unstable, so that same asks for stability "
                 "only; growth lets slow instability count as stable."
@@ -226,15 +167,6 @@ def _write(found: Tuned, scores: Sequence[Score]) -> None:
     for name, value in found.settings.items():
         component, _, group = name.partition(".")
         sections.setdefault(component, {})[group] = value if isinstance(value, float) else value.tolist()
-    lines = [
-        line
-        for component, values in sections.items()
-        for line in (
-            f"[{component}]",
-            *(f"{group} = {json.dumps(value)}" for group, value in values.items()),
-            "",
-        )
-    ]
     rows = [dict(zip(("name", "before", "after"), row, strict=True)) for row in found.table()]
     content = {
         "values": sections, "comparison": rows, "evaluations": found.evaluations, "failed": found.failed,
@@ -244,7 +176,7 @@ def _write(found: Tuned, scores: Sequence[Score]) -> None:
     history = [objective(score, start) for score in scores]
     try:
         for name, text in (
-            ("tuned.toml", "\n".join(lines)),
+            ("tuned.toml", toml_text(sections)),
             ("tune.json", json.dumps(content, indent=1) + "\n"),
         ):
             with replacing(found.folder / name) as file:

@@ -1,1 +1,1 @@
-"""An arm in 3D in a browser, by viser: a robot with sliders, and a run while it goes on."""
+"""An arm in 3D in a browser, by viser: a robot with sliders, and a run in progress."""

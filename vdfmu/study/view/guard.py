@@ -1,7 +1,7 @@
-"""Who may see a view: who has its address, which holds a random token, and no other page that a browser shows.
+"""Access to a view: only by its address, which holds a random token, and not from other pages in a browser.
 
 viser answers whoever reaches its port. Any page that is open in a browser of this machine does, over a websocket or
-with a name of its own for 127.0.0.1, so its requests are looked at before viser sees them.
+with its own name for 127.0.0.1, so its requests are checked before viser sees them.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ class Guard:
     def __init__(self) -> None:
         self.token = secrets.token_urlsafe(_TOKEN)
         self.placed = False
-        """Whether a server asks it."""
+        """Whether a server uses it."""
 
     def refusal(self, request: Request) -> tuple[HTTPStatus, str] | None:
-        """Return why a request is refused, if it is; take the token from the path of one that is not."""
+        """Return why a request is refused, if it is; remove the token from the path of others."""
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
         if len(hosts) != 1 or _name(hosts[0]) not in LOOPBACK:
             return HTTPStatus.FORBIDDEN, f"Host: expected a name of this machine, such as {LOOPBACK[0]}."
@@ -49,7 +49,7 @@ class Guard:
 
     @contextmanager
     def placed_before(self, module: str) -> Generator[None]:
-        """Have servers that a module starts meanwhile ask this guard first.
+        """Make servers that a module starts meanwhile ask this guard first.
 
         viser has no hook for it; the library of its websockets has one, which is set here as the server starts.
         """

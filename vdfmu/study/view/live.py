@@ -1,9 +1,7 @@
-"""`LiveView`: a run in a browser while it goes on, drawn by a process of its own."""
+"""`LiveView`: a run in progress in a browser, drawn by a process of its own."""
 
 from __future__ import annotations
 
-import json
-import pickle
 import signal
 import sys
 import tempfile
@@ -17,9 +15,9 @@ from typing import Any, Self
 import numpy as np
 
 from vdfmu.base.arrays import Floats
+from vdfmu.base.child import Child
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.interrupt import InterruptGuard
-from vdfmu.base.process import Listener, end_group, started
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.isolated import mapped
@@ -27,29 +25,29 @@ from vdfmu.study.report.content import FRAMES
 from vdfmu.study.view.scene import PERIOD, needed
 
 SIGNALS = {"q": "plant.q", "q_d": "trajectory.q_d", "tau": "controller.tau", "kappa": "plant.kappa"}
-"""What is drawn, and the arrays that it is in; the first is needed."""
+"""Drawn quantities, and the arrays that hold them; the first is needed."""
 HEAD = 2
 """Words before the values of a row: how often it was begun or completed, and its time."""
 _LEAST = 0.005
-"""Time that a run is held back at least, where it is [s]: shorter sleeps are not exact."""
+"""Least time by which a run is held back, if at all [s]: shorter sleeps are not exact."""
 
 
 class LiveView:
-    """The arm of a run in a browser, while it goes on and after it.
+    """The arm of a run in a browser, during and after the run.
 
-    A process of its own draws, at most 30 times a second. It reads the rows from memory that it shares with the run,
-    which waits neither for it nor for a browser, and goes on without it.
+    A process of its own draws, at most 30 times a second. It reads the rows from memory that it shares with the run.
+    The run waits neither for it nor for a browser, and continues without it.
 
     Parameters
     ----------
     port : int, optional
-        Of loopback; default one that is free.
+        Port on loopback; default a free one.
     speed : float, optional
-        Simulated time over wall time that the run is held back to, 1 for real time; default as fast as it goes.
+        Simulated time over wall time that the run is held back to, 1 for real time; default as fast as possible.
     arm : mapping, optional
-        Of :func:`vdfmu.study.report.content.arm_of`, for a system that does not say of which arm it is.
+        See :func:`vdfmu.study.report.content.arm_of`; for a system that does not name its arm.
     say : callable, optional
-        Takes the address, and what cannot be shown.
+        Takes the address, and notes on things that cannot be shown.
 
     Raises
     ------
@@ -81,7 +79,7 @@ class LiveView:
         self._speed, self._arm, self._say = speed, arm, say
         self._words: Floats | None = None
         self._due, self._began, self._first = 0.0, 0.0, 0.0
-        self._clients = 0
+        self._clients, self._said, self._ended = 0, "", False
         self._stack = ExitStack()
         try:
             self._start(port)
@@ -91,38 +89,34 @@ class LiveView:
 
     def _start(self, port: int | None) -> None:
         self._folder = Path(self._stack.enter_context(temporary_folder("vdfmu-view-")))
-        self._process = process = started("vdfmu.study.view.live_server", "" if port is None else str(port))
+        self._child = Child("vdfmu.study.view.live_server", "" if port is None else str(port), limit=np.inf)
+        self._reader = threading.Thread(target=self._listen, daemon=True)
         self._stack.callback(self._stop)
-        assert process.stdin is not None
-        assert process.stdout is not None
-        assert process.stderr is not None
-        self._requests, self._replies = process.stdin, process.stdout
-        self._listener = Listener(process.stderr)
         try:
-            first = json.loads(self._replies.readline())
-        except ValueError:
-            end_group(process)
-            raise VdfmuError(
-                f"the process of the view has ended: {self._listener.finish().strip()}"
-            ) from None
+            first = self._child.take()
+        except EOFError:
+            raise VdfmuError(f"the process of the view has ended: {self._stop()}") from None
         if "error" in first:
             raise UsageError(first["error"])
         self.address: str = first["address"]
-        """What a browser opens."""
-        threading.Thread(target=self._listen, daemon=True).start()
+        """Address for a browser."""
+        self._reader.start()
         self._say(f"Live view: {self.address}")
 
     def _listen(self) -> None:
-        with suppress(OSError, ValueError):  # it is closed
-            for line in self._replies:
-                self._clients = int(line)
+        with suppress(EOFError, ValueError, TypeError):
+            while True:
+                self._clients = int(self._child.take())
 
-    def _stop(self) -> None:
-        with suppress(OSError):
-            self._requests.close()
-        end_group(self._process)
-        self._process.wait()
-        self._listener.finish()
+    def _stop(self) -> str:
+        """End the process; return the end of what it printed."""
+        if not self._ended:
+            self._ended = True
+            self._child.kill()
+            if self._reader.ident is not None:
+                self._reader.join()
+            self._said = self._child.end()[2].strip()
+        return self._said
 
     def __enter__(self) -> Self:
         return self
@@ -136,13 +130,12 @@ class LiveView:
 
     @property
     def open(self) -> bool:
-        """Whether the view can be looked at."""
-        return self._process.poll() is None
+        """Whether the view can be opened."""
+        return self._child.alive
 
     def _send(self, name: str, *arguments: Any) -> None:
-        with suppress(OSError, ValueError):  # it has ended, which is no matter of the run
-            pickle.dump((name, arguments), self._requests)
-            self._requests.flush()
+        if self.open:  # else it has ended, which does not concern the run
+            self._child.send((name, arguments))
 
     def begin(self, names: Sequence[str], about: Mapping[str, Any]) -> None:
         """Show the arm of a run; see `vdfmu.engine.masters.observer.Observer`."""
@@ -168,7 +161,7 @@ class LiveView:
         self._send("begin", title, arm, path, places, float(about["start"]), float(about["stop"]))
 
     def row(self, time: float, values: Floats) -> None:
-        """Take a row; hold the run back if it is to."""
+        """Take a row; hold the run back if wanted."""
         words, now = self._words, clock.perf_counter()
         if words is not None and now >= self._due:
             self._due = now + PERIOD
@@ -199,7 +192,7 @@ class LiveView:
         """Wait for Ctrl-C, if there is a terminal that it can come from; else until no browser is open on the view."""
         terminal = sys.stdin is not None and sys.stdin.isatty()
         if not self.open:
-            self._say(f"note: live view: it has ended: {self._listener.finish().strip() or 'it was killed'}")
+            self._say(f"note: live view: it has ended: {self._stop() or 'it was killed'}")
         if not self.open or not (terminal or self._clients):
             return
         until = "Ctrl-C ends it" if terminal else "it ends when no browser has it open"
@@ -212,7 +205,7 @@ class LiveView:
 
 
 def _places(names: Sequence[str], n: int) -> dict[str, list[int]]:
-    """Return where the elements of each array are among names, of those that have one for each of `n` joints."""
+    """Return where the elements of each array are among names, for arrays that have one for each of `n` joints."""
     position = {name: i for i, name in enumerate(names)}
     wanted = {key: [f"{name}[{i + 1}]" for i in range(n)] for key, name in SIGNALS.items()}
     return {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import pickle
 import queue
@@ -17,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from vdfmu.base.arrays import Floats
+from vdfmu.base.child import Parent
 from vdfmu.base.errors import VdfmuError
-from vdfmu.base.process import private_pipes
 from vdfmu.engine.run.isolated import mapped
 from vdfmu.study.report.content import MOTOR_SIDE, SUMS
 from vdfmu.study.report.joints import UNITS
@@ -36,19 +35,19 @@ _LARGER = ("1", "10", "100", "1000", "10⁴", "10⁵")
 
 
 class Scene:
-    """What is drawn of one run.
+    """The drawing of one run.
 
     Parameters
     ----------
     server : viser.ViserServer
     title : str
-        Of the run.
+        Title of the run.
     arm : mapping
-        Of :func:`vdfmu.study.report.content.arm_of`.
+        See :func:`vdfmu.study.report.content.arm_of`.
     start, stop : float [s]
-        Of the run.
+        Start and stop of the run.
     given : set of str
-        Keys of `vdfmu.study.view.live.SIGNALS` that there are.
+        Keys of `vdfmu.study.view.live.SIGNALS` that exist.
     """
 
     def __init__(
@@ -80,7 +79,7 @@ class Scene:
         self._plots: dict[str, Any] = {}
 
     def values(self, found: Mapping[str, Floats]) -> dict[str, Floats]:
-        """Return what is shown of rows of the signals: tracking error, link-side torque, torsion, in SI units."""
+        """Return the shown values of rows of the signals: tracking error, link-side torque, torsion, in SI units."""
 
         def link_side(signal: str) -> Floats:
             return found[_KEYS[signal]] * (self.chain.ell if signal in MOTOR_SIDE else 1.0)
@@ -91,7 +90,7 @@ class Scene:
         }
 
     def add(self, time: float, found: Mapping[str, Floats]) -> None:
-        """Take a row while the run goes on."""
+        """Take a row during the run."""
         for key, values in self.values(found).items():
             self._peaks[key] = np.maximum(np.abs(values), self._peaks.get(key, 0.0))
             if self._count % self._stride == 0:
@@ -132,7 +131,7 @@ class Scene:
         return {key: values[k] for key, values in self.recorded.items() if key != "time"}
 
     def choices(self) -> list[Any]:
-        """Return what is chosen in the panel."""
+        """Return the choice in the panel."""
         return [each.value for each in (self._chosen, self._desired, self._larger) if each is not None]
 
     def draw(self, found: Mapping[str, Floats]) -> None:
@@ -164,7 +163,7 @@ class Scene:
             cells += [f"{_factor(key, kind) * each[i]:.3g}" for key, each in values.items()]
             if not one:
                 cells = [f"{cell} {_unit(key, kind)}" for key, cell in zip(units, cells, strict=True)]
-            cells = [cell.replace("-", "−") for cell in cells]  # at which no line is broken
+            cells = [cell.replace("-", "−") for cell in cells]  # which does not break a line
             lines.append(f"| {i + 1}  | " + " | ".join(cells) + " |")
         self._numbers.content = "\n".join(lines)
 
@@ -207,7 +206,7 @@ COLOURS = ("#1667c7", "#e2570d", "#2f9e44", "#9c36b5", "#c2255c", "#0b7285", "#8
 
 
 class ViewServer:
-    """Takes what `LiveView` sends, and draws."""
+    """Takes messages of `LiveView`, and draws."""
 
     def __init__(self, server: Any) -> None:
         self._server = server
@@ -233,19 +232,19 @@ class ViewServer:
             os.unlink(path)
 
     def words(self, title: str, text: str) -> None:
-        """Show a text in place of an arm."""
+        """Show a text instead of an arm."""
         self._scene = self._words = None
         clear(self._server, title)
         self._server.gui.add_markdown(text)
 
     def end(self, time: Floats, found: Mapping[str, Floats]) -> None:
-        """Show the rows of the run that has ended."""
+        """Show the rows of the finished run."""
         self._words, self._shown = None, None
         if self._scene is not None:
             self._scene.finish(time, found)
 
     def step(self) -> None:
-        """Draw what has changed."""
+        """Draw all changes."""
         scene, now = self._scene, clock.monotonic()
         if scene is None:
             return
@@ -287,25 +286,21 @@ class ViewServer:
 
 def main() -> None:
     """Serve until the pipe closes."""
-    requests, replies = private_pipes()
+    parent = Parent()
     with suppress(AttributeError, OSError):
         os.nice(5)  # the run comes first
-
-    def reply(value: Any) -> None:
-        os.write(replies, json.dumps(value).encode() + b"\n")
 
     try:
         server = open_server(int(sys.argv[1]) if sys.argv[1] else None, "vdfmu")
     except VdfmuError as error:
-        reply({"error": str(error)})
+        parent.reply({"error": str(error)})
         return
-    reply({"address": address(server)})
+    parent.reply({"address": address(server)})
     tasks: queue.Queue[tuple[str, tuple[Any, ...]]] = queue.Queue()
 
     def read() -> None:
-        with suppress(EOFError, OSError):
-            while True:
-                tasks.put(pickle.load(requests))
+        for request in parent.requests():
+            tasks.put(pickle.loads(request))
         os._exit(0)
 
     threading.Thread(target=read, daemon=True).start()
@@ -317,7 +312,7 @@ def main() -> None:
         drawer.step()
         if len(server.get_clients()) != clients:
             clients = len(server.get_clients())
-            reply(clients)
+            parent.reply(clients)
         clock.sleep(PERIOD)
 
 

@@ -24,12 +24,12 @@ from vdfmu.study.view.scene import PERIOD, ArmScene, address, open_server, stage
 from vdfmu.study.view.shapes import centres, inertia_parts
 
 _REST = 0.3
-"""Time for which the sliders rest before modes are worked out anew [s]."""
+"""Time for which the sliders rest before modes are calculated anew [s]."""
 _SECONDS = 1.5
 """Time that a cycle of any mode takes on the screen [s]."""
 
 _LOOKS = {"solid": None, "see-through": 0.4, "hidden": None}
-"""What links look like, and their opacity."""
+"""Looks of links, and their opacity."""
 
 
 class RobotView:
@@ -39,9 +39,9 @@ class RobotView:
     ----------
     robot : Robot
     folder : Path, optional
-        From which the robot names its meshes.
+        Folder relative to which the robot names its meshes.
     port : int, optional
-        Of loopback; default one that is free.
+        Port on loopback; default a free one.
 
     Raises
     ------
@@ -73,7 +73,7 @@ class RobotView:
         self.show(self._q)
 
     def _add_groups(self, ellipsoids: list[Any]) -> dict[str, list[Any]]:
-        """Add what the boxes of the panel show; their names, and the handles of each."""
+        """Add the parts that the boxes of the panel show; return their names, and the handles of each."""
         chain, scene, length = self.chain, self._server.scene, 0.1 * self.chain.reach
         groups: dict[str, list[Any]] = {}
         frames = [self.arm.frame(0, "frame", 1.3 * length)]
@@ -148,7 +148,7 @@ class RobotView:
         return np.array([slider.value for slider in self.sliders]) / self._factors
 
     def run(self, ended: Callable[[], bool] = lambda: False) -> None:
-        """Show what the panel says, until it has ended or Ctrl-C comes."""
+        """Show the panel's choice, until it has ended or Ctrl-C comes."""
         began = clock.monotonic()
         while not ended():
             self.step(clock.monotonic() - began)

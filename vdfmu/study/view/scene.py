@@ -38,12 +38,12 @@ def needed() -> ModuleType:
 
 
 def open_server(port: int | None, label: str) -> Any:
-    """Start a viser server that this machine alone reaches, and that reaches no other.
+    """Start a viser server that only this machine reaches, and that reaches no other machine.
 
     Parameters
     ----------
     port : int, optional
-        Default one that is free.
+        Default a free one.
     label : str
         Title of the panel.
 
@@ -60,7 +60,7 @@ def open_server(port: int | None, label: str) -> Any:
     guard = Guard()
     os.environ.pop("_VISER_PORT_OVERRIDE", None)
     if port is not None:
-        with contextlib.closing(socket.socket()) as probe:  # viser would take the next one without a word
+        with contextlib.closing(socket.socket()) as probe:  # viser would silently take the next one
             try:
                 probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, int(os.name == "posix"))
                 probe.bind((HOST, port))
@@ -81,13 +81,13 @@ def open_server(port: int | None, label: str) -> Any:
         server.stop()
         raise UsageError(f"--port {port}: was taken by another program just now. Without it, one is chosen.")
     server.token = guard.token
-    server.request_share_url = lambda verbose=True: None  # it would open a tunnel to a server of others
+    server.request_share_url = lambda verbose=True: None  # it would open a tunnel to a foreign server
     clear(server, label)
     return server
 
 
 def clear(server: Any, label: str) -> None:
-    """Empty scene and panel, and dock the panel beside the scene."""
+    """Empty scene and panel, and dock the panel next to the scene."""
     server.scene.reset()
     server.gui.reset()
     server.gui.set_panel_label(label)
@@ -96,7 +96,7 @@ def clear(server: Any, label: str) -> None:
 
 
 def address(server: Any) -> str:
-    """Return what a browser opens, with the token that lets it in."""
+    """Return the address for a browser, with the token that lets it in."""
     return f"http://{HOST}:{server.get_port()}/{server.token}/"
 
 
@@ -108,7 +108,7 @@ class ArmScene:
     server : viser.ViserServer
     chain : Chain
     name : str
-        In the tree of the scene.
+        Name in the tree of the scene.
     ghost : bool, optional
         Whether it is transparent.
     travel : (n,) [m], optional
@@ -116,7 +116,7 @@ class ArmScene:
     visuals : sequence of mappings, optional
         Tables ``[[visuals]]`` of the robot file, for its meshes.
     folder : Path, optional
-        Of the robot file, from which its meshes are named.
+        Folder of the robot file, relative to which its meshes are named.
     """
 
     def __init__(
@@ -139,12 +139,12 @@ class ArmScene:
             self._links.append(self._scene.add_frame(self.names[-1], show_axes=False))
         self.set(np.zeros(chain.n))
         self.notes: list[str] = []
-        """What of the robot's looks cannot be shown."""
+        """Parts of the robot's looks that cannot be shown."""
         meshes = [v for v in visuals if v["shape"] == "mesh"]
         self.bodies = [] if folder is None else self._meshes(meshes, folder)
         if meshes and len(self.bodies) == len(meshes):
             parts = own_shapes(visuals)
-        else:  # half an arm would look as if it were all of it
+        else:  # half an arm would look like all of it
             for handle in self.bodies:
                 handle.remove()
             self.bodies = []
@@ -185,7 +185,7 @@ class ArmScene:
             try:
                 mesh: Any = trimesh.load(folder / visual["file"], force="mesh")
                 mesh.apply_scale(visual["size"])
-            except Exception as error:  # whatever a reader of another's format does with a file
+            except Exception as error:  # a reader of a foreign format may raise anything
                 self.notes.append(f"mesh {visual['file']} cannot be shown: {error}")
                 continue
             handles.append(
@@ -224,12 +224,12 @@ class ArmScene:
 
 
 def stage(server: Any, chain: Chain, points: Floats) -> None:
-    """Set up what an arm stands in: up, lights, a floor, its foot and where one looks from.
+    """Set up the surroundings of an arm: up, lights, a floor, its foot and the viewpoint.
 
     Parameters
     ----------
     points : (m, 3) [m]
-        What is to be seen.
+        Points that must be visible.
     """
     scene, reach, up = server.scene, chain.reach, chain.up
     scene.set_up_direction(up)

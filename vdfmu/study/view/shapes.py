@@ -10,14 +10,14 @@ from vdfmu.study.report.shapes import DrawnShape
 
 Colour = tuple[int, int, int]
 LOOKS = {"light": "#dee4eb", "dark": "#586473", "joint": "#a3aeba"}
-"""Colours of parts that have none of their own."""
+"""Colours of parts without their own colour."""
 POSITIVE, NEGATIVE = (226, 87, 13), (22, 103, 199)
 
 
 def half_axes(mass: float, moments: Floats) -> Floats:
     """Half-axes of the uniform solid ellipsoid of a mass and principal moments of inertia: (3,) [m].
 
-    Those of such an ellipsoid are ``I_x = m (b^2 + c^2) / 5`` and so on (Meriam and Kraige, Engineering Mechanics:
+    Its moments are ``I_x = m (b^2 + c^2) / 5`` and so on (Meriam and Kraige, Engineering Mechanics:
     Dynamics, Table D/4), so ``a^2 = 5 (I_y + I_z - I_x) / (2 m)``. A body that is flat or thin has axes of 0.
 
     Parameters
@@ -30,7 +30,7 @@ def half_axes(mass: float, moments: Floats) -> Floats:
 
 
 def inertia_parts(robot: Robot) -> tuple[list[DrawnShape], list[str]]:
-    """Ellipsoids of inertia of the links and the payload, and what is said of those that have none.
+    """Ellipsoids of inertia of the links and the payload, and notes on links without one.
 
     An axis of less than a hundredth of the longest is drawn as that much.
     """

@@ -11,7 +11,7 @@ from typing import Any
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.toml_file import read_toml
-from vdfmu.compiler.unit.interface import Interface
+from vdfmu.compiler.unit.interface import Interface, interface_of
 from vdfmu.compiler.unit.load import CodeNotRunError, load_units, reading_only
 from vdfmu.engine.inspect.findings import Findings, one_line
 from vdfmu.engine.inspect.inspection import Report
@@ -20,12 +20,10 @@ from vdfmu.engine.rules import Finding, found
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario.check import model_notes
 from vdfmu.system.scenario.load import load_scenario, load_system
-from vdfmu.system.scenario.parts import check_connections, tables_of
+from vdfmu.system.scenario.resolved import resolve
 
-_KINDS = {
-    "joints": "robot", "kind": "scenario", "units": "system", "extends": "system", "connections": "system",
-}  # fmt: skip
-"""Keys of TOML, and the kind of file that has them."""
+_KINDS = {"joints": "robot", "units": "system", "extends": "system", "connections": "system"}
+"""Keys of TOML, and the kind of file that has them; others are scenarios."""
 
 
 def inspect_source(
@@ -100,9 +98,9 @@ def _scenario(path: Path, robot: Robot) -> list[str]:
 
 def _system(path: Path, robot: Robot) -> list[str]:
     system = load_system(path)
-    tables = tables_of(system, robot)
-    check_connections(system, tables)
-    for table in tables.values():
+    resolved = resolve(system, robot)
+    resolved.check_connections()
+    for table in resolved.tables.values():
         if isinstance(table, Interface):
             _trace(table)
     return []
@@ -110,7 +108,7 @@ def _system(path: Path, robot: Robot) -> list[str]:
 
 def _units(path: Path, robot: Robot) -> list[str]:
     for unit in load_units(path).values():
-        _trace(Interface(unit, robot if unit.needs_robot() else None))
+        _trace(interface_of(unit, robot if unit.needs_robot() else None))
     return []
 
 

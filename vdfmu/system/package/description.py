@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from vdfmu.arm.robot.structure import parameters
+from vdfmu.base.standards import SSP_1, SSP_FORMATS
 from vdfmu.compiler.fmu.description3 import FMI_3_TYPES
 from vdfmu.compiler.unit.interface import Interface, general_description
 from vdfmu.compiler.unit.variable import Variable
 from vdfmu.system.scenario import Scenario
-from vdfmu.system.scenario.parts import Variables, end_signals, tables_of
+from vdfmu.system.scenario.resolved import Variables, end_signals
 from vdfmu.system.scenario.system_file import Box, SystemFile
 from vdfmu.system.scenario.values import system_values
 
@@ -97,15 +98,17 @@ class SystemDescription:
         Of SSP: with 2.0, groups of signals are the arrays of the FMI 3.0 units.
     """
 
-    def __init__(self, scenario: Scenario, values: Values | None = None, version: str = "1.0") -> None:
+    def __init__(self, scenario: Scenario, values: Values | None = None, version: str = SSP_1.name) -> None:
         self.scenario = scenario
         self.version = version
+        self.arrays = SSP_FORMATS[version].fmi.arrays
         self.values: Values = system_values(scenario) if values is None else values
         system = scenario.system
         self.name, self.description = system.name, system.description
         self.groups = system.connections
         self._shared = system.shared
-        self.tables: dict[str, Variables] = tables_of(system, scenario.robot)
+        self.resolved = scenario.resolved
+        self.tables = self.resolved.tables
         self.corners = _corners(system)
         self._signals = {unit: self._signals_of(table) for unit, table in self.tables.items()}
 
@@ -116,7 +119,7 @@ class SystemDescription:
         return f"{model}.fmu" if alone else f"{model}_{component}.fmu"
 
     def _signals_of(self, table: Variables) -> tuple[PackageSignal, ...]:
-        if self.version == "1.0" or not isinstance(table, Interface):
+        if not self.arrays or not isinstance(table, Interface):
             return tuple(PackageSignal(v.name, (v,), (), v.type) for v in table)
         found: list[PackageSignal] = []
         for array in table.arrays:
@@ -132,8 +135,9 @@ class SystemDescription:
 
     @cached_property
     def tolerance(self) -> float:
-        """Tolerance of the units' solvers."""
-        return float(self.values.get("plant", {}).get("tolerance", self.scenario.tolerance))
+        """Tolerance of the units' solvers: that of the first plant, or else of the first component with a solver."""
+        found = (self.values.get(name, {}).get("tolerance") for name in (*self.resolved.plants, *self.values))
+        return float(next((one for one in found if one is not None), self.scenario.tolerance))
 
     @cached_property
     def links(self) -> tuple[ElementConnection, ...]:

@@ -82,7 +82,7 @@ of the default experiment say the same.</p>
 <p>Values apply in the order of the bindings of a component. An importer that applies one set of a component applies
 <code>scenario</code>; the rest are start values of the FMUs in this package, if it was made by
 <code>vdfmu ssp</code>.</p>"""
-    if description.version == "1.0":
+    if not description.arrays:
         outputs = [
             f"{unit}.{s.name}" for unit in description.tables for s in description.signals(unit, "output")
         ]

@@ -9,26 +9,23 @@ from pathlib import Path
 
 from vdfmu.base.errors import StorageError, UsageError
 from vdfmu.base.files import read_member
+from vdfmu.base.standards import PYTHON_FMI, SSP_1, SSP_FORMATS, SspFormat
 from vdfmu.compiler.c import native_available
 
-FMI_OF_SSP = {"1.0": "2.0", "2.0": "3.0"}
-"""Version of SSP to the version of FMI of the units in it."""
-FORMATS = (*FMI_OF_SSP, "osp")
-"""Formats of ``vdfmu ssp``: versions of SSP, and OSP."""
 _VERSION = re.compile(rb'<fmiModelDescription[^>]*\sfmiVersion="([^"]*)"')
 
 
-def require_version(version: str) -> str:
-    """Return the version of FMI that a version of SSP holds here.
+def require_version(version: str) -> SspFormat:
+    """Return a version of SSP by its name.
 
     Raises
     ------
     UsageError
         For an unknown version.
     """
-    if version not in FMI_OF_SSP:
-        raise UsageError(f"There is no SSP {version!r} here. There are: {', '.join(map(repr, FMI_OF_SSP))}.")
-    return FMI_OF_SSP[version]
+    if version not in SSP_FORMATS:
+        raise UsageError(f"There is no SSP {version!r} here. There are: {', '.join(map(repr, SSP_FORMATS))}.")
+    return SSP_FORMATS[version]
 
 
 def fmi_of_format(form: str, backend: str | None) -> str:
@@ -39,18 +36,19 @@ def fmi_of_format(form: str, backend: str | None) -> str:
     UsageError
         For an unknown format, or one that a backend or this installation has no units for.
     """
-    if form not in FORMATS:
-        raise UsageError(f"--format {form}: expected one of {', '.join(FORMATS)}.")
-    version = FMI_OF_SSP.get(form, "2.0")
-    if version != "2.0" and backend == "python":
+    held = {name: one.fmi.name for name, one in SSP_FORMATS.items()}
+    if form not in held:
+        raise UsageError(f"--format {form}: expected one of {', '.join(held)}.")
+    version = held[form]
+    if version != PYTHON_FMI.name and backend == "python":
         raise UsageError(
-            f"--format {form}: holds units of FMI {version}, but Python FMUs are of FMI 2.0. "
-            "Leave out --backend python, or take --format 1.0."
+            f"--format {form}: holds units of FMI {version}, but Python FMUs are of FMI {PYTHON_FMI.name}. "
+            f"Leave out --backend python, or take --format {SSP_1.name}."
         )
-    if version != "2.0" and not native_available():
+    if version != PYTHON_FMI.name and not native_available():
         raise UsageError(
             f"--format {form}: holds native units of FMI {version}, whose compiler is not installed. "
-            "Install it (pip install vdfmu[native]), or take --format 1.0."
+            f"Install it (pip install vdfmu[native]), or take --format {SSP_1.name}."
         )
     return version
 

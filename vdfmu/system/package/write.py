@@ -10,6 +10,7 @@ from typing import Any
 from vdfmu.base.data import data_path
 from vdfmu.base.errors import StorageError
 from vdfmu.base.files import pack_zip, regular_target, require_ours, storing
+from vdfmu.base.standards import FMI_VERSIONS, SSP_1, SSP_FORMATS
 from vdfmu.engine.package.parse import validate
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.documentation import system_page
@@ -26,7 +27,7 @@ def write_ssp(
     path: str | os.PathLike[str],
     values: Mapping[str, Mapping[str, Any]] | None = None,
     *,
-    version: str = "1.0",
+    version: str = SSP_1.name,
     mixed: bool = False,
 ) -> Path:
     """Write the system of a scenario as a package with its FMUs.
@@ -67,10 +68,10 @@ def write_ssp(
     path = Path(path)
     regular_target(path)
     require_ours(path)
-    fmi_version = require_version(version)
+    form = require_version(version)
     description = SystemDescription(scenario, values, version)
     fmus = {unit: fmu for unit, fmu in fmus.items() if unit in description.tables}
-    there = require_fmi(fmus, ("2.0", "3.0") if mixed else (fmi_version,), f"SSP {version}")
+    there = require_fmi(fmus, tuple(FMI_VERSIONS) if mixed else (form.fmi.name,), f"SSP {version}")
     icons = {f"resources/icons/{name}.svg": _icon(table.name) for name, table in description.tables.items()}
     ssd = structure_file(description)
     members = {"SystemStructure.ssd": _checked(ssd, "ssd", "SystemStructure.ssd", version), **icons}
@@ -98,7 +99,7 @@ def _icon(unit: str) -> bytes:
 
 
 def _checked(root: Any, kind: str, name: str, version: str) -> bytes:
-    """Bytes of a file; one of SSP 1.0 is validated first, for which the schemas are at hand."""
-    if version == "1.0":
-        validate(root, kind, name)
+    """Bytes of a file, which is validated first where the schemas are always at hand."""
+    if SSP_FORMATS[version].always_validated:
+        validate(root, kind, name, version)
     return to_bytes(root)

@@ -32,8 +32,7 @@ from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.scipy_solver import samples
 from vdfmu.engine.masters.probe import Numbers, Probe, Reading
 from vdfmu.engine.results.results import Results
-from vdfmu.system.scenario import Scenario
-from vdfmu.system.scenario.parts import tables_of
+from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario.values import is_free
 
 _ROUNDING = 1e-9
@@ -65,9 +64,8 @@ class Witness:
 
     Parameters
     ----------
-    scenario : Scenario
-    values : mapping of str to mapping of str to value
-        Of :func:`vdfmu.system.scenario.values.system_values`.
+    system : SystemDescription
+        Components and values.
 
     Attributes
     ----------
@@ -75,18 +73,19 @@ class Witness:
         For the run.
     """
 
-    def __init__(self, scenario: Scenario, values: Mapping[str, Mapping[str, Any]]) -> None:
+    def __init__(self, system: SystemDescription) -> None:
         self._units: dict[str, _WitnessedUnit] = {}
         self._left: list[str] = []
+        scenario = system.scenario
         fed = {name for table in scenario.inputs or () for name in table.names}
-        for name, table in tables_of(scenario.system, scenario.robot).items():
+        for name, table in system.tables.items():
             if isinstance(table, Interface) and table.unit.backend == "native":
                 free = [
                     i
                     for i, v in enumerate(table)
                     if is_free(scenario.system, name, v) and f"{name}.{v.name}" not in fed
                 ]
-                self._units[name] = _WitnessedUnit(table, values[name], free)
+                self._units[name] = _WitnessedUnit(table, system.values[name], free)
             else:
                 self._left.append(name)
         self.probe = Probe({name: unit.step(scenario.step) for name, unit in self._units.items()})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -12,25 +12,22 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.measure import WIDE_ANGLE
 from vdfmu.base.toml_tables import Problems
 from vdfmu.engine.algorithms import count_steps
-from vdfmu.system.scenario.parts import Variables, tables_of, takers, units_of
 from vdfmu.system.scenario.scenario import Scenario
-from vdfmu.system.scenario.values import is_plant, section_values
+from vdfmu.system.scenario.values import section_values
 
 
 def model_notes(scenario: Scenario) -> list[str]:
     """Return the notes of a scenario, and what of it looks like a wrong sign or unit, though it may be meant."""
-    robot = scenario.robot
-    notes = list(scenario.notes)
-    tables = tables_of(scenario.system, robot)
-    notes += _not_reached(scenario, tables)
+    robot, resolved = scenario.robot, scenario.resolved
+    notes = [*scenario.notes, *_not_reached(scenario)]
     if robot is not None:
         notes += _robot_notes(robot)
-        if not takers(scenario.system, units_of(scenario.system)):
+        if not resolved.takers:
             notes.append("robot: no component takes it. Leave it out, unless tables and figures need it.")
     angles = {
         f"{component}.{name}": value
-        for component, section in section_values(scenario.system, robot, scenario.sections).items()
-        for table in [tables[component]]
+        for component, section in section_values(resolved, scenario.sections).items()
+        for table in [resolved.tables[component]]
         for name, value in section.items()
         if table.variables[table.reference[name]].unit == "rad"
     }
@@ -41,11 +38,7 @@ def model_notes(scenario: Scenario) -> list[str]:
             angles |= {f"{name}[{i}]": q for i, (joint, q) in pairs if joint == "revolute" and abs(q) < none}
     wide = (f"{name} = {q:g} rad looks like degrees: {np.radians(q):.4g} rad." for name, q in angles.items()
             if abs(q) > WIDE_ANGLE)  # fmt: skip
-    notes += [
-        f"motion: {note}"
-        for unit in units_of(scenario.system).values()
-        for note in getattr(unit, "notes", ())
-    ]
+    notes += [f"motion: {note}" for unit in resolved.units.values() for note in getattr(unit, "notes", ())]
     return notes + list(wide)
 
 
@@ -66,15 +59,15 @@ def _robot_notes(robot: Robot) -> Iterator[str]:
         yield f"a mass of {max(heavy):g} kg looks like grams."
 
 
-def _not_reached(scenario: Scenario, tables: Mapping[str, Variables]) -> Iterator[str]:
+def _not_reached(scenario: Scenario) -> Iterator[str]:
     """Yield what a scenario says of its plant alone that no component takes, or one does not."""
     robot = scenario.robot
     unknown = robot is not None and robot.payload and not scenario.payload_known
     said = [*(["plant_factors"] if scenario.plant_factors else []), *(["payload.known"] if unknown else [])]
-    plants = {name: scenario.system.parts[name].robot for name, t in tables.items() if is_plant(name, t)}
+    plants = {name: scenario.system.parts[name].robot for name in scenario.resolved.plants}
     if said and None not in plants.values():
         yield (
-            f"{' and '.join(said)}: no component takes it: none is a plant, or named so, with the robot of the "
+            f"{' and '.join(said)}: no component takes it: none is a plant with the robot of the "
             "scenario. Write numbers of the plant in its own section."
         )
     elif said:

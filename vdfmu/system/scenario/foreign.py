@@ -11,6 +11,7 @@ from typing import Any
 import fmpy
 
 from vdfmu.base.errors import UsageError
+from vdfmu.base.standards import FMI_VERSIONS
 from vdfmu.compiler.unit.variable import Variable
 from vdfmu.engine.fmu.variables import element_names, start_values, type_of
 
@@ -41,10 +42,10 @@ class ForeignInterface:
         except Exception as error:
             raise UsageError(f"{path}: the FMU cannot be read: {error}.") from None
         part = description.coSimulation or description.modelExchange
-        if description.fmiVersion not in ("2.0", "3.0") or part is None:
+        if description.fmiVersion not in FMI_VERSIONS or part is None:
             raise UsageError(
-                f"{path}: expected an FMU of FMI 2.0 or 3.0 for co-simulation or model exchange, got FMI "
-                f"{description.fmiVersion}{'' if part else ' with neither'}."
+                f"{path}: expected an FMU of FMI {' or '.join(FMI_VERSIONS)} for co-simulation or model exchange, got "
+                f"FMI {description.fmiVersion}{'' if part else ' with neither'}."
             )
         self.path = path
         self.implementation = "CoSimulation" if description.coSimulation else "ModelExchange"

@@ -12,7 +12,6 @@ from vdfmu.arm.robot.robot_file import robot_from_dict
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.base.toml_file import locate, read_toml, toml_names
 from vdfmu.base.toml_tables import Problems
-from vdfmu.system.scenario.parts import takers, units_of
 from vdfmu.system.scenario.scenario import Scenario
 from vdfmu.system.scenario.scenario_file import read_scenario
 from vdfmu.system.scenario.system_file import SystemFile, read_system_file
@@ -79,7 +78,7 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
     problems.lines.extend(robot_problems)
     problems.raise_any()
     assert scenario is not None  # else there are problems
-    if robot is not None and "robot" not in data and not takers(scenario.system, units_of(scenario.system)):
+    if robot is not None and "robot" not in data and not scenario.resolved.takers:
         raise UsageError(
             f"robot: expected none for {path}, no component of which takes one, got {robot.name}."
         )

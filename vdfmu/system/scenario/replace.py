@@ -13,7 +13,7 @@ from vdfmu.arm.robot.parameters import read_only, section
 from vdfmu.arm.units._played import Played
 from vdfmu.base.errors import UsageError
 from vdfmu.compiler.unit.unit import Unit
-from vdfmu.system.scenario.parts import tables_of, units_of
+from vdfmu.system.scenario.resolved import resolve
 from vdfmu.system.scenario.scenario import Scenario
 from vdfmu.system.scenario.system_file import SystemFile
 from vdfmu.system.scenario.values import section_values
@@ -55,7 +55,8 @@ def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:
         value = unit if isinstance(unit, type) else os.fspath(unit)
         parts[name] = dataclasses.replace(parts[name], unit=value)
     system = dataclasses.replace(system, parts=parts)
-    tables = tables_of(system, scenario.robot, units)
+    resolved = resolve(system, scenario.robot)
+    tables = {name: table for name, table in resolved.tables.items() if name in units}
     has = {
         name: {
             (key, v.causality)
@@ -78,11 +79,11 @@ def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:
                 dropped.append(f"{source} -> {target}")
             else:
                 kept.setdefault(source, []).append(target)
-    written = section_values(scenario.system, scenario.robot, scenario.sections)
+    written = section_values(scenario.resolved, scenario.sections)
     sections = dict(scenario.sections)
     for name, table in tables.items():
         sections[name] = {v: value for v, value in written.get(name, {}).items() if v in table.reference}
-    for name, unit in units_of(system).items():
+    for name, unit in resolved.units.items():
         sections = started(system, name, unit, sections)
     return dataclasses.replace(
         scenario,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -11,10 +11,10 @@ import numpy as np
 from vdfmu.arm.robot.parameters import PARAMETERS, Array
 from vdfmu.arm.robot.robot import Robot
 from vdfmu.base.errors import UsageError
+from vdfmu.engine.options import CouplingOptions, SimulatorOptions
+from vdfmu.system.scenario.resolved import ROBOT_WAY_OUT, ResolvedSystem, resolve
 from vdfmu.system.scenario.system_file import SystemFile
 
-ROBOT_WAY_OUT = 'Name one in its file, such as robot = "manipulator_6dof".'
-KINDS = ("contrast", "cosimulation")
 _TINY = 1e-12
 """What is left of the inertia of a payload that is not known: one of zeros would be another structure."""
 FACTOR_FIELDS = tuple(row.name for row in PARAMETERS.values() if row.fold != "always")
@@ -28,8 +28,6 @@ class Scenario:
     Parameters
     ----------
     name, description : str
-    kind : "contrast" or "cosimulation"
-        Torques along the motion by two formulations, or the closed loop of the units.
     system : SystemFile
         The components and their connections.
     robot : Robot or None
@@ -57,11 +55,12 @@ class Scenario:
         Whether they hold until the next row.
     notes : tuple of str
         What whoever made the scenario has to say of it.
+    options : CouplingOptions
+        Those of its runs that have no field here.
     """
 
     name: str
     description: str
-    kind: str
     system: SystemFile
     robot: Robot | None
     stop: float
@@ -76,6 +75,17 @@ class Scenario:
     input_hold: bool = False
     payload_known: bool = True
     notes: tuple[str, ...] = ()
+    options: CouplingOptions = field(default_factory=CouplingOptions)
+
+    @property
+    def coupling(self) -> SimulatorOptions:
+        """How the master couples the components."""
+        return {**self.options, "algorithm": self.master, "adaptive": self.adaptive}
+
+    @property
+    def resolved(self) -> ResolvedSystem:
+        """The components of the system for the robot."""
+        return resolve(self.system, self.robot)
 
     @property
     def arm(self) -> Robot:

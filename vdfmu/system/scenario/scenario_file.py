@@ -20,13 +20,8 @@ from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
 from vdfmu.engine.algorithms import ALGORITHMS, is_continuous
 from vdfmu.system.scenario.check import check_step
 from vdfmu.system.scenario.replace import started
-from vdfmu.system.scenario.scenario import (
-    FACTOR_FIELDS,
-    KINDS,
-    ROBOT_WAY_OUT,
-    Scenario,
-    apply_factors,
-)
+from vdfmu.system.scenario.resolved import ROBOT_WAY_OUT, resolve
+from vdfmu.system.scenario.scenario import FACTOR_FIELDS, Scenario, apply_factors
 from vdfmu.system.scenario.start import with_starts
 from vdfmu.system.scenario.system_file import SystemFile
 from vdfmu.system.scenario.values import section_values
@@ -34,7 +29,6 @@ from vdfmu.system.scenario.values import section_values
 SCENARIO_KEYS = (
     "name",
     "description",
-    "kind",
     "system",
     "robot",
     "friction",
@@ -56,7 +50,6 @@ PAPER_LISTS = (
     "rms_position_error_deg",
     "max_position_error_deg",
     "rms_torque_compensation_error_nm",
-    "rms_torque_difference_nmm",
 )
 
 
@@ -94,7 +87,6 @@ def read_scenario(
     n = robot.n if robot is not None else None
     name = file.name("name")
     description = file.text("description", "")
-    kind = file.text("kind", choices=KINDS)
     file.text("system", "system")
     sections: dict[str, Any] = {}
     for component in components:
@@ -102,8 +94,8 @@ def read_scenario(
             found = file.data[component]
             known = list(cast("dict[str, object]", found)) if isinstance(found, dict) else ()
             sections[component] = Table(problems, found, component, known).data
-    unnamed = robot is None and "robot" not in file.data and kind != "contrast"  # which has no components
-    if "robot" in file.data or (kind == "contrast" and robot is None):
+    unnamed = robot is None and "robot" not in file.data
+    if "robot" in file.data:
         file.text("robot")
     if unnamed:
         for key in filter(file.data.__contains__, ROBOT_KEYS):
@@ -125,7 +117,7 @@ def read_scenario(
             robot, payload=True, **{key: read_only(number) for key, number in numbers.items()}
         )
     if "motion" in file.data and robot is not None and system is not None:
-        system, sections = _moved(file, robot, system, kind, sections)
+        system, sections = _moved(file, robot, system, sections)
     stop = file.number("stop", "s", above=0, way_out="Give the end of the run.")
     step = file.number("step", "s", above=0, way_out="Give the communication step.")
     check_step(problems, stop, step)
@@ -141,7 +133,7 @@ def read_scenario(
     paper = _paper(file.optional_table("paper", ("source", *PAPER_LISTS)), n)
     if (robot is not None or unnamed) and system is not None:
         try:
-            section_values(system, robot, sections)
+            section_values(resolve(system, robot), sections)
         except (UsageError, UnitError) as error:
             known = (str(system.path), problems.where)
             problems.lines.extend(
@@ -158,7 +150,6 @@ def read_scenario(
     return Scenario(
         name=name,
         description=description,
-        kind=kind,
         system=system,
         robot=robot,
         stop=stop,
@@ -176,15 +167,13 @@ def read_scenario(
 
 
 def _moved(
-    file: Table, robot: Robot, system: SystemFile, kind: str, sections: dict[str, Any]
+    file: Table, robot: Robot, system: SystemFile, sections: dict[str, Any]
 ) -> tuple[SystemFile, dict[str, Any]]:
     """Return the system with the unit of a motion in the place of its trajectory, and sections with its start."""
     problems = file.problems
-    if kind not in ("cosimulation", "") or "trajectory" not in system.parts:
-        expected = "a scenario of kind cosimulation whose system has a component trajectory"
-        problems.add(
-            "motion", expected, f"kind {kind} and {', '.join(system.parts)}", "Leave the motion out."
-        )
+    if "trajectory" not in system.parts:
+        expected = "a scenario whose system has a component trajectory"
+        problems.add("motion", expected, ", ".join(system.parts), "Leave the motion out.")
         return system, sections
     motion = read_motion(problems, file.data["motion"], robot, Path(problems.where).parent)
     if motion is None:  # a section may be right

@@ -23,8 +23,8 @@ from vdfmu.compiler.unit.interface import general_description
 from vdfmu.compiler.unit.unit import Unit
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.system.scenario.load import load_system
-from vdfmu.system.scenario.parts import units_of
-from vdfmu.system.scenario.scenario import FACTOR_FIELDS, KINDS
+from vdfmu.system.scenario.resolved import resolve
+from vdfmu.system.scenario.scenario import FACTOR_FIELDS
 from vdfmu.system.scenario.scenario_file import PAPER_LISTS
 
 Schema = dict[str, Any]
@@ -72,12 +72,10 @@ def scenario_schema(system: str = "system") -> Schema:
         name: _list({"type": "number", "minimum": 0}) for name in PAPER_LISTS
     }
     sections: Schema = {name: {"type": "object"} for name in file.parts}  # of an FMU of any tool: what it has
-    sections |= {name: _table(_values(unit), []) for name, unit in units_of(file).items()}
+    sections |= {name: _table(_values(unit), []) for name, unit in resolve(file, None).units.items()}
     keys: Schema = {
         "name": _TEXT,
         "description": _TEXT,
-        "kind": {"enum": list(KINDS)}
-        | {"description": "Units that are stepped, or torques of two formulations"},
         "system": _TEXT | {"description": "Which units, and how they are connected: a name or a TOML file"},
         "robot": _TEXT | {"description": "A name or a TOML file, where a component takes one"},
         "friction": {"enum": list(FRICTION_ARRANGEMENTS)} | {"description": "In place of the robot's"},
@@ -93,7 +91,7 @@ def scenario_schema(system: str = "system") -> Schema:
         "plant_factors": _table(factors, []),
         "paper": _table(paper, []),
     }
-    return _file("Scenario of vdfmu", sections | keys, ["name", "kind", "stop", "step"])
+    return _file("Scenario of vdfmu", sections | keys, ["name", "stop", "step"])
 
 
 def system_schema() -> Schema:

@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 
 from vdfmu.arm.units._played import Played
 from vdfmu.compiler.unit.declaration import JOINTS, Output
 from vdfmu.compiler.unit.unit import Unit
-from vdfmu.system.scenario.parts import units_of
+from vdfmu.system.scenario.resolved import ResolvedSystem, resolve
 from vdfmu.system.scenario.system_file import SystemFile
 
 
-def leaders(system: SystemFile, units: Mapping[str, type[Unit]]) -> dict[str, str]:
+def leaders(resolved: ResolvedSystem) -> dict[str, str]:
     """Return plant to the component whose desired motion ``q_d`` reaches it first; without those that have several.
 
     A plant is a component with start positions of the joints, ``q_0``.
     """
+    units = resolved.units
     plants = [name for name, unit in units.items() if _is_position(unit, "q_0")]
     found: dict[str, str] = {}
     for plant in plants:
         before, new, leading = {plant}, [plant], set[str]()
         while new:
             end = new.pop()
-            for source, targets in system.connections.items():
+            for source, targets in resolved.system.connections.items():
                 name = source.partition(".")[0]
                 if name in before or all(target.partition(".")[0] != end for target in targets):
                     continue
@@ -39,8 +39,9 @@ def leaders(system: SystemFile, units: Mapping[str, type[Unit]]) -> dict[str, st
 
 def with_starts(system: SystemFile) -> SystemFile:
     """Return the system with start positions that its plants share with what leads them, unless its file shares any."""
-    units, shared = units_of(system), dict(system.shared)
-    for plant, leader in leaders(system, units).items():
+    resolved, shared = resolve(system, None), dict(system.shared)
+    units = resolved.units
+    for plant, leader in leaders(resolved).items():
         played = issubclass(units[leader], Played) or _is_position(units[leader], "q_start")
         told = any(members.get(plant) == "q_0" for members in shared.values())
         if played and not told and _joints(system, plant) == _joints(system, leader):

@@ -51,7 +51,7 @@ def _with_ends(robot: Robot, ends: tuple[str, ...]) -> Robot:
     return dataclasses.replace(robot, **dict.fromkeys(ends, True))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SystemFile:
     """A system as its file has it."""
 

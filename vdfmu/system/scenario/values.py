@@ -11,15 +11,14 @@ import numpy as np
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.parameters import OPTIONAL, PARAMETERS
 from vdfmu.arm.robot.structure import parameters
-from vdfmu.arm.units.plant import Plant
 from vdfmu.base.errors import UsageError
 from vdfmu.base.toml_tables import nearest
-from vdfmu.compiler.unit.interface import Interface
+from vdfmu.compiler.unit.interface import Interface, interface_of
 from vdfmu.compiler.unit.requirements import unmet
 from vdfmu.compiler.unit.unit import Unit
 from vdfmu.compiler.unit.variable import NO_LIMIT, Variable
 from vdfmu.engine.package.system import spread
-from vdfmu.system.scenario.parts import Variables, check_connections, optional, tables_of
+from vdfmu.system.scenario.resolved import ResolvedSystem, Variables, optional
 from vdfmu.system.scenario.scenario import Scenario
 from vdfmu.system.scenario.system_file import SystemFile
 
@@ -37,7 +36,7 @@ def system_values(scenario: Scenario, settings: Mapping[str, Any] | None = None)
     UsageError
         As :func:`override`, and for positions beyond the robot's end stops.
     """
-    tables = tables_of(scenario.system, scenario.robot)
+    tables = scenario.resolved.tables
     values = given_values(scenario, settings)
     values = {name: {**followed(tables[name], each), **each} for name, each in values.items()}
     _check(tables, values)
@@ -46,16 +45,20 @@ def system_values(scenario: Scenario, settings: Mapping[str, Any] | None = None)
 
 def given_values(scenario: Scenario, settings: Mapping[str, Any] | None = None) -> dict[str, Values]:
     """Return the values of :func:`system_values` without parameters that follow from others; nothing is checked."""
-    system, tables = scenario.system, tables_of(scenario.system, scenario.robot)
-    written = _set_all(system, tables, _sections(system, tables, scenario.sections))
-    changed = _set_all(system, tables, settings or {})
+    resolved = scenario.resolved
+    written = _set_all(resolved, _sections(resolved, scenario.sections))
+    changed = _set_all(resolved, settings or {})
     return {
-        name: {v.name: v.start for v in table if isinstance(table, Interface) and is_free(system, name, v)}
+        name: {
+            v.name: v.start
+            for v in table
+            if isinstance(table, Interface) and is_free(resolved.system, name, v)
+        }
         | {v.name: scenario.tolerance for v in table if v.name == "tolerance" and v.causality == "parameter"}
         | robot_parameters(name, table, scenario)
         | written.get(name, {})
         | changed.get(name, {})
-        for name, table in tables.items()
+        for name, table in resolved.tables.items()
     }
 
 
@@ -64,9 +67,7 @@ def followed(table: Variables, values: Values) -> Values:
     return table.followed(values) if isinstance(table, Interface) else {}
 
 
-def section_values(
-    system: SystemFile, robot: Robot | None, sections: Mapping[str, Mapping[str, Any]]
-) -> dict[str, Values]:
+def section_values(resolved: ResolvedSystem, sections: Mapping[str, Mapping[str, Any]]) -> dict[str, Values]:
     """Values of the sections of a scenario's file: component to variable to value.
 
     A group that shares its value with others, as ``[shared]`` of the system has it, sets these too.
@@ -76,10 +77,9 @@ def section_values(
     UsageError
         As :func:`override`, for positions beyond the robot's end stops, and for connections of unknown signals.
     """
-    tables = tables_of(system, robot)
-    check_connections(system, tables)
-    values = _set_all(system, tables, _sections(system, tables, sections))
-    _check(tables, values)
+    resolved.check_connections()
+    values = _set_all(resolved, _sections(resolved, sections))
+    _check(resolved.tables, values)
     return values
 
 
@@ -96,7 +96,7 @@ def override(scenario: Scenario, settings: Mapping[str, Any]) -> dict[str, Value
         For an unknown component or variable, one that cannot be set, a value that does not fit, or another number of
         values; with one line for each setting that is wrong.
     """
-    return _set_all(scenario.system, tables_of(scenario.system, scenario.robot), settings)
+    return _set_all(scenario.resolved, settings)
 
 
 def present_values(
@@ -109,7 +109,7 @@ def present_values(
     UsageError
         As :func:`override`, for a `number` that does not fit.
     """
-    tables = tables_of(scenario.system, scenario.robot)
+    tables = scenario.resolved.tables
     return {
         f"{component}.{v.name}": values[component].get(v.name, v.start)
         for component, each in override(scenario, {target: number}).items()
@@ -126,7 +126,7 @@ def start_values(unit: type[Unit], robot: Robot | None, settings: Mapping[str, A
     UsageError
         As :func:`override`.
     """
-    table = Interface(unit, robot if unit.needs_robot() else None)
+    table = interface_of(unit, robot if unit.needs_robot() else None)
     values: Values = {}
     for key, value in settings.items():
         values |= _spread(_named(table, key, key), key, value)
@@ -139,7 +139,7 @@ def group_value(scenario: Scenario, name: str, settings: Mapping[str, Any] | Non
     None if there is no such component or group.
     """
     component, _, group = name.partition(".")
-    table = tables_of(scenario.system, scenario.robot, (component,)).get(component, ())
+    table = scenario.resolved.tables.get(component, ())
     values = system_values(scenario, settings).get(component, {})
     found = {v.index: values.get(v.name, v.start) for v in table if v.group == group}
     if not found:
@@ -158,17 +158,12 @@ def robot_parameters(component: str, table: Variables, scenario: Scenario) -> Va
     if not isinstance(table, Interface) or table.unit.robot_fields is None:
         return {}
     own = scenario.system.parts[component].robot
-    robot = own or (scenario.plant_robot if is_plant(component, table) else scenario.known_robot)
+    robot = own or (scenario.plant_robot if component in scenario.resolved.plants else scenario.known_robot)
     return {
         p.name: float(getattr(robot, p.field)[p.index])
         for p in parameters(own or scenario.arm)
         if p.name in table.reference and p.field not in table.unit.declared
     }
-
-
-def is_plant(component: str, table: Variables) -> bool:
-    """Whether a component is the plant: a `Plant` of any name, or a unit of one's own of this name."""
-    return isinstance(table, Interface) and (component == "plant" or issubclass(table.unit, Plant))
 
 
 def is_free(system: SystemFile, component: str, variable: Variable) -> bool:
@@ -177,17 +172,15 @@ def is_free(system: SystemFile, component: str, variable: Variable) -> bool:
     return variable.causality == "input" and system.fed.isdisjoint(names)
 
 
-def _sections(
-    system: SystemFile, tables: Mapping[str, Variables], sections: Mapping[str, Mapping[str, Any]]
-) -> dict[str, Any]:
+def _sections(resolved: ResolvedSystem, sections: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """Values of sections by ``component.group``, with those of groups that share them."""
     written = {f"{name}.{key}": value for name, section in sections.items() for key, value in section.items()}
-    for members in system.shared.values():
+    for members in resolved.system.shared.values():
         groups = [
             f"{component}.{group}"
             for component, group in members.items()
             if any(
-                v.group == group for v in tables[component]
+                v.group == group for v in resolved.tables[component]
             )  # a unit in place of another may have no such value
         ]
         given = next((written[group] for group in groups if group in written), None)
@@ -196,22 +189,20 @@ def _sections(
     return written
 
 
-def _set_all(
-    system: SystemFile, tables: Mapping[str, Variables], settings: Mapping[str, Any]
-) -> dict[str, Values]:
+def _set_all(resolved: ResolvedSystem, settings: Mapping[str, Any]) -> dict[str, Values]:
     """Read settings, see :func:`override`."""
     values: dict[str, Values] = {}
     problems: list[str] = []
     for key, value in settings.items():
         component, _, name = key.partition(".")
         reached = [component]
-        if component == "robot" and "robot" not in tables:
-            reached = [c for c, table in tables.items() if _has_parameter(table, name)]
+        if component == "robot" and "robot" not in resolved.tables:
+            reached = [c for c, table in resolved.tables.items() if _has_parameter(table, name)]
         try:
             if not reached:
                 raise UsageError(f"{key}: no component has a parameter {name} of the robot.")
             for one in reached:
-                values.setdefault(one, {}).update(_set(system, tables, one, name, key, value))
+                values.setdefault(one, {}).update(_set(resolved, one, name, key, value))
         except UsageError as error:
             problems += str(error).splitlines()
     if problems:
@@ -225,15 +216,13 @@ def _has_parameter(table: Variables, name: str) -> bool:
     return table.robot is not None and any(name in (v.group, v.name) for v in of_robot)
 
 
-def _set(
-    system: SystemFile, tables: Mapping[str, Variables], component: str, name: str, key: str, value: Any
-) -> Values:
+def _set(resolved: ResolvedSystem, component: str, name: str, key: str, value: Any) -> Values:
     """Return the values of one setting of a component."""
-    if component not in tables or not name:
-        raise UsageError(f"{key}: expected component.parameter, a component of {', '.join(tables)}.")
-    variables = _named(tables[component], name, key)
+    if component not in resolved.tables or not name:
+        raise UsageError(f"{key}: expected component.parameter, a component of {', '.join(resolved.tables)}.")
+    variables = _named(resolved.tables[component], name, key)
     for variable in variables:
-        if variable.causality != "parameter" and not is_free(system, component, variable):
+        if variable.causality != "parameter" and not is_free(resolved.system, component, variable):
             fed = "n output" if variable.causality == "output" else " connected input"
             raise UsageError(
                 f"{key}: {variable.name} is a{fed} of {component}; only parameters and free inputs can be set."

@@ -1,0 +1,40 @@
+"""Every key that a run writes into its summary is declared, with the type of its value."""
+
+import json
+from collections.abc import Mapping
+
+import vdfmu
+from vdfmu.engine.simulate import run_system
+from vdfmu.study.report.summary import read_summary
+from vdfmu.study.report.summary_keys import KEYS, Keyed, List
+
+
+def undeclared(value, of, where=""):
+    """Yield the keys of a summary that its declaration lacks."""
+    if isinstance(of, Mapping):
+        for key, entry in (value or {}).items():
+            yield from undeclared(entry, of[key], f"{where}.{key}") if key in of else [f"{where}.{key}"]
+    elif isinstance(of, List | Keyed) and value is not None:
+        for entry in value.values() if isinstance(of, Keyed) else value:
+            yield from undeclared(entry, of.of, where)
+
+
+def test_each_key_of_a_summary_is_declared(tmp_path, planar_run):
+    runs = {name: tmp_path / name for name in ("estimation", "own", "simulate")}
+    short = {"stop": 0.02, "reference": False}
+    vdfmu.run("estimation", out=runs["estimation"], master="iterative", adaptive=1e-4, **short)
+    vdfmu.run("planar_tracking", out=runs["own"], formats=["csv", "parquet"], backend="python", **short)
+    run_system(planar_run[0] / "system.ssp", stop=0.02, out=runs["simulate"], isolate=True)
+    types = {name: key.of for name, key in KEYS.items()}
+    for folder in (planar_run[0], *runs.values()):
+        file = folder / "summary.json"
+        assert list(undeclared(json.loads(file.read_text()), types)) == []
+        assert read_summary(file)
+    assert all(key.text.endswith(".") for key in KEYS.values())
+
+
+def test_a_factor_of_the_plant_may_have_a_number_for_each_joint(tmp_path, planar_run):
+    summary = planar_run[1].summary | {"plant_factors": {"mass": [1.1, 0.9]}}
+    file = tmp_path / "summary.json"
+    file.write_text(json.dumps(summary))
+    assert read_summary(file)["plant_factors"] == {"mass": [1.1, 0.9]}

@@ -1,0 +1,65 @@
+"""Versions of the standards FMI and SSP, and what differs between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class FmiVersion:
+    """A version of FMI that FMUs are built for. A new one is a row of `FMI_VERSIONS`."""
+
+    name: str
+    """As a model description states it."""
+    prefix: str
+    """With which functions, headers and the C file of an FMU begin, ``fmi2``."""
+    token: str
+    """Attribute of a model description that names the content of the FMU."""
+    arrays: bool
+    """Whether a variable can be an array, and is read and written so; else its elements are the variables."""
+    platform_tuples: bool
+    """Whether folders of ``binaries`` have the names of platform tuples."""
+    build_description: bool
+    """Whether ``sources/buildDescription.xml`` lists the C files; else the model description does."""
+    picture: bool
+    """Whether there is a picture ``model.png``."""
+    time_variable: bool
+    """Whether the time is a variable."""
+    adjoints: bool
+    """Whether there are adjoint derivatives in addition to directional ones."""
+    input_derivatives: bool
+    """Whether inputs of co-simulation can change at a rate that is set."""
+    enumeration: str
+    """Type in the names of the functions that read and write an enumeration."""
+
+
+FMI_2 = FmiVersion("2.0", "fmi2", "guid", False, False, False, True, False, False, True, "Integer")
+FMI_3 = FmiVersion("3.0", "fmi3", "instantiationToken", True, True, True, False, True, True, False, "Int64")
+FMI_VERSIONS = {version.name: version for version in (FMI_2, FMI_3)}
+"""Name to version."""
+PYTHON_FMI = FMI_2
+"""Of FMUs in Python."""
+
+
+@dataclass(frozen=True)
+class SspFormat:
+    """A version of SSP that packages are written and read in. A new one is a row of `SSP_FORMATS`."""
+
+    name: str
+    """As the files of a package state it."""
+    fmi: FmiVersion
+    """Of the FMUs in a package that is written here; connectors and parameters are its variables."""
+    schemas: tuple[str, str]
+    """Python package that has the XML schemas, and their folder in it."""
+    always_validated: bool
+    """Whether that package is always installed: then files are validated when they are written too."""
+    binary_parameters: bool
+    """Whether parameters can be binary."""
+    more_connections: bool
+    """Whether connectors can be constants, local or of no kind, as the table "Allowed connections" of 2.0 has it."""
+
+
+SSP_1 = SspFormat("1.0", FMI_2, ("fmpy", "ssp/schema"), True, False, False)
+SSP_2 = SspFormat("2.0", FMI_3, ("pyssp_standard", "resources/ssp2"), False, True, True)
+SSP_FORMATS = {form.name: form for form in (SSP_1, SSP_2)}
+"""Name to version."""

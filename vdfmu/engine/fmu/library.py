@@ -1,0 +1,162 @@
+"""The library of an FMU, and fmpy's instance, which calls it: its replaced parts, and its failures.
+
+fmpy's own loading changes the working directory of the process, which all threads share, and looks up and describes all
+functions of the standard for each instance. Here a function is looked up when it is first called.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from ctypes import CDLL, c_int
+from functools import cache, partial
+from inspect import signature
+from pathlib import Path
+from types import UnionType
+from typing import Any, get_args
+
+import fmpy
+from fmpy.fmi1 import _FMU  # pyright: ignore[reportPrivateUsage]
+
+from vdfmu.base.errors import CosimError
+from vdfmu.engine.fmu.access import Call
+from vdfmu.engine.fmu.description import Description, library_name
+from vdfmu.engine.fmu.messages import STATUS, MessageBox
+
+Watch = Callable[[str, str, Any], Any]
+"""Returns a function that notes component and call before it calls the given function."""
+_tokens = itertools.count(1)
+
+
+class Library:
+    """The functions of an FMU.
+
+    `fmu`, fmpy's instance, makes calls that occur once or at events. Values, steps, and the states and derivatives of
+    model exchange use functions with arguments that are prepared once; fmpy would make them anew in each call.
+
+    After a fatal error neither it nor any other instance of the same FMU is called again (FMI 2.0, table of
+    statuses), not even to free it.
+
+    Parameters
+    ----------
+    name : str
+        Component name.
+    description : Description
+    folder : Path
+        Where the FMU is unpacked.
+    box : MessageBox
+    corrupt : set of str
+        Sources of FMUs with a fatal error, shared by the units of a run.
+    watch : callable, optional
+        Wraps everything that runs code of the FMU: its functions, and the loading of its library.
+    """
+
+    kinds: tuple[type[_FMU], type[_FMU]]
+    """Classes of fmpy for co-simulation and for model exchange."""
+    prefix = ""
+    """Prefix of the functions."""
+
+    def __init__(
+        self,
+        name: str,
+        description: Description,
+        folder: Path,
+        box: MessageBox,
+        corrupt: set[str],
+        watch: Watch | None = None,
+    ) -> None:
+        self.name, self.description, self.folder, self.box = name, description, folder, box
+        self.stage = "loaded"
+        self._corrupt = corrupt
+        self._functions: dict[str, Any] = {}
+        self.token = next(_tokens)
+        self._watch = watch or (lambda unit, call, function: function)
+        try:
+            path = str(folder / library_name(description.identifier, description.version))
+            self._library: CDLL = self._watch(name, "load", CDLL)(path)
+        except OSError as error:
+            raise CosimError(name, "load", box.time, str(error)) from None
+        self.python = (folder / "resources" / "slavemodule.txt").is_file()
+        self._kind = self.kinds[description.exchange]
+        self.fmu: Any = self._kind.__new__(self._kind)
+        free = self._watch(name, "freeLibrary", fmpy.freeLibrary)
+        vars(self.fmu).update(
+            guid=description.guid, unzipDirectory=str(folder), instanceName=name, component=None,
+            _call=self._judged, freeLibrary=partial(free, self._library._handle),
+        )  # fmt: skip
+        self.argument: Any = None
+        """The instance as an argument, prepared once: ctypes would convert it in each call."""
+
+    def _found(self, name: str, arguments: list[Any] | None, result: Any) -> Any:
+        """Return an FMI function as a ctypes object; CosimError if the library has none."""
+        call = name[4].lower() + name[5:]
+        try:
+            function: Any = self._library[name]
+        except AttributeError:
+            raise CosimError(self.name, call, self.box.time, f"the library has no function {name}") from None
+        function.argtypes, function.restype = arguments, result
+        return self._watch(self.name, call, function)
+
+    def _judged(self, name: str, *values: Any) -> Any:
+        """Call a function for fmpy; fail with CosimError instead of fmpy's own error, which gives no reason."""
+        if name not in self._functions:
+            self._functions[name] = self._found(name, *_types(self._kind, name))
+        returned = self._functions[name](*values)
+        if "Instantiate" in name:
+            if not returned:
+                self.stage = "failed"
+                raise CosimError(self.name, "instantiate", self.box.time, self.box.reason(self.name))
+        elif returned:
+            self.judge(returned, name[4:])
+        return returned
+
+    def function(self, name: str) -> Any:
+        """Return an FMI function, without its prefix, which takes ctypes arguments."""
+        if name not in self._functions:
+            self._functions[name] = self._found(self.prefix + name, None, c_int)
+        return self._functions[name]
+
+    def call(self, name: str, *arguments: Any) -> None:
+        """Call a function with ctypes arguments; CosimError when its status is above warning."""
+        status = self.function(name)(self.argument, *arguments)
+        if status:
+            self.judge(status, name)
+
+    def run(self, calls: Sequence[Call]) -> None:
+        """Make calls one after the other."""
+        for function, a, b, c, d, name in calls:
+            status = function(a, b, c, d)
+            if status:
+                self.judge(status, name)
+
+    def judge(self, status: int, call: str) -> None:
+        """Ignore a warning, and a step in which the unit ends the simulation; else raise CosimError."""
+        if status == 1 or (status == 2 and call == "doStep" and self.has_ended()):
+            return
+        version = self.description.version.name
+        label = STATUS[status] if 0 <= status < len(STATUS) else f"{status}, not of FMI {version}"
+        self.stage = "failed" if self.stage != "initialized" or status != 2 else self.stage
+        if status == 4:
+            self._corrupt.add(self.description.source)
+        reason = "asynchronous steps are not supported" if status == 5 else self.box.reason(self.name)
+        raise CosimError(self.name, call[0].lower() + call[1:], self.box.time, f"{reason} (status {label})")
+
+    def has_ended(self) -> bool:
+        """Whether the unit has discarded a step because the simulation is to end; note when."""
+        return False
+
+    @property
+    def dead(self) -> bool:
+        """Whether the FMU has had a fatal error."""
+        return self.description.source in self._corrupt
+
+
+@cache
+def _types(kind: type[_FMU], name: str) -> tuple[list[Any], Any]:
+    """Return the types of the arguments and of the result of a function, as fmpy declares them."""
+    declared = signature(getattr(kind, name))
+    types = [p.annotation for p in declared.parameters.values()][1:]
+    result = declared.return_annotation
+    return [
+        get_args(t)[0] if isinstance(t, UnionType) else t for t in types
+    ], c_int if result is int else result

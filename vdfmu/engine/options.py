@@ -1,0 +1,196 @@
+"""The options of a run: each is declared here once, and known then to Python, the command line and the documentation.
+
+`vdfmu.study.options` adds the options of scenarios and studies. An option of `CouplingOptions` belongs to a run of
+whatever kind: scenarios, packages, sweeps and tuning have it, and `vdfmu.Simulator` receives it.
+"""
+
+# Types are written out, not quoted: the command line reads them; quoted ones are imported for the checker only.
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypedDict
+
+from vdfmu.base.option import Option, read_settings
+from vdfmu.engine.algorithms import choice
+from vdfmu.engine.results.formats import FORMATS, choice_of_formats
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from vdfmu.base.show_progress import Shown, Steps
+    from vdfmu.engine.fmu.messages import LogMessage
+    from vdfmu.engine.masters.observer import Observer
+    from vdfmu.engine.plan.check import Value
+    from vdfmu.engine.plan.inputs import Inputs
+    from vdfmu.engine.run.elsewhere import Division
+
+TEXTS = list[str] | None
+"""Type of an option that may be repeated on the command line."""
+# A table: an option in some lines.
+# fmt: off
+master_option = Option(f"{choice()}.", more="The first two sample the coupled signals at the communication points; "
+    "the others take them as continuous and are of second order in the step. Default: from the scenario, or from "
+    "the package's annotation with its `adaptive`; else gauss-seidel, or, with a note, jacobi where the dependencies "
+    "leave no order for it.")
+settings_option = Option("Set a parameter or input; without an index, of all elements.", "mapping of str to value",
+    "By ``component.variable``, in the unit of the FMU; they win over the values of the package. Without an index "
+    "one value, or a list or array with one for each.", flag="--set", metavar="COMPONENT.VARIABLE=VALUE", typed=TEXTS,
+    read=read_settings)
+
+
+class SpanOptions(TypedDict, total=False):
+    """When a run ends, and its step."""
+
+    step: Annotated[float | None, Option("Communication step in seconds.", "float [s]",
+        "`stop` - `start` must be a multiple of it, within 1e-9 relative. With `adaptive` the longest step, and the "
+        "interval of the rows. Default: from the scenario, or from the package's annotations, of this project or of "
+        "libcosim; for components with their own steps the part that all have.")]
+    stop: Annotated[float | None, Option("End of the run in seconds.", "float [s]")]
+
+
+class CouplingOptions(TypedDict, total=False):
+    """How components are coupled, in runs of every kind."""
+
+    adaptive: Annotated[float | None, Option(
+        "Relative error of a coupled signal that a communication step may have; steps are shortened to it.",
+        more="Relative to its size and at least to its nominal value. For ``extrapolated`` and ``iterative``.")]
+
+
+class InputOptions(TypedDict, total=False):
+    """Signals from outside."""
+
+    inputs: Annotated["Inputs", Option(
+        "Signals for inputs that nothing is connected to: columns time and, say, 'plant.F_e[1] [N]'.",
+        "path, sequence of paths or mapping of str to (t, values)",
+        "CSV files or arrays; they replace a scenario's. See `vdfmu.engine.plan.inputs.read_inputs`.",
+        flag="--input", metavar="FILE.csv", typed=TEXTS)]
+    input_hold: Annotated[bool | None, Option(
+        "Hold the values of the inputs until the next row; else they run linearly.", "bool", typed=bool)]
+
+
+class ObserverOptions(TypedDict, total=False):
+    """Who sees a run."""
+
+    observer: Annotated["Observer | None", Option("Receives rows during the run, such as a "
+        ":class:`vdfmu.LiveView`; see `vdfmu.engine.masters.observer`.", "Observer", flag=None)]
+
+
+class RecordOptions(SpanOptions, ObserverOptions, total=False):
+    """The visible part of a run."""
+
+    start: Annotated[float | None, Option("Start of the run in seconds.", "float [s]",
+        "Row k is at ``start + k * step``. Default of all times: the package's default experiment; else 0.")]
+    record: Annotated[Sequence[str] | None, Option("Signals to record, such as 'plant.q[*]'; default all.",
+        "sequence of str", "All are the outputs and connected inputs; text is not recorded.", metavar="SIGNAL",
+        typed=TEXTS)]
+
+
+class ProgressOptions(TypedDict, total=False):
+    """Who sees how far it is."""
+
+    progress: Annotated["Shown", Option(
+        "Called with stage, done, total; True shows bars, on the terminal or in the notebook.", "callable or bool",
+        flag=None)]
+
+
+class LogOptions(TypedDict, total=False):
+    """Who hears of a run."""
+
+    log: Annotated["Callable[[LogMessage], None] | None", Option(
+        "Receives each `LogMessage` of the units. Default: the logger ``vdfmu.engine.run``.", "callable", flag=None)]
+
+
+class MemberOptions(InputOptions, LogOptions, total=False):
+    """How components run, wherever they are."""
+
+    tolerance: Annotated[float | None, Option("Relative tolerance for the units' solvers.")]
+    ignore_unmatched: Annotated[bool, Option("Ignore values of the package's parameter sets that no variable takes.",
+        default=False)]
+    time_limit: Annotated[float | None, Option(
+        "Seconds that isolated components have for a step, and federates for each wait for others; default 300.",
+        "float [s]", "And for loading, initialization and freeing each.")]
+
+
+class LoadedOptions(CouplingOptions, MemberOptions, total=False):
+    """How components run on this machine."""
+
+    isolate: Annotated[bool | None, Option("Run the components in a process of their own, which they may crash. "
+        "Default: where an FMU was not built by this project.", "bool", "If they crash it, end it, take too long or "
+        "too much memory, that is a CosimError; otherwise they could end or block this process.",
+        flag="--isolate/--no-isolate")]
+    memory_limit: Annotated[float | None, Option(
+        "Memory in MB that isolated components have; default half of the machine's.", "float [MB]")]
+
+
+class FederationOptions(TypedDict, total=False):
+    """Where components run."""
+
+    federation: Annotated["Division | None", Option(
+        "Says which part of the system runs here, and how, as :func:`vdfmu.federate` does.", "Division", flag=None)]
+
+
+class AlgorithmOptions(LoadedOptions, total=False):
+    """How a system is checked and coupled."""
+
+    parameters: Annotated["Mapping[str, Value] | None", settings_option]
+    strict: Annotated[bool, Option("Refuse what is only noted else; see `vdfmu.engine.plan.check.check_system`.",
+        default=False, flag=None)]
+    algorithm: Annotated[str | None, master_option]
+    convergence: Annotated[float | None, Option("Change of a coupled signal, relative as `adaptive`, at which "
+        "``iterative`` ends its repetitions; default a hundredth of `adaptive`, else 1e-8.", flag=None)]
+
+
+class SimulatorOptions(AlgorithmOptions, FederationOptions, total=False):
+    """Options of `vdfmu.Simulator`."""
+
+
+class RowOptions(RecordOptions, total=False):
+    """Options of `vdfmu.Simulator.run`."""
+
+    progress: Annotated["Steps | bool | None", Option("Called as ``progress(k, n)`` at the start, at the end and at "
+        "most 100 times in between; True shows a bar, on the terminal or in the notebook.", "callable or bool",
+        flag=None)]
+    stream: Annotated[Path | Sequence[Path] | None, Option(
+        "CSV file to which the rows go as they come, in the form of `Results.write`, at least every two seconds.",
+        "Path or two of them", "An input with the values of another signal, or its values a row before, is left out: "
+        "`copies` of the summary names both. With the suffix ``.parquet`` a Parquet file, which is written when the "
+        "run ends, by an error too, but not if the process is killed; see `Results.write`. The results are read from "
+        "disk then, where they take as much room again while they are in use; memory does not grow with the number "
+        "of rows, except for their times.", flag=None)]
+    about: Annotated[Mapping[str, Any] | None, Option(
+        "Facts with which the summary begins, also in a Parquet file.", "mapping", flag=None)]
+
+
+class SimulateOptions(RowOptions, SimulatorOptions, total=False):
+    """Options of `vdfmu.simulate`."""
+
+
+class FederateOptions(RowOptions, AlgorithmOptions, total=False):
+    """Options of `vdfmu.federate`; each federate is a process of its own, and the algorithm is jacobi."""
+
+
+class ResultOptions(ProgressOptions, total=False):
+    """Output of a run."""
+
+    overwrite: Annotated[bool, Option("Replace files of these names too that no run wrote.", default=False)]
+    formats: Annotated[Sequence[str], Option(f"Files of the results: {choice_of_formats()}.", "sequence of str",
+        "Rows of `vdfmu.engine.results.formats.FORMATS`.", ("csv",), flag="--format",
+        metavar="|".join(suffix[1:] for suffix in FORMATS), typed=str)]
+
+
+class PackageOptions(RecordOptions, MemberOptions, ResultOptions, total=False):
+    """Options of the run of a package, in one process or several."""
+
+    settings: Annotated[Mapping[str, Any] | None, settings_option]
+    out: Annotated[str | os.PathLike[str] | None, Option(
+        "Folder of the results; default results/NAME_ssp, of one federate results/NAME_ssp_FEDERATE.", "path",
+        "Files of an earlier run in it are replaced once this one is complete.", typed=Path | None)]
+    variant: Annotated[str, Option("The SSD to run, where the package has several.", default="SystemStructure.ssd",
+        metavar="SSD")]
+
+
+class SystemOptions(PackageOptions, LoadedOptions, FederationOptions, total=False):
+    """Options of `vdfmu.engine.simulate.run_system`."""
+
+    master: Annotated[str | None, master_option]
+    plot: Annotated[bool, Option("Draw the signals: signals.png.", default=False)]

@@ -1,0 +1,155 @@
+"""The options of runs of scenarios and of studies of them, in addition to `vdfmu.engine.options`; each once."""
+
+# Types are written out, not quoted: the command line reads them; quoted ones are imported for the checker only.
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict
+
+from vdfmu.base.option import Option, read_settings
+from vdfmu.engine.options import (
+    TEXTS,
+    CouplingOptions,
+    InputOptions,
+    LogOptions,
+    ObserverOptions,
+    ProgressOptions,
+    ResultOptions,
+    SpanOptions,
+    master_option,
+)
+
+if TYPE_CHECKING:
+    from vdfmu.arm.robot import Robot
+
+
+def known_robots() -> Iterable[str]:
+    """Return the names of robots."""
+    from vdfmu.arm.robot import robot_names
+
+    return robot_names()
+
+
+# A table: an option in some lines.
+# fmt: off
+class RobotOptions(TypedDict, total=False):
+    """What a scenario is of, and its FMUs."""
+
+    robot: Annotated["Robot | str | os.PathLike[str] | None", Option(
+        "Robot in place of the scenario's: a name or the path of a TOML file.", "Robot, str or path",
+        typed=str | None, names=known_robots)]
+    settings: Annotated[Mapping[str, Any] | None, Option(
+        "Set a parameter or free input; without an index, all elements, to one value or to one each: 0.3,-0.5.",
+        "mapping of str to value",
+        'Such as ``{"controller.K_p[1]": 3000}``: a value, or a list or array with one for each.', flag="--set",
+        metavar="UNIT.PARAMETER=VALUE", typed=TEXTS, read=read_settings)]
+    backend: Annotated[str | None, Option(
+        "Kind of FMU, native or python; default native where its compiler is installed.")]
+
+
+class ScenarioOptions(RobotOptions, SpanOptions, CouplingOptions, InputOptions, total=False):
+    """What is changed of a scenario, in a run or in all runs of a study."""
+
+    master: Annotated[str | None, master_option]
+    units: Annotated[Mapping[str, Any] | None, Option(
+        "Unit in place of a component's: my_unit.py, my_units.py:Name, or an FMU of any tool.",
+        "mapping of str to unit", "Also a class, or the name of a unit of the package. Values of the scenario that "
+        "it has no parameter for are left out, and connections to signals that it lacks, with a note in the log and "
+        "``left_out`` in the summary.", flag="--unit", metavar="COMPONENT=UNIT", typed=TEXTS,
+        read=partial( read_settings, option="--unit", form="COMPONENT=UNIT, such as controller=my_unit.py" ))]
+
+
+class ScenarioRunOptions(ScenarioOptions, ResultOptions, LogOptions, ObserverOptions, total=False):
+    """Options of `vdfmu.run`."""
+
+    out: Annotated["str | os.PathLike[str] | Literal[False] | None", Option(
+        "Folder of the results; default results/SCENARIO.", "path or False", "Files of an earlier run in it are "
+        "replaced once this one is complete. False writes nothing: results and summary are in what is returned.",
+        typed=Path | None)]
+    reference: Annotated[bool, Option("Solve the references and compare, which takes longer than the run itself.",
+        default=True, flag="--reference/--no-reference")]
+    fmi_version: Annotated[str, Option("Version of FMI: 2.0, or 3.0 for native FMUs.", default="2.0", flag="--fmi")]
+    pictures: Annotated[Sequence[str], Option("Kinds of the figures: png, svg and pdf, separated by commas.",
+        "sequence of str", default=("png",), typed=str)]
+    simulate: Annotated[bool, Option("Let report.html run the scenario again, with sliders.",
+        more="Its units are compiled once more for that, for WebAssembly.", default=False)]
+
+
+class SeedOptions(TypedDict, total=False):
+    """What is drawn."""
+
+    seed: Annotated[int, Option("Seed of all that is drawn.", default=0)]
+
+
+class WorkerOptions(ProgressOptions, total=False):
+    """How the runs of a study are done."""
+
+    workers: Annotated[int | None, Option("Processes; default one a processor.")]
+    time_limit: Annotated[float | None, Option("Seconds that a run has; default 600.", "float [s]")]
+    overwrite: Annotated[bool, Option("Replace another study in the folder.", default=False)]
+
+
+class PlanOptions(SeedOptions, ScenarioOptions, total=False):
+    """Options of the plan of a sweep."""
+
+    sample: Annotated[str | os.PathLike[str], Option(
+        "grid, lhs, sobol, random, saltelli, morris, or a CSV file: a line of targets, then points.", "str or path",
+        "How the axes' values are combined; see :func:`vdfmu.study.sweeps.points.draw`.", "grid", typed=str)]
+    n: Annotated[int | None, Option("Number of points, but of a grid or file.",
+        more="Of ``saltelli`` and ``morris`` that of base points or trajectories.", flag="--n")]
+    measure: Annotated[Mapping[str, Any] | Sequence[str] | None, Option(
+        "What is kept of a run, such as 'error=rms(trajectory.q_d - plant.q)'.",
+        'mapping of str to str or callable, or sequence of "NAME=EXPRESSION"', "See "
+        ":mod:`vdfmu.study.sweeps.measures`; or a function of the :class:`vdfmu.Results`. Default for the loop of "
+        "trajectory, controller and plant: RMS and peak position error and peak torque of each joint.",
+        metavar="NAME=EXPRESSION", typed=TEXTS)]
+    keep: Annotated[Sequence[str], Option("Signals to keep whole, such as 'plant.q[*]'.", "sequence of str",
+        "A list a point.", (), metavar="SIGNAL", typed=TEXTS)]
+    engine: Annotated[str | None, Option(
+        "fmu, or batch: several points at once. Default batch where all units are ours.",
+        more="What runs the points: the FMUs, or one program of all units, by default where there are points enough, "
+        "see :mod:`vdfmu.study.batch`.")]
+
+
+class SweepOptions(PlanOptions, WorkerOptions, total=False):
+    """Options of `vdfmu.sweep`."""
+
+    scheduler: Annotated[str | None, Option("Address of a Dask scheduler, whose workers are taken instead.",
+        metavar="ADDRESS")]
+    chunk: Annotated[int | None, Option("Points that a worker takes at a time; default by time.",
+        more="A file has as many; by default what takes some seconds, at most 50, or 56 that are run side by side.")]
+    out: Annotated[str | os.PathLike[str] | None, Option("Folder; default results/sweep_SCENARIO.", "path",
+        typed=Path | None)]
+    retry: Annotated[bool, Option("Run points that failed again.", default=False)]
+
+
+class ProblemOptions(SeedOptions, ScenarioOptions, total=False):
+    """Options of what is tuned."""
+
+    limit: Annotated[Sequence[str], Option("What must hold for every robot, such as 'peak(controller.tau) < 2.5'.",
+        "sequence of str", default=(), metavar="EXPRESSION<NUMBER", typed=TEXTS)]
+    spread: Annotated[Mapping[str, Any] | Sequence[str], Option(
+        "What is uncertain, as in a sweep: 'plant.mass[3]=*normal(1, 0.1)'.", 'mapping, or sequence of "TARGET=FORM"',
+        default=(), metavar="TARGET=FORM", typed=TEXTS)]
+    spread_n: Annotated[int, Option("Number of robots of the spread.", more="They are a Latin hypercube of it.",
+        default=8)]
+    over: Annotated[str, Option("mean or worst of the robots' costs.", default="mean")]
+    margin: Annotated[float | str | None, Option(
+        "Modulus margin that every joint's loop has at least with one sample of delay, or same: that of the start.",
+        more="It is min abs(1 + L) of the nominal robot along the motion.", typed=str | None)]
+    growth: Annotated[float, Option("Rate in 1/s up to which what grows counts as stable for the margin.",
+        "float [1/s]", "See :class:`vdfmu.study.analysis.margins.ArmLoops`.", 0.0)]
+    engine: Annotated[str, Option("fmu, or batch: several runs at once.",
+        more="They are those of the robots of several values. See :func:`vdfmu.sweep`.", default="fmu")]
+
+
+class TuneOptions(ProblemOptions, WorkerOptions, total=False):
+    """Options of `vdfmu.tune`."""
+
+    method: Annotated[str, Option("both, global or local.",
+        more="Differential evolution over the whole range, then COBYQA from the best, or one of them.",
+        default="both")]
+    budget: Annotated[int, Option("Evaluations; each runs all robots.", default=300)]
+    out: Annotated[str | os.PathLike[str] | None, Option("Folder; default results/tune_SCENARIO.", "path",
+        typed=Path | None)]

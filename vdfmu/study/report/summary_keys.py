@@ -1,0 +1,133 @@
+"""The keys of ``summary.json``: the meaning and content of each, whoever writes it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from vdfmu.engine.results.formats import FORMATS
+
+
+@dataclass(frozen=True)
+class List:
+    """A list, with an entry a joint if `joints`."""
+
+    of: Any
+    joints: bool = False
+
+
+@dataclass(frozen=True)
+class Keyed:
+    """A table whose keys are names."""
+
+    of: Any
+
+
+class Key(NamedTuple):
+    """A key: the type of its value, and its meaning."""
+
+    of: Any
+    text: str
+
+
+NUMBER, WHOLE, TEXT, FLAG, ANY = "a number", "a whole number", "a text", "true or false", "anything"
+_JOINTS, _UNITS, _VECTOR, _LINES = List(NUMBER, True), List(TEXT, True), List(NUMBER), List(TEXT)
+SPRINGS = ("rms_spring_torque_nm", "rms_tau_s_hat_error_nm", "rms_tau_f_hat_error_nm")
+TRACKING = ("rms_position_error_deg", "max_position_error_deg", "rms_torque_compensation_error_nm")
+_ENERGIES = dict.fromkeys(("residual_energy_j", "residual_energy_abs_j", "exchanged_energy_j"), _VECTOR)
+_STEPS = dict.fromkeys(("steps", "rejected", "jumps", "unit_steps"), WHOLE) | dict.fromkeys(
+    ("shortest_step", "longest_step", "convergence"), NUMBER
+)
+_GAINS = {"K_p_paper": _VECTOR, "K_p": _VECTOR}
+_SHARES = dict.fromkeys(("torque", "speed", "stop"), _VECTOR)
+_SEPARATION = {"change": NUMBER, "max_position_difference_rad": NUMBER}
+_REFERENCE = {
+    "name": TEXT, "max_difference": Keyed(NUMBER), "max_position_difference_rad": NUMBER, "at_s": NUMBER,
+    "max_torque_difference_nm": NUMBER, "rms_position_difference": NUMBER, "rms_torque_difference": NUMBER,
+}  # fmt: skip
+_ARM = {
+    "types": _UNITS, "ell": _JOINTS, "rotation": List(List(_VECTOR), True), "offset": List(_VECTOR, True),
+    "tool_offset": _VECTOR, "tool_rotation": List(_VECTOR), "gravity": _VECTOR, "shapes": List(Keyed(ANY)),
+}  # fmt: skip
+_WITNESS = {
+    "components": _LINES, "left_out": _LINES, "times_s": _VECTOR, "numbers": WHOLE, "faults": _LINES,
+}  # fmt: skip
+_VERDICT = {
+    "passed": FLAG, "checks": List({"name": TEXT, "passed": FLAG, "text": TEXT}), "not_checked": _LINES,
+}  # fmt: skip
+_PAPER = {"source": TEXT, **dict.fromkeys(TRACKING, _VECTOR)}
+KEYS: Mapping[str, Key] = {
+    "scenario": Key(TEXT, "Name of the scenario."),
+    "robot": Key(TEXT, "Name of the robot."),
+    "friction": Key(TEXT, "Where the joints have their friction."),
+    "joints": Key(WHOLE, "Number of joints."),
+    "joint_names": Key(_UNITS, "Names of the joints, where the robot's file has some."),
+    "vdfmu": Key(TEXT, "Version of vdfmu."),
+    "versions": Key(Keyed(TEXT), "Versions of Python and of the packages on which the numbers depend."),
+    "master": Key(TEXT, "Master algorithm of the scenario."),
+    "adaptive": Key(
+        NUMBER, "Largest relative error of a coupled signal in a step, if the steps are adapted."
+    ),
+    "start": Key(NUMBER, "Begin of the run [s]."),
+    "stop": Key(NUMBER, "End of the run [s]."),
+    "step": Key(NUMBER, "Communication step [s]."),
+    "steps": Key(WHOLE, "Number of communication steps."),
+    "tolerance": Key(NUMBER, "Relative tolerance of the plant's solver."),
+    "inputs": Key(_LINES, "Files of signals from outside."),
+    "plant_factors": Key(Keyed(ANY), "Numbers of the plant over those that others know, one or one a joint."),
+    "settings": Key(Keyed(ANY), "Parameters and inputs that were set for this run."),
+    "backend": Key(TEXT, "Kind of the FMUs."),
+    "fmi": Key(TEXT, "Version of FMI of the FMUs."),
+    "left_out": Key(_LINES, "Connections that a unit in place of the system's does not have."),
+    "arm": Key(_ARM, "Geometry of the arm, of which it is drawn."),
+    "package": Key(TEXT, "The package that was run."),
+    "system": Key(TEXT, "Name of the system."),
+    "algorithm": Key(TEXT, "Master algorithm of the run."),
+    "order": Key(_LINES, "Components in the order of their steps."),
+    "isolated": Key(FLAG, "Whether each component had a process of its own."),
+    "federates": Key(Keyed(ANY), "Components of each process of a distributed run, and how long it waited."),
+    "core": Key(TEXT, "What the processes of a distributed run exchanged values by."),
+    "ended": Key(
+        {"component": TEXT, "time": NUMBER},
+        "What ended the run before its stop time, and when [s].",
+    ),
+    "notes": Key(_LINES, "What else there is to say of the run."),
+    "warnings": Key(_LINES, "Notes of runs of earlier versions."),
+    "wall_s": Key(NUMBER, "Wall time of the steps [s]."),
+    "real_time_factor": Key(NUMBER, "Time of the run over wall time."),
+    "communication": Key(_STEPS, "Steps of an algorithm that repeats or adapts them, and their lengths [s]."),
+    "copies": Key(
+        Keyed(Keyed(TEXT)), "Rows of delay to the signals left out of the results, each with its original."
+    ),
+    **{f"{suffix[1:]}_bytes": Key(WHOLE, f"Size of results{suffix}.") for suffix in FORMATS},
+    "files": Key(_LINES, "Files of the run, which a later one replaces."),
+    "witness": Key(_WITNESS, "Comparison of the run with the units' methods in numpy."),
+    "position_units": Key(_UNITS, "Units of measurement of the position errors."),
+    "torque_units": Key(_UNITS, "Units of measurement of the torques."),
+    "rms_position_error_deg": Key(_JOINTS, "RMS of the position errors."),
+    "max_position_error_deg": Key(_JOINTS, "Largest position errors."),
+    "rms_torque_compensation_error_nm": Key(
+        _JOINTS, "RMS of control torque minus feedforward torque, link-side."
+    ),
+    "rms_spring_torque_nm": Key(_JOINTS, "RMS of the spring torques, link-side."),
+    "rms_tau_s_hat_error_nm": Key(_JOINTS, "RMS of the errors of the estimated spring torques, link-side."),
+    "rms_tau_f_hat_error_nm": Key(_JOINTS, "RMS of the errors of the estimated friction torques, link-side."),
+    "power_bond": Key(
+        _ENERGIES, "Energy that the coupling adds or takes, and that is exchanged, link-side [J]."
+    ),
+    "implied_gains": Key(
+        {"K_p_paper": _VECTOR, "K_p": _VECTOR},
+        "Gains that the errors of the paper imply, and those of the run.",
+    ),
+    "limits": Key(
+        Keyed(dict.fromkeys(("torque", "speed", "stop"), _VECTOR)), "Shares of the time at limits, by plant."
+    ),
+    "paper": Key(_PAPER, "What the paper reports."),
+    "reference": Key(Keyed(_REFERENCE), "Largest differences to each reference."),
+    "no_reference": Key(TEXT, "Why there is no reference."),
+    "separation": Key(_SEPARATION, "How far the run is from itself with a change that should not show."),
+    "verdict": Key(_VERDICT, "Checks of the run, and what could not be checked."),
+    "error": Key(TEXT, "Why the run did not reach its end."),
+}
+"""Every key that a run may write. Tables without names for their keys may have any."""
