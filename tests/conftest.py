@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import cProfile
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -55,6 +56,18 @@ def kernel_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         patch.setenv("VDFMU_CACHE_DIR", str(folder))
         patch.setenv("ZIG_GLOBAL_CACHE_DIR", support)
         yield folder
+
+
+@pytest.fixture
+def calls() -> Callable[[Callable[[], object]], int]:
+    """Return what counts the calls that a function makes, of Python and of C: a cost that no busy machine changes."""
+
+    def count(function: Callable[[], object]) -> int:
+        profile = cProfile.Profile()
+        profile.runcall(function)
+        return sum(entry.callcount for entry in profile.getstats())
+
+    return count
 
 
 def random_rotation(random: np.random.Generator) -> np.ndarray:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import re
 import shutil
-import time
 
 import casadi as ca
 import numpy as np
@@ -251,7 +250,7 @@ def refuse(*_, **__):
     raise AssertionError("the witness has no trace, no cache and no C")
 
 
-def test_it_shares_nothing_and_takes_little_time(tmp_path, monkeypatch):
+def test_it_shares_nothing_and_takes_little_time(tmp_path, monkeypatch, calls):
     made = []
     monkeypatch.setattr(study, "Witness", lambda *given: made.append(Witness(*given)) or made[0])
     results = vdfmu.run("tracking", stop=0.1, reference=False, backend="python", out=tmp_path / "out")
@@ -259,13 +258,8 @@ def test_it_shares_nothing_and_takes_little_time(tmp_path, monkeypatch):
         monkeypatch.setattr(place, "casadi_function", refuse)
     monkeypatch.setattr("vdfmu.compiler.functions.functions.load", refuse)
     monkeypatch.setattr("vdfmu.compiler.unit.evaluate.Traced", refuse)
-    times = []
-    for _ in range(5):
-        began = time.process_time()
-        found = made[0].summary(results)
-        times.append(time.process_time() - began)
+    found = made[0].summary(results)
     assert found["faults"] == []
     assert found["components"] == ["trajectory", "feedforward", "controller", "plant"]
     assert len(found["times_s"]) == 5
-    # 0.06 s on the slower of the machines that it was measured on, and a run has 0.1 s for it
-    assert min(times) < 0.1
+    assert calls(lambda: made[0].summary(results)) < 200_000  # seen: 165 thousand, in 0.06 s
