@@ -189,27 +189,27 @@ def _ran(robot: Robot, fmu: str) -> dict[str, Any]:
         (library,) = Path(folder, "binaries").glob("*/*.*")
         size = library.stat().st_size / 1e6
         before = _memory()
-        slave = FMU2Slave(
+        instance = FMU2Slave(
             guid=description.guid, unzipDirectory=folder, instanceName="unit",
             modelIdentifier=description.coSimulation.modelIdentifier,
         )  # fmt: skip
-        slave.instantiate()
-        slave.setupExperiment(startTime=0.0)
-        slave.enterInitializationMode()
+        instance.instantiate()
+        instance.setupExperiment(startTime=0.0)
+        instance.enterInitializationMode()
         torques = {v.name: v.valueReference for v in description.modelVariables if v.causality == "input"}
         held = equilibrium_torque(robot, np.zeros(robot.n)) / robot.ell
         for i, value in enumerate(held, 1):
             if description.modelName.startswith("Plant"):
-                slave.setReal([torques[f"tau[{i}]"]], [value])
-        slave.exitInitializationMode()
+                instance.setReal([torques[f"tau[{i}]"]], [value])
+        instance.exitInitializationMode()
         spent: list[float] = []
         for k in range(200):
             began = time.perf_counter()
-            slave.doStep(k * _STEP, _STEP)
+            instance.doStep(k * _STEP, _STEP)
             spent.append(time.perf_counter() - began)
         memory = _memory() - before
-        slave.terminate()
-        slave.freeInstance()
+        instance.terminate()
+        instance.freeInstance()
     return {"library_MB": size, "memory_MB": memory, "step_us": 1e6 * median(spent)}
 
 

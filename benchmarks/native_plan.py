@@ -19,7 +19,7 @@ from benchmarks.timing import Case, measure
 from vdfmu.base.files import pack_zip
 from vdfmu.compiler.c.compile import compile_library
 from vdfmu.compiler.c.platforms import PLATFORMS, this_platform
-from vdfmu.engine.fmu.component import Slave
+from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.masters.exchange import Call, Exchange, SampledStepper
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import Component, System
@@ -106,8 +106,8 @@ class Plan:
         self._copy("all", slice(0, bank.inputs.size))
         stepper = SampledStepper(self.exchange)
         self._kept.append(stepper)
-        for slave, _, calls in stepper.stages:
-            self._stage(slave, calls)
+        for instance, _, calls in stepper.stages:
+            self._stage(instance, calls)
 
     def _copy(self, unit: str, window: slice) -> None:
         links = self._bank.links[window]
@@ -121,13 +121,13 @@ class Plan:
             unit, "gather", _Action(_COPY, None, None, positions.ctypes.data, len(links), target, source)
         )
 
-    def _stage(self, slave: Slave, calls: list[Call]) -> None:
-        unit = slave.name
+    def _stage(self, instance: Instance, calls: list[Call]) -> None:
+        unit = instance.name
         start = self._bank.input_windows[unit].start
         self._copy(unit, slice(start, start + self._bank.fresh_counts[unit]))
         for function, _, references, _, values, name in calls:
             address = ctypes.cast(function, ctypes.c_void_p).value
-            instance = slave.fmu.component
+            instance = instance.fmu.component
             if name == "doStep":
                 self._add(unit, "do_step", _Action(_DO_STEP, address, instance, None, 0, None, None))
                 continue

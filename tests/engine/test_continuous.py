@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 import vdfmu
 from vdfmu.base.errors import CosimError, SspError, UsageError
-from vdfmu.engine.fmu.component import Slave
+from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.run import simulate
 from vdfmu.study.run.summary import power_bond
 from vdfmu.system.package.description import SystemDescription
@@ -212,13 +212,13 @@ def test_a_refusal_counts_without_any_real_output(pack, xml):
 
 def test_saved_states_are_freed(loop, monkeypatch):
     calls = []
-    judged = Slave._judged
+    judged = Instance._judged
 
     def counted(self, name, *arguments):
         calls.append(name)
         return judged(self, name, *arguments)
 
-    monkeypatch.setattr(Slave, "_judged", counted)
+    monkeypatch.setattr(Instance, "_judged", counted)
     run(loop, "iterative", adaptive=1e-3, isolate=False)
     assert calls.count("fmi2FreeFMUstate") == calls.count("fmi2GetFMUstate") > 0
 

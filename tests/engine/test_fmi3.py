@@ -56,7 +56,7 @@ def test_texts_and_binary_values_arrive(system):
         components.load()
         components.initialize(0.0, 1.0, None)
         components.couple(None, None, 1.0, None).advance(0.0, 0.1, 0.1)
-        b, c = components.slaves["b"], components.slaves["c"]
+        b, c = components.instances["b"], components.instances["c"]
         assert b.get(b.description.variables["Binary_output"]) == b"\x00\xff\x00"
         assert b.get(b.description.variables["String_output"]) == "grün"
         assert c.get(c.description.variables["String_output"]) == "grün"

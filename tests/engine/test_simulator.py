@@ -49,13 +49,13 @@ def test_each_run_is_that_of_components_that_are_new(packages, backend, algorith
 
 
 def test_components_are_loaded_once(package, monkeypatch):
-    made, plain = [], component.Slave.instantiate
+    made, plain = [], component.Instance.instantiate
 
-    def instantiate(slave):
-        made.append(slave.name)
-        plain(slave)
+    def instantiate(instance):
+        made.append(instance.name)
+        plain(instance)
 
-    monkeypatch.setattr(component.Slave, "instantiate", instantiate)
+    monkeypatch.setattr(component.Instance, "instantiate", instantiate)
     with vdfmu.Simulator(package) as simulator:
         for _ in range(3):
             simulator.run(**OPTIONS)

@@ -37,18 +37,18 @@ class _FederateExchange(Exchange):
         super().initialize(time, convergence)
 
     def _pass(self, links: Sequence[Link], torn: Sequence[Link] = ()) -> None:
-        super()._pass([], [link for link in torn if link.end[0] in self.slaves])
+        super()._pass([], [link for link in torn if link.end[0] in self.instances])
         for level in range(max(self.levels.values(), default=0) + 1):
             now = [link for link in links if self.levels[link.end] == level]
-            super()._pass([link for link in now if link.end[0] in self.slaves])
+            super()._pass([link for link in now if link.end[0] in self.instances])
             self.swap(self._time, {port for port, its in self.levels.items() if its == level})
 
     def _source(self, link: Link) -> Any:
-        outside = link.start[0] == SOURCE or link.start[0] in self.slaves
+        outside = link.start[0] == SOURCE or link.start[0] in self.instances
         return super()._source(link) if outside else self.heard[link.start]
 
     def _carry(self, link: Link, value: Value) -> None:
-        if link.end[0] in self.slaves:
+        if link.end[0] in self.instances:
             super()._carry(link, value)
 
 
@@ -110,7 +110,7 @@ class FederateServer(Server):
             for i, (unit, name) in enumerate(ports):
                 if (unit, name) in new:
                     variable = components.checked.descriptions[unit].variables[name]
-                    values[i] = components.slaves[unit].get(variable)
+                    values[i] = components.instances[unit].get(variable)
         self._swap(time)
 
     def advance(self, time: float, step: float, stop: float) -> None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from vdfmu.base.standards import FMI_2, FMI_3, FmiVersion
-from vdfmu.engine.fmu.component import Slave
-from vdfmu.engine.fmu.component2 import Slave2
-from vdfmu.engine.fmu.component3 import Slave3
+from vdfmu.engine.fmu.instance import Instance
+from vdfmu.engine.fmu.instance2 import Instance2
+from vdfmu.engine.fmu.instance3 import Instance3
 
-CLASSES: dict[FmiVersion, type[Slave]] = {FMI_2: Slave2, FMI_3: Slave3}
+CLASSES: dict[FmiVersion, type[Instance]] = {FMI_2: Instance2, FMI_3: Instance3}

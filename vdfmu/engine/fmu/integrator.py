@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import Call
-from vdfmu.engine.fmu.component import Slave
+from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.variables import FmuVariable
 
 TOLERANCE = 1e-6
@@ -37,14 +37,14 @@ class ModelExchangeIntegrator:
 
     Parameters
     ----------
-    slave : Slave
+    instance : Instance
         After the initialization.
     tolerance : float or None
     """
 
-    def __init__(self, slave: Slave, tolerance: float | None) -> None:
-        self.slave, self.tolerance = slave, tolerance or TOLERANCE
-        n_x, n_z = slave.sizes()
+    def __init__(self, instance: Instance, tolerance: float | None) -> None:
+        self.instance, self.tolerance = instance, tolerance or TOLERANCE
+        n_x, n_z = instance.sizes()
         self._x, self._rates, self._z = np.zeros(n_x), np.zeros(n_x), np.zeros(n_z)
         self._nominals = np.ones(n_x)
         from scipy.integrate import DOP853, Radau  # takes a third of a second to import
@@ -65,26 +65,28 @@ class ModelExchangeIntegrator:
 
     def step(self, time: float, end: float) -> None:
         """Step from `time` to `end`."""
-        slave = self.slave
-        slave.update(time)
+        instance = self.instance
+        instance.update(time)
         steps, events = 0, 0
         while True:
-            slave.leave_event()
-            target = min(max(slave.next_event, time), end)
+            instance.leave_event()
+            target = min(max(instance.next_event, time), end)
             time, state_event, taken = self._continue(time, target)
             steps += taken
             if steps > _STIFF:
                 self._method = self._stiff
-            slave.enter_event()
-            at_event = state_event or time >= slave.next_event
+            instance.enter_event()
+            at_event = state_event or time >= instance.next_event
             if at_event or time >= end:
-                slave.update(time)
+                instance.update(time)
             events += at_event
-            if time >= end or slave.name in slave.box.ended:
+            if time >= end or instance.name in instance.box.ended:
                 return
             if events > _EVENTS:
                 reason = f"there are more than {_EVENTS} events in a step, the last at t = {time:.9g} s"
-                raise CosimError(slave.name, "doStep", slave.box.time, f"{reason}; choose a shorter step")
+                raise CosimError(
+                    instance.name, "doStep", instance.box.time, f"{reason}; choose a shorter step"
+                )
 
     def _continue(self, time: float, end: float) -> tuple[float, bool, int]:
         """Integrate to an event or to `end`; return where that is, whether it is an event, and the number of steps."""
@@ -109,7 +111,7 @@ class ModelExchangeIntegrator:
                 why = solver.step()
                 if solver.status == "failed":
                     raise CosimError(
-                        self.slave.name, "doStep", self.slave.box.time,
+                        self.instance.name, "doStep", self.instance.box.time,
                         f"the states cannot be integrated beyond t = {solver.t:.9g} s: {why}. Loosen the tolerance, "
                         "or look for what becomes infinite",
                     )  # fmt: skip
@@ -121,7 +123,7 @@ class ModelExchangeIntegrator:
                 self._set(time, np.asarray(state(time)))
                 return time, True, steps
             self._set(time, x if solver is None else solver.y)
-            if self.slave.completed_step():
+            if self.instance.completed_step():
                 return time, True, steps
             if time >= end:
                 return time, False, steps
@@ -143,35 +145,35 @@ class ModelExchangeIntegrator:
         self, time: float, inputs: Sequence[FmuVariable], outputs: Sequence[FmuVariable]
     ) -> Floats:
         """See `vdfmu.engine.masters.interface.derivatives`; calculated by central differences."""
-        slave, n = self.slave, self._x.size
-        slave.leave_event()
+        instance, n = self.instance, self._x.size
+        instance.leave_event()
         self._values("GetContinuousStates", self._x)
-        center = np.array([*self._x, *(slave.get(v) for v in inputs)], np.float64)
+        center = np.array([*self._x, *(instance.get(v) for v in inputs)], np.float64)
 
         def both(at: Floats) -> Floats:
-            slave.set_all(list(zip(inputs, at[n:].tolist(), strict=True)))
+            instance.set_all(list(zip(inputs, at[n:].tolist(), strict=True)))
             rates = self._derivatives(time, at[:n])
-            return np.array([*rates, *(slave.get(v) for v in outputs)], np.float64)
+            return np.array([*rates, *(instance.get(v) for v in outputs)], np.float64)
 
         sizes = np.maximum(np.abs(center), [*self._nominals, *(v.size for v in inputs)])
         steps = np.diag(_DIFFERENCE * sizes)
         columns = [(both(center + d) - both(center - d)) / (2.0 * d.sum()) for d in steps]
         both(center)
-        slave.enter_event()
+        instance.enter_event()
         return np.array(columns).reshape(len(steps), n + len(outputs)).T
 
     # ------------------------------------------------------------------ calls
 
     def _set(self, time: float, x: Floats) -> None:
-        self.slave.call("SetTime", c_double(time))
-        self.slave.line(time)
+        self.instance.call("SetTime", c_double(time))
+        self.instance.line(time)
         if x.size:
             np.copyto(self._x, x)
             self._values("SetContinuousStates", self._x)
 
     def _derivatives(self, time: float, x: Floats) -> Floats:
         self._set(time, x)
-        self._values(self.slave.derivatives_name, self._rates)
+        self._values(self.instance.derivatives_name, self._rates)
         return self._rates.copy()
 
     def _signs(self, time: float, x: Floats) -> NDArray[np.bool_]:
@@ -182,4 +184,4 @@ class ModelExchangeIntegrator:
 
     def _values(self, name: str, values: Floats) -> None:
         if values.size:
-            self.slave.call(name, c_void_p(values.ctypes.data), c_size_t(values.size))
+            self.instance.call(name, c_void_p(values.ctypes.data), c_size_t(values.size))

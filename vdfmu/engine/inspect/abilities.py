@@ -12,9 +12,9 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.classes import CLASSES
-from vdfmu.engine.fmu.component import Slave
-from vdfmu.engine.fmu.component3 import Slave3
 from vdfmu.engine.fmu.description import Description, inspect_description
+from vdfmu.engine.fmu.instance import Instance
+from vdfmu.engine.fmu.instance3 import Instance3
 from vdfmu.engine.fmu.integrator import ModelExchangeIntegrator
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.fmu.variables import FmuVariable
@@ -44,7 +44,7 @@ def try_abilities(path: Path, start: float, step: float) -> Findings:
         return findings
     folder = Path(fmpy.extract(str(path)))
     simulated = not description.exchange
-    attempts: dict[str, tuple[bool, Callable[[Slave, float, float], str]]] = {
+    attempts: dict[str, tuple[bool, Callable[[Instance, float, float], str]]] = {
         "event mode (hasEventMode)": (description.event_mode, _event_mode),
         "inputs, set to their start values": (bool(_inputs(description)), _stepped),
         "FMU state (canGetAndSetFMUState)": (simulated and description.saves_state, _state),
@@ -62,25 +62,27 @@ def try_abilities(path: Path, start: float, step: float) -> Findings:
 def _attempt(
     description: Description,
     folder: Path,
-    attempt: Callable[[Slave, float, float], str],
+    attempt: Callable[[Instance, float, float], str],
     start: float,
     step: float,
 ) -> str:
     """Take an instance through initialization and an attempt; return what is wrong."""
-    slave = CLASSES[description.version]("FMU", description, folder, MessageBox(lambda message: None), set())
-    if isinstance(slave, Slave3):
-        slave.event_mode = attempt is _event_mode
-    slave.box.time = start
+    instance = CLASSES[description.version](
+        "FMU", description, folder, MessageBox(lambda message: None), set()
+    )
+    if isinstance(instance, Instance3):
+        instance.event_mode = attempt is _event_mode
+    instance.box.time = start
     try:
-        slave.instantiate()
-        slave.prepare(None, start, start + 10 * step, [])
-        slave.enter_initialization()
-        slave.exit_initialization(ModelExchangeIntegrator)
-        return attempt(slave, start, step)
+        instance.instantiate()
+        instance.prepare(None, start, start + 10 * step, [])
+        instance.enter_initialization()
+        instance.exit_initialization(ModelExchangeIntegrator)
+        return attempt(instance, start, step)
     except CosimError as error:
         return str(error).removeprefix("FMU: ")
     finally:
-        slave.close()  # a failure would show in the plain run
+        instance.close()  # a failure would show in the plain run
 
 
 def _inputs(description: Description) -> list[FmuVariable]:
@@ -88,79 +90,79 @@ def _inputs(description: Description) -> list[FmuVariable]:
     return [v for v in description.named("input") if not v.clocks and v.clock is None]
 
 
-def _event_mode(slave: Slave, start: float, step: float) -> str:
-    slave.update(start)
-    slave.leave_event()
-    _step(slave, start, step)
+def _event_mode(instance: Instance, start: float, step: float) -> str:
+    instance.update(start)
+    instance.leave_event()
+    _step(instance, start, step)
     return ""
 
 
-def _stepped(slave: Slave, start: float, step: float) -> str:
+def _stepped(instance: Instance, start: float, step: float) -> str:
     """Set the inputs and step, twice; they are set again once the instance has states."""
     for k in range(2):
-        if slave.description.exchange and k:
-            slave.enter_event()
-        slave.set_all([(v, v.start) for v in _inputs(slave.description)])
-        slave.leave_event()
-        _step(slave, start + k * step, step)
+        if instance.description.exchange and k:
+            instance.enter_event()
+        instance.set_all([(v, v.start) for v in _inputs(instance.description)])
+        instance.leave_event()
+        _step(instance, start + k * step, step)
     return ""
 
 
-def _step(slave: Slave, time: float, step: float) -> None:
-    slave.box.time = time
-    slave.run([slave.step_call(c_double(time), c_double(step))])
+def _step(instance: Instance, time: float, step: float) -> None:
+    instance.box.time = time
+    instance.run([instance.step_call(c_double(time), c_double(step))])
 
 
-def _outputs(slave: Slave) -> Floats:
+def _outputs(instance: Instance) -> Floats:
     """Return the real outputs that are got between steps."""
-    own = [v for v in slave.description.named("output") if v.kind == "Real" and not v.clocks]
+    own = [v for v in instance.description.named("output") if v.kind == "Real" and not v.clocks]
     values = np.zeros(len(own))
-    slave.run(slave.access("Get", own, values))
+    instance.run(instance.access("Get", own, values))
     return values
 
 
-def _state(slave: Slave, start: float, step: float) -> str:
+def _state(instance: Instance, start: float, step: float) -> str:
     """Step, step again from the saved state, and compare."""
-    _step(slave, start, step)
-    state = slave.saved_state()
-    return _repeated(slave, start + step, step, state)
+    _step(instance, start, step)
+    state = instance.saved_state()
+    return _repeated(instance, start + step, step, state)
 
 
-def _serialized(slave: Slave, start: float, step: float) -> str:
+def _serialized(instance: Instance, start: float, step: float) -> str:
     """Do the same with a state that was bytes in between."""
-    _step(slave, start, step)
-    state = slave.saved_state()
-    content = slave.fmu.serializeFMUState(state)
-    slave.free_state(state)
-    again = slave.fmu.deserializeFMUState(content)
-    return _repeated(slave, start + step, step, again)
+    _step(instance, start, step)
+    state = instance.saved_state()
+    content = instance.fmu.serializeFMUState(state)
+    instance.free_state(state)
+    again = instance.fmu.deserializeFMUState(content)
+    return _repeated(instance, start + step, step, again)
 
 
-def _repeated(slave: Slave, time: float, step: float, state: c_void_p) -> str:
+def _repeated(instance: Instance, time: float, step: float, state: c_void_p) -> str:
     """Step from the current state, and from the saved state, which should equal it; return how the outputs differ."""
-    _step(slave, time, step)
-    first = _outputs(slave)
-    slave.restore_state(state)
-    _step(slave, time, step)
-    second = _outputs(slave)
-    slave.free_state(state)
+    _step(instance, time, step)
+    first = _outputs(instance)
+    instance.restore_state(state)
+    _step(instance, time, step)
+    second = _outputs(instance)
+    instance.free_state(state)
     with np.errstate(invalid="ignore"):
         wrong = ~(np.abs(second - first) <= _REPEATED * (1.0 + np.abs(first))) & np.isfinite(first)
     if not wrong.any():
         return ""
     k = int(np.argmax(wrong))
-    name = [v.name for v in slave.description.named("output") if v.kind == "Real" and not v.clocks][k]
+    name = [v.name for v in instance.description.named("output") if v.kind == "Real" and not v.clocks][k]
     return (
         f"the step from t = {time:.9g} s, repeated from the saved state, gives {name} = {second[k]:.9g}; "
         f"the first time it gave {first[k]:.9g}"
     )
 
 
-def _derivatives(slave: Slave, start: float, step: float) -> str:
+def _derivatives(instance: Instance, start: float, step: float) -> str:
     """Ask for the directional derivative of each output by the inputs on which it depends."""
-    slave.leave_event()
-    _step(slave, start, step)
-    description = slave.description
+    instance.leave_event()
+    _step(instance, start, step)
+    description = instance.description
 
     def continuous(causality: str) -> list[FmuVariable]:
         return [
@@ -174,7 +176,7 @@ def _derivatives(slave: Slave, start: float, step: float) -> str:
         knowns = [v for v in continuous("input") if needs is None or v.name in needs]
         seed = np.ones(sum(v.length for v in knowns))
         if knowns:
-            value = slave.differentiate(
+            value = instance.differentiate(
                 [unknown.reference], unknown.length, [v.reference for v in knowns], seed
             )
             if not np.isfinite(value).all():

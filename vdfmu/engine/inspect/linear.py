@@ -26,7 +26,7 @@ from scipy.linalg import block_diag
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear, Signal, StateSpace, held
-from vdfmu.engine.fmu.component import Slave
+from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.interface import derivatives
 from vdfmu.engine.masters.multirate import periods
@@ -288,7 +288,7 @@ def linearised(components: Components, step: float, time: float, values: bool = 
         )
     notes: list[str] = [f"its step is {n} times that of the others, and is taken as one: {name}"
                         for name, n in checked.multiples.items() if n != 1]  # fmt: skip
-    each = [_part(name, slave, time, notes, values) for name, slave in components.slaves.items()]
+    each = [_part(name, instance, time, notes, values) for name, instance in components.instances.items()]
     blocks: list[Any] = [
         block_diag(*each_of) for each_of in zip(*(matrices for matrices, _ in each), strict=True)
     ]
@@ -305,7 +305,7 @@ def linearised(components: Components, step: float, time: float, values: bool = 
         if start in columns and end in rows and link.stepped:
             links[rows[end], columns[start]] = link.conversion.factor
             fresh[rows[end]] = link.end in checked.schedule.fresh
-        elif link.source.type == "Real" and end.partition(".")[0] in components.slaves and link.discrete:
+        elif link.source.type == "Real" and end.partition(".")[0] in components.instances and link.discrete:
             constant.append(start)
     parts = replace(parts, notes=tuple(dict.fromkeys(notes)))
     slow = [name for name, period in periods(checked).items() if round(period / step) != 1]
@@ -316,28 +316,30 @@ def linearised(components: Components, step: float, time: float, values: bool = 
 
 
 def _part(
-    name: str, slave: Slave, time: float, notes: list[str], values: bool
+    name: str, instance: Instance, time: float, notes: list[str], values: bool
 ) -> tuple[list[Floats], list[list[Signal]]]:
     """Return the matrices of a component at the point where it is, and its states, inputs, outputs, sampled states.
 
     In the order A, B, E, C, D, G, and F by parts.
     """
-    known = slave.description.variables.values()
-    sampled = [v for v in slave.description.sampled if v.type == "Real" and not slave.description.exchange]
+    known = instance.description.variables.values()
+    sampled = [
+        v for v in instance.description.sampled if v.type == "Real" and not instance.description.exchange
+    ]
     inputs, outputs = (
         [v for v in known if v.causality == causality and v.type == "Real" and v.variability != "discrete"]
         for causality in ("input", "output")
     )
     order = {(reference, i): k for k, (reference, i) in enumerate(
-        (x, i) for x, _, length in slave.description.states for i in range(length))}  # fmt: skip
+        (x, i) for x, _, length in instance.description.states for i in range(length))}  # fmt: skip
     states = sorted(
         (v for v in known if (v.reference, v.index) in order), key=lambda v: order[v.reference, v.index]
     )
-    if slave.description.derives_unknowns:
-        J = derivatives(slave, [*inputs, *sampled], [*outputs, *sampled])
+    if instance.description.derives_unknowns:
+        J = derivatives(instance, [*inputs, *sampled], [*outputs, *sampled])
     else:
-        assert slave.integrator is not None
-        J = slave.integrator.differences(time, inputs, outputs)
+        assert instance.integrator is not None
+        J = instance.integrator.differences(time, inputs, outputs)
         notes.append(f"without directional derivatives, by differences: {name}")
     m, s = len(inputs), len(sampled)
     n = J.shape[1] - m - s
@@ -348,7 +350,7 @@ def _part(
     J = np.vstack([J[:p], np.eye(s, J.shape[1], n + m)])  # sampled states are outputs, too
     signals: list[list[Signal]] = [
         [
-            (f"{name}.{v.name}", v.unit.name if v.unit else "1", float(slave.get(v)) if values else 0.0)
+            (f"{name}.{v.name}", v.unit.name if v.unit else "1", float(instance.get(v)) if values else 0.0)
             for v in part
         ]
         for part in (states[:n], inputs, [*outputs, *sampled], sampled)

@@ -255,7 +255,7 @@ def _results_3(
 ) -> dict[str, Floats]:
     """Return the results of an FMU 3.0 at the times of a table: arrays set and read at every communication point."""
     folder = fmpy.extract(str(path))
-    slave = FMU3Slave(
+    instance = FMU3Slave(
         guid=description.guid,
         unzipDirectory=folder,
         modelIdentifier=description.coSimulation.modelIdentifier,
@@ -263,38 +263,38 @@ def _results_3(
         fmiCallLogger=refuse_negative,
     )
     try:
-        return _drive(slave, variables, expected, signals, said)
+        return _drive(instance, variables, expected, signals, said)
     finally:
-        slave.freeInstance()
+        instance.freeInstance()
 
 
 def _drive(
-    slave: Any,
+    instance: Any,
     variables: Mapping[str, Any],
     expected: ReferenceTable,
     signals: ReferenceTable | None,
     said: Said,
 ) -> dict[str, Floats]:
     start, stop = float(expected.time[0]), float(expected.time[-1])
-    slave.instantiate(logMessage=said)
-    slave.enterInitializationMode(startTime=start, stopTime=stop)
-    _feed(slave, variables, signals, start)
-    slave.exitInitializationMode()
+    instance.instantiate(logMessage=said)
+    instance.enterInitializationMode(startTime=start, stopTime=stop)
+    _feed(instance, variables, signals, start)
+    instance.exitInitializationMode()
     points = expected.time if signals is None else np.concatenate([expected.time, signals.time])
     points = np.unique(points[(points >= start) & (points <= stop)])
     results = {name: np.empty_like(column) for name, column in expected.columns.items()}
     for index, time in enumerate(points):
         if index:
-            slave.doStep(points[index - 1], time - points[index - 1])
+            instance.doStep(points[index - 1], time - points[index - 1])
         for row in np.flatnonzero(expected.time == time):
             for name, column in results.items():
-                column[row] = _get(slave, variables[name], column.shape[1])
-        _feed(slave, variables, signals, float(time))
-    slave.terminate()
+                column[row] = _get(instance, variables[name], column.shape[1])
+        _feed(instance, variables, signals, float(time))
+    instance.terminate()
     return results
 
 
-def _feed(slave: Any, variables: Mapping[str, Any], signals: ReferenceTable | None, time: float) -> None:
+def _feed(instance: Any, variables: Mapping[str, Any], signals: ReferenceTable | None, time: float) -> None:
     """Set the inputs to their values from a time on: between two rows continuous ones change linearly."""
     if signals is None:
         return
@@ -307,19 +307,19 @@ def _feed(slave: Any, variables: Mapping[str, Any], signals: ReferenceTable | No
         value = column[last]
         if variable.variability == "continuous":
             value = value + part * (column[following] - value)
-        _set(slave, variable, value)
+        _set(instance, variable, value)
 
 
 def _accessor(variable: Any) -> str:
     return "Int64" if variable.type == "Enumeration" else str(variable.type)
 
 
-def _get(slave: Any, variable: Any, size: int) -> Sequence[Any]:
-    values = getattr(slave, f"get{_accessor(variable)}")([variable.valueReference], nValues=size)
+def _get(instance: Any, variable: Any, size: int) -> Sequence[Any]:
+    values = getattr(instance, f"get{_accessor(variable)}")([variable.valueReference], nValues=size)
     return [float(value) for value in values]
 
 
-def _set(slave: Any, variable: Any, values: Floats) -> None:
+def _set(instance: Any, variable: Any, values: Floats) -> None:
     kind = _accessor(variable)
     cast = float if kind.startswith("Float") else bool if kind == "Boolean" else int
-    getattr(slave, f"set{kind}")([variable.valueReference], [cast(v) for v in values])
+    getattr(instance, f"set{kind}")([variable.valueReference], [cast(v) for v in values])

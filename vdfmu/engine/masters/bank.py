@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.engine.fmu.access import DTYPES, TEXTS, Call
-from vdfmu.engine.fmu.component import Slave
+from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.link import Link, Port
@@ -89,16 +89,16 @@ class Bank:
         return plain if all(link.conversion.trivial for link in links) else scaled
 
     def calls(
-        self, slave: Slave, verb: str, chosen: Callable[[FmuVariable], bool] | None = None
+        self, instance: Instance, verb: str, chosen: Callable[[FmuVariable], bool] | None = None
     ) -> list[Call]:
         """Return the vectorised calls that ``Get`` or ``Set`` a unit's window; none when it is empty.
 
         They are for the `chosen` variables; by default for those that the unit has between its events.
         """
-        window = (self.output_windows if verb == "Get" else self.input_windows)[slave.name]
+        window = (self.output_windows if verb == "Get" else self.input_windows)[instance.name]
         shift = 0 if verb == "Get" else self.outputs.size
         variables = [v for _, v in self.variables[window.start + shift : window.stop + shift]]
         part = (self.outputs if verb == "Get" else self.inputs)[window]
         if chosen is None:
-            chosen = slave.between_events
-        return slave.access(verb, variables, part, chosen)
+            chosen = instance.between_events
+        return instance.access(verb, variables, part, chosen)

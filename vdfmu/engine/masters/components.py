@@ -12,8 +12,8 @@ from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.engine.algorithms import ALGORITHMS, is_continuous
 from vdfmu.engine.fmu.access import TEXTS
 from vdfmu.engine.fmu.classes import CLASSES
-from vdfmu.engine.fmu.component import Slave
-from vdfmu.engine.fmu.component3 import Slave3
+from vdfmu.engine.fmu.instance import Instance
+from vdfmu.engine.fmu.instance3 import Instance3
 from vdfmu.engine.fmu.integrator import ModelExchangeIntegrator
 from vdfmu.engine.fmu.library import Watch
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
@@ -37,7 +37,7 @@ class Components:
     words : array, optional
         Memory of the exchange; see `Exchange`.
     watch : callable, optional
-        Wraps everything that runs code of an FMU; see `Slave`.
+        Wraps everything that runs code of an FMU; see `Instance`.
     """
 
     exchanges = Exchange
@@ -52,12 +52,12 @@ class Components:
         watch: Watch | None = None,
     ) -> None:
         self.checked, self.folders, self.box = checked, folders, box
-        self.slaves: dict[str, Slave] = {}
-        self.exchange = self.exchanges(checked, self.slaves, box, words)
+        self.instances: dict[str, Instance] = {}
+        self.exchange = self.exchanges(checked, self.instances, box, words)
         self._watch = watch
         self._events: Events | None = None
         self._stepper: SampledStepper | ContinuousStepper | None = None
-        self._kept: list[list[tuple[Slave, c_void_p]]] = []
+        self._kept: list[list[tuple[Instance, c_void_p]]] = []
 
     def load(self) -> None:
         """Load the libraries and create the instances."""
@@ -66,26 +66,26 @@ class Components:
         for name, description in self.checked.descriptions.items():
             folder = self.folders[description.source]
             kind = CLASSES[description.version]
-            slave = self.slaves[name] = kind(name, description, folder, self.box, corrupt, self._watch)
-            if isinstance(slave, Slave3):
+            instance = self.instances[name] = kind(name, description, folder, self.box, corrupt, self._watch)
+            if isinstance(instance, Instance3):
                 continuous = is_continuous(self.checked.algorithm)
-                slave.event_mode = description.event_mode and not continuous and not own_steps
-                slave.updates = description.updates_inputs and continuous
+                instance.event_mode = description.event_mode and not continuous and not own_steps
+                instance.updates = description.updates_inputs and continuous
             with InterruptGuard():  # which units written in Python would turn into an error
-                self._instantiate(slave)
+                self._instantiate(instance)
 
-    def _instantiate(self, slave: Slave) -> None:
+    def _instantiate(self, instance: Instance) -> None:
         """Create an instance; without event mode where it declares that and refuses it."""
         try:
-            slave.instantiate()
+            instance.instantiate()
         except CosimError as error:
-            clocked = any(v.clock is not None for v in slave.description.variables.values())
-            if clocked or not isinstance(slave, Slave3) or not slave.event_mode:
+            clocked = any(v.clock is not None for v in instance.description.variables.values())
+            if clocked or not isinstance(instance, Instance3) or not instance.event_mode:
                 raise
             self.box.pending.clear()
-            slave.event_mode = False
-            slave.instantiate()
-            text = f"{slave.name}: declares event mode (hasEventMode) and refuses it, runs without: {error.reason}"
+            instance.event_mode = False
+            instance.instantiate()
+            text = f"{instance.name}: declares event mode (hasEventMode) and refuses it, runs without: {error.reason}"
             self.box.pending.append(LogMessage("", self.box.time, "note", "", text))
 
     def initialize(
@@ -94,15 +94,18 @@ class Components:
         """Take all through initialization; leaves the outputs at `begin` in the exchange."""
         self.box.time = begin
         with InterruptGuard():
-            for name, slave in self.slaves.items():
-                slave.prepare(tolerance, begin, end, list(self.checked.starts.get(name, ())))
-            for slave in self.slaves.values():
-                slave.enter_initialization()
+            for name, instance in self.instances.items():
+                instance.prepare(tolerance, begin, end, list(self.checked.starts.get(name, ())))
+            for instance in self.instances.values():
+                instance.enter_initialization()
             self.exchange.initialize(begin, convergence)
-            for slave in self.slaves.values():
-                slave.exit_initialization(ModelExchangeIntegrator)
+            for instance in self.instances.values():
+                instance.exit_initialization(ModelExchangeIntegrator)
             self.exchange.read_outputs()
-            if any(isinstance(slave, Slave3) and slave.event_mode for slave in self.slaves.values()):
+            if any(
+                isinstance(instance, Instance3) and instance.event_mode
+                for instance in self.instances.values()
+            ):
                 self._events = Events(self.exchange, begin)
         self.box.flush()
 
@@ -122,12 +125,12 @@ class Components:
             gather = bank.gather(slice(0, bank.inputs.size))
             if gather is not None:
                 gather()
-            for slave in self.slaves.values():
-                slave.run(bank.calls(slave, "Set"))
+            for instance in self.instances.values():
+                instance.run(bank.calls(instance, "Set"))
 
     def keep(self, names: Sequence[str]) -> None:
         """Keep the states that components have now, for `look`."""
-        self._kept.append([(self.slaves[name], self.slaves[name].saved_state()) for name in names])
+        self._kept.append([(self.instances[name], self.instances[name].saved_state()) for name in names])
 
     def look(
         self, steps: Mapping[str, float], times: Sequence[float], end: float
@@ -140,17 +143,17 @@ class Components:
             Length of the step [s] by component; none is done for 0, and none beyond `end` [s].
         """
         found: list[dict[str, list[list[float]]]] = []
-        read = {name: reader(self.slaves[name]) for name in steps}
+        read = {name: reader(self.instances[name]) for name in steps}
         for time, kept in zip(times, self._kept, strict=True):
             found.append({})
-            for slave, state in kept:
-                slave.restore_state(state)
-                slave.free_state(state)
-                listed = found[-1][slave.name] = [read[slave.name]()]
-                size, slave.line = steps[slave.name], lambda time: None  # inputs hold
-                if size and slave.integrator is None and time + size <= end:
-                    slave.run([slave.step_call(c_double(time), c_double(size))])
-                    listed.append(read[slave.name]())
+            for instance, state in kept:
+                instance.restore_state(state)
+                instance.free_state(state)
+                listed = found[-1][instance.name] = [read[instance.name]()]
+                size, instance.line = steps[instance.name], lambda time: None  # inputs hold
+                if size and instance.integrator is None and time + size <= end:
+                    instance.run([instance.step_call(c_double(time), c_double(size))])
+                    listed.append(read[instance.name]())
         self._kept.clear()
         return found
 
@@ -160,8 +163,8 @@ class Components:
         with InterruptGuard():
             if isinstance(stepper, ContinuousStepper):
                 stepper.close()
-            for slave in self.slaves.values():
-                slave.reset()
+            for instance in self.instances.values():
+                instance.reset()
         self.exchange.checked = self.checked
         for bank in self.exchange.banks:
             bank.memory[:] = b"" if bank.kind in TEXTS else 0
@@ -176,7 +179,7 @@ class Components:
         except CosimError as error:
             failures.append(error)
         failures += [
-            error for error in [slave.close() for slave in self.slaves.values()] if error is not None
+            error for error in [instance.close() for instance in self.instances.values()] if error is not None
         ]
         for error in failures[1:]:
             self.box.pending.append(failure_message(error))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
-from vdfmu.engine.fmu.component import Slave
+from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.masters.coupled import Block, Coupled, CoupledUnit
 from vdfmu.engine.masters.exchange import Exchange, largest_step
@@ -109,7 +109,7 @@ class ContinuousStepper:
                 end = target if parts <= 1 else time + left / parts
                 if end <= time:
                     raise CosimError(
-                        self._repeated[0].slave.name, "doStep", time,
+                        self._repeated[0].instance.name, "doStep", time,
                         f"the next step, of {left / parts:.3g} s, is below the resolution of time at {time:.9g} s; "
                         "begin nearer to zero",
                     )  # fmt: skip
@@ -165,13 +165,13 @@ class ContinuousStepper:
         self.box.time = time
         self._coupled.begin()
         for unit in self._repeated:
-            self._save(unit.slave)
+            self._save(unit.instance)
         start = self._coupled.begun[0]
         if self._last > 0.0:
             np.multiply(start - self._previous, h / self._last, self._outputs)
             np.add(self._outputs, start, self._outputs)
-            for slave, call, own, rates in self._coupled.rates:
-                slave.run([call])
+            for instance, call, own, rates in self._coupled.rates:
+                instance.run([call])
                 self._outputs[own] = start[own] + h * rates
             self._outputs[self._coupled.discrete] = start[self._coupled.discrete]
         self.exchange.feed(time + h)
@@ -202,7 +202,7 @@ class ContinuousStepper:
         try:
             sizes = self._errors(self._step(time, h), h) / self.error
         except CosimError as error:
-            if any(unit.slave.dead for unit in self._repeated):
+            if any(unit.instance.dead for unit in self._repeated):
                 raise
             sizes, failure = np.zeros(0), error
         ratio = math.inf if failure is not None else float(sizes.max(initial=0.0))
@@ -342,24 +342,24 @@ class ContinuousStepper:
                 np.multiply(change, (1.0 - hold) / h, unit.slopes)
                 clock.value = time + i * h / n
                 size.value = largest_step(clock.value, time + h) if i and i == n - 1 else h / n
-                unit.slave.run(calls)
+                unit.instance.run(calls)
 
     # ------------------------------------------------------------------ states
 
-    def _save(self, slave: Slave) -> None:
-        self._free(slave)
-        self._states[slave.name] = slave.saved_state()
+    def _save(self, instance: Instance) -> None:
+        self._free(instance)
+        self._states[instance.name] = instance.saved_state()
 
     def _restore(self, units: list[CoupledUnit]) -> None:
         for unit in units:
-            unit.slave.restore_state(self._states[unit.slave.name])
+            unit.instance.restore_state(self._states[unit.instance.name])
 
-    def _free(self, slave: Slave) -> None:
-        state = self._states.pop(slave.name, None)
+    def _free(self, instance: Instance) -> None:
+        state = self._states.pop(instance.name, None)
         if state is not None:
-            slave.free_state(state)
+            instance.free_state(state)
 
     def close(self) -> None:
         """Free the saved states."""
         for name in list(self._states):
-            self._free(self.exchange.slaves[name])
+            self._free(self.exchange.instances[name])

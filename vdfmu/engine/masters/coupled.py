@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.engine.fmu.access import Call
-from vdfmu.engine.fmu.component import Slave
+from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.masters.bank import Bank
 from vdfmu.engine.masters.broyden import Broyden
 from vdfmu.engine.masters.exchange import Exchange
@@ -24,7 +24,7 @@ Indices = NDArray[np.intp]
 class CoupledUnit:
     """One unit: its calls and its real inputs, which are windows of one array each."""
 
-    slave: Slave
+    instance: Instance
     gathers: list[Callable[[], None]]
     parts: list[tuple[Floats, list[Call]]]
     """The equal parts of a step: where on the line through the whole step each input begins, and the calls. It is 0 for
@@ -83,14 +83,14 @@ class Coupled:
         """Which of them depend directly on an input."""
         self.derived = np.zeros(self.outputs.size, bool)
         """Real outputs for which a unit gives the derivatives by time."""
-        self.rates: list[tuple[Slave, Call, Indices, Floats]] = []
+        self.rates: list[tuple[Instance, Call, Indices, Floats]] = []
         """Calls that get these derivatives, for which outputs, and the memory that receives them."""
-        for name, slave in exchange.slaves.items():
+        for name, instance in exchange.instances.items():
             own = self.read_of(name)
-            if slave.description.derives_outputs and own.size:
+            if instance.description.derives_outputs and own.size:
                 rates = np.zeros(own.size)
-                call = slave.slopes([bank.variables[i][1] for i in own], rates)
-                self.rates.append((slave, call, own, rates))
+                call = instance.slopes([bank.variables[i][1] for i in own], rates)
+                self.rates.append((instance, call, own, rates))
                 self.derived[own] = True
         self.switches: list[tuple[NDArray[Any], NDArray[Any], Indices]] = []
         """For each type: outputs, now and at the start of the step, and which of them are read and discrete."""
@@ -120,8 +120,8 @@ class Coupled:
 
     def _unit(self, name: str) -> CoupledUnit:
         exchange, bank = self.exchange, self.bank
-        slave, window, calls = exchange.slaves[name], bank.input_windows[name], exchange.calls(name)
-        moving = slave.description.interpolates_inputs
+        instance, window, calls = exchange.instances[name], bank.input_windows[name], exchange.calls(name)
+        moving = instance.description.interpolates_inputs
         # An input that cannot run is needed at the end of the step if an output depends on it directly. Any other is
         # integrated: the middle of a line has the line's integral, and a discrete one stays as it is at the start.
         schedule = exchange.checked.schedule
@@ -129,14 +129,14 @@ class Coupled:
         links = bank.links[window]
         through = [not k.discrete and not moving and k.end in schedule.through for k in links]
         # outputs computed last, from an input set within the step, do not belong to the end of the line
-        runs = moving or (slave.description.updates_inputs and not any(through))
+        runs = moving or (instance.description.updates_inputs and not any(through))
         hold = np.array([
             1.0 if k.discrete or needed else 0.0 if runs else 0.5 for k, needed in zip(links, through, strict=True)
         ])  # fmt: skip
         if runs and links:
-            calls.insert([call[-1] for call in calls].index("doStep"), self._rate_call(slave, window))
+            calls.insert([call[-1] for call in calls].index("doStep"), self._rate_call(instance, window))
         parts = [(hold, calls)]
-        if any(through) and slave.description.varies_steps:
+        if any(through) and instance.description.varies_steps:
             # The unit may integrate such an input, too. Half the step with the value at the start and half with the
             # value at the end have the integral of the line, and end with the value at the end.
             gets = [call for call in calls if call[-1].startswith("get")]
@@ -144,7 +144,7 @@ class Coupled:
             parts = [(first, calls[: len(calls) - len(gets)]), (np.ones(len(links)), calls)]
         held = [i for i, k in enumerate(links) if k.discrete and k.end not in schedule.fresh]
         return CoupledUnit(
-            slave, [gather for gather in gathers if gather is not None], parts,
+            instance, [gather for gather in gathers if gather is not None], parts,
             self.inputs[window], self.starts[window], self.ends[window], self.slopes[window],
             runs, np.array(held, np.intp),
         )  # fmt: skip
@@ -168,15 +168,15 @@ class Coupled:
 
         return some
 
-    def _rate_call(self, slave: Slave, window: slice) -> Call:
+    def _rate_call(self, instance: Instance, window: slice) -> Call:
         """Return the call that lets a unit's inputs run over a step."""
         first = self.bank.outputs.size
         variables = [v for _, v in self.bank.variables[first + window.start : first + window.stop]]
-        return slave.rate_call(variables, self.inputs[window], self.slopes[window], self.exchange.clock)
+        return instance.rate_call(variables, self.inputs[window], self.slopes[window], self.exchange.clock)
 
     def _cut(self, units: list[CoupledUnit]) -> list[Block]:
         """Put the units of each loop into a block, with the outputs to be guessed."""
-        by_name = {unit.slave.name: unit for unit in units}
+        by_name = {unit.instance.name: unit for unit in units}
         position = self.bank.position
         blocks: list[Block] = []
         for names in self.exchange.checked.schedule.blocks:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import Call
-from vdfmu.engine.fmu.component3 import Slave3
+from vdfmu.engine.fmu.instance3 import Instance3
 from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.masters.exchange import Exchange, SampledStepper, largest_step
 
@@ -61,9 +61,9 @@ class _Ticking:
 class _EventUnit:
     """A component with event mode: its calls there, by the clock of the variables (None: no clock), and its clocks."""
 
-    def __init__(self, exchange: Exchange, slave: Slave3, start: float) -> None:
-        self.slave = slave
-        variables = slave.description.variables.values()
+    def __init__(self, exchange: Exchange, instance: Instance3, start: float) -> None:
+        self.instance = instance
+        variables = instance.description.variables.values()
         clocks = [v for v in variables if v.clock is not None]
         timed = [v for v in clocks if v.clock is not None and not v.clock.triggered]
         self.ticking = [_Ticking(v, start) for v in timed if v.causality == "input"]
@@ -76,16 +76,16 @@ class _EventUnit:
                 return reference in v.clocks if reference is not None else not v.clocks
 
             for verb, calls in (("Set", self.sets), ("Get", self.gets)):
-                calls[reference] = [c for bank in exchange.banks for c in bank.calls(slave, verb, own)]
+                calls[reference] = [c for bank in exchange.banks for c in bank.calls(instance, verb, own)]
         self.gathers: list[Callable[[], None]] = []
         self.watched: list[tuple[NDArray[Any], NDArray[np.intp], NDArray[Any]]] = []
         for bank in exchange.banks:
-            window = bank.input_windows[slave.name]
+            window = bank.input_windows[instance.name]
             gather = bank.gather(window)
             if gather is not None:
                 self.gathers.append(gather)
                 links = bank.links[window]
-                places = [i for i, k in enumerate(links) if slave.discrete(k.sink) and not k.sink.clocks]
+                places = [i for i, k in enumerate(links) if instance.discrete(k.sink) and not k.sink.clocks]
                 part = bank.inputs[window]
                 where = np.array(places, np.intp)
                 self.watched.append((part, where, part[where]))
@@ -118,9 +118,11 @@ class Events:
 
     def __init__(self, exchange: Exchange, start: float) -> None:
         self._exchange, self._box = exchange, exchange.box
-        slaves = [exchange.slaves[name] for name in exchange.checked.schedule.units]
+        instances = [exchange.instances[name] for name in exchange.checked.schedule.units]
         self._units = {
-            s.name: _EventUnit(exchange, s, start) for s in slaves if isinstance(s, Slave3) and s.event_mode
+            s.name: _EventUnit(exchange, s, start)
+            for s in instances
+            if isinstance(s, Instance3) and s.event_mode
         }
         self._sinks: dict[tuple[str, int], list[tuple[str, int]]] = {}
         for (a, source), (b, sink) in exchange.checked.clock_links:
@@ -129,7 +131,7 @@ class Events:
             ]
             self._sinks.setdefault((a, ends[0]), []).append((b, ends[1]))
         for unit in self._units.values():
-            unit.slave.in_event = True
+            unit.instance.in_event = True
             self._intervals(unit, start)
         self._handle(start, set(self._units), 0.0)
 
@@ -137,7 +139,7 @@ class Events:
         """Return the time [s] of the next event known in advance, after `time`, `stop` at the latest."""
         close = _CLOSE * (stop - time)
         times = [tick.next for unit in self._units.values() for tick in unit.ticking]
-        times += [unit.slave.next_event for unit in self._units.values()]
+        times += [unit.instance.next_event for unit in self._units.values()]
         return min((t for t in times if time + close < t < stop - close), default=stop)
 
     def handle(self, time: float, step: float) -> None:
@@ -149,17 +151,22 @@ class Events:
         ticks: dict[str, set[int]] = {}
         for _ in range(_ROUNDS):
             for name, unit in self._units.items():
-                slave = unit.slave
+                instance = unit.instance
                 for tick in unit.ticking:
                     if tick.next <= time + close:
                         tick.ticked(time)
                         ticks.setdefault(name, set()).add(tick.variable.reference)
                 unit.gather()
-                if slave.event_needed or slave.next_event <= time + close or unit.changed or name in ticks:
+                if (
+                    instance.event_needed
+                    or instance.next_event <= time + close
+                    or unit.changed
+                    or name in ticks
+                ):
                     involved.add(name)
             if not involved:
                 for unit in self._units.values():
-                    unit.slave.leave_event()
+                    unit.instance.leave_event()
                 return
             # in the order of the steps: what ticks another comes first or again
             for name, unit in self._units.items():
@@ -173,35 +180,35 @@ class Events:
 
     def _event(self, unit: _EventUnit, time: float, active: set[int], ticks: dict[str, set[int]]) -> None:
         """Take a component through an event, with its active clocks; add what it ticks."""
-        slave = unit.slave
-        slave.enter_event()
-        slave.set_clocks(sorted(active))
+        instance = unit.instance
+        instance.enter_event()
+        instance.set_clocks(sorted(active))
         unit.gather()
-        self._run(slave, unit.sets, active)
+        self._run(instance, unit.sets, active)
         unit.noted()
         if unit.triggered:
             own = [v.reference for v in unit.triggered]
-            for reference in (r for r, ticked in zip(own, slave.clocks(own), strict=True) if ticked):
+            for reference in (r for r, ticked in zip(own, instance.clocks(own), strict=True) if ticked):
                 active.add(reference)
-                for name, sink in self._sinks.get((slave.name, reference), ()):
+                for name, sink in self._sinks.get((instance.name, reference), ()):
                     ticks.setdefault(name, set()).add(sink)
-        self._run(slave, unit.gets, active)
-        slave.update(time)
-        slave.run(unit.gets[None])
+        self._run(instance, unit.gets, active)
+        instance.update(time)
+        instance.run(unit.gets[None])
         self._intervals(unit, time)
 
     @staticmethod
-    def _run(slave: Slave3, calls: dict[int | None, list[Call]], active: set[int]) -> None:
+    def _run(instance: Instance3, calls: dict[int | None, list[Call]], active: set[int]) -> None:
         for reference, own in calls.items():
             if reference is None or reference in active:
-                slave.run(own)
+                instance.run(own)
 
     @staticmethod
     def _intervals(unit: _EventUnit, time: float) -> None:
         """Ask for the intervals of clocks that the component sets."""
         asked = [tick for tick in unit.ticking if tick.clock.asked]
         if asked:
-            found = unit.slave.intervals([tick.variable.reference for tick in asked])
+            found = unit.instance.intervals([tick.variable.reference for tick in asked])
             for tick, interval in zip(asked, found, strict=True):
                 if interval is not None:
                     tick.given(interval, time)

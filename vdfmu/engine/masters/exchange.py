@@ -15,7 +15,7 @@ from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.text import matching
 from vdfmu.engine.algorithms import is_continuous
 from vdfmu.engine.fmu.access import KINDS, TEXTS, Call, held
-from vdfmu.engine.fmu.component import Slave
+from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.fmu.variables import Value
 from vdfmu.engine.masters.bank import Bank
@@ -48,7 +48,7 @@ class Exchange:
     Parameters
     ----------
     checked : Checked
-    slaves : mapping of str to Slave
+    instances : mapping of str to Instance
         Empty where only the values are read, of components in another process.
     box : MessageBox
     words : (`words_of`,) array, optional
@@ -58,12 +58,12 @@ class Exchange:
     def __init__(
         self,
         checked: Checked,
-        slaves: Mapping[str, Slave],
+        instances: Mapping[str, Instance],
         box: MessageBox,
         words: Floats | None = None,
     ) -> None:
         self.checked = checked
-        self.slaves = slaves
+        self.instances = instances
         self.box = box
         words = np.zeros(words_of(checked)) if words is None else words
         self.clock, self.size = (c_double.from_buffer(words, 8 * i) for i in (0, 1))  # pyright: ignore[reportArgumentType]
@@ -155,26 +155,26 @@ class Exchange:
         if link.start[0] == SOURCE:
             bank = self._bank(link.source.kind)
             return bank.memory[bank.position[link.start]].item()
-        return self.slaves[link.start[0]].get(link.source)
+        return self.instances[link.start[0]].get(link.source)
 
     def _carry(self, link: Link, value: Value) -> None:
-        self.slaves[link.end[0]].set(link.sink, value)
+        self.instances[link.end[0]].set(link.sink, value)
         if link.stepped:
             bank = self._bank(link.sink.kind)
             bank.memory[bank.position[link.end]] = held(bank.kind, value)
 
     def read_outputs(self) -> None:
         """Get all outputs."""
-        for slave in self.slaves.values():
-            slave.run([call for bank in self.banks for call in bank.calls(slave, "Get")])
+        for instance in self.instances.values():
+            instance.run([call for bank in self.banks for call in bank.calls(instance, "Get")])
 
     def calls(self, name: str) -> list[Call]:
         """Return the calls of a unit in a step: set its inputs, step, get its outputs."""
-        slave = self.slaves[name]
+        instance = self.instances[name]
         sets, gets = (
-            [call for bank in self.banks for call in bank.calls(slave, verb)] for verb in ("Set", "Get")
+            [call for bank in self.banks for call in bank.calls(instance, verb)] for verb in ("Set", "Get")
         )
-        return [*sets, slave.step_call(self.clock, self.size), *gets]
+        return [*sets, instance.step_call(self.clock, self.size), *gets]
 
     def recorders(
         self, rows: int, record: Sequence[str] | None
@@ -311,8 +311,8 @@ class SampledStepper:
         """Bring all inputs to the outputs at the start of the step."""
         if exchange.checked.feed is not None:
             self.opening.insert(0, lambda: exchange.feed(exchange.clock.value))
-        self.stages: list[tuple[Slave, list[Callable[[], None]], list[Call]]] = []
-        """Unit by unit: the slave, what brings its fresh inputs up to date, its calls."""
+        self.stages: list[tuple[Instance, list[Callable[[], None]], list[Call]]] = []
+        """Unit by unit: the instance, what brings its fresh inputs up to date, its calls."""
         for name in exchange.checked.schedule.units:
             fresh: list[Callable[[], None]] = []
             for bank in exchange.banks:
@@ -320,20 +320,20 @@ class SampledStepper:
                 gather = bank.gather(slice(start, start + bank.fresh_counts[name]))
                 if gather is not None:
                     fresh.append(gather)
-            self.stages.append((exchange.slaves[name], fresh, exchange.calls(name)))
+            self.stages.append((exchange.instances[name], fresh, exchange.calls(name)))
 
     def advance(self, time: float, step: float, stop: float) -> None:
         """Step all units from `time` by `step`."""
         self._clock.value, self._size.value = time, step
         for gather in self.opening:
             gather()
-        for slave, gathers, calls in self.stages:
+        for instance, gathers, calls in self.stages:
             for gather in gathers:
                 gather()
             for function, a, b, c, d, name in calls:
                 status = function(a, b, c, d)
                 if status:
-                    slave.judge(status, name)
+                    instance.judge(status, name)
 
     def notes(self) -> list[str]:
         """Return notes on the run: none."""

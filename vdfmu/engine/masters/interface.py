@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu.base.arrays import Floats
-from vdfmu.engine.fmu.component import Slave
+from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.masters.coupled import Block, Coupled, CoupledUnit
 
@@ -19,7 +19,7 @@ def interface_inverse(block: Block, coupled: Coupled, h: float) -> Floats | None
     Each component is taken as x' = A x + B u, y = C x + D u, with the matrices at the start of a step of `h` [s]. None
     if one of them gives no directional derivatives, or if no inverse exists.
     """
-    if not all(unit.slave.description.derives_unknowns for unit in block.units):
+    if not all(unit.instance.description.derives_unknowns for unit in block.units):
         return None
     passes = [_sensitivity(unit, coupled, h) for unit in block.units]
     residual = np.empty((block.torn.size, block.torn.size))
@@ -39,14 +39,14 @@ def interface_inverse(block: Block, coupled: Coupled, h: float) -> Floats | None
 
 def _sensitivity(unit: CoupledUnit, coupled: Coupled, h: float) -> Callable[[Floats], None]:
     """Return the function that brings changes of outputs at the end of a step through a component."""
-    slave, bank = unit.slave, coupled.bank
-    outputs = coupled.read_of(slave.name)
-    own = bank.links[bank.input_windows[slave.name]]
+    instance, bank = unit.instance, coupled.bank
+    outputs = coupled.read_of(instance.name)
+    own = bank.links[bank.input_windows[instance.name]]
     moving = [i for i, k in enumerate(own) if not k.discrete]
     links = [own[i] for i in moving]
     sources = [bank.position[k.start] for k in links]
     factors = np.array([k.conversion.factor for k in links])
-    jacobian = derivatives(slave, [k.sink for k in links], [bank.variables[i][1] for i in outputs])
+    jacobian = derivatives(instance, [k.sink for k in links], [bank.variables[i][1] for i in outputs])
     m = len(links)
     n = jacobian.shape[1] - m
     motion = np.zeros((n + 2 * m, n + 2 * m))  # x' = A x + B u, u' = w, w' = 0
@@ -68,12 +68,12 @@ def _sensitivity(unit: CoupledUnit, coupled: Coupled, h: float) -> Callable[[Flo
     return through
 
 
-def derivatives(slave: Slave, inputs: Sequence[FmuVariable], outputs: Sequence[FmuVariable]) -> Floats:
+def derivatives(instance: Instance, inputs: Sequence[FmuVariable], outputs: Sequence[FmuVariable]) -> Floats:
     """Return the derivatives of the declared states' rates and of outputs, by states and by inputs.
 
     From the directional derivatives of the component: [[A, B], [C, D]].
     """
-    states = slave.description.states
+    states = instance.description.states
     n = sum(length for *_, length in states)
     # each array with all of its elements, as its directional derivatives are
     begins: list[tuple[int, int]] = [(x, length) for x, _, length in states]
@@ -90,6 +90,6 @@ def derivatives(slave: Slave, inputs: Sequence[FmuVariable], outputs: Sequence[F
     knowns = [reference for reference, _ in begins]
     unknowns = [reference for reference, _ in finals]
     seeds = np.eye(sum(length for _, length in begins))
-    jacobian = np.array([slave.differentiate(unknowns, size, knowns, seed) for seed in seeds])
+    jacobian = np.array([instance.differentiate(unknowns, size, knowns, seed) for seed in seeds])
     jacobian = jacobian.reshape(len(seeds), size).T
     return jacobian[np.ix_(places(outputs, finals[len(states) :]), places(inputs, begins[len(states) :]))]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.algorithms import ALGORITHMS, choice, is_continuous
 from vdfmu.engine.fmu.access import Call
-from vdfmu.engine.fmu.component import Slave
+from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.masters.exchange import Exchange, SampledStepper, largest_step
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.link import Link
@@ -111,7 +111,7 @@ def _feeding(checked: Checked) -> set[str]:
 class _RateUnit:
     """One component: what brings its inputs up to date, its calls, and the step that it is in."""
 
-    slave: Slave
+    instance: Instance
     multiple: int
     early: bool
     """Whether it steps when its step begins, so that others read what it passes on for that time."""
@@ -137,13 +137,13 @@ class MultirateStepper(SampledStepper):
         self._k, self._stop = 0, 0.0
         early = _feeding(exchange.checked)
         self._units: list[_RateUnit] = []
-        for name, (slave, fresh, calls) in zip(exchange.checked.schedule.units, self.stages, strict=True):
+        for name, (instance, fresh, calls) in zip(exchange.checked.schedule.units, self.stages, strict=True):
             at = next(i for i, call in enumerate(calls) if call[5] == "doStep")
             gathers = (bank.gather(bank.input_windows[name]) for bank in exchange.banks)
             opening = [gather for gather in gathers if gather is not None]
             multiple = exchange.checked.multiples.get(name, 1)
             self._units.append(
-                _RateUnit(slave, multiple, name in early, opening, fresh, calls[:at], calls[at:])
+                _RateUnit(instance, multiple, name in early, opening, fresh, calls[:at], calls[at:])
             )
 
     def advance(self, time: float, step: float, stop: float) -> None:
@@ -161,11 +161,11 @@ class MultirateStepper(SampledStepper):
             if k % unit.multiple == 0:
                 for gather in unit.fresh:
                     gather()
-                unit.slave.run(unit.sets)
+                unit.instance.run(unit.sets)
             if k % unit.multiple == 0 if unit.early else k == unit.last:
                 length = step * (unit.last + 1 - k if unit.early else k % unit.multiple + 1)
                 self._clock.value = unit.begun
                 self._size.value = largest_step(unit.begun, self._stop) if unit.last == n - 1 else length
-                unit.slave.run(unit.rest)
+                unit.instance.run(unit.rest)
         self._clock.value, self._size.value = time, step
         self._k += 1

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import DTYPES, Call
-from vdfmu.engine.fmu.component import Slave
+from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.plan.checked import Checked
@@ -115,18 +115,18 @@ def numeric(variables: Mapping[str, FmuVariable]) -> list[FmuVariable]:
     return [v for kind in _KINDS for v in variables.values() if v.kind == kind]
 
 
-def reader(slave: Slave) -> Callable[[], list[float]]:
+def reader(instance: Instance) -> Callable[[], list[float]]:
     """Return a function that gets all numbers of a component, in the order of :func:`numeric`."""
-    own = numeric(slave.description.variables)
+    own = numeric(instance.description.variables)
     parts: list[tuple[NDArray[Any], list[Call]]] = []
     for kind in dict.fromkeys(v.kind for v in own):
         variables = [v for v in own if v.kind == kind]
         values = np.zeros(len(variables), DTYPES[kind])
-        parts.append((values, slave.access("Get", variables, values)))
+        parts.append((values, instance.access("Get", variables, values)))
 
     def read() -> list[float]:
         for _, calls in parts:
-            slave.run(calls)
+            instance.run(calls)
         return [float(value) for values, _ in parts for value in values.tolist()]
 
     return read

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.engine.fmu.access import KINDS
-from vdfmu.engine.fmu.component import Slave
+from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.exchange import TEXTS, SampledStepper
@@ -35,19 +35,19 @@ class ByHand:
 
     def __init__(self, run: Run, begin: float, end: float, step: float, n: int) -> None:
         assert isinstance(run.components, Components)
-        self._run, self._slaves = run, run.components.slaves
+        self._run, self._instances = run, run.components.instances
         run.exchange.recorders(1, ())  # values that are read must be finite
         run.exchange.refuse_not_finite("initialization", begin)
         self._one = run.stepping(begin, end, step, n)
         self._begin, self._end, self._step, self.n, self._k = begin, end, step, n, 0
-        self._sinks: dict[str, list[tuple[Slave, FmuVariable]]] = {}
+        self._sinks: dict[str, list[tuple[Instance, FmuVariable]]] = {}
         self._sources: dict[str, Callable[[], Any]] = {}
         self._memory = [(bank.memory, bank.memory.copy()) for bank in run.exchange.banks]
-        self._states: list[tuple[Slave, c_void_p]] = []
-        # arrays of FMI 3.0 are set as a whole, with elements that the slave remembers
+        self._states: list[tuple[Instance, c_void_p]] = []
+        # arrays of FMI 3.0 are set as a whole, with elements that the instance remembers
         simple = all(d.saves_state and not d.version.arrays for d in run.checked.descriptions.values())
         if simple and type(run.stepper) is SampledStepper:
-            self._states = [(slave, slave.saved_state()) for slave in self._slaves.values()]
+            self._states = [(instance, instance.saved_state()) for instance in self._instances.values()]
 
     @property
     def time(self) -> float:
@@ -56,8 +56,8 @@ class ByHand:
 
     def restart(self) -> bool:
         """Go back to the start from saved states; False if that needs a new initialization."""
-        for slave, state in self._states:
-            slave.restore_state(state)
+        for instance, state in self._states:
+            instance.restore_state(state)
         for memory, before in self._memory:
             memory[:] = before
         self._k = 0
@@ -65,8 +65,8 @@ class ByHand:
 
     def close(self) -> None:
         """Free the saved states."""
-        for slave, state in self._states:
-            slave.free_state(state)
+        for instance, state in self._states:
+            instance.free_state(state)
         self._states = []
 
     def step(self, count: int) -> None:
@@ -98,12 +98,12 @@ class ByHand:
             raise UsageError(f"{name!r}: {error}") from None
         sinks[0][0].set_all(made)
 
-    def _sinks_of(self, name: str, value: Value) -> list[tuple[Slave, FmuVariable]]:
+    def _sinks_of(self, name: str, value: Value) -> list[tuple[Instance, FmuVariable]]:
         checked = self._run.checked
         fed = {link.end: link.start for link in checked.links}
-        found: list[tuple[Slave, FmuVariable]] = []
+        found: list[tuple[Instance, FmuVariable]] = []
         for owner, named in overrides(checked.descriptions, {name: value}).items():
-            slave = self._slaves[owner]
+            instance = self._instances[owner]
             for variable, _ in named.values():
                 source = fed.get((owner, variable.name))
                 if source is not None:
@@ -111,12 +111,12 @@ class ByHand:
                         f"{name!r}: {'.'.join(source)} feeds it. Take the connection out to set it."
                     )
                 tunable = variable.causality == "parameter" and variable.variability == "tunable"
-                if not (variable.causality == "input" or tunable) or not slave.between_events(variable):
+                if not (variable.causality == "input" or tunable) or not instance.between_events(variable):
                     raise UsageError(
                         f"{name!r}: expected an input or a tunable parameter, got a {variable.variability} "
                         f"{variable.causality}, which is set before the run: reset(parameters={{{name!r}: ..}})."
                     )
-                found.append((slave, variable))
+                found.append((instance, variable))
         return found
 
     def get(self, name: str) -> Any:
@@ -128,27 +128,27 @@ class ByHand:
         for owner, description in self._run.checked.descriptions.items():
             if not name.startswith(f"{owner}."):
                 continue
-            wanted, slave = name[len(owner) + 1 :], self._slaves[owner]
+            wanted, instance = name[len(owner) + 1 :], self._instances[owner]
             variables = [v for v in description.variables.values() if v.name.partition("[")[0] == wanted]
             if wanted in description.variables:
-                return self._number(slave, description.variables[wanted])
+                return self._number(instance, description.variables[wanted])
             if variables:
-                return self._array(slave, variables)
+                return self._array(instance, variables)
         raise UsageError(f"there is no signal {name!r}.")
 
-    def _number(self, slave: Slave, variable: FmuVariable) -> Callable[[], Any]:
-        place = self._place(slave, variable)
-        return (lambda: slave.get(variable)) if place is None else lambda: place[0][place[1]].item()
+    def _number(self, instance: Instance, variable: FmuVariable) -> Callable[[], Any]:
+        place = self._place(instance, variable)
+        return (lambda: instance.get(variable)) if place is None else lambda: place[0][place[1]].item()
 
-    def _array(self, slave: Slave, variables: list[FmuVariable]) -> Callable[[], Any]:
+    def _array(self, instance: Instance, variables: list[FmuVariable]) -> Callable[[], Any]:
         indices = [tuple(map(int, v.name.rstrip("]").partition("[")[2].split(","))) for v in variables]
         shape = [max(axis) for axis in zip(*indices, strict=True)]
-        numbers = [self._number(slave, v) for v in variables]
-        places = [self._place(slave, v) for v in variables]
+        numbers = [self._number(instance, v) for v in variables]
+        places = [self._place(instance, v) for v in variables]
         order = [np.ravel_multi_index([i - 1 for i in index], shape) for index in indices]
         if order != list(range(len(order))) or len(order) != np.prod(shape):
             raise UsageError(
-                f"{slave.name}: {variables[0].name} and the others of its name do not fill an array."
+                f"{instance.name}: {variables[0].name} and the others of its name do not fill an array."
             )
         if all(place is not None for place in places):
             memory = places[0][0]  # pyright: ignore[reportOptionalSubscript]
@@ -156,10 +156,10 @@ class ByHand:
             return lambda: memory.take(columns).reshape(shape)
         return lambda: np.array([number() for number in numbers]).reshape(shape)
 
-    def _place(self, slave: Slave, variable: FmuVariable) -> tuple[NDArray[Any], int] | None:
+    def _place(self, instance: Instance, variable: FmuVariable) -> tuple[NDArray[Any], int] | None:
         """Return the place of a number in the master; None if only the component has it."""
         if variable.kind in TEXTS:
             return None
         bank = self._run.exchange.banks[KINDS.index(variable.kind)]
-        place = bank.position.get((slave.name, variable.name))
+        place = bank.position.get((instance.name, variable.name))
         return None if place is None else (bank.memory, place)

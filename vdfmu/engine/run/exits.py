@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
 
-from vdfmu.engine.fmu.component import Slave
+from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.messages import MessageBox
 
 
@@ -54,8 +54,8 @@ def _caller() -> str:
     """Return the names of the components that the code above in this thread is at, by what its local variables hold."""
     frame = inspect.currentframe()
     while frame is not None:
-        values = [(value, getattr(value, "slave", None)) for value in frame.f_locals.values()]
-        if names := dict.fromkeys(one.name for pair in values for one in pair if isinstance(one, Slave)):
+        values = [(value, getattr(value, "instance", None)) for value in frame.f_locals.values()]
+        if names := dict.fromkeys(one.name for pair in values for one in pair if isinstance(one, Instance)):
             return f"component {' or '.join(names)}"
         frame = frame.f_back
     return "a component"

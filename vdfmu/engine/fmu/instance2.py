@@ -1,4 +1,4 @@
-"""A component of FMI 2.0."""
+"""An instance of an FMU of FMI 2.0."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fmpy import fmi2
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import Call, Transfer
-from vdfmu.engine.fmu.component import Slave, Starts
+from vdfmu.engine.fmu.instance import Instance, Starts
 from vdfmu.engine.fmu.messages import on_message
 from vdfmu.engine.fmu.variables import FmuVariable
 
@@ -33,7 +33,7 @@ def _on_message(token: int | None, instance: bytes, status: int, category: bytes
 _RECEIVER = fmi2.fmi2CallbackLoggerTYPE(_on_message)
 
 
-class Slave2(Slave):
+class Instance2(Instance):
     """An instance of an FMU of FMI 2.0."""
 
     kinds = fmi2.FMU2Slave, fmi2.FMU2Model
@@ -41,7 +41,7 @@ class Slave2(Slave):
     dtypes = {"Real": np.float64, "Integer": np.int32, "Boolean": np.int32, "String": np.uintp}  # noqa: RUF012
 
     def make(self) -> None:
-        """See `Slave.make`."""
+        """See `Instance.make`."""
         default = fmi2.defaultCallbacks
         callbacks = fmi2.fmi2CallbackFunctions(
             _RECEIVER, default.allocateMemory, default.freeMemory, default.stepFinished, self.token
@@ -54,25 +54,25 @@ class Slave2(Slave):
         self.fmu.instantiate(callbacks=callbacks, loggingOn=not talkative)
 
     def prepare(self, tolerance: float | None, start: float, stop: float, values: Starts) -> None:
-        """See `Slave.prepare`."""
+        """See `Instance.prepare`."""
         self.tolerance = tolerance
         self.fmu.setupExperiment(tolerance, start, stop)
         self.set_all(values)
 
     def value_call(self, moved: Transfer) -> Call:
-        """See `Slave.value_call`."""
+        """See `Instance.value_call`."""
         count, _ = moved.counts
         function = moved.around(self.function(moved.verb + moved.native))
         return function, self.argument, byref(moved.references), count, moved.pointer, moved.name
 
     def simulation_call(self, clock: c_double, size: c_double) -> Call:
-        """See `Slave.simulation_call`."""
+        """See `Instance.simulation_call`."""
         return self.function("DoStep"), self.argument, clock, size, 1, "doStep"
 
     def rate_call(
         self, variables: Sequence[FmuVariable], starts: Floats, slopes: Floats, clock: c_double
     ) -> Call:
-        """See `Slave.rate_call`."""
+        """See `Instance.rate_call`."""
         if self.integrator:
             return super().rate_call(variables, starts, slopes, clock)
         references = (c_uint * len(variables))(*(v.reference for v in variables))
@@ -80,7 +80,7 @@ class Slave2(Slave):
         return self._first_order("SetRealInputDerivatives", len(variables), references, values)
 
     def slope_call(self, moved: Transfer) -> Call:
-        """See `Slave.slope_call`."""
+        """See `Instance.slope_call`."""
         called = self._first_order(
             "GetRealOutputDerivatives", len(moved.references), moved.references, moved.pointer
         )
@@ -96,15 +96,15 @@ class Slave2(Slave):
         return call, self.argument, references, c_size_t.from_param(n), values, name[0].lower() + name[1:]
 
     def sizes(self) -> tuple[int, int]:
-        """See `Slave.sizes`."""
+        """See `Instance.sizes`."""
         return self.description.sizes
 
     def discrete_states(self) -> tuple[bool, bool, bool, bool, bool, float]:
-        """See `Slave.discrete_states`."""
+        """See `Instance.discrete_states`."""
         return self.fmu.newDiscreteStates()
 
     def has_ended(self) -> bool:
-        """See `Slave.has_ended`."""
+        """See `Instance.has_ended`."""
         before, ended, time = len(self.box.pending), c_int(), c_double(math.nan)
         try:
             status = self.function("GetBooleanStatus")(self.argument, c_int(_TERMINATED), byref(ended))

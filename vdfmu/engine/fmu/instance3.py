@@ -1,4 +1,4 @@
-"""A component of FMI 3.0."""
+"""An instance of an FMU of FMI 3.0."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fmpy.fmi3 import FMU3Model, FMU3Slave
 
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import Call, Transfer
-from vdfmu.engine.fmu.component import Slave, Starts, Steps
+from vdfmu.engine.fmu.instance import Instance, Starts, Steps
 from vdfmu.engine.fmu.messages import on_message
 from vdfmu.engine.fmu.variables import FmuVariable
 
@@ -25,7 +25,7 @@ _CHANGED = 2
 """Value of fmi3IntervalQualifier."""
 
 
-class Slave3(Slave):
+class Instance3(Instance):
     """An instance of an FMU of FMI 3.0."""
 
     kinds = FMU3Slave, FMU3Model
@@ -49,7 +49,7 @@ class Slave3(Slave):
     """Failure in an intermediate update."""
 
     def make(self) -> None:
-        """See `Slave.make`."""
+        """See `Instance.make`."""
         token = self.token
 
         def receive(_: int | None, *message: Any) -> None:
@@ -61,7 +61,7 @@ class Slave3(Slave):
         self.fmu.instantiate(False, True, self.event_mode, self.event_mode, receive, updated)
 
     def prepare(self, tolerance: float | None, start: float, stop: float, values: Starts) -> None:
-        """See `Slave.prepare`."""
+        """See `Instance.prepare`."""
         self.tolerance = tolerance
         self._experiment = tolerance, start, stop
         structure = [(v, x) for v, x in values if v.causality == "structuralParameter"]
@@ -72,11 +72,11 @@ class Slave3(Slave):
         self.set_all([pair for pair in values if pair not in structure])
 
     def enter_initialization(self) -> None:
-        """See `Slave.enter_initialization`."""
+        """See `Instance.enter_initialization`."""
         self.fmu.enterInitializationMode(*self._experiment)
 
     def value_call(self, moved: Transfer) -> Call:
-        """See `Slave.value_call`."""
+        """See `Instance.value_call`."""
         function, count, n = self.function(moved.verb + moved.native), *moved.counts
         references = byref(moved.references)
         if moved.native == "Binary":
@@ -89,7 +89,7 @@ class Slave3(Slave):
     # ------------------------------------------------------------------ steps
 
     def simulation_call(self, clock: c_double, size: c_double) -> Call:
-        """See `Slave.simulation_call`."""
+        """See `Instance.simulation_call`."""
         step, last = self.function("DoStep"), c_double()
         flags = (c_bool * 4)()
         any_flag = c_uint32.from_buffer(flags)
@@ -146,7 +146,7 @@ class Slave3(Slave):
         self.line(self._held)
 
     def slope_call(self, moved: Transfer) -> Call:
-        """See `Slave.slope_call`."""
+        """See `Instance.slope_call`."""
         n = len(moved.references)
         orders, function = (c_int * n)(*([1] * n)), self.function("GetOutputDerivatives")
 
@@ -191,13 +191,13 @@ class Slave3(Slave):
         return self.event_mode and (variable.variability == "discrete" or bool(variable.clocks))
 
     def between_events(self, variable: FmuVariable) -> bool:
-        """See `Slave.between_events`."""
+        """See `Instance.between_events`."""
         if not self.event_mode:
             return True
         return not variable.clocks and (variable.causality == "output" or not self.discrete(variable))
 
-    def exit_initialization(self, integrate: Callable[[Slave, float | None], Steps]) -> None:
-        """See `Slave.exit_initialization`."""
+    def exit_initialization(self, integrate: Callable[[Instance, float | None], Steps]) -> None:
+        """See `Instance.exit_initialization`."""
         self.event_needed = False
         super().exit_initialization(integrate)
         self.in_event = self.event_mode or self.description.exchange
@@ -208,11 +208,11 @@ class Slave3(Slave):
         super().enter_event()
 
     def discrete_states(self) -> tuple[bool, bool, bool, bool, bool, float]:
-        """See `Slave.discrete_states`."""
+        """See `Instance.discrete_states`."""
         return self.fmu.updateDiscreteStates()
 
     def sizes(self) -> tuple[int, int]:
-        """See `Slave.sizes`."""
+        """See `Instance.sizes`."""
         return self.fmu.getNumberOfContinuousStates(), self.fmu.getNumberOfEventIndicators()
 
     def set_clocks(self, references: Sequence[int]) -> None:

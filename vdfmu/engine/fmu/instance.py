@@ -43,8 +43,8 @@ class Steps(Protocol):
         ...
 
 
-class Slave(Library):
-    """An instance of an FMU; the classes for the versions of FMI are `Slave2` and `Slave3`."""
+class Instance(Library):
+    """An instance of an FMU; the classes for the versions of FMI are `Instance2` and `Instance3`."""
 
     sized: bool
     """Whether the directional derivative takes the number of its values."""
@@ -247,7 +247,7 @@ class Slave(Library):
         """Enter initialization mode."""
         self.fmu.enterInitializationMode()
 
-    def exit_initialization(self, integrate: Callable[[Slave, float | None], Steps]) -> None:
+    def exit_initialization(self, integrate: Callable[[Instance, float | None], Steps]) -> None:
         """Leave initialization mode; `integrate` makes the integrator of a model-exchange component, to a tolerance."""
         self.fmu.exitInitializationMode()
         self.stage = "initialized"
@@ -289,5 +289,5 @@ class Slave(Library):
         return failure
 
 
-_unfreed: list[Slave] = []
+_unfreed: list[Instance] = []
 """Instances that may not be freed; kept so that their callbacks stay valid."""
