@@ -12,7 +12,7 @@ unexport PYTHONDONTWRITEBYTECODE
 demo: $(VENV)/demo  ## run the paper's tracking simulation (Section IV-B)
 	$(BIN)/vdfmu run tracking
 
-test: $(VENV)/test  ## run the tests, but for the heavy ones: some minutes
+test: $(VENV)/test  ## run the tests, except for the heavy ones: some minutes
 	$(BIN)/python -m pytest -n 2 -m "not heavy" $(PYTEST_ARGS)
 
 test-all: test $(VENV)/platforms  ## run the heavy ones too: all platforms, emulators, sanitizers, C++ templates, installs

@@ -127,13 +127,13 @@ class Plan:
         self._copy(unit, slice(start, start + self._bank.fresh_counts[unit]))
         for function, _, references, _, values, name in calls:
             address = ctypes.cast(function, ctypes.c_void_p).value
-            instance = instance.fmu.component
+            component = instance.fmu.component
             if name == "doStep":
-                self._add(unit, "do_step", _Action(_DO_STEP, address, instance, None, 0, None, None))
+                self._add(unit, "do_step", _Action(_DO_STEP, address, component, None, 0, None, None))
                 continue
             index, value = references._obj, values._obj  # of byref
             places = ctypes.addressof(index), len(index), ctypes.addressof(value)
-            self._add(unit, name[:3], _Action(_TRANSFER, address, instance, *places, None))
+            self._add(unit, name[:3], _Action(_TRANSFER, address, component, *places, None))
 
     def _add(self, unit: str, what: str, action: _Action) -> None:
         self.names.append((unit, what))

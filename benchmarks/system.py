@@ -77,7 +77,7 @@ def quiet_run(
     Parameters
     ----------
     tolerance : float, optional
-        Of the plant's solver, in place of the package's.
+        Of the plant's solver, instead of the package's.
     adaptive, progress, isolate : optional
         See :func:`vdfmu.engine.run.simulate`.
     """

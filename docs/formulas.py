@@ -21,7 +21,7 @@ _SIZE = 17  # px of a formula's letters, beside text of 16 px
 
 
 def drawn(html: str) -> str:
-    """Return a page with an SVG drawing in place of every formula."""
+    """Return a page with an SVG drawing instead of every formula."""
     symbols: dict[str, str] = {}
 
     def draw(match: re.Match[str]) -> str:

@@ -154,5 +154,5 @@ parameters; one value stands for all joints. SI units, angles in rad.
 
 A component that knows the robot takes any of [its numbers](robot_file.md) too, such as `mass`, for itself: one that
 is in `[plant]` alone is unknown to the feedforward. `[plant_factors]` multiplies them in the plant alone, `mass = 1.02`
-or a list with one for each joint. `[paper]` has what is printed beside the results, from joint 1 on.
+or a list with one for each joint. `[paper]` has the numbers printed next to the results, from joint 1 on.
 """

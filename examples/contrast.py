@@ -1,9 +1,9 @@
-"""Section IV-A of the paper: joint torques by virtual decomposition and by Newton-Euler, beside its Table 3.
+"""Section IV-A of the paper: joint torques by virtual decomposition and by Newton-Euler, compared with its Table 3.
 
     python examples/contrast.py [FOLDER]
 
 The two formulations share no line of code. The third column shows one reading of Table 3: the difference that a gravity
-constant of 9.80 in place of 9.81 m/s2 makes. The other reading is a thousandth of the torques themselves.
+constant of 9.80 instead of 9.81 m/s2 makes. The other reading is a thousandth of the torques themselves.
 """
 
 import sys
@@ -74,7 +74,7 @@ def draw(time, vd, newton_euler, low, folder):
 
 
 def main(folder="results/contrast"):
-    """Print the RMS values beside Table 3 and draw the figures."""
+    """Print the RMS values next to Table 3 and draw the figures."""
     time, vd, newton_euler, low = torques()
     columns = (rms(vd), 1e3 * rms(vd - newton_euler), 1e3 * rms(vd - low), TABLE_3)
     print("joint  torque N.m  VD - NE N.mm  g 9.81 - 9.80 N.mm  Table 3 N.mm")

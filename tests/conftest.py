@@ -46,7 +46,7 @@ TYPICAL = ("manipulator_6dof", "planar_2dof", "slider_3dof")
 def kernel_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Cache of this test session, shared by its processes; the user's own is neither read nor written.
 
-    But for what the compiler makes for itself of its own sources, once for each platform: minutes for Windows.
+    Except for what the compiler makes for itself of its own sources, once for each platform: minutes for Windows.
     """
     support = os.environ.get("ZIG_GLOBAL_CACHE_DIR") or str(cache_folder() / "zig")
     base = tmp_path_factory.getbasetemp()

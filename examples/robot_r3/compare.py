@@ -1,4 +1,4 @@
-"""The robot r3 beside its published reference trajectories: numbers per joint and a figure.
+"""The robot r3 compared with its published reference trajectories: numbers per joint and a figure.
 
     python examples/robot_r3/compare.py FullRobot.csv
 

@@ -1,4 +1,4 @@
-"""The Plant with dampers beside the springs of its drives."""
+"""The Plant with dampers parallel to the springs of its drives."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from vdfmu.unit import JOINTS, Parameter, Unit
 
 
 class DampedPlant(Plant):
-    """The unit Plant, whose links and rotors feel ``tau_s + d (kappa_dot - q_dot)`` in place of tau_s."""
+    """The unit Plant, whose links and rotors feel ``tau_s + d (kappa_dot - q_dot)`` instead of tau_s."""
 
     d = Parameter("damping", JOINTS, "damping of the drive, link-side", minimum=0.0)
     balance = Unit.balance

@@ -462,7 +462,7 @@ IN_PROCESS = {
     "test_fmi3", "test_inputs", "test_loops", "test_model_exchange", "test_multirate", "test_observer", "test_picture",
     "test_recorder", "test_reference_models", "test_simulator", "test_systems",
 }  # fmt: skip
-"""Tests of signals and steps, which are the same in this process and in one of their own, but for its start."""
+"""Tests of signals and steps, which are the same in this process and in one of their own, except for its start."""
 
 
 @pytest.fixture(autouse=True)

@@ -78,6 +78,6 @@ def test_a_unit_that_refuses_its_event_mode_is_a_problem_and_runs_without(system
     assert re.search("event mode .hasEventMode.: instantiate .* Event mode is not supported", problem)
     notes = []
     results = simulate(system({"m": (model, "3.0")}), stop=0.2, step=0.1, log=notes.append)
-    # explicit Euler at its own step, exact but for rounding
+    # explicit Euler at its own step, exact except for rounding
     assert results["m.x"] == pytest.approx([1.0, 0.9, 0.81], rel=1e-15)
     assert any("declares event mode (hasEventMode) and refuses it" in str(note) for note in notes)

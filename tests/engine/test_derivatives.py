@@ -95,7 +95,7 @@ def test_the_coupling_is_of_second_order(system, model, version, algorithm):
         for h in steps
     ]
     order = np.polyfit(np.log(steps), np.log(errors), 1)[0]
-    assert 1.9 < order < 2.1  # 2, but for terms of the next order, some h of the error
+    assert 1.9 < order < 2.1  # 2, except for terms of the next order, some h of the error
 
 
 @pytest.mark.heavy
@@ -136,7 +136,7 @@ def test_a_long_chain_needs_no_more_repetitions_than_a_short_one(pack, xml, buil
         values = {f"m{i}.{name}": x for i in range(n) for name, x in STRONG.items()} | {"m0.x": 1.0}
         results = simulate(path, stop=2.0, step=0.1, algorithm="iterative", parameters=values)
         sweeps.append(results.summary["communication"]["unit_steps"] / n / 20)
-    # the Jacobian is exact but for the error of the masses' own steps, 1e-5 of it, which a third sweep takes away
+    # the Jacobian is exact except for the error of the masses' own steps, 1e-5 of it, which a third sweep takes away
     assert sweeps[1] <= 3.0 < 6.0 < sweeps[0]
 
 

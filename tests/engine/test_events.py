@@ -229,7 +229,7 @@ def test_a_unit_of_one_step_length_that_may_integrate_what_it_passes_through_is_
 
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi", "extrapolated", "iterative"])
 def test_texts_are_passed_on(pack, xml, algorithm):
-    """As other discrete signals are: what passes them through passes fresh ones, but for jacobi."""
+    """As other discrete signals are: what passes them through passes fresh ones, except for jacobi."""
     c = xml.component
     path = pack(
         [c("speaker", "Speaker", "word:output:String"), c("echo", "Echo", "word:input:String again:output:String"),

@@ -73,7 +73,7 @@ def test_error_control_steps_over_no_jump_and_no_bend(lone, file, algorithm):
         lone, stop=1.0, step=0.5, algorithm=algorithm, adaptive=1e-3,
         inputs=file("time,plant.u\n0,0\n0.31,0\n0.315,100\n0.32,0\n"),
     )  # fmt: skip
-    # exact but for the rounding of times
+    # exact except for the rounding of times
     assert held["plant.y"][1:].tolist() == pytest.approx([1.0, 1.0], abs=1e-12)
     assert line["plant.y"][1:].tolist() == pytest.approx([0.5, 0.5], abs=1e-12)
     assert held.summary["communication"]["rejected"] == 0

@@ -1,4 +1,4 @@
-"""Systems of foreign FMUs linearised: closed forms, differences in place of derivatives, what is refused and noted."""
+"""Systems of foreign FMUs linearised: closed forms, differences instead of derivatives, what is refused and noted."""
 
 from __future__ import annotations
 

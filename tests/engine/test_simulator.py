@@ -5,7 +5,7 @@ import pytest
 
 import vdfmu
 from vdfmu.base.errors import CosimError, SspError, UsageError
-from vdfmu.engine.fmu import component
+from vdfmu.engine.fmu import instance
 
 OPTIONS = {"stop": 0.05, "step": 1e-3}
 CHANGED = {"plant.I_m[1]": 2e-3}  # another rotor, so another run
@@ -49,13 +49,13 @@ def test_each_run_is_that_of_components_that_are_new(packages, backend, algorith
 
 
 def test_components_are_loaded_once(package, monkeypatch):
-    made, plain = [], component.Instance.instantiate
+    made, plain = [], instance.Instance.instantiate
 
     def instantiate(instance):
         made.append(instance.name)
         plain(instance)
 
-    monkeypatch.setattr(component.Instance, "instantiate", instantiate)
+    monkeypatch.setattr(instance.Instance, "instantiate", instantiate)
     with vdfmu.Simulator(package) as simulator:
         for _ in range(3):
             simulator.run(**OPTIONS)

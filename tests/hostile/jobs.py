@@ -129,7 +129,7 @@ def files(place: Path) -> dict[str, Any]:
 
 
 def differing(found: dict[str, Any], expected: dict[str, Any]) -> list[str]:
-    """Return the names of files that are not the same: of tables and pages but for times."""
+    """Return the names of files that are not the same: of tables and pages except for times."""
     return sorted(
         name
         for name in {*found, *expected}

@@ -96,7 +96,7 @@ def _line(row: Row) -> str:
 
 
 def replaced(page: str, rows: Iterable[Row]) -> str:
-    """Return a page with the rows in its table, in place of those of the same names; new ones come last."""
+    """Return a page with the rows in its table, instead of those of the same names; new ones come last."""
     lines = page.split("\n")
     first = lines.index(table([]).split("\n")[1]) + 1
     last = next(i for i in range(first, len(lines)) if not lines[i].startswith("|"))

@@ -46,7 +46,7 @@ def build_fmus(
         Names of units of the package, files ``my_unit.py`` or ``my_units.py:Name``, or classes; default all units of
         the package.
     start_values : mapping of unit to mapping of variable to number, optional
-        Start values in place of those of the declaration.
+        Start values instead of those of the declaration.
     backend : "python" or "native", optional
         A Python FMU runs in a Python that has vdfmu; a native one needs nothing but its platform. Default
         native where its compiler is installed.

@@ -68,7 +68,7 @@ class Kernel(Functions):
         self._prepared = threading.local()
 
     def names(self) -> Collection[str]:
-        """Names of the functions, but for derivatives of them."""
+        """Names of the functions, except for derivatives of them."""
         return FUNCTIONS.keys()
 
     def made(self, name: str) -> ca.Function:
@@ -114,7 +114,7 @@ class _Prepared:
         self._all = np.zeros(sum(sizes))
         parts = np.split(self._all, np.cumsum(sizes)[:-1])
         self.buffers = dict(zip(function.name_in(), parts, strict=False))
-        """Of the arguments but for the parameters, next to each other in memory."""
+        """Arguments except for the parameters, next to each other in memory."""
         self._function = KernelFunction(function, {**self.buffers, "p": p})
         (self.result,) = self._function.results.values()
         self._places = [(buffer, buffer.shape) for buffer in parts]

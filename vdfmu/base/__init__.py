@@ -1,1 +1,1 @@
-"""What all rooms may use: errors, files, processes, signals, progress, text, tables of TOML, units of measurement."""
+"""Tools for all rooms: errors, files, processes, signals, progress, text, tables of TOML, units of measurement."""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class EscapedTerminal(Console):
-    """Text to the terminal: what it would act on is shown, but for rich's own."""
+    """Text to the terminal: what it would act on is shown, except for rich's own."""
 
     def print(self, *objects: Any, **options: Any) -> None:
         """Print as rich does."""
@@ -42,7 +42,7 @@ class Bars:
     Parameters
     ----------
     title : str, optional
-        Of that line, which appears after half a second and goes at the end; without a title there is none.
+        Title of the bar, shown after half a second and removed at the end; without a title there is no bar.
     """
 
     def __init__(self, title: str = "") -> None:

@@ -37,7 +37,7 @@ class Child:
     Parameters
     ----------
     module, arguments : str
-        What runs there: with :class:`Parent`.
+        Function that runs there, with :class:`Parent`.
     limit : float
         Time [s] that an answer may take; then the process is ended.
     show : bool, optional
@@ -132,7 +132,7 @@ class Child:
 
     @property
     def alive(self) -> bool:
-        """Whether the process has not ended."""
+        """Whether the process still runs."""
         return not (self._done.is_set() or self._gone.is_set() or self._has_ended())
 
     def kill(self) -> None:

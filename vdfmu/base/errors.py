@@ -56,7 +56,7 @@ class FmuError(VdfmuError):
 
 
 class StorageError(FmuError):
-    """What cannot be written: a full disk, a folder without the right to write."""
+    """A file cannot be written: a full disk, a folder without the right to write."""
 
 
 def disk_error(error: BaseException | None) -> OSError | None:
@@ -87,9 +87,9 @@ class CosimError(VdfmuError):
     time : float
         Simulated time of the call [s].
     reason : str
-        What the unit said.
+        Message of the unit.
     results : object, optional
-        What was recorded before the failure.
+        Results recorded before the failure.
     """
 
     def __init__(self, unit: str, call: str, time: float, reason: str, results: Any = None) -> None:

@@ -43,7 +43,7 @@ def replacing(path: Path) -> Generator[BinaryIO]:
     Raises
     ------
     StorageError
-        If `path` is no regular file.
+        If `path` is not a regular file.
     OSError
         If it cannot be written.
     """
@@ -93,7 +93,7 @@ def storing(path: Path) -> Generator[None]:
 
 
 def regular_target(path: Path) -> Path:
-    """Return the file that writing to `path` makes or replaces; StorageError if that is no regular file."""
+    """Return the file that writing to `path` makes or replaces; StorageError if that is not a regular file."""
     try:
         target = path.resolve()
         if not os.path.lexists(target):
@@ -121,7 +121,7 @@ def require_ours(*paths: Path) -> None:
 
 
 def _is_ours(path: Path) -> bool:
-    """Whether the generation tool that a file names is vdfmu; an empty file is no loss."""
+    """Whether the generation tool that a file names is vdfmu; nothing is lost with an empty file."""
     described = (read_member(path, name) for name in ("modelDescription.xml", "SystemStructure.ssd"))
     try:
         with path.open("rb") as file:

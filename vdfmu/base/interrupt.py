@@ -52,7 +52,7 @@ def listening(*signals: int) -> Generator[None]:
 
 
 def _listen(*signals: int) -> list[tuple[int, Any]]:
-    """As `listening`, without an end; return number and handler before of the signals that were taken."""
+    """Take signals as `listening` does, without giving them back; return each number and its former handler."""
     taken: list[tuple[int, Any]] = []
     if threading.current_thread() is threading.main_thread():
         for number in signals or _SIGNALS:
@@ -71,7 +71,7 @@ def command_begins() -> None:
 
 
 def command_ended() -> None:
-    """Let signals change nothing while Python ends, but for one after a second, which ends the process at once."""
+    """Let signals change nothing while Python ends, except for one after a second, which ends the process at once."""
     global _last, _command, _ended
     _last, _command, _ended = time.monotonic(), False, True
 

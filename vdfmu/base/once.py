@@ -1,4 +1,4 @@
-"""What is made once in a job: the units of a file, and their traces.
+"""Objects that are made once in a job: the units of a file, and their traces.
 
 A job is a command, or a call of :func:`vdfmu.run` or :func:`vdfmu.build_fmus`. Nothing is kept for the next one: files
 and classes may change in between.

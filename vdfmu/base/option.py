@@ -25,14 +25,14 @@ _WIDTH = 110
 
 @dataclass(frozen=True)
 class Option:
-    """What is said of an option besides its name and type."""
+    """Declaration of an option besides its name and type."""
 
     text: str
-    """What it is, in plain sentences for ``--help`` and ``help()``."""
+    """Its meaning, in plain sentences for ``--help`` and ``help()``."""
     kind: str = ""
     """Its type in words, with its unit of measurement; default that of Python."""
     more: str = ""
-    """What ``help()`` says behind `text`."""
+    """Text that ``help()`` adds to `text`."""
     default: Any = None
     flag: str | None = ""
     """Its name on the command line, ``--set``; default that of the field; None where the command line lacks it."""
@@ -51,7 +51,7 @@ class DeclaredOption:
 
     name: str
     type: Any
-    """As Python has it; a text where its parts are not imported."""
+    """Type in Python; a text where its parts are not imported."""
     option: Option
 
     @property

@@ -21,7 +21,7 @@ SHOWN = 2**16
 """Bytes of it that are shown as they come: the first."""
 _BLOCK = 2**16
 _PDEATHSIG = 1
-"""Of prctl: a signal that comes when the thread that started the process has ended, however that was."""
+"""Code of prctl for the signal sent when the thread that started the process has ended, however that was."""
 _JOIN = 1.0
 """Time [s] that the output has to end after the process: a child that fled may hold it open."""
 

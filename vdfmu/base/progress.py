@@ -13,7 +13,7 @@ Progress = Callable[[str, int, int], None]
 _T = TypeVar("_T")
 _show: ContextVar[Progress | None] = ContextVar("progress", default=None)
 LOG = logging.getLogger("vdfmu")
-"""What is done, in its details: ``--verbose`` of a command shows it."""
+"""Details of the work: ``--verbose`` of a command shows it."""
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from vdfmu.base.progress import Progress, showing
 Steps = Callable[[int, int], None]
 """Called with the number of finished steps and their total."""
 Shown = Progress | bool | None
-"""What a user says of progress: what to call, True for bars on the terminal or in the notebook, or nothing."""
+"""How a user wants progress: a function to call, True for bars on the terminal or in the notebook, or nothing."""
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 

@@ -10,7 +10,7 @@ class FmiVersion:
     """A version of FMI that FMUs are built for. A new one is a row of `FMI_VERSIONS`."""
 
     name: str
-    """As a model description states it."""
+    """Version as a model description states it."""
     prefix: str
     """With which functions, headers and the C file of an FMU begin, ``fmi2``."""
     token: str
@@ -38,7 +38,7 @@ FMI_3 = FmiVersion("3.0", "fmi3", "instantiationToken", True, True, True, False,
 FMI_VERSIONS = {version.name: version for version in (FMI_2, FMI_3)}
 """Name to version."""
 PYTHON_FMI = FMI_2
-"""Of FMUs in Python."""
+"""Version of FMUs in Python."""
 
 
 @dataclass(frozen=True)
@@ -46,9 +46,9 @@ class SspFormat:
     """A version of SSP that packages are written and read in. A new one is a row of `SSP_FORMATS`."""
 
     name: str
-    """As the files of a package state it."""
+    """Version as the files of a package state it."""
     fmi: FmiVersion
-    """Of the FMUs in a package that is written here; connectors and parameters are its variables."""
+    """FMI version of the FMUs in packages written here; connectors and parameters are its variables."""
     schemas: tuple[str, str]
     """Python package that has the XML schemas, and their folder in it."""
     always_validated: bool

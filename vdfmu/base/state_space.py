@@ -46,7 +46,7 @@ class StateSpace:
     step : float or None [s]
         None for continuous time.
     notes : tuple of str
-        What is to be said of how it was linearised.
+        Notes on how it was linearised.
     """
 
     A: Floats

@@ -128,7 +128,7 @@ def dress(axes: Axes, title: str, quantity: str, unit: str, time: Floats | None 
     """Give a panel with its curves a title, a y label with unit and, over time, the limits of its x axis.
 
     Very small or large values get a power of ten in the label, never a separate factor above the axis. Values
-    that are constant but for rounding are drawn from 0. A logarithmic axis shows whole decades, three to nine.
+    that are constant except for rounding are drawn from 0. A logarithmic axis shows whole decades, three to nine.
     """
     axes.set_title(title)
     low, high = axes.dataLim.intervaly

@@ -13,7 +13,7 @@ from vdfmu.base.interrupt import InterruptGuard
 def temporary_folder(prefix: str) -> Generator[str]:
     """Make a temporary folder, and remove it in the end, whenever Ctrl-C comes: what cannot be removed stays.
 
-    Of Python's own a folder is left by an interrupt between its making and the note to remove it, and by one during
+    Python's own leaves a folder after an interrupt between its making and the note to remove it, and by one during
     the removal; and the first look for a place leaves the file that it tries it with.
 
     Raises

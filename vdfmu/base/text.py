@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 
 _ACTING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
-"""What a terminal acts on: controls but tab and newline, directions of writing, halves of characters."""
+"""Characters that a terminal acts on: controls but tab and newline, directions of writing, halves of characters."""
 
 FEW = 20
 """Most messages of a rule that are printed."""

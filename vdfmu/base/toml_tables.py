@@ -276,7 +276,7 @@ class Table:
 
 
 class _Bounds(NamedTuple):
-    """What a number must be: above a number or at least one, and finite; `at_most` bounds its absolute value."""
+    """Range of a number: above a number or at least one, and finite; `at_most` bounds its absolute value."""
 
     unit: str
     above: float | None
@@ -308,7 +308,7 @@ class _Bounds(NamedTuple):
 
 
 def shape_of(value: object) -> tuple[int, ...] | None:
-    """Return the shape of nested lists, () for what is no list, None where rows differ in shape."""
+    """Return the shape of nested lists, () for anything else, None where rows differ in shape."""
     if not isinstance(value, list):
         return ()
     rows = cast("list[object]", value)

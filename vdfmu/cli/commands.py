@@ -94,7 +94,7 @@ def command() -> None:
     for speaks in ("vdfmu.compiler.fmu", "matplotlib"):
         logging.getLogger(speaks).addHandler(logging.NullHandler())
         logging.getLogger(speaks).propagate = False
-    if not sys.warnoptions:  # what libraries warn their programmers of is no message of a command
+    if not sys.warnoptions:  # warnings of libraries are for their programmers
         warnings.simplefilter("ignore")
         os.environ["PYTHONWARNINGS"] = "ignore"  # in the processes of isolated components too
     for stream in (sys.stdout, sys.stderr):  # of any encoding, such as ASCII

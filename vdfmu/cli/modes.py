@@ -28,7 +28,7 @@ def modes(
         str | None,
         typer.Option(
             metavar="SCENARIO",
-            help="Over the desired motion of a scenario, in place of one pose, with a picture.",
+            help="Over the desired motion of a scenario, instead of one pose, with a picture.",
         ),
     ] = None,
     bode: Annotated[

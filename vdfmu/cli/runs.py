@@ -71,9 +71,7 @@ def run(
 
         source = context.get_parameter_source("scenario")
         if source is not None and source.name == "COMMANDLINE":
-            raise UsageError(
-                f"{scenario}: expected no scenario beside --from: {study} has that of its study."
-            )
+            raise UsageError(f"{scenario}: expected no scenario with --from: {study} has its own.")
         found = Sweep(study)
         point = found.options(row or "worst", by)
         say_notes(found.notes)
@@ -190,7 +188,7 @@ def report(
         bool, typer.Option(help="Let the page run them again, with sliders, where the compiler is installed.")
     ] = True,
 ) -> None:
-    """Write the page of a run, or of several beside each other: one file, which any browser opens."""
+    """Write the page of a run, or of several side by side: one file, which any browser opens."""
     from vdfmu.study.report.page import NAME, newest_run, read_run, write_report
 
     folders = folders or [newest_run(Path("results"))]

@@ -57,7 +57,7 @@ def run(
 ) -> None:
     """Run a scenario at many points, and keep a row for each.
 
-    What is done stays done: after Ctrl-C or a kill the same command goes on where it was.
+    What is done stays done: after Ctrl-C or a kill the same command continues where it stopped.
     """
     from vdfmu.study.sweeps.sweep import default_folder, sweep
 

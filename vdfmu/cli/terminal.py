@@ -1,4 +1,4 @@
-"""What all commands share: options, output, progress, and the way they end."""
+"""Parts that all commands share: options, output, progress, and the way they end."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def tell(*shown: Table | Panel | str) -> None:
 
 
 def say_notes(notes: Sequence[str]) -> None:
-    """Print notes beside what a command writes."""
+    """Print notes in addition to what a command writes."""
     for note in first_few(notes):
         errors.print(f"note: {elided(note)}", markup=False, soft_wrap=True)
 

@@ -24,7 +24,7 @@ def tune(
         str,
         typer.Option(
             metavar="EXPRESSION",
-            help="What is made smallest, such as 'worst(rms(trajectory.q_d - plant.q))'; of several elements the mean "
+            help="Cost to make smallest, such as 'worst(rms(trajectory.q_d - plant.q))'; of several elements the mean "
             "of their ratios to those of the start, none beyond 1.",
         ),
     ],
@@ -32,7 +32,7 @@ def tune(
 ) -> None:
     """Search the values of parameters that make a cost smallest, over a spread of robots and within limits.
 
-    Every run is kept: after Ctrl-C or a kill the same command goes on where it was.
+    Every run is kept: after Ctrl-C or a kill the same command continues where it stopped.
     """
     from rich.table import Table
 

@@ -25,7 +25,7 @@ class Finding(str):
     file: str
     """The XML file in which it lies, with the package before it; empty where it is in none."""
     line: int
-    """Of that file; 0 where it is in none."""
+    """Line of that file; 0 without a file."""
 
     def __new__(cls, text: str, rule: Rule, file: str = "", line: int = 0) -> Finding:
         """Make a finding of a text."""
@@ -81,7 +81,7 @@ PKG002 | Entries lie inside the package | pack them by relative paths with `/` b
 PKG003 | Entries are files, not symbolic links | pack the file itself
 PKG004 | Sizes and counts of entries are within the limits | pack less, or raise `--unpack-limit`
 PKG005 | Entries are stored or deflated, without a password | pack them so
-PKG006 | Each name occurs once, also where case does not count, and is no folder of another | rename one
+PKG006 | Each name occurs once, also where case does not count, and is not a folder of another | rename one
 PKG007 note | No entry is packed twice | pack it once
 PKG008 | XML is well-formed | export it again
 PKG009 | XML has no document type and no XInclude | write the text in its place

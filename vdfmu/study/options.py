@@ -34,10 +34,10 @@ def known_robots() -> Iterable[str]:
 # A table: an option in some lines.
 # fmt: off
 class RobotOptions(TypedDict, total=False):
-    """What a scenario is of, and its FMUs."""
+    """Parts of a scenario, and its FMUs."""
 
     robot: Annotated["Robot | str | os.PathLike[str] | None", Option(
-        "Robot in place of the scenario's: a name or the path of a TOML file.", "Robot, str or path",
+        "Robot instead of the scenario's: a name or the path of a TOML file.", "Robot, str or path",
         typed=str | None, names=known_robots)]
     settings: Annotated[Mapping[str, Any] | None, Option(
         "Set a parameter or free input; without an index, all elements, to one value or to one each: 0.3,-0.5.",
@@ -49,11 +49,11 @@ class RobotOptions(TypedDict, total=False):
 
 
 class ScenarioOptions(RobotOptions, SpanOptions, CouplingOptions, InputOptions, total=False):
-    """What is changed of a scenario, in a run or in all runs of a study."""
+    """Changes of a scenario, in a run or in all runs of a study."""
 
     master: Annotated[str | None, master_option]
     units: Annotated[Mapping[str, Any] | None, Option(
-        "Unit in place of a component's: my_unit.py, my_units.py:Name, or an FMU of any tool.",
+        "Unit instead of a component's: my_unit.py, my_units.py:Name, or an FMU of any tool.",
         "mapping of str to unit", "Also a class, or the name of a unit of the package. Values of the scenario that "
         "it has no parameter for are left out, and connections to signals that it lacks, with a note in the log and "
         "``left_out`` in the summary.", flag="--unit", metavar="COMPONENT=UNIT", typed=TEXTS,
@@ -77,7 +77,7 @@ class ScenarioRunOptions(ScenarioOptions, ResultOptions, LogOptions, ObserverOpt
 
 
 class SeedOptions(TypedDict, total=False):
-    """What is drawn."""
+    """Pictures of a run."""
 
     seed: Annotated[int, Option("Seed of all that is drawn.", default=0)]
 
@@ -99,7 +99,7 @@ class PlanOptions(SeedOptions, ScenarioOptions, total=False):
     n: Annotated[int | None, Option("Number of points, but of a grid or file.",
         more="Of ``saltelli`` and ``morris`` that of base points or trajectories.", flag="--n")]
     measure: Annotated[Mapping[str, Any] | Sequence[str] | None, Option(
-        "What is kept of a run, such as 'error=rms(trajectory.q_d - plant.q)'.",
+        "Measure of a run, such as 'error=rms(trajectory.q_d - plant.q)'.",
         'mapping of str to str or callable, or sequence of "NAME=EXPRESSION"', "See "
         ":mod:`vdfmu.study.sweeps.measures`; or a function of the :class:`vdfmu.Results`. Default for the loop of "
         "trajectory, controller and plant: RMS and peak position error and peak torque of each joint.",
@@ -108,7 +108,7 @@ class PlanOptions(SeedOptions, ScenarioOptions, total=False):
         "A list a point.", (), metavar="SIGNAL", typed=TEXTS)]
     engine: Annotated[str | None, Option(
         "fmu, or batch: several points at once. Default batch where all units are ours.",
-        more="What runs the points: the FMUs, or one program of all units, by default where there are points enough, "
+        more="Engine of the points: the FMUs, or one program of all units, by default where there are points enough, "
         "see :mod:`vdfmu.study.batch`.")]
 
 
@@ -127,10 +127,10 @@ class SweepOptions(PlanOptions, WorkerOptions, total=False):
 class ProblemOptions(SeedOptions, ScenarioOptions, total=False):
     """Options of what is tuned."""
 
-    limit: Annotated[Sequence[str], Option("What must hold for every robot, such as 'peak(controller.tau) < 2.5'.",
+    limit: Annotated[Sequence[str], Option("Limit that holds for every robot, such as 'peak(controller.tau) < 2.5'.",
         "sequence of str", default=(), metavar="EXPRESSION<NUMBER", typed=TEXTS)]
     spread: Annotated[Mapping[str, Any] | Sequence[str], Option(
-        "What is uncertain, as in a sweep: 'plant.mass[3]=*normal(1, 0.1)'.", 'mapping, or sequence of "TARGET=FORM"',
+        "Uncertain parameter, as in a sweep: 'plant.mass[3]=*normal(1, 0.1)'.", 'mapping, or sequence of "TARGET=FORM"',
         default=(), metavar="TARGET=FORM", typed=TEXTS)]
     spread_n: Annotated[int, Option("Number of robots of the spread.", more="They are a Latin hypercube of it.",
         default=8)]

@@ -100,7 +100,7 @@ def test_the_motion_keeps_its_limits_and_reaches_one_of_each(scenario) -> None:
     np.testing.assert_allclose(
         q[[0, -1]], [values["q_start"], values["q_end"]], rtol=0, atol=1e-12
     )  # rounding
-    # A quadratic's central difference is exact but for rounding of 1e-16 / h, and jumps of 60 rad/s2 times h / 2.
+    # A quadratic's central difference is exact except for rounding of 1e-16 / h, and jumps of 60 rad/s2 times h / 2.
     np.testing.assert_allclose((q[2:] - q[:-2]) / (2 * h), q_dot[1:-1], rtol=0, atol=60.0 * h / 2)
     speeds = np.abs(q_dot).max(axis=0) / values["speed"]
     assert speeds.max() == pytest.approx(

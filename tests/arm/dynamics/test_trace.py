@@ -68,7 +68,7 @@ def plant_step(robot, x, tau, F_e, rate_tau, rate_F_e, h, tolerance):
     n, zero = robot.n, np.zeros(len(x))
     J = plant_jacobian(robot, x, tau, F_e)
     W = np.eye(len(x)) / (h * GAMMA) - J
-    # the balance is affine in x_dot, tau and F_e: a difference is the derivative but for rounding
+    # the balance is affine in x_dot, tau and F_e: a difference is the derivative except for rounding
     E = np.array([residual(x, zero, 0.0) - residual(x, unit, 0.0) for unit in np.eye(len(x))]).T
     f = plant_derivative(robot, x, tau, F_e)
     f_t = plant_derivative(robot, x, tau + rate_tau, F_e + rate_F_e) - f

@@ -168,7 +168,7 @@ def test_the_files_words_for_parameters_are_those_of_urdf() -> None:
 
 
 def test_the_assumed_drives_are_complete() -> None:
-    """Every number without a default of its own, but for those of limits that only some robots have."""
+    """Every number without a default of its own, except those of limits that only some robots have."""
     for kind in ("revolute", "prismatic"):
         for part in ("drive", "friction", "limits"):
             needed = {row.key for row in section(part) if row.default is None}

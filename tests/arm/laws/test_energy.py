@@ -1,4 +1,4 @@
-"""The plant neither makes nor loses energy, but for motors, friction and the wrench on the surroundings."""
+"""The plant neither makes nor loses energy, except for motors, friction and the wrench on the surroundings."""
 
 import dataclasses
 

@@ -56,7 +56,7 @@ def test_table_3_is_the_difference_of_two_gravity_constants(arm):
 
 def test_table_3_is_a_thousandth_of_the_torques(arm):
     # RMS torque in N m is a thousandth of it in N mm. Joints 3 to 6 print as Table 3 does, joints 1 and 2 as 0.1
-    # and 22.6 in place of 0.2 and 22.7, one unit of the last digit.
+    # and 22.6 instead of 0.2 and 22.7, one unit of the last digit.
     share = rms(torques(arm))
     assert share[2:5].round(1).tolist() == TABLE_3[2:5].tolist()
     np.testing.assert_allclose(share[[0, 1]].round(1), TABLE_3[[0, 1]] - 0.1, rtol=0, atol=1e-12)

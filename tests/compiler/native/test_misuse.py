@@ -275,7 +275,7 @@ def test_a_step_beyond_the_stop_time_is_refused(native: Native, version: str) ->
         else:
             unit.do("EnterInitializationMode", False, 0.0, 1.0, True, 1.002)
         unit.time = 1.0
-        unit.do("ExitInitializationMode").step().step()  # ends at 1.002 but for rounding
+        unit.do("ExitInitializationMode").step().step()  # ends at 1.002 except for rounding
         before = unit.complete()
         with unit.refuses(
             r"expected a step that ends by the stop time t = 1\.002 s, got .* t = 1\.003"

@@ -95,7 +95,7 @@ def test_run_tends_to_the_continuous_reference_with_the_step(system):
             system.package, stop=stop, step=coarse / k, algorithm="gauss-seidel", parameters=settings
         )
         errors.append(np.abs(results["plant.q"][::k] - q).max())
-    # Inputs held over a step are an error of first order: half of it at half of the step, but for higher orders.
+    # Inputs held over a step are an error of first order: half of it at half of the step, except for higher orders.
     assert errors[0] / errors[1] == pytest.approx(2.0, abs=0.3), errors
     assert errors[1] / errors[2] == pytest.approx(2.0, abs=0.3), errors
 
@@ -205,7 +205,7 @@ def test_the_wall_pushes_and_never_pulls_and_gives_no_energy(example, planar):
     assert (N >= 0.0).all() and (N[~touching] == 0.0).all()
     assert (N[touching] == 0.0).any()  # drawn back faster than the damper lets the spring: it lets go
     # Work on the wall up to any time: no less than the spring has stored. By trapezoids, a share of
-    # (40 1/s * 1e-4 s)^2 / 12 but for the jumps of c d_dot at a contact, each within one interval.
+    # (40 1/s * 1e-4 s)^2 / 12 except for the jumps of c d_dot at a contact, each within one interval.
     work = np.concatenate([[0.0], np.cumsum(0.5 * (N[1:] + N[:-1]) * np.diff(depth))])
     inside = np.flatnonzero(np.diff(touching.astype(int)) > 0)
     jump = c * np.abs(np.gradient(depth, time)).max() * np.abs(np.diff(depth)).max()

@@ -71,7 +71,7 @@ class _Early(Unit):
 @pytest.mark.parametrize("name", ["u", "mode"])
 def test_what_is_no_parameter_is_not_required(name):
     unit = type("Early", (_Early,), {"requirements": lambda self: {"k": ("more", getattr(self, name))}})
-    with pytest.raises(UnitError, match=f"requirements.* {name} is no parameter with numbers"):
+    with pytest.raises(UnitError, match=f"requirements.* {name} is not a parameter with numbers"):
         traced_requirements(Interface(unit, None))
 
 
@@ -80,8 +80,8 @@ def test_what_is_no_parameter_is_not_required(name):
     [
         (None, "None"),
         (["k"], r"\['k'\]"),
-        ({"stiffness": ("k > 0", 1.0)}, "'stiffness', which is no parameter"),
-        ({"y": ("k > 0", 1.0)}, "'y', which is no parameter"),
+        ({"stiffness": ("k > 0", 1.0)}, "'stiffness', which is not a parameter"),
+        ({"y": ("k > 0", 1.0)}, "'y', which is not a parameter"),
         ({"k": 1.0}, "'k': 1.0"),
         ({"k": ("k > 0", np.ones(3))}, r"'k': \('k > 0', array"),
     ],

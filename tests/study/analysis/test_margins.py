@@ -68,7 +68,7 @@ def test_what_stays_constant_takes_no_margin():
     wanted = Loop(0.0, Linear(one, push[:2]), K[:, :2], STEP).margins()
     assert apart.constants == 1
     for found, margin in zip(apart.margins(), wanted, strict=True):
-        # the same loop but for rounding, and at frequencies around the same poles
+        # the same loop except for rounding, and at frequencies around the same poles
         np.testing.assert_allclose(found, margin, rtol=1e-6)
     assert wanted.modulus[0] > 0.1
 

@@ -128,7 +128,7 @@ def test_what_cannot_be_linearised_is_said():
         ),
         (
             lambda: vdfmu.linearize("planar_tracking", [0.1, 0.2]),
-            "expected a Robot, got str .* A scenario or a package takes a time in s in place of positions",
+            "expected a Robot, got str .* A scenario or a package takes a time in s instead of positions",
         ),
         (
             lambda: vdfmu.linearize(vdfmu.load_robot("planar_2dof"), [0.1, 0.2], sampled=True),

@@ -23,7 +23,7 @@ def fmus(tmp_path_factory):
 
 @pytest.fixture
 def changed(fmus, tmp_path):
-    """Copy an FMU without the files whose name starts with `left_out`, with other texts in place of some."""
+    """Copy an FMU without the files whose name starts with `left_out`, with other texts instead of some."""
 
     def change(left_out, texts=None):
         path = tmp_path / "Plant.fmu"

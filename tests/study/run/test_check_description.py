@@ -28,7 +28,7 @@ def local(name, reference, inner, attributes=""):
 
 @pytest.fixture
 def problems(tmp_path):
-    """Return what is said of an FMU, but for the binaries."""
+    """Return what is said of an FMU, except for the binaries."""
 
     def say(*variables, of="1", sources="", members=None, text=None, notes=False):
         default = HEAD.format(sources=sources) + INPUT + OUTPUT + "".join(variables) + TAIL.format(of=of)

@@ -81,7 +81,7 @@ def package(tmp_path):
 
 
 def problems(path):
-    """Return the problems, but for the binaries that these FMUs lack."""
+    """Return the problems, except for the binaries that these FMUs lack."""
     return [p for p in check_file(path, run=False) if "no binary for this platform" not in p]
 
 

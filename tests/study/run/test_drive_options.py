@@ -45,7 +45,7 @@ def check_run(robot, folder):
         # 1e-11; of torques, by the stiffness of 1e4 N m/rad, seen 8e-8 N m.
         atol = 1e-8 if name == "plant.q" else 1e-4
         np.testing.assert_allclose(native[name], exact[name], rtol=0, atol=atol)
-        # the same operations in the same order, but for the rounding of functions of the library
+        # the same operations in the same order, except for the rounding of functions of the library
         np.testing.assert_allclose(native[name], python[name], rtol=1e-9, atol=1e-9)
     return native
 

@@ -94,7 +94,7 @@ def test_without_sampling_they_are_one_arm(both):
 
 
 def direct(scenario):
-    """Return the scenario with the wrench itself in place of apparent mass and wrench at rest: an algebraic loop."""
+    """Return the scenario with the wrench itself instead of apparent mass and wrench at rest: an algebraic loop."""
     kept = {
         source: targets
         for source, targets in scenario.system.connections.items()

@@ -179,7 +179,7 @@ def test_without_a_scheduler_it_ends_with_what_is_done(wild, tmp_path, dask, loc
     assert isinstance(found[0], VdfmuError | Sweep), found
     if isinstance(found[0], VdfmuError):
         assert "give the same command again" in str(found[0])
-    # and goes on where it was, without a scheduler
+    # and continues where it stopped, without a scheduler
     again = vdfmu.sweep(wild, AXES, measure=MEASURES, step=0.01, out=tmp_path / "study")
     assert table(again) == local
 

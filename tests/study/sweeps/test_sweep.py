@@ -641,7 +641,7 @@ def test_what_cannot_be_run_is_said_before_the_first_point(wild, tmp_path, over,
         (["robot=planar_2dof, nowhere"], "nowhere"),
         (
             ["plant.q_max=1, 2"],
-            r"optional table \[limits\] of a robot's file, which planar_2dof has not",
+            r"robot planar_2dof does not have its optional table \[limits\]",
         ),
         (["plant.F_e=*lin(1, 2, 2)"], "not all 0"),
         (["trajectory.t_start=*lin(1, 2, 2)"], "not all 0"),  # its start value: no key of the scenario

@@ -62,7 +62,7 @@ def test_sobol_indices_of_ishigamis_function_are_the_analytic_ones(saltelli):
     found = saltelli.indices("y")
     first = np.array([PART["a"], PART["b"], 0.0]) / VARIANCE
     total = np.array([PART["a"] + PART["ac"], PART["b"], PART["ac"]]) / VARIANCE
-    # the half-width is of 95 %; the true value of each of nine is within twice it but for one in 10^4
+    # the half-width is of 95 %; the true value of each of nine is within twice it except for one in 10^4
     assert (np.abs(found.values["first"] - first) < 2 * found.widths["first"]).all()
     assert (np.abs(found.values["total"] - total) < 2 * found.widths["total"]).all()
     pair = found.values["second"][0, 2]

@@ -57,5 +57,5 @@ def test_errors_are_smaller_on_every_joint_for_robots_of_the_spread(master, tmp_
             (before, torque), (after, other) = found
             # the search found at most 0.8 for each joint of the worst robots; these are others
             assert (after < 0.9 * before).all()
-            # the torques are those of the feedforward but for some per cent
+            # the torques are those of the feedforward except for some per cent
             np.testing.assert_allclose(other, torque, rtol=0.05)

@@ -1,4 +1,4 @@
-"""Bristles in place of tanh (v / eps): friction that holds at rest, LuGre (Canudas de Wit et al. 1995). Off by default.
+"""Bristles instead of tanh (v / eps): friction that holds at rest, LuGre (Canudas de Wit et al. 1995). Off by default.
 
 The bristles are Dahl's element, with the level of (54) as its limit. Their damping fades with speed as
 ``sigma_1 / (1 + sigma_1 |v| / (4 g))``: constant damping above ``4 g / |v|`` makes energy (Barabanov and Ortega 2000).

@@ -18,7 +18,7 @@ from vdfmu.arm.equations.harmonic_drive import deformation
 _POINTS, _PASSES = 60, 200
 _NAMES = ("K_f0", "c_f", "K_w0", "c_w")
 _LEAST = np.log(1e-6)
-"""Of any parameter: the flexspline of a c_f of 1e-6 is a linear spring."""
+"""Smallest value of any parameter: the flexspline of a c_f of 1e-6 is a linear spring."""
 
 
 def catalogue_torsion(torque: Any, K: Any, T: Any) -> Any:

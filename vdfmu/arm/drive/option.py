@@ -1,4 +1,4 @@
-"""What a drive may have beside the paper's, as a record: rows of the table of parameters, a state, and hooks."""
+"""Options of a drive beyond the paper, each a record: rows of the table of parameters, a state, and hooks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Hook = Callable[..., Any]
 
 
 def row(*values: Any, **rest: Any) -> Any:
-    """Field of a table of parameters; arguments as of :class:`~vdfmu.arm.robot.parameters.Row`, but for the name."""
+    """Field of a table of parameters; arguments as of :class:`~vdfmu.arm.robot.parameters.Row`, except for the name."""
     return field(metadata={"row": values, "rest": rest})
 
 
@@ -25,7 +25,7 @@ class OptionState(NamedTuple):
     unit: str
     text: str
     start_text: str
-    """Of the parameter ``<name>_0``."""
+    """Unit of the parameter ``<name>_0``."""
     start: Any = 0.0
     """Its value, or a function of the robot."""
     minimum: float | None = None
@@ -34,7 +34,7 @@ class OptionState(NamedTuple):
 
 
 class JointMotion(NamedTuple):
-    """What the rates of states may depend on, each (n,)."""
+    """Quantities that the rates of states may depend on, each (n,)."""
 
     kappa_dot: Any
     """Speed of the rotor divided by ell [rad/s or m/s]."""
@@ -60,7 +60,7 @@ def _same(value: Any, *_: Any) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class DriveOption:
-    """What an option adds to the equations of a joint. All is (n,), and 0 unless the option says so.
+    """Terms that an option adds to the equations of a joint. All is (n,), and 0 unless the option says so.
 
     ``robot`` has its parameters; ``own`` is its state, None along a desired motion, which has none.
     """
@@ -77,7 +77,7 @@ class DriveOption:
     """(robot, tau_s): its energy [J]."""
 
     torque: Hook = _nothing
-    """(robot, own): torque of the drive beside the spring [N m or N], link-side."""
+    """(robot, own): torque of the drive in addition to the spring's [N m or N], link-side."""
     energy: Hook = _nothing
     """(robot, own): energy that the state stands for [J]."""
     stop_torque: Hook = _nothing
@@ -88,9 +88,9 @@ class DriveOption:
     mesh_friction: Hook = _nothing
     """(robot, kappa_dot, load): friction on the rotor [N m], motor-side, of a drive that carries a load, link-side."""
     dry_friction: Hook = _same
-    """(xi, robot, velocity, level, own): friction in place of ``xi = level tanh(velocity / eps)`` in (54)."""
+    """(xi, robot, velocity, level, own): friction instead of ``xi = level tanh(velocity / eps)`` in (54)."""
     viscosity: Hook = _same
-    """(f_v, robot, own): viscous friction in place of that of (54)."""
+    """(f_v, robot, own): viscous friction instead of that of (54)."""
     stored: Hook = _nothing
     """(robot, velocity, level, own): the part of the power of friction that is stored [W]."""
 
@@ -99,11 +99,11 @@ class DriveOption:
     rate: Hook = _nothing
     """(robot, motion, own): rate of the state, by a :class:`JointMotion`."""
     loss: Hook = _nothing
-    """(robot, stretch, own): power that turns into heat beside that of friction [W]."""
+    """(robot, stretch, own): power that turns into heat in addition to friction's [W]."""
     rest: Hook = lambda robot, tau_s: np.zeros(robot.n)
     """(robot, tau_s): state where springs and motors hold the arm at rest; None: that of the parameter."""
 
     @property
     def replaces_dry_friction(self) -> bool:
-        """Whether it has a law of its own in place of Coulomb and Stribeck friction."""
+        """Whether it has a law of its own instead of Coulomb and Stribeck friction."""
         return self.dry_friction is not _same

@@ -116,7 +116,7 @@ def rotor_forces(robot: Any, motion: Any, kappa_dot: Any, kappa_ddot: Any) -> li
     Parameters
     ----------
     motion : vdfmu.arm.equations.inverse_dynamics.ChainMotion
-        Of the links.
+        Motion of the links.
     kappa_dot, kappa_ddot : (n,) [rad/s, rad/s2] rotor speed and acceleration divided by ell
     """
     V_D = rotor_velocities(robot, motion.V_B, kappa_dot, motion.base.V_S)
@@ -139,7 +139,7 @@ def rotor_acceleration(robot: Any, tau_k: Any, motion: Any = None) -> Any:
     ----------
     tau_k : (n,) [N m] torque on the rotor about its axis, motor-side
     motion : vdfmu.arm.equations.inverse_dynamics.ChainMotion, optional
-        Of the links. Without it the rotors turn about their axes alone, Eq. (56).
+        Motion of the links. Without it the rotors turn about their axes alone, Eq. (56).
 
     Returns
     -------

@@ -25,7 +25,7 @@ class Rotors(NamedTuple):
 
 
 class _Articulated(NamedTuple):
-    """What passes 1 and 2 leave for each link: the acceleration of its base is all that is missing."""
+    """Result of passes 1 and 2 for each link: the acceleration of its base is all that is missing."""
 
     placements: list[tuple[np.ndarray, np.ndarray]]
     U_AB: Any

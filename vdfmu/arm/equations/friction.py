@@ -86,7 +86,7 @@ def friction_loss(
 ) -> Any:
     """Power that friction turns into heat, never negative: (n,) [W]. Parameters as of :func:`joint_friction`.
 
-    It is the power that friction takes, but for what bristles store and give back.
+    It is the power that friction takes, except for what bristles store and give back.
     """
     xi_l, xi_m = joint_friction(robot, q_dot, kappa_dot, load, states)
     loss = xi_l * q_dot + xi_m * robot.ell * kappa_dot

@@ -42,7 +42,7 @@ class PlantState(NamedTuple):
 
 
 class Outputs(NamedTuple):
-    """What the plant shows beside its state: rotor positions, end-effector pose in {I}, energies [J]."""
+    """Outputs of the plant in addition to its state: rotor positions, end-effector pose in {I}, energies [J]."""
 
     kappa: Any
     p_O: Any
@@ -66,7 +66,7 @@ def split_state(robot: Any, x: np.ndarray) -> PlantState:
 
 
 def drive_torque(robot: Any, state: PlantState) -> Any:
-    """Torque of the drives on the links, of springs and what is beside them: (n,) [N m or N], link-side."""
+    """Torque of the drives on the links, of springs and of options: (n,) [N m or N], link-side."""
     load = state.tau_s
     for option, own in options_of(robot, state.options):
         load = load + option.torque(robot, own)
@@ -127,7 +127,7 @@ def option_rates(robot: Any, state: PlantState, tau: Any) -> dict[str, Any]:
 
 
 def rest_state(robot: Any, tau_s: Any) -> dict[str, Any]:
-    """States that options add, where springs and motors hold the arm at rest: (n,) each, but for temperatures.
+    """States that options add, where springs and motors hold the arm at rest: (n,) each, except for temperatures.
 
     Hysteresis and bristles are relaxed: the springs carry the load.
     """

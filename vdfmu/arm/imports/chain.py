@@ -112,7 +112,7 @@ def _assemble(tree: Tree, base: str, tip: str, path: list[Joint]) -> SerialChain
 
 
 def _root(tree: Tree) -> str | None:
-    """Return the link that no joint carries; note what is no tree."""
+    """Return the link that no joint carries; note what is not a tree."""
     carriers: dict[str, list[str]] = {}
     for joint in tree.joints:
         carriers.setdefault(joint.child, []).append(joint.name)
@@ -128,7 +128,7 @@ def _root(tree: Tree) -> str | None:
     elif not roots:
         tree.problems.add("the file", "a link that no joint carries", "none", "The joints go in a circle.")
     elif len(roots) > 1:
-        way_out = "Join them by fixed joints, or delete what is no part of the arm."
+        way_out = "Join them by fixed joints, or delete what is not a part of the arm."
         tree.problems.add("the file", "one link that no joint carries", ", ".join(roots), way_out)
     elif not tree.problems.lines:
         queue = roots[:]

@@ -23,7 +23,7 @@ _TABLES: tuple[Section, ...] = (*PARTS, "link")
 _FULL = 0.95
 """Share of a motor's no-load speed that a limit of the speed is, up to which the torque is the whole effort."""
 _ACCELERATION = 10.0
-"""Acceleration [rad/s2, m/s2] that a joint without a given torque is assumed to be made for, beside the weight."""
+"""Acceleration [rad/s2, m/s2] that a joint without a given torque is assumed to be made for besides its weight."""
 _MOTOR_SIDE = ("N.m", "rotor inertia")
 """Quantities of the table that are given link-side in a robot's file, ell times as large."""
 
@@ -48,7 +48,7 @@ def drive_joints(
     file : str
         Name of the robot's file, for sources.
     chosen : sequence of dict
-        What a file of drives has of each, by :func:`read_drives`.
+        Entries of a file of drives for each joint, by :func:`read_drives`.
     gravity : float [m/s2]
     """
     assumed = read_toml(data_path("models") / "drives" / "assumed.toml")

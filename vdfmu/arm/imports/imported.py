@@ -58,7 +58,7 @@ def robot_from_urdf(
     drives : path, optional
         TOML file with the drives, by names of joints.
     density : float [kg/m3], optional
-        Of the boxes, cylinders and spheres of bodies without mass or inertia.
+        Density of the boxes, cylinders and spheres of bodies without mass or inertia.
 
     Returns
     -------

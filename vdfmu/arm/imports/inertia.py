@@ -70,7 +70,7 @@ def completed(
     bodies : sequence of Body
         From base to tip.
     chosen : sequence of dict
-        What the file of drives has of each; numbers of shapes are added.
+        Entries of the file of drives for each joint; numbers of shapes are added.
     density : float [kg/m3], optional
     file : str
         Name of the robot's file, for sources.

@@ -138,7 +138,7 @@ class _MjcfReader:
         return Placement(R @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ R.T, np.zeros(3))
 
     def given(self, j: int, kind: int) -> dict[str, float]:
-        """Return what the file gives of a joint. What is 0 by default counts as not given if it is 0."""
+        """Return what the file gives of a joint. A value whose default is 0 counts as not given if it is 0."""
         m = self.model
         if kind not in (_SLIDE, _HINGE):
             return {}
@@ -223,7 +223,7 @@ class _MjcfReader:
         )  # fmt: skip
 
     def mesh(self, k: int) -> str:
-        """Return the path of a mesh; empty for one that is no file."""
+        """Return the path of a mesh; empty for one that is not a file."""
         m = self.model
         start = int(m.mesh_pathadr[k])
         if start < 0:

@@ -1,4 +1,4 @@
-"""What a robot's file describes, before an arm is chosen from it: links on joints, in the file's own frames."""
+"""Content of a robot's file before an arm is chosen from it: links on joints, in the file's own frames."""
 
 from __future__ import annotations
 
@@ -69,13 +69,13 @@ class Joint:
     ----------
     name, parent, child : str
     kind : str
-        As in URDF: one of `MOVING`, "fixed", or what is refused.
+        URDF's word: one of `MOVING`, "fixed", or one that is refused.
     placement : Placement
-        Of the child link's frame in that of the parent, at q = 0.
+        Pose of the child link's frame in the parent's frame, at q = 0.
     axis : (3,)
-        Of length 1, in the child's frame.
+        Unit vector in the child's frame.
     given : mapping
-        What the file says of it: lower, upper, effort, velocity, damping, friction, armature, SI units, link-side.
+        Values in the file: lower, upper, effort, velocity, damping, friction, armature, SI units, link-side.
     follows : str
         The joint that it mimics; empty for none.
     """
@@ -96,7 +96,7 @@ Numbers = dict[str, tuple[Any, str]]
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """What one joint moves, in the frame {B_i} of a robot file.
+    """The body that one joint moves, in the frame {B_i} of a robot file.
 
     Attributes
     ----------
@@ -104,11 +104,11 @@ class Body:
     links : tuple of str
         Names of the links that have mass, which are joined to one body; of all where none has.
     placement : Placement
-        Of {B_i} in {B_(i-1)} at q = 0.
+        Pose of {B_i} in {B_(i-1)} at q = 0.
     mass, centroid, inertia
-        As in a robot file; 0 where the robot's file has none.
+        Entries of a robot file; 0 where the robot's file has none.
     shapes : tuple of Visual
-        Of its links, for a body without inertia.
+        Shapes of its links, for a body without inertia.
     """
 
     joint: Joint
@@ -125,7 +125,7 @@ class Tree:
     """Links by name and joints, in the order of the file; gravity (3,) [m/s2] in the root's frame, upward.
 
     Gravity is `standard` where the file has none. `notes` is what is worth knowing; `loops` is what closes chains
-    beside joints: its name, and the links that it joins.
+    in addition to joints: its name, and the links that it joins.
     """
 
     name: str

@@ -32,7 +32,7 @@ def read_urdf(root: Any, path: Path, problems: Problems) -> Tree:
     ----------
     root : lxml element <robot>
     path : Path
-        Of the file, from which meshes are looked for.
+        Path of the file, where the search for meshes starts.
     problems : Problems
     """
     reader = _UrdfReader(path, problems)
@@ -184,7 +184,7 @@ class _UrdfReader:
     def mesh(self, name: str) -> str:
         """Return the absolute path of a mesh; its name in the file, with a note, where no such file is found.
 
-        What follows package:// is looked for in the folders above the URDF.
+        A path after package:// is looked for in the folders above the URDF.
         """
         scheme, separator, rest = name.partition("://")
         rest = rest if separator else name

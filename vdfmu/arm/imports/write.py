@@ -34,14 +34,14 @@ def robot_text(name: str, file: str, arm: SerialChain, driven: Sequence[DriveNum
     Parameters
     ----------
     name : str
-        Of the robot.
+        Name of the robot.
     file : str
         Name of the file that it is from.
     arm : SerialChain
     driven : sequence of DriveNumbers
-        Of each joint.
+        Drive of each joint.
     folder : Path
-        Of the robot file, from which the paths of meshes start.
+        Folder of the robot file; paths of meshes start there.
     """
     sources: list[dict[str, str]] = []
     lines = [_HEAD.format(file=_line(file), base=arm.base, tip=arm.tip)]

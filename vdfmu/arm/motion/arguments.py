@@ -1,4 +1,4 @@
-"""What the arguments of motions must be, in the same words from Python and from files."""
+"""Checks of the arguments of motions, in the same words from Python and from files."""
 
 from __future__ import annotations
 

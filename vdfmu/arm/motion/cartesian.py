@@ -66,7 +66,7 @@ def line(
     speed : float [m/s], optional
         Largest speed of the end effector.
     duration : float [s], optional
-        Of each line; default the shortest that the limits allow.
+        Duration of each line; default: the shortest within the limits.
     dwell : float [s]
         Rest at each point.
     tolerance : float [m, and rad]

@@ -44,11 +44,11 @@ def multisine(
         Frequencies, as multiples of 1 / `period`.
     period : float [s]
     periods : int
-        Of full amplitude, from `period` to ``(1 + periods) period``.
+        Periods of full amplitude, from `period` to ``(1 + periods) period``.
     phases : "schroeder" or "random"
-        Of Schroeder (1970), which keep the peaks low, or random ones of a seed, different for each joint.
+        Phases by Schroeder (1970), which keep the peaks low, or random ones, different for each joint.
     seed : int
-        Of random phases.
+        Seed of random phases.
     velocity, acceleration : float or (n,) [rad/s or m/s, rad/s2 or m/s2], optional
         Limits of each joint.
 
@@ -182,7 +182,7 @@ def _about(
     coefficients = full.coefficients * share
     coefficients[:, 0] += (1.0 - share) * q
     notes = tuple(
-        f"joint {j + 1}: amplitude {most[j] * share[j]:.4g} in place of {most[j]:g}, to keep the limits."
+        f"joint {j + 1}: amplitude {most[j] * share[j]:.4g} instead of {most[j]:g}, to keep the limits."
         for j in np.flatnonzero((share < 1.0) & (most > 0.0))
     )
     return Motion(full.knots, coefficients, notes)

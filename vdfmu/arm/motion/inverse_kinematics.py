@@ -35,7 +35,7 @@ def follow(
 ) -> Floats:
     """Return the positions of the joints at poses of the end effector, (m, n), the first of which is that at `start`.
 
-    Of the solutions that a redundant arm has, the nearest to the one before; with end stops, drawn to the middle
+    A redundant arm has many solutions; this takes the nearest to the one before; with end stops, drawn to the middle
     between them.
 
     Parameters
@@ -46,7 +46,7 @@ def follow(
     rows : 3 or 6
         Position alone, or position and rotation.
     where, percent
-        What the path is called in messages, and how far on it the poses are.
+        Name of the path in messages, and positions of the poses on it.
 
     Raises
     ------

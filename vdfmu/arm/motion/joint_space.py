@@ -34,7 +34,7 @@ def waypoints(
     ----------
     points : (k, n) [rad or m]
     times : (k,) [s], optional
-        Of arrival, increasing; the motion begins at the first. Without them the limits decide.
+        Times of arrival, increasing; the motion begins at the first. Without them the limits decide.
     velocity, acceleration : float or (n,) [rad/s or m/s, rad/s2 or m/s2], optional
         Limits of each joint: without times the intervals are chosen so that they hold, and one is met; with times
         the motion must keep them.

@@ -25,7 +25,7 @@ _ROUNDING = 1e-9
 MOST_NUMBERS = 500_000
 """Coefficients of a unit: some 10 MB of C, which compiles in seconds."""
 _GAP = 1e-9
-"""Distance [rad or m] of motions one after the other that is no jump."""
+"""Largest distance [rad or m] between the end of a motion and the start of the next that is not a jump."""
 _CLOSED = 1e-12
 """Distance of start and end [rad or m] that is rounding."""
 
@@ -56,9 +56,9 @@ class Motion:
     knots : (m + 1,) [s]
         From 0 on.
     coefficients : (m, 6, n)
-        Of powers of the time since the start of a piece, the constant ones first.
+        Coefficients of the powers of the time since the start of a piece, the constant ones first.
     notes : tuple of str
-        What is to be said of it.
+        Notes for the user.
     """
 
     knots: Floats

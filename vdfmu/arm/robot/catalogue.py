@@ -45,7 +45,7 @@ def tables_of(problems: Problems, path: str, named: dict[str, Any], kind: str, e
     ----------
     problems : Problems
     path : str
-        Of the joint in its file.
+        Path of the joint in its file.
     named : dict
         The joint, of which `NAMED` is read.
     kind : "revolute" or "prismatic"
@@ -91,7 +91,7 @@ def tables_of(problems: Problems, path: str, named: dict[str, Any], kind: str, e
 
 
 def completed(problems: Problems, joint: Any, path: str) -> tuple[Any, dict[str, str]]:
-    """Return a joint's table with what the catalogue has and the file has not, and the sources of that by key."""
+    """Return a joint's table, completed from the catalogue, and the sources of what was added by key."""
     if not isinstance(joint, dict) or not any(what in joint for what in NAMED):
         return joint, {}
     own = {part: joint[part] for part in (*_ALWAYS, *JOINT_OPTIONS) if isinstance(joint.get(part), dict)}

@@ -49,7 +49,7 @@ class Row:
     quantity : str
         Unit of measurement, or what `unit_of` has different units for on revolute and prismatic joints.
     text : str
-        What it is; ``Eq. {}`` cites `equation`.
+        Its meaning; ``Eq. {}`` cites `equation`.
     equation : str
         The paper's, "(2)"; empty for what the paper does not have.
     largest : float
@@ -57,9 +57,9 @@ class Row:
     smallest : float or None
         Smallest value. `POSITIVE` stands for "above 0", None for minus the largest.
     default : float, matrix or None
-        Of every entry, or of all, where the file says nothing. None: the file must have it.
+        Value of every entry, or of all, where the file does not say. None: the file must have it.
     shape : tuple of int
-        Of one joint, or of what there is once.
+        Shape of one joint's value, or of the only one.
     fold : str
         Which entries are constants of the functions and no parameters at run time, so that they cost nothing: "never"
         any, "always" all, "zeros", of an "inertia" the zeros off the diagonal and what symmetry gives, all in an arm
@@ -67,10 +67,10 @@ class Row:
     hint : str
         Way out of a problem with it; else the text.
     given : str
-        What a file of another tool calls it: an attribute of a URDF's <limit> or <dynamics>, MJCF's armature and
+        Its name in files of other tools: an attribute of a URDF's <limit> or <dynamics>, MJCF's armature and
         gravity, the tip.
     scaled_as : str
-        What a user who scales it scales; all parameters of one word are scaled together.
+        Word by which users scale it; all parameters of one word are scaled together.
     """
 
     name: str
@@ -149,7 +149,7 @@ _MOMENTS = "One number (isotropic), 3 principal moments or a symmetric 3 x 3 mat
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ArmParameters:
-    """The table of what every arm has, but for what follows its options."""
+    """The table of what every arm has, except for what follows its options."""
 
     # fmt: off
     gravity: Array = row(
@@ -241,4 +241,4 @@ def section(name: Section) -> list[Row]:
 
 
 SPRING_KEYS = tuple(row.name for row in section("drive") if row.name != "I_m")
-"""What the deformation of a drive depends on: all of the drive but the inertia of its rotor."""
+"""Parameters that the deformation of a drive depends on: all of the drive but the inertia of its rotor."""

@@ -1,4 +1,4 @@
-"""What the run-time parameters of a robot must meet together, as margins that can be traced.
+"""Conditions that the run-time parameters of a robot must meet together, as margins that can be traced.
 
 The same conditions as those of :mod:`vdfmu.arm.robot.physical`, written without eigenvalues so that a native unit can
 evaluate them.

@@ -49,7 +49,7 @@ class Robot(Parameters):
     Parameters
     ----------
     name, description : str
-        What the robot is called and what it is.
+        Name and description of the robot.
     joint_types : (n,) tuple of "revolute" or "prismatic"
     joint_names : (n,) tuple of str
         Names that the file of another tool has for the joints; empty for none.
@@ -70,7 +70,7 @@ class Robot(Parameters):
     coupled_tool : bool
         Whether the plant shows how its end effector moves, and takes a load that has a mass.
     visuals : tuple of Visual
-        What the links look like; nothing calculates with it.
+        Shapes of the links in pictures; no calculation uses them.
     """
 
     reader: ClassVar[str] = "vdfmu.arm.robot.robot_file:robot_from_dict"

@@ -38,7 +38,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     data : mapping
         The layout of a robot's TOML file; the inverse of `Robot.to_dict`.
     where : str
-        What messages call the data.
+        Name of the data in messages.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Which numbers of a robot stay parameters at run time, and which are folded into the traced functions.
 
 Structural zeros and the fixed rotations of the frames are folded: the functions are three times as fast for
-it. What is folded cannot be changed later, so :func:`parameters` is the one list of what can; the table of
+it. A folded value cannot be changed later, so :func:`parameters` is the one list of what can; the table of
 :mod:`vdfmu.arm.robot.parameters` says of each entry whether it can.
 """
 

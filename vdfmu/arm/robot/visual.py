@@ -1,4 +1,4 @@
-"""What a link looks like: shapes and meshes that a robot file names for a 3D view, and that nothing calculates with."""
+"""Looks of a link: shapes and meshes that a robot file names for a 3D view. No calculation uses them."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Visual:
     color : (4,)
         Red, green, blue and opacity, 0 to 1.
     file : str
-        Of a mesh: a path from the folder of the robot file, or what the robot's first file says.
+        File of a mesh: a path from the folder of the robot file, or what the robot's first file says.
     """
 
     joint: int

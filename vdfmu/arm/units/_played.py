@@ -22,7 +22,7 @@ class Played(Unit):
     rows: ClassVar[Any] = None
     """See :func:`~vdfmu.arm.equations.trajectory.played_motion`."""
     notes: ClassVar[tuple[str, ...]] = ()
-    """What is to be said of the motion."""
+    """Notes on the motion."""
 
     q_d = Output(*DESIRED["q_d"])
     q_d_dot = Output(*DESIRED["q_d_dot"])

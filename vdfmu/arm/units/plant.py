@@ -203,7 +203,7 @@ class Plant(Unit):
             setattr(self, name, rest[name] if name in rest else getattr(self, f"{name}_0"))
 
     def outputs(self) -> None:
-        """Calculate what the plant shows beside its state."""
+        """Calculate the outputs of the plant in addition to its state."""
         robot, x = self.robot, self._x()
         base = BasePose(self.p_S, self.R_S, self.V_S) if robot.moving_base else BasePose()
         self.kappa, self.p_O, self.R_O, self.E_kin, self.E_pot, self.E_spring = plant_outputs(robot, x, base)

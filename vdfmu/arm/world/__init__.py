@@ -1,1 +1,1 @@
-"""What an arm meets: a body at its tip, a wall, a moving base."""
+"""The world of an arm: a body at its tip, a wall, a moving base."""

@@ -1,4 +1,4 @@
-"""What an arm stands on and what it carries: a moving base, a load that has a mass. Not in the paper; off by default.
+"""The ends of an arm: a moving base, a load that has a mass. Not in the paper; off by default.
 
 Virtual decomposition cuts a system into subsystems that know of each other what acts at the cutting point: a motion
 one way, a wrench the other. Of what hangs on an arm the wrench depends on the acceleration of the cutting point,

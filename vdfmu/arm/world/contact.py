@@ -12,7 +12,7 @@ from vdfmu.compiler.scalar.generic import maximum
 def normal_force(k: Any, c: Any, depth: Any, depth_dot: Any) -> Any:
     """Force of Hunt and Crossley (1975), ``k depth max(0, 1 + c depth_dot)`` for a depth above 0: [N].
 
-    As at the end stops of joints: it pushes and never pulls, and has no jump at contact. A body that arrives with a
+    As at the end stops of joints, it pushes and never pulls, and has no jump at contact. A body that arrives with a
     speed v leaves with ``v (1 - 2/3 c v)``, to first order in ``c v``.
 
     Parameters

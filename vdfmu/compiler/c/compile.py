@@ -88,7 +88,7 @@ class Compilation:
     flags : tuple of str
         Further flags of the compiler and the linker.
     exported : tuple of str
-        Of a module of WebAssembly the functions that it exports, without what no function of them calls; default: all.
+        Functions that a module of WebAssembly exports, without what none of them calls; default: all.
     """
 
     name: str

@@ -83,7 +83,7 @@ def c_texts(function: ca.Function, whole: int | None = None, apart: Collection[s
 
     A trace of more than `whole` operations, by default :data:`_WHOLE`, becomes a chain of functions
     ``name_part_1``, ..: the time in which compilers place variables in registers grows with the square of a function's
-    length. The values are the same bits. Functions that it calls come before it, but for those in `apart`.
+    length. The values are the same bits. Functions that it calls come before it, except those in `apart`.
 
     Raises
     ------

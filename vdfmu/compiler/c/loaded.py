@@ -29,9 +29,9 @@ def loaded(files: Mapping[str, bytes], name: str, kind: type[_Library] = CDLL) -
     ----------
     files : mapping of str to bytes
     name : str
-        Of the library.
+        Name of the library.
     kind : type
-        `CDLL`, whose functions run beside other threads, or `PyDLL` for those that take less time than that change.
+        `CDLL`, whose functions run while other threads do, or `PyDLL` for those that take less time than that change.
 
     Raises
     ------

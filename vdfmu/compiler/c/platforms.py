@@ -26,11 +26,11 @@ class Platform:
     folder_2 : str
         Folder in FMI 2.0. It has names of its own for x86; others are platform tuples (FMI 2.0.4, section 2.3).
     suffix : str
-        Of the library.
+        Suffix of the library.
     flags : tuple of str
-        Of the compiler.
+        Flags of the compiler.
     link : tuple of str
-        Of the linker.
+        Flags of the linker.
     """
 
     name: str
@@ -61,7 +61,7 @@ PLATFORMS = {
 }
 """Name to platform."""
 ALL = tuple(name for name in PLATFORMS if name != WASM)
-"""What ``all`` means: those whose libraries importers of native FMUs load."""
+"""Platforms that ``all`` means: importers of native FMUs load their libraries."""
 
 _SYSTEMS = {"linux": "linux", "win32": "windows", "darwin": "darwin"}
 _MACHINES = {"amd64": "x86_64", "x86_64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}

@@ -1,4 +1,4 @@
-"""What an FMU carries beside its script: its unit, its robot, start values, and the version that built it."""
+"""Content of an FMU in addition to its script: its unit, its robot, start values, and the version that built it."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class Content:
 
     @property
     def fmi(self) -> FmiVersion:
-        """What is particular to its version of FMI."""
+        """The particulars of its version of FMI."""
         return FMI_VERSIONS[self.fmi_version]
 
     @property
@@ -102,7 +102,7 @@ class Content:
 
     @property
     def model_key(self) -> str:
-        """What decides the results of the unit: its source and robot, but neither version of FMI nor start values."""
+        """Digest of what decides the results: source and robot of the unit, without version of FMI and start values."""
         robot = None if self.robot is None else self.robot.to_dict(looks=False)
         what = [self.digest, unit_name(self.unit), robot, self.interface.functions.digest]
         return json.dumps(what, sort_keys=True)

@@ -53,7 +53,7 @@ def model_description(
 ) -> Element:
     """Root element of the model description of FMI 2.0.
 
-    A native unit with continuous states also has model exchange. The time is no variable; by the standard, every
+    A native unit with continuous states also has model exchange. The time is not a variable; by the standard, every
     unknown is then taken to depend on it.
 
     Parameters

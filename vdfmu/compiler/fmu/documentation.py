@@ -47,7 +47,7 @@ Made by vdfmu {content.version} with {escape(content.tool)}, GUID <code>{content
 
 
 def _docstring(text: str) -> str:
-    """HTML of a docstring but for its first line: paragraphs, and indented blocks as they stand."""
+    """HTML of a docstring except for its first line: paragraphs, and indented blocks as they stand."""
     blocks: list[str] = []
     for block in "\n".join(text.splitlines()[1:]).split("\n\n"):
         block = block.strip("\n")

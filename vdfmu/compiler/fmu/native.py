@@ -1,4 +1,4 @@
-"""What a native FMU holds, and its build."""
+"""Content of a native FMU, and its build."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def unit_sources(content: Content) -> dict[str, bytes]:
 def fmi_headers(fmi_version: str) -> dict[str, bytes]:
     """Return file name to content of the headers of FMI, as fmpy has them.
 
-    By the standard an importer has its own; an FMU does not carry them.
+    The standard leaves them to the importer; an FMU does not carry them.
     """
     spec = find_spec("fmpy")
     for folder in (spec.submodule_search_locations if spec else None) or ():

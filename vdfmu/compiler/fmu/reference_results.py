@@ -27,7 +27,7 @@ INTERVALS = 20
 """Intervals of the experiment: the inputs are constant in each, and the results have a row for its end."""
 _NAMESPACE = "http://fmi-standard.org/fmi-ls-manifest"
 _DIGITS = "%.12g"
-"""What rounding makes of the last digits differs from one machine to the next."""
+"""Relative tolerance: rounding of the last digits differs from one machine to the next."""
 
 
 def reference_files(content: Content) -> dict[str, bytes]:

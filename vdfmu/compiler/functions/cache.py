@@ -40,7 +40,7 @@ def cache_folder() -> Path:
     Raises
     ------
     UsageError
-        As :func:`limit`.
+        See :func:`limit`.
     """
     limit()  # one that is wrong is said before any work
     chosen = os.environ.get("VDFMU_CACHE_DIR")

@@ -14,7 +14,7 @@ def forward(function: ca.Function, rounded: bool = False) -> ca.Function:
 
     Its arguments are those of `function` and a direction ``d_<argument>`` for each; its results are
     ``d_<result>``, (J direction). With `rounded`, what depends on an argument by rounding alone, as of an encoder,
-    has the slope of the line that the rounding follows, in place of 0.
+    has the slope of the line that the rounding follows, instead of 0.
     """
     return _product(function, "forward", "d", False, rounded)
 
@@ -63,7 +63,7 @@ _ROUNDING = {ca.OP_FLOOR: -0.5, ca.OP_CEIL: 0.5}
 def _slopes_of_rounding(
     function: ca.Function, result: ca.SX, argument: ca.SX, arguments: list[ca.SX]
 ) -> ca.SX:
-    """Return those elements of a Jacobian that are 0 but for the lines that roundings follow."""
+    """Return those elements of a Jacobian that are 0 except for the lines that roundings follow."""
     lines = rebuilt(
         function,
         arguments,

@@ -83,7 +83,7 @@ class Functions:
     Parameters
     ----------
     key : str
-        What decides the functions: their folder in the cache.
+        Key of the functions: their folder in the cache.
     cache : path or None, optional
         Folder of the cache; None traces every time. Default is :func:`cache_folder`.
     """
@@ -94,7 +94,7 @@ class Functions:
         self._known: dict[str, ca.Function] = {}
 
     def names(self) -> Collection[str]:
-        """Names of the functions, but for derivatives of them."""
+        """Names of the functions, except for derivatives of them."""
         raise NotImplementedError
 
     def made(self, name: str) -> ca.Function:

@@ -118,7 +118,7 @@ def rodas_step(
     stage solves R for x_dot. Of rows ``f(x, t) - y`` y cancels, and the step is that for ordinary differential
     equations.
 
-    Of SX, the step is traced as a whole; of MX, it calls functions that are traced once: `f`, that of `stages` and
+    In SX the step is traced as a whole; in MX it calls functions that are traced once: `f`, that of `stages` and
     those that form the arguments of the two, ``<name>_point_2``, ``<name>_right_1``, ..
 
     Parameters

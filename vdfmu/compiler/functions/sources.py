@@ -55,7 +55,7 @@ def _files() -> dict[str, Path]:
 
 @lru_cache
 def _source(name: str) -> tuple[str, frozenset[str]]:
-    """Return the digest of a module, and the names that it imports, of which some are no modules."""
+    """Return the digest of a module, and the names that it imports, some of which are not modules."""
     content = _files()[name].read_bytes().replace(b"\r\n", b"\n")
     names = _imports(content.decode())
     return sha256(content).hexdigest(), frozenset([name.rpartition(".")[0], *names])

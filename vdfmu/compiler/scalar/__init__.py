@@ -1,3 +1,3 @@
-"""What the equations run on: elementwise functions of floats, symbols and jets, and elimination."""
+"""Arithmetic of the equations: elementwise functions of floats, symbols and jets, and elimination."""
 
 from vdfmu.compiler.scalar import matrices as matrices  # so that symbols take np.linalg.solve

@@ -18,7 +18,7 @@ from vdfmu.compiler.scalar.symbol import SymbolArray, instead_of
 _SQUARINGS = 12
 """Most squarings of `expm`."""
 _DEGREE = 18
-"""Of the Taylor polynomial of `expm`, for matrices of norm 1: its error is below 1/19! = 8e-18."""
+"""Degree of the Taylor polynomial of `expm`, for matrices of norm 1: its error is below 1/19! = 8e-18."""
 
 
 @instead_of(np.linalg.solve)
@@ -72,7 +72,7 @@ def inv(A: Any) -> Any:
 def expm(A: Any) -> Any:
     """Return the exponential of a matrix, (n, n), of a 1-norm up to 4096.
 
-    By a Taylor polynomial of degree 18 at ``A / 2^s``, of a norm up to 1, and s squarings; on floats by scipy. A
+    A Taylor polynomial of degree 18 at ``A / 2^s``, of norm up to 1, and s squarings; on floats scipy's. A
     larger norm gives NaN on symbols.
 
     Raises

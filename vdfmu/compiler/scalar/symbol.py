@@ -22,7 +22,7 @@ from vdfmu.compiler.scalar.generic import clip, where
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 refusals: ContextVar[list[Exception] | None] = ContextVar("refusals", default=None)
-"""What has been refused since a list was set here. A method that catches such an error goes another way than it does on
+"""Refusals since a list was set here. A method that catches such an error goes another way than it does on
 floats, so whoever traces it raises the first of them in the end."""
 
 
@@ -232,7 +232,7 @@ class Symbol:
 
 _NUMBERS = (float, int)
 ZERO = Symbol(0.0)
-"""What products with 0 are: to know one by its identity takes a tenth of the time of CasADi's folding."""
+"""Products with 0: to know one by its identity takes a tenth of the time of CasADi's folding."""
 
 
 class SymbolArray(np.ndarray):

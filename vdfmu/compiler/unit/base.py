@@ -1,4 +1,4 @@
-"""What a unit is: one class that declares variables and says in numpy what it computes.
+"""Units: a unit is one class that declares variables and says in numpy what it computes.
 
 The methods run on floats as they stand, and on symbols, from which the functions of an FMU are traced.
 """
@@ -63,7 +63,7 @@ class BaseUnit:
     made_of: ClassVar[Mapping[str, bytes] | None] = None
     """Name to content of ``unit.py`` and the files beside it, of a class that no file declares."""
     author: ClassVar[str | None] = None
-    """Of the FMU, as `license`, `copyright` and `version` are; None: that of the project that the file belongs to."""
+    """Author of the FMU, as `license`, `copyright` and `version`; None: the author of the project with the file."""
     license: ClassVar[str | None] = None
     copyright: ClassVar[str | None] = None
     version: ClassVar[str | None] = None

@@ -54,7 +54,7 @@ class Declared:
     shape : int, :data:`JOINTS`, or tuple of them
         ``()``, the default, is a scalar.
     text : str or sequence of str
-        What it is, or one for each element. An element of a joint gets ``Joint 1:`` before it, others their indices
+        Its meaning, or one for each element. An element of a joint gets ``Joint 1:`` before it, others their indices
         behind it.
     start : number, array_like or function
         Start value, broadcast to the shape. The arguments of a function are the parameters of their names, and the
@@ -121,13 +121,13 @@ class Declared:
 
 
 class Input(Declared):
-    """What the unit is given."""
+    """A signal that the unit is given."""
 
     causality = "input"
 
 
 class Output(Declared):
-    """What ``outputs`` calculates from inputs, parameters, states and time."""
+    """A signal that ``outputs`` calculates from inputs, parameters, states and time."""
 
     causality = "output"
     set_by = "outputs"

@@ -1,4 +1,4 @@
-"""What is wrong with the declaration of a unit, all at once, each with file and line."""
+"""Check of the declaration of a unit: all faults at once, each with file and line."""
 
 from __future__ import annotations
 

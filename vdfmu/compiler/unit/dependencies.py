@@ -27,14 +27,14 @@ def patterns(interface: Any) -> tuple[Pattern, Pattern, Pattern]:
     Returns
     -------
     step : (N, N)
-        What outputs and derivatives depend on after initialization: inputs, continuous states and time. A continuous
+        Dependencies of outputs and derivatives after initialization: inputs, continuous states and time. A continuous
         state depends on itself, a sampled one on all that its unit reads for a sample, unless it is delayed.
     start : (N, N)
-        What they depend on during initialization: inputs, parameters and time.
+        Dependencies during initialization: inputs, parameters and time.
     between : (N, N)
-        What they depend on from one sample to the next, while sampled states are held.
+        Dependencies from one sample to the next, while sampled states are held.
 
-    A unit that cannot be traced may depend on everything, but for states that start at parameters.
+    A unit that cannot be traced may depend on everything, except for states that start at parameters.
     """
     if interface.unit.backend == "python":
         between = np.ones((interface.size, interface.size), dtype=bool)
@@ -63,7 +63,7 @@ def _known(
 ) -> tuple[Pattern, Pattern, Pattern]:
     """Return the patterns without the rows of what is given, and the columns of what is not known then.
 
-    Sampled states are no knowns of FMI.
+    Sampled states are not knowns of FMI.
     """
     causality = np.array([v.causality for v in interface.memory])
     of_state = np.zeros(interface.size, dtype=bool)

@@ -24,7 +24,7 @@ from vdfmu.compiler.unit.place import place
 MARK = "design_mark"
 """Parameter of a unit of which some parameters follow from others."""
 _ROUNDING = 1e-12
-"""Of marks, relative: more than that of their sums, less than a change by 1e-7 makes of one value of a hundred."""
+"""Relative tolerance of marks: above the rounding of their sums, below a change by 1e-7 of one value in a hundred."""
 
 
 def followers(declared: Mapping[str, Declared]) -> dict[str, tuple[str, ...]]:

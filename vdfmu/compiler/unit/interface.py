@@ -75,13 +75,13 @@ class Interface:
     robot : Robot or None
         None for a unit without joints.
     start : mapping of str to float, optional
-        Start values by variable, in place of those of the declaration.
+        Start values by variable, instead of those of the declaration.
 
     Attributes
     ----------
     variables : tuple of Variable
     memory : tuple of Variable
-        What lies at each position.
+        Meaning of each position.
     states, derivatives : slice
         Positions of the continuous states and of their derivatives, in the same order; empty without states.
 
@@ -155,7 +155,7 @@ class Interface:
 
     @cached_property
     def program(self) -> Program:
-        """What the unit computes."""
+        """The program of the unit."""
         return Program(self.functions)
 
     # ---------------------------------------------------------------- places
@@ -252,7 +252,7 @@ class Interface:
         return np.array([0.0 if v.start is None else float(v.start) for v in self])
 
     def memory_of(self, values: Mapping[str, Any]) -> np.ndarray:
-        """Memory with the start values, and in place of them some by variable."""
+        """Memory with the start values, and instead some by variable."""
         memory = np.zeros(self.size)
         memory[: len(self)] = self.start_values()
         for name, value in values.items():
@@ -291,7 +291,7 @@ class Interface:
         return np.flatnonzero(self._patterns[0][position]).tolist()
 
     def held_dependencies(self, position: int) -> list[int]:
-        """As :meth:`step_dependencies`, while sampled states are held."""
+        """Return what :meth:`step_dependencies` does, while sampled states are held."""
         return np.flatnonzero(self._patterns[2][position]).tolist()
 
     def start_dependencies(self, position: int) -> list[int]:

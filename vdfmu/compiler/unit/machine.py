@@ -1,4 +1,4 @@
-"""What a unit may be built for beside its own variables: a machine with joints and with numbers of its own."""
+"""Machines that a unit may be built for: a machine with joints and with numbers of its own."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Facts:
-    """What a variable says of an entry."""
+    """Text of a variable for an entry."""
 
     unit: str
     minimum: float
@@ -46,7 +46,7 @@ class Requirement:
     expected: str
     """The condition as text."""
     parameters: tuple[Entry, ...]
-    """What it is about."""
+    """Subject of the parameter."""
     margin: Callable[[Any, Entry], Any] | None = None
     """Returns the margin of a machine, given the first of the parameters; None where a unit calculates it."""
 

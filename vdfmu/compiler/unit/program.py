@@ -1,4 +1,4 @@
-"""What a unit computes, as short lists of calls of traced functions on its memory.
+"""Program of a unit: short lists of calls of traced functions on its memory.
 
 The Python slave runs the lists, the native FMU is generated from them, and the dependencies are read off them. The
 arguments and results of a function are names of groups of variables; further groups are ``p``, the robot's run-time
@@ -67,8 +67,8 @@ class Program:
     outputs : from inputs, parameters, states and time to the outputs
     derivatives : to the derivatives of the continuous states
     update : to the sampled states of the time until the next sample
-    step : one step of the solver. Arguments beside groups are `h`, `tolerance` and ``rate_<input>``; `x_new`, `norm`
-        and `ratio` are its results
+    step : one step of the solver. Besides groups it takes `h`, `tolerance` and ``rate_<input>``, and
+        returns `x_new`, `norm` and `ratio`
     left : time until something switches by time, of units whose derivatives do
     """
 
@@ -132,7 +132,7 @@ class UnitFunctions(Functions):
         return self._calls[phase]
 
     def names(self) -> list[str]:
-        """Names of the functions, but for derivatives of them."""
+        """Names of the functions, except for derivatives of them."""
         moving = self._calls["derivatives"]
         return [
             *self._leaves,
@@ -148,8 +148,8 @@ class UnitFunctions(Functions):
     def digest(self) -> str:
         """Digest of what the unit is; empty for units of the package, whose sources decide it.
 
-        Of its file and those that it names, its variables, which modules beside it may decide too, and what the
-        functions calculate.
+        It covers its file and those that it names, its variables, which other modules may decide too, and what
+        the functions calculate.
         """
         if self.shipped:
             return ""

@@ -1,4 +1,4 @@
-"""What the parameters of a unit must meet together, those of its robot and its own, on floats and as a function."""
+"""Conditions on the parameters of a unit and of its robot together, on floats and as a function."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def _listed(interface: Interface, found: Any) -> list[tuple[Requirement, Any]]:
             v for v in interface.memory[interface.groups.get(group, slice(0))] if v.causality == "parameter"
         ]
         if not parameters:
-            raise _other(interface, f"{group!r}, which is no parameter")
+            raise _other(interface, f"{group!r}, which is not a parameter")
         listed.append(
             (Requirement(expected, tuple(Entry(group, v.index) for v in parameters)), size - STRICT)
         )

@@ -72,7 +72,7 @@ class _ForkError(Exception):
 
 
 class _TraceWatch:
-    """What the watches on floats and on symbols have in common."""
+    """Common parts of the watches on floats and on symbols."""
 
     def __init__(self, unit: BaseUnit, phase: str, fixed: Fixed) -> None:
         self.unit, self.phase, self.fixed = unit, phase, fixed
@@ -82,7 +82,7 @@ class _TraceWatch:
     def read(self, declared: Declared) -> Any:
         choice = isinstance(declared, (Choice, Switch))
         if self.phase == "requirements" and (choice or declared.causality != "parameter"):
-            raise refusal(UnitError(f"{declared.name} is no parameter with numbers"))
+            raise refusal(UnitError(f"{declared.name} is not a parameter with numbers"))
         if choice:
             if declared.name not in self.fixed:
                 raise refusal(_ForkError(declared))
@@ -186,7 +186,7 @@ class SymbolicWatch(_TraceWatch):
     symbols : dict of str to casadi.SX
         Columns of the variables read, of ``x``, the continuous states, ``x_dot``, ``p`` and ``t``.
     cuts : list of (joint, symbols, values)
-        What :meth:`cut` has put symbols in place of, in the order of their calculation.
+        Expressions that :meth:`cut` has replaced by symbols, in the order of their calculation.
     """
 
     def __init__(self, unit: BaseUnit, phase: str, fixed: Fixed, other: SymbolicWatch | None = None) -> None:
@@ -202,7 +202,7 @@ class SymbolicWatch(_TraceWatch):
         return self.symbols[name]
 
     def cut(self, joint: int, value: Any) -> Any:
-        """Put symbols in place of the elements of an array that are not constant, for :func:`.generic.cut`."""
+        """Put symbols instead of the elements of an array that are not constant, for :func:`.generic.cut`."""
         column = to_sx(value)
         free = [k for k in range(column.numel()) if not column[k].is_constant()]
         symbols = ca.SX.sym("cut", len(free))

@@ -1,4 +1,4 @@
-"""What a unit is: one class that declares variables and says in numpy what it computes."""
+"""Units: a unit is one class that declares variables and says in numpy what it computes."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class Unit(BaseUnit):
     Parameters
     ----------
     robot : Robot, optional
-        Of a unit that has variables for joints, or :class:`RobotParameters`.
+        Robot of a unit that has variables for joints, or :class:`RobotParameters`.
     **values : array_like
-        Parameters and inputs in place of their start values.
+        Parameters and inputs instead of their start values.
 
     Raises
     ------
@@ -47,7 +47,7 @@ class Unit(BaseUnit):
         stop, step : float [s]
             End, and time from one row to the next.
         tolerance : float
-            Of the continuous states, relative and absolute.
+            Tolerance of the continuous states, relative and absolute.
 
         Returns
         -------

@@ -32,8 +32,8 @@ _EVENTS = 1000
 class ModelExchangeIntegrator:
     """Integrates the states of a component over communication steps.
 
-    By DOP853; once a communication step takes many of its steps, by Radau. An event indicator that changes its sign
-    within a step is located by bisection, to rounding; the event is just behind.
+    DOP853 integrates; Radau, once a communication step takes many of its steps. An event indicator that changes its
+    sign within a step is located by bisection, to rounding; the event is just behind.
 
     Parameters
     ----------

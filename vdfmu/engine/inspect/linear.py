@@ -60,7 +60,7 @@ class LinearSystem:
         Inputs that get the value of the same step.
     step : float [s]
     algorithm : str
-        Of the master.
+        Algorithm of the master.
     samples : Samples
         The sampled states.
     constant : tuple of str
@@ -258,7 +258,7 @@ def linear_system(
     at : float, optional [s]
         Default the start.
     options
-        Of :class:`vdfmu.Simulator`, such as `algorithm` and `parameters`.
+        Options of :class:`vdfmu.Simulator`, such as `algorithm` and `parameters`.
 
     Raises
     ------

@@ -22,7 +22,7 @@ def check_abilities(
     Parameters
     ----------
     descriptions : mapping of str to Description
-        By component name.
+        Description of each component.
     links : sequence of Link
     schedule : Schedule
     algorithm : str

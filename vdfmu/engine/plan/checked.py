@@ -20,7 +20,7 @@ class Checked:
 
     system: System
     descriptions: Mapping[str, Description]
-    """By component name, in the order of the SSD."""
+    """Each component by its name, in the order of the SSD."""
     links: tuple[Link, ...]
     """Including links from the signals of `feed`."""
     algorithm: str

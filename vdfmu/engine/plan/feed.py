@@ -49,7 +49,7 @@ def feed_inputs(
     ----------
     tables : sequence of InputTable
     descriptions : mapping of str to Description
-        By component.
+        Description of each component.
     links : sequence of Link
         Connections of the system.
     unit_of : callable

@@ -109,7 +109,7 @@ def make_schedule(
     Parameters
     ----------
     descriptions : mapping of str to Description
-        By component name, in the order of the SSD.
+        Description of each component, in the order of the SSD.
     links : sequence of Link
     algorithm : str
         One of `ALGORITHMS`.

@@ -49,7 +49,7 @@ def _parquet() -> Format:
 
 
 FORMATS: dict[str, Callable[[], Format]] = {".csv": _csv, ".parquet": _parquet}
-"""By suffix; where a folder has several, the last is read. Imported when used, as a command line names them all."""
+"""Formats by suffix; where a folder has several, the last is read. Each is imported when used."""
 
 
 def suffix_of(path: Path) -> str:

@@ -66,7 +66,7 @@ def draw_signals(
 ) -> Figure:
     """Draw the recorded variables over time.
 
-    Of more than `PANELS` variables each component shows its first ones.
+    With more than `PANELS` variables each component shows its first ones.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def _panels(results: Recorded, hidden: Collection[str]) -> list[_Panel]:
 
 
 def _chosen(panels: list[_Panel]) -> list[_Panel]:
-    """As many first panels of every component as there is room for."""
+    """Return the first panels of every component, as many as there is room for."""
     for most in range(len(panels), 0, -1):
         seen: dict[str, int] = {}
         chosen: list[_Panel] = []

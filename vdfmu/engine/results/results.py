@@ -23,7 +23,7 @@ class Results(Recorded):
     signals : sequence of Signal
         In the order in which they are shown and written.
     data : mapping of str to (m, columns) array
-        By kind: ``real`` float64, ``integer`` and ``boolean`` int32.
+        Columns by kind: ``real`` float64, ``integer`` and ``boolean`` int32.
     summary : dict, optional
         Facts about the run.
     messages : sequence, optional

@@ -228,7 +228,7 @@ class Isolated:
         return CosimError("components", "start of their process", time, f"it ended with code {code}")
 
     def _stop(self) -> bool:
-        """Pass Ctrl-C on; return whether a step has not ended since."""
+        """Pass Ctrl-C on; return whether a step takes so long that it is cut off."""
         if self.pressed():
             self.exchange.pressed.value = 1
             self._pressed_at = min(self._pressed_at, monotonic())

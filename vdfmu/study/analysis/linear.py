@@ -36,7 +36,7 @@ def lively(states: Iterable[str], dry: bool) -> npt.NDArray[np.intp]:
 def feedback(system: WiredUnits, plant: str, inputs: Sequence[str], t: float) -> Floats:
     """Return how inputs of a unit depend on its states through all other units: K (m, n), ``u = K x``.
 
-    By differences around the states that the solver's part of the memory holds; exact to rounding for units that are
+    Differences around the states that the solver's part of the memory holds; exact to rounding for units that are
     linear in what they measure.
 
     Raises

@@ -135,7 +135,7 @@ def modes_along(
     times : (points,) [s]
         Evenly spread from the start to the end.
     modes : dict of str to list of Modes
-        By the state of the motors.
+        Modes by the state of the motors.
 
     Raises
     ------

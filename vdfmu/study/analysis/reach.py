@@ -56,7 +56,7 @@ q_end = {end}
 T = {T!r}
 
 [controller]
-# By one rule for any arm: poles of each joint as far out as sampling and a sample of delay allow. Modulus margins of
+# One rule for any arm: poles of each joint as far out as sampling and a sample of delay allow. Modulus margins of
 # the joints by themselves: {margins}.
 K_p = {K_p}  # N.m/rad or N/m, link-side
 K_v = {K_v}  # N.m.s/rad or N.s/m, link-side, on the rotors' velocity

@@ -28,7 +28,7 @@ class DrawnShape(NamedTuple):
     rotation: Floats
     """Its axes as columns, (3, 3)."""
     colour: str = "light"
-    """As ``#rrggbb``; "light" and "dark" by the theme; "joint" for parts that show the value of joint `body`."""
+    """Colour as ``#rrggbb``; "light" and "dark" follow the theme; "joint" shows the value of joint `body`."""
 
 
 class Chain:

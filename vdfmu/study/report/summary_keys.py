@@ -79,7 +79,7 @@ KEYS: Mapping[str, Key] = {
     "settings": Key(Keyed(ANY), "Parameters and inputs that were set for this run."),
     "backend": Key(TEXT, "Kind of the FMUs."),
     "fmi": Key(TEXT, "Version of FMI of the FMUs."),
-    "left_out": Key(_LINES, "Connections that a unit in place of the system's does not have."),
+    "left_out": Key(_LINES, "Connections that a unit instead of the system's does not have."),
     "arm": Key(_ARM, "Geometry of the arm, of which it is drawn."),
     "package": Key(TEXT, "The package that was run."),
     "system": Key(TEXT, "Name of the system."),
@@ -87,12 +87,12 @@ KEYS: Mapping[str, Key] = {
     "order": Key(_LINES, "Components in the order of their steps."),
     "isolated": Key(FLAG, "Whether each component had a process of its own."),
     "federates": Key(Keyed(ANY), "Components of each process of a distributed run, and how long it waited."),
-    "core": Key(TEXT, "What the processes of a distributed run exchanged values by."),
+    "core": Key(TEXT, "How the processes of a distributed run exchanged values."),
     "ended": Key(
         {"component": TEXT, "time": NUMBER},
-        "What ended the run before its stop time, and when [s].",
+        "Event that ended the run before its stop time, and its time [s].",
     ),
-    "notes": Key(_LINES, "What else there is to say of the run."),
+    "notes": Key(_LINES, "Notes on the run."),
     "warnings": Key(_LINES, "Notes of runs of earlier versions."),
     "wall_s": Key(NUMBER, "Wall time of the steps [s]."),
     "real_time_factor": Key(NUMBER, "Time of the run over wall time."),
@@ -123,7 +123,7 @@ KEYS: Mapping[str, Key] = {
     "limits": Key(
         Keyed(dict.fromkeys(("torque", "speed", "stop"), _VECTOR)), "Shares of the time at limits, by plant."
     ),
-    "paper": Key(_PAPER, "What the paper reports."),
+    "paper": Key(_PAPER, "Values of the paper."),
     "reference": Key(Keyed(_REFERENCE), "Largest differences to each reference."),
     "no_reference": Key(TEXT, "Why there is no reference."),
     "separation": Key(_SEPARATION, "How far the run is from itself with a change that should not show."),

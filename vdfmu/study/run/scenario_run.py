@@ -83,7 +83,7 @@ _DRAWN = (
     "trajectory.q_d", "plant.q", "plant.kappa", "plant.p_O", "controller.tau", "controller.tau_m",
 )  # fmt: skip
 """Signals that the figures of a run show; a system without them gets a picture of its signals."""
-_LEFT_OUT = "left out, since the unit in place of the system's has no such signal"
+_LEFT_OUT = "left out, since the unit instead of the system's has no such signal"
 _NUDGE = 1e-9
 """Relative change of the rotor inertias that must not show; below every tolerance that a scenario has."""
 

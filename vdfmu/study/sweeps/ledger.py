@@ -1,6 +1,6 @@
 """The folder of a parameter study: a Parquet file for each chunk of points, both result and record of progress.
 
-A part takes its place when it is whole. So a killed study continues where it was, and no point occurs twice.
+A part takes its place when it is whole. So a killed study continues where it stopped, and no point occurs twice.
 When all are done, the parts become one file, ``sweep.parquet``.
 """
 
@@ -297,7 +297,7 @@ def readable(path: Path) -> bytes:
 def table_of(path: Path, columns: Sequence[str] | None = None) -> Any:
     """Return the table of a Parquet file, or some of its columns; `BrokenError` if it is not one.
 
-    By its bytes: Arrow takes only names in UTF-8, and does not distinguish errors of the disk from errors of the file.
+    Its bytes are read: Arrow takes only names in UTF-8, and reports errors of the disk as errors of the file.
     Without its threads, which `parquet.read_table` always starts: where memory is short it waits for them for ever, and
     one that starts as the process ends aborts it.
     """

@@ -27,12 +27,12 @@ Array = NDArray[Any]
 
 
 def _integral(x: Array, t: Array) -> Array:
-    """By the trapezoidal rule."""
+    """Integral by the trapezoidal rule."""
     return np.tensordot(np.diff(t), 0.5 * (x[1:] + x[:-1]), 1)
 
 
 def _at(x: Array, t: Array, time: float) -> Array:
-    """At the first communication point that is not before `time` [s]."""
+    """Value at the first communication point that is not before `time` [s]."""
     if not t[0] <= time <= t[-1]:
         raise ValueError(f"expected a time from {t[0]:g} to {t[-1]:g} s, got {time:g} s")
     return x[np.searchsorted(t, time - 1e-9 * t[-1])]

@@ -52,7 +52,7 @@ def draw(axes: Sequence[Axis], sample: str, n: int | None = None, seed: int = 0)
         raise UsageError(f"seed: expected a number of at least 0, got {seed}.")
     if sample not in SAMPLES:
         if axes and Path(sample).suffix:
-            raise UsageError(f"sample: {sample} says what varies, so no axis is given beside it.")
+            raise UsageError(f"sample: {sample} says what varies, so expected no axis with it.")
         found = _read(sample)
         if n is not None:
             raise UsageError(f"n: {sample} has the points; leave it out.")

@@ -33,7 +33,7 @@ def sweep(
 ) -> Sweep:
     """Run a scenario or a system package at many points, and keep a row for each.
 
-    Finished points are kept: after Ctrl-C, a kill or a full disk the same call continues where it was. A point that
+    Finished points are kept: after Ctrl-C, a kill or a full disk the same call continues where it stopped. A point that
     fails, crashes its process or hangs is a row with its reason.
 
     Parameters

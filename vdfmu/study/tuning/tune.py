@@ -80,7 +80,7 @@ def tune(
 ) -> Tuned:
     """Search the values of parameters that make a cost smallest, over a spread of robots and within limits.
 
-    Every run is kept: after Ctrl-C or a kill the same call continues where it was. So does a call with a larger budget
+    Every run is kept: after Ctrl-C or a kill the same call continues where it stopped. So does one with a larger budget
     or another method, which reuses the runs that it needs and finds.
 
     Parameters

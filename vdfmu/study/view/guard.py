@@ -26,7 +26,7 @@ _lock = threading.Lock()
 
 
 class Guard:
-    """What a request must have: the token as first part of its path, a name of loopback, no foreign origin."""
+    """Conditions on a request: the token as first part of its path, a name of loopback, no foreign origin."""
 
     def __init__(self) -> None:
         self.token = secrets.token_urlsafe(_TOKEN)

@@ -25,16 +25,16 @@ Values = Mapping[str, Mapping[str, Any]]
 
 @dataclass(frozen=True)
 class PackageSignal:
-    """What a tool sees as one variable: a scalar, or an array of FMI 3."""
+    """One variable as a tool sees it: a scalar, or an array of FMI 3."""
 
     name: str
-    """As the FMU has it."""
+    """Name in the FMU."""
     variables: tuple[Variable, ...]
     """Its elements, row by row."""
     shape: tuple[int, ...]
     """Empty for a scalar."""
     type: str
-    """As the format names it."""
+    """Name in the format."""
 
     @property
     def group(self) -> str:
@@ -95,7 +95,7 @@ class SystemDescription:
     values : mapping of unit to mapping of variable to value, optional
         Default :func:`vdfmu.system.scenario.values.system_values`.
     version : "1.0" or "2.0"
-        Of SSP: with 2.0, groups of signals are the arrays of the FMI 3.0 units.
+        Version of SSP: with 2.0, groups of signals are the arrays of the FMI 3.0 units.
     """
 
     def __init__(self, scenario: Scenario, values: Values | None = None, version: str = SSP_1.name) -> None:

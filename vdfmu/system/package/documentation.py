@@ -26,7 +26,7 @@ def system_page(
     icons : mapping of str to bytes
         Source of an icon to its SVG file.
     fmi_versions : sequence of str
-        Of the FMUs in the package.
+        FMI versions of the FMUs in the package.
     """
     scenario = description.scenario
     about = [f"Scenario {scenario.name}: {scenario.description.rstrip('.')}."]

@@ -39,7 +39,7 @@ def write_ssp(
     ----------
     scenario : Scenario
     fmus : mapping of unit to path
-        Of :func:`vdfmu.build_fmus`, for the scenario's robot: of FMI 2.0 for SSP 1.0, of FMI 3.0 for SSP 2.0.
+        FMUs from :func:`vdfmu.build_fmus`, for the scenario's robot: FMI 2.0 for SSP 1.0, FMI 3.0 for SSP 2.0.
         Those that the scenario's system does not have are left out.
     path : path
         File to write, ``name.ssp``.
@@ -61,7 +61,7 @@ def write_ssp(
     UsageError
         For an unknown version, or FMUs that the version cannot hold.
     StorageError
-        If an FMU cannot be read, or the file cannot be written or is no regular file.
+        If an FMU cannot be read, or the file cannot be written or is not a regular file.
     """
     if not os.fspath(path):
         raise StorageError("the name of the file to write is empty; expected one such as system.ssp")

@@ -3,9 +3,9 @@
 Three references say what the answer is (times in communication points t_k, step h, inputs held over a step):
 
 - ``sampled``: an output that depends on a connected input is that of the step from t_k, computed from everything at
-  t_k; its readers have it in the same step. What ``gauss-seidel`` must give.
-- ``sampled-delayed``: every unit sees the others' outputs one sample late. What ``jacobi`` must give.
-- ``continuous``: no sampling but that of the units' own sampled states. What both tend to as the step shrinks.
+  t_k; its readers have it in the same step. ``gauss-seidel`` must give this.
+- ``sampled-delayed``: every unit sees the others' outputs one sample late. ``jacobi`` must give this.
+- ``continuous``: no sampling but that of the units' own sampled states. Both tend to this as the step shrinks.
 
 They are assembled from the wiring and the units' own functions: outputs and right-hand sides are the traced ones,
 compiled where the compiler is installed, which the tests hold against plain numpy, or plain numpy where a unit cannot

@@ -58,7 +58,7 @@ class _RightHandSide:
         self._x_dot = system.memory[first + offset : last + offset]
         self._run, self._feed = run, feed
         self.error: BaseException | None = None
-        """What a call raised: not every solver of scipy passes it on, and some end as if nothing were."""
+        """Error that a call raised: not every solver of scipy passes it on, and some end as if nothing were."""
 
     def __call__(self, t: float, x: Floats) -> Floats:
         try:
@@ -136,7 +136,7 @@ class SampledReference:
     Attributes
     ----------
     lists : dict of str to list of actions
-        What is calculated: ``part_0``, then after the i-th of `moving` ``part_<i+1>``.
+        Steps of the calculation: ``part_0``, then after the i-th of `moving` ``part_<i+1>``.
     moving : list of str
         Units with states, in the order of a step.
     """
@@ -194,7 +194,7 @@ class ContinuousReference:
     Attributes
     ----------
     lists : dict of str to list of actions
-        What is calculated.
+        Steps of the calculation.
     """
 
     def __init__(self, system: WiredUnits) -> None:

@@ -60,7 +60,7 @@ class _Comparison(NamedTuple):
 
 
 class Witness:
-    """What a run is asked, and whether its answers hold.
+    """Questions to a run, and whether its answers hold.
 
     Parameters
     ----------

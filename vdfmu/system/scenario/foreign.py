@@ -1,4 +1,4 @@
-"""FMUs of any tool as components of a system file: their variables, in place of a unit's."""
+"""FMUs of any tool as components of a system file: their variables, instead of a unit's."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class ForeignInterface:
     Raises
     ------
     UsageError
-        For what is no such FMU.
+        For a file that is not such an FMU.
     """
 
     robot = None
@@ -55,7 +55,7 @@ class ForeignInterface:
 
     @property
     def name(self) -> str:
-        """What messages call it."""
+        """Its name in messages."""
         return self.path.name
 
     def __iter__(self) -> Any:

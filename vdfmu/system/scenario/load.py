@@ -28,9 +28,9 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
     Parameters
     ----------
     path_or_name : str or path
-        As for `load_robot`. A relative path of a robot in the file starts at the file's folder.
+        See `load_robot`. A relative path of a robot in the file starts at the file's folder.
     robot : Robot, str or None
-        Robot in place of the one that the file names, or of none where a component takes it; a str as for `load_robot`.
+        Robot instead of the one that the file names, or of none where a component takes it; a str as for `load_robot`.
         The paper's numbers are left out where it has other numbers than the file's.
 
     Returns
@@ -97,7 +97,7 @@ def load_system(path_or_name: str | os.PathLike[str], start: Path | None = None)
     Parameters
     ----------
     path_or_name : str or path
-        As for `load_robot`.
+        See `load_robot`.
     start : Path, optional
         Folder at which a relative path starts.
 

@@ -25,7 +25,7 @@ def with_payload(scenario: Scenario, names: Iterable[str]) -> Scenario:
     Parameters
     ----------
     names : iterable of str
-        Of settings: ``plant.payload_mass``, ``robot.payload_inertia[1,1]``.
+        Settings: ``plant.payload_mass``, ``robot.payload_inertia[1,1]``.
     """
     robot = scenario.robot
     fields = {name.partition(".")[2].partition("[")[0] for name in names}
@@ -44,7 +44,7 @@ def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:
     Raises
     ------
     UsageError, UnitError
-        For a name that is not that of a component, or what is no unit.
+        For a name that is not that of a component, or a value that is not a unit.
     """
     system, parts = scenario.system, dict(scenario.system.parts)
     for name, unit in units.items():

@@ -16,7 +16,7 @@ from vdfmu.system.scenario.resolved import ROBOT_WAY_OUT, ResolvedSystem, resolv
 from vdfmu.system.scenario.system_file import SystemFile
 
 _TINY = 1e-12
-"""What is left of the inertia of a payload that is not known: one of zeros would be another structure."""
+"""Share of the inertia that an unknown payload keeps: one of zeros would be another structure."""
 FACTOR_FIELDS = tuple(row.name for row in PARAMETERS.values() if row.fold != "always")
 """Fields of the robot that a plant factor may scale."""
 
@@ -46,7 +46,7 @@ class Scenario:
         Component to the values that the file sets: a group of variables, or one of them, ``K_p`` or ``K_p[1]``, to its
         value, or values. :func:`vdfmu.system.scenario.values.system_values` reads them.
     paper : mapping
-        What the paper reports: `source` and lists that start at joint 1. Empty if it reports nothing.
+        Values of the paper: `source` and lists that start at joint 1. Empty if it reports nothing.
     payload_known : bool
         Whether other components than the plant know of the robot's payload.
     inputs : path, sequence of paths or mapping, optional
@@ -54,7 +54,7 @@ class Scenario:
     input_hold : bool, optional
         Whether they hold until the next row.
     notes : tuple of str
-        What whoever made the scenario has to say of it.
+        Notes of whoever made the scenario.
     options : CouplingOptions
         Those of its runs that have no field here.
     """

@@ -45,7 +45,7 @@ SCENARIO_KEYS = (
     "paper",
 )
 ROBOT_KEYS = ("friction", "payload", "motion", "plant_factors", "paper")
-"""What a scenario says of its robot, or asks of it."""
+"""Requirements of a scenario on its robot."""
 PAPER_LISTS = (
     "rms_position_error_deg",
     "max_position_error_deg",

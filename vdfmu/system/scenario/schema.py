@@ -78,7 +78,7 @@ def scenario_schema(system: str = "system") -> Schema:
         "description": _TEXT,
         "system": _TEXT | {"description": "Which units, and how they are connected: a name or a TOML file"},
         "robot": _TEXT | {"description": "A name or a TOML file, where a component takes one"},
-        "friction": {"enum": list(FRICTION_ARRANGEMENTS)} | {"description": "In place of the robot's"},
+        "friction": {"enum": list(FRICTION_ARRANGEMENTS)} | {"description": "Instead of the robot's"},
         "stop": positive | {"description": "End of the run [s]"},
         "step": positive | {"description": "Communication step [s]"},
         "master": {"enum": list(ALGORITHMS)} | {"description": "How the units are stepped"},
@@ -135,9 +135,7 @@ def _motion() -> Schema:
         )
         for kind, (_, keys) in KINDS_OF_MOTION.items()
     ]
-    text = (
-        "What the joints do, in place of (57), or the TOML file that says it; each kind has keys of its own"
-    )
+    text = "Motion of the joints instead of (57), or the TOML file with it; each kind has keys of its own"
     return {"anyOf": [_TEXT, *kinds], "description": text}
 
 

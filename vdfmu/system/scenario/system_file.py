@@ -65,7 +65,7 @@ class SystemFile:
     shared: Mapping[str, Mapping[str, str]]
     """Values that components share under names of their own: name of the parameter set, to component to group."""
     dropped: tuple[str, ...] = ()
-    """Connections, ``output -> input``, that were left out for units in place of those of the file."""
+    """Connections, ``output -> input``, that were left out for units instead of those of the file."""
 
     @cached_property
     def fed(self) -> frozenset[str]:

@@ -34,7 +34,7 @@ def system_values(scenario: Scenario, settings: Mapping[str, Any] | None = None)
     Raises
     ------
     UsageError
-        As :func:`override`, and for positions beyond the robot's end stops.
+        See :func:`override`; also for positions beyond the robot's end stops.
     """
     tables = scenario.resolved.tables
     values = given_values(scenario, settings)
@@ -75,7 +75,7 @@ def section_values(resolved: ResolvedSystem, sections: Mapping[str, Mapping[str,
     Raises
     ------
     UsageError
-        As :func:`override`, for positions beyond the robot's end stops, and for connections of unknown signals.
+        See :func:`override`; also for positions beyond the robot's end stops, and for connections of unknown signals.
     """
     resolved.check_connections()
     values = _set_all(resolved, _sections(resolved, sections))
@@ -107,7 +107,7 @@ def present_values(
     Raises
     ------
     UsageError
-        As :func:`override`, for a `number` that does not fit.
+        See :func:`override`; also for a `number` that does not fit.
     """
     tables = scenario.resolved.tables
     return {
@@ -124,7 +124,7 @@ def start_values(unit: type[Unit], robot: Robot | None, settings: Mapping[str, A
     Raises
     ------
     UsageError
-        As :func:`override`.
+        See :func:`override`.
     """
     table = interface_of(unit, robot if unit.needs_robot() else None)
     values: Values = {}
@@ -181,7 +181,7 @@ def _sections(resolved: ResolvedSystem, sections: Mapping[str, Mapping[str, Any]
             for component, group in members.items()
             if any(
                 v.group == group for v in resolved.tables[component]
-            )  # a unit in place of another may have no such value
+            )  # a unit instead of another may have no such value
         ]
         given = next((written[group] for group in groups if group in written), None)
         if given is not None:
@@ -245,7 +245,7 @@ def _named(table: Variables, name: str, key: str) -> list[Variable]:
             and row.section in OPTIONAL
             and not getattr(table.robot, row.section)
         ):
-            way = f"It is of the optional table [{row.section}] of a robot's file, which {table.robot.name} has not."
+            way = f"The file of robot {table.robot.name} does not have its optional table [{row.section}]."
         raise UsageError(f"{key}: {table.name} has no {name}. {way}")
     return found
 

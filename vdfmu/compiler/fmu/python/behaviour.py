@@ -1,4 +1,4 @@
-"""What a unit computes over time: its methods on its memory and its solver, with no FMI in sight."""
+"""Behaviour of a unit over time: its methods on its memory and its solver, without FMI."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ _WHEN = {
     "initialization": "between enterInitializationMode and exitInitializationMode",
     "step": "after exitInitializationMode and before terminate",
 }
-"""What the phases in which something can be allowed are called in messages."""
+"""Names in messages of the phases in which something can be allowed."""
 
 
 def _call(name: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:

@@ -1,9 +1,9 @@
-"""What the native wrapper of pythonfmu 0.7 asks of a slave, read in its source (PySlaveInstance.cpp).
+"""Behaviour that the native wrapper of pythonfmu 0.7 asks of a slave, read in its source (PySlaveInstance.cpp).
 
 - Every exception becomes fmi2Fatal. Its ``repr`` is the message, which importers use as a format of printf.
 - A message that waits in the queue while an exception is reported makes the wrapper lose the exception.
 - When a call fails, the wrapper releases the slave, its class and its message queue, and again at the next
-  failure, in fmi2Reset and in fmi2FreeInstance. What it releases last is no longer there.
+  failure, in fmi2Reset and in fmi2FreeInstance. The object that it releases last is gone.
 - fmi2Reset releases the slave before it makes a new one. If that fails, it still uses the old one's queue.
 - At each instantiation it runs the script again and then releases the globals of its module, once too often.
 - At each instantiation it puts the FMU's resources folder in front of ``sys.path`` and leaves it there.

@@ -72,7 +72,7 @@ export class Chart {
     return !view.hiddenJoints.has(curve.joint) && !view.hiddenRuns.has(curve.run);
   }
 
-  /** What was recorded is pale beside what was simulated. */
+  /** Recorded lines are pale beside simulated ones. */
   alpha({ run }) {
     return runs[run] !== simulated && simulated.result.time.length ? PALE : 1;
   }
@@ -175,7 +175,7 @@ export class Chart {
   }
 }
 
-/** Limits of a scale with a margin; numbers that are equal but for rounding get one around them. */
+/** Limits of a scale with a margin; numbers that are equal except for rounding get one around them. */
 function padded(_, low, high) {
   if (low === null || high === null) return [-1, 1];
   const span = Math.max(high - low, 1e-6 * Math.max(Math.abs(low), Math.abs(high))) || 1;

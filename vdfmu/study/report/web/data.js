@@ -8,7 +8,7 @@ export const binaries = content.binaries;
 /** The result of no simulation. */
 export const NOTHING = { time: new Float64Array(), signals: new Map() };
 
-/** What the page simulates: one more run, which shows what the recorded one that it is `of` shows, from its `result`. */
+/** The run that the page simulates: one more run, which shows what the recorded one that it is `of` shows, from its `result`. */
 export const simulated = {
   name: "simulated",
   of: runs.find((run) => run.simulation?.units),
@@ -52,7 +52,7 @@ export function unpack(text, Kind = Float32Array) {
 export const split = (array, count) =>
   Array.from({ length: count }, (_, k) => array.subarray((k * array.length) / count, ((k + 1) * array.length) / count));
 
-/** What all runs have under `kind`, "figures" or "signals": key to title, unit and the part of each run. */
+/** Entries of all runs under `kind`, "figures" or "signals": key to title, unit and the part of each run. */
 export function merged(kind) {
   const found = new Map();
   runs.forEach((run, place) => {
@@ -148,7 +148,7 @@ export function toggle(label, pressed, change, attributes = {}) {
   return button;
 }
 
-/** What charts and arm share: time shown, stretch of time that is zoomed in on, joints and runs that are hidden. */
+/** State that charts and arm share: time shown, stretch of time that is zoomed in on, joints and runs that are hidden. */
 export const view = new (class extends EventTarget {
   time = 0;
   range = null;

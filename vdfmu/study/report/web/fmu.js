@@ -46,7 +46,7 @@ export class Fmu {
     return moved.values();
   }
 
-  /** What sets or gets values of the same references again and again, in the memory of the module. */
+  /** Sets or gets values of the same references again and again, in the memory of the module. */
   transfer(verb, kind, references) {
     const n = references.length, Kind = VALUES[kind], run = this.functions[`fmi2${verb}${kind}`];
     const at = this.allocate(Int32Array, n), place = this.allocate(Kind, n);

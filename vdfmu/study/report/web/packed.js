@@ -1,4 +1,4 @@
-// What stands in the page compressed: the libraries, and the modules of the units.
+// The compressed parts of the page: the libraries, and the modules of the units.
 
 /** Response with the content of compressed bytes in base64. */
 export function unzip(text) {
