@@ -42,6 +42,12 @@ TYPICAL = ("manipulator_6dof", "planar_2dof", "slider_3dof")
 """Shipped robots with all that the shipped robots have: what holds for them is not tested with the others again."""
 
 
+def heavy(*values: object) -> list[Any]:
+    """Return values of a parametrized test as heavy ones; a tuple has a value for each of several names."""
+    cases = [value if isinstance(value, tuple) else (value,) for value in values]
+    return [pytest.param(*case, marks=pytest.mark.heavy) for case in cases]
+
+
 @pytest.fixture(scope="session", autouse=True)
 def kernel_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Cache of this test session, shared by its processes; the user's own is neither read nor written.

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from tests.conftest import heavy
 from tests.engine.reference import models
 from tests.engine.reference.models import Model, V
 from vdfmu.engine.run import simulate
@@ -83,7 +84,7 @@ def test_derivatives_of_outputs_halve_the_error_of_the_prediction(system, versio
         assert 0.45 < given / plain < 0.55
 
 
-@pytest.mark.parametrize("algorithm", ["extrapolated", "iterative"])
+@pytest.mark.parametrize("algorithm", ["extrapolated", *heavy("iterative")])
 @pytest.mark.parametrize(
     ("model", "version"),
     [(MASS, "3.0"), (RATES, "2.0"), (RATES, "3.0"), (STRAIGHT, "3.0"), (JACOBIAN, "3.0")],

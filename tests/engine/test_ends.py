@@ -11,6 +11,7 @@ import fmpy
 import numpy as np
 import pytest
 
+from tests.conftest import heavy
 from tests.warm import command
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.inspect import trial as check_run
@@ -68,7 +69,8 @@ def package(pack, xml, strict):
 
 @pytest.mark.parametrize("options", COUPLINGS, ids=lambda o: "-".join(map(str, o.values())))
 @pytest.mark.parametrize(
-    ("start", "stop", "step"), [(0.0, 0.01, 0.001), (0.0, 0.3, 0.1), (0.1, 0.4, 0.1), (-0.3, 0.3, 0.6)]
+    ("start", "stop", "step"),
+    [*heavy((0.0, 0.01, 0.001), (0.0, 0.3, 0.1)), (0.1, 0.4, 0.1), (-0.3, 0.3, 0.6)],
 )
 def test_the_last_step_ends_at_the_stop(package, options, start, stop, step):
     """Of the first two, the last step would be too long by rounding: 0.009 + 0.001 > 0.01."""
@@ -108,7 +110,7 @@ def test_a_unit_that_gives_no_reason_is_quoted_with_its_last_message(package):
 
 
 @pytest.mark.parametrize("options", COUPLINGS, ids=lambda o: "-".join(map(str, o.values())))
-@pytest.mark.parametrize(("name", "value"), [("nan_from", "nan"), ("inf_from", "-inf")])
+@pytest.mark.parametrize(("name", "value"), [("nan_from", "nan"), *heavy(("inf_from", "-inf"))])
 def test_what_is_no_number_ends_the_run(package, options, name, value):
     with pytest.raises(
         CosimError, match=rf"unit: doStep .* y is {value} at t = 0\.[57]\d* s, expected a fin"
@@ -159,7 +161,7 @@ def test_check_notes_what_is_no_number(fmus):
 
 
 @pytest.mark.parametrize("options", COUPLINGS, ids=lambda o: "-".join(map(str, o.values())))
-@pytest.mark.parametrize("end", [0.5, 0.6])
+@pytest.mark.parametrize("end", [*heavy(0.5), 0.6])
 def test_a_unit_that_ends_the_simulation_makes_a_normal_end(package, options, end):
     results = simulate(package, stop=1.0, step=0.25, parameters={"unit.end": end}, **options)
     assert results.summary["ended"] == {"component": "unit", "time": end}

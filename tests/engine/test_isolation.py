@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.conftest import heavy
 from tests.wild import build, write
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.interrupt import listening
@@ -164,7 +165,7 @@ def test_a_process_that_ends_after_the_last_step_costs_no_row(package, way, call
 @pytest.mark.parametrize(
     "way", ["error_end", "fatal_end", "strange_end", "strange", "negative", "error_free"]
 )
-@pytest.mark.parametrize("kind", ["FMU", "SSP"])
+@pytest.mark.parametrize("kind", [*heavy("FMU"), "SSP"])
 def test_check_says_what_a_unit_returns_that_it_may_not(wild, pack, xml, way, kind):
     path = wild(way, 0.5e-3)
     if kind == "SSP":

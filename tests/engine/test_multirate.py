@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.conftest import heavy
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.engine.container import write_container
 from vdfmu.engine.inspect.inspection import inspect_file
@@ -39,7 +40,7 @@ def system(pack, xml):
 
 
 @pytest.mark.parametrize("annotation", [OURS, LIBCOSIM])
-@pytest.mark.parametrize("isolate", [False, True])
+@pytest.mark.parametrize("isolate", [False, *heavy(True)])
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 @pytest.mark.parametrize("slow", ["Gain", "Lag"])
 def test_a_slow_unit_does_at_its_points_what_it_does_by_itself(system, slow, algorithm, isolate, annotation):

@@ -57,7 +57,7 @@ def test_the_page_has_every_case():
         pytest.param(
             case,
             id=f"{case.tool}-{case.form}-{case.kind}-{case.fmi}",
-            marks=[pytest.mark.heavy] * (case.kind == "python"),
+            marks=[pytest.mark.heavy] * (case.kind == "python" or case.tool == "ecos"),
         )
         for case in TESTED
     ],

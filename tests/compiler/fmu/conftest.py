@@ -24,7 +24,7 @@ from fmpy.fmi2 import (
     fmi2CallbackLoggerTYPE,
 )
 
-from tests.conftest import TYPICAL
+from tests.conftest import TYPICAL, heavy
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.arm.units import shipped_units
@@ -233,7 +233,7 @@ def unit_name(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
-@pytest.fixture(params=TYPICAL)
+@pytest.fixture(params=[*heavy(*TYPICAL[:1]), *TYPICAL[1:]])
 def robot_name(request: pytest.FixtureRequest) -> str:
     """Each of the typical robots."""
     return request.param

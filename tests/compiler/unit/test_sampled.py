@@ -13,6 +13,7 @@ from scipy.linalg import expm
 
 import vdfmu
 from tests.compiler.native.binding import Instance, Model
+from tests.conftest import heavy
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.engine.container import write_container
 from vdfmu.engine.run import Simulator
@@ -179,7 +180,7 @@ def own_loop(delay: int = 0, every: int = 1, measured: int = 0) -> tuple[np.ndar
 CLOSE = {"rtol": 0.0, "atol": 1e-11}
 
 
-@pytest.mark.parametrize("options", [{}, {"fmi_version": "3.0"}, {"backend": "python"}], ids=str)
+@pytest.mark.parametrize("options", [{}, *heavy({"fmi_version": "3.0"}), {"backend": "python"}], ids=str)
 def test_a_sample_acts_in_the_step_that_follows(scenario, run, options):
     """No delay but the hold, from the first step on; both references have the same."""
     results = run(scenario("plain"), reference=True, **options)

@@ -11,6 +11,7 @@ import pytest
 from scipy.linalg import expm
 
 import vdfmu
+from tests.conftest import heavy
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import UnitError
 from vdfmu.engine.inspect.inspection import inspect_file
@@ -82,7 +83,7 @@ def pulses(duty: float) -> np.ndarray:
     return x
 
 
-@pytest.fixture(scope="module", params=["2.0", "3.0", "python"])
+@pytest.fixture(scope="module", params=[*heavy("2.0"), "3.0", "python"])
 def fmu(request, motor, tmp_path_factory) -> Path:
     kind = {"backend": "python"} if request.param == "python" else {"fmi_version": request.param}
     (path,) = vdfmu.build_fmus(None, tmp_path_factory.mktemp("fmu"), units=[motor()], **kind).values()
@@ -95,7 +96,7 @@ CLOSE = {"rtol": 1e-6, "atol": 1e-6}
 
 
 @pytest.mark.parametrize("step", [1e-3, 0.05, 0.0007])
-@pytest.mark.parametrize("duty", [0.3, 0.01, 0.0005])
+@pytest.mark.parametrize("duty", [*heavy(0.3), 0.01, 0.0005])
 def test_no_pulse_is_stepped_over(fmu, duty, step):
     rows = fmpy.simulate_fmu(
         str(fmu), fmi_type="CoSimulation", stop_time=STOP if step != 0.0007 else 0.0994, output_interval=step,

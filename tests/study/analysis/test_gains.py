@@ -135,7 +135,8 @@ def test_motors_that_are_too_weak_are_said(arm: Path, tmp_path: Path) -> None:
     assert scenario.notes == (note,) and note in model_notes(scenario)
 
 
-@pytest.mark.parametrize("shipped", [pytest.param(None, marks=pytest.mark.heavy), "scara_4dof"])
+@pytest.mark.heavy
+@pytest.mark.parametrize("shipped", [None, "scara_4dof"])
 def test_an_imported_or_shipped_arm_moves_well_at_once(
     arm: Path, shipped: str | None, tmp_path: Path
 ) -> None:

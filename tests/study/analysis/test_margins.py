@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import vdfmu
+from tests.conftest import heavy
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear, held
@@ -117,7 +118,8 @@ def test_the_arm_at_rest_is_linearised_as_masses_and_springs():
 
 
 @pytest.mark.parametrize(
-    ("master", "factor"), [("gauss-seidel", 1.0), ("gauss-seidel", 6.0), ("jacobi", 1.0), ("jacobi", 4.0)]
+    ("master", "factor"),
+    [("gauss-seidel", 6.0), *heavy(("gauss-seidel", 1.0), ("jacobi", 1.0), ("jacobi", 4.0))],
 )
 def test_the_nonlinear_loop_moves_as_the_linear_one_near_rest(master, factor, tmp_path):
     """Each state of the simulation leads to the next by the closed loop's matrix, stable or not."""

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import vdfmu
+from tests.conftest import heavy
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import UsageError
 from vdfmu.study.sweeps.job import Bench
@@ -99,7 +100,7 @@ def test_all_that_can_vary_gives_the_runs_of_the_fmus(bench, with_options, scena
     assert np.ptp([row["plant.q[1]"][-1] for row in rows]) > 1e3 * POSITION  # they are different runs
 
 
-@pytest.mark.parametrize("master", ["gauss-seidel", "jacobi"])
+@pytest.mark.parametrize("master", ["gauss-seidel", *heavy("jacobi")])
 def test_inputs_from_outside_and_both_masters(bench, master):
     t = np.array([0.0, 0.013, 0.0301, 0.05])
     inputs = {"plant.F_e[1]": (t, np.array([0.0, 20.0, -5.0, 3.0]))}

@@ -7,6 +7,7 @@ from ctypes import c_int64, c_void_p
 import numpy as np
 import pytest
 
+from tests.conftest import heavy
 from vdfmu.base.data import data_path
 from vdfmu.compiler.c.compile import compile_library
 from vdfmu.compiler.c.loaded import SHOWN, load_library
@@ -43,7 +44,7 @@ def source() -> bytes:
     return f'#include "lanes.h"\n#include "shown.h"\n{called}\n'.encode()
 
 
-@pytest.fixture(scope="module", params=range(len(LEVELS)))
+@pytest.fixture(scope="module", params=[0, *heavy(*range(1, len(LEVELS)))])
 def library(request):
     """Return the functions compiled for one of the kinds of processors."""
     folder = data_path("fmu_src")

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.conftest import heavy
 from vdfmu.arm.equations.trajectory import desired_motion
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot, robot_from_dict
@@ -55,7 +56,7 @@ def test_each_algorithm_matches_its_sampled_reference(tmp_path, name, algorithm)
     assert torque < TORQUE
 
 
-@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", *heavy("jacobi")])
 def test_the_whole_tracking_run_matches_its_sampled_reference(tmp_path, algorithm):
     case = Case(tmp_path, "tracking", "1e-9")
     position, torque = case.differences(algorithm, ALGORITHMS[algorithm].reference, 1e-3, 10.0)
