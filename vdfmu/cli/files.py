@@ -14,6 +14,7 @@ import typer
 from vdfmu.base.errors import StorageError
 from vdfmu.base.files import require_ours
 from vdfmu.base.option import read_settings
+from vdfmu.base.standards import PYTHON_FMI, SSP_1, SSP_FORMATS
 from vdfmu.base.text import first_few
 from vdfmu.cli.terminal import (
     BackendOption,
@@ -45,7 +46,7 @@ def build(
     robot: RobotOption = None,
     out: Annotated[Path, typer.Option(help="Folder of the FMUs.")] = Path("fmus"),
     backend: BackendOption = None,
-    fmi: Annotated[str, typer.Option(help="Version of FMI: 2.0, or 3.0 for native FMUs.")] = "2.0",
+    fmi: Annotated[str, typer.Option(help="Version of FMI: 2.0, or 3.0 for native FMUs.")] = PYTHON_FMI.name,
     platform: Annotated[
         list[str] | None,
         typer.Option(
@@ -130,7 +131,7 @@ def ssp(
             "--format",
             help="1.0 or 2.0: version of SSP, 2.0 with native units of FMI 3.0.",
         ),
-    ] = "1.0",
+    ] = SSP_1.name,
     out: Annotated[
         Path | None,
         typer.Option(help="File to write, default SCENARIO.ssp or SCENARIO_2.0.ssp."),
@@ -149,7 +150,7 @@ def ssp(
     from vdfmu.system.scenario.parts import build_parts
 
     fmi_version = fmi_of_format(form, backend)
-    name = chosen.name if form == "1.0" else f"{chosen.name}_{form}"
+    name = chosen.name if form == SSP_1.name else f"{chosen.name}_{form}"
     target = out or Path(f"{name}.ssp")
     require_ours(target)
     values = _values(chosen, backend, settings)
@@ -172,7 +173,8 @@ def reference(
     from vdfmu.system.package.versions import fmi_of_format
     from vdfmu.system.scenario.values import system_values
 
-    fmi_of_format("2.0", None)
+    for form in SSP_FORMATS:
+        fmi_of_format(form, None)
     written = write_reference(chosen, out, system_values(chosen, read_settings(settings)))
     for path in written:
         say(str(path))

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict
 
 from vdfmu.base.option import Option, read_settings
+from vdfmu.base.standards import PYTHON_FMI
 from vdfmu.engine.options import (
     TEXTS,
     CouplingOptions,
@@ -69,7 +70,8 @@ class ScenarioRunOptions(ScenarioOptions, ResultOptions, LogOptions, ObserverOpt
         typed=Path | None)]
     reference: Annotated[bool, Option("Solve the references and compare, which takes longer than the run itself.",
         default=True, flag="--reference/--no-reference")]
-    fmi_version: Annotated[str, Option("Version of FMI: 2.0, or 3.0 for native FMUs.", default="2.0", flag="--fmi")]
+    fmi_version: Annotated[str, Option("Version of FMI: 2.0, or 3.0 for native FMUs.",
+        default=PYTHON_FMI.name, flag="--fmi")]
     pictures: Annotated[Sequence[str], Option("Kinds of the figures: png, svg and pdf, separated by commas.",
         "sequence of str", default=("png",), typed=str)]
     simulate: Annotated[bool, Option("Let report.html run the scenario again, with sliders.",

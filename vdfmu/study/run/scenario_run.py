@@ -18,6 +18,7 @@ from vdfmu.base.once import one_job
 from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import doing, report
 from vdfmu.base.show_progress import with_progress
+from vdfmu.base.standards import PYTHON_FMI
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
 from vdfmu.engine.algorithms import ALGORITHMS, choice, count_steps
@@ -164,7 +165,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
         if out is False
         else replacing_results(folder, RUN_OUTPUTS, options["overwrite"])
     )
-    if backend is None and fmi_version != "2.0":
+    if backend is None and fmi_version != PYTHON_FMI.name:
         backend = "native"
     backend = choose_backend(backend)
     robot = scenario.robot
