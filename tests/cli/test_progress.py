@@ -38,9 +38,7 @@ def test_each_traced_function_and_each_compiled_file_counts(tmp_path, monkeypatc
 
 @pytest.mark.heavy
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals of this kind")
-@pytest.mark.parametrize(
-    "words", [("build", "--out", "fmus"), ("ssp",), ("container",), ("run", "--stop", "0.01")]
-)
+@pytest.mark.parametrize("words", [("build", "--out", "fmus"), ("run", "--stop", "0.01")])
 def test_a_terminal_shows_how_far_it_is_and_a_file_does_not(tmp_path, words):
     import pty
 
