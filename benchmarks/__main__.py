@@ -34,9 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         action="store_true",
         help="shorter runs and fewer sizes, under a minute in all where everything is built",
     )
-    parser.add_argument(
-        "--out", type=Path, default=Path("results/bench"), help="where to write; default %(default)s"
-    )
+    parser.add_argument("--out", type=Path, default=Path("results/bench"), help="where to write; default %(default)s")
     options = parser.parse_args(arguments)
     unknown = [name for name in options.names if name not in NAMES]
     if unknown:
@@ -68,9 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         pages.append((options.out / f"{name}.md").read_text(encoding="utf-8"))
         report.say(f"{name}: {wall:.0f} s, files {options.out / name}.*")
         if cpu < 0.9 * wall:
-            report.say(
-                f"The machine was busy: {cpu:.0f} s of processor time in {wall:.0f} s. Wall times are too long."
-            )
+            report.say(f"The machine was busy: {cpu:.0f} s of processor time in {wall:.0f} s. Wall times are too long.")
     (options.out / "bench.md").write_text("\n".join(pages), encoding="utf-8")
     write_summary(options.out / "bench.json", facts)
     return 0

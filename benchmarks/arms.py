@@ -45,9 +45,7 @@ def run(report: Report, quick: bool = False) -> None:
             *(float(loops.margins(delay=delay).modulus.min()) for delay in (0, 1)),
             float(motion["T"]), ran["largest"], ran["final"], ran["build"], ran["second"],
         )  # fmt: skip
-    table.notes.append(
-        "Modes with held motors where the motion starts; errors in rad or m; times are processor times."
-    )
+    table.notes.append("Modes with held motors where the motion starts; errors in rad or m; times are processor times.")
     report.show(table)
     report.facts["rows"] = table.rows
 

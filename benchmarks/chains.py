@@ -31,9 +31,7 @@ def repeated_link(n: int, seed: int = 1) -> Robot:
         "inertia": mass / 8 * sum(np.dot(p, p) * np.eye(3) - np.outer(p, p) for p in points),
     }
     pattern = load_robot("manipulator_6dof")  # its first drive and friction, which rigid dynamics do not use
-    fields = {
-        name: link.get(name, getattr(pattern, name)[0]) for name, row in PARAMETERS.items() if row.per_joint
-    }
+    fields = {name: link.get(name, getattr(pattern, name)[0]) for name, row in PARAMETERS.items() if row.per_joint}
     return dataclasses.replace(
         pattern,
         name=f"chain_{n}",
@@ -43,9 +41,7 @@ def repeated_link(n: int, seed: int = 1) -> Robot:
         tool_offset=np.array([0.05, -0.1, 0.2]),
         tool_rotation=np.eye(3),
         sources={},
-        **{
-            name: np.repeat(np.asarray(value, dtype=float)[None], n, axis=0) for name, value in fields.items()
-        },
+        **{name: np.repeat(np.asarray(value, dtype=float)[None], n, axis=0) for name, value in fields.items()},
     )
 
 

@@ -15,9 +15,7 @@ from vdfmu.compiler.c.platforms import PLATFORMS, this_platform
 from vdfmu.compiler.functions.functions import Functions
 
 
-def write_library(
-    functions: Functions, names: Sequence[str], folder: Path, flags: Sequence[str] = ()
-) -> Path:
+def write_library(functions: Functions, names: Sequence[str], folder: Path, flags: Sequence[str] = ()) -> Path:
     """Compile traced functions into one shared library that exports them.
 
     Parameters

@@ -55,9 +55,7 @@ def run(report: Report, quick: bool = False) -> None:
             counts = {"steps": steps, "rejected": 0, "unit_steps": len(results.summary["order"]) * steps}
             counts |= results.summary.get("communication", {})
             method = algorithm if adaptive is None else f"{algorithm}, adaptive"
-            table.add(
-                method, 1e3 * step, adaptive, error, *(counts[k] for k in ("steps", "rejected", "unit_steps"))
-            )
+            table.add(method, 1e3 * step, adaptive, error, *(counts[k] for k in ("steps", "rejected", "unit_steps")))
             points.setdefault(method, []).append((error, counts["unit_steps"]))
     report.show(table)
     equal = Table(

@@ -103,9 +103,7 @@ def run(report: Report, quick: bool = False) -> None:
         measured |= {name: [row.others_us[name] for row in high] for name in others}
         for what, y in measured.items():
             slope, _ = np.polyfit(np.log([row.n for row in high]), np.log(y), 1)
-            table.notes.append(
-                f"Exponent of the time of {what} for n = {high[0].n} to {high[-1].n}: {slope:.2f}."
-            )
+            table.notes.append(f"Exponent of the time of {what} for n = {high[0].n} to {high[-1].n}: {slope:.2f}.")
     report.show(table)
     report.show(sizes)
     report.facts["rows"] = [[*astuple(row)[:-1], row.others_us] for row in rows]
@@ -173,10 +171,7 @@ def _built(robot: Robot, place: Path) -> dict[str, Any]:
     return {
         "fmus": {name: str(path) for name, path in fmus.items()},
         "python_s": ended.user + ended.system - began.user - began.system,
-        "compiler_s": ended.children_user
-        + ended.children_system
-        - began.children_user
-        - began.children_system,
+        "compiler_s": ended.children_user + ended.children_system - began.children_user - began.children_system,
         "wall_s": time.perf_counter() - wall,
     }
 

@@ -120,9 +120,7 @@ class Tracking:
         """Build, solve and run all that the cases are held against."""
         scenario, values = self.scenario, system_values(self.scenario)
         for kind, fmi in (("python", "2.0"), ("native", "2.0"), ("native", "3.0")):
-            fmus = build_fmus(
-                scenario.arm, self.fmus(kind, fmi), start_values=values, backend=kind, fmi_version=fmi
-            )
+            fmus = build_fmus(scenario.arm, self.fmus(kind, fmi), start_values=values, backend=kind, fmi_version=fmi)
             write_ssp(scenario, fmus, self.package(kind, fmi), version=SSP_OF_FMI[fmi])
         for step in (self.step, EXACT_STEP):
             stop = round(self.stop / step) * step
@@ -175,9 +173,7 @@ class Tracking:
         if np.isnan(rows[1:]).any():
             return Seen(DEVIATES, words="values are nan")
         first = 1 if np.isnan(rows[0]).any() else 0
-        to_reference, to_jacobi = (
-            float(np.abs(rows - other)[first:].max()) for other in (self.reference(), jacobi)
-        )
+        to_reference, to_jacobi = (float(np.abs(rows - other)[first:].max()) for other in (self.reference(), jacobi))
         return Seen(RUNS if to_jacobi <= self.allowed(tool) else DEVIATES, to_reference, to_jacobi)
 
     def allowed(self, tool: str) -> float:
@@ -252,9 +248,7 @@ def _in_fmpy(tracking: Tracking, case: Case) -> Seen:
             path = write_container(
                 tracking.package(case.kind, case.fmi), Path(folder) / "system.fmu", step=tracking.step
             )
-            return tracking.judge(
-                case.tool, case.kind, ask_rows(tracking.request(run="fmpy-fmu", path=str(path)))
-            )
+            return tracking.judge(case.tool, case.kind, ask_rows(tracking.request(run="fmpy-fmu", path=str(path))))
     largest = max(drive(tracking, case.kind, case.fmi).values())
     recorded = tracking.jacobi(case.kind, EXACT_STEP) - tracking.reference(EXACT_STEP)
     return Seen(
@@ -317,9 +311,7 @@ def _in_fmucontainer(tracking: Tracking, case: Case) -> Seen:
 
 def _in_fmutool(tracking: Tracking, case: Case) -> Seen:
     fmus = sorted(tracking.fmus(case.kind, case.fmi).glob("*.fmu"))
-    said = "\n".join(
-        _command("fmutool", "-input", str(path), "-check", folder=str(tracking.folder)) for path in fmus
-    )
+    said = "\n".join(_command("fmutool", "-input", str(path), "-check", folder=str(tracking.folder)) for path in fmus)
     found = [line.strip() for line in said.splitlines() if "compliant" in line or "semantic error" in line]
     kinds = dict.fromkeys(line.partition("|")[2].strip() for line in found)
     good = all("seems to be compliant" in kind or kind.startswith("No semantic error") for kind in kinds)
@@ -337,9 +329,7 @@ def _command(name: str, *arguments: str, folder: str) -> str:
 
 def _in_pyssp(tracking: Tracking, case: Case) -> Seen:
     found = ask({"run": "pyssp", "path": str(tracking.package(case.kind, case.fmi))})
-    return Seen(
-        READS, words=f"{found['connections']} connections, {found['sets']} parameter sets, schemas kept"
-    )
+    return Seen(READS, words=f"{found['connections']} connections, {found['sets']} parameter sets, schemas kept")
 
 
 _EXAMINERS: Mapping[str, Callable[[Tracking, Case], Seen]] = {

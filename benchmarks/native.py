@@ -188,9 +188,7 @@ def study(
         ISOLATED: float(np.max(np.abs(q[ISOLATED] - q[NATIVE]))),
         OWN: float(np.max(np.abs(q[OWN] - q[NATIVE]))),
         CONTAINER: float(np.max(np.abs(q[CONTAINER] - q[JACOBI]))),
-        LOOP: max(
-            float(np.max(np.abs(loop[LOOP][name] - last[NATIVE][name]))) for name in last[NATIVE].names
-        ),
+        LOOP: max(float(np.max(np.abs(loop[LOOP][name] - last[NATIVE][name]))) for name in last[NATIVE].names),
     }
     return found
 
@@ -268,9 +266,7 @@ def tabulate(found: Native, report: Report) -> None:
     report.show(parts)
     report.facts |= {
         "us_per_step": {case: us * found.least(case) for case in found.wall},
-        "real_time_factor": {
-            case: found.step / found.least(case) for case in (PYTHON, NATIVE, JACOBI, CONTAINER)
-        },
+        "real_time_factor": {case: found.step / found.least(case) for case in (PYTHON, NATIVE, JACOBI, CONTAINER)},
         "native_over_python": found.ratio(PYTHON, NATIVE),
         "container_over_native": found.ratio(NATIVE, CONTAINER),
         "units_us": {unit: {k: us * v for k, v in own.items()} for unit, own in found.units.items()},

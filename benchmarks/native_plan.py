@@ -48,9 +48,7 @@ def loop_library() -> Any:
     """
     source = Path(__file__).with_name("native_loop.c").read_bytes()
     platform = this_platform()
-    content = compile_library(
-        {"native_loop.c": source}, platform, name="native_loop", flags=("-fvisibility=default",)
-    )
+    content = compile_library({"native_loop.c": source}, platform, name="native_loop", flags=("-fvisibility=default",))
     with tempfile.TemporaryDirectory(prefix="vdfmu-bench-", ignore_cleanup_errors=True) as folder:
         path = Path(folder) / f"native_loop{PLATFORMS[platform].suffix}"
         path.write_bytes(content)
@@ -98,9 +96,7 @@ class Plan:
     _kept: list[Any] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        (bank,) = (
-            bank for bank in self.exchange.banks if bank.memory.size
-        )  # units of vdfmu have real signals only
+        (bank,) = (bank for bank in self.exchange.banks if bank.memory.size)  # units of vdfmu have real signals only
         self._bank = bank
         self.signals = [f"{unit}.{variable.name}" for unit, variable in bank.variables]
         self._copy("all", slice(0, bank.inputs.size))
@@ -117,9 +113,7 @@ class Plan:
         self._kept.append(positions)
         target = self._bank.inputs[window].ctypes.data
         source = self._bank.outputs.ctypes.data
-        self._add(
-            unit, "gather", _Action(_COPY, None, None, positions.ctypes.data, len(links), target, source)
-        )
+        self._add(unit, "gather", _Action(_COPY, None, None, positions.ctypes.data, len(links), target, source))
 
     def _stage(self, instance: Instance, calls: list[Call]) -> None:
         unit = instance.name

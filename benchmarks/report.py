@@ -46,14 +46,10 @@ class Table:
 
     def to_rich(self) -> rich.table.Table:
         """Table for the terminal."""
-        table = rich.table.Table(
-            title=self.title.replace("[", r"\["), title_justify="left", box=rich.box.SIMPLE_HEAD
-        )
+        table = rich.table.Table(title=self.title.replace("[", r"\["), title_justify="left", box=rich.box.SIMPLE_HEAD)
         for i, (heading, _) in enumerate(self.columns):
             number = self.numeric(i)
-            table.add_column(
-                heading.replace("[", r"\["), justify="right" if number else "left", no_wrap=not number
-            )
+            table.add_column(heading.replace("[", r"\["), justify="right" if number else "left", no_wrap=not number)
         for row in self.texts():
             table.add_row(*[text.replace("[", r"\[") for text in row])
         return table
@@ -61,13 +57,9 @@ class Table:
     def to_markdown(self) -> str:
         """Table and notes in Markdown."""
         head = "| " + " | ".join(heading for heading, _ in self.columns) + " |"
-        rule = (
-            "|" + "|".join(" ---: " if self.numeric(i) else " --- " for i in range(len(self.columns))) + "|"
-        )
+        rule = "|" + "|".join(" ---: " if self.numeric(i) else " --- " for i in range(len(self.columns))) + "|"
         body = ["| " + " | ".join(row) + " |" for row in self.texts()]
-        return "\n".join(
-            [f"### {self.title}", "", head, rule, *body, "", *[f"- {n}" for n in self.notes], ""]
-        )
+        return "\n".join([f"### {self.title}", "", head, rule, *body, "", *[f"- {n}" for n in self.notes], ""])
 
     def to_csv(self, path: Path) -> None:
         """Write the values in full precision."""

@@ -102,9 +102,7 @@ def _engines(report: Report, folder: Path, stop: float, rounds: int) -> None:
             ("points/s", ".1f"),
             ("of the FMUs", ".1f"),
         ],
-        notes=[
-            f"Processor time of a point with its measure, best of {rounds} rounds, in which the ways take turns."
-        ],
+        notes=[f"Processor time of a point with its measure, best of {rounds} rounds, in which the ways take turns."],
     )
     plan = _plan(LANES, stop, "batch")
     system, measures = plan.job.systems[0], plan.job.measures

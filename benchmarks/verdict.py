@@ -42,9 +42,7 @@ def grows(simulator: Simulator, n: int, end: float, parameters: dict[str, Any]) 
     nudged = {f"plant.q_dot_0[{i + 1}]": NUDGE for i in range(n)}
     try:
         run, other = (
-            simulator.run(stop=end, parameters=parameters | more, record=["plant.kappa_dot[*]"])[
-                "plant.kappa_dot"
-            ]
+            simulator.run(stop=end, parameters=parameters | more, record=["plant.kappa_dot[*]"])["plant.kappa_dot"]
             for more in ({}, nudged)
         )
     except CosimError:
@@ -61,9 +59,7 @@ def grows(simulator: Simulator, n: int, end: float, parameters: dict[str, Any]) 
     return "chatters" if median.max() > CHATTER else ""
 
 
-def count(
-    name: str, master: str, motion: float, end: float, factors: tuple[float, float], sets: int
-) -> list[Any]:
+def count(name: str, master: str, motion: float, end: float, factors: tuple[float, float], sets: int) -> list[Any]:
     """Judge gain sets of a scenario; return a row of the table."""
     scenario = load_scenario(name)
     n, generator = scenario.arm.n, np.random.default_rng(22)

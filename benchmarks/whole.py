@@ -67,9 +67,7 @@ def _commands(report: Report, folder: Path, scenario: str, rounds: int) -> None:
     for _ in range(rounds):
         for name, arguments in commands.items():
             best[name] = min(best[name], command(*arguments()))
-    table = Table(
-        "commands", f"Processor time of commands, {scenario}", [("command", ""), ("time [s]", ".2f")]
-    )
+    table = Table("commands", f"Processor time of commands, {scenario}", [("command", ""), ("time [s]", ".2f")])
     for name, seconds in best.items():
         table.add(name, seconds)
     report.show(table)
@@ -146,9 +144,7 @@ def _dynamics(report: Report, rounds: int) -> None:
         Case("a state of a small batch", lambda: vdfmu.inverse_dynamics(plain, *few)),
     ]
     measure(cases, rounds)
-    table = Table(
-        "dynamics", "vdfmu.inverse_dynamics, six joints", [("call", ""), ("time a state [us]", ".2f")]
-    )
+    table = Table("dynamics", "vdfmu.inverse_dynamics, six joints", [("call", ""), ("time a state [us]", ".2f")])
     for case, states in zip(cases, (1, _LARGE, _LARGE // 100), strict=True):
         table.add(case.name, 1e6 * case.best / states)
         report.facts[case.name] = case.best / states

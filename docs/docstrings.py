@@ -37,9 +37,7 @@ class PlainDocstrings(griffe.Extension):
             text = obj.docstring.value
             if obj.path == f"{Robot.__module__}.Robot":  # its docstring goes on with the table of parameters
                 text = inspect.getdoc(Robot) or ""
-            text = _GROUP.sub(
-                lambda m: "".join(f"{name}\n{m[2]}" for name in re.findall(r"\w+", m[1])), text + "\n"
-            )
+            text = _GROUP.sub(lambda m: "".join(f"{name}\n{m[2]}" for name in re.findall(r"\w+", m[1])), text + "\n")
             text = _TYPE.sub(lambda line: line[0].replace(" [", "\u00a0["), text)
             text = _UNIT.sub(r" \[", text)  # else Markdown takes the index and the unit for a link
             obj.docstring.value = _ROLE.sub(r"`\1`", text)

@@ -41,9 +41,7 @@ def drawn(html: str) -> str:
         return f'<div class="formula"><div>{svg}</div>{number}</div>'
 
     html = _FORMULA.sub(draw, html)
-    return (
-        f'<svg class="glyphs" aria-hidden="true">{"".join(symbols.values())}</svg>' if symbols else ""
-    ) + html
+    return (f'<svg class="glyphs" aria-hidden="true">{"".join(symbols.values())}</svg>' if symbols else "") + html
 
 
 class _Draw(Postprocessor):

@@ -28,9 +28,7 @@ def interface_page() -> str:
         for causality, title in _TITLES.items():
             groups = [
                 list(g)
-                for _, g in groupby(
-                    (v for v in interface.memory if v.causality == causality), lambda v: v.group
-                )
+                for _, g in groupby((v for v in interface.memory if v.causality == causality), lambda v: v.group)
             ]
             if groups:
                 lines += ["", f"**{title}**", "", *_rows(interface, causality, groups, prismatic)]
@@ -59,11 +57,7 @@ def robot_file_page() -> str:
                 f"`{row.key}`",
                 unit + (f" [{prismatic}]" if prismatic != unit else ""),
                 ", ".join(part for part in (size, low, high) if part),
-                ""
-                if row.default is None
-                else f"{row.default:g}"
-                if isinstance(row.default, float)
-                else "unit matrix",
+                "" if row.default is None else f"{row.default:g}" if isinstance(row.default, float) else "unit matrix",
                 row.equation,
                 _text(row.text[0].upper() + row.text[1:].replace(", Eq. {}", "").replace(" of Eq. {}", "")),
             )
@@ -116,9 +110,7 @@ def _rows(
             "name": f"`{first.name}`" + (f" .. `{last.name}`" if len(group) > 1 else ""),
             "value reference": str(references[0]) + (f" .. {references[1]}" if len(group) > 1 else ""),
             "FMI 3.0": _array(interface.arrays[interface.owners[references[0]]], len(group)),
-            "variability": first.variability
-            if first.type == "Real"
-            else f"{first.variability}, {first.type}",
+            "variability": first.variability if first.type == "Real" else f"{first.variability}, {first.type}",
             "unit": unit,
             "start": _range([v.start for v in group]),
             "min": "" if first.minimum is None else f"{first.minimum:g}",

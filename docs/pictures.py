@@ -56,9 +56,7 @@ def _line(*points: tuple[float, float], kind: str = "", tip: bool = False) -> st
 
 def _box(x: float, y: float, width: float, height: float, kind: str, *lines: str) -> str:
     top = y + height / 2 + 15 - 10 * len(lines)
-    texts = [
-        _text(x + width / 2, top + 20 * k, line, "soft" if k else "bold") for k, line in enumerate(lines)
-    ]
+    texts = [_text(x + width / 2, top + 20 * k, line, "soft" if k else "bold") for k, line in enumerate(lines)]
     box = f'<rect x="{x}" y="{y}" width="{width}" height="{height}" rx="5" class="{kind}"/>'
     return "\n".join([box, *texts])
 

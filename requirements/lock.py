@@ -33,9 +33,7 @@ def compiled(*options: str, build: bool = True) -> str:
         Path(sys.executable).with_name("uv"), "pip", "compile", "--quiet", "--universal", "--python-version=3.11.5",
         "--fork-strategy=fewest", "--no-header", "--no-annotate", *options, *(["-"] if build else []),
     ]  # fmt: skip
-    done = subprocess.run(
-        command, cwd=ROOT, input="\n".join(needed), stdout=subprocess.PIPE, text=True, check=True
-    )
+    done = subprocess.run(command, cwd=ROOT, input="\n".join(needed), stdout=subprocess.PIPE, text=True, check=True)
     return done.stdout
 
 
@@ -46,9 +44,7 @@ def blocks(text: str) -> list[str]:
 
 def main() -> None:
     """Choose the versions, then write them with their hashes."""
-    compiled(
-        "pyproject.toml", "--all-extras", "--group=supply", f"--output-file={CONSTRAINTS}", *sys.argv[1:]
-    )
+    compiled("pyproject.toml", "--all-extras", "--group=supply", f"--output-file={CONSTRAINTS}", *sys.argv[1:])
     pins = sorted(line.partition(" ")[0] for line in CONSTRAINTS.read_text(encoding="utf-8").splitlines())
     CONSTRAINTS.write_text(
         "\n".join(["# Versions tested together. Written by: make lock", *pins, ""]), encoding="utf-8"
@@ -56,9 +52,7 @@ def main() -> None:
     written: dict[str, list[str]] = {}
     for name, (options, included) in FILES.items():
         source = () if name == "supply" else ("pyproject.toml",)
-        text = compiled(
-            *source, *options, "--generate-hashes", f"--constraints={CONSTRAINTS}", build=bool(source)
-        )
+        text = compiled(*source, *options, "--generate-hashes", f"--constraints={CONSTRAINTS}", build=bool(source))
         known = {block for other in included for block in written[other]}
         head = ["# Written by: make lock", *(f"-r {other}.txt" for other in included)]
         own = [block for block in blocks(text) if block not in known]

@@ -40,9 +40,7 @@ def faults() -> list[Fault]:
         head, line, changed = block.split("\n")
         file, _, same = head.partition(" ")
         fault = Fault(file, line.removeprefix("- "), changed.removeprefix("+ "), same == "same")
-        count = [each.strip() for each in (ROOT / file).read_text(encoding="utf-8").splitlines()].count(
-            fault.line
-        )
+        count = [each.strip() for each in (ROOT / file).read_text(encoding="utf-8").splitlines()].count(fault.line)
         if count != 1:
             raise ValueError(f"{_LIST.name}: {file}: expected one line {fault.line!r}, got {count}")
         found.append(fault)

@@ -29,9 +29,7 @@ def _imports() -> dict[str, set[str]]:
             elif isinstance(node, ast.ImportFrom):
                 assert node.level == 0, f"{path}: a relative import"
                 wholes = {f"{node.module}.{alias.name}" for alias in node.names}
-                found[name] |= {
-                    one if one in modules else str(node.module) for one in wholes
-                } & modules.keys()
+                found[name] |= {one if one in modules else str(node.module) for one in wholes} & modules.keys()
     return found
 
 

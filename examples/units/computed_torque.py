@@ -24,9 +24,7 @@ class ComputedTorque(Unit):
     tau = Output("N.m", JOINTS, "motor torque, motor-side")
     k_p = Parameter("1/s2", JOINTS, "stiffness of the error", start=400.0, minimum=0.0, tunable=True)
     k_v = Parameter("1/s", JOINTS, "damping of the error", start=20.0, minimum=0.0, tunable=True)
-    K_v = Parameter(
-        "damping", JOINTS, "damping of the rotor, link-side", start=20.0, minimum=0.0, tunable=True
-    )
+    K_v = Parameter("damping", JOINTS, "damping of the rotor, link-side", start=20.0, minimum=0.0, tunable=True)
     robot = RobotParameters()
 
     def outputs(self) -> None:

@@ -21,9 +21,7 @@ class Wall(Unit):
     F_e = Output(3 * ("N",) + 3 * ("N.m",), 6, "Wrench of the arm on the wall in {O}")
     depth = Output("m", text="Depth of the end effector behind the plane")
     normal = Parameter("1", 3, "Direction into the wall in {I}, of length 1", start=[1.0, 0.0, 0.0])
-    distance = Parameter(
-        "m", text="Distance of the plane from the origin of {I}, along the normal", start=10.0
-    )
+    distance = Parameter("m", text="Distance of the plane from the origin of {I}, along the normal", start=10.0)
     k = Parameter("N/m", text="Stiffness", start=2e4, minimum=0.0)
     c = Parameter("N.s/m", text="Damping", start=100.0, minimum=0.0)
     robot = RobotParameters()

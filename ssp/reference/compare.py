@@ -64,12 +64,8 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("mine")
     parser.add_argument("reference")
-    parser.add_argument(
-        "--tolerance", type=float, default=1e-5, help="of a signal's largest value, default 1e-5"
-    )
-    parser.add_argument(
-        "--partial", action="store_true", help="outputs that are not in the file do not count"
-    )
+    parser.add_argument("--tolerance", type=float, default=1e-5, help="of a signal's largest value, default 1e-5")
+    parser.add_argument("--partial", action="store_true", help="outputs that are not in the file do not count")
     options = parser.parse_args()
     tables = []
     for path in (options.mine, options.reference):

@@ -33,9 +33,7 @@ from vdfmu.arm.robot.structure import values
 from vdfmu.compiler.c.compile import native_available
 from vdfmu.system.scenario import load_scenario
 
-needs_compiler = pytest.mark.skipif(
-    not native_available(), reason="the compiler of native FMUs is not installed"
-)
+needs_compiler = pytest.mark.skipif(not native_available(), reason="the compiler of native FMUs is not installed")
 
 
 @pytest.fixture
@@ -159,9 +157,7 @@ def test_native(report: Report) -> None:
         **dict.fromkeys(("feedforward", "controller", "plant", native.OWN), {"set", "do_step", "get"}),
     }
     assert found.differences[native.OWN] == 0.0  # the same operations in the same order
-    assert (
-        found.master["number of calls"] == 11
-    )  # set, doStep and get of four units, of which one has no inputs
+    assert found.master["number of calls"] == 11  # set, doStep and get of four units, of which one has no inputs
     native.tabulate(found, report)
     assert report.tables[1].rows[-1][0] == "total"
 
@@ -203,9 +199,7 @@ def test_time_at_an_error_is_interpolated() -> None:
 
 
 @pytest.mark.heavy
-def test_command_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(SystemExit) as exit_:
         main(["nothing"])
     assert exit_.value.code == 2

@@ -40,9 +40,7 @@ READERS = {
 
 
 def test_every_command_that_writes_is_among_these():
-    commands = {c.callback.__name__ for c in app.registered_commands} | {
-        g.name for g in app.registered_groups
-    }
+    commands = {c.callback.__name__ for c in app.registered_commands} | {g.name for g in app.registered_groups}
     assert commands == READERS | {text.split()[0] for text, _ in WRITERS}
 
 

@@ -71,17 +71,13 @@ def test_streams_of_ascii_take_every_text(environment: dict[str, str]) -> None:
 
 NEEDED = [
     re.split("[<>=]", entry)[0]
-    for entry in tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
-        "dependencies"
-    ]
+    for entry in tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["dependencies"]
 ]
 
 
 def without(package: str, folder: Path) -> str:
     """Return a path of modules on which a package is missing."""
-    (folder / "sitecustomize.py").write_text(
-        f"import sys\nsys.modules[{package!r}] = None\n", encoding="utf-8"
-    )
+    (folder / "sitecustomize.py").write_text(f"import sys\nsys.modules[{package!r}] = None\n", encoding="utf-8")
     return os.pathsep.join([str(folder), str(ROOT)])
 
 
@@ -93,9 +89,7 @@ def test_a_missing_package_is_named_where_it_is_needed(package: str, tmp_path: P
     done = vdfmu("--version", PYTHONPATH=path)
     assert (done.returncode, done.stdout) == (0, f"vdfmu {__version__}\n"), done.stderr
     out = str(tmp_path / "out")
-    done = vdfmu(
-        "run", "planar_tracking", "--stop", "0.001", "--backend", "python", "--out", out, PYTHONPATH=path
-    )
+    done = vdfmu("run", "planar_tracking", "--stop", "0.001", "--backend", "python", "--out", out, PYTHONPATH=path)
     assert done.returncode == 1
     assert done.stderr.startswith(f"error: the Python package {module} is not installed. ")
     assert done.stderr.endswith(f"-m pip install {module}\n")  # and nothing after it
@@ -122,9 +116,7 @@ def test_a_package_that_does_not_load_says_why(tmp_path: Path) -> None:
     (tmp_path / "numpy.py").write_text("raise ImportError('libgone.so: no such file', name='numpy')\n")
     done = vdfmu("models", "list", PYTHONPATH=os.pathsep.join([str(tmp_path), str(ROOT)]))
     assert done.returncode == 1
-    assert done.stderr.startswith(
-        "error: the Python package numpy cannot be imported: libgone.so: no such file. "
-    )
+    assert done.stderr.startswith("error: the Python package numpy cannot be imported: libgone.so: no such file. ")
     assert "Traceback" not in done.stderr
 
 

@@ -21,9 +21,7 @@ def test_each_traced_function_and_each_compiled_file_counts(tmp_path, monkeypatc
     monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
     reports = []
     with showing(lambda *report: reports.append(report)):
-        built = build_fmus(
-            load_robot("planar_2dof"), tmp_path, units=["plant", "controller"], backend="native"
-        )
+        built = build_fmus(load_robot("planar_2dof"), tmp_path, units=["plant", "controller"], backend="native")
     assert sorted(built) == ["controller", "plant"]
     stages = {stage: [report for report in reports if report[0] == stage] for stage, _, _ in reports}
     assert list(stages) == ["trace plant", "trace controller", "compile"]

@@ -68,9 +68,7 @@ def test_a_perturbed_signal_is_found_with_its_time(folder, tmp_path):
     rows[500][k] = repr(float(rows[500][k]) + 1e-3)
     code, said = compare(folder, written(tmp_path / "mine.csv", rows))
     assert code == 1
-    assert (
-        f"plant.q[1]: expected {float(rows_of(folder)[500][k]):.9g} at t = {float(rows[500][0]):g} s" in said
-    )
+    assert f"plant.q[1]: expected {float(rows_of(folder)[500][k]):.9g} at t = {float(rows[500][0]):g} s" in said
     assert "44 of 45 signals agree" in said
     assert compare(folder, tmp_path / "mine.csv", "--tolerance", "0.1")[0] == 0
 

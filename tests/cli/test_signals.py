@@ -101,10 +101,7 @@ def test_a_signal_keeps_the_rows_and_the_results_before(start, tmp_path, number)
     command.wait_for(lambda: any(path.stat().st_size > 10_000 for path in command.files("*/*/*/results.csv")))
     errors = " ".join(command.stop(number).split())
     assert "stopped: interrupted at t =" in errors
-    assert (
-        "The rows so far are in results/planar_tracking/partial; results/planar_tracking is as it was."
-        in errors
-    )
+    assert "The rows so far are in results/planar_tracking/partial; results/planar_tracking is as it was." in errors
     rows = (folder / "partial" / "results.csv").read_text().splitlines()
     assert len(rows) > 3
     assert len({row.count(",") for row in rows[1:]}) == 1
@@ -164,9 +161,7 @@ main()
     ],
 )
 def test_a_signal_that_a_library_drops_comes_again_and_one_at_the_end_adds_nothing(code, ended, said):
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=False
-    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=False)
     assert (done.returncode, done.stderr) == (ended, said)
 
 
@@ -208,9 +203,7 @@ def test_a_signal_acts_while_references_are_solved(start):
     command.wait_for(lambda: command.files("results/*/*/summary.json"))
     errors = command.stop(signal.SIGHUP)
     assert "stopped: The rows so far are in results/planar_tracking/partial." in errors
-    assert (
-        len((command.folder / "results/planar_tracking/partial/results.csv").read_text().splitlines()) == 2003
-    )
+    assert len((command.folder / "results/planar_tracking/partial/results.csv").read_text().splitlines()) == 2003
 
 
 def test_a_signal_acts_while_modules_are_imported(start):

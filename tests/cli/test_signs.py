@@ -127,9 +127,7 @@ def test_nothing_moves_while_a_command_waits_for_the_user():
     assert "━" not in shown.text.partition("waiting")[2]
 
 
-@pytest.mark.parametrize(
-    "words", ["sweep -q plot nowhere", "sweep --verbose plot nowhere", "sweep plot nowhere -q"]
-)
+@pytest.mark.parametrize("words", ["sweep -q plot nowhere", "sweep --verbose plot nowhere", "sweep plot nowhere -q"])
 def test_options_of_all_may_come_before_the_command_of_a_group(words):
     done = CliRunner().invoke(app, words.split())
     assert str(done.exception).startswith("nowhere"), done.exception

@@ -31,9 +31,7 @@ def test_named_tests_exist(page):
     text = page.read_text(encoding="utf-8")
     for path, name in re.findall(r"`(tests/[\w/]+\.py)(?:::(test_\w+))?`", text):
         assert (ROOT / path).is_file(), path
-        assert not name or re.search(
-            rf"^def {name}\(", (ROOT / path).read_text(encoding="utf-8"), re.MULTILINE
-        ), name
+        assert not name or re.search(rf"^def {name}\(", (ROOT / path).read_text(encoding="utf-8"), re.MULTILINE), name
     for name in re.findall(r"`(test_\w+)`", text):
         assert f"def {name}(" in (ROOT / "tests/arm/paper/test_errata.py").read_text(encoding="utf-8"), name
 
@@ -96,9 +94,7 @@ def test_pivots_stay_positive(arm, coupling):
         if coupling:  # what q_ddot adds to the rotors' equations
             links = velocity_mapping(arm, q)
             for i in range(1, N):
-                E[2 * N + i, N : 2 * N] = (rotor_transform(arm, i).T @ links[6 * i : 6 * i + 6])[5] / arm.ell[
-                    i
-                ]
+                E[2 * N + i, N : 2 * N] = (rotor_transform(arm, i).T @ links[6 * i : 6 * i + 6])[5] / arm.ell[i]
         smallest = np.concatenate([np.ones(3 * N), np.full(N, np.linalg.eigvalsh(M)[0])])
         for h, least in share.items():
             W = (E / (h * GAMMA) - E @ J)[np.ix_(order, order)]

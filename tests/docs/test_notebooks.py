@@ -13,10 +13,7 @@ NAMES = sorted(path.stem for path in (DOCS / "notebooks").glob("*.ipynb"))
 
 def printed(notebook):
     """Text that each cell printed; it may come in parts."""
-    return [
-        "".join("".join(output.get("text", "")) for output in cell.get("outputs", []))
-        for cell in notebook.cells
-    ]
+    return ["".join("".join(output.get("text", "")) for output in cell.get("outputs", [])) for cell in notebook.cells]
 
 
 @pytest.mark.heavy

@@ -59,9 +59,7 @@ def test_units_are_shown_as_the_docstrings_have_them(api):
     shown = words(re.sub(r"<[^>]+>", "", api))
     found = 0
     for documented in DOCUMENTED:
-        for names, kind in re.findall(
-            r"^ *(\w[\w, ]*) : (.*\[.*)$", inspect.getdoc(documented) or "", re.MULTILINE
-        ):
+        for names, kind in re.findall(r"^ *(\w[\w, ]*) : (.*\[.*)$", inspect.getdoc(documented) or "", re.MULTILINE):
             for name in names.split(", "):
                 found += 1
                 what = words(kind).replace(", optional", "")
@@ -92,9 +90,7 @@ def test_a_public_function_documents_its_parameters_and_what_it_returns(name):
     signature, text = inspect.signature(function), inspect.getdoc(function)
     assert set(documented(function)) >= set(signature.parameters)
     for parameter, kind in documented(function).items():  # a time has its unit
-        assert parameter not in ("step", "stop", "start", "time_limit") or not kind or "[s]" in kind, (
-            parameter
-        )
+        assert parameter not in ("step", "stop", "start", "time_limit") or not kind or "[s]" in kind, parameter
     if signature.parameters and "Generator" not in str(signature.return_annotation):
         assert "Returns\n-------" in text and (
             "Raises\n------" in text or re.search("errors as of|with its errors", text)
@@ -107,9 +103,7 @@ def test_every_public_name_is_on_the_page_of_the_api(api, name):
 
 
 def test_every_link_and_picture_of_the_pages_leads_somewhere(site):
-    pages = {
-        page: page.read_text(encoding="utf-8") for page in site.rglob("*.html") if page.name != "404.html"
-    }
+    pages = {page: page.read_text(encoding="utf-8") for page in site.rglob("*.html") if page.name != "404.html"}
     places = {page: set(re.findall(r'\b(?:id|name)="([^"]+)"', text)) for page, text in pages.items()}
     for page, text in pages.items():
         for url in re.findall(r'\b(?:href|src)="([^"]+)"', text):

@@ -172,9 +172,7 @@ def test_git_ignores_what_the_commands_of_the_readme_write():
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize(
-    "page", [page for page in GUIDES if page.stem != "omsimulator"], ids=lambda page: page.stem
-)
+@pytest.mark.parametrize("page", [page for page in GUIDES if page.stem != "omsimulator"], ids=lambda page: page.stem)
 def test_guide_runs_and_shows_its_output(page, tmp_path):
     """In a process of its own: a tool that crashes must not take this one with it."""
     here = (platform.system(), platform.machine())

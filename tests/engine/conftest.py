@@ -84,9 +84,7 @@ class {name}(Fmi2Slave):
 """
 
 
-def variable(
-    name: str, causality: str, kind: str = "Real", start: object = 0.0, unit: str | None = None
-) -> dict:
+def variable(name: str, causality: str, kind: str = "Real", start: object = 0.0, unit: str | None = None) -> dict:
     """Describe one variable of a test FMU."""
     return {"name": name, "causality": causality, "kind": kind, "start": start, "unit": unit}
 
@@ -240,8 +238,7 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     add(
         "Jump",
         [variable("y", "output")],
-        "def calc(self):\n    pass\n"
-        "def do_step(self, t, h):\n    self._y = float(t + h >= 0.5)\n    return True\n",
+        "def calc(self):\n    pass\ndef do_step(self, t, h):\n    self._y = float(t + h >= 0.5)\n    return True\n",
         {},
         discrete=("y",),
     )
@@ -470,9 +467,7 @@ def in_process(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) 
     """Run components in this process where nothing is said of isolation, for the tests of `IN_PROCESS`."""
     if request.module.__name__.rpartition(".")[2] in IN_PROCESS:
         plain = session.unpack_units
-        monkeypatch.setattr(
-            session, "unpack_units", lambda checked, folder: (plain(checked, folder)[0], False)
-        )
+        monkeypatch.setattr(session, "unpack_units", lambda checked, folder: (plain(checked, folder)[0], False))
 
 
 @pytest.fixture
@@ -496,8 +491,7 @@ def pack(tmp_path: Path, fmus: dict[str, Path]) -> Callable[..., Path]:
             connectors=connector_list(connectors),
             bindings=bindings,
             elements="".join(elements),
-            connections=(f"<ssd:Connections>{''.join(items)}</ssd:Connections>" if items else "")
-            + dictionaries,
+            connections=(f"<ssd:Connections>{''.join(items)}</ssd:Connections>" if items else "") + dictionaries,
             units=f"<ssd:Units>{units}</ssd:Units>" if units else "",
             experiment=experiment,
         )

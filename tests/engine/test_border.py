@@ -32,9 +32,7 @@ ARM = (
     ids=["simulate", "vdfmu simulate", "vdfmu check"],
 )
 def test_a_foreign_package_loads_neither_the_arm_nor_its_libraries(pack, xml, tmp_path, code):
-    path = pack(
-        [xml.component("r", "Ramp", "y:output"), xml.component("g", "Gain", "u:input")], ["r.y -> g.u"]
-    )
+    path = pack([xml.component("r", "Ramp", "y:output"), xml.component("g", "Gain", "u:input")], ["r.y -> g.u"])
     script = (
         f"import json, sys\nPATH, OUT = {str(path)!r}, {str(tmp_path / 'out')!r}\n"
         "def run():\n"
@@ -43,9 +41,7 @@ def test_a_foreign_package_loads_neither_the_arm_nor_its_libraries(pack, xml, tm
         "    except SystemExit as end:\n        assert not end.code, end.code\n"
         f"{code}\nprint()\nprint(json.dumps(sorted(sys.modules)))\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=120
-    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=120)
     assert done.returncode == 0, done.stderr
     loaded = json.loads(done.stdout.splitlines()[-1])
     assert "vdfmu.engine.run.master" in loaded or "check" in code

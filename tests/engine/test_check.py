@@ -93,9 +93,7 @@ def test_a_loop_of_units_without_declared_dependencies_says_so(pack, xml):
     results = simulate(path, stop=1.0, step=0.25)
     assert results.summary["algorithm"] == "jacobi"
     (note,) = [n for n in results.summary["notes"] if "jacobi" in n]
-    assert re.match(
-        rf"the master is jacobi: gauss-seidel, the default, has no order for this system\. .*{loop}", note
-    )
+    assert re.match(rf"the master is jacobi: gauss-seidel, the default, has no order for this system\. .*{loop}", note)
 
 
 def test_units_that_must_each_step_first_are_named_and_jacobi_runs_them(pack, xml):

@@ -91,9 +91,7 @@ def test_the_controller_in_plain_fmpy(built, tmp_path):
 
 def test_periodic_countdown_and_triggered_clocks(system):
     """The table of the Reference FMU: inClock1 every second, inClock3 at 4 s, outClock at every fifth tick of both."""
-    path = system(
-        {"clocks": (models.CLOCKS, "3.0"), "n": (models.COUNTER, "3.0")}, ["clocks.outClock -> n.c"]
-    )
+    path = system({"clocks": (models.CLOCKS, "3.0"), "n": (models.COUNTER, "3.0")}, ["clocks.outClock -> n.c"])
     results = simulate(path, stop=9.0, step=1.0)
     assert results["clocks.inClock1Ticks"].tolist() == list(range(1, 11))
     assert results["clocks.inClock3Ticks"].tolist() == [0] * 4 + [1] * 6
@@ -109,9 +107,7 @@ def test_a_countdown_ends_between_communication_points(system):
 
 
 def test_clocks_need_event_mode_and_sampling(system):
-    with pytest.raises(
-        SspError, match=r"c: .* has clocks, r, which tick in event mode; use gauss-seidel or jacobi"
-    ):
+    with pytest.raises(SspError, match=r"c: .* has clocks, r, which tick in event mode; use gauss-seidel or jacobi"):
         simulate(system(LOOP, WIRES), stop=1.0, step=0.1, algorithm="extrapolated")
 
 
@@ -128,8 +124,7 @@ def test_a_triggered_clock_that_nothing_ticks_is_noted(system):
 def test_an_early_return_is_an_event_of_the_component(system, step):
     """The ball bounces where it does without event mode: at the steps of its own solver."""
     two, three = (
-        simulate(system({"b": (models.BOUNCING_BALL, version)}), stop=2.0, step=step)
-        for version in ("2.0", "3.0")
+        simulate(system({"b": (models.BOUNCING_BALL, version)}), stop=2.0, step=step) for version in ("2.0", "3.0")
     )
     np.testing.assert_array_equal(two["b.h"], three["b.h"])
     np.testing.assert_array_equal(two["b.v"], three["b.v"])
@@ -156,9 +151,7 @@ def test_discrete_inputs_are_set_at_events(system):
     )
     results = simulate(path, stop=5.0, step=0.5, algorithm="jacobi")
     np.testing.assert_array_equal(results["b.Int32_output"], results["s.counter"])
-    two = system(
-        {"s": (models.STAIR, "3.0"), "a": (models.FEEDTHROUGH_2, "2.0")}, ["s.counter -> a.Int32_input"]
-    )
+    two = system({"s": (models.STAIR, "3.0"), "a": (models.FEEDTHROUGH_2, "2.0")}, ["s.counter -> a.Int32_input"])
     late = simulate(two, stop=5.0, step=0.5, algorithm="jacobi")  # FMI 2.0 has no events: a step later
     np.testing.assert_array_equal(late["a.Int32_output"][1:], late["s.counter"][:-1])
 
@@ -166,11 +159,7 @@ def test_discrete_inputs_are_set_at_events(system):
 @pytest.mark.parametrize("exchange", [False, True])
 def test_components_that_stay_loaded_begin_anew(system, exchange):
     """Clocks, events and solver too."""
-    ball = (
-        replace(models.BOUNCING_BALL, name="BallME", kinds=("ModelExchange",))
-        if exchange
-        else models.BOUNCING_BALL
-    )
+    ball = replace(models.BOUNCING_BALL, name="BallME", kinds=("ModelExchange",)) if exchange else models.BOUNCING_BALL
     path = system(LOOP | {"b": (ball, "3.0"), "s": (models.STAIR, "3.0")}, WIRES)
     with vdfmu.Simulator(path, isolate=False) as simulator:
         runs = [simulator.run(stop=2.0, step=0.1, parameters={"c.w": w}) for w in (1.0, 2.0, 1.0)]

@@ -101,11 +101,7 @@ def test_units_outside_a_loop_step_once(loop):
     assert summary["order"][:2] == ["trajectory", "feedforward"]
     assert set(summary["order"][2:4]) == {"error", "controller"}
     first_step_learns = 3
-    assert (
-        3 * 16 + 5 * 16
-        <= summary["communication"]["unit_steps"]
-        <= 3 * 16 + 5 * 2 * 16 + 5 * first_step_learns
-    )
+    assert 3 * 16 + 5 * 16 <= summary["communication"]["unit_steps"] <= 3 * 16 + 5 * 2 * 16 + 5 * first_step_learns
 
 
 def test_two_states_that_read_each_other(pack, xml):
@@ -114,9 +110,7 @@ def test_two_states_that_read_each_other(pack, xml):
         [c("a", "Plant", "u:input y:output"), c("b", "Plant", "u:input y:output")],
         ["a.y -> b.u", "b.y -> a.u"],
     )
-    results = simulate(
-        path, stop=1.0, step=0.25, algorithm="iterative", convergence=1e-13, parameters={"a.x0": 1.0}
-    )
+    results = simulate(path, stop=1.0, step=0.25, algorithm="iterative", convergence=1e-13, parameters={"a.x0": 1.0})
     # trapezoidal rule for x' = [0 1; 1 0] x
     J = 0.125 * np.array([[0.0, 1.0], [1.0, 0.0]])
     x = [np.array([1.0, 0.0])]
@@ -367,9 +361,7 @@ def test_a_coupling_that_does_not_converge_says_so(pack, xml):
     # trapezoidal rule: (1 - 125) / (1 + 125) a step; the guesses end within 1e-8 of it
     factor = (1 - 125.0) / (1 + 125.0)
     np.testing.assert_allclose(results["plant.y"], factor ** np.arange(5), rtol=0, atol=5e-8)
-    with pytest.raises(
-        CosimError, match="does not converge: y still changes by .*choose a shorter step"
-    ) as info:
+    with pytest.raises(CosimError, match="does not converge: y still changes by .*choose a shorter step") as info:
         simulate(
             path,
             stop=1.0,

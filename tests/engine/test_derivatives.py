@@ -77,8 +77,7 @@ def test_derivatives_of_outputs_halve_the_error_of_the_prediction(system, versio
     """A line through the last two values of y is off by h^2 y'', one with the slope at the last by half of that."""
     for h in (0.04, 0.02, 0.01):
         plain, given = (
-            run(system, model, version, SOFT, stop=4.0, step=h, algorithm="extrapolated")[0]
-            for model in (MASS, RATES)
+            run(system, model, version, SOFT, stop=4.0, step=h, algorithm="extrapolated")[0] for model in (MASS, RATES)
         )
         # a part of the error comes from the inputs that hold, and a term of the next order is h of it: 0.52, 0.52, 0.51
         assert 0.45 < given / plain < 0.55
@@ -91,10 +90,7 @@ def test_derivatives_of_outputs_halve_the_error_of_the_prediction(system, versio
 )
 def test_the_coupling_is_of_second_order(system, model, version, algorithm):
     steps = np.array([0.08, 0.04, 0.02, 0.01])
-    errors = [
-        run(system, model, version, SOFT, stop=4.0, step=h, algorithm=algorithm, isolate=False)[0]
-        for h in steps
-    ]
+    errors = [run(system, model, version, SOFT, stop=4.0, step=h, algorithm=algorithm, isolate=False)[0] for h in steps]
     order = np.polyfit(np.log(steps), np.log(errors), 1)[0]
     assert 1.9 < order < 2.1  # 2, except for terms of the next order, some h of the error
 
@@ -103,10 +99,7 @@ def test_the_coupling_is_of_second_order(system, model, version, algorithm):
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_directional_derivatives_save_repetitions(system, version):
     """With the exact Jacobian of a linear loop the first repetition solves it, where it is to be learnt else."""
-    runs = [
-        run(system, model, version, SOFT, stop=4.0, step=0.1, algorithm="iterative")
-        for model in (MASS, JACOBIAN)
-    ]
+    runs = [run(system, model, version, SOFT, stop=4.0, step=0.1, algorithm="iterative") for model in (MASS, JACOBIAN)]
     (plain, _), (given, results) = runs
     plain_steps, steps = (r.summary["communication"]["unit_steps"] for _, r in runs)
     assert steps == 40 * 2 * 2  # two sweeps over two units

@@ -101,9 +101,7 @@ def test_the_reason_of_a_failure_is_the_units_own_and_no_debug_text(package):
 def test_a_unit_that_gives_no_reason_is_quoted_with_its_last_message(package):
     with pytest.raises(CosimError) as info:
         simulate(package, stop=1.0, step=0.25, parameters={"unit.mute": 0.5})
-    assert info.value.reason == (
-        "the unit gave no reason; its last message: debug: fmi2DoStep ends (status error)"
-    )
+    assert info.value.reason == ("the unit gave no reason; its last message: debug: fmi2DoStep ends (status error)")
 
 
 # ---------------------------------------------------------------- what is not a number
@@ -112,9 +110,7 @@ def test_a_unit_that_gives_no_reason_is_quoted_with_its_last_message(package):
 @pytest.mark.parametrize("options", COUPLINGS, ids=lambda o: "-".join(map(str, o.values())))
 @pytest.mark.parametrize(("name", "value"), [("nan_from", "nan"), *heavy(("inf_from", "-inf"))])
 def test_what_is_no_number_ends_the_run(package, options, name, value):
-    with pytest.raises(
-        CosimError, match=rf"unit: doStep .* y is {value} at t = 0\.[57]\d* s, expected a fin"
-    ) as info:
+    with pytest.raises(CosimError, match=rf"unit: doStep .* y is {value} at t = 0\.[57]\d* s, expected a fin") as info:
         simulate(package, stop=1.0, step=0.25, parameters={f"unit.{name}": 0.5}, **options)
     rows = info.value.results
     assert rows["unit.y"].tolist() == [0.0, 0.25]  # those before it, all of numbers
@@ -152,9 +148,7 @@ def test_the_command_ends_with_an_error_and_keeps_the_rows(package, tmp_path):
 def test_check_notes_what_is_no_number(fmus):
     findings = check_run.run_apart(fmus["Dividing"])
     assert findings.problems == []
-    assert any(
-        note.startswith("y is inf at t = 0 s, inputs at their start values") for note in findings.notes
-    )
+    assert any(note.startswith("y is inf at t = 0 s, inputs at their start values") for note in findings.notes)
 
 
 # ---------------------------------------------------------------- the end that a unit makes
@@ -186,8 +180,6 @@ def test_the_command_says_who_ended_the_simulation(package, tmp_path):
 
 
 def test_a_step_that_is_discarded_without_that_is_an_error(package):
-    with pytest.raises(
-        CosimError, match=r"unit: doStep at t = 0\.5 s .*: too long a step \(status discard\)"
-    ) as info:
+    with pytest.raises(CosimError, match=r"unit: doStep at t = 0\.5 s .*: too long a step \(status discard\)") as info:
         simulate(package, stop=1.0, step=0.25, parameters={"unit.discard": 0.5})
     assert info.value.results.time.tolist() == [0.0, 0.25, 0.5]

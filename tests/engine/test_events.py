@@ -220,9 +220,7 @@ def test_a_unit_of_one_step_length_that_may_integrate_what_it_passes_through_is_
         extra={"resources/Rigid.fmu": rigid.getvalue()},
     )  # fmt: skip
     notes = simulate(path, stop=1.0, step=0.25, algorithm="extrapolated").summary["notes"]
-    assert any(
-        note.startswith("a: takes no derivatives of its inputs") and "first order" in note for note in notes
-    )
+    assert any(note.startswith("a: takes no derivatives of its inputs") and "first order" in note for note in notes)
     notes = simulate(path, stop=1.0, step=0.25).summary["notes"]
     assert not any("first order" in note for note in notes)
 

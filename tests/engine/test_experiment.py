@@ -48,9 +48,7 @@ def test_the_annotation_says_how_it_is_run(packed):
 
 def test_what_is_given_wins(packed):
     path = packed('communicationStepSize="0.25" algorithm="iterative" adaptive="0.1"')
-    results = simulate(
-        path, start=0.0, stop=1.0, step=0.5, algorithm="gauss-seidel"
-    )  # and adaptive is not for it
+    results = simulate(path, start=0.0, stop=1.0, step=0.5, algorithm="gauss-seidel")  # and adaptive is not for it
     assert results.time.tolist() == [0.0, 0.5, 1.0]
     assert results["plant.y"].tolist() == [1.0, 0.5, 0.25]
     assert results.summary["adaptive"] is None

@@ -90,9 +90,7 @@ def test_what_does_not_fit_is_refused(system):
         simulate(path, stop=0.1, step=0.1, parameters={"a.Binary_input": "no hex"})
     mixed = {"a": (models.FEEDTHROUGH, "3.0"), "b": (models.FEEDTHROUGH, "3.0")}
     path = system(mixed, ["a.Int8_output -> b.Float64_input", "a.String_output -> b.Binary_input"])
-    with pytest.raises(
-        SspError, match=r"type mismatch, Int8 to Float64\n?(.|\n)*type mismatch, String to Binary"
-    ):
+    with pytest.raises(SspError, match=r"type mismatch, Int8 to Float64\n?(.|\n)*type mismatch, String to Binary"):
         check_system(load_ssp(path))
 
 
@@ -132,9 +130,6 @@ def test_structural_parameters_size_the_arrays(system, xml):
     np.testing.assert_array_equal(y[:, 3], y[:, 0] + y[:, 1])
     bound = system({"s": (models.STATE_SPACE, "3.0")}, bindings={"s": xml.values(xml.integer("n", 1))})
     assert "s.x0" not in simulate(bound, stop=0.1, step=0.1)
-    assert (
-        len(check_system(load_ssp(bound)).descriptions["s"].variables)
-        == 1 + 3 + 1 + 3 + 3 + 9 + 1 + 3 + 1 + 1 + 3
-    )
+    assert len(check_system(load_ssp(bound)).descriptions["s"].variables) == 1 + 3 + 1 + 3 + 3 + 9 + 1 + 3 + 1 + 1 + 3
     with pytest.raises(UsageError, match=r"'s.A': expected one value, or 4 for A\[1,1\] to A\[2,2\], got 9"):
         simulate(path, stop=0.1, step=0.1, parameters=sizes | {"s.A": [0.0] * 9})

@@ -48,9 +48,7 @@ def test_a_run_waits_until_another_process_has_its_files_in_place(tmp_path):
         "import fcntl, os, sys\nhandle = os.open(sys.argv[1], os.O_RDONLY)\nfcntl.flock(handle, fcntl.LOCK_EX)\n"
         "print('has it', flush=True)\nsys.stdin.read()\n"
     )
-    other = subprocess.Popen(
-        [sys.executable, "-c", code, tmp_path], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    )
+    other = subprocess.Popen([sys.executable, "-c", code, tmp_path], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     done = threading.Event()
 
     def run():

@@ -79,9 +79,7 @@ def packages(pack, xml, fmus, tmp_path):
     def renamed(element, source):
         return element.replace("resources/Gain.fmu", source)
 
-    external = (
-        '<ssd:ParameterBindings><ssd:ParameterBinding source="resources/a.ssv"/></ssd:ParameterBindings>'
-    )
+    external = '<ssd:ParameterBindings><ssd:ParameterBinding source="resources/a.ssv"/></ssd:ParameterBindings>'
     incomplete = edited(fmus["Gain"], rb"<InitialUnknowns>.*</InitialUnknowns>", b"")
     return {
         "libcosim: demo": lambda: pack(

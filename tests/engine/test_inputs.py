@@ -51,9 +51,7 @@ def test_a_sampling_master_holds_the_value_of_the_start_of_a_step(lone, file, al
 @pytest.mark.parametrize("algorithm", CONTINUOUS)
 def test_a_continuous_master_lets_it_run(lone, file, algorithm, adaptive, isolate):
     path = file("time,plant.u\n0,1\n0.3,3\n1,0\n")
-    results = simulate(
-        lone, stop=1.0, step=0.1, algorithm=algorithm, adaptive=adaptive, inputs=path, isolate=isolate
-    )
+    results = simulate(lone, stop=1.0, step=0.1, algorithm=algorithm, adaptive=adaptive, inputs=path, isolate=isolate)
     t = 0.1 * np.arange(11)
     u = np.interp(t, [0.0, 0.3, 1.0], [1.0, 3.0, 0.0])
     np.testing.assert_allclose(results["plant.u"], u, atol=ROUNDING)
@@ -102,11 +100,7 @@ def test_a_fed_input_that_passes_through_is_fresh_for_its_readers(pack, xml):
 
 def test_whole_numbers_and_booleans_are_held(pack, xml, file):
     path = pack(
-        [
-            xml.component(
-                "logic", "Logic", "bi:input:Boolean ii:input:Integer bo:output:Boolean io:output:Integer"
-            )
-        ],
+        [xml.component("logic", "Logic", "bi:input:Boolean ii:input:Integer bo:output:Boolean io:output:Integer")],
         [],
     )
     signals = file("time,logic.bi,logic.ii\ns,boolean,integer\n0,0,3\n0.5,1,8\n")
@@ -157,9 +151,7 @@ def test_columns_that_name_no_free_input_are_all_refused(pack, xml, file):
 
 def test_of_a_results_file_the_columns_of_free_inputs_are_taken(pack, xml, tmp_path, lone, file):
     wave = np.sin(np.arange(9))
-    first = simulate(
-        lone, stop=1.0, step=H, algorithm="iterative", inputs={"plant.u": (H * np.arange(9), wave)}
-    )
+    first = simulate(lone, stop=1.0, step=H, algorithm="iterative", inputs={"plant.u": (H * np.arange(9), wave)})
     assert first.names == ["plant.y", "plant.u"]
     first.write(tmp_path / "results.csv")
     again = simulate(lone, stop=1.0, step=H, algorithm="iterative", inputs=tmp_path / "results.csv")
@@ -171,9 +163,7 @@ def test_of_a_results_file_the_columns_of_free_inputs_are_taken(pack, xml, tmp_p
 
 
 def test_rows_that_do_not_reach_over_the_run_hold_at_the_ends_with_a_note(lone, file):
-    results = simulate(
-        lone, stop=1.0, step=0.25, inputs=file("time,plant.u\n0.25,1\n0.5,2\n"), algorithm="jacobi"
-    )
+    results = simulate(lone, stop=1.0, step=0.25, inputs=file("time,plant.u\n0.25,1\n0.5,2\n"), algorithm="jacobi")
     assert results["plant.u"].tolist() == [1.0, 1.0, 1.0, 2.0, 2.0]
     assert any("its times are 0.25 to 0.5 s" in note for note in results.summary["notes"])
     whole = simulate(lone, stop=0.5, step=0.25, inputs=file("time,plant.u\n0,1\n0.5,2\n"))

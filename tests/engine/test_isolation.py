@@ -162,9 +162,7 @@ def test_a_process_that_ends_after_the_last_step_costs_no_row(package, way, call
     assert error.results["unit.y"].tolist() == [0.0, 0.25, 0.5, 0.75, 1.0]
 
 
-@pytest.mark.parametrize(
-    "way", ["error_end", "fatal_end", "strange_end", "strange", "negative", "error_free"]
-)
+@pytest.mark.parametrize("way", ["error_end", "fatal_end", "strange_end", "strange", "negative", "error_free"])
 @pytest.mark.parametrize("kind", [*heavy("FMU"), "SSP"])
 def test_check_says_what_a_unit_returns_that_it_may_not(wild, pack, xml, way, kind):
     path = wild(way, 0.5e-3)
@@ -175,9 +173,7 @@ def test_check_says_what_a_unit_returns_that_it_may_not(wild, pack, xml, way, ki
     assert problem.startswith("10 steps of 0.")
 
 
-@pytest.mark.parametrize(
-    ("way", "call"), [("crash", "doStep"), ("leave", "doStep"), ("crash_free", "freeInstance")]
-)
+@pytest.mark.parametrize(("way", "call"), [("crash", "doStep"), ("leave", "doStep"), ("crash_free", "freeInstance")])
 def test_check_of_a_package_names_the_component_that_ends_the_process(wild, pack, xml, way, call):
     fmu = wild(way, 0.5e-3).read_bytes()
     path = pack([xml.component("unit", "W", "y:output")], extra={"resources/W.fmu": fmu})
@@ -189,16 +185,12 @@ def test_check_of_a_package_names_the_component_that_ends_the_process(wild, pack
 @pytest.mark.heavy
 @pytest.mark.parametrize(("way", "call"), [("hang", "doStep"), ("hang_end", "terminate")])
 def test_check_of_a_package_names_the_component_that_does_not_return(wild, pack, xml, monkeypatch, way, call):
-    monkeypatch.setattr(
-        check_run, "SECONDS", check_run.NAMING + 8.0
-    )  # 8 s for the start of Python and the run
+    monkeypatch.setattr(check_run, "SECONDS", check_run.NAMING + 8.0)  # 8 s for the start of Python and the run
     fmu = wild(way, 0.5e-3).read_bytes()
     path = pack([xml.component("unit", "W", "y:output")], extra={"resources/W.fmu": fmu})
     (problem,) = check_run.run_apart(path, "SSP").problems
     # a second is the least time that a call has, also where a busy machine took longer to start
-    assert re.search(rf"unit: {call} at t = 0\.\d+ s failed: no return within [1-8](\.\d)? s; ", problem), (
-        problem
-    )
+    assert re.search(rf"unit: {call} at t = 0\.\d+ s failed: no return within [1-8](\.\d)? s; ", problem), problem
 
 
 # ---------------------------------------------------------------- processes of the components
@@ -301,9 +293,7 @@ def test_the_last_words_of_a_component_that_crashes_are_shown(package, monkeypat
 def test_isolated_components_compute_the_same_bits(tmp_path, algorithm):
     scenario = load_scenario("planar_tracking")
     path = write_ssp(scenario, cached_fmus(scenario, tmp_path, "native"), tmp_path / "x.ssp")
-    here, apart = (
-        simulate(path, algorithm=algorithm, stop=0.02, isolate=isolate) for isolate in (False, True)
-    )
+    here, apart = (simulate(path, algorithm=algorithm, stop=0.02, isolate=isolate) for isolate in (False, True))
     assert not here.summary["isolated"]
     assert apart.summary["isolated"]
     assert here.names == apart.names
@@ -346,9 +336,7 @@ def test_ctrl_c_ends_a_step_that_hangs(package):
     assert took < 10.0  # half a second, and a busy machine; the time limit is 300 s
 
 
-@pytest.mark.parametrize(
-    "options", [{"time_limit": 0.0}, {"memory_limit": -1.0}, {"time_limit": float("nan")}]
-)
+@pytest.mark.parametrize("options", [{"time_limit": 0.0}, {"memory_limit": -1.0}, {"time_limit": float("nan")}])
 def test_limits_must_be_positive(package, options):
     with pytest.raises(UsageError, match=f"{next(iter(options))} must be positive"):
         simulate(package, step=0.25, **options)
@@ -391,10 +379,7 @@ def test_a_component_that_ends_the_process_of_the_master_is_named_and_the_rows_a
     )  # fmt: skip
     (rows,) = (tmp_path / "out").glob("partial_*/results.csv")
     assert done.returncode == 1
-    assert (
-        done.stderr
-        == f"error: component unit ended the process at t = 0.5 s. The rows so far are in {rows}.\n"
-    )
+    assert done.stderr == f"error: component unit ended the process at t = 0.5 s. The rows so far are in {rows}.\n"
     assert len(rows.read_text().splitlines()) == 2 + 3
     assert list((tmp_path / "tmp").iterdir()) == []
 
@@ -451,9 +436,7 @@ def fleeing(package, monkeypatch, tmp_path):
         ("raise MemoryError", r"no more memory: memory_limit \(--memory-limit\)"),
     ],
 )
-def test_a_child_that_fled_does_not_hold_the_run_and_faults_of_ours_blame_no_component(
-    package, fleeing, rest, said
-):
+def test_a_child_that_fled_does_not_hold_the_run_and_faults_of_ours_blame_no_component(package, fleeing, rest, said):
     fleeing(rest)
     began = time.monotonic()
     with pytest.raises(CosimError, match=said):

@@ -45,16 +45,12 @@ def test_an_opened_loop_is_what_comes_back(system):
     np.testing.assert_allclose(opened.response(w)[:, 2, 0], 1 / (1j * w + 1) ** 2, atol=1e-9)
     both = found.continuous(["a", "b.u"][1:] + ["a.u"]).response(w)
     np.testing.assert_allclose(both[:, 2:, 0], np.array([1 / (1j * w + 1), 0 * w]).T, atol=1e-9)
-    with pytest.raises(
-        UsageError, match=r"a\.x: expected connected continuous inputs. There are: a\.u, b\.u"
-    ):
+    with pytest.raises(UsageError, match=r"a\.x: expected connected continuous inputs. There are: a\.u, b\.u"):
         found.continuous(["a.x"])
 
 
 def test_what_gives_no_derivatives_is_refused_and_what_is_sampled_noted(system):
-    with pytest.raises(
-        UsageError, match="b: expected FMUs with directional derivatives, or for model exchange"
-    ):
+    with pytest.raises(UsageError, match="b: expected FMUs with directional derivatives, or for model exchange"):
         linear_system(system({"a": (LAG, "2.0"), "b": (models.LAG, "2.0")}, RING), step=STEP)
     derives = models.CONTROLLER.simulation | {"providesDirectionalDerivatives": "true"}
     sampled = replace(models.CONTROLLER, name="SampledDerives", simulation=derives)

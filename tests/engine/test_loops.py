@@ -45,9 +45,7 @@ def test_a_loop_without_a_solution_is_told(pack, xml):
         [c("b", "Adder", "a:input b:input y:output"), c("t", "Ramp", "y:output")],
         ["b.y -> b.a", "t.y -> b.b"],
     )  # y = y + t
-    with pytest.raises(
-        CosimError, match=r"b: initialization .*do not agree .* b\.y -> b\.a .*Algebraic loop"
-    ):
+    with pytest.raises(CosimError, match=r"b: initialization .*do not agree .* b\.y -> b\.a .*Algebraic loop"):
         simulate(path, start=1.0, stop=2.0, step=0.5, algorithm="iterative")
 
 
@@ -71,9 +69,7 @@ def test_a_value_that_is_none_is_told(pack, xml):
         ["b.y -> b.a", "t.y -> b.b"],
     )
     with pytest.raises(CosimError, match=r"b\.y -> b\.a is not a number"):
-        simulate(
-            path, start=1.0, stop=2.0, step=0.5, parameters={"t.slope": float("nan")}, algorithm="iterative"
-        )
+        simulate(path, start=1.0, stop=2.0, step=0.5, parameters={"t.slope": float("nan")}, algorithm="iterative")
 
 
 def test_one_loop_of_many_connections_is_one_note_and_is_torn_at_one_unit(pack, xml):

@@ -132,9 +132,7 @@ def test_stiff_components(system, monkeypatch):
 
     for name in ("DOP853", "Radau"):
         monkeypatch.setattr(scipy.integrate, name, counted(getattr(scipy.integrate, name)))
-    results = simulate(
-        system({"s": (STIFF, "3.0")}), stop=1.0, step=0.1, parameters={"s.x": 1.0}, isolate=False
-    )
+    results = simulate(system({"s": (STIFF, "3.0")}), stop=1.0, step=0.1, parameters={"s.x": 1.0}, isolate=False)
     np.testing.assert_allclose(results["s.x"], np.cos(results.time), atol=1e-5)
     assert 0 < steps < 30_000  # a tenth of those of the explicit method
 
@@ -149,14 +147,10 @@ def test_the_part_that_the_ssd_asks_for(pack, xml, built):
     both = xml.component("a", "Lag_3", "", attributes='implementation="ModelExchange"')
     path = pack([both], extra={"resources/Lag_3.fmu": built(models.LAG, "3.0")})
     results = simulate(path, stop=1.0, step=0.5, parameters={"a.x": 1.0}, tolerance=1e-9)
-    assert results["a.x"][-1] == pytest.approx(
-        np.exp(-1.0), abs=1e-8
-    )  # not what Euler's method of the FMU gives
+    assert results["a.x"][-1] == pytest.approx(np.exp(-1.0), abs=1e-8)  # not what Euler's method of the FMU gives
     other = xml.component("a", "LagME_3", "", attributes='implementation="CoSimulation"')
     path = pack([other], extra={"resources/LagME_3.fmu": built(LAG, "3.0")})
-    with pytest.raises(
-        SspError, match=r"the SSD asks for CoSimulation, resources/LagME_3.fmu has ModelExchange"
-    ):
+    with pytest.raises(SspError, match=r"the SSD asks for CoSimulation, resources/LagME_3.fmu has ModelExchange"):
         simulate(path, stop=1.0, step=0.5)
 
 

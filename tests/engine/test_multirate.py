@@ -82,9 +82,7 @@ def test_steps_that_do_not_go_together_are_refused(system):
         simulate(system(step=0.05), stop=2.0, step=0.5)
     with pytest.raises(UsageError, match="s: have steps of their own, and iterative takes one step for all"):
         simulate(system(), stop=2.0, step=0.25, algorithm="iterative")
-    with pytest.raises(
-        SspError, match="component 's': expected a positive finite communicationStepSize, got -1"
-    ):
+    with pytest.raises(SspError, match="component 's': expected a positive finite communicationStepSize, got -1"):
         load_ssp(system(step=-1))
 
 
@@ -96,9 +94,7 @@ def test_a_unit_that_passes_on_and_has_a_state_needs_jacobi(pack, xml):
          xml.component("p", "Plant", "u:input load:input")],
         ["r.y -> s.u", "s.y -> p.u", "s.z -> p.load"],
     )  # fmt: skip
-    with pytest.raises(
-        UsageError, match=r"s: has a step of its own, passes inputs on within it, and s\.y, which is"
-    ):
+    with pytest.raises(UsageError, match=r"s: has a step of its own, passes inputs on within it, and s\.y, which is"):
         simulate(path, stop=2.0, step=0.25, algorithm="gauss-seidel")
     results = simulate(path, stop=2.0, step=0.25, algorithm="jacobi")
     assert results["s.y"].tolist() == [0, 0, 1, 1, 2, 2, 3, 3, 4]

@@ -65,9 +65,7 @@ def test_commands_and_scenarios_know_it(toy, tmp_path):
     )
 
     def command(*arguments):
-        return subprocess.run(
-            [sys.executable, "-c", code, *arguments], capture_output=True, text=True, cwd=tmp_path
-        )
+        return subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, cwd=tmp_path)
 
     assert "halving" in command("run", "--help").stdout
     wrong = command("run", "planar_tracking", "--master", "halve")

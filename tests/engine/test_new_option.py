@@ -56,9 +56,7 @@ def python(tmp_path_factory):
 def test_a_new_option_is_declared_in_one_file(python, pack, xml):
     components = [xml.component("r", "Ramp", "y:output"), xml.component("g", "Gain", "u:input y:output")]
     package = pack(components, ["r.y -> g.u"])
-    shown = python(
-        code="import vdfmu\nfor f in (vdfmu.run, vdfmu.simulate, vdfmu.sweep, vdfmu.tune): help(f)"
-    )
+    shown = python(code="import vdfmu\nfor f in (vdfmu.run, vdfmu.simulate, vdfmu.sweep, vdfmu.tune): help(f)")
     assert shown.count("label : str, optional\n        Toy: name of the run in its summary.") == 4
     assert shown.count("label: 'str | None' = None") == 4
     for command in (["run"], ["simulate"], ["sweep", "run"], ["tune"]):

@@ -92,9 +92,7 @@ def test_a_scenario_in_parquet_alone(tmp_path):
     table = Results.read(tmp_path / "results.parquet")
     assert_same_bits(table, results)
     assert (table.summary["scenario"], table.summary["robot"]) == ("planar_tracking", "planar_2dof")
-    vdfmu.run(
-        "planar_tracking", stop=0.05, out=tmp_path, reference=False
-    )  # replaces what the run before wrote
+    vdfmu.run("planar_tracking", stop=0.05, out=tmp_path, reference=False)  # replaces what the run before wrote
     assert {"results.csv", "results.parquet"} & {path.name for path in tmp_path.iterdir()} == {"results.csv"}
 
 

@@ -58,10 +58,7 @@ def test_each_component_gets_its_share_of_the_panels():
     assert shown[:3] == ["a.x0", "a.x1", "a.x2"]
     left = len(names) - len(shown)
     caption = figure.texts[-1].get_text().replace("\n", " ")
-    assert (
-        caption
-        == f"s.ssp, jacobi, step 1 ms. {left} more variables are in the results; --record chooses others."
-    )
+    assert caption == f"s.ssp, jacobi, step 1 ms. {left} more variables are in the results; --record chooses others."
 
 
 def test_more_components_than_panels():

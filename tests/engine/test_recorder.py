@@ -105,10 +105,7 @@ def test_a_full_disk_leaves_whole_rows_and_the_results_before(package, tmp_path)
     )  # fmt: skip
     said = " ".join(done.stderr.split())
     assert done.returncode == 1, said
-    assert (
-        "results.csv: the rows cannot be written: File too large. Free space, or choose another folder"
-        in said
-    )
+    assert "results.csv: the rows cannot be written: File too large. Free space, or choose another folder" in said
     assert f"The rows so far are in {out / 'partial'}; {out} is as it was." in said
     rows = Results.read(out / "partial" / "results.csv")
     assert len(rows) % ROWS == 0 and len(rows) >= ROWS

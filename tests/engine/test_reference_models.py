@@ -34,10 +34,7 @@ MODELS = {
                   models.STATE_SPACE)
 }  # fmt: skip
 CASES = [
-    (name, version)
-    for name in PUBLISHED
-    for version in ("2.0", "3.0")
-    if (name, version) != ("StateSpace", "2.0")
+    (name, version) for name in PUBLISHED for version in ("2.0", "3.0") if (name, version) != ("StateSpace", "2.0")
 ]
 
 
@@ -73,8 +70,7 @@ def test_the_published_inputs_of_feedthrough(system, tmp_path):
 
 
 LAG, VECTOR = (
-    replace(model, name=f"{model.name}Exchange", kinds=("ModelExchange",))
-    for model in (models.LAG, models.STATE_SPACE)
+    replace(model, name=f"{model.name}Exchange", kinds=("ModelExchange",)) for model in (models.LAG, models.STATE_SPACE)
 )
 
 

@@ -224,14 +224,10 @@ def test_runs_over_each_other_in_one_picture(tmp_path):
     with pytest.raises(UsageError, match=r"expected a picture \.png, \.svg, \.pdf, got \.jpg"):
         one.plot(path=tmp_path / "q.jpg")
     for ask in (one.plot, one.members, one.__getitem__):
-        with pytest.raises(
-            UsageError, match=r"expected the name of a signal, got \['a\.p'\]\. Give several names one"
-        ):
+        with pytest.raises(UsageError, match=r"expected the name of a signal, got \['a\.p'\]\. Give several names one"):
             ask(["a.p"])
     with pytest.raises(UsageError, match=r"no signal 'a\.x'"):
         one.plot("a.x")
     for wrong in (other, {"twice": "q.csv"}):
-        with pytest.raises(
-            UsageError, match=r"expected results by what they are called, over=\{'soft': other\}"
-        ):
+        with pytest.raises(UsageError, match=r"expected results by what they are called, over=\{'soft': other\}"):
             one.plot("a.q", over=wrong)

@@ -47,9 +47,7 @@ def zipped(members: dict[str, str | bytes]) -> bytes:
     return box.getvalue()
 
 
-def fmu(
-    variables="", inside='<CoSimulation modelIdentifier="m"/>', structure=STRUCTURE, text=None, **members
-) -> bytes:
+def fmu(variables="", inside='<CoSimulation modelIdentifier="m"/>', structure=STRUCTURE, text=None, **members) -> bytes:
     """Return an FMU 2.0 without binaries; `members` by names with `__` for a slash and `_xml` for the ending."""
     text = text or (
         f'<fmiModelDescription fmiVersion="2.0" modelName="m" guid="1">{inside}<UnitDefinitions>{UNIT}'
@@ -346,9 +344,7 @@ def test_rules_that_a_run_breaks(fmus, pack, xml, tmp_path):
 def test_the_run_apart_hands_its_findings_over_with_their_rules(fmus):
     findings = check_run.run_apart(fmus["Dividing"])
     (note,) = findings.notes
-    assert check_run._decoded(json.loads(json.dumps(check_run._encoded(findings, whole=True)))).notes == [
-        note
-    ]
+    assert check_run._decoded(json.loads(json.dumps(check_run._encoded(findings, whole=True)))).notes == [note]
     assert note.rule.number == "RUN005"
 
 
@@ -369,9 +365,7 @@ def test_json_names_rule_file_and_line(tmp_path):
 def test_the_page_of_the_rules_is_that_of_the_list():
     page = (Path(__file__).parents[2] / "docs" / "rules.md").read_text(encoding="utf-8")
     rows = [f"| {r.number} | {r.severity} | {r.title} | {r.way} |" for r in RULES.values()]
-    assert (
-        "\n".join(["| rule | severity | what holds | way out |", "| --- | --- | --- | --- |", *rows]) in page
-    )
+    assert "\n".join(["| rule | severity | what holds | way out |", "| --- | --- | --- | --- |", *rows]) in page
     assert re.findall(r"^\| ((?:PKG|SSP|FMI|RUN|SRC)\d+) ", page, re.MULTILINE) == list(RULES)
 
 

@@ -188,6 +188,4 @@ def test_a_reset_is_cheap(package, calls):
     with vdfmu.Simulator(package) as simulator:
         first = calls(lambda: simulator.reset(**OPTIONS))
         again = calls(lambda: simulator.reset(**OPTIONS))
-    assert (
-        again < first / 50
-    )  # four states of some kB are copied: 129 calls, and 20,900 with an initialization
+    assert again < first / 50  # four states of some kB are copied: 129 calls, and 20,900 with an initialization

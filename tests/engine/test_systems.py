@@ -256,9 +256,7 @@ def test_a_signal_dictionary_joins_what_refers_to_it(pack, xml):
 @pytest.mark.parametrize("version", ["1.0", "2.0"])
 def test_a_dictionary_in_a_file_has_units_of_its_own(pack, xml, version):
     """The entry is in its own mm, the SSD's are others; conversion is done on both sides of it."""
-    dictionary = (
-        '<ssd:SignalDictionaries><ssd:SignalDictionary name="D" source="bus.ssb"/></ssd:SignalDictionaries>'
-    )
+    dictionary = '<ssd:SignalDictionaries><ssd:SignalDictionary name="D" source="bus.ssb"/></ssd:SignalDictionaries>'
     file = (
         f'<ssb:SignalDictionary version="{version}" '
         'xmlns:ssb="http://ssp-standard.org/SSP1/SystemStructureSignalDictionary" '
@@ -270,12 +268,9 @@ def test_a_dictionary_in_a_file_has_units_of_its_own(pack, xml, version):
         '<ssd:SignalDictionaryReference name="d" dictionary="D"><ssd:Connectors>'
         '<ssd:Connector name="bus" kind="inout"/></ssd:Connectors></ssd:SignalDictionaryReference>'
     )
-    inner = (
-        f'<ssd:System name="s"><ssd:Elements>{reference}{xml.component("g", "Radians", "m:input:Real:m")}'
-        + (
-            '</ssd:Elements><ssd:Connections><ssd:Connection startElement="d" startConnector="bus" endElement="g" '
-            'endConnector="m"/></ssd:Connections></ssd:System>'
-        )
+    inner = f'<ssd:System name="s"><ssd:Elements>{reference}{xml.component("g", "Radians", "m:input:Real:m")}' + (
+        '</ssd:Elements><ssd:Connections><ssd:Connection startElement="d" startConnector="bus" endElement="g" '
+        'endConnector="m"/></ssd:Connections></ssd:System>'
     )
     path = pack(
         [xml.component("r", "Radians", "y:output:Real:m"), reference, inner], ["r.y -> d.bus"],
@@ -324,8 +319,7 @@ def test_entries_of_a_dictionary_are_there_once_and_as_their_references_say(pack
 
 def test_connectors_of_the_outermost_system_fit_what_they_join(pack, xml):
     units = (
-        '<ssc:Unit name="m"><ssc:BaseUnit m="1"/></ssc:Unit><ssc:Unit name="kg"><ssc:BaseUnit kg="1"/></ssc:Unit>'
-        + MM
+        '<ssc:Unit name="m"><ssc:BaseUnit m="1"/></ssc:Unit><ssc:Unit name="kg"><ssc:BaseUnit kg="1"/></ssc:Unit>' + MM
     )
     path = pack(
         [xml.component("r", "Radians", "m:input:Real:m u:input:Real y:output:Real:m width:parameter:Real:m")],

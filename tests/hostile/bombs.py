@@ -34,9 +34,7 @@ def _zip(members: list[tuple[str, bytes, int, int]]) -> bytes:
     files, directory = b"", b""
     for name, data, crc, size in members:
         head = struct.pack("<HHHHHIIIHH", 20, 0, 8, 0, 33, crc, len(data), size, len(name), 0)
-        directory += (
-            b"PK\x01\x02\x14\0" + head + struct.pack("<HHHII", 0, 0, 0, 0, len(files)) + name.encode()
-        )
+        directory += b"PK\x01\x02\x14\0" + head + struct.pack("<HHHII", 0, 0, 0, 0, len(files)) + name.encode()
         files += b"PK\x03\x04" + head + name.encode() + data
     end = struct.pack("<HHHHIIH", 0, 0, len(members), len(members), len(directory), len(files), 0)
     return files + directory + b"PK\x05\x06" + end
@@ -88,9 +86,7 @@ def _fmus(count: int, mebibytes: int) -> bytes:
 def _zip_in_zip(mebibytes: int) -> bytes:
     """Return a package with one inside that unpacks to a large one, whose only member is as large again."""
     data, crc = _zeros(mebibytes)
-    inner = _zip([_member("SystemStructure.ssd", _ssd("")), ("zeros", data, crc, mebibytes * _MIB)]) + bytes(
-        8
-    )
+    inner = _zip([_member("SystemStructure.ssd", _ssd("")), ("zeros", data, crc, mebibytes * _MIB)]) + bytes(8)
     return _zip([_member("SystemStructure.ssd", _ssd(_elements(["a.ssp"]))), _member("a.ssp", inner)])
 
 
@@ -104,9 +100,7 @@ def _values(bindings: int, mebibytes: int) -> bytes:
 
 def _directory(entries: int) -> bytes:
     """Return a package with one inside whose directory has very many entries, all of one member."""
-    entry = (
-        b"PK\x01\x02\x14\0" + struct.pack("<HHHHHIIIHH", 20, 0, 0, 0, 33, 0, 0, 0, 1, 0) + bytes(14) + b"a"
-    )
+    entry = b"PK\x01\x02\x14\0" + struct.pack("<HHHHHIIIHH", 20, 0, 0, 0, 33, 0, 0, 0, 1, 0) + bytes(14) + b"a"
     end = struct.pack("<HHHHIIH", 0, 0, 65535, 65535, len(entry) * entries, 0, 0)
     inner = entry * entries + b"PK\x05\x06" + end
     return pack({"SystemStructure.ssd": _ssd(_elements(["a.ssp"])), "a.ssp": inner})

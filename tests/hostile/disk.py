@@ -199,6 +199,4 @@ def tried(number: int, folder: Path) -> None:
     failed(name, random.Random(f"disk {number}").choice(known(name).faults))
 
 
-CORPORA = [
-    Corpus("errors of single file operations of every command", 460, tried, quick=0, seconds=3 * PATIENCE)
-]
+CORPORA = [Corpus("errors of single file operations of every command", 460, tried, quick=0, seconds=3 * PATIENCE)]

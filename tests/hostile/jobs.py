@@ -146,11 +146,7 @@ def _alike(a: Any, b: Any) -> bool:
 def _rows(found: dict[str, Any]) -> set[tuple[Any, ...]]:
     """Return the points of studies with the time that each has taken: one that is run again has another."""
     tables = [one for one in found.values() if isinstance(one, pa.Table) and "wall_s" in one.column_names]
-    return {
-        pair
-        for one in tables
-        for pair in zip(one["point"].to_pylist(), one["wall_s"].to_pylist(), strict=True)
-    }
+    return {pair for one in tables for pair in zip(one["point"].to_pylist(), one["wall_s"].to_pylist(), strict=True)}
 
 
 def require_whole(
@@ -164,8 +160,7 @@ def require_whole(
     for name in {*before, *found}:
         if not name.startswith("out/parts/"):
             kept = any(
-                name in one and not differing({name: found.get(name)}, {name: one[name]})
-                for one in (before, after)
+                name in one and not differing({name: found.get(name)}, {name: one[name]}) for one in (before, after)
             )
             assert kept, f"{name} is {'changed' if name in found else 'lost'}: {told}"
     if job.together:

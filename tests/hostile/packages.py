@@ -155,32 +155,20 @@ def _mutate(text: str, dice: random.Random) -> str:
         return text[: place.start()] + place[0] * dice.choice([0, 2, 50]) + text[place.end() :]
     if kind == 4 and len(values) > 1:  # two values change places
         one, other = sorted(dice.sample(values, 2), key=lambda found: found.start())
-        return (
-            text[: one.start(1)]
-            + other[1]
-            + text[one.end(1) : other.start(1)]
-            + one[1]
-            + text[other.end(1) :]
-        )
+        return text[: one.start(1)] + other[1] + text[one.end(1) : other.start(1)] + one[1] + text[other.end(1) :]
     if kind == 5:  # a name changes everywhere
         names = sorted(set(re.findall(r"[A-Za-z]{3,}", text)))
         return text.replace(dice.choice(names), dice.choice([*names, "x" * 300, "é", ""]))
     if kind == 6:  # something comes in
         place = dice.randrange(len(text))
-        return (
-            text[:place]
-            + dice.choice(["<", ">", "&", "\0", "]]>", "<!--", "<![CDATA[", _BOMB])
-            + text[place:]
-        )
+        return text[:place] + dice.choice(["<", ">", "&", "\0", "]]>", "<!--", "<![CDATA[", _BOMB]) + text[place:]
     attribute = dice.choice(values) if values else None
     if attribute is None:
         return text[::-1]
     return text[: attribute.end()] + f' extra="{dice.choice(_VALUES)}"' + text[attribute.end() :]
 
 
-_BOMB = (
-    '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;"><!ENTITY c SYSTEM "file:///etc/passwd">]>'
-)
+_BOMB = '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;"><!ENTITY c SYSTEM "file:///etc/passwd">]>'
 
 CORPORA = [
     Corpus("zip files with changed bytes", 250, fuzzed_zip, quick=50),

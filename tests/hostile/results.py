@@ -39,9 +39,7 @@ def _runs() -> list[Path]:
 
 
 def _places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    entries = (
-        value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-    )
+    entries = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     return [path, *(place for key, entry in entries for place in _places(entry, (*path, key)))]
 
 
@@ -90,9 +88,7 @@ def _log() -> str:
         columns |= {f"{name}[{i}]": np.sin(9.0 * t + i) for i in (1, 2)}
     rows = zip(*(column.tolist() for column in columns.values()), strict=True)
     units = ["s", *["rad"] * 4, *["N.m"] * 2]
-    return "\n".join(
-        [",".join(columns), ",".join(units), *(",".join(f"{x:.9g}" for x in row) for row in rows)]
-    )
+    return "\n".join([",".join(columns), ",".join(units), *(",".join(f"{x:.9g}" for x in row) for row in rows)])
 
 
 _WORDS = ("", "nan", "inf", "1e999", "x", "-1", '"', "\0", "\u202e", ",", ";", "\t", "0", "1e-300", "9" * 400)

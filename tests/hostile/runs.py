@@ -73,12 +73,8 @@ def in_a_row(runs: int, number: int, folder: Path) -> None:
     after = _held()
     grown = after[0] - before[0]
     most = SLACK + GROWTH * (runs - warm)
-    assert grown < most, (
-        f"memory grows by {grown:.0f} kB in {runs - warm} runs; expected less than {most:.0f} kB"
-    )
-    assert after[1:] == before[1:], (
-        f"open and mapped files: {before[1:]} before, {after[1:]} after {runs - warm} runs"
-    )
+    assert grown < most, f"memory grows by {grown:.0f} kB in {runs - warm} runs; expected less than {most:.0f} kB"
+    assert after[1:] == before[1:], f"open and mapped files: {before[1:]} before, {after[1:]} after {runs - warm} runs"
 
 
 CORPORA = [

@@ -143,9 +143,7 @@ def test_a_unit_that_may_have_one_instance_gets_one(controller, monkeypatch):
     assert check_run._run_unit(controller(b"false"), lambda *_: None).compared == ["reference"]
     once = check_run._run_unit(controller(b"true"), lambda *_: None)
     assert once.problems == once.compared == []
-    assert once.notes == [
-        "reference results not compared: the unit can be instantiated only once per process"
-    ]
+    assert once.notes == ["reference results not compared: the unit can be instantiated only once per process"]
 
 
 @pytest.mark.heavy
@@ -180,10 +178,7 @@ def test_escapes_are_shown_and_not_executed(unit):
 
 
 def test_what_a_terminal_acts_on_is_written_out():
-    assert (
-        shown("a\x1b[2J\tb\nc\r\x7f\x9b\u202e\udcff é 中")
-        == "a\\x1b[2J\tb\nc\\r\\x7f\\x9b\\u202e\\udcff é 中"
-    )
+    assert shown("a\x1b[2J\tb\nc\r\x7f\x9b\u202e\udcff é 中") == "a\\x1b[2J\tb\nc\\r\\x7f\\x9b\\u202e\\udcff é 中"
     assert shown(shown("\x1b")) == shown("\x1b")
 
 

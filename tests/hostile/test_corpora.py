@@ -38,8 +38,5 @@ def test_the_table_counts_failures() -> None:
     ]
     assert "| made up | 4 | 2 | 2 |" in table([row])
     page = f"Figures\n\n{table([Row('made up', 9), Row('other', 7)])}\n\nEnd"
-    assert (
-        replaced(page, [row, Row("new", 1)])
-        == f"Figures\n\n{table([row, Row('other', 7), Row('new', 1)])}\n\nEnd"
-    )
+    assert replaced(page, [row, Row("new", 1)]) == f"Figures\n\n{table([row, Row('other', 7), Row('new', 1)])}\n\nEnd"
     assert tried(Corpus("slow", 1, lambda *_: None, seconds=0.0), [0]).failures == 1

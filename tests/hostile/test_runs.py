@@ -29,9 +29,7 @@ def test_other_results_are_seen(tmp_path, monkeypatch):
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize(
-    ("held", "words"), [("memory", "memory grows by"), ("file", "open and mapped files")]
-)
+@pytest.mark.parametrize(("held", "words"), [("memory", "memory grows by"), ("file", "open and mapped files")])
 def test_what_runs_leave_behind_is_seen(tmp_path, monkeypatch, held, words):
     """A run that keeps 1 MB, of which 4 MB are no fault, or a file open: 18 are after the warm-up."""
     simulate, kept = runs.simulate, []

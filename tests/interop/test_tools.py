@@ -24,10 +24,7 @@ TESTED = [case for case in CASES if case.tool in ("ecos", "libcosim", "fmpy.simu
 MUST_RUN = {
     *(Case(tool, "SSP 1.0", kind, "2.0") for tool in ("ecos", "libcosim") for kind in ("python", "native")),
     Case("fmpy.simulate_fmu", "one FMU", "native", "2.0"),
-    *(
-        Case("fmpy.simulate_fmu", "single units", *u)
-        for u in (("python", "2.0"), ("native", "2.0"), ("native", "3.0"))
-    ),
+    *(Case("fmpy.simulate_fmu", "single units", *u) for u in (("python", "2.0"), ("native", "2.0"), ("native", "3.0"))),
 }
 
 # The bound that native FMUs must keep to the reference. They and the Python FMUs solve the plant to a relative 1e-7 of
@@ -157,8 +154,5 @@ def test_the_container_has_the_values_of_the_package(tracking, package, tmp_path
 
 
 def test_words_have_no_folders():
-    assert (
-        interop._words("No such FMU '/tmp/libcosim_7ef6/resources/Plant.fmu'\nmore")
-        == "No such FMU 'Plant.fmu'"
-    )
+    assert interop._words("No such FMU '/tmp/libcosim_7ef6/resources/Plant.fmu'\nmore") == "No such FMU 'Plant.fmu'"
     assert re.search("/tmp", interop._words("a 'resources/Plant.fmu'")) is None

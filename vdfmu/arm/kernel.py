@@ -141,9 +141,7 @@ def _checked(function: str, name: str, value: npt.ArrayLike, size: int) -> Float
     try:
         array = np.asarray(value, dtype=float)
     except (TypeError, ValueError) as error:
-        raise KernelError(
-            f"{function}: {name}: expected numbers of shape ({size},) or (m, {size}): {error}"
-        ) from error
+        raise KernelError(f"{function}: {name}: expected numbers of shape ({size},) or (m, {size}): {error}") from error
     if array.ndim not in (1, 2) or array.shape[-1] != size:
         raise KernelError(f"{function}: {name}: expected shape ({size},) or (m, {size}), got {array.shape}.")
     if not np.all(np.isfinite(array)):

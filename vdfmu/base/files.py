@@ -87,9 +87,7 @@ def storing(path: Path) -> Generator[None]:
     try:
         yield
     except OSError as error:
-        raise StorageError(
-            f"{path}: cannot be written: {error}. Choose another folder or free space."
-        ) from error
+        raise StorageError(f"{path}: cannot be written: {error}. Choose another folder or free space.") from error
 
 
 def regular_target(path: Path) -> Path:

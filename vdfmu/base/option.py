@@ -71,9 +71,7 @@ def declared(options: Any) -> list[DeclaredOption]:
     found: list[DeclaredOption] = []
     for name, annotation in options.__annotations__.items():
         kind, option = get_args(annotation)
-        found.append(
-            DeclaredOption(name, kind.__forward_arg__ if isinstance(kind, ForwardRef) else kind, option)
-        )
+        found.append(DeclaredOption(name, kind.__forward_arg__ if isinstance(kind, ForwardRef) else kind, option))
     return found
 
 

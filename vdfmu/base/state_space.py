@@ -105,7 +105,6 @@ class StateSpace:
             ) from None
         time = () if self.step is None else (self.step,)
         names = {
-            kind: [name.replace(".", "_") for name in getattr(self, kind)]
-            for kind in ("states", "inputs", "outputs")
+            kind: [name.replace(".", "_") for name in getattr(self, kind)] for kind in ("states", "inputs", "outputs")
         }
         return control.ss(self.A, self.B, self.C, self.D, *time, **names)

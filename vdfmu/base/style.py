@@ -111,14 +111,8 @@ def new_figure(
             handlelength=3.0,
         )
         above += 0.3
-    lines = [
-        line
-        for text in caption.splitlines()
-        for line in textwrap.wrap(text, round(_CAPTION_CHARACTERS * width))
-    ]
-    figure.text(
-        left, _MARGIN / height, "\n".join(lines), va="bottom", fontsize=8.2, color=_GREY, linespacing=1.3
-    )
+    lines = [line for text in caption.splitlines() for line in textwrap.wrap(text, round(_CAPTION_CHARACTERS * width))]
+    figure.text(left, _MARGIN / height, "\n".join(lines), va="bottom", fontsize=8.2, color=_GREY, linespacing=1.3)
     below = _MARGIN + 0.16 * len(lines) + 0.02
     figure.set_layout_engine("constrained", rect=(0.0, below / height, 1.0, 1.0 - (above + below) / height))
     return figure
@@ -226,9 +220,7 @@ def save(figure: Figure, path: Path) -> Path:
     """
     write = _WRITERS.get(path.suffix.lower())
     if write is None:
-        raise UsageError(
-            f"{path}: expected a picture {', '.join(_WRITERS)}, got {path.suffix or 'no suffix'}."
-        )
+        raise UsageError(f"{path}: expected a picture {', '.join(_WRITERS)}, got {path.suffix or 'no suffix'}.")
     stream = io.BytesIO()
     with matplotlib.style.context(["default", _RC]):
         write(figure, stream)

@@ -42,9 +42,7 @@ def elided(text: str) -> str:
 def _without_middle(text: str, most: int, what: str) -> str:
     """Return a text, or its two ends and the size of what is left out if it is longer than `most`."""
     half = most // 2
-    return (
-        text if len(text) <= most else f"{text[:half]}...({len(text) - 2 * half:,} {what})...{text[-half:]}"
-    )
+    return text if len(text) <= most else f"{text[:half]}...({len(text) - 2 * half:,} {what})...{text[-half:]}"
 
 
 def first_few(texts: Sequence[str], rule_of: Callable[[str], str] = lambda text: "") -> list[str]:

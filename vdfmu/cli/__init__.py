@@ -35,9 +35,7 @@ def main() -> None:
             _flush()
         elif short := _lacks_memory(error):
             with suppress(OSError, MemoryError):
-                sys.stderr.write(
-                    f"error: the memory does not hold it ({short}): choose fewer steps or signals, "
-                )
+                sys.stderr.write(f"error: the memory does not hold it ({short}): choose fewer steps or signals, ")
                 sys.stderr.write("or raise the limit (ulimit -v).\n")
         elif isinstance(error, ImportError):
             _say_missing(error)
@@ -84,9 +82,7 @@ def _lacks_memory(error: BaseException | None) -> str:
         text = str(error)
         if isinstance(error, MemoryError):
             return text.partition("\n")[0] or "MemoryError"
-        if any(words in text for words in _MEMORY) and isinstance(
-            error, (ImportError, OSError, RuntimeError)
-        ):
+        if any(words in text for words in _MEMORY) and isinstance(error, (ImportError, OSError, RuntimeError)):
             return text.partition("\n")[0]
         error = error.__cause__ or error.__context__
     return ""

@@ -29,9 +29,7 @@ QuietOption = Annotated[
 ]
 VerboseOption = Annotated[
     bool,
-    typer.Option(
-        "--verbose", "-v", help="Say what is done and how long it takes, and where errors come from."
-    ),
+    typer.Option("--verbose", "-v", help="Say what is done and how long it takes, and where errors come from."),
 ]
 
 
@@ -44,9 +42,7 @@ class App(typer.Typer):
 
         def shown(function: Callable[..., Any]) -> Callable[..., Any]:
             words = (self.info.name, name or function.__name__)
-            return register(
-                showing_signs(" ".join(word for word in words if isinstance(word, str)))(function)
-            )
+            return register(showing_signs(" ".join(word for word in words if isinstance(word, str)))(function))
 
         return shown
 

@@ -46,9 +46,7 @@ def doctor() -> None:
         if not there + lacks:  # of an installation before this version
             lacks = ["it is"]
         if lacks:
-            say(
-                f"Extra    {extra}: {', '.join(lacks)} not installed: {without}. pip install 'vdfmu[{extra}]'"
-            )
+            say(f"Extra    {extra}: {', '.join(lacks)} not installed: {without}. pip install 'vdfmu[{extra}]'")
         else:
             say(f"Extra    {extra}: {', '.join(there)}")
     say_cache()

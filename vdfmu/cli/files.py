@@ -115,9 +115,7 @@ def container(
     path = out if out is not None else Path(f"{chosen.name}.fmu")
     require_ours(path)
     with temporary_folder("vdfmu_") as folder:
-        package = write_ssp(
-            chosen, cached_fmus(chosen, folder, "native"), Path(folder) / "system.ssp", values
-        )
+        package = write_ssp(chosen, cached_fmus(chosen, folder, "native"), Path(folder) / "system.ssp", values)
         written = write_container(package, path, step=chosen.step)
     say(str(written))
 
@@ -162,9 +160,9 @@ def ssp(
 def reference(
     scenario: ScenarioArgument = "tracking",
     robot: RobotOption = None,
-    out: Annotated[
-        Path, typer.Option(help="Folder to write; what it has of the same names is replaced.")
-    ] = Path("reference"),
+    out: Annotated[Path, typer.Option(help="Folder to write; what it has of the same names is replaced.")] = Path(
+        "reference"
+    ),
     settings: SetOption = None,
 ) -> None:
     """Write a folder for other tools: the system as SSP 1.0 and 2.0, its results, a script that compares."""
@@ -188,9 +186,7 @@ def check(
     no_run: Annotated[bool, typer.Option("--no-run", help="Read only; do not run the units' code.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
     unpack_limit: UnpackOption = None,
-    robot: Annotated[
-        str, typer.Option(help="The robot for a unit or a system of one's own.")
-    ] = "planar_2dof",
+    robot: Annotated[str, typer.Option(help="The robot for a unit or a system of one's own.")] = "planar_2dof",
 ) -> None:
     """Check an FMU or a system: schema, rules, binaries for this platform, ten steps, reference results.
 

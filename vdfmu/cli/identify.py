@@ -18,9 +18,7 @@ if TYPE_CHECKING:
 def identify(
     log: Annotated[
         Path,
-        typer.Argument(
-            help="results.csv or .parquet of a run, a CSV of any tool, or a .mat of the KUKA data set."
-        ),
+        typer.Argument(help="results.csv or .parquet of a run, a CSV of any tool, or a .mat of the KUKA data set."),
     ],
     robot: Annotated[
         str,
@@ -34,9 +32,7 @@ def identify(
             help="Columns of a CSV: kappa, theta, tau, tau_link or q = NAME with {} for the joint. Repeatable.",
         ),
     ] = None,
-    band: Annotated[
-        float | None, typer.Option(help="Band of the equations in Hz; default from the motion.")
-    ] = None,
+    band: Annotated[float | None, typer.Option(help="Band of the equations in Hz; default from the motion.")] = None,
     truth: Annotated[str | None, typer.Option(help="Robot with the true values, to compare.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of torques and residuals to draw.")] = None,
     out: Annotated[
@@ -52,9 +48,7 @@ def identify(
     arm = load_robot(robot)
     true = load_robot(truth) if truth is not None else None
     targets = {path: target_file(path, "", overwrite) for path in (plot, out) if path is not None}
-    found = estimate(
-        read_log(log, arm, read_settings(column, "--column", "WHAT=NAME, such as q=q_{}")), arm, band=band
-    )
+    found = estimate(read_log(log, arm, read_settings(column, "--column", "WHAT=NAME, such as q=q_{}")), arm, band=band)
     _print(found, arm.joint_labels, None if true is None else found.of(true))
     say_notes([f"not identified, kept: {name}: {why}" for name, why in found.held.items()])
     say_notes(found.advice)

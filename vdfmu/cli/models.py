@@ -68,9 +68,7 @@ def show_model(
         for heading in ("joint", *(row.name for row in rows)):
             table.add_column(heading, overflow="fold")
         for i, kind in enumerate(robot.joint_types):
-            table.add_row(
-                f"{robot.joint_labels[i]} {kind}", *(_number(getattr(robot, row.name)[i]) for row in rows)
-            )
+            table.add_row(f"{robot.joint_labels[i]} {kind}", *(_number(getattr(robot, row.name)[i]) for row in rows))
         console.print()
         console.print(table)
         sources: dict[str, list[str]] = {}
@@ -84,9 +82,7 @@ def show_model(
 @app.command("schema", epilog="Example: [bold]vdfmu models schema robot > robot.schema.json[/bold]")
 def show_schema(
     kind: Annotated[str, typer.Argument(help="robot, scenario or system.")],
-    system: Annotated[
-        str, typer.Option(help="Whose components the sections of a scenario are for.")
-    ] = "system",
+    system: Annotated[str, typer.Option(help="Whose components the sections of a scenario are for.")] = "system",
 ) -> None:
     """Print the JSON schema of a TOML file, for editors: "#:schema robot.schema.json" in its first line."""
     import json

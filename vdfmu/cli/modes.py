@@ -33,9 +33,7 @@ def modes(
     ] = None,
     bode: Annotated[
         int | None,
-        typer.Option(
-            metavar="JOINT", help="Draw the response of a joint's rotor and link to its motor torque, too."
-        ),
+        typer.Option(metavar="JOINT", help="Draw the response of a joint's rotor and link to its motor torque, too."),
     ] = None,
     dry: Annotated[
         bool,
@@ -43,9 +41,7 @@ def modes(
     ] = False,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out", "-o", help="Picture of --path or --bode; default SCENARIO_modes.png or ROBOT_bode.png."
-        ),
+        typer.Option("--out", "-o", help="Picture of --path or --bode; default SCENARIO_modes.png or ROBOT_bode.png."),
     ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
@@ -59,9 +55,7 @@ def modes(
         _over_path(robot, path, dry, out, overwrite)
         return
     if out is not None and bode is None:
-        raise UsageError(
-            "modes: --out is for the picture of --path SCENARIO or --bode JOINT; neither is given."
-        )
+        raise UsageError("modes: --out is for the picture of --path SCENARIO or --bode JOINT; neither is given.")
     from vdfmu.arm.robot import load_robot
     from vdfmu.study.analysis.modes import MOTORS, natural_modes
 
@@ -154,8 +148,6 @@ def _over_path(robot: str, path: str, dry: bool, out: Path | None, overwrite: bo
     for i, cells in enumerate(zip(*columns, strict=True)):
         table.add_row(str(i + 1), *cells)
     console.print(table)
-    pairs = {
-        motors: [(each.frequency[-n:], each.joint[-n:]) for each in found] for motors, found in along.items()
-    }
+    pairs = {motors: [(each.frequency[-n:], each.joint[-n:]) for each in found] for motors, found in along.items()}
     save(draw_modes(f"Natural frequencies: {scenario.arm.name}, {scenario.name}", times, pairs), target)
     say(f"{target}: natural frequencies over the motion, at rest at {len(times)} poses")

@@ -12,9 +12,7 @@ from vdfmu.cli.terminal import console, say, say_notes
 
 
 def motion(
-    file: Annotated[
-        str, typer.Argument(help="Scenario or TOML file with a table motion, or CSV file of samples.")
-    ],
+    file: Annotated[str, typer.Argument(help="Scenario or TOML file with a table motion, or CSV file of samples.")],
     robot: Annotated[
         str | None,
         typer.Option(help="Name of a shipped robot, or path of a robot file; default that of the scenario."),
@@ -35,11 +33,7 @@ def motion(
 
     place: str | Path | None = robot
     path = Path(file) if file.lower().endswith(".csv") else locate(file, "scenarios")
-    if (
-        robot is None
-        and path.suffix.lower() == ".toml"
-        and isinstance(named := read_toml(path).get("robot"), str)
-    ):
+    if robot is None and path.suffix.lower() == ".toml" and isinstance(named := read_toml(path).get("robot"), str):
         place = locate(named, "robots", path.parent)
     if place is None:
         raise UsageError(f"{file}: expected a robot, named in the file or by --robot.")

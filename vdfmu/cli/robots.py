@@ -21,14 +21,10 @@ def _group() -> None:
     """Robots from the files of other tools."""
 
 
-@app.command(
-    "import", epilog="Example: [bold]vdfmu robot import panda.urdf --tip panda_hand -o panda.toml[/bold]"
-)
+@app.command("import", epilog="Example: [bold]vdfmu robot import panda.urdf --tip panda_hand -o panda.toml[/bold]")
 def import_file(
     file: Annotated[Path, typer.Argument(help="A URDF, or a MuJoCo file (MJCF).")],
-    base: Annotated[
-        str | None, typer.Option(help="Link that stands still; default the root of the file.")
-    ] = None,
+    base: Annotated[str | None, typer.Option(help="Link that stands still; default the root of the file.")] = None,
     tip: Annotated[
         str | None, typer.Option(help="Link at which the arm ends; default the last, where there is one arm.")
     ] = None,
@@ -121,11 +117,7 @@ def list_drives(
         of_gear = entry.get("sources", {entry.get("source"): ["all numbers"]})
         for key, value in entry.items():
             if key not in ("sources", "source"):
-                tables = (
-                    ", ".join(f"{k} {v:g}" for k, v in value.items())
-                    if isinstance(value, dict)
-                    else f"{value:g}"
-                )
+                tables = ", ".join(f"{k} {v:g}" for k, v in value.items()) if isinstance(value, dict) else f"{value:g}"
                 console.print(f"{key} {tables}", markup=False, soft_wrap=True)
         for source, keys in of_gear.items():
             console.print(f"{', '.join(keys)}: {texts[source]}", markup=False, soft_wrap=True)
@@ -150,7 +142,5 @@ def target_file(out: Path | None, name: str, overwrite: bool) -> Path:
 
     target = out if out is not None else Path(name)
     if target.exists() and not overwrite:
-        raise UsageError(
-            f"{target}: expected no file of this name. --overwrite replaces it, -o names another."
-        )
+        raise UsageError(f"{target}: expected no file of this name. --overwrite replaces it, -o names another.")
     return target

@@ -25,9 +25,7 @@ from vdfmu.cli.view import LiveOption, PortOption, SpeedOption, live_view
 from vdfmu.engine.options import PackageOptions, SystemOptions
 from vdfmu.study.options import RobotOptions, ScenarioOptions, ScenarioRunOptions
 
-PackageArgument = Annotated[
-    Path, typer.Argument(help="A system package of SSP 1.0 or 2.0, of this or any other tool.")
-]
+PackageArgument = Annotated[Path, typer.Argument(help="A system package of SSP 1.0 or 2.0, of this or any other tool.")]
 
 
 def run(
@@ -36,16 +34,12 @@ def run(
     *,
     study: Annotated[
         Path | None,
-        typer.Option(
-            "--from", metavar="SWEEP", help="Run a point of a parameter study: sweep.parquet or its folder."
-        ),
+        typer.Option("--from", metavar="SWEEP", help="Run a point of a parameter study: sweep.parquet or its folder."),
     ] = None,
     row: Annotated[
         str | None, typer.Option(help="Of --from: worst, best, or the number of a point; default worst.")
     ] = None,
-    by: Annotated[
-        str | None, typer.Option(help="Of worst and best: by which measure; default the first.")
-    ] = None,
+    by: Annotated[str | None, typer.Option(help="Of worst and best: by which measure; default the first.")] = None,
     live: LiveOption = False,
     speed: SpeedOption = None,
     port: PortOption = None,
@@ -138,9 +132,7 @@ def federate(
     *,
     only: Annotated[
         str | None,
-        typer.Option(
-            "--federate", metavar="NAME", help="Run this federate only; others run elsewhere. With --broker."
-        ),
+        typer.Option("--federate", metavar="NAME", help="Run this federate only; others run elsewhere. With --broker."),
     ] = None,
     broker: Annotated[
         str | None,
@@ -180,9 +172,7 @@ def report(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            help="File to write; default report.html in the folder, of several comparison.html beside it."
-        ),
+        typer.Option(help="File to write; default report.html in the folder, of several comparison.html beside it."),
     ] = None,
     simulate: Annotated[
         bool, typer.Option(help="Let the page run them again, with sliders, where the compiler is installed.")

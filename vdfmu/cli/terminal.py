@@ -160,6 +160,4 @@ def unit_messages() -> Generator[Callable[[LogMessage], None]]:
     try:
         yield show
     finally:
-        say_notes(
-            [": ".join([*([", ".join(names)] if names else []), what]) for what, names in notes.items()]
-        )
+        say_notes([": ".join([*([", ".join(names)] if names else []), what]) for what, names in notes.items()])

@@ -20,15 +20,11 @@ if TYPE_CHECKING:
 
 PortOption = Annotated[
     int | None,
-    typer.Option(
-        min=1, max=65535, help="Port of the view on 127.0.0.1; default one that is free.", show_default=False
-    ),
+    typer.Option(min=1, max=65535, help="Port of the view on 127.0.0.1; default one that is free.", show_default=False),
 ]
 LiveOption = Annotated[
     bool,
-    typer.Option(
-        "--live", help="Show the arm, errors, torques and torsion in a browser while the run goes on."
-    ),
+    typer.Option("--live", help="Show the arm, errors, torques and torsion in a browser while the run goes on."),
 ]
 SpeedOption = Annotated[
     float | None,

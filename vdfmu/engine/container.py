@@ -38,9 +38,7 @@ from vdfmu.engine.plan.link import Link
 from vdfmu.engine.plan.schedule import cycles, topological
 
 
-def write_container(
-    system: System | str | os.PathLike[str], path: str | os.PathLike[str], *, step: float
-) -> Path:
+def write_container(system: System | str | os.PathLike[str], path: str | os.PathLike[str], *, step: float) -> Path:
     """Write the container FMU of a system.
 
     Parameters
@@ -68,9 +66,7 @@ def write_container(
     """
     if not 0.0 < step < math.inf:
         raise UsageError(f"step: expected a positive finite time, got {step:g} s.")
-    checked = check_system(
-        system if isinstance(system, System) else load_ssp(Path(system)), algorithm="jacobi"
-    )
+    checked = check_system(system if isinstance(system, System) else load_ssp(Path(system)), algorithm="jacobi")
     if slow := [component.name for component in checked.system.components if component.step is not None]:
         raise UsageError(
             f"{', '.join(slow)}: has a step of its own; a container FMU steps all together. Remove the annotation."
@@ -135,9 +131,7 @@ def _write(checked: Checked, path: Path, step: float, folder: Path) -> None:
     except zipfile.BadZipFile as error:  # the file was just written
         raise StorageError(f"{path}: cannot be written: {error}. Give the same command again.") from None
     # repacked: the same system gives the same bytes, and fmpy omits files that the disk does not return
-    pack_zip(
-        path, {str(file.relative_to(unzipped).as_posix()): file.read_bytes() for file in _files(unzipped)}
-    )
+    pack_zip(path, {str(file.relative_to(unzipped).as_posix()): file.read_bytes() for file in _files(unzipped)})
 
 
 def _files(folder: Path) -> Iterator[Path]:

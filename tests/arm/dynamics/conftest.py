@@ -25,9 +25,7 @@ def build_pinocchio_model(robot: Robot) -> pin.Model:
         body = pin.Inertia(float(robot.mass[i]), np.array(robot.centroid[i]), np.array(robot.inertia[i]))
         model.appendBodyToJoint(parent, body, pin.SE3.Identity())
     if robot.payload:  # a body of its own
-        body = pin.Inertia(
-            float(robot.payload_mass), np.array(robot.payload_centroid), np.array(robot.payload_inertia)
-        )
+        body = pin.Inertia(float(robot.payload_mass), np.array(robot.payload_centroid), np.array(robot.payload_inertia))
         model.appendBodyToJoint(parent, body, pin.SE3(robot.tool_rotation, robot.tool_offset))
     return model
 

@@ -67,9 +67,7 @@ def lagrange_mass_matrix(robot: Any, q: np.ndarray) -> np.ndarray:
     for k in range(robot.n):
         linear, angular = _link_jacobians(robot, axes, origins, centres[k], k)
         M[: k + 1, : k + 1] = (
-            M[: k + 1, : k + 1]
-            + link_body(robot, k)[0] * (linear @ linear.T)
-            + angular @ inertias[k] @ angular.T
+            M[: k + 1, : k + 1] + link_body(robot, k)[0] * (linear @ linear.T) + angular @ inertias[k] @ angular.T
         )
     return M
 
@@ -109,9 +107,7 @@ def mass_matrix_derivative(robot: Any, q: np.ndarray) -> np.ndarray:
                         d_linear[j] = _cross(axes[k], axes[j])
                 turned = _cross(axes[k][None, :], inertias[link].T).T  # (z_k x) I
                 d_inertia = turned + turned.T
-            product = (
-                link_body(robot, link)[0] * (d_linear @ linear.T) + d_angular @ inertias[link] @ angular.T
-            )
+            product = link_body(robot, link)[0] * (d_linear @ linear.T) + d_angular @ inertias[link] @ angular.T
             dM[:rows, :rows, k] = dM[:rows, :rows, k] + product + product.T + angular @ d_inertia @ angular.T
     return dM
 

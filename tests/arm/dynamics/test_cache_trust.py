@@ -101,9 +101,7 @@ def test_a_changed_library_with_the_right_guid_is_replaced(planar: Robot, tmp_pa
     assert path.stat().st_ino == place  # what was built is left alone
     with zipfile.ZipFile(path) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
-    (library,) = [
-        name for name in members if name.startswith("binaries/") and name.endswith((".so", ".dll", ".dylib"))
-    ]
+    (library,) = [name for name in members if name.startswith("binaries/") and name.endswith((".so", ".dll", ".dylib"))]
     members[library] += b"foreign code"
     pack_zip(path, members)
     assert path.read_bytes() != whole

@@ -38,9 +38,7 @@ def nominal(function, p, rng):
 
 
 def flat(columns):
-    return np.concatenate(
-        [np.ravel(c.full()) for c in (columns if isinstance(columns, tuple) else (columns,))]
-    )
+    return np.concatenate([np.ravel(c.full()) for c in (columns if isinstance(columns, tuple) else (columns,))])
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -67,9 +67,7 @@ def test_christoffel_symbols_are_symmetric_and_make_the_skew_property(chain, dra
 
 
 @pytest.mark.parametrize("wrench", [False, True], ids=["free", "wrench"])
-def test_inverse_dynamics_agrees_with_pinocchio_rnea(
-    chain, draw, kernel_of, pinocchio_model, pinocchio_force, wrench
-):
+def test_inverse_dynamics_agrees_with_pinocchio_rnea(chain, draw, kernel_of, pinocchio_model, pinocchio_force, wrench):
     model = pinocchio_model(chain)
     data = model.createData()
     states = draw(chain, 1000, seed=65)
@@ -84,9 +82,7 @@ def test_inverse_dynamics_agrees_with_pinocchio_rnea(
 
 
 @pytest.mark.parametrize("wrench", [False, True], ids=["free", "wrench"])
-def test_forward_dynamics_agrees_with_pinocchio_aba(
-    chain, draw, kernel_of, pinocchio_model, pinocchio_force, wrench
-):
+def test_forward_dynamics_agrees_with_pinocchio_aba(chain, draw, kernel_of, pinocchio_model, pinocchio_force, wrench):
     model = pinocchio_model(chain)
     data = model.createData()
     states = draw(chain, 1000, seed=66)

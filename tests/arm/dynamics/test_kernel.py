@@ -153,9 +153,7 @@ def test_beyond_its_size_the_cache_forgets_what_was_not_used_for_longest(tmp_pat
     monkeypatch.setenv("VDFMU_CACHE_MB", str(10_000 / 2**20))
     (tmp_path / cache.COMPILER).mkdir()
     (tmp_path / cache.COMPILER / "huge").write_bytes(bytes(50_000))  # is not ours
-    fill(
-        tmp_path, ["a/1", "a/2", "b/3", "b/4", "b/5"], 1_900
-    )  # and 65 bytes each for the digest: below the limit
+    fill(tmp_path, ["a/1", "a/2", "b/3", "b/4", "b/5"], 1_900)  # and 65 bytes each for the digest: below the limit
     assert stored(tmp_path) == ["a/1", "a/2", "b/3", "b/4", "b/5", f"{cache.COMPILER}/huge"]
     assert cache.load(tmp_path / "a/1") is not None  # used now
     cache.store(tmp_path / "c/6", bytes(1_900))
@@ -229,9 +227,7 @@ def test_processes_share_a_cache_that_each_of_them_empties(tmp_path):
 
 
 def test_unknown_function_lists_the_known_ones(planar):
-    with pytest.raises(
-        KernelError, match=r"no traced function 'inverse'. There are: inverse_dynamics, .*mass_matrix"
-    ):
+    with pytest.raises(KernelError, match=r"no traced function 'inverse'. There are: inverse_dynamics, .*mass_matrix"):
         Kernel(planar, None).function("inverse")
 
 
@@ -266,9 +262,7 @@ def test_rows_take_single_arrays_and_batches(planar, kernel_of):
     q, q_dot, q_ddot, F_e = arguments()
     one = torque(kernel)
     assert one.shape == (2,)
-    batch = kernel.rows(
-        "inverse_dynamics", [np.stack([q, 2 * q, q]), q_dot, np.stack([q_ddot] * 3), F_e], SIZES
-    )
+    batch = kernel.rows("inverse_dynamics", [np.stack([q, 2 * q, q]), q_dot, np.stack([q_ddot] * 3), F_e], SIZES)
     assert batch.shape == (3, 2)
     np.testing.assert_array_equal(batch[[0, 2]], [one, one])
     assert (batch[1] != one).all()
@@ -295,9 +289,7 @@ def test_rows_refuse_what_is_no_array_of_finite_numbers(planar, kernel_of, value
 def test_rows_refuse_batches_of_different_lengths(planar, kernel_of):
     q, q_dot, q_ddot, F_e = arguments()
     with pytest.raises(KernelError, match=r"batches of different lengths \[2, 3\]: expected one length"):
-        kernel_of(planar).rows(
-            "inverse_dynamics", [np.stack([q] * 2), np.stack([q_dot] * 3), q_ddot, F_e], SIZES
-        )
+        kernel_of(planar).rows("inverse_dynamics", [np.stack([q] * 2), np.stack([q_dot] * 3), q_ddot, F_e], SIZES)
 
 
 def test_given_buffers_are_used_in_place_and_checked(planar, kernel_of):
@@ -305,9 +297,7 @@ def test_given_buffers_are_used_in_place_and_checked(planar, kernel_of):
     function = kernel_of(planar).function("inverse_dynamics", q=q)
     assert function.args["q"] is q
     for wrong in (np.zeros(3), np.zeros(2, dtype=np.float32), np.zeros(4)[::2]):
-        with pytest.raises(
-            KernelError, match=r"buffer of q: expected a contiguous float array of shape \(2,\)"
-        ):
+        with pytest.raises(KernelError, match=r"buffer of q: expected a contiguous float array of shape \(2,\)"):
             kernel_of(planar).function("inverse_dynamics", q=wrong)
 
 
@@ -318,9 +308,7 @@ def symbol(name="s"):
 def test_symbol_refuses_to_become_a_float():
     with pytest.raises(KernelError, match=r"Symbol\(s\) has no value while equations are traced"):
         float(symbol())
-    with pytest.raises(
-        KernelError, match=r"an array to put it into is zeros\(shape, \*like\) of vdfmu\.unit"
-    ):
+    with pytest.raises(KernelError, match=r"an array to put it into is zeros\(shape, \*like\) of vdfmu\.unit"):
         np.zeros(2)[0] = symbol()
     assert float(Symbol(2.5)) == 2.5
 
@@ -370,11 +358,7 @@ def test_symbols_mix_with_arrays_and_jets():
     s = symbol()
     row = s * np.array([1.0, 2.0])
     assert row.dtype == object and all(isinstance(v, Symbol) for v in row)
-    assert (
-        isinstance(s * Jet(1.0, 2.0), Jet)
-        and isinstance(Jet(1.0, 2.0) - s, Jet)
-        and isinstance(s - Jet(1.0), Jet)
-    )
+    assert isinstance(s * Jet(1.0, 2.0), Jet) and isinstance(Jet(1.0, 2.0) - s, Jet) and isinstance(s - Jet(1.0), Jet)
     assert Symbol(0.0).is_zero() and not s.is_zero()
     assert (s * 0.0).is_zero()
     assert zeros((2,), row).dtype == object and zeros((2,), np.zeros(3)).dtype == float

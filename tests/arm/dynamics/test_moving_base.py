@@ -55,10 +55,7 @@ class Ride(NamedTuple):
 
 def rides(count, seed):
     random = np.random.default_rng(seed)
-    return [
-        Ride(random_rotation(random), random.normal(size=6), 3.0 * random.normal(size=6))
-        for _ in range(count)
-    ]
+    return [Ride(random_rotation(random), random.normal(size=6), 3.0 * random.normal(size=6)) for _ in range(count)]
 
 
 def close(found, expected, share=CLOSE):
@@ -227,9 +224,7 @@ def test_two_arms_accelerate_as_the_arm_of_all_their_joints(chain, draw, coupled
         found_1 = plant_derivative(one, x_1, state.tau[:1], F_S0, loaded)
         _, A_O = tool_motion(one, x_1, state.tau[:1], F_S0, loaded)
         found_2 = plant_derivative(two, x_2, state.tau[1:], state.F_e, Ends(moving_base(R_O, V_O[3:], A_O)))
-        found = [
-            np.concatenate(pair) for pair in zip(np.split(found_1, 4), np.split(found_2, 4), strict=True)
-        ]
+        found = [np.concatenate(pair) for pair in zip(np.split(found_1, 4), np.split(found_2, 4), strict=True)]
         expected = np.split(plant_derivative(whole, state.x, state.tau, state.F_e, Ends(base)), 4)
         for a, b in zip(found, expected, strict=True):
             close(a, b)
@@ -292,7 +287,5 @@ def test_the_feedforward_of_a_base_that_turns_steadily_is_the_exact_inverse(chai
     # of a coupled rotor's torque the feedforward leaves out D' I_m D_ddot, see `desired_drive_motion`
     close(x_dot.q_dot, motion.q_d_ddot, 1e-9)
     gains = FeedbackGains(*(np.zeros(n) for _ in range(4)))
-    vdc = feedforward_vdc(
-        chain, gains, motion, motion.q_d, motion.q_d_dot, torques.kappa_dot_d, np.zeros(6), base(t)
-    )
+    vdc = feedforward_vdc(chain, gains, motion, motion.q_d, motion.q_d_dot, torques.kappa_dot_d, np.zeros(6), base(t))
     close(vdc.tau_m, torques.tau_m, 1e-9)

@@ -97,15 +97,11 @@ def test_the_motion_keeps_its_limits_and_reaches_one_of_each(scenario) -> None:
         path.outputs()
         found.append((path.q_d.copy(), path.q_d_dot.copy()))
     q, q_dot = (np.array(one) for one in zip(*found, strict=True))
-    np.testing.assert_allclose(
-        q[[0, -1]], [values["q_start"], values["q_end"]], rtol=0, atol=1e-12
-    )  # rounding
+    np.testing.assert_allclose(q[[0, -1]], [values["q_start"], values["q_end"]], rtol=0, atol=1e-12)  # rounding
     # A quadratic's central difference is exact except for rounding of 1e-16 / h, and jumps of 60 rad/s2 times h / 2.
     np.testing.assert_allclose((q[2:] - q[:-2]) / (2 * h), q_dot[1:-1], rtol=0, atol=60.0 * h / 2)
     speeds = np.abs(q_dot).max(axis=0) / values["speed"]
-    assert speeds.max() == pytest.approx(
-        1.0, rel=1e-9
-    )  # rounding, and the 1e-12 rad that keep 0 out of a quotient
+    assert speeds.max() == pytest.approx(1.0, rel=1e-9)  # rounding, and the 1e-12 rad that keep 0 out of a quotient
     accelerations = np.abs(np.diff(q_dot, axis=0)).max(axis=0) / h / values["acceleration"]
     assert accelerations.max() == pytest.approx(1.0, rel=1e-9)
 

@@ -49,9 +49,7 @@ class RotorBodies:
     def accelerations(self, q, q_dot, theta, theta_dot, tau_links, tau_rotors, F_e):
         """Return accelerations of links and rotors by the articulated-body algorithm."""
         forces = [pin.Force.Zero() for _ in range(self.model.njoints)]
-        forces[self.tool] = pin.SE3(self.robot.tool_rotation, self.robot.tool_offset).act(
-            pin.Force(-F_e[:3], -F_e[3:])
-        )
+        forces[self.tool] = pin.SE3(self.robot.tool_rotation, self.robot.tool_offset).act(pin.Force(-F_e[:3], -F_e[3:]))
         a = pin.aba(
             self.model, self.data, self.vector(q, theta), self.vector(q_dot, theta_dot),
             self.vector(tau_links, tau_rotors), forces,
@@ -73,9 +71,7 @@ def test_plant_agrees_with_rotors_as_bodies(chain, draw):
         # 1e-12 of the largest: some 5000 roundings, as for the rigid arm.
         np.testing.assert_allclose(x_dot[n : 2 * n], q_ddot, rtol=0, atol=1e-12 * np.abs(q_ddot).max())
         kappa_ddot = theta_ddot / robot.ell
-        np.testing.assert_allclose(
-            x_dot[2 * n : 3 * n], kappa_ddot, rtol=0, atol=1e-12 * np.abs(kappa_ddot).max()
-        )
+        np.testing.assert_allclose(x_dot[2 * n : 3 * n], kappa_ddot, rtol=0, atol=1e-12 * np.abs(kappa_ddot).max())
 
 
 @pytest.mark.parametrize("coupling", [True, False])

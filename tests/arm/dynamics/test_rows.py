@@ -80,9 +80,7 @@ def test_a_large_batch_runs_compiled_and_says_the_same(arm, monkeypatch):
     pose = vdfmu.forward_dynamics(arm, q[:, ::-1], q_dot, q_ddot)  # not contiguous, and not yet compiled
     monkeypatch.setattr(dynamics, "_WORTH", 0)
     # accelerations of at most some 1e3 rad/s2
-    np.testing.assert_allclose(
-        vdfmu.forward_dynamics(arm, q[:, ::-1], q_dot, q_ddot), pose, rtol=1e-12, atol=1e-10
-    )
+    np.testing.assert_allclose(vdfmu.forward_dynamics(arm, q[:, ::-1], q_dot, q_ddot), pose, rtol=1e-12, atol=1e-10)
 
 
 def test_a_large_batch_is_checked_too(arm, monkeypatch):

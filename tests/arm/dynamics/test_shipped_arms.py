@@ -10,9 +10,7 @@ from vdfmu.arm.robot import load_robot, robot_names
 
 
 @pytest.mark.parametrize("name", robot_names())
-def test_inverse_and_forward_dynamics_are_pinocchios(
-    name: str, draw, pinocchio_model, pinocchio_force
-) -> None:
+def test_inverse_and_forward_dynamics_are_pinocchios(name: str, draw, pinocchio_model, pinocchio_force) -> None:
     robot = load_robot(name)
     model = pinocchio_model(robot)
     data = model.createData()

@@ -97,9 +97,7 @@ def case(name, robot, state):
     match name:
         case "inverse_dynamics" | "newton_euler":
             method = inverse_dynamics if name == "inverse_dynamics" else newton_euler
-            return dict(q=q, q_dot=q_dot, q_ddot=q_ddot, F_e=F_e), dict(
-                tau=method(robot, q, q_dot, q_ddot, F_e)
-            )
+            return dict(q=q, q_dot=q_dot, q_ddot=q_ddot, F_e=F_e), dict(tau=method(robot, q, q_dot, q_ddot, F_e))
         case "forward_dynamics":
             return dict(q=q, q_dot=q_dot, tau=state.tau_s, F_e=F_e), dict(
                 q_ddot=forward_dynamics(robot, q, q_dot, state.tau_s, F_e)
@@ -152,9 +150,7 @@ def case(name, robot, state):
             command = pd_control(**inputs, velocity_d=q_dot, velocity=state.kappa_dot)
             return inputs | velocities, command._asdict()
         case "estimator_outputs":
-            inputs = dict(
-                q=q, kappa=rotor_position(robot, q, state.tau_s), tau=tau, tau_hat_max=100.0 / robot.c_f
-            )
+            inputs = dict(q=q, kappa=rotor_position(robot, q, state.tau_s), tau=tau, tau_hat_max=100.0 / robot.c_f)
             springs = {key: getattr(robot, key) for key in SPRING_KEYS}
             return inputs | springs, torque_estimates(robot, **inputs)._asdict()
     raise AssertionError(f"no case for {name}: add one")
@@ -205,12 +201,8 @@ WITHOUT_ROBOT = ("trajectory_outputs", "estimator_outputs", "plant_start_not_equ
 """Functions that do not take all of the robot's parameters."""
 
 
-@pytest.mark.parametrize(
-    "name", [n for n in NAMES if n not in WITHOUT_ROBOT and not n.startswith("controller")]
-)
-def test_parameters_at_run_time_equal_the_equations_of_the_changed_robot(
-    traced_robot, draw, function_of, name
-):
+@pytest.mark.parametrize("name", [n for n in NAMES if n not in WITHOUT_ROBOT and not n.startswith("controller")])
+def test_parameters_at_run_time_equal_the_equations_of_the_changed_robot(traced_robot, draw, function_of, name):
     random = np.random.default_rng(72)
     p = values(traced_robot)
     p = p * random.uniform(0.9, 1.1, len(p))
@@ -226,9 +218,7 @@ def test_parameters_at_run_time_equal_the_equations_of_the_changed_robot(
         value = np.asarray(value, dtype=float).ravel(order="F" if key == "J" else "C")
         # As above.
         bound = 1e-9 if name == "plant_step" else 1e-12
-        scale = max(
-            np.abs(value).max(), 1e-16 / 1e-6 / bound if name == "plant_step" and key != "x_new" else 0.0
-        )
+        scale = max(np.abs(value).max(), 1e-16 / 1e-6 / bound if name == "plant_step" and key != "x_new" else 0.0)
         np.testing.assert_allclose(results[key], value, rtol=0, atol=bound * scale, err_msg=key)
         moved |= (
             np.abs(value - np.asarray(before[key], dtype=float).ravel(order="F" if key == "J" else "C")).max()
@@ -252,9 +242,7 @@ def test_traced_limit_of_the_motor_torque(planar, function_of, infinite):
     function = function_of(planar, "controller_outputs_kappa_dot")
     limit = np.inf if infinite else 0.5
     zero, one = np.zeros(2), np.ones(2)
-    inputs = dict(
-        K_p=zero, K_v=zero, ell=one, tau_max=limit * one, q_d=zero, kappa_dot_d=zero, q=zero, kappa_dot=zero
-    )
+    inputs = dict(K_p=zero, K_v=zero, ell=one, tau_max=limit * one, q_d=zero, kappa_dot_d=zero, q=zero, kappa_dot=zero)
     for torque in (-3.0, -0.4, 0.0, 0.4, 3.0):
         results = call(function, inputs | dict(tau_m=torque), None)
         np.testing.assert_array_equal(results["tau"], np.clip(torque, -limit, limit) * one)

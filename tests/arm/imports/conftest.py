@@ -84,9 +84,7 @@ def differences(
     turns = [model.joints[i + 1].nq == 2 for i in range(robot.n)]  # a continuous joint is a point on a circle
     torques, accelerations = [], []
     for k in range(states):
-        at = np.concatenate(
-            [[np.cos(x), np.sin(x)] if turn else [x] for x, turn in zip(q[k], turns, strict=True)]
-        )
+        at = np.concatenate([[np.cos(x), np.sin(x)] if turn else [x] for x, turn in zip(q[k], turns, strict=True)])
         torques.append(pin.rnea(model, data, at, q_dot[k], q_ddot[k]).copy())
         accelerations.append(pin.aba(model, data, at, q_dot[k], torques[k]).copy())
 

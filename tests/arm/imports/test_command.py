@@ -37,9 +37,7 @@ def test_what_is_no_arm_ends_with_every_problem_and_no_file(urdf, tmp_path: Path
     urdf(ARM + link("flap") + joint("d", "one", "flap"))
     done = vdfmu(tmp_path, "robot", "import", "arm.urdf", "-o", "robot.toml")
     assert done.returncode == 2
-    assert done.stderr.startswith(
-        "error: arm.urdf: --tip: expected a link, got nothing, and 2 joints branch off"
-    )
+    assert done.stderr.startswith("error: arm.urdf: --tip: expected a link, got nothing, and 2 joints branch off")
     assert not (tmp_path / "robot.toml").exists()
 
 

@@ -52,13 +52,9 @@ def test_what_is_made_of_shapes_is_said(urdf, tmp_path: Path) -> None:
     path = urdf(with_one(SHAPED))
     found = import_robot(path, density=1000.0)
     for key in ("mass", "centroid", "inertia"):
-        assert (
-            found.robot.source_of(f"joints[1].link.{key}") == "Assumed: shapes of one in arm.urdf, 1000 kg/m3"
-        )
+        assert found.robot.source_of(f"joints[1].link.{key}") == "Assumed: shapes of one in arm.urdf, 1000 kg/m3"
         assert found.robot.source_of(f"joints[2].link.{key}").startswith("arm.urdf: the links")
-    assert any(
-        note.startswith("joint a: 11.29 kg, with the inertia of the shapes of one") for note in found.notes
-    )
+    assert any(note.startswith("joint a: 11.29 kg, with the inertia of the shapes of one") for note in found.notes)
     # a known mass alone: the same shape
     drives = tmp_path / "drives.toml"
     drives.write_text("[a]\nlink.mass = 5.0\n", encoding="utf-8")
@@ -135,11 +131,7 @@ def test_joints_keep_their_names(urdf, tmp_path: Path) -> None:
 
 
 def test_a_joint_without_end_is_not_taken_for_degrees(urdf, tmp_path: Path) -> None:
-    content = (
-        link("ground", "")
-        + link("one")
-        + joint("a", "ground", "one", "continuous", inside='<limit effort="9"/>')
-    )
+    content = link("ground", "") + link("one") + joint("a", "ground", "one", "continuous", inside='<limit effort="9"/>')
     robot = vdfmu.robot_from_urdf(urdf(content))
     assert robot.limits and robot.q_max[0] == 1e6
     from vdfmu.study.analysis.reach import reach_scenario

@@ -83,9 +83,7 @@ def test_what_the_file_says_of_drives_is_taken_over(mjcf) -> None:
     assert (first["friction"]["f_v"], first["friction"]["f_c"]) == (0.3, 0.2)
     assert first["drive"]["I_m"] == 0.01 / 100  # armature is that of the rotor times ell^2, I_m times ell
     assert robot.source_of("joints[1].drive.I_m") == "arm.xml: armature of the joint"
-    assert str(robot.source_of("joints[2].friction.f_v")).startswith(
-        "Assumed"
-    )  # 0 is what MuJoCo has without one
+    assert str(robot.source_of("joints[2].friction.f_v")).startswith("Assumed")  # 0 is what MuJoCo has without one
     assert robot.gravity.tolist() == [-1.0, -2.0, 9.0]
     assert second["limits"]["q_max"] == 1e6
 

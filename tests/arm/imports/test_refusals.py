@@ -181,9 +181,7 @@ def test_what_is_no_urdf_is_named(tmp_path: Path, text: str, expected: str) -> N
 
 
 def test_a_file_that_is_missing_is_named(tmp_path: Path) -> None:
-    with pytest.raises(
-        vdfmu.VdfmuError, match="expected a URDF or MJCF file, got nothing: it does not exist"
-    ):
+    with pytest.raises(vdfmu.VdfmuError, match="expected a URDF or MJCF file, got nothing: it does not exist"):
         vdfmu.robot_from_urdf(tmp_path / "arm.urdf")
 
 

@@ -83,7 +83,5 @@ def count_operations(equations: Callable[[Counter], Any]) -> Count:
 def counting_chain(n: int, counter: Counter) -> Robot:
     """Chain of `n` revolute joints whose numbers all are the counter."""
     robot = repeated_link(n)
-    fields = {
-        name: counter.array(*getattr(robot, name).shape) for name in (*_RIGID, "gravity", "tool_offset")
-    }
+    fields = {name: counter.array(*getattr(robot, name).shape) for name in (*_RIGID, "gravity", "tool_offset")}
     return dataclasses.replace(robot, **fields)

@@ -46,14 +46,9 @@ def test_body_mass_matrix_gives_the_kinetic_energy_of_its_points():
     random = np.random.default_rng(1)
     points, m = random.normal(size=(8, 3)), random.uniform(0.1, 1.0, 8)
     r = m @ points / m.sum()
-    I_B = sum(
-        k * (np.dot(p - r, p - r) * np.eye(3) - np.outer(p - r, p - r))
-        for k, p in zip(m, points, strict=True)
-    )
+    I_B = sum(k * (np.dot(p - r, p - r) * np.eye(3) - np.outer(p - r, p - r)) for k, p in zip(m, points, strict=True))
     V_B = random.normal(size=6)
-    energy = sum(
-        0.5 * k * np.sum((V_B[:3] + np.cross(V_B[3:], p)) ** 2) for k, p in zip(m, points, strict=True)
-    )
+    energy = sum(0.5 * k * np.sum((V_B[:3] + np.cross(V_B[3:], p)) ** 2) for k, p in zip(m, points, strict=True))
     # A sum of about 100 products of order 1: 100 roundings.
     np.testing.assert_allclose(0.5 * V_B @ mass_matrix(m.sum(), r, I_B) @ V_B, energy, rtol=100 * EPS)
 
@@ -194,9 +189,7 @@ def test_rate_of_the_mass_matrix_minus_twice_the_coriolis_matrix_is_skew(chain, 
 def test_coriolis_matrix_in_joint_space_gives_the_velocity_torques(chain, draw):
     for state in draw(chain, 10, seed=11):
         zero = np.zeros(chain.n)
-        torque = inverse_dynamics(chain, state.q, state.q_dot, zero) - inverse_dynamics(
-            chain, state.q, zero, zero
-        )
+        torque = inverse_dynamics(chain, state.q, state.q_dot, zero) - inverse_dynamics(chain, state.q, zero, zero)
         product = coriolis_in_joint_space(chain, state.q, state.q_dot) @ state.q_dot
         # As above; the subtraction of gravity adds roundings of its torques, up to some 100 N m.
         np.testing.assert_allclose(product, torque, rtol=0, atol=1e-12 * max(100.0, np.abs(torque).max()))

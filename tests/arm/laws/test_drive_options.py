@@ -75,21 +75,15 @@ def test_backlash_is_crossed_by_small_torques_and_stores_what_is_put_into_it(wit
         torque = np.full(2, t)
         by_jet = derivative(gap_deformation(robot, jets(torque, 1.0, 0.0)), 1)
         # the jet's is the difference of two terms 1 + x^2 times as large
-        np.testing.assert_allclose(
-            gap_compliance(robot, torque), by_jet, rtol=20 * EPS * (1.0 + (t / 0.5) ** 2)
-        )
-        work, _ = quad(
-            lambda s: s * gap_compliance(robot, np.full(2, s))[0], 0.0, t, epsabs=1e-15, epsrel=1e-12
-        )
+        np.testing.assert_allclose(gap_compliance(robot, torque), by_jet, rtol=20 * EPS * (1.0 + (t / 0.5) ** 2))
+        work, _ = quad(lambda s: s * gap_compliance(robot, np.full(2, s))[0], 0.0, t, epsabs=1e-15, epsrel=1e-12)
         # the integral is of a smooth function; 1 - 1/sqrt(1 + x^2) loses the digits of x^2
         np.testing.assert_allclose(gap_energy(robot, torque), work, rtol=1e-9, atol=1e-18)
         np.testing.assert_array_equal(gap_deformation(robot, -torque), -gap_deformation(robot, torque))
     width = gap_deformation(robot, np.full(2, 5.0)) - gap_deformation(robot, np.full(2, -5.0))
     np.testing.assert_allclose(width, 2e-4, rtol=1.0 / 2.0 / 10.0**2)  # x / sqrt(1 + x^2) at x = 10
     kappa = plant_outputs(robot, np.array([0.3, 0.2, 0, 0, 0, 0, 0.5, -0.5])).kappa
-    with_gap = plant_outputs(
-        robot.with_parameters(w_gap=0.0), np.array([0.3, 0.2, 0, 0, 0, 0, 0.5, -0.5])
-    ).kappa
+    with_gap = plant_outputs(robot.with_parameters(w_gap=0.0), np.array([0.3, 0.2, 0, 0, 0, 0, 0.5, -0.5])).kappa
     np.testing.assert_allclose(kappa - with_gap, 1e-4 / np.sqrt(2.0) * np.array([1.0, -1.0]), rtol=1e-10)
 
 
@@ -124,9 +118,7 @@ def test_viscous_friction_falls_with_the_temperature_that_losses_make(with_optio
 def test_the_current_follows_with_its_bandwidth_until_the_voltage_ends(with_options):
     robot = with_options("winding")
     tau, still = np.full(2, 0.5), np.zeros(2)
-    done = solve_ivp(
-        lambda _, i: current_rate(robot, tau, still, i), (0.0, 2e-3), still, rtol=1e-9, atol=1e-12
-    )
+    done = solve_ivp(lambda _, i: current_rate(robot, tau, still, i), (0.0, 2e-3), still, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(done.y[0], 5.0 * (1.0 - np.exp(-3e3 * done.t)), rtol=0, atol=1e-6)
     # at speed the torque ends at k_t (U - k_t ell kappa_dot) / R: a line from the stall torque to the no-load speed
     for share in (0.9, 0.97):
@@ -141,12 +133,8 @@ def test_the_current_follows_with_its_bandwidth_until_the_voltage_ends(with_opti
         np.testing.assert_allclose(i_m, (1.0 - share) * 48.0 / 0.5, rtol=1e-6)
         power = winding_voltage(robot, np.full(2, 1.9), speed, i_m) * i_m
         heat, mechanical = robot.R_w * i_m**2, robot.k_t * i_m * robot.ell * speed
-        np.testing.assert_allclose(
-            power, heat + mechanical, rtol=1e-5
-        )  # as the current: L i_dot is what is left
-    i_m = solve_ivp(lambda _, i: current_rate(robot, 1e3 * tau, still, i), (0.0, 0.05), still, rtol=1e-9).y[
-        :, -1
-    ]
+        np.testing.assert_allclose(power, heat + mechanical, rtol=1e-5)  # as the current: L i_dot is what is left
+    i_m = solve_ivp(lambda _, i: current_rate(robot, 1e3 * tau, still, i), (0.0, 0.05), still, rtol=1e-9).y[:, -1]
     np.testing.assert_allclose(i_m, 20.0, rtol=1e-6)  # i_max
 
 
@@ -161,9 +149,7 @@ def test_bristles_hold_a_load_and_slide_as_the_paper_has_it(with_options):
             xi = stribeck_friction(robot, v, {"tau_z": tau_z})
             return np.concatenate([(load - xi) / J, bristle_rate(robot, v, tau_z, level), v])
 
-        return solve_ivp(
-            rate, (0.0, end), np.zeros(6), method="LSODA", rtol=1e-8, atol=1e-11, dense_output=True
-        ).sol
+        return solve_ivp(rate, (0.0, end), np.zeros(6), method="LSODA", rtol=1e-8, atol=1e-11, dense_output=True).sol
 
     held = sliding(0.8 * robot.f_s, 4.0)
     crept = np.abs(held(4.0)[4:] - held(2.0)[4:])
@@ -213,9 +199,7 @@ def test_energy_changes_by_the_power_of_the_motors_less_losses(with_options, dra
         parts = split_state(robot, x)
         x_dot = plant_derivative(robot, x, state.tau, state.F_e)
         outputs = plant_outputs(robot, jets(x, x_dot, 0.0))
-        rates = [
-            float(np.ravel(derivative(getattr(outputs, e), 1))[0]) for e in ("E_kin", "E_pot", "E_spring")
-        ]
+        rates = [float(np.ravel(derivative(getattr(outputs, e), 1))[0]) for e in ("E_kin", "E_pot", "E_spring")]
         tau = robot.k_t * parts.options["i_m"] if robot.winding else state.tau
         losses = drive_losses(robot, parts)
         assert (losses >= 0.0).all()
@@ -234,9 +218,7 @@ def test_traced_plant_with_all_options_has_their_laws_and_slopes(draw, with_opti
         x, F_e = state_of(robot, state, k), np.zeros(6)
         expected = plant_derivative(robot, x, state.tau, F_e)
         # rounding of either way through some 1000 operations
-        np.testing.assert_allclose(
-            rate(x, state.tau, F_e), expected, rtol=0, atol=1e-12 * np.abs(expected).max()
-        )
+        np.testing.assert_allclose(rate(x, state.tau, F_e), expected, rtol=0, atol=1e-12 * np.abs(expected).max())
         J = slopes(x, state.tau, F_e)
         for j in range(x.size):
             h = 1e-7 * np.eye(x.size)[j]
@@ -286,7 +268,5 @@ def test_without_an_option_nothing_is_traced_of_it(planar, with_options, functio
 def test_an_option_of_some_joints_alone_is_refused(with_options):
     data = with_options("bristles").to_dict()
     del data["joints"][1]["bristles"]
-    with pytest.raises(
-        ModelError, match=r"joints\[2\]\.bristles: expected a table, as other joints have, got nothing"
-    ):
+    with pytest.raises(ModelError, match=r"joints\[2\]\.bristles: expected a table, as other joints have, got nothing"):
         robot_from_dict(data)

@@ -173,9 +173,7 @@ def rigid_motion(robot, q, q_dot, tau, duration):
     def rate(_, y):
         return np.concatenate([y[n:], acceleration(y[:n], y[n:])])
 
-    solution = solve_ivp(
-        rate, (0.0, duration), np.concatenate([q, q_dot]), rtol=1e-11, atol=1e-12, method="DOP853"
-    )
+    solution = solve_ivp(rate, (0.0, duration), np.concatenate([q, q_dot]), rtol=1e-11, atol=1e-12, method="DOP853")
     return acceleration(q, q_dot), solution.y[:n, -1]
 
 
@@ -185,9 +183,7 @@ def test_stiff_joints_move_as_the_rigid_arm(robot, plant_solver):
     q, q_dot = np.linspace(0.3, 0.9, n), np.linspace(0.5, -0.5, n)
     tau = equilibrium_torque(robot, q) / robot.ell + 0.02
     q_ddot, q_rigid = rigid_motion(robot, q, q_dot, tau, duration)
-    tau_s = inverse_dynamics(
-        robot, q, q_dot, q_ddot
-    )  # no step of the spring torque, so no vibration to begin with
+    tau_s = inverse_dynamics(robot, q, q_dot, q_ddot)  # no step of the spring torque, so no vibration to begin with
     distance = []
     for stiffness in (10.0, 100.0, 1000.0):
         stiff = robot.with_parameters(K_f0=stiffness * robot.K_f0, K_w0=stiffness * robot.K_w0)

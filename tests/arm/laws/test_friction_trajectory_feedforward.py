@@ -178,9 +178,7 @@ def test_vdc_pushes_against_velocity_errors(chain):
     drive = desired_drive_motion(chain, desired)
     exact = feedforward_inverse(chain, desired)
     lag = 0.01
-    behind = feedforward_vdc(
-        chain, gains(chain), desired, desired.q_d, desired.q_d_dot, drive.kappa_dot - lag
-    )
+    behind = feedforward_vdc(chain, gains(chain), desired, desired.q_d, desired.q_d_dot, drive.kappa_dot - lag)
     # Only k_vkappa (kappa_dot_r - kappa_dot) of (27) differs: 0.05 * 0.01, to roundings of torques of up to 1
     # N m.
     np.testing.assert_allclose(behind.tau_m - exact.tau_m, 0.05 * lag, rtol=0, atol=1e-11)
@@ -237,9 +235,7 @@ def test_vdc_link_gain_dissipates_the_velocity_error(chain, draw):
     still = np.zeros(chain.n)
     strong, weak = gains(chain)._replace(K_V=np.full(chain.n, 7.0)), gains(chain)._replace(K_V=still)
     for state in draw(chain, 5, seed=30):
-        a, b = (
-            feedforward_vdc(chain, g, desired, state.q, state.q_dot, state.kappa_dot) for g in (strong, weak)
-        )
+        a, b = (feedforward_vdc(chain, g, desired, state.q, state.q_dot, state.kappa_dot) for g in (strong, weak))
         q_dot_r = desired.q_d_dot + 10.0 * (desired.q_d - state.q)
         assert (a.tau_s - b.tau_s) @ (q_dot_r - state.q_dot) > 0
 

@@ -92,9 +92,7 @@ def test_power_balance_beyond_stops_and_torque_line(draw):
         q, q_dot, kappa_dot = state.q, state.q_dot, state.kappa_dot
         x_dot = plant_derivative(robot, state.x, state.tau, np.zeros(6))
         outputs = plant_outputs(robot, jets(state.x, x_dot, 0.0))
-        rates = [
-            float(np.ravel(derivative(getattr(outputs, e), 1))[0]) for e in ("E_kin", "E_pot", "E_spring")
-        ]
+        rates = [float(np.ravel(derivative(getattr(outputs, e), 1))[0]) for e in ("E_kin", "E_pot", "E_spring")]
         xi_l, xi_m = joint_friction(robot, q_dot, kappa_dot)
         stops = stop_torque(robot, q, q_dot)
         depth = np.maximum(q - robot.q_max, 0.0) - np.maximum(robot.q_min - q, 0.0)

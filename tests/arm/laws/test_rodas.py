@@ -157,9 +157,7 @@ def test_elimination_solves_linear_systems_of_floats_and_symbols():
     # Positive definite with condition below 100: 100 roundings of each.
     np.testing.assert_allclose(solve(factorize(matrix), b), expected, rtol=0, atol=1e4 * EPS)
     symbol = ca.SX.sym("b", 6)
-    traced = ca.Function(
-        "solve", [symbol], [to_sx(solve(factorize(from_sx(ca.SX(ca.DM(matrix)))), from_sx(symbol)))]
-    )
+    traced = ca.Function("solve", [symbol], [to_sx(solve(factorize(from_sx(ca.SX(ca.DM(matrix)))), from_sx(symbol)))])
     np.testing.assert_allclose(traced(b).full().ravel(), expected, rtol=0, atol=1e4 * EPS)
 
 

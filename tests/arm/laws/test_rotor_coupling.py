@@ -44,9 +44,7 @@ def test_the_first_rotor_stands_on_the_ground(coupled, draw):
         tau[1:] = state.tau_s[1:] / coupled.ell[1:]  # no torque on the light rotors, which would spin up
         light_free = light.with_parameters(f_c=0.0, f_s=0.0, f_v=0.0)
         a, b = (
-            plant_derivative(
-                dataclasses.replace(light_free, rotor_coupling=coupling), state.x, tau, np.zeros(6)
-            )
+            plant_derivative(dataclasses.replace(light_free, rotor_coupling=coupling), state.x, tau, np.zeros(6))
             for coupling in (True, False)
         )
         # Torques of 1e-12 kg m2 times 200 rad/s squared, over 0.002 kg m2: 1e-9 for the links and rotor 1.
@@ -59,9 +57,7 @@ def test_free_fall_of_the_paper_s_arm_differs_by_0_3_degrees(coupled, arm, plant
     for friction, degrees in ((1.0, 0.307), (0.0, 0.393)):
         ends = []
         for robot in (coupled, arm):
-            robot = robot.with_parameters(
-                f_c=friction * robot.f_c, f_s=friction * robot.f_s, f_v=friction * robot.f_v
-            )
+            robot = robot.with_parameters(f_c=friction * robot.f_c, f_s=friction * robot.f_s, f_v=friction * robot.f_v)
             integrator = plant_solver(robot)
             integrator.tolerance = 1e-9
             integrator.x[:] = np.concatenate([np.zeros(18), equilibrium_torque(robot, np.zeros(6))])
@@ -173,9 +169,7 @@ def test_pure_rotation_is_the_limit_of_large_ratios(coupled, draw):
     free = coupled.with_parameters(f_c=0.0, f_s=0.0, f_v=0.0)
     distance = []
     for k in (1.0, 10.0, 100.0):
-        robot = free.with_parameters(
-            ell=k * free.ell, I_m=free.I_m / k, K_w0=free.K_w0 / k**2, c_w=k * free.c_w
-        )
+        robot = free.with_parameters(ell=k * free.ell, I_m=free.I_m / k, K_w0=free.K_w0 / k**2, c_w=k * free.c_w)
         a, b = (
             plant_derivative(dataclasses.replace(robot, rotor_coupling=on), state.x, state.tau / k, state.F_e)
             for on in (True, False)

@@ -64,9 +64,7 @@ def test_a_csv_file_has_columns_in_any_order_and_unit(robot, written):
 def test_columns_may_have_the_names_of_joints(robot, written):
     named = dataclasses.replace(robot, joint_names=("shoulder", "elbow_joint"))
     expected = vdfmu.load_motion(written("time,q1 [deg],q2\n0,0,0\n1,90,0.5\n", "numbers.csv"), named)
-    motion = vdfmu.load_motion(
-        written("time,elbow_joint,shoulder [deg]\n0,0,0\n1,0.5,90\n", "names.csv"), named
-    )
+    motion = vdfmu.load_motion(written("time,elbow_joint,shoulder [deg]\n0,0,0\n1,0.5,90\n", "names.csv"), named)
     np.testing.assert_array_equal(motion.coefficients, expected.coefficients)
     for heading, words in (
         ("time,elbow_joint,shoulder,q1", "q1: expected one column for q1, got another one"),
@@ -219,9 +217,7 @@ def test_the_schema_has_the_keys_of_each_kind():
 
 @pytest.mark.heavy
 def test_the_command_prints_and_draws_a_motion(written, tmp_path, capsys):
-    path = written(
-        f'robot = "planar_2dof"\n[motion]\nkind = "multisine"\n{GOOD["multisine"]}\nvelocity = 0.1\n'
-    )
+    path = written(f'robot = "planar_2dof"\n[motion]\nkind = "multisine"\n{GOOD["multisine"]}\nvelocity = 0.1\n')
     app(["motion", str(path), "-o", str(tmp_path / "a.png")], standalone_mode=False)
     out, err = capsys.readouterr()
     assert "6 s in" in out and "ends where it starts" in out and "amplitude" in err
@@ -232,9 +228,7 @@ def test_the_command_prints_and_draws_a_motion(written, tmp_path, capsys):
 
 
 def test_the_command_takes_names_of_scenarios(capsys):
-    with pytest.raises(
-        ModelError, match="motion: expected a table, got a scenario without one.*'vdfmu run two_joint'"
-    ):
+    with pytest.raises(ModelError, match="motion: expected a table, got a scenario without one.*'vdfmu run two_joint'"):
         app(["motion", "two_joint"], standalone_mode=False)
     with pytest.raises(UsageError, match="no scenario 'two_join'.* Did you mean \"two_joint\"?"):
         app(["motion", "two_join"], standalone_mode=False)

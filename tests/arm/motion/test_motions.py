@@ -38,10 +38,7 @@ def jumps(motion):
     h = np.diff(motion.knots)
     before = np.array(
         [
-            [
-                sum(math.perm(k, order) * c[k] * dt ** (k - order) for k in range(order, 6))
-                for order in range(5)
-            ]
+            [sum(math.perm(k, order) * c[k] * dt ** (k - order) for k in range(order, 6)) for order in range(5)]
             for c, dt in zip(motion.coefficients, h, strict=True)
         ]
     )
@@ -117,9 +114,7 @@ def test_limits_hold_and_one_is_met_and_stops_are_stops():
     stopping = motions.waypoints(POINTS, TIMES, dwell=[0.0, 0.0, 0.2, 0.0, 0.0])
     assert np.abs(stopping.at(np.array([1.0, 1.1, 1.2]))[0] - POINTS[2]).max() < 1e-13
     assert np.abs(stopping.at(np.array([1.05, 1.15]))[1:]).max() == 0.0
-    with pytest.raises(
-        UsageError, match=r"expected at least the .* s that the limits of joint 1 take, got 0.5 s"
-    ):
+    with pytest.raises(UsageError, match=r"expected at least the .* s that the limits of joint 1 take, got 0.5 s"):
         motions.waypoints(POINTS, duration=0.5, velocity=velocity, acceleration=acceleration)
 
 
@@ -167,9 +162,7 @@ def test_the_shortest_motion_keeps_limits_and_path_and_says_what_it_costs(planar
     points = np.array([[-1.5, 0.0], [-0.5, 0.6], [0.4, 0.2]])
     velocity, acceleration = np.array([3.0, 4.0]), np.array([12.0, 20.0])
     motion = motions.fastest(points, velocity, acceleration)
-    assert np.all(motion.peaks[0] <= velocity * (1.0 + 1e-9)) and np.all(
-        motion.peaks[1] <= acceleration * (1.0 + 1e-9)
-    )
+    assert np.all(motion.peaks[0] <= velocity * (1.0 + 1e-9)) and np.all(motion.peaks[1] <= acceleration * (1.0 + 1e-9))
     assert np.all(jumps(motion) < rounding(motion))
     # shorter than the other way, and longer than what speed alone takes
     assert motion.duration < motions.waypoints(points, velocity=velocity, acceleration=acceleration).duration
@@ -289,9 +282,7 @@ def test_more_than_the_shortest_is_measured_against_the_shortest(planar, points,
 
 
 def test_points_too_near_for_a_path_are_refused():
-    with pytest.raises(
-        UsageError, match=r"point 2: expected at least 0.00141 from the point before, got 1e-09"
-    ):
+    with pytest.raises(UsageError, match=r"point 2: expected at least 0.00141 from the point before, got 1e-09"):
         motions.fastest([[0, 0], [1e-9, 0], [1, 1]], 1.0, 4.0)
     with pytest.raises(UsageError, match=r"point 2: expected at least 1e-09"):
         motions.fastest([[1.0], [1.0 + 1e-12]], 1.0, 4.0)
@@ -406,22 +397,15 @@ def test_a_line_is_straight_and_a_circle_round(planar, arm):
     axis = turned[-1] / np.linalg.norm(turned[-1])
     assert np.abs(turned - (turned @ axis)[:, None] * axis).max() < 2e-7  # about one axis: slerp
     share = ((p - p_0) @ along) / np.linalg.norm(target - p_0)
-    assert (
-        np.abs(turned @ axis / np.linalg.norm(turned[-1]) - share).max() < 1e-5
-    )  # 2e-7 m of 0.15 m, 2e-7 rad of 0.37
+    assert np.abs(turned @ axis / np.linalg.norm(turned[-1]) - share).max() < 1e-5  # 2e-7 m of 0.15 m, 2e-7 rad of 0.37
     centre = p_0 + [-0.05, 0.0, 0.0]
     motion = motions.circle(arm, q, centre, [0, 1, 0], speed=0.2, tolerance=1e-7)
     t = np.linspace(0.0, motion.duration, 3001)
     p, R = vdfmu.forward_kinematics(arm, motion.at(t)[0])
-    assert (
-        np.abs(np.linalg.norm(p - centre, axis=1) - 0.05).max() < 2e-7
-        and np.abs(p[:, 1] - p_0[1]).max() < 2e-7
-    )
+    assert np.abs(np.linalg.norm(p - centre, axis=1) - 0.05).max() < 2e-7 and np.abs(p[:, 1] - p_0[1]).max() < 2e-7
     assert np.abs(R - R_0).max() < 2e-7 and motion.closed
     speed = np.linalg.norm(np.diff(p, axis=0), axis=1) / (t[1] - t[0])
-    assert speed.max() == pytest.approx(
-        0.2, rel=1e-4
-    )  # chords of arcs of 2e-3 rad: 1e-6; 2e-7 m in 8e-4 s adds more
+    assert speed.max() == pytest.approx(0.2, rel=1e-4)  # chords of arcs of 2e-3 rad: 1e-6; 2e-7 m in 8e-4 s adds more
 
 
 @pytest.mark.heavy
@@ -538,9 +522,7 @@ def test_motions_can_be_joined_and_slowed_down():
 def test_motions_that_do_not_meet_are_not_joined():
     one, other = motions.waypoints(POINTS, TIMES), motions.waypoints(POINTS[1:], TIMES[1:])
     for parts in ([one, other], [one, motions.rest(np.zeros(3), 1.0)]):
-        with pytest.raises(
-            UsageError, match=r"joined: expected motion 2 to start at .*, where motion 1 ends, got"
-        ):
+        with pytest.raises(UsageError, match=r"joined: expected motion 2 to start at .*, where motion 1 ends, got"):
             motions.joined(parts)
     with pytest.raises(UsageError, match="factor: expected a number above 0"):
         one.slower(-1.0)

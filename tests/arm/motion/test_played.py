@@ -150,8 +150,7 @@ def test_a_scenario_carries_its_motion_into_the_package_and_the_results(scenario
 @pytest.mark.heavy
 def test_python_fmus_and_lanes_play_the_same(scenario, tmp_path):
     native, python = (
-        vdfmu.run(scenario, out=tmp_path / name, backend=name, reference=False)
-        for name in ("native", "python")
+        vdfmu.run(scenario, out=tmp_path / name, backend=name, reference=False) for name in ("native", "python")
     )
     # the same operations in the same order
     assert (native["trajectory.q_d_ddddot"] == python["trajectory.q_d_ddddot"]).all()
@@ -226,9 +225,7 @@ class FedByTime(Fed):
 def test_the_solver_of_a_state_looks_up_too(tmp_path):
     fmus = vdfmu.build_fmus(None, tmp_path, units=[Fed])
     inside = (EDGES[1] + EDGES[2]) / 2
-    result = fmpy.simulate_fmu(
-        str(fmus["fed"]), stop_time=1.0, output_interval=0.05, start_values={"u": inside}
-    )
+    result = fmpy.simulate_fmu(str(fmus["fed"]), stop_time=1.0, output_interval=0.05, start_values={"u": inside})
     # x = row (1 - exp(-t)); the tolerance of the solver is 1e-7, some ten steps
     assert [result["x[1]"][-1], result["x[2]"][-1]] == pytest.approx(ROWS[1] * (1 - np.exp(-1.0)), abs=1e-6)
 

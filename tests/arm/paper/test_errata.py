@@ -187,9 +187,7 @@ def test_sign_of_G_B_is_for_g_upwards(arm):
 
 
 def friction_slope(robot, velocities):
-    return np.array(
-        [derivative(stribeck_friction(robot, jets(np.full(robot.n, v), 1.0, 0.0)), 1) for v in velocities]
-    )
+    return np.array([derivative(stribeck_friction(robot, jets(np.full(robot.n, v), 1.0, 0.0)), 1) for v in velocities])
 
 
 def test_falling_branch_of_the_friction_reaches_minus_13_to_minus_17(arm):

@@ -176,9 +176,7 @@ class Subsystems:
             whole = body_force(*body, g, V[3:], V_r_dot, V_r)
             self.F_T_star.append((1 - PART) * whole)  # (8)
             self.F_B_star.append(PART * whole)  # (6), of the base of joint i + 1
-            self.F_D_star.append(
-                body_force(0.0, np.zeros(3), rotor, np.zeros(3), V_D[3:], V_D_r_dot, V_D_r)
-            )  # (7)
+            self.F_D_star.append(body_force(0.0, np.zeros(3), rotor, np.zeros(3), V_D[3:], V_D_r_dot, V_D_r))  # (7)
             for found, value in zip(
                 (self.U, self.V, self.V_r, self.V_r_dot, self.V_D, self.V_D_r),
                 (U, V, V_r, V_r_dot, V_D, V_D_r),
@@ -242,9 +240,7 @@ def spring(path):
     robot = path.robot
     for arguments, kappa in (*path.plant["rotor_position"], *path.other["rotor_position"]):
         tau_w = arguments["tau_s"] / robot.ell
-        wave = (
-            np.sign(tau_w) / (robot.c_w * robot.ell * robot.K_w0) * (1.0 - np.exp(-robot.c_w * np.abs(tau_w)))
-        )
+        wave = np.sign(tau_w) / (robot.c_w * robot.ell * robot.K_w0) * (1.0 - np.exp(-robot.c_w * np.abs(tau_w)))
         delta_theta_f = kappa - arguments["q"] - wave - 0.0  # (3), theta_err = 0
         tau_f = np.tan(delta_theta_f * robot.c_f * robot.K_f0) / robot.c_f  # (2)
         # An angle of 1.5 rad is rounded to 1e-16; the stiffness is up to 3e4 N m/rad.
@@ -265,9 +261,7 @@ def spring(path):
 @equations(4)
 def velocity_of_rotors(path):
     for arguments, V_D in path.plant["rotor_velocity"]:
-        close(
-            V_D, Z * arguments["ell"] * arguments["kappa_dot"] + arguments["U_BD"].T @ arguments["V_B"], 100.0
-        )
+        close(V_D, Z * arguments["ell"] * arguments["kappa_dot"] + arguments["U_BD"].T @ arguments["V_B"], 100.0)
     now = Subsystems(
         path.robot,
         path.q,
@@ -332,9 +326,7 @@ def virtual_decomposition_control(path):
     _, required = path.vdc["required_motion"][0]
     for found, wanted in zip(required, (q_dot_r, q_ddot_r, kappa_dot_r, kappa_ddot_r), strict=True):
         close(found, wanted, 10.0)
-    parts = Subsystems(
-        robot, path.q, (path.q_dot, path.kappa_dot), (q_dot_r, kappa_dot_r, q_ddot_r, kappa_ddot_r)
-    )
+    parts = Subsystems(robot, path.q, (path.q_dot, path.kappa_dot), (q_dot_r, kappa_dot_r, q_ddot_r, kappa_ddot_r))
     parts.add_gains(gains.K_V)  # (15), (17), (50)
     F_qr, F_kr = parts.forces(path.F_e)  # (18)-(20), (23)-(25); F_l of (51)
     close(np.array(path.vdc["required_forces"][0][1]), np.array(F_qr), 1e3)  # (51)-(53), with (25)'s rotor
@@ -438,9 +430,7 @@ def net_forces(path):
     for arguments, F_star in path.plant.of["net_force"] + path.inverse["net_force"]:
         if arguments["V_B"].dtype == float:
             body = [arguments[name] for name in names]
-            close(
-                F_star, body_force(*body, arguments["V_B"][3:], arguments["V_B_dot"], arguments["V_B"]), 1e3
-            )
+            close(F_star, body_force(*body, arguments["V_B"][3:], arguments["V_B_dot"], arguments["V_B"]), 1e3)
 
 
 @equations(60)

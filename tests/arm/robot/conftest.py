@@ -47,9 +47,7 @@ def write(tmp_path: Path) -> Callable[[str, dict[str, Any]], Path]:
 
     def writer(name: str, data: dict[str, Any]) -> Path:
         path = tmp_path / name
-        path.write_text(
-            "".join(f'"{key}" = {value(entry)}\n' for key, entry in data.items()), encoding="utf-8"
-        )
+        path.write_text("".join(f'"{key}" = {value(entry)}\n' for key, entry in data.items()), encoding="utf-8")
         return path
 
     return writer

@@ -48,9 +48,7 @@ def test_every_number_of_a_gear_has_one_source_and_its_tables_are_calculated_fro
     # three straight pieces against a smooth curve, whose corners it rounds: 1.5 % seen, at ratio 30
     assert residual < 0.016 * catalogue_torsion(gear["repeated"], K, T)
     assert math.degrees(residual) * 60.0 < 0.2
-    assert gear["hysteresis"] == pytest.approx(
-        fit_hysteresis(ratio, spring, K[0], gear["hysteresis_loss"]), rel=1e-4
-    )
+    assert gear["hysteresis"] == pytest.approx(fit_hysteresis(ratio, spring, K[0], gear["hysteresis_loss"]), rel=1e-4)
     assert ("running" in gear) == ("friction" in gear) == ("load_loss" in gear)
     if "running" in gear:
         assert gear["friction"] == pytest.approx(
@@ -69,9 +67,7 @@ def test_the_torsion_is_that_of_the_example_of_a_catalogue():
     gear = GEARS["CSG-32-100"]
     K, T = [gear[f"K{i}"] for i in (1, 2, 3)], [gear["T1"], gear["T2"]]
     assert catalogue_torsion(60.0, K, T) == pytest.approx(7.15e-4, abs=5e-7)  # as printed
-    assert catalogue_torsion(200.0, K, T) == pytest.approx(
-        29.0 / 6.7e4 + 79.0 / 1.1e5 + 92.0 / 1.2e5, rel=1e-15
-    )
+    assert catalogue_torsion(200.0, K, T) == pytest.approx(29.0 / 6.7e4 + 79.0 / 1.1e5 + 92.0 / 1.2e5, rel=1e-15)
 
 
 def test_a_fit_of_straight_pieces_that_are_one_is_a_linear_spring():
@@ -118,19 +114,13 @@ def test_a_joint_takes_from_the_catalogue_what_it_does_not_say():
     gear, motor = GEARS["CSG-25-100"], MOTORS["TBM-6025-B"]
     assert robot.K_f0.tolist() == [gear["drive"]["K_f0"]] * 2
     np.testing.assert_allclose(robot.I_m, 100.0 * (4.13e-5 + 2.52e-5))
-    assert (
-        (robot.c_f == 2e-3).all()
-        and (robot.f_v == 0.7).all()
-        and (robot.f_c == gear["friction"]["f_c"]).all()
-    )
+    assert (robot.c_f == 2e-3).all() and (robot.f_v == 0.7).all() and (robot.f_c == gear["friction"]["f_c"]).all()
     assert (robot.f_h == 1.0).all() and (robot.K_h == gear["hysteresis"]["K_h"]).all()
     assert (robot.R_w == motor["winding"]["R_w"]).all()
     assert robot.hysteresis and robot.winding and not robot.load_loss and not robot.limits
     source = robot.source_of("joints[2].hysteresis.K_h")
     assert source == "models/drives/catalogue.toml: gear CSG-25-100; assumed there: hysteresis_loss"
-    assert robot.source_of("joints[1].drive.I_m").endswith(
-        "inertia of gear CSG-25-100 and motor TBM-6025-B, times ell"
-    )
+    assert robot.source_of("joints[1].drive.I_m").endswith("inertia of gear CSG-25-100 and motor TBM-6025-B, times ell")
     assert robot_from_dict(robot.to_dict()).to_dict() == robot.to_dict()
 
 

@@ -57,9 +57,7 @@ def test_shipped_scenario_is_named_like_its_file(name: str) -> None:
 
 
 def test_unknown_name_lists_the_shipped_ones() -> None:
-    with pytest.raises(
-        UsageError, match=r"no robot \'planar\': .* There are: iiwa_7dof, kr_6dof, manipulator_6dof"
-    ):
+    with pytest.raises(UsageError, match=r"no robot \'planar\': .* There are: iiwa_7dof, kr_6dof, manipulator_6dof"):
         load_robot("planar")
     with pytest.raises(UsageError, match=r'no scenario \'trackin\': .* Did you mean "tracking"\?'):
         load_scenario("trackin")
@@ -74,9 +72,7 @@ def test_file_of_that_name_wins_over_the_shipped_one(tmp_path: Path, monkeypatch
 
 
 def test_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(
-        ModelError, match=r"nowhere\.toml: expected a TOML file, got nothing: it does not exist"
-    ):
+    with pytest.raises(ModelError, match=r"nowhere\.toml: expected a TOML file, got nothing: it does not exist"):
         load_robot(tmp_path / "nowhere.toml")
     with pytest.raises(ModelError, match=r"nowhere\.toml: expected a TOML file, got nothing"):
         load_scenario("nowhere.toml")
@@ -90,9 +86,7 @@ def test_directory(tmp_path: Path) -> None:
 def test_not_utf8(tmp_path: Path) -> None:
     path = tmp_path / "latin.toml"
     path.write_bytes('name = "Mühle"'.encode("latin-1"))
-    with pytest.raises(
-        ModelError, match=r"latin\.toml: expected UTF-8 text, got byte 0xfc at offset 9\. Save"
-    ):
+    with pytest.raises(ModelError, match=r"latin\.toml: expected UTF-8 text, got byte 0xfc at offset 9\. Save"):
         load_robot(path)
 
 
@@ -125,9 +119,7 @@ def test_byte_order_mark_and_crlf_are_read(tmp_path: Path) -> None:
     assert load_robot(path).n == 2
 
 
-def test_robot_path_starts_at_the_scenario_file(
-    tmp_path: Path, write: Writer, scenario_data: dict[str, Any]
-) -> None:
+def test_robot_path_starts_at_the_scenario_file(tmp_path: Path, write: Writer, scenario_data: dict[str, Any]) -> None:
     (tmp_path / "robots").mkdir()
     shutil.copy(SHIPPED, tmp_path / "robots" / "arm.toml")
     scenario_data["robot"] = "robots/arm.toml"

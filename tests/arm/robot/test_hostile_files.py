@@ -77,9 +77,7 @@ def test_a_number_that_is_not_physical_is_refused(
 
 @pytest.mark.parametrize("key", ["name", "description"])
 @pytest.mark.parametrize("character", ["\x00", "\x1b", "\x7f", "\x9b", "\ufffe", "\ud800"])
-def test_control_characters_are_refused_and_shown_as_text(
-    robot_data: dict[str, Any], key: str, character: str
-) -> None:
+def test_control_characters_are_refused_and_shown_as_text(robot_data: dict[str, Any], key: str, character: str) -> None:
     robot_data[key] = f"arm {character}[31m"
     with pytest.raises(ModelError, match="expected a text without control characters, got") as caught:
         robot_from_dict(robot_data)
@@ -91,9 +89,7 @@ def test_long_texts_are_refused_with_their_length(robot_data: dict[str, Any]) ->
     with pytest.raises(ModelError) as caught:
         robot_from_dict(robot_data)
     assert any("name: expected at most 100 characters, got 100000" in p for p in caught.value.problems)
-    assert any(
-        "description: expected at most 4000 characters, got 100000" in p for p in caught.value.problems
-    )
+    assert any("description: expected at most 4000 characters, got 100000" in p for p in caught.value.problems)
     assert all(len(p) < 400 for p in caught.value.problems)
 
 
@@ -149,9 +145,7 @@ def test_the_cost_of_many_joints_is_said_and_bounded(robot_data: dict[str, Any],
     assert "the first build for 20 joints takes some" in build_notes(twenty, "native")[0]
     assert build_notes(load_robot("manipulator_6dof"), "native") == []
     robot_data["joints"] = [copy.deepcopy(joint) for _ in range(80)]
-    with pytest.raises(
-        UsageError, match=r"expected at most 64 joints for FMUs, got 80\. Tracing and compiling"
-    ):
+    with pytest.raises(UsageError, match=r"expected at most 64 joints for FMUs, got 80\. Tracing and compiling"):
         build_fmus(robot_from_dict(robot_data), tmp_path)
 
 

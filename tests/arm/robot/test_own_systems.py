@@ -82,9 +82,7 @@ def test_plant_factors_that_reach_no_component_are_noted(mine):
     own = SYSTEM.replace('arm = "plant"', 'arm = { unit = "plant", robot = "planar_2dof" }')
     scenario = mine("[plant_factors]\nmass = 2.0\n", own)
     (note,) = model_notes(scenario)
-    assert re.match(
-        r"plant_factors: no component takes it: .* Write numbers of the plant in its own section", note
-    )
+    assert re.match(r"plant_factors: no component takes it: .* Write numbers of the plant in its own section", note)
     two = own.replace("pd = ", 'other = "plant"\npd = ')
     (note,) = model_notes(mine("[plant_factors]\nmass = 2.0\n", two))
     assert note == "plant_factors: arm has a robot of its own, which this does not reach."

@@ -90,9 +90,7 @@ def test_drives_are_fitted_to_the_catalogue() -> None:
 def test_motion_of_section_4(name: str, degrees: list[float], T: float) -> None:
     scenario = load_scenario(name)
     # Written with 16 or 17 digits: equal to one unit in the last place.
-    np.testing.assert_allclose(
-        group_value(scenario, "trajectory.q_end"), np.radians(degrees), rtol=3e-16, atol=0
-    )
+    np.testing.assert_allclose(group_value(scenario, "trajectory.q_end"), np.radians(degrees), rtol=3e-16, atol=0)
     np.testing.assert_array_equal(group_value(scenario, "trajectory.q_start"), np.zeros(6))
     assert group_value(scenario, "trajectory.T") == scenario.stop == T
     assert scenario.step == 1e-3
@@ -137,7 +135,5 @@ def test_gains_keep_the_sampled_loop_stable(name: str) -> None:
 
 def test_gains_of_the_paper_arm() -> None:
     scenario = load_scenario("tracking")
-    np.testing.assert_array_equal(
-        group_value(scenario, "controller.K_p"), [2000, 2000, 2000, 1000, 1000, 500]
-    )
+    np.testing.assert_array_equal(group_value(scenario, "controller.K_p"), [2000, 2000, 2000, 1000, 1000, 500])
     np.testing.assert_array_equal(group_value(scenario, "controller.K_v"), [50, 50, 40, 30, 25, 20])

@@ -149,9 +149,7 @@ def test_the_name_of_a_parameter_is_in_the_table_and_in_equations_alone(name: st
     assert table in files
     # what is estimated from a log is named where it is estimated
     others = {
-        path
-        for path in files
-        if not path.startswith(("arm/equations/", "arm/drive/", "arm/world/", "study/identify/"))
+        path for path in files if not path.startswith(("arm/equations/", "arm/drive/", "arm/world/", "study/identify/"))
     }
     assert others == {table} - {f"arm/drive/{row.section}.py"}
 

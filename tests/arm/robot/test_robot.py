@@ -181,9 +181,7 @@ def test_with_parameters() -> None:
     np.testing.assert_array_equal(other.f_v, [0.5, 0.5])
     np.testing.assert_array_equal(robot.mass, [2.0, 1.0])
     assert not other.mass.flags.writeable
-    with pytest.raises(
-        UsageError, match=r"robot planar_2dof: no parameter 'mas'\. There are: gravity, tool_offset"
-    ):
+    with pytest.raises(UsageError, match=r"robot planar_2dof: no parameter 'mas'\. There are: gravity, tool_offset"):
         robot.with_parameters(mas=1)
     with pytest.raises(UsageError, match=r"mass: expected numbers of shape \(2,\), got \(3,\)"):
         robot.with_parameters(mass=[1, 2, 3])

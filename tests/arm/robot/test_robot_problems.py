@@ -159,9 +159,7 @@ def put(data: Any, path: tuple[Any, ...], value: Any) -> None:
         data[path[-1]] = value
 
 
-@pytest.mark.parametrize(
-    ("path", "value", "message"), FAULTS, ids=lambda v: None if isinstance(v, str) else ""
-)
+@pytest.mark.parametrize(("path", "value", "message"), FAULTS, ids=lambda v: None if isinstance(v, str) else "")
 def test_fault_is_named(robot_data: dict[str, Any], path: tuple[Any, ...], value: Any, message: str) -> None:
     put(robot_data, path, value)
     with pytest.raises(ModelError, match=message) as caught:

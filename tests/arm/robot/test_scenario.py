@@ -88,9 +88,7 @@ FAULTS: list[tuple[tuple[str, ...], Any, str]] = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("path", "value", "message"), FAULTS, ids=lambda v: None if isinstance(v, str) else ""
-)
+@pytest.mark.parametrize(("path", "value", "message"), FAULTS, ids=lambda v: None if isinstance(v, str) else "")
 def test_fault_is_named(
     write: Writer, scenario_data: dict[str, Any], path: tuple[str, ...], value: Any, message: str
 ) -> None:
@@ -106,9 +104,7 @@ def test_fault_is_named(
 @pytest.mark.parametrize("key", ["name", "stop", "step"])
 def test_missing_key(write: Writer, scenario_data: dict[str, Any], key: str) -> None:
     del scenario_data[key]
-    with pytest.raises(
-        ModelError, match=rf"own\.toml: {key}: expected .* got nothing\. The key is missing: add it"
-    ):
+    with pytest.raises(ModelError, match=rf"own\.toml: {key}: expected .* got nothing\. The key is missing: add it"):
         load_scenario(write("own.toml", scenario_data))
 
 
@@ -157,9 +153,7 @@ def test_defaults(write: Writer, scenario_data: dict[str, Any]) -> None:
     assert scenario.plant_robot is scenario.robot
 
 
-def test_friction_of_a_scenario_goes_before_that_of_its_robot(
-    write: Writer, scenario_data: dict[str, Any]
-) -> None:
+def test_friction_of_a_scenario_goes_before_that_of_its_robot(write: Writer, scenario_data: dict[str, Any]) -> None:
     scenario_data["friction"] = "split"
     scenario_data["plant_factors"] = {"mass": 2.0}
     path = write("own.toml", scenario_data)
@@ -189,8 +183,7 @@ def test_variants_differ_from_their_scenarios_by_what_they_are_for() -> None:
 def test_gains_of_the_variant_of_two_joint_are_those_of_table_5() -> None:
     scenario = load_scenario("two_joint_table5")
     torque, position = (
-        np.array(scenario.paper[key])
-        for key in ("rms_torque_compensation_error_nm", "rms_position_error_deg")
+        np.array(scenario.paper[key]) for key in ("rms_torque_compensation_error_nm", "rms_position_error_deg")
     )
     # written in whole N.m/rad
     K_p, K_v = (group_value(scenario, f"controller.{name}") for name in ("K_p", "K_v"))
@@ -203,9 +196,7 @@ def test_gains_of_the_variant_of_two_joint_are_those_of_table_5() -> None:
     assert critical[1] > 50.0
 
 
-def test_plant_factors_scale_scalars_vectors_and_matrices(
-    write: Writer, scenario_data: dict[str, Any]
-) -> None:
+def test_plant_factors_scale_scalars_vectors_and_matrices(write: Writer, scenario_data: dict[str, Any]) -> None:
     scenario_data["plant_factors"] = {
         "mass": [1.5, 1.25],
         "centroid": [2.0, 0.5],
@@ -233,9 +224,7 @@ def test_two_joint_plant_differs_by_the_stated_per_cent() -> None:
 
 
 @pytest.mark.parametrize("name", ["../up", "/absolute", "a\\b", "..", ".hidden", "line\nbreak"])
-def test_a_name_that_is_no_file_name_is_refused(
-    write: Writer, scenario_data: dict[str, Any], name: str
-) -> None:
+def test_a_name_that_is_no_file_name_is_refused(write: Writer, scenario_data: dict[str, Any], name: str) -> None:
     scenario_data["name"] = "NAME"
     path = write("scenario.toml", scenario_data)
     text = path.read_text(encoding="utf-8").replace('"NAME"', json.dumps(name))

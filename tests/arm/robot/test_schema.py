@@ -17,10 +17,7 @@ EXAMPLES = Path(__file__).resolve().parents[3] / "examples" / "units"
 
 
 def problems(schema: dict[str, Any], data: dict[str, Any]) -> list[str]:
-    return [
-        f"{'.'.join(map(str, e.absolute_path))}: {e.message}"
-        for e in Draft7Validator(schema).iter_errors(data)
-    ]
+    return [f"{'.'.join(map(str, e.absolute_path))}: {e.message}" for e in Draft7Validator(schema).iter_errors(data)]
 
 
 def content(path: Path) -> dict[str, Any]:
@@ -48,9 +45,7 @@ def test_what_a_scenario_can_set_has_its_unit_of_measurement_and_no_text_twice()
     sections = scenario_schema()["properties"]
     assert sections["controller"]["properties"]["K_p"]["description"].endswith("Eq. (58) [N.m/rad or N/m]")
     assert sections["plant"]["properties"]["mass"]["description"].endswith("[kg]")
-    wrench = (
-        "Force of the arm on its surroundings in {O}; Moment of the arm on its surroundings in {O} [N, N.m]"
-    )
+    wrench = "Force of the arm on its surroundings in {O}; Moment of the arm on its surroundings in {O} [N, N.m]"
     assert sections["plant"]["properties"]["F_e"]["description"] == wrench
 
 

@@ -102,9 +102,7 @@ class Unit:
     def outputs(self) -> np.ndarray:
         """All outputs in order."""
         return np.array(
-            self.fmu.getReal(
-                [v.valueReference for v in self.description.modelVariables if v.causality == "output"]
-            )
+            self.fmu.getReal([v.valueReference for v in self.description.modelVariables if v.causality == "output"])
         )
 
     def start(self, time: float = 0.0, tolerance: float | None = None, **values: Any) -> Unit:
@@ -149,9 +147,7 @@ def planar(robots: dict[str, Robot]) -> Robot:
 
 
 @pytest.fixture(scope="session")
-def fmus(
-    robots: dict[str, Robot], tmp_path_factory: pytest.TempPathFactory
-) -> Mapping[str, Mapping[str, Path]]:
+def fmus(robots: dict[str, Robot], tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Mapping[str, Path]]:
     """FMUs by robot and unit, built when they are first asked for."""
     return Lazy(lambda robot: build_fmus(robots[robot], tmp_path_factory.mktemp(robot), backend="python"))
 

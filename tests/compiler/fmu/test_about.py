@@ -52,9 +52,7 @@ def built(folder, backend="native", version="2.0"):
 def folder(tmp_path):
     (tmp_path / "deep").mkdir()
     (tmp_path / "deep" / "gain.py").write_text(UNIT)
-    (tmp_path / "deep" / "pyproject.toml").write_text(
-        "[tool.other]\n"
-    )  # a file of tools alone is of no project
+    (tmp_path / "deep" / "pyproject.toml").write_text("[tool.other]\n")  # a file of tools alone is of no project
     return tmp_path / "deep"
 
 
@@ -66,9 +64,7 @@ def test_a_unit_has_the_author_and_the_licence_of_its_project_or_none(folder, ba
     assert found == OF_PROJECT
     if backend == "native":
         licence, page = texts
-        assert licence.startswith(
-            "The unit Gain (sources/unit.c and sources/kernel_*.c): Ada, bob@example.org, BSD-3"
-        )
+        assert licence.startswith("The unit Gain (sources/unit.c and sources/kernel_*.c): Ada, bob@example.org, BSD-3")
         assert "MIT License" in licence  # of the C that all units have
         assert "BSD-3-Clause. The C files that all units have are of vdfmu, MIT." in page
 

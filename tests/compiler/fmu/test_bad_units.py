@@ -139,9 +139,7 @@ def test_a_file_without_a_unit_says_what_is_missing(tmp_path: Path) -> None:
 
 def test_all_that_is_wrong_with_a_declaration_is_in_one_message(tmp_path: Path) -> None:
     file = tmp_path / "bad.py"
-    file.write_text(
-        HEAD + '    a = Parameter("Nm")\n    x = State("m")\n    b = Parameter("1", minimum=1.0)\n'
-    )
+    file.write_text(HEAD + '    a = Parameter("Nm")\n    x = State("m")\n    b = Parameter("1", minimum=1.0)\n')
     with pytest.raises(UnitError) as caught:
         build_fmus(None, tmp_path, units=[file])
     assert sorted(re.findall(r"line (\d)", str(caught.value))) == ["5", "6", "7"]

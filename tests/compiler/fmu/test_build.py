@@ -72,9 +72,7 @@ def test_an_fmu_that_is_up_to_date_is_left_alone(planar: Robot, tmp_path: Path) 
     "change",
     [
         pytest.param(lambda robot: (robot.with_parameters(mass=[2.0, 1.1]), None), id="mass"),
-        pytest.param(
-            lambda robot: (robot.with_parameters(tool_offset=[0.4, 0.1, 0.0]), None), id="structure"
-        ),
+        pytest.param(lambda robot: (robot.with_parameters(tool_offset=[0.4, 0.1, 0.0]), None), id="structure"),
         pytest.param(lambda robot: (robot, {"plant": {"q_0[2]": 0.25}}), id="start value"),
     ],
 )
@@ -103,9 +101,7 @@ def test_the_guid_changes_with_sources_scripts_and_pythonfmu(planar: Robot) -> N
 
 
 @pytest.mark.parametrize("damage", [b"not a zip", None])
-def test_a_file_that_vdfmu_did_not_write_is_not_replaced(
-    planar: Robot, tmp_path: Path, damage: bytes | None
-) -> None:
+def test_a_file_that_vdfmu_did_not_write_is_not_replaced(planar: Robot, tmp_path: Path, damage: bytes | None) -> None:
     path = build_fmus(planar, tmp_path, units=["controller"], backend="python")["controller"]
     good = path.read_bytes()
     path.write_bytes(b"")  # no loss
@@ -113,9 +109,7 @@ def test_a_file_that_vdfmu_did_not_write_is_not_replaced(
     assert path.read_bytes() == good
     there = good[: len(good) // 2] if damage is None else damage
     path.write_bytes(there)
-    with pytest.raises(
-        UsageError, match=r"PDController\.fmu: expected no file of this name, or one that vdfmu wrote"
-    ):
+    with pytest.raises(UsageError, match=r"PDController\.fmu: expected no file of this name, or one that vdfmu wrote"):
         build_fmus(planar, tmp_path, units=["controller"], backend="python")
     assert path.read_bytes() == there
 
@@ -217,18 +211,14 @@ def test_start_values_are_those_of_the_instance_and_of_the_description(
     row = fmpy.simulate_fmu(str(path), stop_time=1e-3, output_interval=1e-3)[0]
     assert row["tau_s[1]"] == 2.0
     assert row["q_dot[2]"] == 0.5
-    row = fmpy.simulate_fmu(
-        str(path), stop_time=1e-3, output_interval=1e-3, start_values={"equilibrium": True}
-    )[0]
+    row = fmpy.simulate_fmu(str(path), stop_time=1e-3, output_interval=1e-3, start_values={"equilibrium": True})[0]
     expected = 9.81 * (3.0 * 0.25 + 1.0 * (0.5 + 0.2))
     assert row["tau_s[1]"] == pytest.approx(expected, rel=1e-14)  # four rounded operations
 
 
 def test_numpy_numbers_will_do_as_start_values(planar: Robot, tmp_path: Path) -> None:
     values = {"feedforward": {"mode": np.int64(1), "Lambda[1]": np.float64(2.5)}}
-    path = build_fmus(planar, tmp_path, units=["feedforward"], start_values=values, backend="python")[
-        "feedforward"
-    ]
+    path = build_fmus(planar, tmp_path, units=["feedforward"], start_values=values, backend="python")["feedforward"]
     starts = {v.name: v.start for v in fmpy.read_model_description(path).modelVariables}
     assert (starts["mode"], starts["Lambda[1]"]) == ("1", "2.5")
 

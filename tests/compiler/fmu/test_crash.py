@@ -193,9 +193,7 @@ def test_the_process_survives_all_misuse(
     paths = (units["planar_2dof"]["plant"] for units in (folders, fmus))
     said = run_python(SCRIPT, *paths, *CASES, PYTHONMALLOC=allocator).splitlines()
     cases = [line.split()[1:] for line in said if line.startswith("case")]
-    assert {case: int(failures) for case, failures in cases} == {
-        case: 5 * failures for case, failures in CASES.items()
-    }
+    assert {case: int(failures) for case, failures in cases} == {case: 5 * failures for case, failures in CASES.items()}
     results = [line for line in said if line.startswith("result")]
     assert len(results) == 5 * len(CASES)
     assert len(set(results)) == 1

@@ -46,9 +46,7 @@ class Probe:
         self.outputs = [i for i, v in enumerate(table) if v.causality == "output"]
         rng = np.random.default_rng(1)
         self.point = {
-            i: self._random(v, rng)
-            for i, v in enumerate(table)
-            if v.causality != "output" and v.type == "Real"
+            i: self._random(v, rng) for i, v in enumerate(table) if v.causality != "output" and v.type == "Real"
         }
         for group, value in choices.items():
             if group in SWITCHES[table.name]:
@@ -147,9 +145,7 @@ def cancels(robot: str, unit: str, output: str, known: str) -> bool:
     return False
 
 
-def test_initial_dependencies_are_exactly_what_outputs_change_with(
-    open_unit: Opener, table: Interface
-) -> None:
+def test_initial_dependencies_are_exactly_what_outputs_change_with(open_unit: Opener, table: Interface) -> None:
     """For every single output and variable: to the bit where it is not declared, clearly where it is."""
     changed: Pairs = set()  # in any bit
     moved: Pairs = set()  # by more than rounding
@@ -169,9 +165,7 @@ def test_initial_dependencies_are_exactly_what_outputs_change_with(
         moved |= {(table.variables[probe.outputs[k]].name, name) for k in np.flatnonzero(before != after)}
     expected = declared(table, table.start_dependencies)
     assert changed <= expected
-    hidden = {
-        (output, known) for output, known in expected if cancels(table.robot.name, table.name, output, known)
-    }
+    hidden = {(output, known) for output, known in expected if cancels(table.robot.name, table.name, output, known)}
     assert sorted(expected - hidden - moved) == []
     assert sorted(moved & hidden) == []
 

@@ -53,8 +53,7 @@ def test_each_variable_is_that_of_the_table(
         assert scalar.get("causality") == variable.causality
         assert scalar.get("variability") == variable.variability
         assert (
-            scalar.get("initial")
-            == {"parameter": "exact", "output": "calculated", "input": None}[variable.causality]
+            scalar.get("initial") == {"parameter": "exact", "output": "calculated", "input": None}[variable.causality]
         )
         assert value.tag == variable.type
         assert value.get("unit") == variable.unit
@@ -71,9 +70,7 @@ def test_each_variable_is_that_of_the_table(
                 assert float(text) == expected, (variable.name, attribute)
 
 
-def test_start_values_lie_within_their_limits(
-    robots: dict[str, Robot], robot_name: str, unit_name: str
-) -> None:
+def test_start_values_lie_within_their_limits(robots: dict[str, Robot], robot_name: str, unit_name: str) -> None:
     for variable in Interface(shipped_units()[unit_name], robots[robot_name]):
         if variable.start is not None:
             assert variable.problem(variable.start) is None, variable.name
@@ -136,9 +133,7 @@ def test_quantities_of_a_prismatic_joint_are_linear(robots: dict[str, Robot]) ->
     robot = robots["slider_3dof"]
     (i,) = (i for i, kind in enumerate(robot.joint_types) if kind == "prismatic")
     units = {
-        (v.group, v.index): v.unit
-        for name in ("controller", "plant")
-        for v in Interface(shipped_units()[name], robot)
+        (v.group, v.index): v.unit for name in ("controller", "plant") for v in Interface(shipped_units()[name], robot)
     }
     expected = {
         "q": "m", "q_dot": "m/s", "tau_s": "N", "tau": "N.m", "ell": "rad/m", "K_p": "N/m", "K_v": "N.s/m",

@@ -41,9 +41,7 @@ def another(robot: Robot, rng: np.random.Generator) -> Robot:
 def set_robot(unit: Any, robot: Robot) -> None:
     """Set all parameters of the robot that the unit offers, by their FMI names."""
     known = {v.name: v.valueReference for v in unit.description.modelVariables}
-    found = {
-        p.name: value for p, value in zip(parameters(robot), values(robot), strict=True) if p.name in known
-    }
+    found = {p.name: value for p, value in zip(parameters(robot), values(robot), strict=True) if p.name in known}
     unit.fmu.setReal([known[name] for name in found], [float(value) for value in found.values()])
 
 
@@ -150,9 +148,7 @@ def same_outputs(unit: Any, robot: Robot) -> None:
         same(unit.get(group), np.ravel(value), scale=10.0)
 
 
-def test_the_plant_starts_in_equilibrium(
-    open_unit: Opener, robot_name: str, robots: dict[str, Robot]
-) -> None:
+def test_the_plant_starts_in_equilibrium(open_unit: Opener, robot_name: str, robots: dict[str, Robot]) -> None:
     rng = np.random.default_rng(7)
     robot = another(robots[robot_name], rng)
     q_0, q_dot_0 = rng.normal(size=(2, robot.n))
@@ -167,9 +163,7 @@ def test_the_plant_starts_in_equilibrium(
     same_outputs(unit, robot)
 
 
-def test_the_plant_starts_from_given_values(
-    open_unit: Opener, robot_name: str, robots: dict[str, Robot]
-) -> None:
+def test_the_plant_starts_from_given_values(open_unit: Opener, robot_name: str, robots: dict[str, Robot]) -> None:
     rng = np.random.default_rng(8)
     start = rng.normal(size=(4, robots[robot_name].n))
     names = ("q_0", "q_dot_0", "kappa_dot_0", "tau_s_0")

@@ -94,9 +94,7 @@ def test_a_content_file_with_wrong_entries_is_refused(
     assert words in said
 
 
-def test_the_refusal_reaches_a_user_who_left_fmi_logging_off(
-    copy_of: CopyOf, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_the_refusal_reaches_a_user_who_left_fmi_logging_off(copy_of: CopyOf, caplog: pytest.LogCaptureFixture) -> None:
     """Plain fmpy shows no FMI message then; Python's logging shows errors to everybody."""
     folder = change(copy_of("plant"), version="9.9.9")
     with pytest.raises(Exception, match="Failed to instantiate model"):

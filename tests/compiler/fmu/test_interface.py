@@ -43,9 +43,7 @@ def test_the_memory_is_the_table_then_derivatives_then_time(interface: Interface
 
 
 def test_a_derivative_has_the_unit_of_its_state_per_second(interface: Interface) -> None:
-    for state, rate in zip(
-        interface.memory[interface.states], interface.memory[interface.derivatives], strict=True
-    ):
+    for state, rate in zip(interface.memory[interface.states], interface.memory[interface.derivatives], strict=True):
         of_state, of_rate = measure(state.unit or "").exponents, measure(rate.unit or "").exponents
         expected = of_state | {"s": of_state.get("s", 0) - 1}
         assert of_rate == expected, rate.name

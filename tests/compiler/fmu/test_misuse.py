@@ -216,9 +216,7 @@ def test_an_unknown_value_reference_is_refused(open_unit: Opener) -> None:
     last = len(unit.description.modelVariables) - 1
     for call in (lambda vr: unit.fmu.getReal([vr]), lambda vr: unit.fmu.setReal([vr], [0.0])):
         for reference in (last + 1, 10_000, 2**32 - 1):
-            with unit.refuses(
-                rf"etReal at t = 0 s failed: there is no value reference .*; they go from 0 to {last}\."
-            ):
+            with unit.refuses(rf"etReal at t = 0 s failed: there is no value reference .*; they go from 0 to {last}\."):
                 call(reference)
 
 
@@ -282,9 +280,7 @@ def test_outputs_have_no_value_before_the_initialization(open_unit: Opener, unit
     known = [v for v in unit.description.modelVariables if v.causality != "output" and v.type == "Real"]
     assert unit.fmu.getReal([v.valueReference for v in known]) == [float(v.start) for v in known]
     output = next(v for v in unit.description.modelVariables if v.causality == "output")
-    with unit.refuses(
-        r"unit: getReal failed: \w+\[1\] is an output: it has no value before enterInitializationMode\."
-    ):
+    with unit.refuses(r"unit: getReal failed: \w+\[1\] is an output: it has no value before enterInitializationMode\."):
         unit.fmu.getReal([output.valueReference])
     assert np.all(np.isfinite(unit.start().outputs()))
 
@@ -333,9 +329,7 @@ def test_after_the_end_values_can_be_read_but_nothing_moves(open_unit: Opener) -
 
 
 @pytest.mark.parametrize("size", [0.0, -1e-3, NAN, INF, -INF])
-def test_a_step_that_is_not_positive_and_finite_is_refused(
-    open_unit: Opener, unit_name: str, size: float
-) -> None:
+def test_a_step_that_is_not_positive_and_finite_is_refused(open_unit: Opener, unit_name: str, size: float) -> None:
     unit = open_unit(unit_name).start()
     before = unit.step().outputs()
     with unit.refuses(
@@ -385,9 +379,7 @@ def test_a_tolerance_that_is_not_positive_and_finite_is_refused(
     open_unit: Opener, unit_name: str, tolerance: float
 ) -> None:
     unit = open_unit(unit_name)
-    with unit.refuses(
-        rf"unit: setupExperiment failed: expected a finite positive tolerance, got {tolerance}\."
-    ):
+    with unit.refuses(rf"unit: setupExperiment failed: expected a finite positive tolerance, got {tolerance}\."):
         unit.setup(tolerance=tolerance)
 
 
@@ -395,9 +387,7 @@ def test_a_tolerance_that_is_not_positive_and_finite_is_refused(
 
 
 @pytest.mark.parametrize("torque", [1e12, 1e300])
-def test_a_torque_that_the_solver_cannot_follow_is_named_with_time_and_state(
-    open_unit: Opener, torque: float
-) -> None:
+def test_a_torque_that_the_solver_cannot_follow_is_named_with_time_and_state(open_unit: Opener, torque: float) -> None:
     unit = open_unit("plant").start()
     before = unit.step().outputs()
     with unit.refuses(
@@ -439,9 +429,7 @@ def test_the_name_of_the_instance_may_hold_anything(open_unit: Opener) -> None:
         unit.fmu.doStep(0.0, -1.0)
 
 
-def test_the_words_reach_a_user_who_left_fmi_logging_off(
-    open_unit: Opener, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_the_words_reach_a_user_who_left_fmi_logging_off(open_unit: Opener, caplog: pytest.LogCaptureFixture) -> None:
     unit = open_unit("plant")
     unit.fmu.setDebugLogging(False, [])
     unit.setup().start()

@@ -130,9 +130,7 @@ def test_an_fmu_that_is_up_to_date_is_left_alone(planar: Robot, tmp_path: Path) 
     assert build(["x86_64-darwin"]).st_ino != wider.st_ino
 
 
-def test_backends_and_versions_replace_each_other_but_not_damaged_files(
-    planar: Robot, tmp_path: Path
-) -> None:
+def test_backends_and_versions_replace_each_other_but_not_damaged_files(planar: Robot, tmp_path: Path) -> None:
     def build(**options: str) -> bytes:
         return build_fmus(planar, tmp_path, units=["controller"], **options)["controller"].read_bytes()
 
@@ -146,18 +144,14 @@ def test_backends_and_versions_replace_each_other_but_not_damaged_files(
     assert build() == native  # the default
     path = tmp_path / "PDController.fmu"
     path.write_bytes(native[: len(native) // 2])
-    with pytest.raises(
-        UsageError, match=r"PDController\.fmu: expected no file of this name, or one that vdfmu wrote"
-    ):
+    with pytest.raises(UsageError, match=r"PDController\.fmu: expected no file of this name, or one that vdfmu wrote"):
         build(backend="native")  # nothing says any more what wrote it
     path.unlink()
     assert build(backend="native") == native
     assert sorted(tmp_path.iterdir()) == [path]
 
 
-def test_a_second_build_compiles_nothing(
-    planar: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_second_build_compiles_nothing(planar: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = build_fmus(planar, tmp_path / "1", units=FAST, backend="native")
     monkeypatch.setattr(compile, "_zig", lambda: "/nowhere/zig")
     second = build_fmus(planar, tmp_path / "2", units=FAST, backend="native")
@@ -302,9 +296,7 @@ def test_a_full_disk_is_told(monkeypatch: pytest.MonkeyPatch, cold: Path) -> Non
 def test_builds_at_the_same_time_do_not_meet(tmp_path: Path) -> None:
     environment = os.environ | {"VDFMU_CACHE_DIR": str(tmp_path / "cache")}
     folders = [tmp_path / str(i) for i in range(3)]
-    processes = [
-        subprocess.Popen([sys.executable, "-c", BUILD, str(folder)], env=environment) for folder in folders
-    ]
+    processes = [subprocess.Popen([sys.executable, "-c", BUILD, str(folder)], env=environment) for folder in folders]
     assert [process.wait(300) for process in processes] == [0, 0, 0]
     for name in ("Trajectory.fmu", "PDController.fmu"):
         assert len({(folder / name).read_bytes() for folder in folders}) == 1

@@ -95,9 +95,7 @@ def test_a_library_exports_the_functions_of_fmi_and_nothing_else(
     major = version[0]
     prototypes = fmi_headers(version)[f"fmi{major}Functions.h"].decode()
     wanted = {
-        line.split()[1]
-        for line in prototypes.splitlines()
-        if line.startswith("#define fmi") and "FullName(fmi" in line
+        line.split()[1] for line in prototypes.splitlines() if line.startswith("#define fmi") and "FullName(fmi" in line
     }
     assert len(wanted) > 40
     for folder, suffix, read in (
@@ -173,9 +171,7 @@ def test_the_libraries_of_macos_know_their_name_and_one_file_serves_both_process
         (["x86_64-windows"], {"win64"}),
     ],
 )
-def test_importers_of_fmi_2_find_a_library_in_the_folder_of_their_system(
-    chosen: list[str], folders: set[str]
-) -> None:
+def test_importers_of_fmi_2_find_a_library_in_the_folder_of_their_system(chosen: list[str], folders: set[str]) -> None:
     files = platforms.binaries("Plant", {name: name.encode() for name in chosen}, "2.0")
     assert {path.split("/")[1] for path in files} == folders
     if "x86_64-linux" in chosen:
@@ -273,9 +269,7 @@ def test_reference_results_end_where_an_arm_runs_away(planar: Robot, tmp_path: P
     assert not {"nan", "inf"} & set(",".join(rows[1:]).split(","))
 
 
-def test_fmpy_compiles_the_sources(
-    native: Mapping[str, Mapping[str, Path]], version: str, tmp_path: Path
-) -> None:
+def test_fmpy_compiles_the_sources(native: Mapping[str, Mapping[str, Path]], version: str, tmp_path: Path) -> None:
     """With the system's compiler and cmake; the unit computes the same to rounding."""
     from fmpy.build import build_platform_binary
 

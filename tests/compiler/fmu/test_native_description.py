@@ -44,11 +44,7 @@ def read(root: Element) -> ModelDescription:
 
 @pytest.fixture(scope="module")
 def interfaces(robots: dict[str, Robot]) -> dict[tuple[str, str], Interface]:
-    return {
-        (name, unit): Interface(shipped_units()[unit], robots[name])
-        for name in robots
-        for unit in shipped_units()
-    }
+    return {(name, unit): Interface(shipped_units()[unit], robots[name]) for name in robots for unit in shipped_units()}
 
 
 @pytest.fixture
@@ -176,9 +172,7 @@ def test_arrays_of_fmi_3_are_those_of_the_layout(interface: Interface, root3: El
         else:
             values = {"true": 1.0, "false": 0.0}
             assert starts is not None
-            assert [values[s] if s in values else float(s) for s in starts.split()] == [
-                float(v.start) for v in members
-            ]
+            assert [values[s] if s in values else float(s) for s in starts.split()] == [float(v.start) for v in members]
         continuous = first.variability == "continuous"
         assert element.get("intermediateUpdate") == ("true" if continuous else None)
 
@@ -192,12 +186,8 @@ def test_derivatives_of_fmi_3_name_their_states(interface: Interface, root3: Ele
     assert positions == list(range(interface.states.start, interface.states.stop))
 
 
-def test_structure_of_fmi_3_joins_the_dependencies_of_the_elements(
-    interface: Interface, root3: Element
-) -> None:
-    of_position = {
-        i: array.first for array in interface.arrays for i in range(array.first, array.first + array.size)
-    }
+def test_structure_of_fmi_3_joins_the_dependencies_of_the_elements(interface: Interface, root3: Element) -> None:
+    of_position = {i: array.first for array in interface.arrays for i in range(array.first, array.first + array.size)}
     calculated = {i for i, v in enumerate(interface.memory) if v.causality in ("output", "local")}
     for tag, kinds, dependencies in (
         ("Output", {"output"}, interface.step_dependencies),

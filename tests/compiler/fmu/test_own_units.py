@@ -43,18 +43,14 @@ def own_fmu(robots: dict[str, Robot], tmp_path_factory: pytest.TempPathFactory) 
         backend, version = form.split()
         robot = robots["slider_3dof"] if name == "Weights" else None
         out = tmp_path_factory.mktemp(name)
-        (path,) = build_fmus(
-            robot, out, units=[f"{FILE}:{name}"], backend=backend, fmi_version=version
-        ).values()
+        (path,) = build_fmus(robot, out, units=[f"{FILE}:{name}"], backend=backend, fmi_version=version).values()
         return path
 
     return build
 
 
 @pytest.fixture
-def own(
-    own_fmu: Callable[[str, str], Path], tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Callable[..., Any]]:
+def own(own_fmu: Callable[[str, str], Path], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Any]]:
     """Instantiate a unit in a form; freed at the end of the test."""
     opened: list[Any] = []
 
@@ -156,9 +152,7 @@ def test_a_unit_has_the_parameters_of_the_robot_that_it_declares(
 ) -> None:
     """Three roundings, and the cosine's: 1e-15 of the result."""
     robot = robots["slider_3dof"]
-    names = {
-        v.name.split("[")[0] for v in fmpy.read_model_description(own_fmu("Weights", form)).modelVariables
-    }
+    names = {v.name.split("[")[0] for v in fmpy.read_model_description(own_fmu("Weights", form)).modelVariables}
     assert names - {"time"} == {"q", "y", "g", "ell", "mass"}
     q, mass = [0.1, 0.2, 0.3], [1.0, 2.0, 3.0]
     given, changed = own("Weights", form).start(), own("Weights", form).start(mass=mass)
@@ -172,9 +166,7 @@ def test_any_name_will_do_for_a_variable(own: Opener, form: str) -> None:
     """Against scipy on the unit in numpy; both solve to 1e-10 or better, over less than 1000 steps of damped motion."""
     values = {"x_0": 0.3, "h_0": -0.1, "w1": 0.2, "y_new": 0.1, "d_x": -0.5}
     unit = own("Words", form).start(tolerance=1e-10, **values)
-    plain = Plain(
-        Interface(find_unit(f"{FILE}:Words"), None, {name: values[name] for name in ("x_0", "h_0")})
-    )
+    plain = Plain(Interface(find_unit(f"{FILE}:Words"), None, {name: values[name] for name in ("x_0", "h_0")}))
     for name in ("w1", "y_new", "d_x"):
         plain.memory[plain.interface.groups[name]] = values[name]
     plain.start()
@@ -300,9 +292,7 @@ def test_the_page_is_made_from_the_docstring(own_fmu: Callable[[str, str], Path]
         names = set(archive.namelist())
     assert page.findtext(".//p[@class='what']") == "First-order low-pass filter"
     assert [block.text for block in page.iter("pre")] == ["T y_dot = u - y"]
-    assert {"u", "y", "T", "y_0", "tolerance"} <= {
-        c.text_content() for c in page.xpath("//td[@class='name']")
-    }
+    assert {"u", "y", "T", "y_0", "tolerance"} <= {c.text_content() for c in page.xpath("//td[@class='name']")}
     if form == "python 2.0":
         script = {"resources/vdfmu_low_pass_slave.py", "resources/unit.py", "resources/vdfmu.json"}
         assert script <= names

@@ -55,9 +55,7 @@ def test_the_trajectory_goes_from_start_to_end(fmus: Paths) -> None:
 
 def test_an_input_signal_reaches_the_controller(fmus: Paths) -> None:
     signal = np.array([(0.0, 0.1), (1.0, 0.1)], dtype=[("time", float), ("q_d[2]", float)])
-    result = simulate(
-        fmus["planar_2dof"]["controller"], input=signal, stop_time=0.01, start_values={"K_p[2]": 300.0}
-    )
+    result = simulate(fmus["planar_2dof"]["controller"], input=signal, stop_time=0.01, start_values={"K_p[2]": 300.0})
     assert result["tau_e[2]"][-1] == pytest.approx(30.0, rel=1e-15)
     assert result["tau_e[1]"][-1] == 0.0
 

@@ -57,9 +57,7 @@ def solution(t: float) -> tuple[float, float, float]:
 
 @pytest.fixture(scope="module", params=["2.0", "3.0"])
 def loop(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    (path,) = vdfmu.build_fmus(
-        None, tmp_path_factory.mktemp("loop"), units=[Loop], fmi_version=request.param
-    ).values()
+    (path,) = vdfmu.build_fmus(None, tmp_path_factory.mktemp("loop"), units=[Loop], fmi_version=request.param).values()
     return path
 
 

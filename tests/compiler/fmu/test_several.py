@@ -28,9 +28,7 @@ def stepped(unit: Any, seed: int, count: int = 15) -> list[np.ndarray]:
 
 def test_all_units_and_two_copies_of_each_run_as_if_each_were_alone(open_unit: Opener) -> None:
     """Steps of all instances interleave; each must give the bits that it gives alone."""
-    alone = {
-        (name, copy): stepped(open_unit(name).start(), copy) for name in shipped_units() for copy in (1, 2)
-    }
+    alone = {(name, copy): stepped(open_unit(name).start(), copy) for name in shipped_units() for copy in (1, 2)}
     units = {key: open_unit(key[0], instance=f"{key[0]}{key[1]}").start() for key in alone}
     randoms = {key: np.random.default_rng(key[1]) for key in units}
     for k in range(15):
@@ -68,9 +66,7 @@ def test_instances_in_threads_compute_what_they_compute_in_turn(open_unit: Opene
     expected = {seed: stepped(open_unit("plant").start(), seed, 40) for seed in seeds}
     units = {seed: open_unit("plant").start() for seed in seeds}
     found: dict[int, list[np.ndarray]] = {}
-    threads = [
-        threading.Thread(target=lambda s=seed: found.update({s: stepped(units[s], s, 40)})) for seed in seeds
-    ]
+    threads = [threading.Thread(target=lambda s=seed: found.update({s: stepped(units[s], s, 40)})) for seed in seeds]
     for thread in threads:
         thread.start()
     for thread in threads:

@@ -226,9 +226,7 @@ def test_a_damaged_state_is_refused_and_changes_nothing(
 @pytest.mark.parametrize("data", [b"", b"abc", b"{", b"\xff\xfe\x00", b"\x00" * 100])
 def test_bytes_that_are_no_state_are_refused(open_unit: Opener, data: bytes) -> None:
     unit = open_unit("plant").start()
-    with unit.refuses(
-        rf"deSerializeFMUstate failed: expected the bytes of a state, got {len(data)} other bytes"
-    ):
+    with unit.refuses(rf"deSerializeFMUstate failed: expected the bytes of a state, got {len(data)} other bytes"):
         unit.fmu.deSerializeFMUstate(data)
 
 
@@ -238,9 +236,7 @@ def test_bytes_that_are_no_state_are_refused(open_unit: Opener, data: bytes) -> 
 def test_reset_returns_to_the_start_values(open_unit: Opener, unit_name: str) -> None:
     unit = open_unit(unit_name)
     references = [
-        v.valueReference
-        for v in unit.description.modelVariables
-        if v.type == "Real" and v.causality != "output"
+        v.valueReference for v in unit.description.modelVariables if v.type == "Real" and v.causality != "output"
     ]
     before = unit.fmu.getReal(references)
     first = drive(unit.start(), unit_name, 0, 10)

@@ -143,9 +143,7 @@ class Instance:
         token = (model.guid if guid is None else guid).encode()
         resources = (model.folder / "resources").as_uri().encode()
         if model.major == "2":
-            self._log: Any = LOG_2(
-                lambda _, __, status, category, text: self._receive(status, category, text)
-            )
+            self._log: Any = LOG_2(lambda _, __, status, category, text: self._receive(status, category, text))
             self._callbacks = Callbacks(self._log)
             self.pointer = model.function("Instantiate")(
                 name.encode(),
@@ -237,9 +235,7 @@ class Instance:
         if self.model.major == "2":
             return self.do("EnterInitializationMode")
         tolerance = self._tolerance
-        return self.do(
-            "EnterInitializationMode", tolerance is not None, tolerance or 0.0, self.time, False, 0.0
-        )
+        return self.do("EnterInitializationMode", tolerance is not None, tolerance or 0.0, self.time, False, 0.0)
 
     def start(self, time: float = 0.0, tolerance: float | None = None, **values: Any) -> Instance:
         """Set values and take the unit through initialization."""

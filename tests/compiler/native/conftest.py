@@ -106,9 +106,7 @@ def native(model: Callable[..., Model]) -> Iterator[Callable[..., Instance]]:
     """Instantiate ``native(unit, version, robot, **options of Instance)``; freed at the end of the test."""
     opened: list[Instance] = []
 
-    def instantiate(
-        unit: str = "plant", version: str = "2.0", robot: str = "planar_2dof", **options: Any
-    ) -> Instance:
+    def instantiate(unit: str = "plant", version: str = "2.0", robot: str = "planar_2dof", **options: Any) -> Instance:
         opened.append(Instance(model(unit, version, robot), **options))
         assert opened[-1].pointer, opened[-1].messages
         return opened[-1]
@@ -168,16 +166,12 @@ def bits(text: str) -> dict[str, list[bytes]]:
 
 
 @pytest.fixture(scope="session")
-def sanitized(
-    model: Callable[..., Model], tmp_path_factory: pytest.TempPathFactory
-) -> Callable[..., list[Path]]:
+def sanitized(model: Callable[..., Model], tmp_path_factory: pytest.TempPathFactory) -> Callable[..., list[Path]]:
     """Objects of the sources of a unit, compiled by gcc with its sanitizers, to link with a program."""
 
     @cache
     def make(unit: str, version: str = "2.0") -> list[Path]:
-        return sanitized_objects(
-            model(unit, version).folder / "sources", tmp_path_factory.mktemp("sanitized")
-        )
+        return sanitized_objects(model(unit, version).folder / "sources", tmp_path_factory.mktemp("sanitized"))
 
     return make
 

@@ -67,13 +67,10 @@ def random_point(unit: Instance, variables: Sequence[Variable]) -> np.ndarray:
                 found.append(start)
             elif start == 0.0 or v.causality == "input":
                 found.append(
-                    rng.uniform(0.2, 0.9)
-                    * (rng.choice([-1.0, 1.0]) if v.group != "theta_err_amplitude" else 1.0)
+                    rng.uniform(0.2, 0.9) * (rng.choice([-1.0, 1.0]) if v.group != "theta_err_amplitude" else 1.0)
                 )
             else:
-                found.append(
-                    start * (1.0 + (0.005 if v.group == "inertia" else 0.2) * rng.uniform(-1.0, 1.0))
-                )
+                found.append(start * (1.0 + (0.005 if v.group == "inertia" else 0.2) * rng.uniform(-1.0, 1.0)))
     return np.array(found)
 
 
@@ -167,9 +164,7 @@ def stepping_case(unit: Instance, choices: dict[str, Any]) -> tuple[Any, ...]:
     return inputs, unknowns, values, evaluate
 
 
-def test_in_continuous_time_they_are_slopes_in_inputs_and_states(
-    native: Native, version: str, robot_name: str
-) -> None:
+def test_in_continuous_time_they_are_slopes_in_inputs_and_states(native: Native, version: str, robot_name: str) -> None:
     unit = native("plant", version, robot_name, kind="ModelExchange")
     knowns, unknowns, point, evaluate = exchange_case(unit, {})
     found = directional(unit, unknowns, knowns)
@@ -184,9 +179,7 @@ def test_in_continuous_time_they_are_slopes_in_inputs_and_states(
 
 
 @pytest.mark.parametrize("unit_name", ["feedforward", "controller"])
-def test_in_step_mode_they_are_slopes_in_inputs(
-    native: Native, version: str, unit_name: str, robot_name: str
-) -> None:
+def test_in_step_mode_they_are_slopes_in_inputs(native: Native, version: str, unit_name: str, robot_name: str) -> None:
     for choices in points_of(unit_name):
         unit = native(unit_name, version, robot_name)
         knowns, unknowns, point, evaluate = stepping_case(unit, choices)
@@ -205,9 +198,7 @@ def test_the_plant_in_step_mode_gives_those_of_its_state(native: Native, version
         *simulation.model.of("input"),
         *(v for v in simulation.model.of("output") if v.group in ("q", "tau_s")),
     ]
-    assert (
-        directional(simulation, unknowns, knowns).tolist() == directional(exchange, unknowns, knowns).tolist()
-    )
+    assert directional(simulation, unknowns, knowns).tolist() == directional(exchange, unknowns, knowns).tolist()
 
 
 def test_of_the_trajectory_in_time_they_are_its_derivatives(native: Native) -> None:
@@ -226,9 +217,7 @@ def test_of_the_trajectory_in_time_they_are_its_derivatives(native: Native) -> N
 
 def test_a_seed_is_a_direction(native: Native, version: str) -> None:
     """Linear in the seed, to rounding: 1e-12 of the sum of the parts. A value that is named twice counts twice."""
-    unit = (
-        native("plant", version, kind="ModelExchange").start(q_0=[0.3, -0.2], q_dot_0=[0.5, 0.4]).continuous()
-    )
+    unit = native("plant", version, kind="ModelExchange").start(q_0=[0.3, -0.2], q_dot_0=[0.5, 0.4]).continuous()
     knowns, unknowns = unit.model.of("input"), unit.model.of("output", "local")
     seed = np.linspace(-1.0, 2.0, len(elements(knowns)))
     jacobian = directional(unit, unknowns, knowns)
@@ -239,9 +228,7 @@ def test_a_seed_is_a_direction(native: Native, version: str) -> None:
         atol=1e-12 * np.abs(jacobian).max(),
     )
     twice = unit.directional(unknowns, [knowns[0], knowns[0]], np.ones(2 * len(knowns[0].names)))
-    np.testing.assert_allclose(
-        twice, 2.0 * unit.directional(unknowns, [knowns[0]], np.ones(len(knowns[0].names)))
-    )
+    np.testing.assert_allclose(twice, 2.0 * unit.directional(unknowns, [knowns[0]], np.ones(len(knowns[0].names))))
     assert not unit.directional(unknowns, [], []).any()
 
 
@@ -342,15 +329,11 @@ def test_dependencies_of_elements_are_those_of_the_model_structure(
         assert {name: knowns - {"time"} for name, knowns in found.items()} == structure(two, tag), phase
 
 
-def test_dependencies_of_arrays_are_those_of_their_elements(
-    native: Native, unit_name: str, robot_name: str
-) -> None:
+def test_dependencies_of_arrays_are_those_of_their_elements(native: Native, unit_name: str, robot_name: str) -> None:
     """The ModelStructure of FMI 3 names whole arrays."""
     two, three = native(unit_name, "2.0", robot_name), native(unit_name, "3.0", robot_name)
     positions = [*elements(two.model.variables), "time"]
-    owner = {
-        positions[v.reference + i]: v.reference for v in three.model.variables for i in range(len(v.names))
-    }
+    owner = {positions[v.reference + i]: v.reference for v in three.model.variables for i in range(len(v.names))}
     three.setup().enter().do("ExitInitializationMode")
     listed = per_element(three, positions)
     for tag in ("Output", "ContinuousStateDerivative"):

@@ -159,9 +159,7 @@ class Calls:
             "GetBoolean": unit.write_arguments(unit.model.group("equilibrium"), True),
         }
         for name, (_, types) in signatures("3.0").items():
-            if (
-                name in functions("3.0") and name not in self.all
-            ):  # of types that no variable has: for nothing
+            if name in functions("3.0") and name not in self.all:  # of types that no variable has: for nothing
                 self.all[name] = (o, 0, *[self.room] * (len(types) - 4), 0) if types[-1] is ct.c_size_t else (
                     o, 0, *[self.room] * (len(types) - 3))  # fmt: skip
 
@@ -171,9 +169,7 @@ NO_INSTANCE = {"GetTypesPlatform", "GetVersion", "FreeInstance"}
 
 def functions(version: str) -> set[str]:
     """All functions with an instance that return a status."""
-    return {
-        name for name in signatures(version) if name not in NO_INSTANCE and not name.startswith("Instantiate")
-    }
+    return {name for name in signatures(version) if name not in NO_INSTANCE and not name.startswith("Instantiate")}
 
 
 ANY = {"instantiated", "initialization", "step", "event", "continuous", "terminated"}

@@ -50,9 +50,7 @@ def fuzzer(tmp_path: Path) -> str:
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_calls_that_reach_new_code_find_nothing(
-    model: Callable[..., Model], tmp_path: Path, version: str
-) -> None:
+def test_calls_that_reach_new_code_find_nothing(model: Callable[..., Model], tmp_path: Path, version: str) -> None:
     """LibFuzzer changes inputs towards code that none has reached; VDFMU_FUZZ_CORPUS keeps them."""
     folder, target = model("plant", version).folder / "sources", tmp_path / "fuzz"
     flags = [

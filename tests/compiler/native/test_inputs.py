@@ -80,9 +80,7 @@ def test_rates_are_of_second_order_and_held_inputs_of_first(native: Native) -> N
 @pytest.mark.parametrize(
     ("name", "group"), [("controller", "q_d"), ("feedforward", "q_d_ddot"), ("feedforward", "q_d_ddddot")]
 )
-def test_a_unit_without_states_gives_the_outputs_of_the_end_of_the_step(
-    native: Native, name: str, group: str
-) -> None:
+def test_a_unit_without_states_gives_the_outputs_of_the_end_of_the_step(native: Native, name: str, group: str) -> None:
     """To the bit: 0.25 + 2 * 2^-10 is exact."""
     size = 2.0**-10
     moving = native(name).start(**{group: 0.25})
@@ -164,9 +162,7 @@ def test_a_rate_that_makes_no_sense_is_refused_and_none_of_the_call_is_set(
 # ------------------------------------------------------------------ intermediate updates
 
 
-def with_updates(
-    native: Native, update: Callable[..., float | None], name: str = "plant", **options: Any
-) -> Instance:
+def with_updates(native: Native, update: Callable[..., float | None], name: str = "plant", **options: Any) -> Instance:
     return native(name, "3.0", update=update, **options)
 
 
@@ -197,9 +193,7 @@ def test_an_intermediate_update_shows_the_motion_within_the_step(native: Native)
 
 def test_looking_changes_nothing(native: Native) -> None:
     looks: list[np.ndarray] = []
-    looked = with_updates(native, lambda unit, *_: looks.append(unit.outputs()), early=True).start(
-        q_0=[0.4, -0.3]
-    )
+    looked = with_updates(native, lambda unit, *_: looks.append(unit.outputs()), early=True).start(q_0=[0.4, -0.3])
     alone = native("plant", "3.0").start(q_0=[0.4, -0.3])
     for k in range(20):
         for unit in (looked, alone):

@@ -137,9 +137,7 @@ def test_room_for_dependencies_of_the_wrong_size_is_refused(native: Native) -> N
 
 
 @pytest.mark.parametrize(("kind", "phase"), CASES)
-def test_what_can_be_set_depends_on_role_and_phase(
-    native: Native, version: str, kind: str, phase: str
-) -> None:
+def test_what_can_be_set_depends_on_role_and_phase(native: Native, version: str, kind: str, phase: str) -> None:
     unit = bring(native("plant", version, kind=kind), phase)
     early, running = phase in ("instantiated", "initialization"), phase in ("step", "event", "continuous")
     settable = {"mass": early, "tau": early or running, "q": False, "time": False, "der": False}
@@ -175,9 +173,7 @@ def test_discard_where_the_standard_says_so(native: Native, version: str) -> Non
     before = unit.complete()
     derivatives = "GetDerivatives" if version == "2.0" else "GetContinuousStateDerivatives"
     for value, text in ((NAN, "nan"), (INF, "inf"), (-INF, "-inf")):
-        with unit.refuses(
-            rf"setTime at t = 1 s failed: expected a finite time, got {text} s\.", DISCARD
-        ) as no:
+        with unit.refuses(rf"setTime at t = 1 s failed: expected a finite time, got {text} s\.", DISCARD) as no:
             no("SetTime", value)
         x = np.zeros(8)
         x[5] = value
@@ -204,9 +200,7 @@ def test_a_step_that_is_not_positive_and_finite_is_refused(
 ) -> None:
     unit, twin = native(unit_name, version).start().step(), native(unit_name, version).start().step()
     before = unit.complete()
-    words = (
-        rf"unit: doStep at t = 0.001 s failed: expected a finite positive communication step, got {size} s\."
-    )
+    words = rf"unit: doStep at t = 0.001 s failed: expected a finite positive communication step, got {size} s\."
     with unit.refuses(words) as no:
         no("DoStep", *unit.step_arguments(H, size))
     assert unit.complete() == before
@@ -254,9 +248,7 @@ def test_an_experiment_that_makes_no_sense_is_refused(
 ) -> None:
     unit, twin = (native("plant", version, kind=kind) for _ in range(2))
     name = "SetupExperiment" if version == "2.0" else "EnterInitializationMode"
-    if (
-        kind == "ModelExchange" and "tolerance: " in words
-    ):  # of the unit's own solver, which does not run there
+    if kind == "ModelExchange" and "tolerance: " in words:  # of the unit's own solver, which does not run there
         assert unit.call(name, *experiment) == OK
         return
     before = unit.complete()
@@ -277,9 +269,7 @@ def test_a_step_beyond_the_stop_time_is_refused(native: Native, version: str) ->
         unit.time = 1.0
         unit.do("ExitInitializationMode").step().step()  # ends at 1.002 except for rounding
         before = unit.complete()
-        with unit.refuses(
-            r"expected a step that ends by the stop time t = 1\.002 s, got .* t = 1\.003"
-        ) as no:
+        with unit.refuses(r"expected a step that ends by the stop time t = 1\.002 s, got .* t = 1\.003") as no:
             no("DoStep", *unit.step_arguments(1.002, 1e-3))
         assert unit.complete() == before
 
@@ -360,9 +350,7 @@ def test_all_that_is_not_physical_is_told_at_once(native: Native, version: str) 
         no("EnterInitializationMode", *(() if version == "2.0" else (False, 0.0, 0.0, False, 0.0)))
 
 
-def test_outputs_have_no_value_before_the_initialization(
-    native: Native, version: str, unit_name: str
-) -> None:
+def test_outputs_have_no_value_before_the_initialization(native: Native, version: str, unit_name: str) -> None:
     unit = native(unit_name, version)
     given = unit.model.of("input", "parameter")
     assert len(unit.read(given))
@@ -422,10 +410,7 @@ def test_another_guid_is_refused_with_both(model: Callable[..., Any], version: s
     assert message.status == ERROR
     call = "instantiate" if version == "2.0" else "instantiateCoSimulation"
     shown = guid[:100] if version == "3.0" else guid[:100].replace("%", "%%")
-    assert (
-        message.text
-        == f"unit: {call} failed: expected the GUID or instantiation token {found.guid}, got {shown}."
-    )
+    assert message.text == f"unit: {call} failed: expected the GUID or instantiation token {found.guid}, got {shown}."
 
 
 def test_a_name_that_is_missing_is_refused(model: Callable[..., Any], version: str) -> None:
@@ -463,9 +448,7 @@ def test_null_pointers_at_instantiation_are_refused(model: Callable[..., Any]) -
     assert start(None, token, None, False, False, False, False, None, 0, None, None, None) is None
     assert start(b"unit", None, None, False, False, False, False, None, 0, None, None, None) is None
     assert start(b"unit", token, None, False, False, False, False, None, 3, None, None, None) is None
-    assert (
-        start(b"unit", token, None, False, False, True, False, None, 0, None, None, None) is None
-    )  # event mode
+    assert start(b"unit", token, None, False, False, True, False, None, 0, None, None, None) is None  # event mode
     unknown = references([9999])
     assert start(b"unit", token, None, False, False, False, False, unknown, 1, None, None, None) is None
     schedule = three.function("InstantiateScheduledExecution")

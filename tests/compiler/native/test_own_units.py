@@ -18,9 +18,7 @@ FILE = Path(__file__).parents[1] / "fmu" / "own_units.py"
 @pytest.mark.parametrize("name", ["Words", "Encoder", "Mixer"])
 def test_random_calls_find_nothing(tmp_path: Path, name: str, version: str) -> None:
     """Not in steps over several samples, in saved states or in a call that fails, either."""
-    (path,) = build_fmus(
-        None, tmp_path, units=[f"{FILE}:{name}"], backend="native", fmi_version=version
-    ).values()
+    (path,) = build_fmus(None, tmp_path, units=[f"{FILE}:{name}"], backend="native", fmi_version=version).values()
     sources = Path(fmpy.extract(path, tmp_path / "unpacked")) / "sources"
     (tmp_path / "objects").mkdir()
     objects = sanitized_objects(sources, tmp_path / "objects")

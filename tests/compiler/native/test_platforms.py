@@ -35,9 +35,7 @@ def everywhere(
             out = tmp_path_factory.mktemp(f"all_{version[0]}")
             units = [unit for unit, v in UNITS if v == version]
             with alone(kernel_cache):
-                fmus = build_fmus(
-                    planar, out, units=units, backend="native", fmi_version=version, platforms="all"
-                )
+                fmus = build_fmus(planar, out, units=units, backend="native", fmi_version=version, platforms="all")
             found[version] = {unit: Path(fmpy.extract(fmu, out / unit)) for unit, fmu in fmus.items()}
             for fmu in fmus.values():
                 assert fmu.stat().st_size < 3e6  # the limit

@@ -41,9 +41,7 @@ def drive(instance: Instance, first: int, count: int) -> np.ndarray:
             instance.step(H)
         else:
             instance.time += 1e-5
-            instance.do("SetTime", instance.time).states(
-                instance.get_states() + 1e-5 * instance.derivatives()
-            )
+            instance.do("SetTime", instance.time).states(instance.get_states() + 1e-5 * instance.derivatives())
         rows.append(instance.outputs())
     return np.array(rows)
 
@@ -68,9 +66,7 @@ def test_a_restored_state_continues_to_the_bit(native: Native, version: str, kin
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_serialized_state_continues_in_another_instance_to_the_bit(
-    native: Native, version: str, kind: str
-) -> None:
+def test_a_serialized_state_continues_in_another_instance_to_the_bit(native: Native, version: str, kind: str) -> None:
     unit = started(native, kind, version)
     data, time = unit.complete(), unit.time
     first = drive(unit, 5, 20)
@@ -199,9 +195,7 @@ def test_a_forged_state_is_refused_where_no_unit_can_be(native: Native, version:
                 continue
             unit.restore(pointer).forget(pointer)  # and if it is none: the instance still answers
             for group in ("q", "mass", "tau"):
-                unit.call(
-                    f"Get{unit._type('Real')}", *unit._values(unit.model.group(group), unit._room("Real", 2))
-                )
+                unit.call(f"Get{unit._type('Real')}", *unit._values(unit.model.group(group), unit._room("Real", 2)))
             unit.restore(back := unit.deserialize(before)).forget(back)
     assert refused > 100
     assert unit.complete() == before
@@ -272,9 +266,7 @@ def test_room_of_the_wrong_size_is_refused_and_not_written(native: Native, versi
 
 
 @pytest.mark.parametrize("phase", ["instantiated", "initialization", "step", "terminated"])
-def test_after_reset_an_instance_is_a_new_one(
-    native: Native, version: str, unit_name: str, phase: str
-) -> None:
+def test_after_reset_an_instance_is_a_new_one(native: Native, version: str, unit_name: str, phase: str) -> None:
     unit, fresh = native(unit_name, version), native(unit_name, version)
     gain = {
         "plant": "mass",

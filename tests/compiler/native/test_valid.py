@@ -34,9 +34,7 @@ def test_every_xml_file_follows_its_schema(
 ) -> None:
     folder = model(unit_name, version, robot_name).folder
     major = f"fmi{version[0]}"
-    files = {
-        "modelDescription.xml": "fmi2ModelDescription.xsd" if version == "2.0" else "fmi3ModelDescription.xsd"
-    }
+    files = {"modelDescription.xml": "fmi2ModelDescription.xsd" if version == "2.0" else "fmi3ModelDescription.xsd"}
     if version == "3.0":
         files["sources/buildDescription.xml"] = "fmi3BuildDescription.xsd"
         files["terminalsAndIcons/terminalsAndIcons.xml"] = "fmi3TerminalsAndIcons.xsd"
@@ -45,9 +43,7 @@ def test_every_xml_file_follows_its_schema(
         rules.assertValid(etree.parse(folder / name))
 
 
-def test_an_fmu_holds_what_the_standard_says(
-    native_fmu: Callable[..., Path], unit_name: str, version: str
-) -> None:
+def test_an_fmu_holds_what_the_standard_says(native_fmu: Callable[..., Path], unit_name: str, version: str) -> None:
     with zipfile.ZipFile(native_fmu(unit_name, version)) as archive:
         names = set(archive.namelist())
         assert archive.testzip() is None
@@ -106,9 +102,7 @@ def exported(library: Path) -> set[str]:
 
 
 @pytest.mark.skipif(fmpy.system != "linux", reason="reads ELF, the format of Linux libraries")
-def test_only_the_functions_of_fmi_are_exported(
-    model: Callable[..., Model], unit_name: str, version: str
-) -> None:
+def test_only_the_functions_of_fmi_are_exported(model: Callable[..., Model], unit_name: str, version: str) -> None:
     names = exported(Path(model(unit_name, version).library._name))
     assert names == {f"fmi{version[0]}{name}" for name in signatures(version)}
 
@@ -157,9 +151,7 @@ def test_the_sources_link_with_prefixes_into_one_program(
         text = header.read_text(encoding="utf-8", errors="replace")
         pasting = "#define paste(a, b) a##b\n#define pasteB(a, b) paste(a, b)\n"
         pasting += "#define fmi2FullName(name) pasteB(FMI2_FUNCTION_PREFIX, name)"
-        (tmp_path / header.name).write_text(
-            text.replace("#define fmi2FullName(name) name", pasting), encoding="utf-8"
-        )
+        (tmp_path / header.name).write_text(text.replace("#define fmi2FullName(name) name", pasting), encoding="utf-8")
     names: list[str] = []
     for unit in ("trajectory", "controller"):
         found = model(unit, version)
@@ -178,9 +170,7 @@ def test_the_sources_link_with_prefixes_into_one_program(
         names.append(f"{found.name}_fmi{major}GetVersion")
     declared = "".join(f"const char *{name}(void);\n" for name in names)
     body = "".join(f"    puts({name}());\n" for name in names)
-    (tmp_path / "main.c").write_text(
-        f"#include <stdio.h>\n{declared}int main(void)\n{{\n{body}    return 0;\n}}\n"
-    )
+    (tmp_path / "main.c").write_text(f"#include <stdio.h>\n{declared}int main(void)\n{{\n{body}    return 0;\n}}\n")
     run([gcc, "main.c", "trajectory.o", "controller.o", "-o", "main", "-lm"], cwd=tmp_path)
     assert run([tmp_path / "main"]).split() == [version, version]
 
@@ -228,9 +218,7 @@ def test_builds_of_the_same_sources_are_the_same_bytes(
 ) -> None:
     from vdfmu.arm.fmus import build_fmus
 
-    again = build_fmus(planar, tmp_path, units=["controller"], backend="native", fmi_version=version)[
-        "controller"
-    ]
+    again = build_fmus(planar, tmp_path, units=["controller"], backend="native", fmi_version=version)["controller"]
     assert again.read_bytes() == native_fmu("controller", version).read_bytes()
 
 

@@ -33,9 +33,7 @@ class Module:
         self.exports = wasmtime.Instance(self.store, self.module, []).exports(self.store)
         self.exports["_initialize"](self.store)
         integer, table = wasmtime.ValType.i32(), self.exports["__indirect_function_table"]
-        arguments, first = (
-            (6, 4) if model.major == "2" else (4, 3)
-        )  # FMI 2's logger has the arguments of a format
+        arguments, first = (6, 4) if model.major == "2" else (4, 3)  # FMI 2's logger has the arguments of a format
         kind = wasmtime.FuncType([integer] * arguments, [])
         logger = table.grow(self.store, 1, wasmtime.Func(self.store, kind, lambda *a: self._log(a[first])))
         name, token = (self.string(text) for text in ("unit", model.guid))

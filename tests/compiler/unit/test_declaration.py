@@ -239,9 +239,7 @@ def test_a_start_value_of_another_shape_is_refused(slider):
 
     with pytest.raises(UnitError, match=r"g: start value: expected shape \(3,\), got \(2,\)"):
         Bad(slider)
-    with pytest.raises(
-        UnitError, match=r"line \d+: Bad: g: start: expected numbers of shape \(3,\), got \[1"
-    ):
+    with pytest.raises(UnitError, match=r"line \d+: Bad: g: start: expected numbers of shape \(3,\), got \[1"):
         Interface(Bad, slider)
 
 
@@ -259,9 +257,7 @@ def test_start_values_of_an_interface_are_checked_all_at_once(slider):
 @pytest.mark.parametrize("field", ["rotation", "gravity", "mas"])
 def test_only_parameters_of_each_joint_can_be_taken_one_by_one(slider, field):
     unit = type("Bad", (Unit,), {"robot": RobotParameters(field)})
-    with pytest.raises(
-        UnitError, match=rf"RobotParameters\('{field}'\): expected parameters with one number for each"
-    ):
+    with pytest.raises(UnitError, match=rf"RobotParameters\('{field}'\): expected parameters with one number for each"):
         Interface(unit, slider)
 
 
@@ -295,13 +291,9 @@ def test_a_unit_of_measurement_has_the_exponents_of_its_factors(name, exponents)
     assert measure(name).name == name
 
 
-@pytest.mark.parametrize(
-    "name", ["", "furlong", "N m", "m/", "m/s/s", "N..m", "mm", "deg", "/s", "m^2", "1/()"]
-)
+@pytest.mark.parametrize("name", ["", "furlong", "N m", "m/", "m/s/s", "N..m", "mm", "deg", "/s", "m^2", "1/()"])
 def test_what_is_not_a_unit_of_measurement_is_refused(name):
-    with pytest.raises(
-        UsageError, match="expected a unit of measurement such as N.m, .* The symbols are kg, m, s"
-    ):
+    with pytest.raises(UsageError, match="expected a unit of measurement such as N.m, .* The symbols are kg, m, s"):
         measure(name)
 
 
@@ -385,9 +377,7 @@ def test_a_unit_has_the_variables_of_the_options_that_its_robot_has(slider, with
     assert (bare.states, bare.derivatives, len(bare.memory)) == (slice(2, 2), slice(2, 2), 3)
     assert list(bent.groups) == ["x", "y", "x_0", "tolerance"]
     assert [v.name for v in bent.memory[bent.derivatives]] == ["der(x[1])", "der(x[2])"]
-    assert Loaded(with_options("hysteresis"), x_0=2.0).simulate(stop=1.0)["x"][-1] == pytest.approx(
-        2.0 / np.e
-    )
+    assert Loaded(with_options("hysteresis"), x_0=2.0).simulate(stop=1.0)["x"][-1] == pytest.approx(2.0 / np.e)
     assert Loaded(slider).simulate(stop=0.1)["y"][-1] == 1.0
     with pytest.raises(UnitError, match=r"Loaded\.u is there for a robot with payload only"):
         _ = Loaded(slider).u

@@ -91,9 +91,7 @@ def test_run_tends_to_the_continuous_reference_with_the_step(system):
     q = reference("continuous", description, step=coarse, stop=stop)["plant.q"]
     errors = []
     for k in (1, 2, 4):
-        results = simulate(
-            system.package, stop=stop, step=coarse / k, algorithm="gauss-seidel", parameters=settings
-        )
+        results = simulate(system.package, stop=stop, step=coarse / k, algorithm="gauss-seidel", parameters=settings)
         errors.append(np.abs(results["plant.q"][::k] - q).max())
     # Inputs held over a step are an error of first order: half of it at half of the step, except for higher orders.
     assert errors[0] / errors[1] == pytest.approx(2.0, abs=0.3), errors
@@ -238,9 +236,7 @@ def test_a_unit_in_place_of_one_of_the_system_in_a_word(examples):
 
 def test_an_unknown_signal_in_a_system_file_stays_an_error(examples):
     text = (examples / "arm.toml").read_text()
-    (examples / "arm.toml").write_text(
-        text.replace('"controller.q_dot", "wall', '"controller.q_punkt", "wall')
-    )
+    (examples / "arm.toml").write_text(text.replace('"controller.q_dot", "wall', '"controller.q_punkt", "wall'))
     with pytest.raises(ModelError, match=r"arm\.toml: connections: controller\.q_punkt: expected an input"):
         vdfmu.run(examples / "scenario.toml", out="results", reference=False)
 
@@ -251,9 +247,7 @@ def test_an_fmu_in_place_of_the_unit_that_it_was_built_of(examples, planar):
     usual = vdfmu.run("planar_tracking", stop=0.2, out="usual", reference=False)
     done = command("run", "planar_tracking", "--stop", 0.2, "--out", "fmu", "--unit", f"controller={built}")
     assert done.exit_code == 0, done.output
-    assert "controller: an FMU has no equations to solve here" in " ".join(
-        done.output.replace("│", "").split()
-    )
+    assert "controller: an FMU has no equations to solve here" in " ".join(done.output.replace("│", "").split())
     summary = json.loads((examples.parent / "fmu" / "summary.json").read_text())
     assert "reference" not in summary
     same = vdfmu.run("planar_tracking", stop=0.2, out="again", reference=False, units={"controller": built})

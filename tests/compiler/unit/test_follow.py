@@ -113,9 +113,7 @@ def test_start_values_of_an_fmu_follow(folder):
         None, folder, units=[folder / "regulator.py"], start_values={"regulator": {"Q[1]": 7.0, "R": 0.5}}
     ).values()
     starts = {v.name: v.start for v in fmpy.read_model_description(str(path)).modelVariables}
-    np.testing.assert_allclose(
-        [float(starts["K[1]"]), float(starts["K[2]"])], gains([7.0, 0.1], R=0.5), **CLOSE
-    )
+    np.testing.assert_allclose([float(starts["K[1]"]), float(starts["K[2]"])], gains([7.0, 0.1], R=0.5), **CLOSE)
 
 
 @pytest.mark.heavy
@@ -225,9 +223,7 @@ class Squared(Unit):
 @pytest.mark.parametrize("engine", ["fmu", "batch"])
 def test_both_engines_of_studies_follow(folder, engine):
     (folder / "squared.py").write_text(SQUARED)
-    (folder / "system.toml").write_text(
-        SYSTEM.replace("lqr", "squared").replace("regulator.py", "squared.py")
-    )
+    (folder / "system.toml").write_text(SYSTEM.replace("lqr", "squared").replace("regulator.py", "squared.py"))
     study = vdfmu.sweep(
         folder / "scenario.toml", {"squared.a": [0.5, 1.0, 3.0]}, measure={"x": "final(squared.x)"}, workers=1,
         engine=engine, out=folder / "study",
@@ -262,9 +258,7 @@ def test_functions_of_the_robot_alone_are_as_they_were():
 def test_what_cannot_follow_is_refused():
     with pytest.raises(UnitError, match=r"a <- b <- a|b <- a <- b: these parameters follow from each other"):
         type("Circle", (Unit,), {"a": Parameter(start=lambda b: b), "b": Parameter(start=lambda a: a)})
-    with pytest.raises(
-        UnitError, match=r"b: start: expected parameters and one argument for the robot, got x, y"
-    ):
+    with pytest.raises(UnitError, match=r"b: start: expected parameters and one argument for the robot, got x, y"):
         type("Unknown", (Unit,), {"a": Parameter(), "b": Parameter(start=lambda a, x, y: a)})
     low = type("Low", (Unit,), {"a": Parameter(start=-1.0), "b": Parameter(start=lambda a: a, minimum=0.0)})
     with pytest.raises(UnitError, match=r"b: start: expected finite numbers within the limits, got -1\.0"):

@@ -122,17 +122,13 @@ class Solves(Unit):
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_a_native_fmu_solves(tmp_path, version):
     (path,) = build_fmus(None, tmp_path, units=[Solves], backend="native", fmi_version=version).values()
-    signals = np.array(
-        [(0.0, 1.0, -2.0, 0.5)], dtype=[("time", float), *((f"u[{i}]", float) for i in (1, 2, 3))]
-    )
+    signals = np.array([(0.0, 1.0, -2.0, 0.5)], dtype=[("time", float), *((f"u[{i}]", float) for i in (1, 2, 3))])
     rows = fmpy.simulate_fmu(
         str(path), stop_time=0.1, output_interval=0.1, start_values={"x_0[1]": 1.0, "T": 2.0} if version == "2.0" else
         {"x_0": [1.0, 0.0, 0.0], "T": 2.0}, input=signals if version == "2.0" else None,
     )  # fmt: skip
     if version == "3.0":
-        assert rows["F"][-1] == pytest.approx(
-            linalg.expm(np.array([[0.0, 1.0], [-1.0, -0.2]]) * 2.0), abs=1e-14
-        )
+        assert rows["F"][-1] == pytest.approx(linalg.expm(np.array([[0.0, 1.0], [-1.0, -0.2]]) * 2.0), abs=1e-14)
         return
     last = {name: rows[name][-1] for name in rows.dtype.names}
     u, start = [1.0, -2.0, 0.5], np.array(Solves.A.start)

@@ -324,10 +324,7 @@ def test_the_matrix_is_that_of_differences_of_a_whole_step(scenario, run, tmp_pa
     # what waits at inputs is, at the start, what the outputs are: a column of theirs adds to that of the state
     waits = {"cart.x": "at encoder.x", "encoder.y": "at control.x"}
     A = system.A[places]
-    mine = [
-        A[:, system.states.index(n)] + (A[:, system.states.index(waits[n])] if n in waits else 0)
-        for n in names
-    ]
+    mine = [A[:, system.states.index(n)] + (A[:, system.states.index(waits[n])] if n in waits else 0) for n in names]
     # the solver's tolerance, times gains of 430
     np.testing.assert_allclose(np.array(columns), mine, atol=1e-9)
 

@@ -100,11 +100,7 @@ def stepped(unit, end, steps, rates=None, **values):
     )  # fmt: skip
     functions = evaluated.interface.functions
     names = functions.casadi_function(call.function).name_in()
-    own = {
-        name: evaluated.argument(name)
-        for name in names
-        if name not in ("h", "tolerance") and "rate_" not in name
-    }
+    own = {name: evaluated.argument(name) for name in names if name not in ("h", "tolerance") and "rate_" not in name}
     step = functions.function(call.function, **own)
     h = end / steps
     step.args["h"][:], step.args["tolerance"][:] = h, 1.0

@@ -143,9 +143,7 @@ def test_a_duty_that_follows_a_state_is_located(motor, tmp_path):
     solution = find_unit(path)().simulate(stop=STOP, step=0.05)
     np.testing.assert_allclose([solution["i"][-1], solution["w"][-1]], x, rtol=1e-6, atol=1e-6)
     (fmu,) = vdfmu.build_fmus(None, tmp_path, units=[path]).values()
-    rows = fmpy.simulate_fmu(
-        str(fmu), stop_time=STOP, output_interval=0.05, step_size=0.05, output=["i", "w"]
-    )
+    rows = fmpy.simulate_fmu(str(fmu), stop_time=STOP, output_interval=0.05, step_size=0.05, output=["i", "w"])
     np.testing.assert_allclose([rows["i"][-1], rows["w"][-1]], x, **CLOSE)
 
 
@@ -155,12 +153,9 @@ def test_reference_results_and_references_have_them(fmu, motor, tmp_path):
     findings = inspect_file(fmu)
     assert findings.problems == []
     folder = motor().parent
-    (folder / "system.toml").write_text(
-        'name = "m"\ndescription = "m"\n[units]\nm = "motor.py"\n[connections]\n'
-    )
+    (folder / "system.toml").write_text('name = "m"\ndescription = "m"\n[units]\nm = "motor.py"\n[connections]\n')
     (folder / "scenario.toml").write_text(
-        'name = "m"\ndescription = "m"\nsystem = "system.toml"\nrobot = "planar_2dof"\n'
-        f"stop = {STOP}\nstep = 0.05\n"
+        f'name = "m"\ndescription = "m"\nsystem = "system.toml"\nrobot = "planar_2dof"\nstop = {STOP}\nstep = 0.05\n'
     )
     results = vdfmu.run(folder / "scenario.toml", settings={"m.duty": 0.01}, out=tmp_path / "r")
     for compared in results.summary["reference"].values():
@@ -195,7 +190,5 @@ def test_one_pulse_in_a_long_step_counts(motor, function, integral):
     ],
 )
 def test_what_cannot_be_located_is_refused(motor, tmp_path, function, reason):
-    with pytest.raises(
-        UnitError, match=rf"motor\.py, line \d+: derivatives\(\) of One may switch by time: {reason}"
-    ):
+    with pytest.raises(UnitError, match=rf"motor\.py, line \d+: derivatives\(\) of One may switch by time: {reason}"):
         vdfmu.build_fmus(None, tmp_path, units=[motor(function, ONE)])

@@ -446,9 +446,7 @@ def test_a_field_of_the_robot_is_a_parameter():
         unit.group("tau")[:], unit.group("ell")[1] = [1.0, 2.0], 50.0
         unit.outputs()
         assert unit.group("y").tolist() == [robot.ell[0], 100.0]
-    with pytest.raises(
-        UnitError, match=r"declares no mass of the robot\. Write RobotParameters\('ell', 'mass'\)"
-    ):
+    with pytest.raises(UnitError, match=r"declares no mass of the robot\. Write RobotParameters\('ell', 'mass'\)"):
         _ = Interface(Undeclared, robot).program
 
 

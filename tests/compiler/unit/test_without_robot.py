@@ -74,9 +74,7 @@ step = 0.001
 w_d = 100.0
 """
 R, L, K, J, B, K_P, K_I, W_D, H, STEPS = 1.0, 0.01, 0.05, 1e-4, 1e-4, 0.05, 1.0, 100.0, 1e-3, 500
-MOTOR = np.array(
-    [[-R / L, -K / L, 1.0 / L], [K / J, -B / J, 0.0], [0.0, 0.0, 0.0]]
-)  # of i, w, and u, which is held
+MOTOR = np.array([[-R / L, -K / L, 1.0 / L], [K / J, -B / J, 0.0], [0.0, 0.0, 0.0]])  # of i, w, and u, which is held
 LOOP = np.array([[0.0, 0.0, -1.0], [K_I / L, -R / L, -(K + K_P) / L], [0.0, K / J, -B / J]])  # of e, i, w
 # The solvers err by 1e-7 of what is at most 101 rad/s a step. The slowest pole of the sampled loop, by which it forgets
 # that, is 0.9876 a step, see the margins below: the errors add up to those of 1 / (1 - 0.9876) = 81 steps.
@@ -122,9 +120,7 @@ def inside(folder, monkeypatch):
 
 def command(*words):
     done = CliRunner().invoke(app, [str(word) for word in words])
-    assert done.exception is None or isinstance(done.exception, SystemExit | UsageError | ModelError), (
-        done.output
-    )
+    assert done.exception is None or isinstance(done.exception, SystemExit | UsageError | ModelError), done.output
     return done
 
 
@@ -132,9 +128,7 @@ def command(*words):
 def ran(folder):
     done = command("run", folder / "motor.toml", "--out", folder / "run", "--simulate")
     assert done.exit_code == 0, done.output
-    return Results.read(folder / "run" / "results.csv"), json.loads(
-        (folder / "run" / "summary.json").read_text()
-    )
+    return Results.read(folder / "run" / "results.csv"), json.loads((folder / "run" / "summary.json").read_text())
 
 
 @pytest.mark.heavy
@@ -156,9 +150,7 @@ def test_the_run_is_that_of_the_equations_sampled(ran):
     rest = np.linalg.solve(LOOP, [W_D, K_P * W_D / L, 0.0])
     exact = np.array([(expm(t * LOOP) @ rest - rest)[2] for t in results.time])
     far = np.abs(results["motor.w"] - exact).max()
-    assert summary["reference"]["continuous"]["max_difference"]["motor.w"] == pytest.approx(
-        far, abs=TOLERANCE
-    )
+    assert summary["reference"]["continuous"]["max_difference"]["motor.w"] == pytest.approx(far, abs=TOLERANCE)
     assert far > 100 * TOLERANCE  # so that the sampled solution above is another
 
 
@@ -232,9 +224,7 @@ def test_commands_work(inside, words):
 @pytest.mark.parametrize("engine", ["fmu", "batch"])
 def test_a_study_has_the_numbers_of_single_runs(inside, engine):
     over = {"controller.K_p": [0.05, 0.1]}
-    study = vdfmu.sweep(
-        "motor.toml", over=over, measure={"top": "peak(motor.w)"}, engine=engine, out=f"study_{engine}"
-    )
+    study = vdfmu.sweep("motor.toml", over=over, measure={"top": "peak(motor.w)"}, engine=engine, out=f"study_{engine}")
     for gain, top in zip(over["controller.K_p"], study["top"], strict=True):
         alone = vdfmu.run("motor.toml", settings={"controller.K_p": gain}, out=False, reference=False)
         # both solve with an error of 1e-7 a step
@@ -244,9 +234,7 @@ def test_a_study_has_the_numbers_of_single_runs(inside, engine):
 def test_margins_and_linearization_are_those_of_the_matrices(inside):
     system = vdfmu.linearize("motor.toml", 0.0)
     assert system.states == ("controller.e", "motor.i", "motor.w")
-    np.testing.assert_allclose(
-        system.A, LOOP, rtol=1e-12, atol=1e-12
-    )  # products of two or three numbers, by rounding
+    np.testing.assert_allclose(system.A, LOOP, rtol=1e-12, atol=1e-12)  # products of two or three numbers, by rounding
     done = command("margins", "motor.toml", "--open", "motor.u", "--at", "0.0")
     assert done.exit_code == 0, done.output
     held = expm(H * MOTOR)
@@ -298,19 +286,13 @@ def test_refusals_say_what_is_missing(inside, words, message):
 def test_keys_of_a_robot_are_refused(inside, extra):
     (inside / "extra.toml").write_text(f"{extra}\n{SCENARIO}")
     key = extra.partition(" ")[0]
-    with pytest.raises(
-        ModelError, match=rf"extra\.toml: {key}: expected a scenario with a robot.* leave {key} out"
-    ):
+    with pytest.raises(ModelError, match=rf"extra\.toml: {key}: expected a scenario with a robot.* leave {key} out"):
         vdfmu.load_scenario("extra.toml")
 
 
 def test_what_needs_a_robot_is_named(inside):
-    (inside / "arm.toml").write_text(
-        SCENARIO.replace('system = "drive.toml"\n', "").partition("[controller]")[0]
-    )
-    expected = (
-        r"arm\.toml: robot: expected one for trajectory, feedforward, controller, plant, got none\. Name one"
-    )
+    (inside / "arm.toml").write_text(SCENARIO.replace('system = "drive.toml"\n', "").partition("[controller]")[0])
+    expected = r"arm\.toml: robot: expected one for trajectory, feedforward, controller, plant, got none\. Name one"
     with pytest.raises(ModelError, match=expected) as caught:
         vdfmu.load_scenario("arm.toml")
     assert len(caught.value.problems) == 1
@@ -353,9 +335,7 @@ def test_end_stops_are_those_of_the_component(inside):
 def test_fmus_of_any_tool_need_no_robot(inside, ran):
     fmus = vdfmu.build_fmus(None, inside / "any", units=["motor.py:DCMotor", "motor.py:SpeedPI"])
     assert len(fmus) == 2
-    wired = SYSTEM.replace("motor.py:SpeedPI", "any/SpeedPI.fmu").replace(
-        "motor.py:DCMotor", "any/DCMotor.fmu"
-    )
+    wired = SYSTEM.replace("motor.py:SpeedPI", "any/SpeedPI.fmu").replace("motor.py:DCMotor", "any/DCMotor.fmu")
     (inside / "any.toml").write_text(wired)
     (inside / "fmus.toml").write_text(SCENARIO.replace("drive.toml", "any.toml"))
     results = vdfmu.run("fmus.toml", out=False)

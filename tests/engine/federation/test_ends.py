@@ -42,9 +42,7 @@ def test_a_component_that_fails_ends_the_run_with_its_reason_and_the_rows(packag
     with pytest.raises(CosimError, match=r"f: doStep at t = 0\.5 s failed: .*q\[3\] is not finite") as info:
         vdfmu.federate(package, ["f", "p"], step=STEP, parameters={"f.at": 0.5})
     results = info.value.results
-    assert results.time.tolist() == pytest.approx(
-        [0.0, 0.1, 0.2, 0.3, 0.4, 0.5], abs=1e-15
-    )  # k * 0.1, rounded
+    assert results.time.tolist() == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4, 0.5], abs=1e-15)  # k * 0.1, rounded
     assert set(results.summary["federates"]) == {"f", "p", "r"}
     one = vdfmu.simulate(package, algorithm="jacobi", step=STEP, stop=0.5)
     assert all(results[name].tobytes() == one[name].tobytes() for name in one.names)
@@ -52,9 +50,7 @@ def test_a_component_that_fails_ends_the_run_with_its_reason_and_the_rows(packag
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("split", [["f", "p"], ["p,r", "a"]], ids="|".join)
-def test_a_component_that_fails_in_its_initialization_does_not_leave_the_others_waiting(
-    package, federates, split
-):
+def test_a_component_that_fails_in_its_initialization_does_not_leave_the_others_waiting(package, federates, split):
     with pytest.raises(CosimError, match="f: exitInitializationMode at t = 0 s failed: .*no start possible"):
         vdfmu.federate(package, split, step=STEP, parameters={"f.mode": 3})
 
@@ -170,9 +166,7 @@ def test_the_command_keeps_the_rows_and_leaves_no_process(package, federates, tm
     run = command(package, "--split", "f,p", "--stop", "1e6", "--step", "0.1", "--out", out)
     rows = out / f"partial_{run.pid}" / "results.csv"
     deadline = time.monotonic() + 60.0
-    while not (
-        rows.exists() and rows.read_bytes().count(b"\n") > 3
-    ):  # names, units and rows, after two seconds
+    while not (rows.exists() and rows.read_bytes().count(b"\n") > 3):  # names, units and rows, after two seconds
         assert run.poll() is None and time.monotonic() < deadline
         time.sleep(0.1)
     processes = federates(run.pid)
@@ -181,11 +175,7 @@ def test_the_command_keeps_the_rows_and_leaves_no_process(package, federates, tm
     shown = " ".join(run.communicate(timeout=60)[0].split())
     assert run.returncode == code
     assert f"The rows so far are in {out / 'partial'}" in shown
-    assert (
-        "stopped: interrupted at t =" in shown
-        if code == 130
-        else "federate r" in shown and "SIGKILL" in shown
-    )
+    assert "stopped: interrupted at t =" in shown if code == 130 else "federate r" in shown and "SIGKILL" in shown
     kept = vdfmu.Results.read(out / "partial" / "results.csv")
     assert len(kept) > 2 and "p.y" in kept and "r.y" in kept
     assert "federates" in json.loads((out / "partial" / "summary.json").read_text())

@@ -73,9 +73,7 @@ def test_the_arm_in_two_and_four_federates_gives_the_bits_of_jacobi(tmp_path, fe
         out = tmp_path / f"{len(split)}"
         run_system(package, federation=vdfmu.engine.federation.Federation(split), stop=0.1, out=out)
         assert (out / "results.csv").read_bytes() == (tmp_path / "one" / "results.csv").read_bytes()
-        copies = [
-            json.loads((folder / "summary.json").read_text())["copies"] for folder in (out, tmp_path / "one")
-        ]
+        copies = [json.loads((folder / "summary.json").read_text())["copies"] for folder in (out, tmp_path / "one")]
         assert copies[0] == copies[1]
 
 
@@ -112,9 +110,7 @@ def test_the_initialization_passes_from_federate_to_federate(pack, xml, fmus, fe
     one = vdfmu.simulate(path, algorithm="jacobi", **options)
     assert one["g.u"][0] == 3.0  # slope 2 k at t = 1 s
     assert one["g.y"][0] == 9.0
-    assert one["a.y"][0] == pytest.approx(
-        18.0, rel=1e-8
-    )  # y = 9 + y / 2, to the convergence 1e-8 of the loop
+    assert one["a.y"][0] == pytest.approx(18.0, rel=1e-8)  # y = 9 + y / 2, to the convergence 1e-8 of the loop
     assert_same(vdfmu.federate(path, ["d", "g", "r", "h"], **options), one)
 
 
@@ -144,9 +140,7 @@ def test_signals_from_files_units_of_measurement_and_own_steps(pack, xml, federa
 @pytest.mark.heavy
 def test_a_component_that_ends_the_simulation_ends_it_for_all(system, federates):
     """As in one process: with the same rows, and the same words."""
-    path = system(
-        {"b": (models.BOUNCING_BALL, "2.0"), "c": (models.FEEDTHROUGH_2, "2.0")}, ["b.h -> c.Float64_input"]
-    )
+    path = system({"b": (models.BOUNCING_BALL, "2.0"), "c": (models.FEEDTHROUGH_2, "2.0")}, ["b.h -> c.Float64_input"])
     for options in ({"stop": 3.0, "step": 0.05},):
         one = vdfmu.simulate(path, algorithm="jacobi", **options)
         results = vdfmu.federate(path, ["b"], **options)
@@ -158,8 +152,6 @@ def test_a_component_that_ends_the_simulation_ends_it_for_all(system, federates)
 
 @pytest.mark.heavy
 def test_components_for_model_exchange(system, federates):
-    path = system(
-        {"d": (models.VAN_DER_POL, "2.0"), "c": (models.FEEDTHROUGH_2, "2.0")}, ["d.x0 -> c.Float64_input"]
-    )
+    path = system({"d": (models.VAN_DER_POL, "2.0"), "c": (models.FEEDTHROUGH_2, "2.0")}, ["d.x0 -> c.Float64_input"])
     one = vdfmu.simulate(path, algorithm="jacobi", stop=1.0, step=0.1)
     assert_same(vdfmu.federate(path, ["d"], stop=1.0, step=0.1), one)

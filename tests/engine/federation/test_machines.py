@@ -106,9 +106,7 @@ def test_all_must_run_the_same(start):
 def test_the_end_of_one_ends_the_other(start, tmp_path, number, reason):
     """Ctrl-C of a command, and its death with all that it has started, which HELICS misses after seconds."""
     runs = start("p", "--stop", "1e6"), start("g", "--stop", "1e6")
-    rows = [
-        tmp_path / name / f"partial_{run.pid}" / "results.csv" for name, run in zip("pg", runs, strict=True)
-    ]
+    rows = [tmp_path / name / f"partial_{run.pid}" / "results.csv" for name, run in zip("pg", runs, strict=True)]
     deadline = time.monotonic() + 60.0
     while not all(path.exists() and path.read_bytes().count(b"\n") > 3 for path in rows):
         assert time.monotonic() < deadline

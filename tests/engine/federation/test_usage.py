@@ -55,18 +55,14 @@ def test_all_faults_of_a_split_are_said_at_once(package):
 
 
 def test_components_with_event_mode_are_refused(system):
-    path = system(
-        {"s": (models.STAIR, "3.0"), "c": (models.FEEDTHROUGH_2, "2.0")}, ["s.counter -> c.Int32_input"]
-    )
+    path = system({"s": (models.STAIR, "3.0"), "c": (models.FEEDTHROUGH_2, "2.0")}, ["s.counter -> c.Int32_input"])
     with pytest.raises(UsageError, match="s: has event mode, .*'vdfmu simulate' runs it"):
         vdfmu.federate(path, ["s"], stop=1.0, step=0.1)
 
 
 def test_without_helics_it_says_how_to_get_it(package, monkeypatch):
     monkeypatch.setitem(sys.modules, "helics", None)
-    with pytest.raises(
-        VdfmuError, match="package helics, .* is not installed. Install it: .* -m pip install helics"
-    ):
+    with pytest.raises(VdfmuError, match="package helics, .* is not installed. Install it: .* -m pip install helics"):
         vdfmu.federate(package, ["a"], step=0.1)
 
 
@@ -78,9 +74,7 @@ def test_nothing_listens_but_on_loopback(package, federates, core):
 
     def look(k: int, n: int) -> None:
         inodes = {
-            link.readlink().name
-            for process in federates().values()
-            for link in Path(f"/proc/{process}/fd").iterdir()
+            link.readlink().name for process in federates().values() for link in Path(f"/proc/{process}/fd").iterdir()
         }
         for family in ("tcp", "tcp6"):
             for line in Path(f"/proc/net/{family}").read_text().splitlines()[1:]:

@@ -88,9 +88,7 @@ def c_files(model: Model) -> dict[str, str]:
     for v in model.variables:
         sides = [d if isinstance(d, int) else -1 - model.sizes.index(d) for d in v.dims] + [0, 0]
         kind = "INT64" if v.type == "Enumeration" else v.type.upper()
-        rows.append(
-            f"    {{{model.reference(v.name)}, {kind}, offsetof(Data, {v.field}), {sides[0]}, {sides[1]}}},\n"
-        )
+        rows.append(f"    {{{model.reference(v.name)}, {kind}, offsetof(Data, {v.field}), {sides[0]}, {sides[1]}}},\n")
     x = next((v.field for v in model.variables if v.name in model.states), None)
     states, rates = (f"((double *)&(I)->d.{p}{x})" if x else "((double *)NULL)" for p in ("", "der_"))
     array = bool(x and next(v for v in model.variables if v.name in model.states).dims)
@@ -169,11 +167,7 @@ def description_3(model: Model) -> Element:
         ),
     ):
         for v in unknowns:
-            needs = (
-                {}
-                if v.needs is None
-                else {"dependencies": " ".join(str(model.reference(n)) for n in v.needs)}
-            )
+            needs = {} if v.needs is None else {"dependencies": " ".join(str(model.reference(n)) for n in v.needs)}
             SubElement(structure, tag, {"valueReference": str(model.reference(v.name))} | needs)
     for v in model.variables:
         if v.more.get("indicator"):

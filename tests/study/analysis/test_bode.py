@@ -132,7 +132,5 @@ def test_the_command_draws_a_joint(tmp_path, monkeypatch):
 
 
 def test_signals_that_are_not_there_are_named(lift):
-    with pytest.raises(
-        UsageError, match=r"expected a system in continuous time with tau\[2\], q\[1\]; inputs are tau"
-    ):
+    with pytest.raises(UsageError, match=r"expected a system in continuous time with tau\[2\], q\[1\]; inputs are tau"):
         bode(vdfmu.linearize(lift, [0.1]), "tau[2]", ["q[1]"])

@@ -42,9 +42,7 @@ def test_hysteresis_at_rest_is_a_stiffer_spring(with_options, motors):
 def test_modes_without_dry_friction_are_those_of_the_bare_arm(with_options, option):
     robot = with_options(option, T_ref=300.0)
     for motors in ("free", "held"):
-        found, bare = (
-            natural_modes(one, POSE, motors=motors) for one in (robot, with_options("backlash", w_gap=0.0))
-        )
+        found, bare = (natural_modes(one, POSE, motors=motors) for one in (robot, with_options("backlash", w_gap=0.0)))
         np.testing.assert_allclose(found.frequency, bare.frequency, rtol=1e-8)
         np.testing.assert_allclose(found.damping, bare.damping, rtol=0, atol=1e-9)
 
@@ -55,9 +53,7 @@ def test_margins_know_the_delay_of_the_current_loop_and_nothing_of_dry_friction(
         return ArmLoops(load_scenario("planar_tracking", with_options(*options, **changes))).margins().modulus
 
     bare = modulus("backlash", w_gap=0.0)
-    np.testing.assert_allclose(
-        modulus("load_loss", "bristles"), bare, rtol=1e-5
-    )  # slopes of some 1e-12 are left
+    np.testing.assert_allclose(modulus("load_loss", "bristles"), bare, rtol=1e-5)  # slopes of some 1e-12 are left
     np.testing.assert_allclose(modulus("thermal", T_ref=300.0), bare, rtol=1e-6)
     late = modulus("winding")
     assert (late < bare - 0.02).all() and (late > 0.0).all()

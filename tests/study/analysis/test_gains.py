@@ -32,9 +32,7 @@ def smallest_distance(J: float, M: float, K: float, K_p: float, K_v: float, dela
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize(
-    ("J", "M", "K"), [(0.1, 0.5, 1e4), (0.1, 0.02, 4e3), (0.02, 5.0, 2e3), (6.0, 4.0, 1e6)]
-)
+@pytest.mark.parametrize(("J", "M", "K"), [(0.1, 0.5, 1e4), (0.1, 0.02, 4e3), (0.02, 5.0, 2e3), (6.0, 4.0, 1e6)])
 def test_a_joint_has_the_margin_that_is_promised(J: float, M: float, K: float) -> None:
     K_p, K_v, margin = joint_gains(J, K, np.array([M]), STEP)
     assert margin >= 0.5
@@ -76,9 +74,7 @@ def test_the_loops_of_the_whole_arm_keep_clear_of_minus_one(name: str) -> None:
 def test_the_loops_of_every_other_shipped_arm_do_too(name: str) -> None:
     scenario = reach_scenario(name)
     motion = scenario.sections["trajectory"]
-    assert (
-        np.abs(np.subtract(motion["q_end"], motion["q_start"])).sum() < 4.1
-    )  # rad: a long arm does not coil
+    assert np.abs(np.subtract(motion["q_end"], motion["q_start"])).sum() < 4.1  # rad: a long arm does not coil
     loops = ArmLoops(scenario, growth=GROWTH)
     assert loops.margins(delay=0).modulus.min() > 0.7
     assert loops.margins(delay=1).modulus.min() > 0.25  # the Panda stretches joints 1, 3 and 5 along one axis
@@ -94,9 +90,7 @@ def test_gains_follow_the_step() -> None:
 
 def test_gains_that_miss_their_margin_are_refused() -> None:
     """No gains have more than the 1 of none at all."""
-    with pytest.raises(
-        UsageError, match=r"joint 1: expected gains with a modulus margin of 1.1, got 0.9.* smaller"
-    ):
+    with pytest.raises(UsageError, match=r"joint 1: expected gains with a modulus margin of 1.1, got 0.9.* smaller"):
         arm_gains(load_robot("planar_2dof"), np.zeros((1, 2)), 1e-3, margin=1.1)
 
 
@@ -137,9 +131,7 @@ def test_motors_that_are_too_weak_are_said(arm: Path, tmp_path: Path) -> None:
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("shipped", [None, "scara_4dof"])
-def test_an_imported_or_shipped_arm_moves_well_at_once(
-    arm: Path, shipped: str | None, tmp_path: Path
-) -> None:
+def test_an_imported_or_shipped_arm_moves_well_at_once(arm: Path, shipped: str | None, tmp_path: Path) -> None:
     robot = load_robot(arm if shipped is None else shipped)
     scenario = reach_scenario(robot)
     results = run("reach", robot=robot, out=tmp_path / "results", reference=False)

@@ -97,9 +97,7 @@ def test_the_arm_at_rest_is_linearised_as_masses_and_springs():
     q = np.array([-1.2, 0.4])
     M = vdfmu.mass_matrix(robot, q)
     e = 1e-6 * np.eye(n)
-    slope = np.array(
-        [(vdfmu.gravity_torque(robot, q + d) - vdfmu.gravity_torque(robot, q - d)) / 2e-6 for d in e]
-    ).T
+    slope = np.array([(vdfmu.gravity_torque(robot, q + d) - vdfmu.gravity_torque(robot, q - d)) / 2e-6 for d in e]).T
     stiffness = np.diag(1.0 / deformation_derivative(robot, vdfmu.gravity_torque(robot, q)))
     zero, one = np.zeros((n, n)), np.eye(n)
     rotor = one / robot.I_m

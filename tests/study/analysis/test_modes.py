@@ -113,10 +113,7 @@ def test_modes_without_friction_are_those_of_the_energies(name, coupling):
         return plant_outputs(robot, np.concatenate([q, v, np.zeros(n)])).E_kin
 
     M = np.array([[energy(a + b) - energy(a) - energy(b) for b in unit] for a in unit])
-    slope = [
-        (vdfmu.gravity_torque(robot, q + d) - vdfmu.gravity_torque(robot, q - d)) / 2e-6
-        for d in 1e-6 * np.eye(n)
-    ]
+    slope = [(vdfmu.gravity_torque(robot, q + d) - vdfmu.gravity_torque(robot, q - d)) / 2e-6 for d in 1e-6 * np.eye(n)]
     k = np.diag(1.0 / deformation_derivative(robot, vdfmu.gravity_torque(robot, q)))
     K = np.block([[k + np.array(slope).T, -k], [-k, k]])
     K = (K + K.T) / 2.0  # of rounding of the differences

@@ -133,9 +133,7 @@ def test_lanes_that_fail_have_the_reason_of_the_fmus_and_disturb_no_other(bench)
 
 
 def test_a_value_out_of_its_limits_is_refused_as_by_the_fmus(bench):
-    rows, others = bench(
-        "planar_tracking", {"plant.mass[1]": "normal(0.5, 1.0)"}, sample="random", n=9, stop=0.02
-    )
+    rows, others = bench("planar_tracking", {"plant.mass[1]": "normal(0.5, 1.0)"}, sample="random", n=9, stop=0.02)
     assert [row["failed"] for row in rows] == [row["failed"] for row in others]
     assert {row["failed"] is None for row in rows} == {True, False}
 
@@ -182,9 +180,7 @@ def test_a_point_that_ends_the_process_costs_its_own_row(tmp_path):
         return end
 
     over = {"trajectory.q_end[1]": np.linspace(0.2, 0.6, 18)}
-    well = vdfmu.sweep(
-        "planar_tracking", over, stop=0.05, measure=["end=final(plant.q[1])"], out=tmp_path / "well"
-    )
+    well = vdfmu.sweep("planar_tracking", over, stop=0.05, measure=["end=final(plant.q[1])"], out=tmp_path / "well")
     target = float(well["end"][11])
     found = vdfmu.sweep("planar_tracking", over, stop=0.05, measure={"end": deadly}, out=tmp_path / "deadly")
     assert list(found.failed) == [11]
@@ -261,9 +257,7 @@ def test_what_a_unit_requires_of_its_parameters_holds_in_lanes_too(bench, tmp_pa
         '        return {"high": ("high > low", self.high - self.low)}\n\n'
         "    def derivatives(self) -> None:\n        self.y_dot = self.high + self.low\n"
     )
-    (tmp_path / "system.toml").write_text(
-        'name = "bands"\ndescription = "a band"\n\n[units]\na = "band.py"\n'
-    )
+    (tmp_path / "system.toml").write_text('name = "bands"\ndescription = "a band"\n\n[units]\na = "band.py"\n')
     (tmp_path / "scenario.toml").write_text(
         'name = "bands"\ndescription = "a band"\nsystem = "system.toml"\n'
         'robot = "planar_2dof"\nstop = 0.2\nstep = 0.01\nmaster = "gauss-seidel"\ntolerance = 1e-8\n'

@@ -55,14 +55,10 @@ def library(request):
     def made(level):
         lanes, flags = LEVELS[level]
         flags = (*FLAGS, f"-DLANES={lanes}", *flags)
-        return load_library(
-            compile_library(files, this_platform(), name="functions", flags=flags), "functions"
-        )
+        return load_library(compile_library(files, this_platform(), name="functions", flags=flags), "functions")
 
     best = made(0).level()
-    if (
-        request.param > best
-    ):  # what this processor cannot run is compiled all the same, and its best tried once more
+    if request.param > best:  # what this processor cannot run is compiled all the same, and its best tried once more
         made(request.param)
     return made(min(request.param, best))
 

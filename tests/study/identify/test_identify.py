@@ -86,12 +86,8 @@ def test_noisy_logs_give_the_truth_within_a_per_cent(clean, robot, guess):
         assert name not in found.held
         assert values[name] == pytest.approx(true[name], rel=0.01), name
     for name, unit in zip(found.base.names, found.base.units, strict=True):
-        largest = max(
-            abs(true[n]) for n, u in zip(found.base.names, found.base.units, strict=True) if u == unit
-        )
-        assert values[name] == pytest.approx(
-            true[name], abs=0.01 * min(largest, abs(true[name]) or largest)
-        ), name
+        largest = max(abs(true[n]) for n, u in zip(found.base.names, found.base.units, strict=True) if u == unit)
+        assert values[name] == pytest.approx(true[name], abs=0.01 * min(largest, abs(true[name]) or largest)), name
     np.testing.assert_allclose(found.stiffness, true_stiffness(robot, found), rtol=0.01)
     # a torque holds over a step of 1 ms, so on average it is half of one late
     assert found.delay == pytest.approx(0.5e-3, abs=0.1e-3)
@@ -175,9 +171,7 @@ def test_the_command_writes_a_robot_that_says_where_it_is_from(clean, robot, gue
 @pytest.mark.heavy
 def test_torques_that_do_not_fit_the_motion_are_said(clean, robot):
     found = identify(clean._replace(tau=-clean.tau), robot)
-    assert any(
-        "joint 2: the model leaves more than 30 % of the torque; check" in note for note in found.advice
-    )
+    assert any("joint 2: the model leaves more than 30 % of the torque; check" in note for note in found.advice)
     assert identify(clean, robot).advice == []
 
 
@@ -187,9 +181,7 @@ def test_a_file_of_the_kuka_data_set_is_read(tmp_path):
     motor, links, tau = random.normal(size=(3, 6, 600))
     t = 0.004 * np.arange(600)
     path = tmp_path / "recording_2021_12_15_20H_45M.mat"
-    scipy.io.savemat(
-        path, {"time": t[None], "q_mot_meas": motor, "q_se_meas": links, "tau_meas": tau, "q_ref": motor}
-    )
+    scipy.io.savemat(path, {"time": t[None], "q_mot_meas": motor, "q_se_meas": links, "tau_meas": tau, "q_ref": motor})
     log = read_log(path, robot)
     np.testing.assert_allclose(log.kappa, np.deg2rad(motor.T), rtol=1e-15)
     np.testing.assert_allclose(log.q, np.deg2rad(links.T), rtol=1e-15)
@@ -274,9 +266,7 @@ def test_wrong_logs_are_named(tmp_path, robot, clean):
     still = Log("log", t, np.column_stack([np.sin(t), 0 * t]), np.zeros((600, 2)), None)
     with pytest.raises(UsageError, match="joint 2 did not move"):
         identify(still, robot)
-    apart = Log(
-        "log", t, np.column_stack([np.sin(t)] * 2), np.zeros((600, 2)), np.column_stack([np.sin(t), 0 * t])
-    )
+    apart = Log("log", t, np.column_stack([np.sin(t)] * 2), np.zeros((600, 2)), np.column_stack([np.sin(t), 0 * t]))
     with pytest.raises(UsageError, match="log: joint 2: expected rotors, .* and links to move alike"):
         identify(apart, robot)
     for band in (0.0, -1.0, np.nan):

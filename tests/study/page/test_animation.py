@@ -45,9 +45,7 @@ def test_a_notebook_gets_the_page_with_the_arm_alone(arm, tmp_path):
 
 
 def test_results_without_an_arm_and_wrong_options_are_told(arm, tmp_path):
-    with pytest.raises(
-        UsageError, match=r"animate: the results are not those of an arm: expected what vdfmu\.run"
-    ):
+    with pytest.raises(UsageError, match=r"animate: the results are not those of an arm: expected what vdfmu\.run"):
         vdfmu.animate(results("plant.q"))
     with pytest.raises(UsageError, match=r"positions of the joints, plant\.q; they have none"):
         vdfmu.animate(results("plant.x", arm={}))

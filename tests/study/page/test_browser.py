@@ -69,9 +69,7 @@ def test_the_error_of_the_end_effector_is_that_of_desired_and_actual_positions(r
     results = Results.read(run / "results.csv")
     robot = vdfmu.load_robot("manipulator_6dof")
     for row in (100, 500, 900):
-        ends = [
-            forward_kinematics(robot, results[f"{name}"][row])[0] for name in ("trajectory.q_d", "plant.q")
-        ]
+        ends = [forward_kinematics(robot, results[f"{name}"][row])[0] for name in ("trajectory.q_d", "plant.q")]
         # the errors of joints keep their digits; positions in single precision turn the difference by 1e-6 of itself
         assert found[row] == pytest.approx(1e3 * np.linalg.norm(ends[0] - ends[1]), rel=1e-5)
 
@@ -124,11 +122,7 @@ def test_a_click_on_a_wire_shows_its_signal(run, browser):
     browser.run("document.querySelector('.system .hit').dispatchEvent(new MouseEvent('click'))")
     browser.settle()
     title = browser.run("document.querySelector('.system .wire title').textContent").split("[")[0]
-    assert (
-        browser.run("document.querySelector('#system figcaption strong').textContent")
-        == title
-        == "trajectory.q_d"
-    )
+    assert browser.run("document.querySelector('#system figcaption strong').textContent") == title == "trajectory.q_d"
     assert browser.run("document.querySelectorAll('.system .wire.on').length") >= 6
 
 
@@ -175,9 +169,7 @@ def test_what_can_be_pressed_has_a_name(run, browser):
         .map(e => e.outerHTML)""")
     assert unnamed == []
     tree = browser.call("Accessibility.getFullAXTree")["nodes"]
-    names = {
-        (node["role"]["value"], node.get("name", {}).get("value")) for node in tree if not node["ignored"]
-    }
+    names = {(node["role"]["value"], node.get("name", {}).get("value")) for node in tree if not node["ignored"]}
     assert {("slider", "Time"), ("button", "Play"), ("combobox", "Signal")} <= names
 
 

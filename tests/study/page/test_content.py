@@ -148,9 +148,7 @@ def test_figures_and_frames_are_sums_of_outputs(planar, master):
     """The page evaluates the recipes for what it simulates, whose signals are the outputs."""
     results = planar[1]
     if master == "jacobi":  # whose inputs come one row later than the outputs
-        results = vdfmu.run(
-            "planar_tracking", stop=0.05, reference=False, master=master, out=planar[0] / master
-        )
+        results = vdfmu.run("planar_tracking", stop=0.05, reference=False, master=master, out=planar[0] / master)
     found = content_of(results, results.summary)
     outputs = {signal.name for signal in results.signals if not signal.of}
     lags = set()
@@ -300,9 +298,7 @@ def test_page_and_terminal_show_the_verdict_of_the_summary(planar, tmp_path):
 def test_vendored_files_are_those_of_the_pinned_build():
     built = json.loads((WEB / "vendor.json").read_text())
     for name, digest in built["sha256"].items():
-        assert hashlib.sha256((WEB / name).read_bytes()).hexdigest() == digest, (
-            f"{name}: 'make vendor' writes it"
-        )
+        assert hashlib.sha256((WEB / name).read_bytes()).hexdigest() == digest, f"{name}: 'make vendor' writes it"
     lock = json.loads((ROOT / "requirements" / "web" / "package-lock.json").read_text())["packages"]
     assert built["versions"] == {name: lock[f"node_modules/{name}"]["version"] for name in built["versions"]}
     assert lock[""]["dependencies"] == built["versions"]

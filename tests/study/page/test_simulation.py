@@ -75,8 +75,7 @@ def test_the_page_has_what_the_master_needs(planar, made):
     assert value == 1500 == values[references.index(position)]
     assert (found["steps"], found["last"]) == (200, pytest.approx(1e-3, rel=1e-12))
     assert {digest: gzip.decompress(base64.b64decode(text)) for digest, text in binaries.items()} == {
-        unit["binary"]: f"module of {job.name}".encode()
-        for unit, job in zip(found["units"], made, strict=True)
+        unit["binary"]: f"module of {job.name}".encode() for unit, job in zip(found["units"], made, strict=True)
     }
 
 
@@ -88,10 +87,7 @@ def test_a_module_has_the_c_of_the_fmu_but_for_derivatives(planar, made):
     assert "kernel_plant_step.c" in kernels
     assert not [name for name in kernels if "forward" in name or "reverse" in name or "avx2" in name]
     assert {"fmi2.c", "unit.c", "step.c", "fmi2Functions.h"} <= plant.sources.keys()
-    assert (
-        plant.sources["absent.c"].count(b"__builtin_trap")
-        == plant.sources["kernel.h"].count(b"_forward(") * 2
-    )
+    assert plant.sources["absent.c"].count(b"__builtin_trap") == plant.sources["kernel.h"].count(b"_forward(") * 2
 
 
 def test_recorded_rows_are_those_of_the_run(planar, made):
@@ -180,9 +176,7 @@ def test_a_page_of_several_runs_stays_below_its_size(planar, made, monkeypatch):
     monkeypatch.setattr(simulation, "MOST_MODULES", sum(map(len, binaries.values())))
     assert "units" in simulation_of(run.results, run.summary, run.package, binaries)  # it adds nothing
     before = dict(binaries)
-    monkeypatch.setattr(
-        simulation, "compile_libraries", lambda asked: [f"other {job.name}".encode() for job in asked]
-    )
+    monkeypatch.setattr(simulation, "compile_libraries", lambda asked: [f"other {job.name}".encode() for job in asked])
     found = simulation_of(run.results, run.summary, run.package, binaries)
     assert re.search(r"larger than 1 MB; make a page of this run alone\.$", found["reason"])
     assert binaries == before
@@ -293,9 +287,7 @@ def test_the_page_finds_what_the_fmus_found(pages, browser):
     assert difference < 1e-9
     # other gains, and links that the feedforward knows to be heavier: against FMUs with these values
     settings = {"controller.K_p": 3000.0}
-    settings |= {
-        f"{unit}.mass": [1.5 * m for m in (3.2, 3.2, 2.0, 2.0, 1.2, 1.2)] for unit in ("plant", "feedforward")
-    }
+    settings |= {f"{unit}.mass": [1.5 * m for m in (3.2, 3.2, 2.0, 2.0, 1.2, 1.2)] for unit in ("plant", "feedforward")}
     other = vdfmu.run("tracking", out=folder / "other", reference=False, settings=settings)
     changes = [{"unit": "controller", "name": "K_p", "value": 3000.0}]
     changes += [{"unit": unit, "name": "mass", "factor": 1.5} for unit in ("plant", "feedforward")]

@@ -75,9 +75,7 @@ def test_the_pages_own_run_equals_the_recorded_one(run, browser):
     # it is not drawn over itself
     assert browser.run("report.player.scene.puppets.length") == 1
     assert browser.run("document.querySelector('.chip.second').hidden")
-    changes = browser.run(
-        "[...document.querySelectorAll('#simulate tbody td:last-child')].map(e => e.textContent)"
-    )
+    changes = browser.run("[...document.querySelectorAll('#simulate tbody td:last-child')].map(e => e.textContent)")
     assert changes == ["none"] * 5
 
 
@@ -127,9 +125,7 @@ def test_a_slider_draws_the_run_of_the_fmus_with_that_value(run, browser):
     recorded, second = words_of(browser, ".readout tr:nth-child(2) .number").split("\n")
     assert second == f"{torque[-1, 1]:.3g} N.m" != recorded
     assert words_of(browser, "#simulate table") != table
-    largest = browser.run(
-        "[...document.querySelectorAll('#simulate tbody td:nth-child(3)')].map(e => e.textContent)"
-    )
+    largest = browser.run("[...document.querySelectorAll('#simulate tbody td:nth-child(3)')].map(e => e.textContent)")
     assert float(largest[0].split()[0]) == pytest.approx(np.abs(error).max(), rel=5e-3)  # three digits
     browser.run(f"(async () => {{ document.querySelector('#simulate button').click(); {DONE} }})()")
     browser.settle()
@@ -143,14 +139,10 @@ def test_pointing_shows_both_runs(run, browser):
     slide(browser, "Proportional", -100)
     x, y = centre(browser, "#figures .chart:nth-child(2) .u-over")
     browser.mouse("mouseMoved", x, y)
-    heads = browser.run(
-        "[...document.querySelectorAll('.chart:nth-child(2) .tip b')].map(e => e.textContent)"
-    )
+    heads = browser.run("[...document.querySelectorAll('.chart:nth-child(2) .tip b')].map(e => e.textContent)")
     assert heads[1:] == ["tracking", "simulated"]
     row = round(1e3 * float(heads[0].removesuffix(" s [deg]")))
-    cells = browser.run(
-        "[...document.querySelectorAll('.chart:nth-child(2) .tip output')].map(e => e.textContent)"
-    )
+    cells = browser.run("[...document.querySelectorAll('.chart:nth-child(2) .tip output')].map(e => e.textContent)")
     assert len(cells) == 12  # of one row: recorded and simulated
     results = Results.read(run / "results.csv")
     error = np.degrees(results["trajectory.q_d"] - results["plant.q"])[row]
@@ -162,9 +154,7 @@ def test_a_mass_of_one_link_and_what_the_feedforward_knows(run, browser):
     opened(browser, run / "report.html")
     slide(browser, "Masses", 100, joint=3)
     changes = browser.run("report.simulation.changes()")
-    assert {change["unit"] for change in changes} == {"plant"} and {
-        change["factor"] for change in changes
-    } == {2}
+    assert {change["unit"] for change in changes} == {"plant"} and {change["factor"] for change in changes} == {2}
     names = {change["name"] for change in changes}
     assert "mass[3]" in names and "inertia[3,1,1]" in names and not any("[2" in name for name in names)
     unknown = np.abs(simulated(browser, 1)).max()
@@ -193,9 +183,7 @@ def test_a_run_that_fails_says_why_and_shows_how(run, browser):
 
 def test_a_value_that_a_unit_refuses_is_said(run, browser):
     opened(browser, run / "report.html")
-    browser.run(
-        "report.simulation.sliders.find(({ knob }) => knob.words.startsWith('Masses')).knob.least = -1"
-    )
+    browser.run("report.simulation.sliders.find(({ knob }) => knob.words.startsWith('Masses')).knob.least = -1")
     slide(browser, "Masses", -100)
     assert "mass[1]: expected a number above 0" in words_of(browser, "#simulate [role=alert]")
     assert "–" in words_of(browser, "#simulate tbody")
@@ -249,17 +237,12 @@ def test_keys_and_names_of_the_sliders(run, browser):
     browser.run(f"(async () => {{ {DONE} }})()")
     assert browser.run("report.view.time") == 0.0  # it is not the arm that was moved
     assert browser.run("report.simulation.sliders[1].places[0]") == -1
-    assert (
-        browser.run("document.querySelectorAll('.knob input')[1].getAttribute('aria-valuetext')")
-        == "times 0.977"
-    )
+    assert browser.run("document.querySelectorAll('.knob input')[1].getAttribute('aria-valuetext')") == "times 0.977"
     unnamed = browser.run("""[...document.querySelectorAll("#simulate :is(button, select, input, progress)")]
         .filter(e => !(e.getAttribute("aria-label") || e.textContent.trim())).map(e => e.outerHTML)""")
     assert unnamed == []
     tree = browser.call("Accessibility.getFullAXTree")["nodes"]
-    names = {
-        (node["role"]["value"], node.get("name", {}).get("value")) for node in tree if not node["ignored"]
-    }
+    names = {(node["role"]["value"], node.get("name", {}).get("value")) for node in tree if not node["ignored"]}
     assert {
         ("slider", "Derivative gains"),
         ("combobox", "Derivative gains: joint"),

@@ -211,9 +211,7 @@ def test_nothing_hides_data_or_leaves_the_picture(made, types):
             assert not any(box.overlaps(panel) for panel in boxes), name
             assert box.x0 >= page.x0 and box.x1 <= page.x1 and box.y0 >= page.y0 and box.y1 <= page.y1, name
         for legend in figure.legends:
-            assert not any(
-                legend.get_window_extent().overlaps(text.get_window_extent()) for text in figure.texts
-            )
+            assert not any(legend.get_window_extent().overlaps(text.get_window_extent()) for text in figure.texts)
         for axes in figure.axes:
             assert "[" in axes.get_ylabel(), name
 
@@ -234,9 +232,7 @@ def test_tick_labels_times_the_power_in_the_label_are_the_values(exponent):
     (axes,) = figure.axes
     label = axes.get_ylabel()
     power = 10.0 ** int(label.split("{")[1].split("}")[0]) if "{" in label else 1.0
-    ticks = [
-        (tick, text.get_text()) for tick, text in zip(axes.get_yticks(), axes.get_yticklabels(), strict=True)
-    ]
+    ticks = [(tick, text.get_text()) for tick, text in zip(axes.get_yticks(), axes.get_yticklabels(), strict=True)]
     shown = [float(text.replace("\N{MINUS SIGN}", "-")) * power for _, text in ticks]
     # labels have the few digits that tell the ticks apart, which are multiples of 1, 2, 2.5 or 5
     np.testing.assert_allclose(shown, [tick for tick, _ in ticks], rtol=1e-9, atol=1e-9 * 10.0**exponent)
@@ -340,9 +336,7 @@ def test_the_same_data_give_the_same_bytes(made, tmp_path: Path):
     results, scenario = made.results(3), made.scenario(MIXED)
     first = [path.read_bytes() for path in plots.run_figures(results, scenario, tmp_path)]
     before = dict(matplotlib.rcParams)
-    with matplotlib.rc_context(
-        {"font.size": 20.0, "lines.linewidth": 9.0, "savefig.dpi": 40, "axes.grid": False}
-    ):
+    with matplotlib.rc_context({"font.size": 20.0, "lines.linewidth": 9.0, "savefig.dpi": 40, "axes.grid": False}):
         second = [path.read_bytes() for path in plots.run_figures(results, scenario, tmp_path)]
     assert first == second
     assert dict(matplotlib.rcParams) == before

@@ -101,9 +101,7 @@ def test_the_gains_that_the_paper_implies_stand_below_its_errors():
 
 
 def test_where_solutions_separate_the_statistics_are_compared():
-    summary = copy.deepcopy(TRACKING) | {
-        "separation": {"change": 1e-9, "max_position_difference_rad": 5.9e-4}
-    }
+    summary = copy.deepcopy(TRACKING) | {"separation": {"change": 1e-9, "max_position_difference_rad": 5.9e-4}}
     for entry, k in zip(summary["reference"].values(), (1.0, 2.0), strict=True):
         entry |= {"rms_position_difference": 0.0123 * k, "rms_torque_difference": 0.0345 * k}
     sheet = reference_sheet(summary)
@@ -126,9 +124,7 @@ def test_the_energy_residual_says_that_it_is_a_sum_of_absolute_values():
         "exchanged_energy_j": [30.0, 10.0],
     }
     said = dict(facts({**TRACKING, "power_bond": bond}))["Energy residual"]
-    assert said.startswith(
-        "0.008 J, the sum of absolute values, at tau and kappa_dot, where 40 J are exchanged"
-    )
+    assert said.startswith("0.008 J, the sum of absolute values, at tau and kappa_dot, where 40 J are exchanged")
     assert said.endswith("; net 0.002 J")
 
 

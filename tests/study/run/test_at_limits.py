@@ -45,9 +45,7 @@ def limited():
 def recorded(rows, n, times, **more):
     """Return results of an arm whose first joint does what the rows say, and whose others rest."""
     columns = {f"{name.replace('_of_', '.')}[1]": values for name, values in more.items()}
-    columns |= {
-        f"plant.{name}[1]": [row[k] for row in rows] for k, name in enumerate(("tau", "kappa_dot", "q"))
-    }
+    columns |= {f"plant.{name}[1]": [row[k] for row in rows] for k, name in enumerate(("tau", "kappa_dot", "q"))}
     names = [f"{name[:-2]}{i + 1}]" for name in columns for i in range(n)]
     data = np.zeros((len(rows), len(names)))
     data[:, ::n] = np.array(list(columns.values())).T
@@ -59,9 +57,7 @@ def recorded(rows, n, times, **more):
 def test_each_row_is_at_its_limit_and_gets_its_torque(limited, row):
     tau, speed, q, given, limit = row
     one = ArmLimits("plant", limited, np.full(limited.n, np.inf))
-    assert one.given(np.full((1, limited.n), tau), np.full((1, limited.n), speed))[0, 0] == pytest.approx(
-        given
-    )
+    assert one.given(np.full((1, limited.n), tau), np.full((1, limited.n), speed))[0, 0] == pytest.approx(given)
     found = time_at_limits(recorded([row[:3]] * 2, limited.n, [0.0, 1.0]), [one])["limits"]["plant"]
     assert {key: shares[0] for key, shares in found.items()} == {
         key: float(key == limit) for key in ("torque", "speed", "stop")
@@ -74,9 +70,7 @@ def test_a_row_counts_with_the_length_of_its_step(limited):
     rows = [(20.0, 1.0, 0.0), (20.0, 1.0, 0.0), (5.0, 1.0, 0.0), (5.0, 4.5, 2.0)]
     one = ArmLimits("plant", limited, np.full(limited.n, np.inf))
     found = time_at_limits(recorded(rows, limited.n, [0.0, 1.0, 3.0, 10.0]), [one])["limits"]["plant"]
-    np.testing.assert_allclose(
-        [found[key][0] for key in ("torque", "speed", "stop")], [0.1, 0.7, 0.7], rtol=1e-14
-    )
+    np.testing.assert_allclose([found[key][0] for key in ("torque", "speed", "stop")], [0.1, 0.7, 0.7], rtol=1e-14)
 
 
 def test_a_controller_that_cuts_its_torque_is_at_the_torque_limit(tmp_path):
@@ -95,11 +89,7 @@ def test_a_controller_that_cuts_its_torque_is_at_the_torque_limit(tmp_path):
 def test_a_run_away_from_its_limits_has_no_table(planar_run):
     assert "limits" not in planar_run[1].summary
     rests = {"plant": dict.fromkeys(("torque", "speed", "stop"), [0.0, 0.0])}
-    assert (
-        sheets({"limits": rests})
-        == []
-        != sheets({"limits": {"plant": rests["plant"] | {"speed": [0.0, 0.1]}}})
-    )
+    assert sheets({"limits": rests}) == [] != sheets({"limits": {"plant": rests["plant"] | {"speed": [0.0, 0.1]}}})
 
 
 def test_values_of_the_run_are_those_of_the_motor():

@@ -21,9 +21,7 @@ OUTPUT = '<ScalarVariable name="y" valueReference="2" causality="output"><Real/>
 
 
 def local(name, reference, inner, attributes=""):
-    return (
-        f'<ScalarVariable name="{name}" valueReference="{reference}" {attributes}>{inner}</ScalarVariable>\n'
-    )
+    return f'<ScalarVariable name="{name}" valueReference="{reference}" {attributes}>{inner}</ScalarVariable>\n'
 
 
 @pytest.fixture

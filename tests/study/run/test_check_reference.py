@@ -81,9 +81,7 @@ def test_tables_that_cannot_be_compared_are_problems_in_words(fmus, tmp_path):
         head[head.index("tau")] = "torque"
 
     (problem,) = tampered(fmus, tmp_path / "a.fmu", "in", rename).problems
-    assert problem == (
-        "Plant_out.csv: the reference results cannot be compared: the unit has no variable 'torque'"
-    )
+    assert problem == ("Plant_out.csv: the reference results cannot be compared: the unit has no variable 'torque'")
 
     def cut(head, rows):
         rows[3].pop()
@@ -113,9 +111,7 @@ def test_types_that_a_table_does_not_hold_are_a_note(fmus, tmp_path):
     description = content["modelDescription.xml"].decode()
     reference = description.count("valueReference") + 1000
     extra = f'<String name="word" valueReference="{reference}" causality="local" variability="fixed"/>'
-    content["modelDescription.xml"] = description.replace(
-        "</ModelVariables>", extra + "</ModelVariables>"
-    ).encode()
+    content["modelDescription.xml"] = description.replace("</ModelVariables>", extra + "</ModelVariables>").encode()
     content[f"{FOLDER}Plant_out.csv"] = b"time,word\n0,Set me!\n0.1,Set me!\n"
     pack_zip(tmp_path / "word.fmu", content)
     report = compare(tmp_path / "word.fmu")

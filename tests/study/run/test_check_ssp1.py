@@ -51,8 +51,7 @@ def component(name, connectors="", source="resources/m.fmu", inner="", attribute
 
 def binding(parameters, mapping=""):
     items = "".join(
-        f'<ssv:Parameter name="{name}"><ssv:Real value="1"{unit}/></ssv:Parameter>'
-        for name, unit in parameters.items()
+        f'<ssv:Parameter name="{name}"><ssv:Real value="1"{unit}/></ssv:Parameter>' for name, unit in parameters.items()
     )
     entries = "".join(f'<ssm:MappingEntry source="{a}" target="{b}"/>' for a, b in mapping)
     table = f'<ssm:ParameterMapping version="1.0">{entries}</ssm:ParameterMapping>'
@@ -124,9 +123,7 @@ def test_values_lie_within_the_limits_of_the_fmu(package, limits, fault):
     inside = f"<UnitDefinitions>{base.format('', 'cm', 0.01)}</UnitDefinitions>"
     units = f"</ssd:System><ssd:Units>{base.format('ssc:', 'm', 1)}</ssd:Units>"
     text = ssd(component("c", inner=binding({"k": ' unit="m"' if "cm" in limits else ""})))
-    path = package(
-        text.replace("</ssd:System>", units), {"resources/m.fmu": fmu(limits=limits, before=inside)}
-    )
+    path = package(text.replace("</ssd:System>", units), {"resources/m.fmu": fmu(limits=limits, before=inside)})
     assert [p.partition("): ")[2] for p in problems(path) if p[:3] == "c: "] == ([fault] if fault else [])
 
 

@@ -53,9 +53,7 @@ def link(*ends):
 
 GOOD = system(
     component("Trajectory", connector("q_d", "output"), connector("q_d_dot", "output")),
-    component(
-        "PDController", connector("q_d", "input"), connector("q_d_dot", "input"), connector("q", "input")
-    ),
+    component("PDController", connector("q_d", "input"), connector("q_d_dot", "input"), connector("q", "input")),
     component("Plant", connector("q", "output")),
     links=link(
         ("Trajectory", "q_d", "PDController", "q_d"),
@@ -162,9 +160,7 @@ def test_resources_and_parameters_are_checked(package):
 
 def test_values_are_held_against_the_variables_that_their_names_lead_to(package):
     def binding(*parameters):
-        items = "".join(
-            f'<ssv:Parameter name="{n}"><ssv:{t} value="{v}"/></ssv:Parameter>' for n, t, v in parameters
-        )
+        items = "".join(f'<ssv:Parameter name="{n}"><ssv:{t} value="{v}"/></ssv:Parameter>' for n, t, v in parameters)
         return (
             "<ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues><ssv:ParameterSet "
             f'version="2.0" name="p"><ssv:Parameters>{items}</ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues>'
@@ -233,9 +229,7 @@ def test_faults_of_the_schema_have_their_line_and_without_schemas_a_note_says_so
     text = GOOD.replace("<ssd:Connections>", '\n<ssd:Connections odd="1">')
     (problem,) = inspect_file(package(text), run=False).problems
     assert problem.startswith("x.ssp: SystemStructure.ssd, line 2: ") and "'odd'" in problem
-    _, fmu = inspect_file(
-        package(text, {"resources/other.fmu": b"x"}), run=False
-    ).problems  # not hidden by it
+    _, fmu = inspect_file(package(text, {"resources/other.fmu": b"x"}), run=False).problems  # not hidden by it
     assert fmu.startswith("resources/other.fmu: other.fmu is not a readable FMU")
     monkeypatch.setattr(parse, "schema_of", lambda *_: None)
     report = inspect_file(package(text), run=False)
@@ -244,25 +238,17 @@ def test_faults_of_the_schema_have_their_line_and_without_schemas_a_note_says_so
 
 
 def test_every_variant_of_a_package_is_checked(package):
-    other = GOOD.replace(
-        'endElement="PDController" endConnector="q"', 'endElement="PDController" endConnector="w"'
-    )
+    other = GOOD.replace('endElement="PDController" endConnector="q"', 'endElement="PDController" endConnector="w"')
     report = inspect_file(package(GOOD, {"VarB.ssd": other.encode()}), run=False)
-    assert report.problems == [
-        "VarB.ssd: connection Plant.q -> PDController.w: PDController declares no connector 'w'"
-    ]
+    assert report.problems == ["VarB.ssd: connection Plant.q -> PDController.w: PDController declares no connector 'w'"]
 
 
 def test_without_schemas_what_cannot_be_read_is_a_problem_and_no_traceback(package, monkeypatch):
     monkeypatch.setattr(parse, "schema_of", lambda *_: None)
     for old, new in (('size="2"', 'size="x"'), ("resources/Plant.fmu", "http://[bad/Plant.fmu")):
         (problem,) = inspect_file(package(GOOD.replace(old, new, 1)), run=False).problems
-        assert problem.startswith(
-            "x.ssp: SystemStructure.ssd: cannot be read, an element or attribute is missing"
-        )
-    (problem,) = inspect_file(
-        package(GOOD.replace('Connector name="q_d"', "Connector", 1)), run=False
-    ).problems
+        assert problem.startswith("x.ssp: SystemStructure.ssd: cannot be read, an element or attribute is missing")
+    (problem,) = inspect_file(package(GOOD.replace('Connector name="q_d"', "Connector", 1)), run=False).problems
     assert problem.endswith("Connector has no name")
 
 
@@ -299,9 +285,7 @@ def test_indices_choose_elements_and_must_lie_in_the_array(package):
         assert linked([""], [f'endIndices="{index}"']) == [
             f"{name}endIndices: {index} is outside of PDController.q_d, an array of 2; the first index is 1"
         ]
-    assert linked([""], ['endIndices="1 1"']) == [
-        f"{name}endIndices: 2 for PDController.q_d, which is an array of 2"
-    ]
+    assert linked([""], ['endIndices="1 1"']) == [f"{name}endIndices: 2 for PDController.q_d, which is an array of 2"]
 
 
 def test_units_sizes_of_parameters_and_the_implementation_are_checked(package):
@@ -320,9 +304,7 @@ def test_units_sizes_of_parameters_and_the_implementation_are_checked(package):
             connector("q_d_dot", "output").replace("<ssc:Float64/>", '<ssc:Float64 unit="none"/>'),
             inner=values(value, size),
         ).replace("<ssd:Component", f'<ssd:Component implementation="{implementation}"')
-        units = (
-            f'<ssd:Units><ssc:Unit name="m"><ssc:BaseUnit m="1" factor="{factor}"/></ssc:Unit></ssd:Units>'
-        )
+        units = f'<ssd:Units><ssc:Unit name="m"><ssc:BaseUnit m="1" factor="{factor}"/></ssc:Unit></ssd:Units>'
         text = system(trajectory).replace("</ssd:System>", f"</ssd:System>{units}")
         return inspect_file(package(text), run=False).problems
 

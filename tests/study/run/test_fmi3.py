@@ -16,9 +16,7 @@ from vdfmu.base.files import pack_zip, read_member
 def test_units_of_fmi_3_give_the_bits_of_fmi_2(scenario, stop, master, tmp_path):
     """The same C on the same numbers: nothing that the master does depends on the version."""
     two, three = (
-        vdfmu.run(
-            scenario, stop=stop, master=master, fmi_version=version, reference=False, out=tmp_path / version
-        )
+        vdfmu.run(scenario, stop=stop, master=master, fmi_version=version, reference=False, out=tmp_path / version)
         for version in ("2.0", "3.0")
     )
     assert three.summary["fmi"] == "3.0"
@@ -60,9 +58,7 @@ def test_what_has_no_fmi_3(tmp_path):
 def test_a_plant_of_fmi_3_among_units_of_fmi_2(tmp_path):
     """A foreign FMU as the tool sees it: arrays, of which the others read and feed the elements."""
     whole = vdfmu.run("planar_tracking", stop=0.1, reference=False, out=tmp_path / "whole")
-    fmus = vdfmu.build_fmus(
-        vdfmu.load_robot("planar_2dof"), tmp_path / "fmus", units=["plant"], fmi_version="3.0"
-    )
+    fmus = vdfmu.build_fmus(vdfmu.load_robot("planar_2dof"), tmp_path / "fmus", units=["plant"], fmi_version="3.0")
     mixed = vdfmu.run(
         "planar_tracking", stop=0.1, units={"plant": fmus["plant"]}, reference=False, out=tmp_path / "mixed"
     )

@@ -22,9 +22,7 @@ COMPONENTS = {
 @pytest.fixture(scope="module")
 def fmus(tmp_path_factory):
     folder = tmp_path_factory.mktemp("fmus")
-    done = subprocess.run(
-        [sys.executable, "-m", "vdfmu.cli", "build", "planar_tracking", "--out", folder], check=False
-    )
+    done = subprocess.run([sys.executable, "-m", "vdfmu.cli", "build", "planar_tracking", "--out", folder], check=False)
     assert done.returncode == 0
     return folder
 
@@ -32,9 +30,7 @@ def fmus(tmp_path_factory):
 def test_it_has_at_most_80_lines_of_fmpy_and_numpy():
     text = EXAMPLE.read_text(encoding="utf-8")
     assert len(text.splitlines()) <= 80
-    assert "vdfmu" not in [
-        line.split()[1].partition(".")[0] for line in text.splitlines() if "import " in line
-    ]
+    assert "vdfmu" not in [line.split()[1].partition(".")[0] for line in text.splitlines() if "import " in line]
 
 
 def test_it_has_the_bits_of_gauss_seidel(fmus, tmp_path):

@@ -118,7 +118,6 @@ def test_both_commands_take_files_and_say_what_is_wrong_with_them(tmp_path, monk
         done = CliRunner().invoke(app, [*command, "--stop", "0.05", "--input", "wrench.csv"])
         assert isinstance(done.exception, UsageError)
         assert "wrench.csv: plant.F_e[1]: unit mismatch, 'N.m'" in str(done.exception)
-        assert (
-            "plant.tau[1]: expected an input that nothing is connected to; controller.tau[1] feeds it"
-            in str(done.exception)
+        assert "plant.tau[1]: expected an input that nothing is connected to; controller.tau[1] feeds it" in str(
+            done.exception
         )

@@ -55,11 +55,7 @@ def on_disk(folder, rows, n):
     dice = np.random.default_rng(1)
     for first in range(0, rows, BLOCK):
         data[first : first + BLOCK] = dice.standard_normal((len(data[first : first + BLOCK]), columns))
-    signals = [
-        Signal(f"{name}[{i + 1}]", "real", "", n * k + i)
-        for k, name in enumerate(VARIABLES)
-        for i in range(n)
-    ]
+    signals = [Signal(f"{name}[{i + 1}]", "real", "", n * k + i) for k, name in enumerate(VARIABLES) for i in range(n)]
     return Results(1e-3 * np.arange(rows), signals, {"real": data})
 
 

@@ -11,14 +11,10 @@ import vdfmu
     [("inverse", 0.10, 0.05), ("vdc", 1.0, 1.0)],  # shares of Table 4 that the project holds itself to
 )
 def test_tracking_errors_stay_below_their_share_of_table_4(tmp_path, mode, position, torque):
-    summary = vdfmu.run(
-        "tracking", out=tmp_path, reference=False, settings={"feedforward.mode": mode}
-    ).summary
+    summary = vdfmu.run("tracking", out=tmp_path, reference=False, settings={"feedforward.mode": mode}).summary
     paper = summary["paper"]
     rms = np.array(summary["rms_position_error_deg"]) / paper["rms_position_error_deg"]
-    compensation = (
-        np.array(summary["rms_torque_compensation_error_nm"]) / paper["rms_torque_compensation_error_nm"]
-    )
+    compensation = np.array(summary["rms_torque_compensation_error_nm"]) / paper["rms_torque_compensation_error_nm"]
     assert rms.max() < position
     assert compensation.max() < torque
     assert max(summary["max_position_error_deg"]) < 0.04  # a tenth of the paper's bound
@@ -56,19 +52,14 @@ def test_statistics_of_split_converge_where_single_solutions_do_not(tmp_path):
 @pytest.mark.heavy
 def test_position_errors_of_two_joint_show_the_chosen_gain(tmp_path):
     chosen, implied = (
-        vdfmu.run(name, out=tmp_path / name, reference=False).summary
-        for name in ("two_joint", "two_joint_table5")
+        vdfmu.run(name, out=tmp_path / name, reference=False).summary for name in ("two_joint", "two_joint_table5")
     )
     # Table 5: 0.1173 N.m over 0.0456 degrees, 0.2981 N.m over 0.0227 degrees; printed with three digits
     gains = chosen["implied_gains"]
-    assert (
-        gains["K_p_paper"] == implied["implied_gains"]["K_p_paper"] == pytest.approx([147.4, 752.4], rel=1e-3)
-    )
+    assert gains["K_p_paper"] == implied["implied_gains"]["K_p_paper"] == pytest.approx([147.4, 752.4], rel=1e-3)
     assert gains["K_p"] == [2000.0, 2000.0] and implied["implied_gains"]["K_p"] == [147.0, 752.0]
     for summary in (chosen, implied):
-        ratio = np.array(summary["rms_torque_compensation_error_nm"]) / np.radians(
-            summary["rms_position_error_deg"]
-        )
+        ratio = np.array(summary["rms_torque_compensation_error_nm"]) / np.radians(summary["rms_position_error_deg"])
         # K_v adds its part where the error changes, at start and end: below a per cent of the RMS value
         assert ratio[:2] == pytest.approx(summary["implied_gains"]["K_p"], rel=0.01)
     # The torque errors are those of the plant's parameters and stay; the position errors follow the gain.

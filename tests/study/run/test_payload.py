@@ -134,7 +134,5 @@ def test_a_variable_of_an_option_names_the_option(tmp_path):
         ModelError, match=r"an output of plant, got 'V_O'\. It is there for a robot with coupled_tool only\."
     ):
         load_scenario(tmp_path / "free.toml")
-    with pytest.raises(
-        UsageError, match=r"plant has no V_S\. It is there for a robot with moving_base only\."
-    ):
+    with pytest.raises(UsageError, match=r"plant has no V_S\. It is there for a robot with moving_base only\."):
         system_values(load_scenario("planar_tracking"), {"plant.V_S": 1.0})

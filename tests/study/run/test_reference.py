@@ -194,9 +194,7 @@ def test_first_order_in_the_communication_step_against_the_continuous_reference(
 
 def test_an_unknown_reference_is_refused():
     description = SystemDescription(load_scenario("planar_tracking"))
-    with pytest.raises(
-        UsageError, match="no reference 'exact'; there are sampled, sampled-delayed and continuous"
-    ):
+    with pytest.raises(UsageError, match="no reference 'exact'; there are sampled, sampled-delayed and continuous"):
         reference("exact", description, step=1e-3, stop=0.1)
 
 

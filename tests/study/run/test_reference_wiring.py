@@ -105,9 +105,7 @@ class Line(Unit):
 
 def made(connections, values=None, **units):
     """Return the description of a system of classes."""
-    system = SystemFile(
-        "made", "", Path(), {name: Part(unit) for name, unit in units.items()}, connections, {}
-    )
+    system = SystemFile("made", "", Path(), {name: Part(unit) for name, unit in units.items()}, connections, {})
     scenario = dataclasses.replace(load_scenario("planar_tracking"), system=system)
     return SystemDescription(scenario, {name: {} for name in units} | (values or {}))
 
@@ -142,9 +140,7 @@ def by_hand(name, period):
     if name == "continuous":
         # states x, v, z, sin(t), cos(t): linear between the samples
         u = np.array([0.0, 0.0, -K, K, 0.0])
-        A = np.array(
-            [[0, 1, 0, 0, 0], [-1, 0, 0, 0, 0], [0, 0, 0, 0, 0], [0, 0, 0, 0, 1], [0, 0, 0, -1, 0.0]]
-        )
+        A = np.array([[0, 1, 0, 0, 0], [-1, 0, 0, 0, 0], [0, 0, 0, 0, 0], [0, 0, 0, 0, 1], [0, 0, 0, -1, 0.0]])
         A[1] += u
         state, t, rows = np.array([x, v, z, 0.0, 1.0]), 0.0, []
         for k in range(m + 1):
@@ -194,15 +190,11 @@ def test_samples_at_the_same_time_are_taken_once_each(name):
 
 def test_units_that_read_each_other_and_themselves_need_no_loop():
     """Each output of a Line has its own input: a chain of four outputs that goes through two units, back and forth."""
-    system = made(
-        {"wish.r": ["a.u"], "a.y": ["b.w"], "b.s": ["b.u"], "b.y": ["a.w"]}, a=Line, b=Line, wish=Wish
-    )
+    system = made({"wish.r": ["a.u"], "a.y": ["b.w"], "b.s": ["b.u"], "b.y": ["a.w"]}, a=Line, b=Line, wish=Wish)
     solution = reference("continuous", system, step=0.1, stop=1.0)
     expected = 3.0 * (0.5 * 3.0 * (0.5 * np.sin(solution.t) + 1.0) + 1.0)
     np.testing.assert_allclose(solution["a.s"][:, 0], expected, rtol=1e-14)  # some ten operations
-    with pytest.raises(
-        UsageError, match=r"no sampled reference: each of (a|b) -> .* has to step before the next"
-    ):
+    with pytest.raises(UsageError, match=r"no sampled reference: each of (a|b) -> .* has to step before the next"):
         reference("sampled", system, step=0.1, stop=1.0)
 
 

@@ -50,9 +50,7 @@ def test_the_summary_holds_the_errors_of_the_recorded_signals(planar_run):
     # the same sums of squares in another order: equal to some units of rounding
     assert summary["rms_position_error_deg"] == pytest.approx(np.sqrt((error**2).mean(axis=0)), rel=1e-12)
     assert summary["max_position_error_deg"] == pytest.approx(np.abs(error).max(axis=0), rel=1e-12)
-    assert summary["rms_torque_compensation_error_nm"] == pytest.approx(
-        np.sqrt((torque**2).mean(axis=0)), rel=1e-9
-    )
+    assert summary["rms_torque_compensation_error_nm"] == pytest.approx(np.sqrt((torque**2).mean(axis=0)), rel=1e-9)
     assert summary["real_time_factor"] == pytest.approx(0.2 / summary["wall_s"])
 
 
@@ -96,9 +94,7 @@ def test_a_shipped_run_has_no_notes(tmp_path):
 @pytest.mark.heavy
 def test_lists_set_element_by_element_in_runs_and_simulations(tmp_path):
     K_p = [300.0, 900.0]
-    results = vdfmu.run(
-        "planar_tracking", stop=0.05, out=tmp_path, reference=False, settings={"controller.K_p": K_p}
-    )
+    results = vdfmu.run("planar_tracking", stop=0.05, out=tmp_path, reference=False, settings={"controller.K_p": K_p})
     assert results.summary["settings"] == {"controller.K_p": "[300.0, 900.0]"}
     vdfmu.write_ssp(
         vdfmu.load_scenario("planar_tracking"),
@@ -131,9 +127,7 @@ def with_references(monkeypatch, folder, change):
         scenario, values = description.scenario, description.values
         package = write_ssp(scenario, cached_fmus(scenario, folder), folder / "reference.ssp", values)
         parameters = {key: factor * values["plant"][key.partition(".")[2]] for key, factor in change.items()}
-        r = vdfmu.simulate(
-            package, start=0.0, stop=stop, step=step, algorithm="gauss-seidel", parameters=parameters
-        )
+        r = vdfmu.simulate(package, start=0.0, stop=stop, step=step, algorithm="gauss-seidel", parameters=parameters)
         signals = {key: r[key] for key in ("plant.q", "controller.tau", "feedforward.tau_m")}
         for first in range(0, len(r), BLOCK):
             rows = slice(first, first + BLOCK)
@@ -160,9 +154,7 @@ def test_a_chaotic_loop_is_compared_by_its_statistics(tmp_path, monkeypatch):
 
 @pytest.mark.heavy
 def test_a_difference_that_is_a_fault_is_shown_as_one(tmp_path, monkeypatch):
-    with_references(
-        monkeypatch, tmp_path, {"plant.mass[2]": 1.01, "plant.mass[3]": 1.01, "plant.mass[5]": 1.01}
-    )
+    with_references(monkeypatch, tmp_path, {"plant.mass[2]": 1.01, "plant.mass[3]": 1.01, "plant.mass[5]": 1.01})
     summary = vdfmu.run("tracking", out=tmp_path, stop=2.0).summary
     assert summary["reference"]["sampled"]["max_position_difference_rad"] > 1e-6
     assert "separation" not in summary and "rms_position_difference" not in summary["reference"]["sampled"]
@@ -171,9 +163,7 @@ def test_a_difference_that_is_a_fault_is_shown_as_one(tmp_path, monkeypatch):
 
 def test_a_unit_that_fails_leaves_the_rows_before_and_the_reason(tmp_path):
     # a proportional gain of 1e9 drives the arm beyond what any solver step can follow
-    with pytest.raises(
-        CosimError, match=r"plant: doStep at t = .* s failed: .*(local error|not finite)"
-    ) as caught:
+    with pytest.raises(CosimError, match=r"plant: doStep at t = .* s failed: .*(local error|not finite)") as caught:
         vdfmu.run("planar_tracking", out=tmp_path, settings={"controller.K_p": 1e9})
     rows = Results.read(tmp_path / "partial" / "results.csv")
     assert len(rows.time) >= 1
@@ -325,9 +315,7 @@ def test_a_damaged_fmu_in_the_cache_is_built_again(tmp_path, monkeypatch):
 
 
 def test_a_robot_by_name_where_a_robot_is_expected_says_how_to_load_it(tmp_path):
-    with pytest.raises(
-        UsageError, match=r"expected a Robot, got str 'planar_2dof'\. Load it with vdfmu\.load_robot"
-    ):
+    with pytest.raises(UsageError, match=r"expected a Robot, got str 'planar_2dof'\. Load it with vdfmu\.load_robot"):
         vdfmu.build_fmus("planar_2dof", tmp_path)
     with pytest.raises(UsageError, match="expected a Robot, got str"):
         vdfmu.inverse_dynamics("planar_2dof", [0, 0], [0, 0], [0, 0])
@@ -343,9 +331,7 @@ def test_the_estimation_scenario_shows_both_estimates_on_the_plants_own_signals(
     assert min(summary["rms_tau_f_hat_error_nm"]) > 0.01
     assert "Consistent" in "".join(heading for sheet in sheets(summary) for heading in sheet.columns)
     for unknown in ("tracking", "planar_tracking"):
-        with pytest.raises(
-            UsageError, match=r"estimator\.tau_hat_max: expected .* a component of trajectory"
-        ):
+        with pytest.raises(UsageError, match=r"estimator\.tau_hat_max: expected .* a component of trajectory"):
             vdfmu.run(unknown, settings={"estimator.tau_hat_max": 1.0}, out=tmp_path)
 
 

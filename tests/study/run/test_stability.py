@@ -79,9 +79,7 @@ def test_default_gains_are_stable_with_the_margin_of_the_margins_command(tmp_pat
     exact = linearized("planar_tracking", time)
     system = exact.sampled(["plant.tau"])
     places = exact.places(["plant.tau"])
-    loop = Loop(
-        0.0, Linear(system.A, system.B[:, places]), system.C[-len(places) :], exact.step, 2.0, discrete=True
-    )
+    loop = Loop(0.0, Linear(system.A, system.B[:, places]), system.C[-len(places) :], exact.step, 2.0, discrete=True)
     # the whole system instead of its loop, four times as many frequencies: a smooth minimum between points that are
     # a factor of 10**(4/100) apart
     assert modulus == pytest.approx(loop.margins(delay=0).modulus.min(), rel=2e-3)
@@ -159,9 +157,7 @@ def test_what_cannot_be_linearised_is_said(tmp_path):
 
 
 def test_margins_says_unstable_where_and_why():
-    done = CliRunner().invoke(
-        app, ["margins", "tracking", "--set", "controller.K_p=20000", "--at", "0", "--at", "0.1"]
-    )
+    done = CliRunner().invoke(app, ["margins", "tracking", "--set", "controller.K_p=20000", "--at", "0", "--at", "0.1"])
     assert done.exit_code == 1
     assert "Unstable at all 2 times: largest pole 1." in done.output and "plant.tau_s[5]" in done.output
     assert "0.000" not in done.output

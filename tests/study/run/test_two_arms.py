@@ -116,11 +116,7 @@ def test_the_coupling_has_the_order_of_the_master(both, tmp_path):
     def difference(master, step, names=("two", "one")):
         q = []
         for one, package in map(packages.get, names):
-            q.append(
-                positions(simulate(package, algorithm=master, step=step, stop=0.5), one)[
-                    :: round(1e-3 / step)
-                ]
-            )
+            q.append(positions(simulate(package, algorithm=master, step=step, stop=0.5), one)[:: round(1e-3 / step)])
         return np.abs(q[0] - q[1]).max()
 
     for master, order, bound in (("jacobi", 1, 5e-5), ("extrapolated", 2, 5e-6), ("iterative", 2, 3e-6)):

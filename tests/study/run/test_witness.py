@@ -113,9 +113,7 @@ CACHED = {
         r"plant\.p_O\[\d\] at t = .* s: expected",
     ),
     "a changed coefficient": (
-        lambda cache: change(
-            cache, "controller_outputs_kappa_dot", lambda v: {"tau": (1.0 + 1e-6) * v["tau"]}
-        ),
+        lambda cache: change(cache, "controller_outputs_kappa_dot", lambda v: {"tau": (1.0 + 1e-6) * v["tau"]}),
         r"controller\.tau\[",
     ),
     "swapped outputs": (
@@ -127,9 +125,7 @@ CACHED = {
         r"feedforward\.tau_m",
     ),
     "a solver that moves too far": (
-        lambda cache: change(
-            cache, "plant_step", lambda v: {"x_new": v["x"] + 1.001 * (v["x_new"] - v["x"])}
-        ),
+        lambda cache: change(cache, "plant_step", lambda v: {"x_new": v["x"] + 1.001 * (v["x_new"] - v["x"])}),
         r"plant\.der\(",
     ),
     "another start": (

@@ -74,9 +74,7 @@ def dask(tmp_path) -> Iterator[Cluster]:
 @pytest.fixture(scope="module")
 def local(wild, tmp_path_factory):
     """Return the table of the study on this machine."""
-    return table(
-        vdfmu.sweep(wild, AXES, measure=MEASURES, step=0.01, out=tmp_path_factory.mktemp("local") / "study")
-    )
+    return table(vdfmu.sweep(wild, AXES, measure=MEASURES, step=0.01, out=tmp_path_factory.mktemp("local") / "study"))
 
 
 def begin(wild, out, dask, **options):
@@ -188,9 +186,7 @@ def test_without_a_scheduler_it_ends_with_what_is_done(wild, tmp_path, dask, loc
 def test_no_scheduler_is_said(wild, tmp_path):
     begin = time.monotonic()
     with pytest.raises(UsageError, match="no Dask scheduler answers at tcp://127.0.0.1:9"):
-        vdfmu.sweep(
-            wild, AXES, measure=MEASURES, step=0.1, out=tmp_path / "study", scheduler="tcp://127.0.0.1:9"
-        )
+        vdfmu.sweep(wild, AXES, measure=MEASURES, step=0.1, out=tmp_path / "study", scheduler="tcp://127.0.0.1:9")
     assert time.monotonic() < begin + 60
 
 
@@ -205,7 +201,5 @@ try:
 except vdfmu.VdfmuError as error:
     print(error)
 """
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True
-    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
     assert "no Dask scheduler answers at nowhere: missing port" in done.stdout and not done.stderr

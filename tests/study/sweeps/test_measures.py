@@ -45,9 +45,7 @@ def test_values(results, text, value):
     found = read_measures([f"m={text}"])[0].of(results)
     names = ["m"] if np.ndim(value) == 0 else ["m[1]", "m[2]"]
     assert list(found) == names
-    np.testing.assert_allclose(
-        list(found.values()), np.atleast_1d(value), rtol=1e-12
-    )  # rounding of sums of 201
+    np.testing.assert_allclose(list(found.values()), np.atleast_1d(value), rtol=1e-12)  # rounding of sums of 201
 
 
 def test_settling_is_when_a_signal_stays_near_its_end(results):

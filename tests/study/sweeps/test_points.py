@@ -29,9 +29,9 @@ def one(text):
 )
 def test_values_of_a_grid(form, values):
     axis = one(f"a.b={form}")
-    np.testing.assert_array_equal(axis.values, values) if isinstance(
-        values[0], str
-    ) else np.testing.assert_allclose(axis.values, values, rtol=1e-15)
+    np.testing.assert_array_equal(axis.values, values) if isinstance(values[0], str) else np.testing.assert_allclose(
+        axis.values, values, rtol=1e-15
+    )
     assert not axis.factor
 
 
@@ -115,8 +115,7 @@ def test_sobol_points_fill_the_square_more_evenly_than_random_ones():
 
     axes = read_axes(["a=lin(0, 1)", "b=lin(0, 1)"])
     even, random = (
-        qmc.discrepancy(np.column_stack(list(draw(axes, sample, 256)[1].values())))
-        for sample in ("sobol", "random")
+        qmc.discrepancy(np.column_stack(list(draw(axes, sample, 256)[1].values()))) for sample in ("sobol", "random")
     )
     assert even < random / 5
 

@@ -76,9 +76,7 @@ def test_each_point_is_the_run_of_its_values(tmp_path):
     assert len(found) == 8 and not found.failed
     assert found["point"].tolist() == list(range(8))
     scenario = vdfmu.load_scenario("planar_tracking")
-    package = vdfmu.write_ssp(
-        scenario, vdfmu.build_fmus(scenario.robot, tmp_path / "fmus"), tmp_path / "p.ssp"
-    )
+    package = vdfmu.write_ssp(scenario, vdfmu.build_fmus(scenario.robot, tmp_path / "fmus"), tmp_path / "p.ssp")
     rows = found.table().to_pylist()
     for row in (rows[0], rows[3], rows[6]):
         mass = row["plant.mass"] * scenario.robot.mass
@@ -88,9 +86,7 @@ def test_each_point_is_the_run_of_its_values(tmp_path):
         )  # fmt: skip
         error = results["trajectory.q_d"] - results["plant.q"]
         # of the mean of squares in another order: rounding
-        np.testing.assert_allclose(
-            [row["error[1]"], row["error[2]"]], np.sqrt(np.mean(error**2, axis=0)), rtol=1e-12
-        )
+        np.testing.assert_allclose([row["error[1]"], row["error[2]"]], np.sqrt(np.mean(error**2, axis=0)), rtol=1e-12)
         np.testing.assert_array_equal(row["plant.q[1]"], results["plant.q[1]"])
         np.testing.assert_array_equal(row["time"], results.time)
 
@@ -117,9 +113,7 @@ def test_robots_motions_and_payloads_vary_together(tmp_path):
         results = vdfmu.run(**found.options(row["point"]), reference=False, out=tmp_path / "run")
         error = results["trajectory.q_d"] - results["plant.q"]
         # of the mean of squares in another order: rounding
-        np.testing.assert_allclose(
-            [row["error[1]"], row["error[2]"]], np.sqrt(np.mean(error**2, axis=0)), rtol=1e-12
-        )
+        np.testing.assert_allclose([row["error[1]"], row["error[2]"]], np.sqrt(np.mean(error**2, axis=0)), rtol=1e-12)
 
 
 @pytest.mark.heavy
@@ -156,9 +150,7 @@ def test_a_point_that_fails_crashes_or_hangs_is_a_row_with_its_reason(wild, tmp_
 def test_one_fault_in_a_thousand_points_costs_one_point(wild, tmp_path):
     ways = np.zeros(1000)
     ways[[400, 700]] = WAYS["crash"], WAYS["hang"]
-    found = vdfmu.sweep(
-        wild, {"unit.way": ways}, measure=MEASURES, step=0.5, time_limit=3.0, out=tmp_path / "study"
-    )
+    found = vdfmu.sweep(wild, {"unit.way": ways}, measure=MEASURES, step=0.5, time_limit=3.0, out=tmp_path / "study")
     assert set(found.failed) == {400, 700}
     assert found["point"].tolist() == list(range(1000))
     assert list((tmp_path / "study").iterdir()) and not list((tmp_path / "study").glob("parts/*"))
@@ -343,9 +335,7 @@ def test_a_full_disk_stops_it_and_what_is_done_is_kept(wild, tmp_path, undisturb
         return whole(place)
 
     monkeypatch.setattr(ledger, "replacing", full)
-    with pytest.raises(
-        VdfmuError, match="No space left on device.*free space, and give the same command again"
-    ):
+    with pytest.raises(VdfmuError, match="No space left on device.*free space, and give the same command again"):
         study(wild, tmp_path / "study")
     assert len(parts(tmp_path / "study")) == 3
     monkeypatch.setattr(ledger, "replacing", whole)
@@ -407,9 +397,7 @@ def test_parts_that_cannot_be_listed_are_not_taken_for_none(wild, tmp_path, undi
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("number", [errno.EIO, errno.EACCES, errno.EMFILE])
-def test_a_study_that_the_disk_does_not_give_now_is_left_as_it_is(
-    wild, tmp_path, undisturbed, monkeypatch, number
-):
+def test_a_study_that_the_disk_does_not_give_now_is_left_as_it_is(wild, tmp_path, undisturbed, monkeypatch, number):
     whole = study(wild, tmp_path / "study").path
     there, read = whole.read_bytes(), Path.read_bytes
 
@@ -470,9 +458,7 @@ if "vdfmu.study.sweeps.child" in sys.orig_argv:
     with monkeypatch.context() as patch:
         patch.setattr(sys, "path", [str(tmp_path / "site"), *sys.path])
         if times == 3:
-            with pytest.raises(
-                VdfmuError, match="point 0: the disk fails: .*No space left.*same command again"
-            ):
+            with pytest.raises(VdfmuError, match="point 0: the disk fails: .*No space left.*same command again"):
                 study(wild, tmp_path / "study", workers=1)
         assert table(study(wild, tmp_path / "study", workers=1)) == undisturbed
 
@@ -534,9 +520,7 @@ def test_other_numbers_of_an_input_are_another_study(kind, tmp_path):
     def swept(last, **options):
         measure = {"q": "final(plant.q[1])"}
         out = tmp_path / "study"
-        return vdfmu.sweep(
-            "planar_tracking", OVER, stop=0.02, inputs=inputs(last), measure=measure, out=out, **options
-        )
+        return vdfmu.sweep("planar_tracking", OVER, stop=0.02, inputs=inputs(last), measure=measure, out=out, **options)
 
     before = swept(10.0)["q"]
     assert (swept(10.0)["q"] == before).all()
@@ -590,9 +574,7 @@ def test_provenance_and_columns_are_in_the_file(wild, tmp_path):
 
 @pytest.mark.heavy
 def test_rows_are_found_by_what_they_measured(wild, tmp_path):
-    found = vdfmu.sweep(
-        "planar_tracking", {"controller.K_p": [300.0, 1000.0, 600.0]}, stop=0.2, out=tmp_path / "study"
-    )
+    found = vdfmu.sweep("planar_tracking", {"controller.K_p": [300.0, 1000.0, 600.0]}, stop=0.2, out=tmp_path / "study")
     assert found.row("worst")["controller.K_p"] == 300.0
     assert found.row("best", "error[2]")["controller.K_p"] == 1000.0
     assert found.row(2)["controller.K_p"] == 600.0
@@ -693,9 +675,7 @@ def test_a_row_is_run_again_by_name(tmp_path, monkeypatch):
     np.testing.assert_allclose(summary["rms_position_error_deg"], expected, rtol=1e-12)
     again = vdfmu.run(**found.options(3), reference=False, out="again")
     row = found.row(3)
-    np.testing.assert_allclose(
-        np.radians(again.summary["rms_position_error_deg"][0]), row["error[1]"], rtol=1e-12
-    )
+    np.testing.assert_allclose(np.radians(again.summary["rms_position_error_deg"][0]), row["error[1]"], rtol=1e-12)
 
 
 @pytest.mark.heavy
@@ -718,9 +698,7 @@ def test_a_row_of_a_scenario_that_was_changed_is_run_with_a_note(tmp_path):
     alone = CliRunner().invoke(app, ["run", "planar_tracking", "--row", "3"])
     assert isinstance(alone.exception, UsageError) and "expected --from" in str(alone.exception)
     both = CliRunner().invoke(app, ["run", "two_joint", "--from", str(found.folder)])
-    assert isinstance(both.exception, UsageError) and "two_joint: expected no scenario beside" in str(
-        both.exception
-    )
+    assert isinstance(both.exception, UsageError) and "two_joint: expected no scenario beside" in str(both.exception)
 
 
 @pytest.mark.heavy
@@ -754,9 +732,7 @@ def killing(results, times, place):
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("times", [2, 3])
-def test_a_point_whose_process_is_killed_is_tried_again_and_blames_no_model(
-    wild, tmp_path, monkeypatch, times
-):
+def test_a_point_whose_process_is_killed_is_tried_again_and_blames_no_model(wild, tmp_path, monkeypatch, times):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
     (tmp_path / "tmp").mkdir()
     place = tmp_path / "killed"

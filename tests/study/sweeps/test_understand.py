@@ -100,9 +100,7 @@ def test_morris_of_a_study_takes_the_points_that_it_ran(tmp_path):
 
 def test_points_that_failed_are_said_where_indices_need_all(tmp_path):
     broken = study(tmp_path / "s", CUBE, ishigami, "saltelli", 8, fail=[3])
-    with pytest.raises(
-        UsageError, match=r"need all points, 1 of 64 have no value; point 3: it broke.*--retry"
-    ):
+    with pytest.raises(UsageError, match=r"need all points, 1 of 64 have no value; point 3: it broke.*--retry"):
         broken.indices()
     with pytest.raises(UsageError, match="kind: indices needs all points"):
         broken.plot("indices")
@@ -150,8 +148,7 @@ def test_axes_come_by_influence_and_the_tornado_has_their_ends(tmp_path):
 def test_files_are_named_without_their_folders_and_large_numbers_in_full(tmp_path):
     over = {"robot": ["/far/away/light.toml", "heavy"], "f.a": "lin(1e4, 5e4, 3)"}
     sides = {
-        side.name: side
-        for side in view(study(tmp_path / "s", over, lambda robot, a: a + (robot == "heavy"))).sides
+        side.name: side for side in view(study(tmp_path / "s", over, lambda robot, a: a + (robot == "heavy"))).sides
     }
     assert sides["robot"].words == ("light.toml", "heavy")
     assert [sides["f.a"].text(x) for x in (12345.0, 1e-5, 3e6, 0.25)] == ["12300", "1e-05", "3e+06", "0.25"]
@@ -181,9 +178,7 @@ def test_the_commands_write_figures_a_page_and_a_table(saltelli, tmp_path):
     runner = CliRunner()
     made = runner.invoke(app, ["sweep", "indices", str(saltelli.folder), "--measure", "y"])
     assert made.exit_code == 0 and re.search(r"f\.x1 +0\.\d+ ± 0\.\d+", made.output), made.output
-    made = runner.invoke(
-        app, ["sweep", "plot", str(saltelli.folder), "--kind", "tornado", "--out", str(tmp_path)]
-    )
+    made = runner.invoke(app, ["sweep", "plot", str(saltelli.folder), "--kind", "tornado", "--out", str(tmp_path)])
     assert made.exit_code == 0 and (tmp_path / "y_tornado.png").exists()
 
 
@@ -233,9 +228,7 @@ def test_parts_do_not_repeat_what_the_study_is(tmp_path):
     assert len(found.facts["axes"][0]) > 5000
     facts = {**found.facts, "n": 5000}
     with Ledger(tmp_path / "t", facts, "key", {"f.a": values}) as ledger:
-        ledger.add(
-            [{"point": k, "failed": None, "failed_at": None, "wall_s": 0.1, "y": 1.0} for k in range(10)]
-        )
+        ledger.add([{"point": k, "failed": None, "failed_at": None, "wall_s": 0.1, "y": 1.0} for k in range(10)])
         part = next((tmp_path / "t" / "parts").glob("*.parquet"))
         assert part.stat().st_size < 10_000  # ten rows of five columns; the axis alone is 100 kB of text
         assert vdfmu.Sweep(tmp_path / "t").facts["axes"] == found.facts["axes"]  # before the end too

@@ -60,9 +60,7 @@ def test_the_cost_is_that_of_runs_one_by_one(tuned, tmp_path):
         gains = tomllib.load(file)["controller"]
     problem = make_problem("planar_tracking", GAINS, ERRORS, spread=SPREAD, spread_n=2, stop=0.3)
     scenario = vdfmu.load_scenario("planar_tracking")
-    package = vdfmu.write_ssp(
-        scenario, vdfmu.build_fmus(scenario.robot, tmp_path / "fmus"), tmp_path / "p.ssp"
-    )
+    package = vdfmu.write_ssp(scenario, vdfmu.build_fmus(scenario.robot, tmp_path / "fmus"), tmp_path / "p.ssp")
     costs = []
     for factor in problem.spread["plant.mass"]:
         results = vdfmu.simulate(
@@ -139,9 +137,9 @@ def test_a_table_that_is_not_whole_is_set_aside_and_killed_runs_run_again(tmp_pa
         rows.set_column(place, "failed", killed).replace_schema_metadata(rows.schema.metadata), path
     )
     assert search().failed == 0
-    assert {
-        name: sorted(map(str, column)) for name, column in table(tmp_path / "s").items() if name != "point"
-    } == {name: sorted(map(str, column)) for name, column in before.items() if name != "point"}
+    assert {name: sorted(map(str, column)) for name, column in table(tmp_path / "s").items() if name != "point"} == {
+        name: sorted(map(str, column)) for name, column in before.items() if name != "point"
+    }
     path.write_bytes(path.read_bytes()[:100])
     assert "is not whole" in search().notes[0]
     assert (tmp_path / "s" / "sweep.parquet.broken").stat().st_size == 100
@@ -170,9 +168,7 @@ def test_a_larger_budget_goes_on(tmp_path):
 @pytest.mark.heavy
 def test_a_start_without_margin_is_noted(tmp_path):
     """The loop of tracking grows by 1.1 1/s with one sample of delay."""
-    found = vdfmu.tune(
-        "tracking", ["controller.K_p[1]"], ERRORS, stop=0.01, margin="same", budget=1, out=tmp_path
-    )
+    found = vdfmu.tune("tracking", ["controller.K_p[1]"], ERRORS, stop=0.01, margin="same", budget=1, out=tmp_path)
     assert "the loop of the start is unstable" in found.notes[0]
 
 
@@ -246,8 +242,7 @@ def test_what_is_wrong_is_said_before_the_first_run(options, words, tmp_path):
 def test_the_batch_engine_gives_the_same_costs(tmp_path):
     options = {"method": "local", "budget": 8, **SHORT}
     found = {
-        e: vdfmu.tune("planar_tracking", GAINS, ERRORS, engine=e, out=tmp_path / e, **options)
-        for e in ("fmu", "batch")
+        e: vdfmu.tune("planar_tracking", GAINS, ERRORS, engine=e, out=tmp_path / e, **options) for e in ("fmu", "batch")
     }
     fmu, batch = (Sweep(found[e].folder) for e in ("fmu", "batch"))
     assert (fmu.facts["engine"], batch.facts["engine"]) == ("fmu", "batch")

@@ -39,9 +39,7 @@ def quiet(browser):
     assert [problem for problem in browser.problems if KNOWN not in problem] == []
     own = f"://{urlsplit(browser.address).netloc}/"
     assert {url[:5] for url in browser.requests if own in url} >= {"http:", "ws://", "blob:"}
-    assert all(
-        url.startswith(("data:", f"http{own}", f"ws{own}", f"blob:http{own}")) for url in browser.requests
-    )
+    assert all(url.startswith(("data:", f"http{own}", f"ws{own}", f"blob:http{own}")) for url in browser.requests)
 
 
 def show(browser: Browser, address: str, *size: int) -> None:
@@ -49,9 +47,7 @@ def show(browser: Browser, address: str, *size: int) -> None:
     browser.address = address
     browser.open(address, *size)
     wait(browser, "document.querySelectorAll('[role=slider], table').length > 0")
-    wait(
-        browser, "document.querySelector('.mantine-Notification-closeButton')"
-    )  # that there is no graphics card
+    wait(browser, "document.querySelector('.mantine-Notification-closeButton')")  # that there is no graphics card
     browser.run("document.querySelector('.mantine-Notification-closeButton').click()")
     browser.run("new Promise(d => setTimeout(d, 1500))")
 

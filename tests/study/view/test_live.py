@@ -29,9 +29,7 @@ from vdfmu.study.view.live import HEAD, LiveView
 from vdfmu.study.view.live_server import ViewServer
 from vdfmu.study.view.scene import ArmScene, open_server, stage
 
-NAMES = [
-    f"{name}[{i}]" for name in ("plant.q", "trajectory.q_d", "controller.tau", "plant.kappa") for i in (1, 2)
-]
+NAMES = [f"{name}[{i}]" for name in ("plant.q", "trajectory.q_d", "controller.tau", "plant.kappa") for i in (1, 2)]
 
 
 @pytest.mark.heavy
@@ -150,10 +148,7 @@ def test_what_is_shown_is_the_row_and_afterwards_any_of_the_run():
         time = np.array([0.0, 1.0, 2.0])
         drawer.end(
             time,
-            {
-                key: np.outer(time, values[i : i + 2])
-                for key, i in (("q", 0), ("q_d", 2), ("tau", 4), ("kappa", 6))
-            },
+            {key: np.outer(time, values[i : i + 2]) for key, i in (("q", 0), ("q_d", 2), ("tau", 4), ("kappa", 6))},
         )
         scene.slider.value = 1.2
         drawer.step()
@@ -215,9 +210,7 @@ def test_what_is_wrong_is_said_before_the_run(monkeypatch, tmp_path):
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        with pytest.raises(
-            UsageError, match=f"port {port}: expected a free port of 127.0.0.1, got: .* in use"
-        ):
+        with pytest.raises(UsageError, match=f"port {port}: expected a free port of 127.0.0.1, got: .* in use"):
             open_server(port, "test")
     with pytest.raises(UsageError, match="speed: expected a positive number, got -1"):
         LiveView(speed=-1.0)

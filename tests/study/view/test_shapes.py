@@ -28,9 +28,7 @@ def test_half_axes_are_those_of_the_solid_ellipsoid_and_of_the_rod():
     # a difference of squares of 0.4 m at 2^-52 each, under a root near 0.1 m
     np.testing.assert_allclose(half_axes(m, moments), [a, b, c], rtol=1e-14)
     # a rod of length 2: m L^2 / 12 across and none along, so a^2 = 5 / (2 m) * 2 m L^2 / 12
-    np.testing.assert_allclose(
-        half_axes(m, np.array([0.0, m / 3.0, m / 3.0])), [np.sqrt(5.0 / 3.0), 0.0, 0.0]
-    )
+    np.testing.assert_allclose(half_axes(m, np.array([0.0, m / 3.0, m / 3.0])), [np.sqrt(5.0 / 3.0), 0.0, 0.0])
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -116,8 +114,6 @@ def test_a_mode_moves_its_links_by_its_shape():
     modes = vdfmu.natural_modes(vdfmu.load_robot("planar_2dof"), (0.3, -0.5), motors="held")
     for k in range(len(modes.frequency)):
         shape = displacement(modes, k, 0.0)
-        assert np.abs(shape).max() == pytest.approx(
-            1.0, abs=1e-3
-        )  # damping turns it by about itself, below 1e-3
+        assert np.abs(shape).max() == pytest.approx(1.0, abs=1e-3)  # damping turns it by about itself, below 1e-3
         np.testing.assert_allclose(displacement(modes, k, 0.5), -shape, atol=1e-15)  # half a cycle
         np.testing.assert_allclose(shape, modes.links[k].real / np.abs(modes.links[k]).max())

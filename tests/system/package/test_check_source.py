@@ -14,9 +14,7 @@ from vdfmu.system.package.check import inspect_source
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples" / "units"
 SCENARIO = 'name = "x"\nrobot = "planar_2dof"\nstop = 1.0\nstep = 0.001\n'
 SYSTEM = 'name = "x"\ndescription = "x"\n[units]\nplant = "plant"\ncontroller = "controller"\n[connections]\n'
-UNIT = (
-    "from vdfmu.unit import Input, Output, Unit\n\n\nclass Gain(Unit):\n    u = Input()\n    y = Output()\n\n"
-)
+UNIT = "from vdfmu.unit import Input, Output, Unit\n\n\nclass Gain(Unit):\n    u = Input()\n    y = Output()\n\n"
 
 
 @pytest.mark.heavy
@@ -91,9 +89,7 @@ def test_what_is_wrong_is_named(tmp_path, name, text, kind, problem):
     assert any(problem in line for line in report.problems), report.problems
 
 
-OPENED = (
-    "from pathlib import Path\nPath(__file__).with_name('ran').write_text(str(__import__('os').getpid()))\n"
-)
+OPENED = "from pathlib import Path\nPath(__file__).with_name('ran').write_text(str(__import__('os').getpid()))\n"
 GAIN = UNIT + "    def outputs(self) -> None:\n        self.y = 2.0 * self.u\n"
 NAMED = {
     "x.py": "",

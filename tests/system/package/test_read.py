@@ -15,9 +15,7 @@ HEAD = (
     '<ssd:SystemStructureDescription xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription" '
     'xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon" version="1.0" name="test">'
 )
-OUTSIDE = (
-    "is not a relative path inside the package; put the file into the package and name it by its path there"
-)
+OUTSIDE = "is not a relative path inside the package; put the file into the package and name it by its path there"
 TAIL = "</ssd:SystemStructureDescription>"
 
 
@@ -99,8 +97,7 @@ def test_faults_of_the_schema_have_their_line(tmp_path):
 def test_another_version_of_ssp(tmp_path):
     head = HEAD.replace("SSP1", "SSP2")
     assert (
-        "expected namespace http://ssp-standard.org/SSP1"
-        in problems(write(tmp_path / "x.ssp", system(), head=head))[0]
+        "expected namespace http://ssp-standard.org/SSP1" in problems(write(tmp_path / "x.ssp", system(), head=head))[0]
     )
 
 
@@ -167,9 +164,7 @@ def test_an_ssv_with_an_entity_is_refused(tmp_path):
     binding = '<ssd:ParameterBindings><ssd:ParameterBinding source="p.ssv"/></ssd:ParameterBindings>'
     ssv = b'<!DOCTYPE x [<!ENTITY e "1">]><x/>'
     path = write(tmp_path / "x.ssp", system(component(inner=binding)), {"a.fmu": b"", "p.ssv": ssv})
-    assert problems(path) == [
-        "x.ssp: p.ssv: has a document type declaration, which is refused (entities); remove it"
-    ]
+    assert problems(path) == ["x.ssp: p.ssv: has a document type declaration, which is refused (entities); remove it"]
 
 
 def test_an_inline_parameter_set_is_validated(tmp_path):

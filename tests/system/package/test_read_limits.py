@@ -110,13 +110,9 @@ ZEROS = bytes(600_000)
 def nested(path: Path, count: int) -> Path:
     """Write a package with packages that are read, each with 600 kB of an FMU that the system names."""
     values = "<ssd:ParameterBindings><ssd:ParameterBinding source='a.ssv'/></ssd:ParameterBindings>"
-    inner = pack(
-        {"SystemStructure.ssd": ssd("").replace("</ssd:System>", f"{values}</ssd:System>"), "a.ssv": ZEROS}
-    )
+    inner = pack({"SystemStructure.ssd": ssd("").replace("</ssd:System>", f"{values}</ssd:System>"), "a.ssv": ZEROS})
     names = [f"{i}.ssp" for i in range(count)]
-    elements = "".join(
-        f'<ssd:Component name="c{n[0]}" type="application/x-ssp-package" source="{n}"/>' for n in names
-    )
+    elements = "".join(f'<ssd:Component name="c{n[0]}" type="application/x-ssp-package" source="{n}"/>' for n in names)
     path.write_bytes(pack({"SystemStructure.ssd": ssd(elements), **dict.fromkeys(names, inner)}))
     return path
 
@@ -138,9 +134,7 @@ def test_what_is_taken_into_memory_counts_each_time(tmp_path, monkeypatch):
 
 def test_packages_inside_have_a_limit_in_number(tmp_path, monkeypatch):
     monkeypatch.setattr(limits, "PACKAGE_LIMIT", 3)
-    assert "x.ssp: has more than 3 packages inside it; that is the limit" in problems(
-        nested(tmp_path / "x.ssp", 4)
-    )
+    assert "x.ssp: has more than 3 packages inside it; that is the limit" in problems(nested(tmp_path / "x.ssp", 4))
 
 
 def test_a_long_directory_is_refused_before_it_is_read(tmp_path, monkeypatch):

@@ -144,9 +144,7 @@ def test_a_package_inside_can_be_read_as_another_variant(pack):
 
 def test_a_component_that_names_another_ssd_is_a_system(pack):
     """The paths in it start at its own folder, and may go up inside the package."""
-    sub = ssd(
-        IO + elements(component("g", "../f.fmu"), component("h", "h.fmu")) + connections("u g.u", "h.y y")
-    )
+    sub = ssd(IO + elements(component("g", "../f.fmu"), component("h", "h.fmu")) + connections("u g.u", "h.y y"))
     top = elements(component("arm", "sub/arm.ssd", IO, DEFINITION), component("a")) + connections(
         "arm.y a.u", "a.y arm.u"
     )
@@ -175,9 +173,7 @@ def test_systems_that_hold_themselves_are_refused(pack):
     (found,) = problems(path)
     assert "its system holds itself: SystemStructure.ssd" in found
     path = pack({"SystemStructure.ssd": ssd(elements(component("a", "#me")), attributes='id="me"')})
-    assert problems(path) == [
-        "x.ssp: component 'a': source '#me' is a system that holds the component itself"
-    ]
+    assert problems(path) == ["x.ssp: component 'a': source '#me' is a system that holds the component itself"]
 
 
 def test_connectors_of_a_component_are_held_against_its_system(pack):
@@ -225,9 +221,7 @@ def test_a_package_may_have_several_ssds(pack):
 
 def test_empty_element_names_mean_the_system_itself(pack):
     """The form of OMSimulator's resources/import_export_parameters: startElement="" ."""
-    top = (
-        IO + elements(component("a")) + '<ssd:Connections><ssd:Connection startElement="" startConnector="u" '
-    )
+    top = IO + elements(component("a")) + '<ssd:Connections><ssd:Connection startElement="" startConnector="u" '
     top += 'endElement="a" endConnector="u"/></ssd:Connections>' + ""
     path = pack(
         {
@@ -350,10 +344,7 @@ def test_a_system_of_ssp_2_is_read_by_its_own_schema(pack):
     inner = '<ssd:Connectors><ssd:Connector name="u" kind="local"/></ssd:Connectors>'
     text = ssd(elements(component("a", inner=inner)))
     found, *_ = problems(pack({"SystemStructure.ssd": text}))
-    assert (
-        found.startswith("x.ssp: SystemStructure.ssd, line")
-        and "'local' is not an element of the set" in found
-    )
+    assert found.startswith("x.ssp: SystemStructure.ssd, line") and "'local' is not an element of the set" in found
     newer = text.replace('version="1.0"', 'version="2.0"', 1)
     system = load_ssp(pack({"SystemStructure.ssd": newer, "f.fmu": b""}))
     assert (system.version, system.component("a").connectors["u"].kind) == ("2.0", "local")
@@ -377,16 +368,12 @@ def enumeration_fmu(items: str) -> bytes:
         f"<ModelVariables>{variables}</ModelVariables><ModelStructure><Outputs>{unknowns}</Outputs>"
         f"<InitialUnknowns>{unknowns}</InitialUnknowns></ModelStructure></fmiModelDescription>"
     )
-    return zipped(
-        {"modelDescription.xml": text, f"binaries/{fmpy.platform}/E{fmpy.sharedLibraryExtension}": b""}
-    )
+    return zipped({"modelDescription.xml": text, f"binaries/{fmpy.platform}/E{fmpy.sharedLibraryExtension}": b""})
 
 
 def mapped(pack, entries: str, parameter: str = ""):
     table = f"<ssc:EnumerationMappingTransformation>{entries}</ssc:EnumerationMappingTransformation>"
-    link = connections("a.y b.u").replace(
-        "/></ssd:Connections>", f">{table}</ssd:Connection></ssd:Connections>"
-    )
+    link = connections("a.y b.u").replace("/></ssd:Connections>", f">{table}</ssd:Connection></ssd:Connections>")
     top = elements(component("a", "a.fmu"), component("b", "b.fmu", IO + parameter)) + link
     return pack(
         {

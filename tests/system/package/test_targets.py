@@ -22,9 +22,7 @@ def test_a_special_file_is_refused_and_stays(tmp_path):
     os.mkfifo(pipe)
     link.symlink_to(pipe)
     for path in (pipe, link):
-        with pytest.raises(
-            StorageError, match="is a device, a pipe or another special file; expected a regular"
-        ):
+        with pytest.raises(StorageError, match="is a device, a pipe or another special file; expected a regular"):
             pack_zip(path, {"a": b"1"})
     assert stat.S_ISFIFO(pipe.stat().st_mode)
     assert sorted(tmp_path.iterdir()) == [link, pipe]

@@ -62,9 +62,7 @@ def test_reading_back_gives_the_values_in_their_units(scenario, fmus, tmp_path):
 
 
 def test_the_system_passes_the_check_before_a_run(scenario, fmus, tmp_path):
-    checked = check_system(
-        load_ssp(write_ssp(scenario, fmus, tmp_path / "system.ssp")), algorithm="gauss-seidel"
-    )
+    checked = check_system(load_ssp(write_ssp(scenario, fmus, tmp_path / "system.ssp")), algorithm="gauss-seidel")
     order = list(checked.schedule.units)
     assert order.index("feedforward") < order.index("controller") < order.index("plant")
     # the only inputs left open are the components of the wrenches, and these have values
@@ -95,15 +93,11 @@ def test_plant_factors_reach_the_plant_alone():
     factors = load_scenario("two_joint").plant_factors
     assert values["feedforward"]["mass[1]"] == nominal.mass[0]
     # one multiplication: equal to rounding of the product
-    assert values["plant"]["mass[1]"] == pytest.approx(
-        nominal.mass[0] * float(np.ravel(factors["mass"])[0]), rel=1e-15
-    )
+    assert values["plant"]["mass[1]"] == pytest.approx(nominal.mass[0] * float(np.ravel(factors["mass"])[0]), rel=1e-15)
 
 
 def test_a_setting_without_an_index_sets_all_joints(scenario):
-    assert override(scenario, {"controller.K_p": "3000"}) == {
-        "controller": {"K_p[1]": 3000.0, "K_p[2]": 3000.0}
-    }
+    assert override(scenario, {"controller.K_p": "3000"}) == {"controller": {"K_p[1]": 3000.0, "K_p[2]": 3000.0}}
     assert override(scenario, {"controller.K_p[2]": "10"}) == {"controller": {"K_p[2]": 10.0}}
     assert override(scenario, {"feedforward.mode": "vdc"}) == {"feedforward": {"mode": 1}}
     assert override(scenario, {"plant.equilibrium": "false"}) == {"plant": {"equilibrium": False}}
@@ -140,9 +134,7 @@ def test_a_wrong_setting_says_what_is_expected(scenario, key, value, words):
 def test_a_list_has_a_value_for_each_element(scenario):
     assert override(scenario, {"plant.K_f0": [1e4, 2e4]}) == {"plant": {"K_f0[1]": 1e4, "K_f0[2]": 2e4}}
     assert override(scenario, {"controller.K_p": np.array([300, 400])})["controller"]["K_p[2]"] == 400.0
-    with pytest.raises(
-        UsageError, match=r"plant\.K_f0: expected one value, or 2 for K_f0\[1\] to K_f0\[2\], got 3"
-    ):
+    with pytest.raises(UsageError, match=r"plant\.K_f0: expected one value, or 2 for K_f0\[1\] to K_f0\[2\], got 3"):
         override(scenario, {"plant.K_f0": [1e4, 2e4, 3e4]})
     with pytest.raises(UsageError, match=r"plant\.K_f0\[2\]: expected a number in N\.m/rad, got 'None'"):
         override(scenario, {"plant.K_f0": [1e4, None]})
@@ -159,9 +151,7 @@ def test_an_input_that_nothing_feeds_is_set_as_a_parameter(scenario, fmus, tmp_p
 
 def test_all_wrong_settings_are_reported_at_once(scenario):
     with pytest.raises(UsageError) as caught:
-        override(
-            scenario, {"controller.K_p": "nan", "plant.ell[2]": "0", "plant.mass": "3", "motor.K_p": "1"}
-        )
+        override(scenario, {"controller.K_p": "nan", "plant.ell[2]": "0", "plant.mass": "3", "motor.K_p": "1"})
     first, second, third = str(caught.value).splitlines()
     assert first == "controller.K_p: expected a finite number, got nan N.m/rad."
     assert second == "plant.ell[2]: expected at least 1, got 0."  # its unit is 1

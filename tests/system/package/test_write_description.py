@@ -76,9 +76,7 @@ def test_the_start_is_one_value_with_two_names_unless_they_differ():
     elsewhere = SystemDescription(scenario, system_values(scenario, {"plant.q_0[2]": "0.1"}))
     assert "start.ssv" not in elsewhere.parameter_sets
     assert bound_values(elsewhere, "plant")["q_0[2]"] == [0.1]
-    assert bound_values(elsewhere, "trajectory")["q_start[2]"] == [
-        group_value(scenario, "trajectory.q_start")[1]
-    ]
+    assert bound_values(elsewhere, "trajectory")["q_start[2]"] == [group_value(scenario, "trajectory.q_start")[1]]
 
 
 def test_both_versions_connect_the_same_elements(scenario):
@@ -109,9 +107,7 @@ def test_arrays_are_connected_whole_and_mixed_units_by_element():
 def test_an_array_and_scalars_are_connected_by_index():
     description = SystemDescription(load_scenario("planar_tracking"), version="2.0")
     array = next(s for s in description.signals("controller", "input") if s.name == "q")
-    scalars = tuple(
-        dataclasses.replace(array, name=v.name, variables=(v,), shape=()) for v in array.variables
-    )
+    scalars = tuple(dataclasses.replace(array, name=v.name, variables=(v,), shape=()) for v in array.variables)
     others = tuple(s for s in description._signals["controller"] if s is not array)
     description._signals["controller"] = (*others, *scalars)
     links = [link for link in description.links if link.end[0] == "controller" and link.end[1].group == "q"]

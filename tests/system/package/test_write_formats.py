@@ -70,9 +70,7 @@ def test_a_package_of_ssp_2_holds_arrays(scenario, fmus_3, tmp_path):
         ssd = archive.read("SystemStructure.ssd").decode()
         ssv = archive.read("resources/controller.scenario.ssv").decode()
         variables = {unit: _variables(archive.open(f"resources/{fmu.name}")) for unit, fmu in fmus_3.items()}
-    assert re.search(
-        r'name="tau_m" kind="input".*?<ssc:Float64 unit="N.m"/>\s*<ssc:Dimension size="2"/>', ssd, re.S
-    )
+    assert re.search(r'name="tau_m" kind="input".*?<ssc:Float64 unit="N.m"/>\s*<ssc:Dimension size="2"/>', ssd, re.S)
     assert re.search(r'name="K_p">\s*<ssv:Float64 value="(\S+) (\S+)" unit="N.m/rad"/>\s*<ssc:Dim', ssv)
     root = ElementTree.fromstring(ssd)
     spaces = {
@@ -90,8 +88,7 @@ def _variables(stream):
     with zipfile.ZipFile(stream) as fmu:
         model = ElementTree.fromstring(fmu.read("modelDescription.xml"))
     return {
-        v.get("name"): tuple(int(d.get("start")) for d in v.iterfind("Dimension"))
-        for v in model.find("ModelVariables")
+        v.get("name"): tuple(int(d.get("start")) for d in v.iterfind("Dimension")) for v in model.find("ModelVariables")
     }
 
 
@@ -124,9 +121,7 @@ def test_impossible_formats_say_what_to_do(monkeypatch):
     with pytest.raises(UsageError, match=r"Python FMUs are of FMI 2.0. Leave out --backend python"):
         fmi_of_format("2.0", "python")
     monkeypatch.setattr("vdfmu.system.package.versions.native_available", lambda: False)
-    with pytest.raises(
-        UsageError, match=r"compiler is not installed. Install it \(pip install vdfmu\[native\]\)"
-    ):
+    with pytest.raises(UsageError, match=r"compiler is not installed. Install it \(pip install vdfmu\[native\]\)"):
         fmi_of_format("2.0", None)
 
 
@@ -146,9 +141,7 @@ def test_labels_in_the_diagram_have_room(name, version):
             if (x, side) == (x2, side2) and y != y2:
                 assert abs(y - y2) > 4.2
             elif side == "start" and side2 == "end" and 0.0 < x2 - x < 80.0 and abs(y - y2) < 4.2:
-                assert (
-                    0.55 * 4.2 * (length + length2) < x2 - x
-                )  # a letter is 0.53 of its size wide in DejaVu Sans
+                assert 0.55 * 4.2 * (length + length2) < x2 - x  # a letter is 0.53 of its size wide in DejaVu Sans
 
 
 def test_the_page_shows_the_system(scenario):

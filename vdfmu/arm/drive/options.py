@@ -30,9 +30,7 @@ OPTIONS: dict[OptionName, DriveOption] = {
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class OptionRows(
-    ThermalRows, WindingRows, BristlesRows, BacklashRows, LoadLossRows, HysteresisRows, LimitsRows
-):
+class OptionRows(ThermalRows, WindingRows, BristlesRows, BacklashRows, LoadLossRows, HysteresisRows, LimitsRows):
     """Parameters of all options, and flags that say which a robot has; the fields of the last base come first."""
 
 

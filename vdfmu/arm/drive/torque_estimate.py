@@ -78,6 +78,4 @@ def torque_estimates(robot: Any, q: Any, kappa: Any, tau: Any, tau_hat_max: Any)
     tau_hat_max : (n,) [N m or N] largest estimate, link-side
     """
     delta = kappa - q - kinematic_error(robot, kappa)
-    return Estimates(
-        estimate_torque(robot, delta, tau, tau_hat_max), torque_of_deformation(robot, delta, tau_hat_max)
-    )
+    return Estimates(estimate_torque(robot, delta, tau, tau_hat_max), torque_of_deformation(robot, delta, tau_hat_max))

@@ -187,9 +187,7 @@ def required_net_forces(
     F_B_r_star: list[np.ndarray] = []
     for i in range(robot.n):
         z = joint_axis(robot.joint_types[i])
-        V_A, V_A_r, V_A_r_dot = (
-            (V_B[-1], V_B_r[-1], V_B_r_dot[-1]) if i > 0 else (base.V_S, base.V_S, base.V_S_dot)
-        )
+        V_A, V_A_r, V_A_r_dot = (V_B[-1], V_B_r[-1], V_B_r_dot[-1]) if i > 0 else (base.V_S, base.V_S, base.V_S_dot)
         V_B.append(z * q_dot[i] + U_AB[i].T @ V_A)  # (29)-(31)
         V_B_r.append(z * required.q_dot_r[i] + U_AB[i].T @ V_A_r)  # (48)-(49), (14)
         # the derivative of (49): U depends on the measured position, so its rate on the measured velocity

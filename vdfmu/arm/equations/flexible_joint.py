@@ -92,10 +92,7 @@ def rotor_velocities(robot: Any, V_B: list[np.ndarray], kappa_dot: Any, V_S: Any
     V_S : (6,) [m/s, rad/s] velocity of the base of the first joint
     """
     bases = [V_S, *V_B[:-1]]
-    return [
-        rotor_velocity(V_A, rotor_transform(robot, i), robot.ell[i], kappa_dot[i])
-        for i, V_A in enumerate(bases)
-    ]
+    return [rotor_velocity(V_A, rotor_transform(robot, i), robot.ell[i], kappa_dot[i]) for i, V_A in enumerate(bases)]
 
 
 def inertia_torques(robot: Any, V_D_dot: list[np.ndarray], kappa_ddot: Any) -> Any:

@@ -81,9 +81,7 @@ def joint_friction(
     return xi_l, xi_m
 
 
-def friction_loss(
-    robot: Any, q_dot: Any, kappa_dot: Any, load: Any = 0.0, states: States | None = None
-) -> Any:
+def friction_loss(robot: Any, q_dot: Any, kappa_dot: Any, load: Any = 0.0, states: States | None = None) -> Any:
     """Power that friction turns into heat, never negative: (n,) [W]. Parameters as of :func:`joint_friction`.
 
     It is the power that friction takes, except for what bristles store and give back.

@@ -29,9 +29,7 @@ class ChainMotion(NamedTuple):
     base: Base
 
 
-def link_motion(
-    robot: Any, q: np.ndarray, q_dot: np.ndarray, q_ddot: np.ndarray, base: Base = AT_REST
-) -> ChainMotion:
+def link_motion(robot: Any, q: np.ndarray, q_dot: np.ndarray, q_ddot: np.ndarray, base: Base = AT_REST) -> ChainMotion:
     """Velocities of all links by Eq. (29)-(31), and their derivatives.
 
     Deviation: (30)-(31) are printed for i = 2..5; they run to i = n, and (29) is (31) on a base at rest. The derivative
@@ -104,9 +102,7 @@ def link_forces(
 
 def joint_torques(robot: Any, F_B: list[np.ndarray]) -> np.ndarray:
     """Component of every F_B along its joint axis, ``z.T @ F_B``: (n,) [N m or N], link-side."""
-    return np.array(
-        [joint_axis(joint_type) @ F for joint_type, F in zip(robot.joint_types, F_B, strict=True)]
-    )
+    return np.array([joint_axis(joint_type) @ F for joint_type, F in zip(robot.joint_types, F_B, strict=True)])
 
 
 def inverse_dynamics(

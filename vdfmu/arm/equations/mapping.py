@@ -59,9 +59,7 @@ def joint_space_jacobian(robot: Any, q: np.ndarray) -> np.ndarray:
     """
     J_q = jacobian(robot, q)
     if J_q.shape != (6, 6):
-        raise ValueError(
-            f"Eq. (39) needs a square Jacobian, so six joints; robot {robot.name!r} has {robot.n}."
-        )
+        raise ValueError(f"Eq. (39) needs a square Jacobian, so six joints; robot {robot.name!r} has {robot.n}.")
     if np.linalg.cond(J_q) > 1.0 / np.finfo(float).eps:
         raise np.linalg.LinAlgError("J_q is singular: Eq. (39) has no solution at this position.")
     return np.linalg.inv(J_q)

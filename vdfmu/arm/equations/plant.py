@@ -135,9 +135,7 @@ def rest_state(robot: Any, tau_s: Any) -> dict[str, Any]:
     return {name: value for name, value in rest.items() if value is not None}
 
 
-def plant_derivative(
-    robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray, ends: Ends = FREE
-) -> np.ndarray:
+def plant_derivative(robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray, ends: Ends = FREE) -> np.ndarray:
     """Right-hand side of the plant.
 
     Parameters
@@ -188,9 +186,7 @@ def balance(
     return tau_l - torques, rotor_acceleration(robot, tau_k, motion)
 
 
-def equilibrium_torque(
-    robot: Any, q: np.ndarray, F_e: np.ndarray = NO_WRENCH, base: Base = AT_REST
-) -> np.ndarray:
+def equilibrium_torque(robot: Any, q: np.ndarray, F_e: np.ndarray = NO_WRENCH, base: Base = AT_REST) -> np.ndarray:
     """Spring torques that hold the arm at rest at `q` under the wrench `F_e` : (n,) [N m or N], link-side."""
     zero = np.zeros(robot.n)
     return inverse_dynamics(robot, q, zero, zero, F_e, base=base)
@@ -238,9 +234,7 @@ def plant_outputs(robot: Any, x: np.ndarray, base: BasePose = _AT_ORIGIN) -> Out
     return Outputs(rotor_position(robot, q, tau_s), p_O, R_O, E_kin, E_pot, E_spring)
 
 
-def base_load(
-    robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray, ends: Ends
-) -> tuple[np.ndarray, np.ndarray]:
+def base_load(robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray, ends: Ends) -> tuple[np.ndarray, np.ndarray]:
     """Return what the plant is for its base: M_S : (6, 6) and F_S0 : (6,) of :func:`apparent_load`.
 
     Parameters

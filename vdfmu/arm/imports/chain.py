@@ -137,9 +137,7 @@ def _root(tree: Tree) -> str | None:
         reached = set(queue)
         circle = [link for link in tree.links if link not in reached]
         if circle:
-            tree.problems.add(
-                "the file", f"links that hang on {roots[0]}", few(circle), "Their joints go in a circle."
-            )
+            tree.problems.add("the file", f"links that hang on {roots[0]}", few(circle), "Their joints go in a circle.")
     return roots[0] if len(roots) == 1 else None
 
 

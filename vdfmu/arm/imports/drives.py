@@ -36,9 +36,7 @@ class DriveNumbers(NamedTuple):
     rated_by: str
 
 
-def drive_joints(
-    bodies: Sequence[Body], file: str, chosen: Sequence[Numbers], gravity: float
-) -> list[DriveNumbers]:
+def drive_joints(bodies: Sequence[Body], file: str, chosen: Sequence[Numbers], gravity: float) -> list[DriveNumbers]:
     """Return the numbers of every joint; those of limits for all joints, if any joint has one that is given.
 
     Parameters
@@ -54,11 +52,7 @@ def drive_joints(
     assumed = read_toml(data_path("models") / "drives" / "assumed.toml")
     given = [_given(body, file, one) for body, one in zip(bodies, chosen, strict=True)]
     limits = {row.path for row in section("limits")}
-    parts = (
-        PARTS
-        if any(limits & {*one, *other} for one, other in zip(chosen, given, strict=True))
-        else PARTS[:-1]
-    )
+    parts = PARTS if any(limits & {*one, *other} for one, other in zip(chosen, given, strict=True)) else PARTS[:-1]
     found: list[DriveNumbers] = []
     for i, body in enumerate(bodies):
         kind = MOVING[body.joint.kind]

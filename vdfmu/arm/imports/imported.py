@@ -72,9 +72,7 @@ def robot_from_urdf(
     return import_robot(path, base, tip, drives, density, kind="robot").robot
 
 
-def robot_from_mjcf(
-    path: Path_, base: str | None = None, tip: str | None = None, drives: Path_ | None = None
-) -> Robot:
+def robot_from_mjcf(path: Path_, base: str | None = None, tip: str | None = None, drives: Path_ | None = None) -> Robot:
     """Return an arm of a MuJoCo file; its root is the world. Needs the package mujoco.
 
     Parameters
@@ -129,9 +127,7 @@ def import_robot(
     try:
         arm = choose_arm(tree, base, tip)
     except RecursionError:
-        raise ModelError(
-            f"{path}: expected some hundred links in a row, got more. Is it one robot?"
-        ) from None
+        raise ModelError(f"{path}: expected some hundred links in a row, got more. Is it one robot?") from None
     problems.raise_any()
     assert arm is not None
     gravity = float(np.linalg.norm(tree.gravity))
@@ -154,9 +150,7 @@ def parse_file(path: Path) -> Any:
         raise ModelError(error.problems) from None
     if root.nsmap.get("xacro") and next(root.iter(f"{{{root.nsmap['xacro']}}}*"), None) is not None:
         plain = f"{path.stem.removesuffix('.urdf')}.urdf"
-        plain = (
-            f"{path.stem}_plain.urdf" if plain == path.name else plain
-        )  # the shell empties what > names first
+        plain = f"{path.stem}_plain.urdf" if plain == path.name else plain  # the shell empties what > names first
         raise ModelError(
             f"{path}: expected a URDF, got one with xacro's elements. Write the URDF first: xacro {path.name} > {plain}"
         )

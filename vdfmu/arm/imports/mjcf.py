@@ -91,9 +91,7 @@ class _MjcfReader:
         first, count = int(m.body_geomadr[i]), int(m.body_geomnum[i])
         shapes = [self.visual(g) for g in range(first, first + count) if m.geom_group[g] < _VISIBLE]
         visuals = tuple(shape for shape in shapes if shape is not None)
-        return RigidLink(
-            name, float(m.body_mass[i]), np.array(m.body_ipos[i]), (inertia + inertia.T) / 2, visuals
-        )
+        return RigidLink(name, float(m.body_mass[i]), np.array(m.body_ipos[i]), (inertia + inertia.T) / 2, visuals)
 
     def carriers(self, i: int, links: dict[str, RigidLink]) -> list[Joint]:
         """Return the joints that carry a body: of several, and of one that is not at its origin, with links between."""
@@ -162,9 +160,7 @@ class _MjcfReader:
                 continue
             if m.actuator_forcelimited[a]:
                 force = float(np.abs(m.actuator_forcerange[a]).max())
-            elif (
-                m.actuator_ctrllimited[a] and int(m.actuator_biastype[a]) == int(m.actuator_gaintype[a]) == 0
-            ):
+            elif m.actuator_ctrllimited[a] and int(m.actuator_biastype[a]) == int(m.actuator_gaintype[a]) == 0:
                 force = float(np.abs(m.actuator_gainprm[a][0] * m.actuator_ctrlrange[a]).max())
             else:
                 return float(np.abs(m.jnt_actfrcrange[j]).max()) if m.jnt_actfrclimited[j] else 0.0

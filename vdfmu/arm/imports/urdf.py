@@ -176,9 +176,7 @@ class _UrdfReader:
             rotation=frame.R,
             offset=frame.p,
             color=read_only(np.clip(_GREY if rgba is None else rgba, 0.0, 1.0)),
-            file=self.mesh(shape.get("filename", ""))
-            if (shape.tag, element.tag) == ("mesh", "visual")
-            else "",
+            file=self.mesh(shape.get("filename", "")) if (shape.tag, element.tag) == ("mesh", "visual") else "",
         )
 
     def mesh(self, name: str) -> str:
@@ -218,9 +216,7 @@ class _UrdfReader:
             ends[tag] = "" if end is None else end.get("link", "")
             if ends[tag] not in links:
                 got = repr(ends[tag]) if ends[tag] else "nothing"
-                self.add(
-                    element, f"{what}: {tag}", "a link of the file", got, nearest(ends[tag], list(links))
-                )
+                self.add(element, f"{what}: {tag}", "a link of the file", got, nearest(ends[tag], list(links)))
         given: dict[str, float] = {}
         for tag, keys in _GIVEN.items():
             part = element.find(tag)

@@ -124,9 +124,7 @@ def circle(
     q = _start(robot, start)
     c, z = (np.array(one, dtype=float) for one in (centre, axis))
     if c.shape != (3,) or z.shape != (3,) or not np.linalg.norm(z) > 0.0 or not np.all(np.isfinite([c, z])):
-        raise UsageError(
-            f"circle: expected centre and axis of three finite numbers, got {centre} and {axis}."
-        )
+        raise UsageError(f"circle: expected centre and axis of three finite numbers, got {centre} and {axis}.")
     if not np.isfinite(angle) or angle == 0.0:
         raise UsageError(f"angle: expected a finite number other than 0, in rad, got {angle}.")
     if abs(angle) > _TURNS * 2.0 * np.pi:
@@ -184,11 +182,7 @@ def _orientation(robot: Robot, orientation: str | npt.ArrayLike | None) -> tuple
         return orientation, None
     R = np.array(orientation, dtype=float)
     # written numbers have some six digits
-    if (
-        R.shape != (3, 3)
-        or not np.allclose(R @ R.T, np.eye(3), rtol=0.0, atol=1e-5)
-        or np.linalg.det(R) < 0.0
-    ):
+    if R.shape != (3, 3) or not np.allclose(R @ R.T, np.eye(3), rtol=0.0, atol=1e-5) or np.linalg.det(R) < 0.0:
         raise UsageError(
             f"orientation: expected a rotation, three rows of unit length at right angles, got {orientation}."
         )
@@ -236,9 +230,7 @@ def _timed(
         raise UsageError(f"speed: expected more than 0 m/s, got {speed}.")
     shortest = 0.0 if speed is None else motion.duration * _largest_speed(robot, motion) / speed
     if duration is None and speed is None and (limits[0] is None or limits[1] is None):
-        raise UsageError(
-            "expected a duration, a speed, or limits of velocity and acceleration, got none of them."
-        )
+        raise UsageError("expected a duration, a speed, or limits of velocity and acceleration, got none of them.")
     if duration is None:
         free = all(one is None for one in limits)
         if free and speed is not None and shortest * speed <= _STANDS:
@@ -249,9 +241,7 @@ def _timed(
         found = motion.slower(shortest) if free else motion.fitted(*limits)
         return found.slower(max(1.0, shortest / found.duration))
     if duration < shortest:
-        raise UsageError(
-            f"duration: expected at least the {shortest:.6g} s that the speed takes, got {duration:g} s."
-        )
+        raise UsageError(f"duration: expected at least the {shortest:.6g} s that the speed takes, got {duration:g} s.")
     return motion.fitted(*limits, duration)
 
 

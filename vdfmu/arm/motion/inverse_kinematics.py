@@ -70,17 +70,11 @@ def follow(
         stuck = int(np.argmax(np.abs(V[len(sigma) - 1])))
         if off > _CLOSE:
             away = f"{off:.3g} m{' or rad' * (rows == 6)} away"
-            way = (
-                " Choose a nearer path, or let the orientation be free."
-                if rows == 6
-                else " Choose a nearer path."
-            )
+            way = " Choose a nearer path, or let the orientation be free." if rows == 6 else " Choose a nearer path."
             raise UsageError(f"{place}: expected a pose that the arm reaches, got one that is {away}.{way}")
         if sigma[-1] < _SINGULAR * sigma[0]:
             blocked = U[:, len(sigma) - 1]
-            what = (
-                "turn" if rows == 6 and np.linalg.norm(blocked[3:]) > np.linalg.norm(blocked[:3]) else "move"
-            )
+            what = "turn" if rows == 6 and np.linalg.norm(blocked[3:]) > np.linalg.norm(blocked[:3]) else "move"
             raise UsageError(
                 f"{place}: expected a pose in which the end effector can {what} in all directions, got a singular one: "
                 f"joint {stuck + 1}, at {q[stuck]:.4g}, would have to be {sigma[0] / max(sigma[-1], 1e-12):.3g} times "
@@ -108,9 +102,7 @@ def _solved(robot: Robot, q: Floats, pose: tuple[Floats, Floats], rows: int) -> 
             return q, off
         step = np.linalg.lstsq(jacobian(robot, q)[:rows], error, rcond=_SINGULAR * _SINGULAR)[0]
         q = q + step * min(1.0, _FAR / max(float(np.abs(step).max()), 1e-300))
-    nearest = least_squares(
-        lambda q: twist(forward_kinematics(robot, q), pose)[:rows], q, xtol=1e-12, ftol=1e-12
-    )
+    nearest = least_squares(lambda q: twist(forward_kinematics(robot, q), pose)[:rows], q, xtol=1e-12, ftol=1e-12)
     return nearest.x, float(np.linalg.norm(nearest.fun))
 
 

@@ -92,9 +92,7 @@ def fastest(
         speed, given = motor_rectangle(robot, np.inf if speed is None else speed)
         if most is None:
             most, rotors = robot.ell * given, robot.ell * robot.I_m
-            notes = (
-                f"by the robot's motors: speeds up to {_list(speed)}, torques up to {_list(most)} link-side.",
-            )
+            notes = (f"by the robot's motors: speeds up to {_list(speed)}, torques up to {_list(most)} link-side.",)
     if speed is None or (change is None and most is None):
         raise UsageError(
             "fastest: expected limits of velocity and acceleration, or a robot with [joints.limits], got neither."
@@ -172,9 +170,7 @@ def _shortest(
         T = max(T, float(np.sqrt(travel / acceleration).max()))
     asked = [toppra.constraint.JointVelocityConstraint(np.outer(velocity * T, [-1.0, 1.0]))]
     if acceleration is not None:
-        asked.append(
-            toppra.constraint.JointAccelerationConstraint(np.outer(acceleration * T**2, [-1.0, 1.0]))
-        )
+        asked.append(toppra.constraint.JointAccelerationConstraint(np.outer(acceleration * T**2, [-1.0, 1.0])))
     if torque is not None:
         asked.append(
             toppra.constraint.JointTorqueConstraint(
@@ -187,9 +183,7 @@ def _shortest(
     level = logger.level
     logger.setLevel(logging.CRITICAL)  # what it says of points without a solution is an error below
     try:
-        speeds = toppra.algorithm.TOPPRA(asked, shape, gridpoints=places).compute_parameterization(0.0, 0.0)[
-            1
-        ]
+        speeds = toppra.algorithm.TOPPRA(asked, shape, gridpoints=places).compute_parameterization(0.0, 0.0)[1]
     finally:
         logger.setLevel(level)
     if speeds is None or not np.all(np.isfinite(speeds)):

@@ -218,9 +218,7 @@ def spline(t: Floats, q: Floats) -> Motion:
     """
     t = t - t[0]
     first, last = ([1 / 3, 2 / 3],) * 2 if len(t) > 2 else ([1 / 5, 2 / 5, 3 / 5, 4 / 5], [])
-    inner = np.concatenate(
-        [t[0] + (t[1] - t[0]) * np.array(first), t[1:-1], t[-2] + (t[-1] - t[-2]) * np.array(last)]
-    )
+    inner = np.concatenate([t[0] + (t[1] - t[0]) * np.array(first), t[1:-1], t[-2] + (t[-1] - t[-2]) * np.array(last)])
     ends = np.ones(DEGREE + 1)
     still = [(order, np.zeros(q.shape[1])) for order in range(1, 5)]
     found = make_interp_spline(

@@ -88,9 +88,7 @@ def read_motion(problems: Problems, data: object, robot: Robot, folder: Path) ->
             problems.lines.extend(error.problems)
             return None
     before = len(problems.lines)
-    kind = Table(problems, data, "motion", list(data) if isinstance(data, dict) else ()).text(
-        "kind", choices=(*KINDS,)
-    )
+    kind = Table(problems, data, "motion", list(data) if isinstance(data, dict) else ()).text("kind", choices=(*KINDS,))
     if kind not in KINDS:
         return None
     make, keys = KINDS[kind]
@@ -99,9 +97,7 @@ def read_motion(problems: Problems, data: object, robot: Robot, folder: Path) ->
     if kind in OF_FILE and "file" in table.data:
         read = read_points(folder / table.text("file"), robot, problems, keys)
         if twice := [key for key in read if key in values]:
-            problems.add(
-                "motion.file", "values in one place", f"{', '.join(twice)} twice", "Remove one of them."
-            )
+            problems.add("motion.file", "values in one place", f"{', '.join(twice)} twice", "Remove one of them.")
         values |= read
     for key, parameter in keys.items():
         if parameter.default is parameter.empty and key not in values and len(problems.lines) == before:
@@ -224,9 +220,7 @@ def read_points(path: Path, robot: Robot, problems: Problems, known: Any) -> dic
             columns_are = "columns" if len(headings) > 1 else "column"
             found.append(f"{path}: row 1: {', '.join(headings)}: {what}. Convert the {columns_are}.")
         if missing := [name for name in numbered if name not in table]:
-            found.append(
-                f"{path}: row 1: expected a column for each joint, got none of {', '.join(missing)}."
-            )
+            found.append(f"{path}: row 1: expected a column for each joint, got none of {', '.join(missing)}.")
         if not found:
             points = np.column_stack([table[name] for name in numbered])
             return {"points": points} | {keys[key]: table[key] for key in keys if key in table}

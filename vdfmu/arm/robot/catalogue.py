@@ -63,9 +63,7 @@ def tables_of(problems: Problems, path: str, named: dict[str, Any], kind: str, e
             problems.add(f"{path}.{what}", f"a {what} of the catalogue", shown(name), way_out)
     gear, motor = (entries.get(what, {}) for what in NAMED)
     if gear and kind == "prismatic":
-        problems.add(
-            f"{path}.gear", "none on a prismatic joint", shown(named["gear"]), "Give [joints.drive] itself."
-        )
+        problems.add(f"{path}.gear", "none on a prismatic joint", shown(named["gear"]), "Give [joints.drive] itself.")
     ratio = ell if isinstance(ell, (int, float)) and ell > 0 else gear.get("ratio")
     for what, entry in entries.items():
         for part in (*_ALWAYS, *JOINT_OPTIONS):

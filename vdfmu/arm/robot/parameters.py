@@ -229,9 +229,7 @@ class Parameters(OptionRows, ArmParameters):
     # fmt: on
 
 
-PARAMETERS = {
-    f.name: Row(f.name, *f.metadata["row"], **f.metadata["rest"]) for f in fields(Parameters) if f.metadata
-}
+PARAMETERS = {f.name: Row(f.name, *f.metadata["row"], **f.metadata["rest"]) for f in fields(Parameters) if f.metadata}
 """Name of a parameter to its row."""
 
 

@@ -38,9 +38,7 @@ def check_inertia(problems: Problems, key: str, inertia: FloatArray) -> None:
         return
     scale = float(np.abs(inertia).max())
     if np.abs(inertia - inertia.T).max() > INERTIA_TOLERANCE * scale:
-        problems.add(
-            key, "a symmetric matrix", shown(inertia.tolist()), "Make entries [i][j] and [j][i] equal."
-        )
+        problems.add(key, "a symmetric matrix", shown(inertia.tolist()), "Make entries [i][j] and [j][i] equal.")
         return
     moments = np.linalg.eigvalsh(inertia)
     got = "principal moments " + ", ".join(f"{moment:.6g}" for moment in moments) + " kg.m2"
@@ -81,6 +79,4 @@ def check_friction(problems: Problems, key: str, f_c: float, f_s: float) -> None
 def check_stops(problems: Problems, key: str, q_min: float, q_max: float) -> None:
     """Note a lower end stop that is not below the upper one."""
     if q_min >= q_max:
-        problems.add(
-            f"{key}.q_max", f"q_max > q_min = {q_min:g}", f"{q_max:g}", "The joint moves between them."
-        )
+        problems.add(f"{key}.q_max", f"q_max > q_min = {q_min:g}", f"{q_max:g}", "The joint moves between them.")

@@ -152,22 +152,16 @@ class Robot(Parameters):
         for key, value in arrays.items():
             row = PARAMETERS.get(key)
             if row is None:
-                raise UsageError(
-                    f"robot {self.name}: no parameter {key!r}. There are: {', '.join(PARAMETERS)}."
-                )
+                raise UsageError(f"robot {self.name}: no parameter {key!r}. There are: {', '.join(PARAMETERS)}.")
             if row.section in OPTIONAL and not getattr(self, row.section):
                 whose = "joints tables" if row.per_joint else "file a table"
-                raise UsageError(
-                    f"robot {self.name}: {key}: it has no {row.section}. Give its {whose} [{row.table}]."
-                )
+                raise UsageError(f"robot {self.name}: {key}: it has no {row.section}. Give its {whose} [{row.table}].")
             shape = getattr(self, key).shape
             try:
                 new[key] = read_only(np.broadcast_to(np.asarray(value, dtype=float), shape))
             except (TypeError, ValueError) as error:
                 got = np.shape(value) if not isinstance(value, str) else repr(value)
-                raise UsageError(
-                    f"robot {self.name}: {key}: expected numbers of shape {shape}, got {got}."
-                ) from error
+                raise UsageError(f"robot {self.name}: {key}: expected numbers of shape {shape}, got {got}.") from error
         return dataclasses.replace(self, **new)
 
     def entries(self) -> list[Entry]:

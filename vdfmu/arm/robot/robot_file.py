@@ -198,9 +198,7 @@ def _sources(file: Table) -> dict[str, str]:
         elif not isinstance(value, str):
             file.problems.add(f"sources.{path}", "a string", shown(value), "Say where the number is from.")
         elif joint_free(path) not in SOURCE_KEYS:
-            file.problems.add(
-                f"sources.{path}", "a key of this file", "an unknown one", nearest(path, SOURCE_KEYS)
-            )
+            file.problems.add(f"sources.{path}", "a key of this file", "an unknown one", nearest(path, SOURCE_KEYS))
         else:
             file.check_text(f"sources.{path}", value)
             found[path] = value
@@ -209,7 +207,5 @@ def _sources(file: Table) -> dict[str, str]:
     if isinstance(sources, dict):
         walk(cast(object, sources), "")
     else:
-        file.problems.add(
-            "sources", "a table", shown(sources), "Its entries are: key = where its number is from."
-        )
+        file.problems.add("sources", "a table", shown(sources), "Its entries are: key = where its number is from.")
     return found

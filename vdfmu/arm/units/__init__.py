@@ -59,7 +59,5 @@ def find_unit(name: str | os.PathLike[str]) -> type[Unit]:
             raise UsageError(f"{file} has no unit {wanted!r}. There are: {', '.join(classes)}.")
         return classes[wanted]
     if len(classes) != 1:
-        raise UsageError(
-            f"{file} has several units: {', '.join(classes)}. Name one, {file}:{next(iter(classes))}."
-        )
+        raise UsageError(f"{file} has several units: {', '.join(classes)}. Name one, {file}:{next(iter(classes))}.")
     return next(iter(classes.values()))

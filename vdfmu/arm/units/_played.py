@@ -30,9 +30,7 @@ class Played(Unit):
     q_d_dddot = Output(*DESIRED["q_d_dddot"])
     q_d_ddddot = Output(*DESIRED["q_d_ddddot"])
     t_start = Parameter("s", text="Start of the motion")
-    speed = Parameter(
-        "1", text="Speed relative to that for which the motion was worked out", start=1.0, minimum=1e-6
-    )
+    speed = Parameter("1", text="Speed relative to that for which the motion was worked out", start=1.0, minimum=1e-6)
     terminals = (Terminal("desired", "right", tuple(DESIRED), "Desired motion of the joints"),)
 
     @classmethod

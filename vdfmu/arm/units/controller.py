@@ -45,12 +45,8 @@ class PDController(Unit):
     robot = RobotParameters("ell")
     terminals = (
         Terminal("desired", "left", ("q_d", "q_d_dot"), "Desired motion of the joints"),
-        Terminal(
-            "feedforward", "bottom", ("tau_m", "kappa_dot_d"), "Torques and rotors along the desired motion"
-        ),
-        Terminal(
-            "joints", "right", ("tau", "q", "q_dot", "kappa_dot"), "Motor torques and motion of the joints"
-        ),
+        Terminal("feedforward", "bottom", ("tau_m", "kappa_dot_d"), "Torques and rotors along the desired motion"),
+        Terminal("joints", "right", ("tau", "q", "q_dot", "kappa_dot"), "Motor torques and motion of the joints"),
     )
 
     def outputs(self) -> None:

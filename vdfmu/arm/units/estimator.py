@@ -27,9 +27,7 @@ class TorqueEstimator(Unit):
     kappa = Input("position", JOINTS, "position of the rotor divided by ell")
     tau = Input("N.m", JOINTS, "motor torque, motor-side")
     tau_s_hat = Output("torque", JOINTS, "spring torque from the positions alone, link-side")
-    tau_f_hat = Output(
-        "torque", JOINTS, "spring torque from the motor torque, link-side, Eq. (2)-(3) as printed"
-    )
+    tau_f_hat = Output("torque", JOINTS, "spring torque from the motor torque, link-side, Eq. (2)-(3) as printed")
     tau_hat_max = Parameter(
         "torque",
         JOINTS,

@@ -49,9 +49,7 @@ class Feedforward(Unit):
     tau_m = Output("N.m", JOINTS, "feedforward torque, motor-side")
     tau_s = Output("torque", JOINTS, "spring torque, link-side")
     kappa_dot_d = Output("velocity", JOINTS, "desired velocity of the rotor divided by ell")
-    mode = Choice(
-        "inverse", "vdc", text="0: inverse (exact inverse of the plant), 1: vdc (required velocities)"
-    )
+    mode = Choice("inverse", "vdc", text="0: inverse (exact inverse of the plant), 1: vdc (required velocities)")
     Lambda = gain("1/s", "gain of the required velocity, Eq. (12)", 1.0)
     K_V = gain("1", "gain K_B of the link in SI units, times the unit matrix, Eq. (50)", 0.01)
     k_vq = gain("damping_m", "gain of the link velocity, motor-side, Eq. (26)", 0.0001)
@@ -78,9 +76,7 @@ class Feedforward(Unit):
             found = feedforward_inverse(self.robot, desired, self.F_e_d, base)
         else:
             gains = FeedbackGains(self.Lambda, self.K_V, self.k_vq, self.k_vkappa)
-            found = feedforward_vdc(
-                self.robot, gains, desired, self.q, self.q_dot, self.kappa_dot, self.F_e_d, base
-            )
+            found = feedforward_vdc(self.robot, gains, desired, self.q, self.q_dot, self.kappa_dot, self.F_e_d, base)
         self.tau_m, self.tau_s, self.kappa_dot_d = found.tau_m, found.tau_s, found.kappa_dot_d
 
     def experiment(self) -> None:

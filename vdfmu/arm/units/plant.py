@@ -179,11 +179,7 @@ class Plant(Unit):
         return np.concatenate([getattr(self, name) for name in state_names(self.of_robot)])
 
     def _state(self) -> PlantState:
-        added = {
-            name: getattr(self, name)
-            for name, option in OPTION_STATES.items()
-            if getattr(self.of_robot, option)
-        }
+        added = {name: getattr(self, name) for name, option in OPTION_STATES.items() if getattr(self.of_robot, option)}
         return PlantState(self.q, self.q_dot, self.kappa_dot, self.tau_s, added)
 
     def _ends(self) -> Ends:
@@ -223,9 +219,7 @@ class Plant(Unit):
         F_e, ends = self.F_e, self._ends()
         rotors = Rotors(self.kappa_dot, tau_k)
         self.der_q = self.q_dot
-        self.der_q_dot = forward_dynamics(
-            robot, self.q, self.q_dot, tau_l, F_e, rotors, ends
-        )  # links, (9), (11)
+        self.der_q_dot = forward_dynamics(robot, self.q, self.q_dot, tau_l, F_e, rotors, ends)  # links, (9), (11)
         motion = link_motion(robot, self.q, self.q_dot, self.der_q_dot, ends.base)
         self.der_kappa_dot = rotor_acceleration(robot, tau_k, motion)  # rotors, (10), (56)
         kappa = rotor_position(robot, self.q, self.tau_s)

@@ -30,32 +30,22 @@ class Screw(Unit):
     p_O, R_O, V_O = tool_motion()
     turn = State("rad", text="Turn of the screw")
     turn_dot = Derivative(turn)
-    F_e = Output(
-        *WRENCH, six("Force of the arm on the screw in {O}", "Moment of the arm on the screw in {O}")
-    )
+    F_e = Output(*WRENCH, six("Force of the arm on the screw in {O}", "Moment of the arm on the screw in {O}"))
     N = Output("N", text="Axial force")
     T = Output("N.m", text="Torque about the axis")
-    axis = Parameter(
-        "1", 3, "Direction into the material in {I}, of any length, axis", start=[0.0, 0.0, -1.0]
-    )
-    distance = Parameter(
-        "m", text="Distance of the head from the origin of {I} along the axis, at turn 0", start=10.0
-    )
+    axis = Parameter("1", 3, "Direction into the material in {I}, of any length, axis", start=[0.0, 0.0, -1.0])
+    distance = Parameter("m", text="Distance of the head from the origin of {I} along the axis, at turn 0", start=10.0)
     pitch = Parameter("m", text="Way of the screw in one turn", start=1e-3, minimum=0.0)
     T_0 = Parameter("N.m", text="Torque where the thread begins", start=0.1, minimum=0.0, tunable=True)
     T_1 = Parameter("N.m/rad", text="Rise of the torque with the turn", start=0.02, minimum=0.0, tunable=True)
     omega_eps = Parameter("rad/s", text="Speed that regularises the friction", start=1.0, minimum=1e-9)
     turn_seat = Parameter("rad", text="Turn at which the head is seated", start=20.0)
-    k_seat = Parameter(
-        "N.m/rad", text="Rise of the torque with the turn of a seated head", start=5.0, minimum=0.0
-    )
+    k_seat = Parameter("N.m/rad", text="Rise of the torque with the turn of a seated head", start=5.0, minimum=0.0)
     c_seat = Parameter("s/rad", text="Damping of the seated head over its torque", start=0.1, minimum=0.0)
     r_cam = Parameter("m", text="Torque that the head takes over the axial force", start=0.05, minimum=0.0)
     k = Parameter("N/m", text="Axial stiffness of head and bit", start=2e4, minimum=0.0, tunable=True)
     c = Parameter("s/m", text="Axial damping over stiffness and depth", start=2.0, minimum=0.0, tunable=True)
-    terminals = (
-        Terminal("end_effector", "left", ("p_O", "R_O", "V_O", "F_e"), "Motion and wrench of the tool"),
-    )
+    terminals = (Terminal("end_effector", "left", ("p_O", "R_O", "V_O", "F_e"), "Motion and wrench of the tool"),)
 
     def requirements(self) -> dict[str, tuple[str, float]]:
         """There is an axis."""

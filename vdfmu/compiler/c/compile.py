@@ -105,11 +105,7 @@ class Compilation:
     @cached_property
     def objects(self) -> dict[str, str]:
         """C file to the key of its object."""
-        return {
-            name: self._key("object", self._needed(name))
-            for name in sorted(self.sources)
-            if name.endswith(".c")
-        }
+        return {name: self._key("object", self._needed(name)) for name in sorted(self.sources) if name.endswith(".c")}
 
     def _needed(self, name: str) -> dict[str, bytes]:
         """Return a file and those of the sources that it includes, by way of others too."""
@@ -135,9 +131,7 @@ class Compilation:
         return digest.hexdigest()
 
 
-def compile_library(
-    sources: Mapping[str, bytes], platform: str, *, name: str, flags: Sequence[str] = ()
-) -> bytes:
+def compile_library(sources: Mapping[str, bytes], platform: str, *, name: str, flags: Sequence[str] = ()) -> bytes:
     """Return a shared library; see :func:`compile_libraries`."""
     return compile_libraries([Compilation(name, sources, platform, tuple(flags))])[0]
 
@@ -171,9 +165,7 @@ def compile_libraries(jobs: Iterable[Compilation]) -> list[bytes]:
                 made = workshop.make(chain([first], missing))
         except OSError as error:
             where = error.filename or tempfile.gettempdir()
-            raise FmuError(
-                f"the native FMUs cannot be compiled: {where}: {error.strerror}. {_ROOM}"
-            ) from error
+            raise FmuError(f"the native FMUs cannot be compiled: {where}: {error.strerror}. {_ROOM}") from error
         for i, (key, library) in made.items():
             store(cache_folder() / "native" / key, library)
             found[i] = library
@@ -303,9 +295,7 @@ class _Workshop:
         if full and environment["ZIG_GLOBAL_CACHE_DIR"] != spare:  # without the cache it only takes longer
             self._environment = self._environment | {"ZIG_GLOBAL_CACHE_DIR": spare}
             return self._run(job, place, what, arguments)
-        errors = "\n".join(
-            line for line in words.splitlines() if line and not line.startswith("warning(zcu)")
-        )
+        errors = "\n".join(line for line in words.splitlines() if line and not line.startswith("warning(zcu)"))
         hint = f" {_ROOM}" if full else ""
         raise FmuError(f"{job.name} for {job.platform}: {what} cannot be compiled:\n{errors}{hint}")
 

@@ -206,9 +206,7 @@ class _UnitGenerator:
             if name == "update" and not calls:
                 continue
             yield _function(name, "double *m", ("m",), self._blocks(calls, self._forth))
-            yield _function(
-                f"{name}_forward", "const double *m, double *d", "md", self._blocks(calls, self._forward)
-            )
+            yield _function(f"{name}_forward", "const double *m, double *d", "md", self._blocks(calls, self._forward))
             backwards = tuple(reversed(calls))
             yield _function(
                 f"{name}_reverse", "const double *m, double *d", "md", self._blocks(backwards, self._reverse)
@@ -260,10 +258,7 @@ class _UnitGenerator:
             *[f"    {line}" for line in f"double {bars};".splitlines()],
             *[f"    {line}" for line in call_lines(f"{function.name()}_reverse", places)],
             *[f"    {self._clear(group)}" for group in made],
-            *[
-                f"    add({self._place('d', group)}, bar_{name}, {self._size(group)});"
-                for name, group in given.items()
-            ],
+            *[f"    add({self._place('d', group)}, bar_{name}, {self._size(group)});" for name, group in given.items()],
             "}",
         ]
 

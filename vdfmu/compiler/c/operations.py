@@ -54,9 +54,7 @@ def c_table(function: ca.Function) -> str:
     given = ", ".join(function.name_in())
     made = ", ".join(f"{result}_out" for result in function.name_out())
     listed = ",\n    ".join(", ".join(f"0x{w:x}u" for w in words[i : i + 5]) for i in range(0, len(words), 5))
-    lines = "\n".join(
-        f"        case {case}: {_case(name, operation)} break;" for operation, case in cases.items()
-    )
+    lines = "\n".join(f"        case {case}: {_case(name, operation)} break;" for operation, case in cases.items())
     numbers = f"static const double {name}_constants[] = {{{', '.join(constants)}}};\n\n" if constants else ""
     return f"""{numbers}/* operation, target, operands: from the lowest bit 7, {_FIELD}, {_FIELD} and {_FIELD} bits */
 static const uint64_t {name}_table[] = {{

@@ -78,9 +78,7 @@ def this_platform() -> str:
     found = machine.machine()
     name = f"{_MACHINES.get(found.lower(), found)}-{_SYSTEMS.get(sys.platform, sys.platform)}"
     if name not in PLATFORMS:
-        raise FmuError(
-            f"there are no native FMUs for this machine, {name}. There are: {', '.join(PLATFORMS)}."
-        )
+        raise FmuError(f"there are no native FMUs for this machine, {name}. There are: {', '.join(PLATFORMS)}.")
     return name
 
 

@@ -127,13 +127,9 @@ def _check_names(
     if unknown:
         raise UsageError(f"start_values: there is no unit {unknown[0]!r}. There are: {', '.join(units)}.")
     if fmi_version not in FMI_VERSIONS:
-        raise UsageError(
-            f"There is no FMI {fmi_version!r} here. There are: {', '.join(map(repr, FMI_VERSIONS))}."
-        )
+        raise UsageError(f"There is no FMI {fmi_version!r} here. There are: {', '.join(map(repr, FMI_VERSIONS))}.")
     if backend == "python" and fmi_version != PYTHON_FMI.name:
-        raise UsageError(
-            f"Python FMUs are of FMI {PYTHON_FMI.name}, got {fmi_version}. Native ones are of 3.0 too."
-        )
+        raise UsageError(f"Python FMUs are of FMI {PYTHON_FMI.name}, got {fmi_version}. Native ones are of 3.0 too.")
     if backend == "python" and platforms is not None:
         raise UsageError("Platforms can be chosen for native FMUs only.")
 

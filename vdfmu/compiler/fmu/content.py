@@ -147,9 +147,7 @@ class Content:
             name, version, digest = str(data["unit"]), str(data["version"]), str(data["digest"])
             _check_version(f"{model_name}.fmu", version, digest)
             source = resources / _UNIT_FILE
-            unit = (
-                load_units(source).get(name) if source.is_file() else _named(f"{data['module']}:{model_name}")
-            )
+            unit = load_units(source).get(name) if source.is_file() else _named(f"{data['module']}:{model_name}")
             if unit is None or unit_name(unit) != name or unit.__name__ != model_name:
                 raise FmuError(f"{file} belongs to unit {name!r}, expected that of {model_name}.")
             robot = None if data["robot"] is None else _named(data["reader"])(data["robot"], file)

@@ -123,9 +123,7 @@ def model_description(
     return root
 
 
-def root_element(
-    interface: Interface, version: FmiVersion, guid: str, tool: str, about: Mapping[str, str]
-) -> Element:
+def root_element(interface: Interface, version: FmiVersion, guid: str, tool: str, about: Mapping[str, str]) -> Element:
     """Root element."""
     attributes = {
         "fmiVersion": version.name,
@@ -203,9 +201,7 @@ def _add_sources(parent: Element, sources: Sequence[str]) -> None:
         SubElement(files, "File", {"name": name})
 
 
-def _add_unknowns(
-    structure: Element, tag: str, unknowns: Sequence[int], dependencies: Sequence[Sequence[int]]
-) -> None:
+def _add_unknowns(structure: Element, tag: str, unknowns: Sequence[int], dependencies: Sequence[Sequence[int]]) -> None:
     """Add a list of unknowns; FMI 2.0 counts variables from 1."""
     parent = SubElement(structure, tag)
     for unknown, positions in zip(unknowns, dependencies, strict=True):

@@ -71,9 +71,7 @@ def _files(content: Content) -> str:
     if content.backend != "native":
         return ""
     known = content.made_by or {}
-    other = (
-        "" if content.interface.functions.shipped else " The C files that all units have are of vdfmu, MIT."
-    )
+    other = "" if content.interface.functions.shipped else " The C files that all units have are of vdfmu, MIT."
     return f"""<h2>Files</h2>
 <ul>
 <li><code>sources/</code>: all C files. <code>unit.c</code> holds tables and program of this unit,

@@ -60,9 +60,7 @@ def build_native_fmus(contents: Mapping[Path, Content], platforms: Sequence[str]
             pack_zip(path, _members(content, sources[path], libraries))
             keep_record(path, content.guid)
         except OSError as error:
-            raise StorageError(
-                f"{path}: cannot be written: {error}. Choose another folder or free space."
-            ) from error
+            raise StorageError(f"{path}: cannot be written: {error}. Choose another folder or free space.") from error
 
 
 def unit_sources(content: Content) -> dict[str, bytes]:
@@ -102,9 +100,7 @@ def _up_to_date(path: Path, content: Content, platforms: Sequence[str]) -> bool:
     return set(platforms) <= set(inside)
 
 
-def _members(
-    content: Content, sources: Mapping[str, bytes], libraries: Mapping[str, bytes]
-) -> dict[str, bytes]:
+def _members(content: Content, sources: Mapping[str, bytes], libraries: Mapping[str, bytes]) -> dict[str, bytes]:
     """Path to content of everything in the FMU."""
     fmi = content.fmi
     c_files = [name for name in sorted(sources) if name.endswith(".c")]
@@ -124,9 +120,7 @@ def _members(
     members |= icon_files(interface, fmi)
     members |= documentation_files(content)
     members |= reference_files(content)
-    members["documentation/licenses/license.txt"] = (
-        _of_the_unit(content) + _license() + THIRD_PARTY
-    ).encode()
+    members["documentation/licenses/license.txt"] = (_of_the_unit(content) + _license() + THIRD_PARTY).encode()
     members[_CONTENT] = content.to_json(platforms=list(libraries)).encode()
     return members
 

@@ -76,17 +76,13 @@ def reference_results(interface: Interface) -> dict[str, dict[str, list[list[flo
     rows = list(_rows(unit, held))
     return {
         "inputs": {group: [row[group] for row in held] for group in held[0]},
-        "results": {
-            group: [row[group] for row in rows] for group in rows[0] if all(group in row for row in rows)
-        },
+        "results": {group: [row[group] for row in rows] for group in rows[0] if all(group in row for row in rows)},
     }
 
 
 def _values(unit: Evaluation, causality: str) -> dict[str, list[float]]:
     """Return the values of a causality by group."""
-    return {
-        group: unit.memory[where].tolist() for group, where in unit.interface.groups_of(causality).items()
-    }
+    return {group: unit.memory[where].tolist() for group, where in unit.interface.groups_of(causality).items()}
 
 
 def _rows(unit: Plain, held: Sequence[Mapping[str, list[float]]]) -> Iterator[dict[str, list[float]]]:

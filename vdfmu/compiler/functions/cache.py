@@ -63,9 +63,7 @@ def limit() -> float:
     with suppress(ValueError):
         if float(given) >= 0.0:
             return float(given) * 2**20
-    raise UsageError(
-        f"VDFMU_CACHE_MB: expected the most that the cache may hold, a number >= 0 in MB, got {given!r}."
-    )
+    raise UsageError(f"VDFMU_CACHE_MB: expected the most that the cache may hold, a number >= 0 in MB, got {given!r}.")
 
 
 def trusted(folder: Path) -> bool:

@@ -38,9 +38,7 @@ def _product(function: ca.Function, ending: str, prefix: str, transposed: bool, 
     result, argument = ca.vertcat(*results.values()), ca.vertcat(*arguments.values())
     direction = ca.vertcat(*directions.values())
     product = ca.jtimes(result, argument, direction, transposed)
-    operations = (
-        {function.instruction_id(k) for k in range(function.n_instructions())} if rounded else set[int]()
-    )
+    operations = {function.instruction_id(k) for k in range(function.n_instructions())} if rounded else set[int]()
     if operations & _ROUNDING.keys() and ca.OP_CALL not in operations:
         lines = _slopes_of_rounding(function, result, argument, list(arguments.values()))
         product += (lines.T if transposed else lines) @ direction
@@ -48,9 +46,7 @@ def _product(function: ca.Function, ending: str, prefix: str, transposed: bool, 
     return ca.Function(
         f"{function.name()}_{ending}",
         [*arguments.values(), *directions.values()],
-        ca.vertsplit(
-            ca.densify(product), offsets
-        ),  # cse would take nine tenths of the time to save 1 % of operations
+        ca.vertsplit(ca.densify(product), offsets),  # cse would take nine tenths of the time to save 1 % of operations
         [*arguments, *directions],
         [f"{prefix}_{name}" for name in made],
     )
@@ -60,18 +56,14 @@ _ROUNDING = {ca.OP_FLOOR: -0.5, ca.OP_CEIL: 0.5}
 """Operation to how far it is from its argument in the mean."""
 
 
-def _slopes_of_rounding(
-    function: ca.Function, result: ca.SX, argument: ca.SX, arguments: list[ca.SX]
-) -> ca.SX:
+def _slopes_of_rounding(function: ca.Function, result: ca.SX, argument: ca.SX, arguments: list[ca.SX]) -> ca.SX:
     """Return those elements of a Jacobian that are 0 except for the lines that roundings follow."""
     lines = rebuilt(
         function,
         arguments,
         lambda operation, read: read[0] + _ROUNDING[operation] if operation in _ROUNDING else None,
     )
-    exact, followed = (
-        ca.sparsify(ca.jacobian(each, argument)) for each in (result, ca.vertcat(*map(ca.vec, lines)))
-    )
+    exact, followed = (ca.sparsify(ca.jacobian(each, argument)) for each in (result, ca.vertcat(*map(ca.vec, lines))))
     known = set(zip(*exact.sparsity().get_triplet(), strict=True))
     new = [place for place in zip(*followed.sparsity().get_triplet(), strict=True) if place not in known]
     found = ca.SX(*exact.shape)

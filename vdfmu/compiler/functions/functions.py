@@ -59,9 +59,7 @@ class KernelFunction:
         for (name, array), value in zip(self.args.items(), arguments, strict=True):
             value = np.asarray(value, dtype=float).ravel()
             if value.shape != array.shape:
-                raise KernelError(
-                    f"{self.function.name()}: {name}: expected {len(array)} numbers, got {len(value)}."
-                )
+                raise KernelError(f"{self.function.name()}: {name}: expected {len(array)} numbers, got {len(value)}.")
             array[:] = value
         self.run()
         results = tuple(array.copy() for array in self.results.values())
@@ -105,9 +103,7 @@ class Functions:
         """CasADi function of a name, or ``<name>_forward`` or ``<name>_reverse``, see :mod:`.derivatives`."""
         if name not in self._known:
             if name not in self.names() and self._derivative(name) is None:
-                raise KernelError(
-                    f"There is no traced function {name!r}. There are: {', '.join(self.names())}."
-                )
+                raise KernelError(f"There is no traced function {name!r}. There are: {', '.join(self.names())}.")
             with listening(signal.SIGINT):  # of which CasADi would drop what the default handler raises
                 self._known[name] = self._casadi_function(name)
         return self._known[name]

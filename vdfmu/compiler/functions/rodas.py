@@ -84,9 +84,7 @@ def stage_equations(
     u = np.empty(size, dtype=object)
     known = ca.vertcat(right, ca.SX(size - m, 1)) + rest @ slope + delay * R_t
     u[order] = solve(LU, from_sx(known)[order], filled)
-    arguments = (
-        {"factors": symbols, "right": right} | ({"slope": slope} if carried else {}) | {"delay": delay}
-    )
+    arguments = {"factors": symbols, "right": right} | ({"slope": slope} if carried else {}) | {"delay": delay}
     increment = ca.cse([to_sx(u[:m])])
     function = ca.Function(f"{name}_solve", list(arguments.values()), increment, list(arguments), ["u"])
     return Stages(factors, function, explicit, carried)
@@ -163,9 +161,7 @@ def rodas_step(
             slope = ca.Function(f"{name}_along_{k}", [point, size, *before], [point + past[stages.carried]])
             slope_i = slope(y_i, h, *u)
             u.append(stages.solve(factors, right_i, slope_i, delay))
-            rise = ca.Function(
-                f"{name}_rise", [start, point, size], [start[stages.carried] / (size * GAMMA) - point]
-            )
+            rise = ca.Function(f"{name}_rise", [start, point, size], [start[stages.carried] / (size * GAMMA) - point])
             w.append(rise(u[-1], slope_i, h))
             rises.append(ca.SX.sym(f"w_{k}", l))
         else:

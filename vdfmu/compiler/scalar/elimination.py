@@ -23,9 +23,7 @@ def is_zero(x: Any) -> bool:
 def pattern(A: np.ndarray) -> np.ndarray:
     """Where a matrix is not a structural zero, (n, n)."""
     elements = list(A.flat)
-    filled = {
-        id(x): not is_zero(x) for x in {id(x): x for x in elements}.values()
-    }  # structural zeros are one object
+    filled = {id(x): not is_zero(x) for x in {id(x): x for x in elements}.values()}  # structural zeros are one object
     return np.array([filled[id(x)] for x in elements], dtype=bool).reshape(A.shape)
 
 

@@ -68,11 +68,7 @@ def _by_pairs(a: Any, b: Any, method: str, on_floats: Any) -> Any:
             return getattr(x, method)(y)
         return getattr(y, method)(x) if hasattr(y, method) else on_floats(x, y)
 
-    return (
-        np.frompyfunc(one, 2, 1)(a, b)
-        if object in (np.asarray(a).dtype, np.asarray(b).dtype)
-        else on_floats(a, b)
-    )
+    return np.frompyfunc(one, 2, 1)(a, b) if object in (np.asarray(a).dtype, np.asarray(b).dtype) else on_floats(a, b)
 
 
 def interpolate(x: Any, points: Any, values: Any) -> Any:

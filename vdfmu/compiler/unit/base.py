@@ -87,9 +87,7 @@ class BaseUnit:
         own = {key: v for key, v in vars(cls).items() if isinstance(v, (Declared, RobotParameters))}
         for name in own:
             if hasattr(BaseUnit, name) or name in ("of_robot", "store"):
-                raise UnitError(
-                    f"{cls.__name__}: a variable cannot be called {name}, which every unit has already."
-                )
+                raise UnitError(f"{cls.__name__}: a variable cannot be called {name}, which every unit has already.")
         found = dict(cls.declared)
         for name, value in own.items():
             if isinstance(value, Declared):
@@ -113,9 +111,7 @@ class BaseUnit:
 
     def __init__(self, robot: Machine | None = None, **values: Any) -> None:
         if robot is None and self.needs_robot():
-            raise UnitError(
-                f"{type(self).__name__} needs a robot, for its joints. Give one: robot=load_robot(..)."
-            )
+            raise UnitError(f"{type(self).__name__} needs a robot, for its joints. Give one: robot=load_robot(..).")
         self.of_robot = robot
         self.declared = self.declared_for(robot)
         self.store: dict[str, Any] = {}
@@ -127,9 +123,7 @@ class BaseUnit:
                 self.store[name] = declared.choices[int(start)] if declared.choices else start
         for name, value in values.items():
             if name not in self.store and name not in self.follows:
-                raise UsageError(
-                    f"{type(self).__name__} has no {name!r} to set. There are: {', '.join(self.store)}."
-                )
+                raise UsageError(f"{type(self).__name__} has no {name!r} to set. There are: {', '.join(self.store)}.")
             setattr(self, name, value)
         self._follow()
 
@@ -141,9 +135,7 @@ class BaseUnit:
     @classmethod
     def declared_for(cls, robot: Machine | None) -> dict[str, Declared]:
         """Variables by name, without those of options that the robot lacks."""
-        return {
-            name: d for name, d in cls.declared.items() if d.when is None or getattr(robot, d.when, False)
-        }
+        return {name: d for name, d in cls.declared.items() if d.when is None or getattr(robot, d.when, False)}
 
     @classmethod
     def description(cls) -> str:
@@ -233,9 +225,7 @@ class BaseUnit:
 
     def _check_there(self, declared: Declared) -> None:
         if declared.name not in self.declared:
-            raise UnitError(
-                f"{type(self).__name__}.{declared.name} is there for a robot with {declared.when} only"
-            )
+            raise UnitError(f"{type(self).__name__}.{declared.name} is there for a robot with {declared.when} only")
 
     def fitting(self, declared: Declared, value: Any) -> Any:
         """Return a value in the shape of a variable; UsageError if it does not fit."""
@@ -312,7 +302,6 @@ def _start_parameter(state: State) -> Parameter:
 
 def _tolerance() -> Parameter:
     text = (
-        "Tolerance of the solver, relative and absolute in SI units; a smaller tolerance of the experiment "
-        "replaces it"
+        "Tolerance of the solver, relative and absolute in SI units; a smaller tolerance of the experiment replaces it"
     )
     return Parameter("1", (), text, start=SOLVER_TOLERANCE, minimum=1e-12, maximum=1e-1)

@@ -30,9 +30,7 @@ def call(method: Callable[[], Any], file: Path | None) -> Any:
         return look if os.path.dirname(frame.f_code.co_filename) == str(file.parent if file else "") else None
 
     try:
-        if (
-            file is not None and PACKAGE not in file.parents and tracer is None
-        ):  # else a debugger needs its place
+        if file is not None and PACKAGE not in file.parents and tracer is None:  # else a debugger needs its place
             sys.settrace(look)
         with np.errstate(all="ignore"):
             result = method()

@@ -39,9 +39,7 @@ def check_unit(unit: type[BaseUnit], robot: Machine | None) -> None:
     for declared in unit.declared_for(robot).values():
         found += [(declared.name, problem) for problem in _of_variable(unit, declared, robot)]
     if found:
-        raise UnitError(
-            "\n".join(f"{place(unit, name)}: {unit.__name__}: {problem}." for name, problem in found)
-        )
+        raise UnitError("\n".join(f"{place(unit, name)}: {unit.__name__}: {problem}." for name, problem in found))
 
 
 def _of_unit(unit: type[BaseUnit]) -> Iterator[tuple[str, str]]:
@@ -144,9 +142,7 @@ def _of_variable(unit: type[BaseUnit], declared: Declared, robot: Machine | None
 
 def _texts(value: object) -> bool:
     """Whether a value is a sequence of texts."""
-    return isinstance(value, Sequence) and all(
-        isinstance(one, str) for one in cast("Sequence[object]", value)
-    )
+    return isinstance(value, Sequence) and all(isinstance(one, str) for one in cast("Sequence[object]", value))
 
 
 def _axes(declared: Declared) -> list[object]:

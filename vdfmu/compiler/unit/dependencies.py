@@ -58,9 +58,7 @@ def patterns(interface: Any) -> tuple[Pattern, Pattern, Pattern]:
     return _known(interface, step, start, between)
 
 
-def _known(
-    interface: Any, step: Pattern, start: Pattern, between: Pattern
-) -> tuple[Pattern, Pattern, Pattern]:
+def _known(interface: Any, step: Pattern, start: Pattern, between: Pattern) -> tuple[Pattern, Pattern, Pattern]:
     """Return the patterns without the rows of what is given, and the columns of what is not known then.
 
     Sampled states are not knowns of FMI.

@@ -79,9 +79,7 @@ class Evaluation:
     def bound(self, name: str, **buffers: Floats) -> KernelFunction:
         """Return a function of the step or the time left on the memory, with rates of 0."""
         functions = self.interface.functions
-        names = [
-            n for n in functions.casadi_function(name).name_in() if n[:5] != "rate_" and n not in buffers
-        ]
+        names = [n for n in functions.casadi_function(name).name_in() if n[:5] != "rate_" and n not in buffers]
         return functions.function(name, **{n: self.argument(n) for n in names}, **buffers)
 
     def takes(self, call: Call) -> bool:
@@ -138,9 +136,7 @@ class Plain(Evaluation):
         super().__init__(interface, memory)
         unit = self._unit = interface.unit(interface.robot)
         self._robot: tuple[bytes, Any] = (b"", None)
-        self.start, self.outputs, self.derivatives, self.update = (
-            partial(run, unit, phase, self) for phase in PHASES
-        )
+        self.start, self.outputs, self.derivatives, self.update = (partial(run, unit, phase, self) for phase in PHASES)
         self.experiment = partial(run, unit, "experiment", self)
         """Set the inputs of the reference experiment."""
         self.requirements = partial(run, unit, "requirements", self)

@@ -127,14 +127,10 @@ def _followed(unit: type[Any], robot: Machine | None, name: str, values: Mapping
         array = np.asarray(found, dtype=float)
     except Exception as error:
         of = ", ".join(f"{one} = {' '.join(str(value).split())}" for one, value in values.items())
-        raise UnitError(
-            f"{where_}: start: the function fails for {of}: {type(error).__name__}: {error}."
-        ) from error
+        raise UnitError(f"{where_}: start: the function fails for {of}: {type(error).__name__}: {error}.") from error
     low, high = declared.minimum, declared.maximum
     if not (
-        np.isfinite(array).all()
-        and (low is None or (array >= low).all())
-        and (high is None or (array <= high).all())
+        np.isfinite(array).all() and (low is None or (array >= low).all()) and (high is None or (array <= high).all())
     ):
         raise UnitError(f"{where_}: start: expected finite numbers within the limits, got {array}.")
     return declared.shaped(array, robot)

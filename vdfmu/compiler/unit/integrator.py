@@ -127,8 +127,7 @@ class Integrator(Solver):
         else:
             worst = int(np.argmax(np.abs(self._ratio)))
             what = (
-                f"the local error of state {self._name(worst)} is {error:.3g} times the tolerance "
-                f"{self.tolerance:.3g}"
+                f"the local error of state {self._name(worst)} is {error:.3g} times the tolerance {self.tolerance:.3g}"
             )
         return f"at t = {t:.9g} s {what}, and the internal step reached its minimum {MINIMUM_STEP:g} s. {_ADVICE}"
 

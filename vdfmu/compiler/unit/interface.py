@@ -29,9 +29,7 @@ from vdfmu.compiler.unit.trace import argument_name
 from vdfmu.compiler.unit.variable import Variable, derivative_variables, scalar_variables
 
 _CAST = {"Real": float, "Integer": int, "Boolean": bool}
-_TIME = Variable(
-    "time", (), "Real", "independent", "continuous", "s", None, None, None, "Time of the simulation"
-)
+_TIME = Variable("time", (), "Real", "independent", "continuous", "s", None, None, None, "Time of the simulation")
 
 
 @dataclass(frozen=True)
@@ -93,9 +91,7 @@ class Interface:
         If the unit needs a robot and there is none, or is declared wrongly.
     """
 
-    def __init__(
-        self, unit: type[BaseUnit], robot: Machine | None, start: Mapping[str, float] | None = None
-    ) -> None:
+    def __init__(self, unit: type[BaseUnit], robot: Machine | None, start: Mapping[str, float] | None = None) -> None:
         self.unit = unit
         self.robot = robot
         self.variables, derivatives = _declared(unit, robot)
@@ -123,9 +119,7 @@ class Interface:
                 known[name] = _CAST[variable.type](value)
         if problems:
             raise UsageError(f"start values of {self.name}: {' '.join(problems)}")
-        return tuple(
-            dataclasses.replace(v, start=known[v.name]) if v.name in known else v for v in self.variables
-        )
+        return tuple(dataclasses.replace(v, start=known[v.name]) if v.name in known else v for v in self.variables)
 
     def __iter__(self) -> Iterator[Variable]:
         return iter(self.variables)
@@ -175,9 +169,7 @@ class Interface:
 
     def groups_of(self, *causalities: str) -> dict[str, slice]:
         """Those of :attr:`groups` that are inputs, outputs or parameters."""
-        return {
-            g: where for g, where in self.groups.items() if self.memory[where.start].causality in causalities
-        }
+        return {g: where for g, where in self.groups.items() if self.memory[where.start].causality in causalities}
 
     @property
     def has_robot(self) -> bool:
@@ -351,9 +343,7 @@ def interface_of(unit: type[BaseUnit], robot: Machine | None) -> Interface:
 
 
 @once
-def _declared(
-    unit: type[BaseUnit], robot: Machine | None
-) -> tuple[tuple[Variable, ...], tuple[Variable, ...]]:
+def _declared(unit: type[BaseUnit], robot: Machine | None) -> tuple[tuple[Variable, ...], tuple[Variable, ...]]:
     """Return the variables of a unit and the derivatives of its states; UnitError if it is declared wrongly."""
     if robot is None and unit.needs_robot():
         raise UnitError(f"{unit.__name__} needs a robot, for its joints. Name one.")

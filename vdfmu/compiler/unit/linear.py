@@ -41,8 +41,7 @@ def state_space(
     J[x, x] = 1.0  # of outputs that are states
     u, y = (np.concatenate([x[:0], *(places[table.groups[g]] for g in gs)]) for gs in (inputs, outputs))
     signals = (
-        [(table.memory[i].name, table.memory[i].unit or "1", float(unit.memory[i])) for i in part]
-        for part in (x, u, y)
+        [(table.memory[i].name, table.memory[i].unit or "1", float(unit.memory[i])) for i in part] for part in (x, u, y)
     )
     found = StateSpace.of(J[np.ix_(np.concatenate([x_dot, y]), np.concatenate([x, u]))], *signals)
     still = ", ".join(dict.fromkeys(v.group for v in table.memory[table.sampled]))

@@ -121,10 +121,7 @@ def new_unit(name: str, out: Path | None = None) -> tuple[Path, Path]:
     if keyword.iskeyword(stem) or keyword.iskeyword(camel) or stem in {*sys.stdlib_module_names, "vdfmu"}:
         raise UsageError(f"{path}: {stem} is a name of Python's own, or of vdfmu. Choose another.")
     test = path.with_name(f"test_{stem}.py")
-    texts = {
-        file: text.replace("NAME", camel).replace("FILE", stem)
-        for file, text in ((path, _UNIT), (test, _TEST))
-    }
+    texts = {file: text.replace("NAME", camel).replace("FILE", stem) for file, text in ((path, _UNIT), (test, _TEST))}
     _write({file: text.encode() for file, text in texts.items()})
     return path, test
 
@@ -149,9 +146,7 @@ def _write(files: Mapping[Path, bytes]) -> None:
     """Write new files into a folder, which is made."""
     if there := [str(file) for file in files if file.exists()]:
         verb = "is" if len(there) == 1 else "are"
-        raise UsageError(
-            f"{' and '.join(there)} {verb} there already, and not replaced. Choose another name."
-        )
+        raise UsageError(f"{' and '.join(there)} {verb} there already, and not replaced. Choose another name.")
     first = next(iter(files))
     try:
         first.parent.mkdir(parents=True, exist_ok=True)

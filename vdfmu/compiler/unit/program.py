@@ -77,8 +77,7 @@ class Program:
         self.start, self.outputs = lists["start"], lists["outputs"]
         self.derivatives, self.update = lists["derivatives"], lists["update"]
         self.step = tuple(
-            Call(functions.related(call.function, "step"), call.when, call.reads, ())
-            for call in self.derivatives
+            Call(functions.related(call.function, "step"), call.when, call.reads, ()) for call in self.derivatives
         )
         self.left = tuple(
             Call(functions.related(call.function, "left"), call.when, call.reads, ())
@@ -105,9 +104,7 @@ class UnitFunctions(Functions):
         the package's are not kept: what they come from is known only once they are traced.
     """
 
-    def __init__(
-        self, unit: type[BaseUnit], robot: Machine | None, cache: Path | None | str = "default"
-    ) -> None:
+    def __init__(self, unit: type[BaseUnit], robot: Machine | None, cache: Path | None | str = "default") -> None:
         self.unit, self.robot = unit, robot
         self.name = unit_name(unit)
         self._leaves: dict[str, Leaf] = {}
@@ -177,17 +174,13 @@ class UnitFunctions(Functions):
         if path is None:
             if self.unit.backend == "native":
                 return {}
-            raise UnitError(
-                f"{self.unit.__name__}: a Python FMU carries the file of its unit, and this one has none."
-            )
+            raise UnitError(f"{self.unit.__name__}: a Python FMU carries the file of its unit, and this one has none.")
         found: dict[str, bytes] = {}
         for name in ("unit.py", *self.unit.files):
             try:
                 found[name] = (path if name == "unit.py" else path.with_name(name)).read_bytes()
             except OSError as error:
-                raise UnitError(
-                    f"{shown(self.unit)}: files: {name} cannot be read: {error.strerror}."
-                ) from None
+                raise UnitError(f"{shown(self.unit)}: files: {name} cannot be read: {error.strerror}.") from None
         return found
 
     def made(self, name: str) -> ca.Function:
@@ -227,9 +220,7 @@ class UnitFunctions(Functions):
             ) from None
         arguments = given | {f"rate_{name}": rate for name, rate in rates.items()}
         name = self.related(derivatives, "left")
-        return left is not None, traced_function(
-            name, arguments, {"left": ca.SX(NEVER) if left is None else left}
-        )
+        return left is not None, traced_function(name, arguments, {"left": ca.SX(NEVER) if left is None else left})
 
     def _made(self, name: str) -> ca.Function:
         base, _, direction = name.rpartition("_")
@@ -338,9 +329,7 @@ class _Stiff:
 
         def f(x_i: ca.MX, after: ca.MX, *y_i: ca.MX) -> ca.MX:
             moved = move.call([after, *(now[key] for key in (*moving, *rates))]) if moving else []
-            at = (
-                now | dict(zip(moving, moved, strict=True)) | {"x": x_i} | dict(zip(["y"], y_i, strict=False))
-            )
+            at = now | dict(zip(moving, moved, strict=True)) | {"x": x_i} | dict(zip(["y"], y_i, strict=False))
             return derivatives(*(at[key] for key in derivatives.name_in()))
 
         factors, x_dot = start(*(now[key] for key in start.name_in()))
@@ -372,9 +361,7 @@ class _Stiff:
         return traced_function(name, self.inputs, {"J": column})
 
 
-def _along_chain(
-    states: list[int], n: int, n_x: int, cuts: list[tuple[int, ca.SX, ca.SX]]
-) -> npt.NDArray[np.int_]:
+def _along_chain(states: list[int], n: int, n_x: int, cuts: list[tuple[int, ca.SX, ca.SX]]) -> npt.NDArray[np.int_]:
     """Order of elimination from the last joint to the first: states, what is cut from its end on, the last state.
 
     Parameters

@@ -34,9 +34,7 @@ def unmet(interface: Interface, memory: Floats) -> list[str]:
             places = [interface.reference[parameter.name] for parameter in requirement.parameters]
             units = [f" {v.unit}" if v.unit != "1" else "" for v in (interface.memory[i] for i in places)]
             names = [interface.memory[i].name for i in places]
-            got = (
-                f"{name} = {memory[i]:.9g}{unit}" for name, i, unit in zip(names, places, units, strict=True)
-            )
+            got = (f"{name} = {memory[i]:.9g}{unit}" for name, i, unit in zip(names, places, units, strict=True))
             problems.append(f"{names[0]}: expected {requirement.expected}, got {', '.join(got)}.")
     return problems
 
@@ -65,14 +63,10 @@ def _listed(interface: Interface, found: Any) -> list[tuple[Requirement, Any]]:
                 pass
             case _:
                 raise _other(interface, f"{group!r}: {one!r}")
-        parameters = [
-            v for v in interface.memory[interface.groups.get(group, slice(0))] if v.causality == "parameter"
-        ]
+        parameters = [v for v in interface.memory[interface.groups.get(group, slice(0))] if v.causality == "parameter"]
         if not parameters:
             raise _other(interface, f"{group!r}, which is not a parameter")
-        listed.append(
-            (Requirement(expected, tuple(Entry(group, v.index) for v in parameters)), size - STRICT)
-        )
+        listed.append((Requirement(expected, tuple(Entry(group, v.index) for v in parameters)), size - STRICT))
     return listed
 
 

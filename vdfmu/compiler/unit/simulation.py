@@ -120,9 +120,7 @@ def _bound(unit: BaseUnit) -> Evaluation:
             choices = unit.declared[name].choices
             run.group(name)[:] = choices.index(value) if choices else np.ravel(value)
     values = zip(interface, run.memory.tolist(), strict=False)
-    wrong = [
-        f"{v.name}: {problem}." for v, x in values if v.causality != "output" and (problem := v.problem(x))
-    ]
+    wrong = [f"{v.name}: {problem}." for v, x in values if v.causality != "output" and (problem := v.problem(x))]
     if wrong := wrong or unmet(interface, run.memory):
         raise UsageError(f"{interface.name}: {' '.join(wrong)}")
     return run

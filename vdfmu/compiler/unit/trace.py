@@ -101,18 +101,14 @@ class _TraceWatch:
         if not isinstance(declared, _MAY_SET[self.phase]) or (
             self.phase == "update" and not isinstance(declared, Sampled)
         ):
-            raise refusal(
-                UnitError(f"{self.phase}() sets {declared.name}, {_kind(declared)}, which it may not")
-            )
+            raise refusal(UnitError(f"{self.phase}() sets {declared.name}, {_kind(declared)}, which it may not"))
         self.sets[declared.name] = self.unit.fitting(declared, value)
 
     def keep(self, name: str) -> None:
         if self.unit.backend == "python":
             return
         raise refusal(
-            UnitError(
-                f"{self.phase}() sets {name}, which {type(self.unit).__name__} does not declare. {_MEMORY}"
-            )
+            UnitError(f"{self.phase}() sets {name}, which {type(self.unit).__name__} does not declare. {_MEMORY}")
         )
 
     def time(self) -> Any:
@@ -148,9 +144,7 @@ class _RobotPart:
     def __getattr__(self, name: str) -> Any:
         if name not in self._fields:
             known = ", ".join(repr(field) for field in (*self._fields, name))
-            raise refusal(
-                UnitError(f"the unit declares no {name} of the robot. Write RobotParameters({known})")
-            )
+            raise refusal(UnitError(f"the unit declares no {name} of the robot. Write RobotParameters({known})"))
         self._watch.reads[argument_name(name)] = None
         return self._watch.field(name)
 
@@ -362,9 +356,7 @@ def run(unit: BaseUnit, phase: str, watch: Any) -> Any:
     except Exception as error:
         reason = f"{type(error).__name__}: {error}".rstrip(".: ")
         if "read-only" in reason:
-            reason = (
-                "an element of a variable cannot be set alone. Set the variable as a whole, self.y = array"
-            )
+            reason = "an element of a variable cannot be set alone. Set the variable as a whole, self.y = array"
         _fail(unit, phase, error, reason, symbols and "self.y" not in reason)
     finally:
         unit.watch(None)

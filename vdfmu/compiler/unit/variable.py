@@ -124,9 +124,7 @@ def derivative_variables(unit: type[BaseUnit], robot: Machine | None) -> list[Va
 def _scalars(declared: Declared, robot: Machine | None, start: Any = None) -> Iterator[Variable]:
     shape = declared.sizes(robot.n if robot is not None else 0)
     for position, index in enumerate(np.ndindex(shape)):
-        joint = (
-            robot.joint_types[index[0]] if robot is not None and JOINTS in declared.shape[:1] else "revolute"
-        )
+        joint = robot.joint_types[index[0]] if robot is not None and JOINTS in declared.shape[:1] else "revolute"
         quantity = declared.unit if isinstance(declared.unit, str) else declared.unit[position]
         unit = unit_of(quantity, joint)
         yield Variable(
@@ -135,9 +133,7 @@ def _scalars(declared: Declared, robot: Machine | None, start: Any = None) -> It
             declared.type,
             declared.causality,
             declared.variability,
-            (derivative_of(unit) if isinstance(declared, Derivative) else unit)
-            if declared.type == "Real"
-            else None,
+            (derivative_of(unit) if isinstance(declared, Derivative) else unit) if declared.type == "Real" else None,
             None if start is None else start[index].item(),
             declared.minimum,
             declared.maximum,

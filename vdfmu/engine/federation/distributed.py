@@ -61,9 +61,7 @@ class Federation:
                 f"{sys.executable} -m pip install helics"
             )
         plan = self._plan(checked)
-        return share(checked, [name for part in plan.here for name in plan.parts[part]]), partial(
-            Federated, plan
-        )
+        return share(checked, [name for part in plan.here for name in plan.parts[part]]), partial(Federated, plan)
 
     def _plan(self, checked: Checked) -> FederationPlan:
         owner: dict[str, str] = {}

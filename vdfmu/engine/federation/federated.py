@@ -102,11 +102,7 @@ class Federated:
             federate = _Federate(name, self._ended, part, folders, box, place, limits)
             self._federates[name] = federate
             for bank, other in zip(self.exchange.banks, federate.exchange.banks, strict=True):
-                own = [
-                    (bank.position[port], i)
-                    for port, i in other.position.items()
-                    if port[0] in part.descriptions
-                ]
+                own = [(bank.position[port], i) for port, i in other.position.items() if port[0] in part.descriptions]
                 if own and bank.kind not in TEXTS:
                     to, of = array(own, intp).T
                     self._copies.append((bank.memory, to, other.memory, of))

@@ -102,9 +102,7 @@ class HelicsLink:
         h.helicsFederateInfoSetCoreInitString(info, f"--federates=1 {_QUIET} {_CONNECT} {place}")
         h.helicsFederateInfoSetTimeProperty(info, h.HELICS_PROPERTY_TIME_PERIOD, 1.0)
         h.helicsFederateInfoSetFlagOption(info, h.HELICS_FLAG_UNINTERRUPTIBLE, True)
-        h.helicsFederateInfoSetIntegerProperty(
-            info, h.HELICS_PROPERTY_INT_LOG_LEVEL, h.HELICS_LOG_LEVEL_NO_PRINT
-        )
+        h.helicsFederateInfoSetIntegerProperty(info, h.HELICS_PROPERTY_INT_LOG_LEVEL, h.HELICS_LOG_LEVEL_NO_PRINT)
         try:
             self._federate = federate = h.helicsCreateValueFederate(name, info)
             self._values, self._words = (
@@ -113,16 +111,13 @@ class HelicsLink:
             )
             self._inputs = {
                 other: [
-                    h.helicsFederateRegisterSubscription(federate, f"{other}/{what}", "")
-                    for what in ("values", "said")
+                    h.helicsFederateRegisterSubscription(federate, f"{other}/{what}", "") for what in ("values", "said")
                 ]
                 for other in others
             }
             h.helicsFederateEnterExecutingMode(federate)
         except h.HelicsException as error:
-            raise self._failure(
-                0.0, f"there is no broker at {address}, or not all have joined: {error}"
-            ) from None
+            raise self._failure(0.0, f"there is no broker at {address}, or not all have joined: {error}") from None
         self._cores = _names_of_cores(federate)
 
     def _failure(self, time: float, why: str) -> CosimError:
@@ -141,25 +136,17 @@ class HelicsLink:
             ]
         except h.HelicsException as error:
             self._left = True
-            raise self._failure(
-                time, f"the others cannot be reached any more: {self._named(str(error))}"
-            ) from None
+            raise self._failure(time, f"the others cannot be reached any more: {self._named(str(error))}") from None
         for other, values, words in heard:
             if "failed" in words:
                 match words["failed"]:
                     case [str(unit), str(call), int() | float() as at, str(reason)]:
                         raise CosimError(unit, call, at, reason)
                     case _:
-                        raise self._failure(
-                            time, f"federate {other} failed, and what it said of it cannot be read"
-                        )
+                        raise self._failure(time, f"federate {other} failed, and what it said of it cannot be read")
             if "left" in words:
                 raise self._failure(time, f"federate {other} left the run")
-            if (
-                granted != self._count
-                or values[:1] != [time]
-                or words.get("digest", self._digest) != self._digest
-            ):
+            if granted != self._count or values[:1] != [time] or words.get("digest", self._digest) != self._digest:
                 at = f"is at t = {values[0]:.9g} s" if values else "has said nothing"
                 raise self._failure(
                     time,

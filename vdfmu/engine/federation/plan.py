@@ -45,9 +45,7 @@ class FederationPlan(NamedTuple):
 
 def sent_values(links: Sequence[Link]) -> Sent:
     """Return the variables at which connections start."""
-    reals, rest = (
-        dict.fromkeys(k.start for k in links if (k.source.kind == "Real") == r) for r in (True, False)
-    )
+    reals, rest = (dict.fromkeys(k.start for k in links if (k.source.kind == "Real") == r) for r in (True, False))
     return Sent(tuple(reals), tuple(rest))
 
 

@@ -138,9 +138,7 @@ class FederateServer(Server):
             said["values"] = [_to_json(value) for value in self._rest]
         for name, reals, words in self._link.swap(time, self._reals.tolist(), said):
             sent, rest = self._plan.sent[name], [_from_json(value) for value in words.get("values", ())]
-            self._heard |= zip(
-                (*sent.reals[: len(reals)], *sent.rest[: len(rest)]), (*reals, *rest), strict=True
-            )
+            self._heard |= zip((*sent.reals[: len(reals)], *sent.rest[: len(rest)]), (*reals, *rest), strict=True)
             for port, bank, at in self._read[name]:
                 if bank.kind == "Real" or rest:
                     bank.memory[at] = held(bank.kind, self._heard[port])

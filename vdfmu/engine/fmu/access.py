@@ -127,9 +127,7 @@ class Transfer:
                 self._values[i] = string_at(int(address), int(size)) if address else b""
             return
         if self.native == "UInt64":
-            self._refuse(
-                found > np.iinfo(np.int64).max, found, "the largest that the master passes on, 2^63 - 1"
-            )
+            self._refuse(found > np.iinfo(np.int64).max, found, "the largest that the master passes on, 2^63 - 1")
         self._values[self._where] = found
 
     def _bring(self) -> None:

@@ -149,10 +149,7 @@ def _inspect(
         except Exception:
             raise SspError(problems or broken) from None
     for variable in model.modelVariables if sizes else ():
-        chosen = [
-            sizes.get(d.variable.name, d.variable.start) if d.variable else d.start
-            for d in variable.dimensions
-        ]
+        chosen = [sizes.get(d.variable.name, d.variable.start) if d.variable else d.start for d in variable.dimensions]
         variable.shape = tuple(int(size) for size in chosen)  # pyright: ignore[reportArgumentType]
     kinds = [kind for kind in KINDS if getattr(model, kind[0].lower() + kind[1:], None) is not None]
     parts = {"CoSimulation": model.coSimulation, "ModelExchange": model.modelExchange}
@@ -212,9 +209,7 @@ def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -
             if type_of(v.tag) == "Real" and (v.get("causality"), v.get("variability")) in _CONTINUOUS_INPUT
         ),
         derives_outputs=not exchange and part.maxOutputDerivativeOrder > 0,
-        derives_unknowns=_declared(
-            root, exchange, "providesDirectionalDerivative", "providesDirectionalDerivatives"
-        ),
+        derives_unknowns=_declared(root, exchange, "providesDirectionalDerivative", "providesDirectionalDerivatives"),
         states=tuple(
             (v.derivative.valueReference, v.valueReference, math.prod(v.shape or ()))
             for v in rates

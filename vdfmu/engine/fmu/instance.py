@@ -36,9 +36,7 @@ class Steps(Protocol):
         """Return the call of a step from `clock` by `size` [s]."""
         ...
 
-    def differences(
-        self, time: float, inputs: Sequence[FmuVariable], outputs: Sequence[FmuVariable]
-    ) -> Floats:
+    def differences(self, time: float, inputs: Sequence[FmuVariable], outputs: Sequence[FmuVariable]) -> Floats:
         """Return the derivatives of rates and outputs by states and inputs."""
         ...
 
@@ -98,9 +96,7 @@ class Instance(Library):
         """Return the call of a step from `clock` by `size` [s]."""
         return (self.integrator.step_call if self.integrator else self.simulation_call)(clock, size)
 
-    def rate_call(
-        self, variables: Sequence[FmuVariable], starts: Floats, slopes: Floats, clock: c_double
-    ) -> Call:
+    def rate_call(self, variables: Sequence[FmuVariable], starts: Floats, slopes: Floats, clock: c_double) -> Call:
         """Return the call that lets real inputs run over a step, from their `starts` with their `slopes`."""
         values = np.zeros(len(variables))
         calls = self.access("Set", variables, values)
@@ -120,9 +116,7 @@ class Instance(Library):
     def slopes(self, variables: Sequence[FmuVariable], values: Floats) -> Call:
         """Return the call that gets the derivatives of real outputs by time into `values`, in place."""
         places = range(len(variables))
-        return self.slope_call(
-            Transfer("Get", variables, places, values, np.float64, self._known, self._failure)
-        )
+        return self.slope_call(Transfer("Get", variables, places, values, np.float64, self._known, self._failure))
 
     def update(self, time: float) -> None:
         """Update the discrete states at an event until they settle."""
@@ -174,13 +168,9 @@ class Instance(Library):
 
     # ------------------------------------------------------------------ values
 
-    def differentiate(
-        self, unknowns: Sequence[int], size: int, knowns: Sequence[int], seed: Floats
-    ) -> Floats:
+    def differentiate(self, unknowns: Sequence[int], size: int, knowns: Sequence[int], seed: Floats) -> Floats:
         """Return the directional derivatives of unknowns, `size` numbers, by value references; `seed`: the knowns'."""
-        return np.array(
-            self.fmu.getDirectionalDerivative(unknowns, knowns, seed, *[size][: self.sized]), np.float64
-        )
+        return np.array(self.fmu.getDirectionalDerivative(unknowns, knowns, seed, *[size][: self.sized]), np.float64)
 
     def get(self, variable: FmuVariable) -> Value:
         """Get one variable."""

@@ -69,9 +69,7 @@ class Instance2(Instance):
         """See `Instance.simulation_call`."""
         return self.function("DoStep"), self.argument, clock, size, 1, "doStep"
 
-    def rate_call(
-        self, variables: Sequence[FmuVariable], starts: Floats, slopes: Floats, clock: c_double
-    ) -> Call:
+    def rate_call(self, variables: Sequence[FmuVariable], starts: Floats, slopes: Floats, clock: c_double) -> Call:
         """See `Instance.rate_call`."""
         if self.integrator:
             return super().rate_call(variables, starts, slopes, clock)
@@ -81,9 +79,7 @@ class Instance2(Instance):
 
     def slope_call(self, moved: Transfer) -> Call:
         """See `Instance.slope_call`."""
-        called = self._first_order(
-            "GetRealOutputDerivatives", len(moved.references), moved.references, moved.pointer
-        )
+        called = self._first_order("GetRealOutputDerivatives", len(moved.references), moved.references, moved.pointer)
         return moved.around(called[0]), *called[1:]
 
     def _first_order(self, name: str, n: int, references: Any, values: Any) -> Call:

@@ -121,9 +121,7 @@ class Instance3(Instance):
         self._hold(min(self._piece, end - begin))
         self._piece = math.inf
 
-    def _updated(
-        self, _: int | None, time: float, requested: bool, _get: bool, finished: bool, *more: Any
-    ) -> None:
+    def _updated(self, _: int | None, time: float, requested: bool, _get: bool, finished: bool, *more: Any) -> None:
         """Set the inputs in an intermediate update, between two internal steps."""
         if requested and finished and self._at < time < self._end:
             self._late += self._lag(time)
@@ -169,11 +167,7 @@ class Instance3(Instance):
             raise CosimError(self.name, "doStep", self.box.time, reason)
         if self.event_needed:  # alone: others may have stepped beyond
             self.enter_event()
-            own = [
-                v.reference
-                for v in self.description.variables.values()
-                if v.clock and v.causality == "output"
-            ]
+            own = [v.reference for v in self.description.variables.values() if v.clock and v.causality == "output"]
             if any(self.clocks(own)):
                 raise CosimError(
                     self.name, "getClock", self.box.time,

@@ -84,9 +84,7 @@ class ModelExchangeIntegrator:
                 return
             if events > _EVENTS:
                 reason = f"there are more than {_EVENTS} events in a step, the last at t = {time:.9g} s"
-                raise CosimError(
-                    instance.name, "doStep", instance.box.time, f"{reason}; choose a shorter step"
-                )
+                raise CosimError(instance.name, "doStep", instance.box.time, f"{reason}; choose a shorter step")
 
     def _continue(self, time: float, end: float) -> tuple[float, bool, int]:
         """Integrate to an event or to `end`; return where that is, whether it is an event, and the number of steps."""
@@ -128,9 +126,7 @@ class ModelExchangeIntegrator:
             if time >= end:
                 return time, False, steps
 
-    def _crossing(
-        self, low: float, high: float, state: Callable[[float], Any], signs: NDArray[np.bool_]
-    ) -> float:
+    def _crossing(self, low: float, high: float, state: Callable[[float], Any], signs: NDArray[np.bool_]) -> float:
         """Return the first time after a change of sign [s]."""
         while True:
             middle = 0.5 * (low + high)
@@ -141,9 +137,7 @@ class ModelExchangeIntegrator:
             else:
                 low = middle
 
-    def differences(
-        self, time: float, inputs: Sequence[FmuVariable], outputs: Sequence[FmuVariable]
-    ) -> Floats:
+    def differences(self, time: float, inputs: Sequence[FmuVariable], outputs: Sequence[FmuVariable]) -> Floats:
         """See `vdfmu.engine.masters.interface.derivatives`; calculated by central differences."""
         instance, n = self.instance, self._x.size
         instance.leave_event()

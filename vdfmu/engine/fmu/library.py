@@ -157,6 +157,4 @@ def _types(kind: type[_FMU], name: str) -> tuple[list[Any], Any]:
     declared = signature(getattr(kind, name))
     types = [p.annotation for p in declared.parameters.values()][1:]
     result = declared.return_annotation
-    return [
-        get_args(t)[0] if isinstance(t, UnionType) else t for t in types
-    ], c_int if result is int else result
+    return [get_args(t)[0] if isinstance(t, UnionType) else t for t in types], c_int if result is int else result

@@ -80,9 +80,7 @@ class FmuVariable:
     @property
     def settable(self) -> bool:
         """Whether FMI lets the value be set before initialization mode."""
-        return self.causality == "input" or (
-            self.variability != "constant" and self.initial in {"exact", "approx"}
-        )
+        return self.causality == "input" or (self.variability != "constant" and self.initial in {"exact", "approx"})
 
 
 def limits_of(variable: Any) -> tuple[float, float]:
@@ -137,9 +135,7 @@ def read_variables(
                 initial=v.initial,
                 unit=units.get(unit, UnitFactor(unit)) if unit else None,
                 relative=v.name in relative or bool(declared is not None and declared.relativeQuantity),
-                items={str(i.name): int(str(i.value)) for i in declared.items}
-                if declared is not None
-                else None,
+                items={str(i.name): int(str(i.value)) for i in declared.items} if declared is not None else None,
                 nominal=_nominal(nominal),
                 limits=limits_of(v),
                 native=version.enumeration if v.type == "Enumeration" else v.type,

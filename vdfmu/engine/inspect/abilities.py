@@ -67,9 +67,7 @@ def _attempt(
     step: float,
 ) -> str:
     """Take an instance through initialization and an attempt; return what is wrong."""
-    instance = CLASSES[description.version](
-        "FMU", description, folder, MessageBox(lambda message: None), set()
-    )
+    instance = CLASSES[description.version]("FMU", description, folder, MessageBox(lambda message: None), set())
     if isinstance(instance, Instance3):
         instance.event_mode = attempt is _event_mode
     instance.box.time = start
@@ -176,9 +174,7 @@ def _derivatives(instance: Instance, start: float, step: float) -> str:
         knowns = [v for v in continuous("input") if needs is None or v.name in needs]
         seed = np.ones(sum(v.length for v in knowns))
         if knowns:
-            value = instance.differentiate(
-                [unknown.reference], unknown.length, [v.reference for v in knowns], seed
-            )
+            value = instance.differentiate([unknown.reference], unknown.length, [v.reference for v in knowns], seed)
             if not np.isfinite(value).all():
                 return f"{unknown.name} by {', '.join(v.name for v in knowns)} is {value[~np.isfinite(value)][0]}"
     return ""

@@ -43,9 +43,7 @@ def _architecture(data: bytes) -> str | None:
             (head,) = struct.unpack_from("<I", data, 0x3C)
             (number,) = struct.unpack_from("<H", data, head + 4)
             return (
-                _PE.get(number, f"processor {number:#x} (PE machine)")
-                if data[head : head + 4] == b"PE\0\0"
-                else None
+                _PE.get(number, f"processor {number:#x} (PE machine)") if data[head : head + 4] == b"PE\0\0" else None
             )
     except (struct.error, IndexError):  # truncated; loading reports it
         pass

@@ -89,9 +89,7 @@ def schema_faults(root: Any, name: str, where: str) -> list[str]:
     schema = _schema(name)
     if schema.validate(root):
         return []
-    return [
-        found("FMI003", f"{where}, line {e.line}: {e.message}", (where, e.line)) for e in schema.error_log
-    ]
+    return [found("FMI003", f"{where}, line {e.line}: {e.message}", (where, e.line)) for e in schema.error_log]
 
 
 def variables_of(root: Any) -> Iterator[tuple[Any, Any]]:
@@ -126,18 +124,12 @@ def _rules(model: Any) -> list[str]:
         texts_of_fmpy = validate_model_description(model)
         texts += [text for text in texts_of_fmpy if not text.startswith("Exactly one independent variable")]
         texts += [
-            f'The variable name "{v.name}" (line {v.sourceline}) is not unique.'
-            for v in aliases
-            if v.name in names
+            f'The variable name "{v.name}" (line {v.sourceline}) is not unique.' for v in aliases if v.name in names
         ]
     model.modelVariables = [v for v in everything if not _PLAIN.fullmatch(v.name)]
     if model.modelVariables:
         texts_of_fmpy = validate_model_description(model)
-        texts += [
-            t
-            for t in validate_model_description(model, validate_variable_names=True)
-            if t not in texts_of_fmpy
-        ]
+        texts += [t for t in validate_model_description(model, validate_variable_names=True) if t not in texts_of_fmpy]
     model.modelVariables = everything
     return [fmpy_found(str(text).strip().partition("\n")[0]) for text in dict.fromkeys(texts)]
 
@@ -169,9 +161,7 @@ class _Dangling:
         for item, value in self.variables:
             declared = value.get("declaredType")
             if declared is not None and declared not in types:
-                self.fault(
-                    "FMI004", item, f"declaredType {declared!r} is not defined; define it in TypeDefinitions"
-                )
+                self.fault("FMI004", item, f"declaredType {declared!r} is not defined; define it in TypeDefinitions")
             kind = types.get(declared) if declared is not None else None
             if declared is not None and (kind is None or kind.tag == "ClockType"):
                 del value.attrib["declaredType"]  # fmpy knows no types of clocks

@@ -163,9 +163,7 @@ def build_faults(root: Any, build: Any, names: Collection[str]) -> Findings:
     ]
     if not missing:
         return Findings()
-    shown = ", ".join(map(repr, missing[:_SHOWN])) + (
-        f" and {len(missing) - _SHOWN} more" if missing[_SHOWN:] else ""
-    )
+    shown = ", ".join(map(repr, missing[:_SHOWN])) + (f" and {len(missing) - _SHOWN} more" if missing[_SHOWN:] else "")
     text = f"{where}: lists source files that are not in sources/: {shown}"
     stripped = not any(name.startswith("sources/") and name != BUILD for name in names)
     if stripped and any(name.startswith("binaries/") for name in names):

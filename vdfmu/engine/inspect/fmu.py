@@ -181,8 +181,7 @@ def _read(path: Path, label: str, findings: Findings, outer: Archive | None) -> 
     """Read what an FMU holds; XML that must not be parsed is reported and skipped."""
     with Archive(path, label, outer) as archive:
         findings.notes += [
-            found("PKG007", f"entry {name!r} occurs more than once, with the same content")
-            for name in archive.doubled
+            found("PKG007", f"entry {name!r} occurs more than once, with the same content") for name in archive.doubled
         ]
         if DESCRIPTION not in archive:
             hint = "; it is a package of SSP, name it .ssp" if "SystemStructure.ssd" in archive else ""
@@ -222,16 +221,10 @@ def _binaries(unit: _FmuContents, description: Any, kinds: list[str], findings: 
         text = f"no binary for this platform, {fmpy.platform}; there are: {', '.join(folders) or 'none'}{sources}"
         findings.problems.append(found("FMI017", text))
         return
-    libraries = {
-        str(getattr(description, kind).modelIdentifier) + fmpy.sharedLibraryExtension for kind in kinds
-    }
+    libraries = {str(getattr(description, kind).modelIdentifier) + fmpy.sharedLibraryExtension for kind in kinds}
     for library in sorted(libraries):
-        here_too = [
-            f"binaries/{folder}/{library}" for folder in here if f"binaries/{folder}/{library}" in names
-        ]
+        here_too = [f"binaries/{folder}/{library}" for folder in here if f"binaries/{folder}/{library}" in names]
         if not here_too:
             text = f"binaries/{here[0]} has no {library}, as the model identifier asks for"
             findings.problems.append(found("FMI017", text))
-        findings.problems += [
-            found("FMI018", unit.misbuilt[name]) for name in here_too if name in unit.misbuilt
-        ]
+        findings.problems += [found("FMI018", unit.misbuilt[name]) for name in here_too if name in unit.misbuilt]

@@ -120,9 +120,7 @@ def _renamed(findings: Findings, old: str, new: str) -> Findings:
 
 
 def _report(path: Path, kind: str, findings: Findings, standard: str | None) -> Report:
-    problems, notes = (
-        list(dict.fromkeys(map(one_line, texts))) for texts in (findings.problems, findings.notes)
-    )
+    problems, notes = (list(dict.fromkeys(map(one_line, texts))) for texts in (findings.problems, findings.notes))
     return Report(problems, notes, findings.compared, findings.ran, str(path), kind, standard)
 
 

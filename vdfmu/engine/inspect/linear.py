@@ -81,14 +81,10 @@ class LinearSystem:
     def places(self, inputs: Sequence[str]) -> list[int]:
         """Return the places of inputs, ``component.variable`` with or without an index; UsageError for others."""
         known = {name: i for i, name in enumerate(self.parts.inputs) if self.links[i].any()}
-        found = [
-            [i for name, i in known.items() if wanted in (name, name.split("[")[0])] for wanted in inputs
-        ]
+        found = [[i for name, i in known.items() if wanted in (name, name.split("[")[0])] for wanted in inputs]
         if missing := [name for name, each in zip(inputs, found, strict=True) if not each]:
             groups = ", ".join(dict.fromkeys(name.split("[")[0] for name in known)) or "none"
-            raise UsageError(
-                f"{', '.join(missing)}: expected connected continuous inputs. There are: {groups}."
-            )
+            raise UsageError(f"{', '.join(missing)}: expected connected continuous inputs. There are: {groups}.")
         return list(dict.fromkeys(i for each in found for i in each))
 
     def around(self, opened: Sequence[str]) -> LinearSystem:
@@ -104,9 +100,7 @@ class LinearSystem:
         p, samples = self.parts, self.samples
         (n, m), r, k = p.B.shape, len(p.C), len(samples.signals)
         ends = np.cumsum([n, m, r])
-        acts = np.zeros(
-            (n + m + r + k,) * 2, bool
-        )  # of columns on rows: states, inputs, outputs, sampled states
+        acts = np.zeros((n + m + r + k,) * 2, bool)  # of columns on rows: states, inputs, outputs, sampled states
         knows = np.r_[: n + m, n + m + r : n + m + r + k]
         acts[np.ix_(range(n), knows)] = np.hstack([p.A, p.B, samples.E]) != 0.0
         acts[np.ix_(range(n + m, n + m + r), knows)] = np.hstack([p.C, p.D, samples.G]) != 0.0
@@ -278,9 +272,7 @@ def linearised(components: Components, step: float, time: float, values: bool = 
     Without `values`, states, inputs and outputs have the value 0.
     """
     checked = components.checked
-    blind = [
-        name for name, each in checked.descriptions.items() if not (each.derives_unknowns or each.exchange)
-    ]
+    blind = [name for name, each in checked.descriptions.items() if not (each.derives_unknowns or each.exchange)]
     if blind:
         raise UsageError(
             f"{', '.join(blind)}: expected FMUs with directional derivatives, or for model exchange, whose "
@@ -289,9 +281,7 @@ def linearised(components: Components, step: float, time: float, values: bool = 
     notes: list[str] = [f"its step is {n} times that of the others, and is taken as one: {name}"
                         for name, n in checked.multiples.items() if n != 1]  # fmt: skip
     each = [_part(name, instance, time, notes, values) for name, instance in components.instances.items()]
-    blocks: list[Any] = [
-        block_diag(*each_of) for each_of in zip(*(matrices for matrices, _ in each), strict=True)
-    ]
+    blocks: list[Any] = [block_diag(*each_of) for each_of in zip(*(matrices for matrices, _ in each), strict=True)]
     A, B, E, C, D, G, *F = blocks
     states, inputs, outputs, sampled = ([s for _, signals in each for s in signals[i]] for i in range(4))
     whole: list[list[Any]] = [[A, B], [C, D]]
@@ -323,18 +313,14 @@ def _part(
     In the order A, B, E, C, D, G, and F by parts.
     """
     known = instance.description.variables.values()
-    sampled = [
-        v for v in instance.description.sampled if v.type == "Real" and not instance.description.exchange
-    ]
+    sampled = [v for v in instance.description.sampled if v.type == "Real" and not instance.description.exchange]
     inputs, outputs = (
         [v for v in known if v.causality == causality and v.type == "Real" and v.variability != "discrete"]
         for causality in ("input", "output")
     )
     order = {(reference, i): k for k, (reference, i) in enumerate(
         (x, i) for x, _, length in instance.description.states for i in range(length))}  # fmt: skip
-    states = sorted(
-        (v for v in known if (v.reference, v.index) in order), key=lambda v: order[v.reference, v.index]
-    )
+    states = sorted((v for v in known if (v.reference, v.index) in order), key=lambda v: order[v.reference, v.index])
     if instance.description.derives_unknowns:
         J = derivatives(instance, [*inputs, *sampled], [*outputs, *sampled])
     else:
@@ -349,10 +335,7 @@ def _part(
     F = J[p:]
     J = np.vstack([J[:p], np.eye(s, J.shape[1], n + m)])  # sampled states are outputs, too
     signals: list[list[Signal]] = [
-        [
-            (f"{name}.{v.name}", v.unit.name if v.unit else "1", float(instance.get(v)) if values else 0.0)
-            for v in part
-        ]
+        [(f"{name}.{v.name}", v.unit.name if v.unit else "1", float(instance.get(v)) if values else 0.0) for v in part]
         for part in (states[:n], inputs, [*outputs, *sampled], sampled)
     ]
     parts = [slice(0, n), slice(n, n + m), slice(n + m, None)]

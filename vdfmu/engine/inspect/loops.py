@@ -160,9 +160,7 @@ class Loop:
         return Margins(modulus, gain, phase, left, radius)
 
 
-def system_margins(
-    system: LinearSystem, opened: Sequence[str], growth: float = 0.0, points: int = _GRID
-) -> Margins:
+def system_margins(system: LinearSystem, opened: Sequence[str], growth: float = 0.0, points: int = _GRID) -> Margins:
     """Margins of the sampled loops of any system, with the delays that its master gives them.
 
     Parameters

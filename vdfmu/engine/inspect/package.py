@@ -98,11 +98,7 @@ def _check_variant(path: Path, variant: str, folder: Path, stored: dict[str, Pat
         findings.problems += [
             text
             for text in against.problems
-            if not (
-                text.startswith(starts)
-                and isinstance(text, Finding)
-                and text.rule.number.startswith(_OF_UNIT)
-            )
+            if not (text.startswith(starts) and isinstance(text, Finding) and text.rule.number.startswith(_OF_UNIT))
         ]
         findings.problems = list(dict.fromkeys(findings.problems))
     for source, faults in units.items():

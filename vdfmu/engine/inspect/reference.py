@@ -122,19 +122,14 @@ def _results_of(
         kind = variables[column].type if column in variables else None
         if kind in _NUMBERS:
             return False
-        why = (
-            f"of type {kind}, which a table of numbers does not hold"
-            if kind
-            else "the unit has no such variable"
-        )
+        why = f"of type {kind}, which a table of numbers does not hold" if kind else "the unit has no such variable"
         left.setdefault(why, []).append(column)
         return True
 
     table = read_table(archive.read(name).decode("utf-8-sig"), skip)
     short = posixpath.basename(name)
     findings.notes += [
-        found("RUN004", f"{short}: {', '.join(columns)}: not compared: {why}")
-        for why, columns in left.items()
+        found("RUN004", f"{short}: {', '.join(columns)}: not compared: {why}") for why, columns in left.items()
     ]
     if not table.columns:
         raise _NotComparedError("it has no column that can be")
@@ -200,9 +195,7 @@ def _differences(expected: ReferenceTable, results: Mapping[str, Floats]) -> lis
     for name, wanted in expected.columns.items():
         error = np.abs(results[name] - wanted)
         scaled = error / (1.0 + np.abs(wanted))
-        row, element = np.unravel_index(
-            int(np.argmax(np.where(np.isnan(scaled), np.inf, scaled))), error.shape
-        )
+        row, element = np.unravel_index(int(np.argmax(np.where(np.isnan(scaled), np.inf, scaled))), error.shape)
         if not scaled[row, element] <= AGREEMENT:
             where = name if wanted.shape[1] == 1 else f"{name}, element {element + 1}"
             problems.append(

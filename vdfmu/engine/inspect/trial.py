@@ -127,9 +127,7 @@ def _encoded(findings: Findings, whole: bool) -> dict[str, Any]:
     """Return findings as JSON holds them: rules by their numbers, and whether more were to follow."""
     pairs = {
         key: [
-            (text.rule.number, text, text.file, text.line)
-            if isinstance(text, Finding)
-            else ("RUN001", text, "", 0)
+            (text.rule.number, text, text.file, text.line) if isinstance(text, Finding) else ("RUN001", text, "", 0)
             for text in texts
         ]
         for key, texts in (("problems", findings.problems), ("notes", findings.notes))

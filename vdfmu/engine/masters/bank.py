@@ -54,8 +54,7 @@ class Bank:
         self.position: dict[Port, int] = {(u, v.name): i for i, (u, v) in enumerate(self.variables)}
         self.links: list[Link] = [links[u, v.name] for u, v in inputs]
         self.fresh_counts = {
-            unit: sum((u, v.name) in fresh for u, v in inputs[window])
-            for unit, window in self.input_windows.items()
+            unit: sum((u, v.name) in fresh for u, v in inputs[window]) for unit, window in self.input_windows.items()
         }
 
     def gather(self, window: slice) -> Callable[[], None] | None:
@@ -67,9 +66,7 @@ class Bank:
         target, take = self.inputs[window], self.outputs.take
         factor = np.array([link.conversion.factor for link in links])
         offset = np.array([link.conversion.offset for link in links])
-        tables = [
-            (i, link.conversion.table) for i, link in enumerate(links) if link.conversion.table is not None
-        ]
+        tables = [(i, link.conversion.table) for i, link in enumerate(links) if link.conversion.table is not None]
 
         def plain() -> None:
             take(sources, None, target, "clip")  # the mode that needs no buffer; the indices are valid
@@ -88,9 +85,7 @@ class Bank:
             return mapped
         return plain if all(link.conversion.trivial for link in links) else scaled
 
-    def calls(
-        self, instance: Instance, verb: str, chosen: Callable[[FmuVariable], bool] | None = None
-    ) -> list[Call]:
+    def calls(self, instance: Instance, verb: str, chosen: Callable[[FmuVariable], bool] | None = None) -> list[Call]:
         """Return the vectorised calls that ``Get`` or ``Set`` a unit's window; none when it is empty.
 
         They are for the `chosen` variables; by default for those that the unit has between its events.

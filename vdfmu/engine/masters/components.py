@@ -88,9 +88,7 @@ class Components:
             text = f"{instance.name}: declares event mode (hasEventMode) and refuses it, runs without: {error.reason}"
             self.box.pending.append(LogMessage("", self.box.time, "note", "", text))
 
-    def initialize(
-        self, begin: float, end: float, tolerance: float | None, convergence: float = CONVERGENCE
-    ) -> None:
+    def initialize(self, begin: float, end: float, tolerance: float | None, convergence: float = CONVERGENCE) -> None:
         """Take all through initialization; leaves the outputs at `begin` in the exchange."""
         self.box.time = begin
         with InterruptGuard():
@@ -102,10 +100,7 @@ class Components:
             for instance in self.instances.values():
                 instance.exit_initialization(ModelExchangeIntegrator)
             self.exchange.read_outputs()
-            if any(
-                isinstance(instance, Instance3) and instance.event_mode
-                for instance in self.instances.values()
-            ):
+            if any(isinstance(instance, Instance3) and instance.event_mode for instance in self.instances.values()):
                 self._events = Events(self.exchange, begin)
         self.box.flush()
 
@@ -178,9 +173,7 @@ class Components:
                 self._stepper.close()
         except CosimError as error:
             failures.append(error)
-        failures += [
-            error for error in [instance.close() for instance in self.instances.values()] if error is not None
-        ]
+        failures += [error for error in [instance.close() for instance in self.instances.values()] if error is not None]
         for error in failures[1:]:
             self.box.pending.append(failure_message(error))
         self.box.flush()

@@ -79,9 +79,7 @@ class ContinuousStepper:
         self.shortest, self.longest = math.inf, 0.0
         coupled = self._coupled = Coupled(exchange)
         self._outputs, self._variables = coupled.outputs, coupled.bank.variables
-        self._repeated = [
-            u for b in coupled.blocks for u in b.units if error is not None or (repeat and b.torn.size)
-        ]
+        self._repeated = [u for b in coupled.blocks for u in b.units if error is not None or (repeat and b.torn.size)]
         torn = [block.torn for block in coupled.blocks if not repeat]
         self._extrapolated = np.concatenate([np.zeros(0, np.intp), *torn])
         self._largest = np.abs(self._outputs)
@@ -315,9 +313,7 @@ class ContinuousStepper:
             return
         i = int(np.argmax(sizes))
         unit, variable = self._variables[torn[i]]
-        still = (
-            f"still changes by {sizes[i]:.3g} of its size" if math.isfinite(sizes[i]) else "is not a number"
-        )
+        still = f"still changes by {sizes[i]:.3g} of its size" if math.isfinite(sizes[i]) else "is not a number"
         way = "" if self.error is not None else ", or error control (adaptive)"
         raise CosimError(
             unit, "doStep", time,

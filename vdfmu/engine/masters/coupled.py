@@ -184,10 +184,7 @@ class Coupled:
             torn = {
                 position[k.start]
                 for k in self.bank.links
-                if k.start[0] in rank
-                and k.end[0] in rank
-                and rank[k.start[0]] >= rank[k.end[0]]
-                and not k.discrete
+                if k.start[0] in rank and k.end[0] in rank and rank[k.start[0]] >= rank[k.end[0]] and not k.discrete
             }
             stepwise: list[tuple[NDArray[Any], NDArray[Any], Indices]] = []
             for bank, before in zip(self.exchange.banks, self.begun, strict=True):

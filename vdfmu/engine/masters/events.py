@@ -120,15 +120,11 @@ class Events:
         self._exchange, self._box = exchange, exchange.box
         instances = [exchange.instances[name] for name in exchange.checked.schedule.units]
         self._units = {
-            s.name: _EventUnit(exchange, s, start)
-            for s in instances
-            if isinstance(s, Instance3) and s.event_mode
+            s.name: _EventUnit(exchange, s, start) for s in instances if isinstance(s, Instance3) and s.event_mode
         }
         self._sinks: dict[tuple[str, int], list[tuple[str, int]]] = {}
         for (a, source), (b, sink) in exchange.checked.clock_links:
-            ends = [
-                exchange.checked.descriptions[u].variables[v].reference for u, v in ((a, source), (b, sink))
-            ]
+            ends = [exchange.checked.descriptions[u].variables[v].reference for u, v in ((a, source), (b, sink))]
             self._sinks.setdefault((a, ends[0]), []).append((b, ends[1]))
         for unit in self._units.values():
             unit.instance.in_event = True
@@ -157,12 +153,7 @@ class Events:
                         tick.ticked(time)
                         ticks.setdefault(name, set()).add(tick.variable.reference)
                 unit.gather()
-                if (
-                    instance.event_needed
-                    or instance.next_event <= time + close
-                    or unit.changed
-                    or name in ticks
-                ):
+                if instance.event_needed or instance.next_event <= time + close or unit.changed or name in ticks:
                     involved.add(name)
             if not involved:
                 for unit in self._units.values():
@@ -174,9 +165,7 @@ class Events:
                     involved.discard(name)
                     self._event(unit, time, ticks.pop(name, set()), ticks)
         names = ", ".join(sorted(involved | set(ticks))) or "the components"
-        raise CosimError(
-            names, "updateDiscreteStates", time, f"events do not end: there were {_ROUNDS} at one time"
-        )
+        raise CosimError(names, "updateDiscreteStates", time, f"events do not end: there were {_ROUNDS} at one time")
 
     def _event(self, unit: _EventUnit, time: float, active: set[int], ticks: dict[str, set[int]]) -> None:
         """Take a component through an event, with its active clocks; add what it ticks."""

@@ -127,9 +127,7 @@ class Exchange:
             worst = int(np.argmax(sizes))
             link = torn[worst]
             still = (
-                f"still changes by {sizes[worst]:.3g} of its size"
-                if np.isfinite(sizes[worst])
-                else "is not a number"
+                f"still changes by {sizes[worst]:.3g} of its size" if np.isfinite(sizes[worst]) else "is not a number"
             )
             raise CosimError(
                 link.start[0], "initialization", time,
@@ -171,9 +169,7 @@ class Exchange:
     def calls(self, name: str) -> list[Call]:
         """Return the calls of a unit in a step: set its inputs, step, get its outputs."""
         instance = self.instances[name]
-        sets, gets = (
-            [call for bank in self.banks for call in bank.calls(instance, verb)] for verb in ("Set", "Get")
-        )
+        sets, gets = ([call for bank in self.banks for call in bank.calls(instance, verb)] for verb in ("Set", "Get"))
         return [*sets, instance.step_call(self.clock, self.size), *gets]
 
     def recorders(
@@ -273,9 +269,7 @@ class Exchange:
         others = [".".join((owner, v.name)) for owner, v in (bank.variables[i] for i in found[1:])]
         also = f" (also {', '.join(others[:3])}{', ...' if others[3:] else ''})" if others else ""
         read = any((unit, variable.name) == link.start for link in bank.links)
-        way = (
-            "" if read else ". No component reads it: run on without it by what you record (record, --record)"
-        )
+        way = "" if read else ". No component reads it: run on without it by what you record (record, --record)"
         raise CosimError(
             unit, call, self.box.time,
             f"{variable.name} is {bank.outputs[found[0]]} at t = {time:.9g} s, expected a finite number{also}{way}",
@@ -283,11 +277,7 @@ class Exchange:
 
     def _match(self, record: Iterable[str]) -> set[str]:
         variables = [
-            each
-            for bank in self.banks
-            if bank.kind not in TEXTS
-            for each in bank.variables
-            if each[0] != SOURCE
+            each for bank in self.banks if bank.kind not in TEXTS for each in bank.variables if each[0] != SOURCE
         ]
         names = [f"{unit}.{v.name}" for unit, v in variables]
         wanted: set[str] = set()

@@ -49,11 +49,7 @@ def with_steps(checked: Checked, step: float) -> Checked:
             f"{', '.join(multiples)} have steps of their own. Leave these out, or the clocks"
         )
     for name in set(slow) & _feeding(checked):
-        late = [
-            k
-            for k in checked.links
-            if k.stepped and k.start[0] == name and k.start not in checked.schedule.direct
-        ]
+        late = [k for k in checked.links if k.stepped and k.start[0] == name and k.start not in checked.schedule.direct]
         if late:
             problems.append(
                 f"{name}: has a step of its own, passes inputs on within it, and {'.'.join(late[0].start)}, which is "
@@ -142,9 +138,7 @@ class MultirateStepper(SampledStepper):
             gathers = (bank.gather(bank.input_windows[name]) for bank in exchange.banks)
             opening = [gather for gather in gathers if gather is not None]
             multiple = exchange.checked.multiples.get(name, 1)
-            self._units.append(
-                _RateUnit(instance, multiple, name in early, opening, fresh, calls[:at], calls[at:])
-            )
+            self._units.append(_RateUnit(instance, multiple, name in early, opening, fresh, calls[:at], calls[at:]))
 
     def advance(self, time: float, step: float, stop: float) -> None:
         """Begin or end the steps that begin at `time` or end a communication step later."""

@@ -50,9 +50,7 @@ class Archive:
     def __init__(self, source: Path | IO[bytes], label: str, outer: Archive | None = None) -> None:
         self.label = label
         self._depth = 0 if outer is None else outer._depth + 1
-        self._budget = (
-            outer._budget if outer else limits.Budget(label, limits.unpack_limit() / limits.TOTAL_LIMIT)
-        )
+        self._budget = outer._budget if outer else limits.Budget(label, limits.unpack_limit() / limits.TOTAL_LIMIT)
         self._inner: dict[str, Archive] = {}
         self.doubled: list[str] = []
         """Members that occur more than once, with the same content."""
@@ -128,9 +126,7 @@ class Archive:
             fault("PKG004", f"holds {total} bytes unpacked; the limit is {limit:.0f} (--unpack-limit)")
         unpack = not problems  # what is unpacked is bounded then
         for one, other in twice:
-            if (one.file_size, one.CRC) == (other.file_size, other.CRC) and (
-                not unpack or self._same(one, other)
-            ):
+            if (one.file_size, one.CRC) == (other.file_size, other.CRC) and (not unpack or self._same(one, other)):
                 self.doubled.append(one.filename)
             else:
                 fault("PKG006", f"entry {one.filename!r} occurs twice, with different contents")
@@ -276,9 +272,7 @@ def _blame_disk(label: str, error: Exception) -> None:
 
 def is_inside(name: str) -> bool:
     """Whether a member name or relative path stays inside its package."""
-    return bool(name) and not (
-        name[0] == "/" or ".." in name.split("/") or "\\" in name or ":" in name or "\0" in name
-    )
+    return bool(name) and not (name[0] == "/" or ".." in name.split("/") or "\\" in name or ":" in name or "\0" in name)
 
 
 def resolve(source: str, where: str, at: Any = ("", 0)) -> str:
@@ -287,7 +281,5 @@ def resolve(source: str, where: str, at: Any = ("", 0)) -> str:
     name = unquote(parts.path)
     if parts.scheme or parts.netloc or parts.query or parts.fragment or not is_inside(name):
         text = f"{where}: source {source!r} is not a relative path inside the package; "
-        raise SspError(
-            found("SSP012", f"{text}put the file into the package and name it by its path there", at)
-        )
+        raise SspError(found("SSP012", f"{text}put the file into the package and name it by its path there", at))
     return str(PurePosixPath(name))

@@ -114,9 +114,7 @@ class Bindings:
                     key = place.path, name
                     if key in self._bound and place.kind == "component":
                         old = self._bound[key]
-                        self._lost.setdefault(place.path, []).append(
-                            self._parameter(key, old, (old.entry.hop,))
-                        )
+                        self._lost.setdefault(place.path, []).append(self._parameter(key, old, (old.entry.hop,)))
                     self._bound[key] = _Bound(entry, place, len(node.path), others)
                 if not places:
                     text = f"{node.label or 'the system'}: parameter {entry.name!r} ({entry.origin}) "
@@ -143,9 +141,7 @@ class Bindings:
         fed = False
         for sink, hops, indices in self.wiring.reach(key):
             if any(indices):
-                text = (
-                    f"{where}: is set, and {show(sink)} takes or gives a part of it; set {show(sink)} itself"
-                )
+                text = f"{where}: is set, and {show(sink)} takes or gives a part of it; set {show(sink)} itself"
                 self.fatal.append(found("SSP054", text, bound.entry.place))
             fed = True
             if sink in self._bound:

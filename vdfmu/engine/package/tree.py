@@ -50,9 +50,7 @@ class TreeReader:
         path = () if parent is None else (*parent.path, name)
         if len(path) > limits.DEPTH_LIMIT:
             text = f"{scope.label}: {'.'.join(path[:3])}...: more than {limits.DEPTH_LIMIT} systems inside each other; "
-            raise LimitError(
-                found("SSP016", f"{text}that is the limit (DEPTH_LIMIT). Join some of them", element)
-            )
+            raise LimitError(found("SSP016", f"{text}that is the limit (DEPTH_LIMIT). Join some of them", element))
         node = Node(path, "system", read_connectors(element, scope), element, scope)
         self._dictionaries(node, element, parent)
         for child in element.iterfind("ssd:Elements/*", NAMESPACES):
@@ -176,9 +174,7 @@ class TreeReader:
                 text = f"{where}: its system has no connector {name!r}; it has {known}"
                 self.problems.append(found("SSP019", text, connector.place))
             elif connector.kind != other.kind:
-                text = (
-                    f"{where}: connector {name!r} is of kind {connector.kind}, its system says {other.kind}"
-                )
+                text = f"{where}: connector {name!r} is of kind {connector.kind}, its system says {other.kind}"
                 self.problems.append(found("SSP019", text, connector.place))
             else:  # the component may state what the system leaves open
                 inner.connectors[name] = replace(
@@ -237,8 +233,6 @@ class TreeReader:
                 text += f"an entry {name_!r} of another type or size than the connector"
                 self.problems.append(found("SSP020", text, connector.place))
         node.connectors = {
-            c.name: replace(entries[c.name], kind=c.kind)
-            for c in node.connectors.values()
-            if c.name in entries
+            c.name: replace(entries[c.name], kind=c.kind) for c in node.connectors.values() if c.name in entries
         }
         return node

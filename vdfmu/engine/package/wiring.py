@@ -164,9 +164,7 @@ class Wiring:
 
     def reach(self, key: Key) -> Iterator[tuple[Key, tuple[Hop, ...], Indices]]:
         """Yield every component connector fed from `key`, with the hops on the way and the parts of both."""
-        stack: list[tuple[Key, tuple[Hop, ...], frozenset[Key], Indices]] = [
-            (key, (), frozenset([key]), ((), ()))
-        ]
+        stack: list[tuple[Key, tuple[Hop, ...], frozenset[Key], Indices]] = [(key, (), frozenset([key]), ((), ()))]
         while stack:
             here, hops, seen, indices = stack.pop()
             for sink, hop, more in self.forward.get(here, ()):
@@ -186,9 +184,7 @@ class Wiring:
         for key in list(self.forward):
             if self.kinds[key] == "component":
                 for sink, hops, indices in self.reach(key):
-                    yield Connection(
-                        (self.names[key[0]], key[1]), (self.names[sink[0]], sink[1]), hops, indices
-                    )
+                    yield Connection((self.names[key[0]], key[1]), (self.names[sink[0]], sink[1]), hops, indices)
 
 
 def _join(first: Indices, then: Indices) -> Indices | None:
@@ -229,9 +225,7 @@ def index_faults(index: Index, shape: Shape, name: str) -> list[str]:
 
 def fits(one: Shape, other: Shape) -> bool:
     """Whether two shapes can be the same; an open size fits every one."""
-    return len(one) == len(other) and all(
-        a is None or b is None or a == b for a, b in zip(one, other, strict=True)
-    )
+    return len(one) == len(other) and all(a is None or b is None or a == b for a, b in zip(one, other, strict=True))
 
 
 def show_shape(shape: Shape) -> str:

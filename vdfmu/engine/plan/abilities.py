@@ -39,15 +39,11 @@ def check_abilities(
                 if unit.event_mode
                 else "the FMU declares no event mode (hasEventMode)"
             )
-            problems.append(
-                f"{name}: {unit.source} has clocks, {', '.join(clocks)}, which tick in event mode; {way}"
-            )
+            problems.append(f"{name}: {unit.source} has clocks, {', '.join(clocks)}, which tick in event mode; {way}")
     if not how.continuous:
         return problems, []
     # a unit alone in its block is repeated by error control only
-    repeated = {
-        name for block in schedule.blocks if adaptive or (how.repeats and len(block) > 1) for name in block
-    }
+    repeated = {name for block in schedule.blocks if adaptive or (how.repeats and len(block) > 1) for name in block}
     notes: list[str] = []
     for name, unit in descriptions.items():
         if name in repeated and not unit.saves_state:
@@ -60,9 +56,7 @@ def check_abilities(
                 f"{name}: {unit.source} takes steps of one length only (canHandleVariableCommunicationStepSize); use a "
                 "fixed step"
             )
-        direct = [
-            k.end[1] for k in links if k.end[0] == name and not k.discrete and k.end in schedule.through
-        ]
+        direct = [k.end[1] for k in links if k.end[0] == name and not k.discrete and k.end in schedule.through]
         if direct and not unit.interpolates_inputs and not unit.varies_steps:
             notes.append(
                 f"{name}: takes no derivatives of its inputs and steps of one length only; {', '.join(direct)} are "

@@ -67,9 +67,7 @@ def check_system(
     checker = Checker(system, strict, ignore_unmatched, parameters or {})
     checker.read()
     links = checker.link()
-    known = {
-        c.name: checker.descriptions[c.name] for c in system.components if c.name in checker.descriptions
-    }
+    known = {c.name: checker.descriptions[c.name] for c in system.components if c.name in checker.descriptions}
     feed, wrong = feed_inputs(inputs, known, links, checker.port_unit, system.units)
     if wrong and not checker.problems:
         raise UsageError("\n".join(wrong))
@@ -127,9 +125,7 @@ def with_parameters(checked: Checked, parameters: Mapping[str, Value]) -> Checke
     for name, values in overrides(checked.descriptions, parameters).items():
         starts.setdefault(name, {}).update(values)
         notes += _fed(name, values, fed, "the value that was given")
-    return replace(
-        checked, starts={name: list(each.values()) for name, each in starts.items()}, notes=tuple(notes)
-    )
+    return replace(checked, starts={name: list(each.values()) for name, each in starts.items()}, notes=tuple(notes))
 
 
 def _fed(name: str, values: Iterable[str], sources: Mapping[Port, Port], what: str) -> list[str]:

@@ -36,9 +36,7 @@ class Checker:
     For parameters see `vdfmu.engine.plan.check.check_system`.
     """
 
-    def __init__(
-        self, system: System, strict: bool, ignore_unmatched: bool, parameters: Mapping[str, Value]
-    ) -> None:
+    def __init__(self, system: System, strict: bool, ignore_unmatched: bool, parameters: Mapping[str, Value]) -> None:
         self.system, self.parameters = system, parameters
         self.strict = strict
         self.problems = list(system.problems)
@@ -123,9 +121,7 @@ class Checker:
                 for variable in description.variables if outer is not None else ():
                     full = ".".join((*parts, variable))
                     if outer is not None and ".".join((*parts[i:], variable)) in outer.variables:
-                        text = (
-                            f"{full}: two variables have this name, of {'.'.join(parts[:i])} and of {name}; "
-                        )
+                        text = f"{full}: two variables have this name, of {'.'.join(parts[:i])} and of {name}; "
                         text += "rename a component to tell them apart"
                         self.notes.append(found("SSP021", text))
 
@@ -188,9 +184,7 @@ class Checker:
                 continue
 
             def fault(rule: str, text: str, connection: Connection = connection) -> None:
-                self.problems.append(
-                    found(rule, f"connection {connection}: {text}", connection.hops[-1].place)
-                )
+                self.problems.append(found(rule, f"connection {connection}: {text}", connection.hops[-1].place))
 
             types = [source.declared, *(h.type for h in connection.hops[:-1] if h.type), sink.declared]
             if len({type_of(name) for name in types}) > 1:
@@ -267,9 +261,7 @@ class Checker:
                     try:
                         value = self._converted(parameter, value, variable)
                         starts.setdefault(component.name, {})[variable.name] = (variable, value)
-                        if not isinstance(value, (str, bytes)) and (
-                            fault := limit_fault(value, variable.limits)
-                        ):
+                        if not isinstance(value, (str, bytes)) and (fault := limit_fault(value, variable.limits)):
                             faults.append(("SSP056", fault))
                     except MisfitError as error:
                         faults.append((_OF_VALUE[error.what], str(error)))

@@ -114,13 +114,9 @@ def feed_inputs(
             course = Course(table.t, table.values[:, columns], held)
             courses.append(Fed(kind, tuple(table.names[i] for i in columns), course))
         if left == len(table.names):
-            problems.append(
-                f"{table.where}: no column names an input that nothing is connected to{_list(free)}"
-            )
+            problems.append(f"{table.where}: no column names an input that nothing is connected to{_list(free)}")
         elif left:
-            notes.append(
-                f"{table.where}: {len(table.names) - left} columns feed inputs; {left} name no free one"
-            )
+            notes.append(f"{table.where}: {len(table.names) - left} columns feed inputs; {left} name no free one")
     sources = {name: source for name, (source, _) in made.items()}
     nothing: dict[str, frozenset[str] | None] = dict.fromkeys(sources, frozenset())
     description = Description("", "", "", False, sources, nothing, nothing)
@@ -146,9 +142,7 @@ def _list(free: Sequence[str]) -> str:
     return f". Free inputs: {', '.join(free[:8]) or 'none'}{more}"
 
 
-def _conversion(
-    name: str, target: UnitFactor | None, sink: FmuVariable, units: Mapping[str, UnitFactor]
-) -> Conversion:
+def _conversion(name: str, target: UnitFactor | None, sink: FmuVariable, units: Mapping[str, UnitFactor]) -> Conversion:
     """Return the conversion from a unit of measurement by its name; an empty name means the input's unit."""
     if not name or (target is not None and target.name == name):
         return Conversion()
@@ -168,9 +162,7 @@ def _check_values(values: np.ndarray, sink: FmuVariable, conversion: Conversion)
     allowed = values == (values != 0.0) if sink.type == "Boolean" else values == np.rint(values)
     if sink.type != "Real" and not allowed.all():
         what = "0 or 1" if sink.type == "Boolean" else "whole numbers"
-        raise ValueError(
-            f"expected {what} for a variable of type {sink.type}, got {values[np.argmin(allowed)]:g}"
-        )
+        raise ValueError(f"expected {what} for a variable of type {sink.type}, got {values[np.argmin(allowed)]:g}")
     for value in (values.min(), values.max()):
         if fault := limit_fault(float(conversion.factor * value + conversion.offset), sink.limits):
             raise ValueError(fault)

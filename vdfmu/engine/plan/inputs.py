@@ -55,13 +55,7 @@ class InputTable:
         return sha256(head + self.t.tobytes() + self.values.tobytes()).hexdigest()[:16]
 
 
-Inputs = (
-    str
-    | os.PathLike[str]
-    | Sequence[str | os.PathLike[str] | InputTable]
-    | Mapping[str, tuple[Any, Any]]
-    | None
-)
+Inputs = str | os.PathLike[str] | Sequence[str | os.PathLike[str] | InputTable] | Mapping[str, tuple[Any, Any]] | None
 """A CSV file, several of them, or signal to its times and values."""
 
 
@@ -140,9 +134,7 @@ def _from_arrays(name: str, pair: tuple[Any, Any], hold: bool, problems: list[st
         problems.append(f"{where}: expected a pair of arrays of numbers, times and values")
         return None
     if t.ndim != 1 or not t.size or values.shape[:1] != t.shape:
-        problems.append(
-            f"{where}: expected times (m,) and values (m,) or (m, n), got {t.shape} and {values.shape}"
-        )
+        problems.append(f"{where}: expected times (m,) and values (m,) or (m, n), got {t.shape} and {values.shape}")
         return None
     indices = np.ndindex(values.shape[1:])
     names = [name + (f"[{','.join(str(i + 1) for i in index)}]" if index else "") for index in indices]
@@ -217,9 +209,7 @@ def csv_columns(path: Path, problems: list[str], *, timed: bool = True) -> Colum
     table, numbers = np.array([*rows.values()]).reshape(-1, len(names)), [*rows]
     t = table[:, names.index("time")] if "time" in names else np.arange(float(len(rows)))
     others = [i for i, name in enumerate(names) if name != "time"]
-    _check_rows(
-        str(path), lambda i: f"row {numbers[i]}", [names[i] for i in others], t, table[:, others], problems
-    )
+    _check_rows(str(path), lambda i: f"row {numbers[i]}", [names[i] for i in others], t, table[:, others], problems)
     return Columns(names, units, table, results)
 
 

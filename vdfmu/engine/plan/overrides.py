@@ -22,14 +22,10 @@ def overrides(descriptions: Mapping[str, Description], parameters: Mapping[str, 
     for full, value in parameters.items():
         owners = [name for name in descriptions if full.startswith(name + ".")]
         if not owners:
-            problems.append(
-                f"parameter {full!r}: no component of that name; there are {', '.join(descriptions)}"
-            )
+            problems.append(f"parameter {full!r}: no component of that name; there are {', '.join(descriptions)}")
             continue
         wanted = {
-            owner: named
-            for owner in owners
-            if (named := _named(descriptions[owner].variables, full[len(owner) + 1 :]))
+            owner: named for owner in owners if (named := _named(descriptions[owner].variables, full[len(owner) + 1 :]))
         }
         if not wanted:
             owner = max(owners, key=len)

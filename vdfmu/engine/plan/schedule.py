@@ -71,9 +71,7 @@ def choose_schedule(
     if algorithm is not None or not problems:
         return algorithm or DEFAULT, schedule, problems, []
     declared = {
-        unit: replace(
-            each, step_dependencies={k: v or frozenset() for k, v in each.step_dependencies.items()}
-        )
+        unit: replace(each, step_dependencies={k: v or frozenset() for k, v in each.step_dependencies.items()})
         for unit, each in descriptions.items()
     }
     if make_schedule(declared, links, DEFAULT)[1]:
@@ -152,9 +150,7 @@ def make_schedule(
         stepped = [k for k in links if k.stepped]
         internal = [k for k in stepped if k.start[0] != SOURCE]
         fresh = _fresh_discrete(list(descriptions), internal, through)
-        blocks = _blocks(
-            list(descriptions), [k for k in stepped if not k.discrete or k.end in fresh], feeding
-        )
+        blocks = _blocks(list(descriptions), [k for k in stepped if not k.discrete or k.end in fresh], feeding)
         names = tuple(name for block in blocks for name in block)
         return Schedule(initial, names, fresh, through, direct, blocks), problems
     fresh = [k for k in links if ordered and k.stepped and read[k.start]]
@@ -162,9 +158,7 @@ def make_schedule(
     unit_edges = {(k.start[0], k.end[0]) for k in fresh}
     if not problems:
         for _, cycle in cycles(names, unit_edges):
-            joins = [
-                next(str(k) for k in fresh if (k.start[0], k.end[0]) == pair) for pair in pairwise(cycle)
-            ]
+            joins = [next(str(k) for k in fresh if (k.start[0], k.end[0]) == pair) for pair in pairwise(cycle)]
             problems.append(
                 f"gauss-seidel cannot order {', '.join(cycle[:-1])}: each must step before the next although "
                 f"no variable depends on itself ({'; '.join(joins)}); use jacobi, or split a unit"
@@ -226,9 +220,7 @@ def _blocks(names: Sequence[str], links: Sequence[Link], feeding: set[str]) -> t
     return tuple(blocks)
 
 
-def _dependencies(
-    description: Description, output: str, initial: bool, connected: set[Port], unit: str
-) -> list[str]:
+def _dependencies(description: Description, output: str, initial: bool, connected: set[Port], unit: str) -> list[str]:
     """Return the connected inputs (initially also parameters) of a unit that an output depends on."""
     everything = [name for owner, name in connected if owner == unit]
     if initial:

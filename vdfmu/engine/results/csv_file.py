@@ -23,9 +23,7 @@ _BLOCK = 512
 
 def write_csv(results: Recorded, path: Path) -> None:
     """Write all signals; see `Results.write`."""
-    blocks = (
-        csv_lines(block.time, results.signals, block.data, slice(None)) for block in results.blocks(_BLOCK)
-    )
+    blocks = (csv_lines(block.time, results.signals, block.data, slice(None)) for block in results.blocks(_BLOCK))
     write_whole(path, (text.encode() for text in chain([csv_head(results.signals)], blocks)))
 
 
@@ -45,8 +43,7 @@ def read_csv(path: Path) -> Recorded:
         signals.append(Signal(name, kind, unit if kind == "real" else "", len(chosen[kind])))
         chosen[kind].append(index)
     data = {
-        kind: table[:, columns].astype(np.float64 if kind == "real" else np.int32)
-        for kind, columns in chosen.items()
+        kind: table[:, columns].astype(np.float64 if kind == "real" else np.int32) for kind, columns in chosen.items()
     }
     time = table[:, 0].copy()
     del table  # a run of hours is in memory once

@@ -127,9 +127,7 @@ def _prepare(partial: Path, folder: Path, outputs: Sequence[str], overwrite: boo
         partial.mkdir(parents=True, exist_ok=True)
         _remove(partial, outputs)
     except OSError as error:
-        raise UsageError(
-            f"{folder}: cannot hold the results: {error}. Choose another folder with --out."
-        ) from error
+        raise UsageError(f"{folder}: cannot hold the results: {error}. Choose another folder with --out.") from error
 
 
 def _has_rows(path: Path) -> bool:
@@ -186,9 +184,7 @@ def _publish(partial: Path, folder: Path, outputs: Sequence[str]) -> None:
             for source, target in reversed(moved):
                 os.replace(target, source)
             before.rmdir()
-        raise VdfmuError(
-            f"{folder}: cannot be written: {error}. Choose another folder with --out."
-        ) from error
+        raise VdfmuError(f"{folder}: cannot be written: {error}. Choose another folder with --out.") from error
     with suppress(OSError):  # something else is in it
         _remove(before, old)
         before.rmdir()
@@ -207,9 +203,7 @@ def write_summary(summary: dict[str, Any], folder: Path) -> None:
     try:
         path.write_text(to_json(summary) + "\n", encoding="utf-8")
     except OSError as error:
-        raise VdfmuError(
-            f"{path}: cannot be written: {error}. Free space or choose another folder."
-        ) from error
+        raise VdfmuError(f"{path}: cannot be written: {error}. Free space or choose another folder.") from error
 
 
 def keep(error: CosimError | Interrupted, folder: Path, checks: Iterable[Check] = ()) -> None:

@@ -37,8 +37,7 @@ class Listing(NamedTuple):
         """Return the table for a notebook."""
         head = "".join(f"<th>{escape(text)}</th>" for text in self.head)
         rows = "".join(
-            "<tr>" + "".join(f"<td>{escape(_cell(value))}</td>" for value in row) + "</tr>"
-            for row in self.rows
+            "<tr>" + "".join(f"<td>{escape(_cell(value))}</td>" for value in row) + "</tr>" for row in self.rows
         )
         notes = "".join(f"<p>{escape(note)}</p>" for note in self.notes)
         table = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
@@ -68,19 +67,13 @@ def contents(results: Recorded) -> Listing:
         if copies.issuperset(elements.values()):
             continue
         columns = [results[name] for name in elements.values()]
-        ends = (
-            (float(min(map(np.min, columns))), float(max(map(np.max, columns)))) if len(results) else ("", "")
-        )
+        ends = (float(min(map(np.min, columns))), float(max(map(np.max, columns)))) if len(results) else ("", "")
         rows.append((group, _shape(results.shape_of(group)), _unit(results, group), *ends))
     about = results.summary.get("scenario") or results.summary.get("system")
     of = f" of {about}" if about else ""
     span = f" from {results.time[0]:g} to {results.time[-1]:g} s" if len(results) else ""
     title = f"Results{of}: {len(results.names) - len(copies)} signals, {len(results)} rows{span}"
-    note = (
-        (f"{len(copies)} more copy one of these: inputs that have the values of an output.",)
-        if copies
-        else ()
-    )
+    note = (f"{len(copies)} more copy one of these: inputs that have the values of an output.",) if copies else ()
     return Listing(title, ("signal", "shape", "unit", "least", "largest"), rows, note)
 
 
@@ -88,9 +81,7 @@ def compare(one: Recorded, other: Recorded) -> Listing:
     """Return the differences of two results; see `Results.compare`."""
     common = [name for name in one.names if other.kinds.get(name) == one.kinds[name]]
     if not common:
-        raise UsageError(
-            "the results have no signals of the same names and kinds, so there is nothing to compare"
-        )
+        raise UsageError("the results have no signals of the same names and kinds, so there is nothing to compare")
     begin, end = max(one.time[0], other.time[0]), min(one.time[-1], other.time[-1])
     rows_of_both = np.flatnonzero((one.time >= begin) & (one.time <= end))
     if not len(rows_of_both):
@@ -164,7 +155,5 @@ def to_xarray(results: Recorded) -> Any:
             values = xarray.Variable(["time", *dimensions], results[name], {"units": unit})
             indices = {d: np.arange(1, n + 1) for d, n in zip(dimensions, shape or (), strict=True)}
             dataset = dataset.assign({name: values}).assign_coords(indices)
-    dataset.attrs.update(
-        {key: value for key, value in results.summary.items() if isinstance(value, str | float)}
-    )
+    dataset.attrs.update({key: value for key, value in results.summary.items() if isinstance(value, str | float)})
     return dataset

@@ -60,9 +60,7 @@ def write_parquet(results: Recorded, path: Path) -> None:
 def _array(pa: ModuleType, column: NDArray[Any]) -> Any:
     """Return a column of pyarrow; pyarrow's own conversion would import pandas, which takes long."""
     kinds = {"f": pa.float64(), "i": pa.int32(), "b": pa.bool_()}
-    values = (
-        np.packbits(column, bitorder="little") if column.dtype.kind == "b" else np.ascontiguousarray(column)
-    )
+    values = np.packbits(column, bitorder="little") if column.dtype.kind == "b" else np.ascontiguousarray(column)
     return pa.Array.from_buffers(kinds[column.dtype.kind], len(column), [None, pa.py_buffer(values)])
 
 

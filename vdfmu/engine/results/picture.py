@@ -44,15 +44,11 @@ def signals_figure(
     return [style.save(figure, folder / f"signals.{suffix}") for suffix in pictures]
 
 
-def plot(
-    results: Recorded, names: Sequence[str], over: Mapping[str, Recorded], path: str | Path | None
-) -> Figure:
+def plot(results: Recorded, names: Sequence[str], over: Mapping[str, Recorded], path: str | Path | None) -> Figure:
     """Draw chosen signals, and write the picture if there is a path; see `Results.plot`."""
     runs: list[Any] = list(over.values()) if hasattr(over, "values") else [None]
     if not all(isinstance(run, Recorded) for run in runs):
-        raise UsageError(
-            f"plot: expected results by what they are called, over={{'soft': other}}, got {over!r:.60}."
-        )
+        raise UsageError(f"plot: expected results by what they are called, over={{'soft': other}}, got {over!r:.60}.")
     wanted = [signal for name in names or results.names for signal in results.members(name)]
     figure = draw_signals(results, set(results.names).difference(wanted), over)
     if path is not None:
@@ -61,9 +57,7 @@ def plot(
 
 
 @style.styled
-def draw_signals(
-    results: Recorded, hidden: Collection[str] = (), over: Mapping[str, Recorded] | None = None
-) -> Figure:
+def draw_signals(results: Recorded, hidden: Collection[str] = (), over: Mapping[str, Recorded] | None = None) -> Figure:
     """Draw the recorded variables over time.
 
     With more than `PANELS` variables each component shows its first ones.

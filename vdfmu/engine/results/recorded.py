@@ -119,9 +119,7 @@ class Recorded:
         names = self.members(name)
         shape = self.shape_of(name)
         if shape is None:
-            raise UsageError(
-                f"the signals {', '.join(names)} are not all elements of an array; take them one by one"
-            )
+            raise UsageError(f"the signals {', '.join(names)} are not all elements of an array; take them one by one")
         group = self.groups[name]
         listed = [self._signals[group[index]] for index in sorted(group)]
         kinds = {signal.kind for signal in listed}
@@ -140,9 +138,7 @@ class Recorded:
         if name in self._signals:
             return [name]
         if name not in self.groups:
-            raise UsageError(
-                f"the results have no signal {name!r}{close_to(name, [*self._signals, *self.groups])}"
-            )
+            raise UsageError(f"the results have no signal {name!r}{close_to(name, [*self._signals, *self.groups])}")
         return list(self.groups[name].values())
 
     def shape_of(self, group: str) -> tuple[int, ...] | None:
@@ -166,23 +162,16 @@ class Recorded:
         if stride <= 1:
             return self
         size = stride * -(-_BLOCK // stride)
-        parts = [
-            {kind: array[::stride].copy() for kind, array in block.data.items()}
-            for block in self.blocks(size)
-        ]
+        parts = [{kind: array[::stride].copy() for kind, array in block.data.items()} for block in self.blocks(size)]
         data = {kind: np.concatenate([part[kind] for part in parts]) for kind in self.data}
-        return type(self)(
-            self.time[::stride], list(self._signals.values()), data, self.summary, self.messages
-        )
+        return type(self)(self.time[::stride], list(self._signals.values()), data, self.summary, self.messages)
 
     def blocks(self, rows: int) -> Iterator[Self]:
         """Yield stretches of at most `rows` rows; of an array that is on disk no page stays in memory."""
         signals = list(self._signals.values())
         for first in range(0, len(self), rows):
             part = slice(first, first + rows)
-            yield type(self)(
-                self.time[part], signals, {kind: array[part] for kind, array in self.data.items()}
-            )
+            yield type(self)(self.time[part], signals, {kind: array[part] for kind, array in self.data.items()})
             for array in self.data.values():
                 if isinstance(array.base, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
                     array.base.madvise(mmap.MADV_DONTNEED)

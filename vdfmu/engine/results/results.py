@@ -83,9 +83,7 @@ class Results(Recorded):
         """
         return compare(self, other)
 
-    def plot(
-        self, *names: str, over: Mapping[str, Results] | None = None, path: str | Path | None = None
-    ) -> Any:
+    def plot(self, *names: str, over: Mapping[str, Results] | None = None, path: str | Path | None = None) -> Any:
         """Draw signals over time, a panel for each group.
 
         Parameters

@@ -107,9 +107,7 @@ class ByHand:
             for variable, _ in named.values():
                 source = fed.get((owner, variable.name))
                 if source is not None:
-                    raise UsageError(
-                        f"{name!r}: {'.'.join(source)} feeds it. Take the connection out to set it."
-                    )
+                    raise UsageError(f"{name!r}: {'.'.join(source)} feeds it. Take the connection out to set it.")
                 tunable = variable.causality == "parameter" and variable.variability == "tunable"
                 if not (variable.causality == "input" or tunable) or not instance.between_events(variable):
                     raise UsageError(
@@ -147,9 +145,7 @@ class ByHand:
         places = [self._place(instance, v) for v in variables]
         order = [np.ravel_multi_index([i - 1 for i in index], shape) for index in indices]
         if order != list(range(len(order))) or len(order) != np.prod(shape):
-            raise UsageError(
-                f"{instance.name}: {variables[0].name} and the others of its name do not fill an array."
-            )
+            raise UsageError(f"{instance.name}: {variables[0].name} and the others of its name do not fill an array.")
         if all(place is not None for place in places):
             memory = places[0][0]  # pyright: ignore[reportOptionalSubscript]
             columns = np.array([place[1] for place in places if place is not None], np.intp)

@@ -135,9 +135,7 @@ def serve(make: Callable[[str], Server], memory: str, most: str) -> None:
     parent = Parent()
     if math.isfinite(float(most)):
         limit("DATA", int(float(most) * 2**20))
-    logging.getLogger("vdfmu.compiler.fmu").addHandler(
-        logging.NullHandler()
-    )  # its log comes back as messages
+    logging.getLogger("vdfmu.compiler.fmu").addHandler(logging.NullHandler())  # its log comes back as messages
     server = make(memory)
     parent.reply()  # it has started
     for request in parent.requests():

@@ -190,9 +190,7 @@ class Run:
 
         def save() -> str:
             results()
-            return (
-                f" The rows so far are in {' and '.join(map(str, stream))}." if stream and done >= 0 else ""
-            )
+            return f" The rows so far are in {' and '.join(map(str, stream))}." if stream and done >= 0 else ""
 
         if stream:
             recorder = Recorder(stream, signals, data, store, times)

@@ -233,9 +233,7 @@ class Simulator:
     def _prepared(self, step: float, parameters: Mapping[str, Value] | None) -> Checked:
         """Return the system with the parameters of a run."""
         if self._checked is None:
-            raise UsageError(
-                "Simulator: its runs are made in a block, 'with vdfmu.Simulator(...) as simulator:'."
-            )
+            raise UsageError("Simulator: its runs are made in a block, 'with vdfmu.Simulator(...) as simulator:'.")
         checked = with_steps(with_parameters(self._checked, parameters or {}), step)
         if changed := _sizes(checked).items() - _sizes(self._checked).items():
             names = ", ".join(sorted(name for name, _ in changed))
@@ -294,9 +292,7 @@ class Simulator:
             self._by_hand.close()
             self._by_hand = None
 
-    def grid(
-        self, start: float | None, stop: float | None, step: float | None
-    ) -> tuple[float, float, float, int]:
+    def grid(self, start: float | None, stop: float | None, step: float | None) -> tuple[float, float, float, int]:
         """Return start, stop, step and number of steps; UsageError when they do not fit."""
         experiment = self._system.experiment
         begin = start if start is not None else experiment.start or 0.0

@@ -83,22 +83,16 @@ def linearize(
     try:
         place = np.asarray(at, dtype=float)
     except (TypeError, ValueError):
-        raise UsageError(
-            f"linearize: at: expected positions of the joints, or a time in s, got {at!r:.60}."
-        ) from None
+        raise UsageError(f"linearize: at: expected positions of the joints, or a time in s, got {at!r:.60}.") from None
     if not isinstance(system, Robot) and place.ndim == 0:
         if dry:
-            raise UsageError(
-                "linearize: dry: this is for an arm; a system has the friction of its parameters."
-            )
+            raise UsageError("linearize: dry: this is for an arm; a system has the friction of its parameters.")
         from vdfmu.study.analysis.system import linearized
 
         found = linearized(system, float(place), **options)
         return found.sampled(opened) if sampled else found.continuous(opened)
     if sampled or opened or options:
-        raise UsageError(
-            f"linearize: {', '.join(['sampled', 'opened', *options])}: these are for systems at a time."
-        )
+        raise UsageError(f"linearize: {', '.join(['sampled', 'opened', *options])}: these are for systems at a time.")
     try:
         plant = _at_rest(robot_argument(system), at)
     except UsageError as error:

@@ -89,9 +89,7 @@ class ArmLoops:
             for _ in range(2):  # the feedforward may see the plant's states
                 run(t)
                 desired = np.concatenate([units[u].group(g) for u, g in wanted[1:]])
-                system.memory[system.solver_x[: desired.size]] = (
-                    desired  # those of options stay at their start
-                )
+                system.memory[system.solver_x[: desired.size]] = desired  # those of options stay at their start
             run(t)
             self._x.append(system.memory[system.solver_x])
             found = of_positions(state_space(plant, ("tau",)))

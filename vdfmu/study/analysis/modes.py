@@ -125,9 +125,7 @@ def _modes(system: StateSpace, motors: str, dry: bool) -> Modes:
     )  # fmt: skip
 
 
-def modes_along(
-    scenario: Scenario, *, dry: bool = False, points: int = 101
-) -> tuple[Floats, dict[str, list[Modes]]]:
+def modes_along(scenario: Scenario, *, dry: bool = False, points: int = 101) -> tuple[Floats, dict[str, list[Modes]]]:
     """Modes at the poses of the desired motion of a scenario, at rest at each, with motors free and held.
 
     Returns

@@ -87,9 +87,7 @@ class Engine:
         )
         facts = {"start": 0.0, "stop": program.time[-1].item(), "steps": n}
         return [
-            Results(program.time, self._signals, {"real": rows[lane]}, dict(facts))
-            if fits and good[lane]
-            else None
+            Results(program.time, self._signals, {"real": rows[lane]}, dict(facts)) if fits and good[lane] else None
             for lane, fits in enumerate(fit)
         ]
 

@@ -38,12 +38,8 @@ def lane_sources(system: WiredUnits, delayed: bool) -> tuple[dict[str, bytes], l
     """
     code = _LaneCode(system)
     folder = data_path("fmu_src")
-    files = {
-        name: (folder / "batch" / name).read_bytes() for name in ("lanes.h", "advance.h", "run.h", "level.c")
-    }
-    files |= {
-        name: (folder / "c" / name).read_bytes() for name in ("control.h", "processor.h", "processor.c")
-    }
+    files = {name: (folder / "batch" / name).read_bytes() for name in ("lanes.h", "advance.h", "run.h", "level.c")}
+    files |= {name: (folder / "c" / name).read_bytes() for name in ("control.h", "processor.h", "processor.c")}
     files["shown.h"] = SHOWN.encode()
     return files | {"system.c": code.text(delayed).encode()}, list(code.optional.values())
 
@@ -86,9 +82,7 @@ class _LaneCode(Code):
             for name, carry in system.starting
             for action in (Evaluate(name, "start"), Evaluate(name, "outputs"), carry)
         ]
-        lists = {"begin": start} | {
-            f"part_{i}": solution.lists[f"part_{i}"] for i in range(len(solution.moving) + 1)
-        }
+        lists = {"begin": start} | {f"part_{i}": solution.lists[f"part_{i}"] for i in range(len(solution.moving) + 1)}
         functions = [f"static {self.function(name, actions)}" for name, actions in lists.items()]
         moving = [name for name in solution.moving if system.units[name].x.size]
         steps = [self._step(i, name) for i, name in enumerate(moving)]
@@ -102,10 +96,7 @@ class _LaneCode(Code):
             [
                 head("The order of a step of the units of a system, and what they calculate, in lanes."),
                 '#include "lanes.h"\n',
-                *(
-                    _DIVISION.sub(r" * (1.0 / \1);", kernel_source(function))
-                    for function in self.called.values()
-                ),
+                *(_DIVISION.sub(r" * (1.0 / \1);", kernel_source(function)) for function in self.called.values()),
                 f"enum {{ {', '.join(f'{name} = {size}' for name, size in sizes.items())} }};",
                 "static const real still[MOST_INPUTS]; /* rates of the inputs */\n",
                 '#include "advance.h"\n',

@@ -97,8 +97,7 @@ class Identified:
         """Return the values that another robot has for the parameters, in the same order."""
         n = len(self.names) - len(self.base.names)
         drives = [
-            float(getattr(robot, name)[int(i[:-1]) - 1])
-            for name, _, i in (v.partition("[") for v in self.names[:n])
+            float(getattr(robot, name)[int(i[:-1]) - 1]) for name, _, i in (v.partition("[") for v in self.names[:n])
         ]
         return [*drives, *(self.base.matrix @ body_parameters(robot)).tolist()]
 
@@ -143,9 +142,7 @@ def identify(log: Log, robot: Robot, *, band: float | None = None) -> Identified
     moved = np.ptp(log.kappa, axis=0)
     if (still := np.flatnonzero(moved < _STILL)).size:
         which = ", ".join(str(i + 1) for i in still)
-        raise UsageError(
-            f"{log.where}: joint {which} did not move: nothing can be told of it. Log a motion of all."
-        )
+        raise UsageError(f"{log.where}: joint {which} did not move: nothing can be told of it. Log a motion of all.")
     if log.q is not None:
         apart = np.flatnonzero(np.ptp(log.kappa - log.q, axis=0) > _APART * moved)
         if apart.size:
@@ -168,9 +165,7 @@ def identify(log: Log, robot: Robot, *, band: float | None = None) -> Identified
     )  # fmt: skip
 
 
-def _prepare(
-    log: Log, robot: Robot, band: float | None
-) -> tuple[IdentificationProblem, slice, Floats, float]:
+def _prepare(log: Log, robot: Robot, band: float | None) -> tuple[IdentificationProblem, slice, Floats, float]:
     h = log.step
     if band is None:
         power = np.abs(np.fft.rfft(np.diff(log.kappa, axis=0), axis=0)) ** 2

@@ -118,9 +118,7 @@ def _table(path: Path, robot: Robot, columns: Mapping[str, str]) -> tuple[Floats
         own = next((each for each in some if all(name in values for name in each)), None)
         if own is None:
             if what in columns:
-                problems.append(
-                    f"{what}: expected columns {', '.join(some[0])}; there are {', '.join(names)}"
-                )
+                problems.append(f"{what}: expected columns {', '.join(some[0])}; there are {', '.join(names)}")
             continue
         factors = []
         for name, kind in zip(own, robot.joint_types, strict=True):
@@ -170,9 +168,7 @@ def _kuka(path: Path, n: int) -> tuple[Floats, dict[str, Floats]]:
             for what in found.keys() - {"tau_link"}:
                 found[what] = np.deg2rad(found[what])
             if any(each.shape[1:] != (n,) for each in found.values()):
-                raise UsageError(
-                    f"{path}: expected a robot of {found['kappa'].shape[1]} joints, got one of {n}."
-                )
+                raise UsageError(f"{path}: expected a robot of {found['kappa'].shape[1]} joints, got one of {n}.")
             return np.array(data[time], np.float64).ravel(), found
     known = " or ".join(", ".join((time, *names.values())) for time, names in forms)
     raise UsageError(f"{path}: expected {known}; there are {', '.join(k for k in data if k[0] != '_')}.")

@@ -95,10 +95,7 @@ class IdentificationProblem:
         stretch = -np.asarray(deformation_derivative(springs, tau_s), dtype=float)[:, :, None] * by_spring
         for name in SPRINGS:
             here = getattr(springs, name)
-            ends = [
-                deformation(springs.with_parameters(**{name: here * f}), tau_s)
-                for f in (1.0 + 1e-5, 1.0 - 1e-5)
-            ]
+            ends = [deformation(springs.with_parameters(**{name: here * f}), tau_s) for f in (1.0 + 1e-5, 1.0 - 1e-5)]
             stretch[:, each, at[name].start + each] = -(ends[0] - ends[1]) / (2e-5 * here)
         stretch[:, each, at["offset"].start + each] = -1.0
         return [torque, stretch]

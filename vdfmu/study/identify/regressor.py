@@ -41,9 +41,7 @@ def body_parameters(robot: Any) -> Floats:
     return np.array(found, dtype=float)
 
 
-def regressor(
-    robot: Any, q: Floats, q_dot: Floats, q_ddot: Floats, kappa_dot: Floats, kappa_ddot: Floats
-) -> Regressor:
+def regressor(robot: Any, q: Floats, q_dot: Floats, q_ddot: Floats, kappa_dot: Floats, kappa_ddot: Floats) -> Regressor:
     """Regressor of the arm at m states.
 
     Parameters
@@ -69,9 +67,7 @@ def regressor(
         spin, spin_dot = w @ fixed, dw @ fixed  # of the rotor's base, in {D_i}
         speed = robot.ell[i] * kappa_dot[:, i] + spin[:, 2]
         change = robot.ell[i] * kappa_ddot[:, i] + spin_dot[:, 2]
-        moments.append(
-            (change[:, None] * z + speed[:, None] * np.cross(spin, z)) / robot.ell[i] ** 2 @ fixed.T
-        )
+        moments.append((change[:, None] * z + speed[:, None] * np.cross(spin, z)) / robot.ell[i] ** 2 @ fixed.T)
         carried[:, i] = spin_dot[:, 2] / robot.ell[i]
         c, s = (np.ones(m), np.zeros(m)) if slides[i] else (np.cos(q[:, i]), np.sin(q[:, i]))
         turn = np.zeros((m, 3, 3))
@@ -114,9 +110,7 @@ def _body(a: Floats, w: Floats, dw: Floats) -> Floats:
     return W
 
 
-def _project(
-    W: Floats, link: int, slides: list[bool], turns: list[Floats], arms: list[Floats], into: Floats
-) -> None:
+def _project(W: Floats, link: int, slides: list[bool], turns: list[Floats], arms: list[Floats], into: Floats) -> None:
     """Carry wrenches (m, 6, k) on a link to the joints that bear it."""
     for i in range(link, -1, -1):
         into[:, i] += W[:, 2 if slides[i] else 5]

@@ -63,14 +63,10 @@ def _scale(problem: IdentificationProblem, x: Floats, sizes: Floats) -> Floats:
     return np.concatenate([x[:count], sizes[count:]])
 
 
-def _slopes(
-    problem: IdentificationProblem, x: Floats, free: Any, sizes: Floats, weights: list[Any]
-) -> Floats:
+def _slopes(problem: IdentificationProblem, x: Floats, free: Any, sizes: Floats, weights: list[Any]) -> Floats:
     scale = _scale(problem, x, sizes)[free]
     each = zip(problem.jacobian(x), weights, strict=True)
-    return np.concatenate(
-        [(e / np.reshape(w, (-1, 1))).reshape(-1, len(x))[:, free] * scale for e, w in each]
-    )
+    return np.concatenate([(e / np.reshape(w, (-1, 1))).reshape(-1, len(x))[:, free] * scale for e, w in each])
 
 
 def _weights(problem: IdentificationProblem, x: Floats, free: Any, sizes: Floats) -> list[Any]:
@@ -84,9 +80,7 @@ def _weights(problem: IdentificationProblem, x: Floats, free: Any, sizes: Floats
     return found
 
 
-def _fitted(
-    problem: IdentificationProblem, x: Floats, free: Any, sizes: Floats, weights: list[Any]
-) -> Floats:
+def _fitted(problem: IdentificationProblem, x: Floats, free: Any, sizes: Floats, weights: list[Any]) -> Floats:
     """Return the least squares with these weights."""
     count = problem.places["links"].start
 
@@ -110,9 +104,7 @@ def _fitted(
     return whole(found.x)
 
 
-def _covariance(
-    problem: IdentificationProblem, x: Floats, free: Any, sizes: Floats, weights: list[Any]
-) -> Floats:
+def _covariance(problem: IdentificationProblem, x: Floats, free: Any, sizes: Floats, weights: list[Any]) -> Floats:
     """Covariance of the search's variables."""
     slopes = _slopes(problem, x, free, sizes, weights)
     V: Any

@@ -69,9 +69,7 @@ def animate(run: Results | str | os.PathLike[str]) -> Animation:
             "'vdfmu run' wrote; any other run has signals, which its plot() draws."
         )
     if "plant.q" not in shown.results:
-        raise UsageError(
-            "animate: expected results with the positions of the joints, plant.q; they have none."
-        )
+        raise UsageError("animate: expected results with the positions of the joints, plant.q; they have none.")
     return Animation(shown)
 
 
@@ -83,9 +81,7 @@ class Animation:
         self._name = f"{run.summary.get('scenario', run.name)}, {run.summary.get('robot', 'an arm')}"
 
     def __repr__(self) -> str:
-        return (
-            f"<the arm of {self._name}: a notebook shows it, save('arm.html') or save('arm.gif') writes it>"
-        )
+        return f"<the arm of {self._name}: a notebook shows it, save('arm.html') or save('arm.gif') writes it>"
 
     def _repr_html_(self) -> str:
         page = base64.b64encode(gzip.compress(self._page, mtime=0)).decode()
@@ -135,9 +131,7 @@ class Animation:
             raise UsageError(
                 f"save: expected width >= 1, frames >= 2 and seconds > 0, got {width}, {frames} and {seconds:g}."
             )
-        write_whole(
-            path, [self._page if form == ".html" else self._pictures(form[1:], width, frames, seconds)]
-        )
+        write_whole(path, [self._page if form == ".html" else self._pictures(form[1:], width, frames, seconds)])
         return path
 
     def _pictures(self, form: str, width: int, frames: int, seconds: float) -> bytes:
@@ -161,7 +155,5 @@ class Animation:
             taken = [picture.quantize(palette=colours, dither=Image.Dither.NONE) for picture in taken]
         file = io.BytesIO()
         times = [round(1e3 * seconds / frames)] * (frames - 1) + [_LAST]
-        taken[0].save(
-            file, form, save_all=True, append_images=taken[1:], duration=times, loop=0, quality=70, method=6
-        )
+        taken[0].save(file, form, save_all=True, append_images=taken[1:], duration=times, loop=0, quality=70, method=6)
         return file.getvalue()

@@ -120,9 +120,7 @@ class Browser:
 
     def settle(self) -> None:
         """Wait until all changes are drawn."""
-        self.run(
-            "new Promise(d => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(d, 30))))"
-        )
+        self.run("new Promise(d => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(d, 30))))")
 
     def open(
         self,
@@ -145,9 +143,7 @@ class Browser:
         media = [{"name": name, "value": value} for name, value in features.items()]
         self.call("Emulation.setEmulatedMedia", features=media)
         self.call("Page.navigate", url=page if isinstance(page, str) else page.resolve().as_uri())
-        self.run(
-            "new Promise(d => document.readyState === 'complete' ? d() : addEventListener('load', () => d()))"
-        )
+        self.run("new Promise(d => document.readyState === 'complete' ? d() : addEventListener('load', () => d()))")
         self.run(  # a page of a run unpacks its libraries first
             "new Promise(d => { const look = n => n && document.getElementById('vendor') && !globalThis.report"
             " ? setTimeout(look, 20, n - 1) : d(); look(500); })"
@@ -163,7 +159,5 @@ class Browser:
                 f"(r => ({{x: r.x + scrollX, y: r.y + scrollY, width: r.width, height: r.height}}))"
                 f"(document.querySelector({selector!r}).getBoundingClientRect())"
             )
-        found = self.call(
-            "Page.captureScreenshot", format="png", clip=box | {"scale": 1}, captureBeyondViewport=True
-        )
+        found = self.call("Page.captureScreenshot", format="png", clip=box | {"scale": 1}, captureBeyondViewport=True)
         return base64.b64decode(found["data"])

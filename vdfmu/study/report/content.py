@@ -112,9 +112,7 @@ def arm_of(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "types": list(robot.joint_types),
         **{name: listed(name, of_file) for name, of_file in numbers.items()},
-        "shapes": []
-        if any(v.shape == "mesh" for v in robot.visuals)
-        else [v.to_dict() for v in robot.visuals],
+        "shapes": [] if any(v.shape == "mesh" for v in robot.visuals) else [v.to_dict() for v in robot.visuals],
     }
 
 
@@ -235,9 +233,7 @@ def _sums(results: Results, ell: Sequence[float]) -> dict[str, list[Terms]]:
     }
 
 
-def _figures(
-    results: Results, summary: Mapping[str, Any], sums: Mapping[str, Sequence[Terms]]
-) -> Iterator[Figure]:
+def _figures(results: Results, summary: Mapping[str, Any], sums: Mapping[str, Sequence[Terms]]) -> Iterator[Figure]:
     """Yield positions, torques, their errors and torsion; joints of other units in figures of their own."""
     types: Sequence[str] = summary["arm"]["types"] if sums else ()
     for kind, unit in UNITS.items():

@@ -36,14 +36,9 @@ UNITS = {
 
 def group_joints(robot: Robot, joints: Sequence[int]) -> list[Group]:
     """Return `joints` by unit, revolute first; units of no joint are left out."""
-    members = {
-        unit: [i for i in joints if robot.joint_types[i] == unit.joint_type] for unit in UNITS.values()
-    }
+    members = {unit: [i for i in joints if robot.joint_types[i] == unit.joint_type] for unit in UNITS.values()}
     present = {unit: found for unit, found in members.items() if found}
-    return [
-        Group(unit, found, f", {unit.joint_type}" if len(present) > 1 else "")
-        for unit, found in present.items()
-    ]
+    return [Group(unit, found, f", {unit.joint_type}" if len(present) > 1 else "") for unit, found in present.items()]
 
 
 def panel_letter(place: int) -> str:

@@ -75,9 +75,7 @@ def newest_run(folder: Path) -> Path:
     """Return the folder of the newest run in a folder; UsageError if there is none."""
     found = sorted(folder.glob("*/summary.json"), key=lambda path: path.stat().st_mtime)
     if not found:
-        raise UsageError(
-            f"{folder}: has no results of a run. Say where they are, or run one: 'vdfmu run tracking'."
-        )
+        raise UsageError(f"{folder}: has no results of a run. Say where they are, or run one: 'vdfmu run tracking'.")
     return found[-1].parent
 
 
@@ -93,9 +91,7 @@ def read_run(folder: Path) -> ShownRun:
     table = next((file for file in reversed(tables) if file.exists()), tables[0])
     for file in (folder / "summary.json", table):
         if file.exists() and not file.is_file():
-            raise UsageError(
-                f"{file}: expected a file, got a folder, a pipe or a device, which may never end."
-            )
+            raise UsageError(f"{file}: expected a file, got a folder, a pipe or a device, which may never end.")
     summary = read_summary(folder / "summary.json")
     results = Results.read(table)
     if not len(results):
@@ -142,9 +138,7 @@ def report_page(runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: 
         {
             "name": name,
             **content_of(run.results, run.summary),
-            "simulation": simulation_of(
-                run.results, run.summary, run.package, binaries if simulate else None
-            ),
+            "simulation": simulation_of(run.results, run.summary, run.package, binaries if simulate else None),
         }
         for name, run in zip(names, runs, strict=True)
     ]
@@ -173,9 +167,7 @@ def report_page(runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: 
         ]
     )
     head = f'{look()}<link rel="icon" href="data:,"><style>{_text(_VENDOR[1])}{_ALONE if arm_alone else ""}</style>'
-    what = (
-        f"{about}, {'one run' if len(runs) == 1 else f'{len(runs)} runs'} of vdfmu {first.get('vdfmu', '')}"
-    )
+    what = f"{about}, {'one run' if len(runs) == 1 else f'{len(runs)} runs'} of vdfmu {first.get('vdfmu', '')}"
     return page(", ".join(names), what.strip(), body, 84, head)
 
 
@@ -214,10 +206,7 @@ def _names(runs: Sequence[ShownRun]) -> list[str]:
     names = [str(run.summary.get("scenario") or run.summary.get("system") or run.name) for run in runs]
     if len(set(names)) < len(names):
         names = [run.name for run in runs]
-    return [
-        f"{name} ({names[: i + 1].count(name)})" if names.count(name) > 1 else name
-        for i, name in enumerate(names)
-    ]
+    return [f"{name} ({names[: i + 1].count(name)})" if names.count(name) > 1 else name for i, name in enumerate(names)]
 
 
 def _checks(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
@@ -229,9 +218,7 @@ def _checks(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
                 f"{escape(one.name)} <small>{escape(one.text)}</small></li>"
                 for one in found
             )
-            rows += "".join(
-                f"<li>not checked <small>{escape(text)}</small></li>" for text in not_checked(run.summary)
-            )
+            rows += "".join(f"<li>not checked <small>{escape(text)}</small></li>" for text in not_checked(run.summary))
             title = "Checks" if len(runs) == 1 else f"Checks of {escape(name)}"
             shown = "" if len(runs) > 1 else ' class="hidden"'
             yield f'<section class="checks"><h2{shown}>{title}</h2><ul>{rows}</ul></section>'
@@ -255,10 +242,7 @@ def _tables(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
 def _facts(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
     yield '<section class="card"><h2>What was run</h2>'
     columns = [dict(_facts_of(run.summary)) for run in runs]
-    rows = [
-        (key, *(column.get(key, "") for column in columns))
-        for key in dict.fromkeys(k for c in columns for k in c)
-    ]
+    rows = [(key, *(column.get(key, "") for column in columns)) for key in dict.fromkeys(k for c in columns for k in c)]
     heads = ("", *(map(escape, names) if len(runs) > 1 else [""]))
     yield f'<div class="wide facts">{_table(heads, rows)}</div></section>'
 

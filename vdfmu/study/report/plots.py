@@ -148,9 +148,7 @@ def run_figures(
     """
     figures = {name: draw(results, scenario) for name, draw in FIGURES[paper_table(scenario)].items()}
     return [
-        style.save(figure, Path(folder, f"{name}.{suffix}"))
-        for name, figure in figures.items()
-        for suffix in pictures
+        style.save(figure, Path(folder, f"{name}.{suffix}")) for name, figure in figures.items() for suffix in pictures
     ]
 
 
@@ -169,9 +167,7 @@ def _width(groups: Sequence[Group]) -> float:
     return style.WIDTH + 2.0 * (len(groups) - 1)
 
 
-def _unit_columns(
-    title: str, caption: str, groups: Sequence[Group], rows: int
-) -> tuple[Figure, NDArray[Any]]:
+def _unit_columns(title: str, caption: str, groups: Sequence[Group], rows: int) -> tuple[Figure, NDArray[Any]]:
     """Return a figure with a column of panels for each group of joints, and the panels, (rows, groups)."""
     figure = style.new_figure(title, caption, height=2.0 + 2.2 * rows, width=_width(groups))
     return figure, figure.subplots(rows, len(groups), squeeze=False)
@@ -185,9 +181,7 @@ def _legend() -> list[Line2D]:
     ]
 
 
-def _over_each_other(
-    axes: Axes, title: str, robot: Robot, i: int, time: Floats, back: Floats, on_top: Floats
-) -> None:
+def _over_each_other(axes: Axes, title: str, robot: Robot, i: int, time: Floats, back: Floats, on_top: Floats) -> None:
     """Draw two torques (m, n) of joint `i` over each other."""
     unit = UNITS[robot.joint_types[i]]
     style.curve(axes, time, back[:, i], **_BACK)
@@ -208,9 +202,7 @@ def _compensation_errors(axes: Axes, results: Results, robot: Robot, group: Grou
     _errors(axes, results.time, tau - tau_m, group, what, r"$\ell\,(\tau - \tau_m)$", group.unit.torque)
 
 
-def _errors(
-    axes: Axes, time: Floats, values: Floats, group: Group, what: str, quantity: str, unit: str
-) -> None:
+def _errors(axes: Axes, time: Floats, values: Floats, group: Group, what: str, quantity: str, unit: str) -> None:
     for i in group.joints:
         style.curve(axes, time, values[:, i], **style.joint_look(i))
     style.dress(axes, f"{what} errors{group.suffix}", quantity, unit, time)

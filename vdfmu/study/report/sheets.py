@@ -44,9 +44,7 @@ def sheets(summary: Summary) -> list[Sheet]:
         "reference": reference_sheet,
     }
     return [
-        sheet(summary)
-        for key, sheet in made.items()
-        if summary.get(key) and (key != "limits" or at_limits(summary))
+        sheet(summary) for key, sheet in made.items() if summary.get(key) and (key != "limits" or at_limits(summary))
     ]
 
 
@@ -81,9 +79,7 @@ def tracking_sheet(summary: Summary) -> Sheet:
 
 def at_limits(summary: Summary) -> bool:
     """Whether a joint of the run was at a limit."""
-    return any(
-        share > 0.0 for arm in summary["limits"].values() for shares in arm.values() for share in shares
-    )
+    return any(share > 0.0 for arm in summary["limits"].values() for shares in arm.values() for share in shares)
 
 
 def limits_sheet(summary: Summary) -> Sheet:
@@ -101,9 +97,7 @@ def limits_sheet(summary: Summary) -> Sheet:
         "Share of the time. Torque: the motor, or the controller before it, gives its largest, and more is asked for.",
         "Speed: the motor gives less than that, as it turns too fast. End stop: the joint pushes into it.",
     ]
-    return Sheet(
-        "Joints at their limits", ("Joint", *(f"{heading}\n[%]" for heading in _LIMITS)), rows, notes
-    )
+    return Sheet("Joints at their limits", ("Joint", *(f"{heading}\n[%]" for heading in _LIMITS)), rows, notes)
 
 
 def comparison_sheet(names: Sequence[str], summaries: Sequence[Summary]) -> list[Sheet]:
@@ -211,22 +205,14 @@ def facts(summary: Summary) -> list[tuple[str, str]]:
         "Real-time factor": ("real_time_factor", "{:.3g}"),
         "No reference": ("no_reference", "{}"),
     }
-    found = [
-        (name, form.format(summary[key]))
-        for name, (key, form) in lines.items()
-        if summary.get(key) is not None
-    ]
+    found = [(name, form.format(summary[key])) for name, (key, form) in lines.items() if summary.get(key) is not None]
     if summary.get("fmi", FMI_2.name) != FMI_2.name:
-        found = [
-            (name, f"{text} of FMI {summary['fmi']}" if name == "Units" else text) for name, text in found
-        ]
+        found = [(name, f"{text} of FMI {summary['fmi']}" if name == "Units" else text) for name, text in found]
     done: Summary | None = summary.get("communication")
     if done is not None:
         lengths = dict.fromkeys(f"{1e3 * done[key]:.3g}" for key in ("shortest_step", "longest_step"))
         text = f"{done['steps']} steps of {' to '.join(lengths)} ms"
-        found.append(
-            ("Communication", f"{text}, {done['rejected']} rejected, {done['unit_steps']} steps of units")
-        )
+        found.append(("Communication", f"{text}, {done['rejected']} rejected, {done['unit_steps']} steps of units"))
     bond: Summary | None = summary.get("power_bond")
     if bond is not None:
         residual, exchanged = sum(bond["residual_energy_abs_j"]), sum(bond["exchanged_energy_j"])

@@ -170,11 +170,7 @@ def _modules(checked: Checked, binaries: dict[str, str]) -> dict[str, str]:
         for source, description in sources.items():
             with package.opened(source, source) as unit:
                 files = _sources(unit, source)
-            jobs.append(
-                Compilation(
-                    description.identifier, files | fmi_headers(FMI_2.name), WASM, exported=_FUNCTIONS
-                )
-            )
+            jobs.append(Compilation(description.identifier, files | fmi_headers(FMI_2.name), WASM, exported=_FUNCTIONS))
     size = sum(len(c) for job in jobs for name, c in job.sources.items() if name.startswith("kernel_"))
     if size > MOST_C:
         raise _CannotError(f"its units, {size / 1e6:.1f} MB of C, would make the page larger than 1 MB")
@@ -182,9 +178,7 @@ def _modules(checked: Checked, binaries: dict[str, str]) -> dict[str, str]:
     found = {source: sha256(module).hexdigest()[:16] for source, module in modules.items()}
     added = {found[source]: compressed(module) for source, module in modules.items()}
     if binaries and sum(map(len, (binaries | added).values())) > MOST_MODULES:
-        raise _CannotError(
-            "with its units too the page would be larger than 1 MB; make a page of this run alone"
-        )
+        raise _CannotError("with its units too the page would be larger than 1 MB; make a page of this run alone")
     binaries |= added
     return found
 
@@ -224,8 +218,7 @@ def _simulation(
 ) -> dict[str, Any]:
     names = list(checked.descriptions)
     places = {
-        port: place
-        for place, port in enumerate((name, v.name) for name in names for v in _outputs(checked, name))
+        port: place for place, port in enumerate((name, v.name) for name in names for v in _outputs(checked, name))
     }
     begin, stop, step, steps = (summary[key] for key in ("start", "stop", "step", "steps"))
     time = begin + (steps - 1) * step
@@ -278,9 +271,7 @@ def _parameters(checked: Checked, name: str) -> dict[FmuVariable, float]:
     """Return the real parameters of a unit, with the values of the run."""
     given: dict[str, Value] = {v.name: value for v, value in checked.starts.get(name, ())}
     return {
-        v: float(given.get(v.name, v.start))
-        for v in checked.descriptions[name].named("parameter")
-        if v.type == "Real"
+        v: float(given.get(v.name, v.start)) for v in checked.descriptions[name].named("parameter") if v.type == "Real"
     }
 
 

@@ -102,17 +102,13 @@ def _missing(summary: Mapping[str, Any]) -> Iterator[str]:
         if any(key in summary for key in keys):
             yield from (f"{key}: is missing" for key in keys if key not in summary)
     for key, needs in _NEEDS.items():
-        yield from (
-            f"{key}.{need}: is missing" for need in needs if key in summary and need not in summary[key]
-        )
+        yield from (f"{key}.{need}: is missing" for need in needs if key in summary and need not in summary[key])
     for name, entry in summary.get("limits", {}).items():
         keys = ("torque", "speed", "stop")
         if not all(len(entry.get(key, ())) == len(entry.get("torque", ())) > 0 for key in keys):
             yield f"limits.{name}: expected {', '.join(keys)} with a share for each joint"
     for i, check in enumerate(summary.get("verdict", {}).get("checks", ()), 1):
-        yield from (
-            f"verdict.checks[{i}].{k}: is missing" for k in ("name", "passed", "text") if k not in check
-        )
+        yield from (f"verdict.checks[{i}].{k}: is missing" for k in ("name", "passed", "text") if k not in check)
     arm = summary.get("arm", {})
     for key, shape in _SHAPES.items():
         if key in arm and not _has_shape(arm[key], shape):
@@ -129,11 +125,7 @@ def _missing(summary: Mapping[str, Any]) -> Iterator[str]:
 def _has_shape(value: Any, shape: tuple[int, ...]) -> bool:
     if not shape:
         return not isinstance(value, list)
-    return (
-        isinstance(value, list)
-        and shape[0] in (-1, len(value))
-        and all(_has_shape(v, shape[1:]) for v in value)
-    )
+    return isinstance(value, list) and shape[0] in (-1, len(value)) and all(_has_shape(v, shape[1:]) for v in value)
 
 
 def _read(value: Any, of: Any, where: str, problems: list[str], lengths: dict[str, int]) -> Any:

@@ -66,9 +66,7 @@ KEYS: Mapping[str, Key] = {
     "vdfmu": Key(TEXT, "Version of vdfmu."),
     "versions": Key(Keyed(TEXT), "Versions of Python and of the packages on which the numbers depend."),
     "master": Key(TEXT, "Master algorithm of the scenario."),
-    "adaptive": Key(
-        NUMBER, "Largest relative error of a coupled signal in a step, if the steps are adapted."
-    ),
+    "adaptive": Key(NUMBER, "Largest relative error of a coupled signal in a step, if the steps are adapted."),
     "start": Key(NUMBER, "Begin of the run [s]."),
     "stop": Key(NUMBER, "End of the run [s]."),
     "step": Key(NUMBER, "Communication step [s]."),
@@ -97,9 +95,7 @@ KEYS: Mapping[str, Key] = {
     "wall_s": Key(NUMBER, "Wall time of the steps [s]."),
     "real_time_factor": Key(NUMBER, "Time of the run over wall time."),
     "communication": Key(_STEPS, "Steps of an algorithm that repeats or adapts them, and their lengths [s]."),
-    "copies": Key(
-        Keyed(Keyed(TEXT)), "Rows of delay to the signals left out of the results, each with its original."
-    ),
+    "copies": Key(Keyed(Keyed(TEXT)), "Rows of delay to the signals left out of the results, each with its original."),
     **{f"{suffix[1:]}_bytes": Key(WHOLE, f"Size of results{suffix}.") for suffix in FORMATS},
     "files": Key(_LINES, "Files of the run, which a later one replaces."),
     "witness": Key(_WITNESS, "Comparison of the run with the units' methods in numpy."),
@@ -107,15 +103,11 @@ KEYS: Mapping[str, Key] = {
     "torque_units": Key(_UNITS, "Units of measurement of the torques."),
     "rms_position_error_deg": Key(_JOINTS, "RMS of the position errors."),
     "max_position_error_deg": Key(_JOINTS, "Largest position errors."),
-    "rms_torque_compensation_error_nm": Key(
-        _JOINTS, "RMS of control torque minus feedforward torque, link-side."
-    ),
+    "rms_torque_compensation_error_nm": Key(_JOINTS, "RMS of control torque minus feedforward torque, link-side."),
     "rms_spring_torque_nm": Key(_JOINTS, "RMS of the spring torques, link-side."),
     "rms_tau_s_hat_error_nm": Key(_JOINTS, "RMS of the errors of the estimated spring torques, link-side."),
     "rms_tau_f_hat_error_nm": Key(_JOINTS, "RMS of the errors of the estimated friction torques, link-side."),
-    "power_bond": Key(
-        _ENERGIES, "Energy that the coupling adds or takes, and that is exchanged, link-side [J]."
-    ),
+    "power_bond": Key(_ENERGIES, "Energy that the coupling adds or takes, and that is exchanged, link-side [J]."),
     "implied_gains": Key(
         {"K_p_paper": _VECTOR, "K_p": _VECTOR},
         "Gains that the errors of the paper imply, and those of the run.",

@@ -53,11 +53,7 @@ def verdict_table(summary: Summary) -> Table:
     """Return the checks of a run, a line a check."""
     checks = checks_of(summary)
     failed = sum(not check.passed for check in checks)
-    title = (
-        f"{failed} of {len(checks)} checks failed"
-        if failed
-        else f"{len(checks)} of {len(checks)} checks pass"
-    )
+    title = f"{failed} of {len(checks)} checks failed" if failed else f"{len(checks)} of {len(checks)} checks pass"
     table = Table(
         title=Text(f"\n{title}", style="bold red" if failed else "bold"), title_justify="left", box=None,
         show_header=False, show_edge=False, padding=(0, 1, 0, 0), pad_edge=False,

@@ -32,8 +32,7 @@ def draw_tuning(history: Sequence[float], table: Sequence[tuple[str, float, floa
     table : sequence of (name, before, after)
     """
     groups = {
-        key: [(before, after) for name, before, after in table if name.partition("[")[0] == key]
-        for key in _PANELS
+        key: [(before, after) for name, before, after in table if name.partition("[")[0] == key] for key in _PANELS
     }
     shown = {key: pairs for key, pairs in groups.items() if pairs}
     handles = [

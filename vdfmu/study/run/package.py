@@ -45,18 +45,14 @@ def write_reference(scenario: Scenario, folder: Path, values: Mapping[str, Mappi
     }
     tables = {algorithm: folder / f"{scenario.name}_{algorithm}.csv" for algorithm in _MASTERS}
     source = data_path("ssp") / "reference"
-    texts = {
-        folder / name: (source / name).read_text(encoding="utf-8") for name in ("README.md", "compare.py")
-    }
+    texts = {folder / name: (source / name).read_text(encoding="utf-8") for name in ("README.md", "compare.py")}
     for path in (*packages.values(), *tables.values(), *texts):
         regular_target(path)
     readme = folder / "README.md"  # it says that tables and script, which cannot say so, are ours
     require_ours(*packages.values(), readme, *(() if readme.exists() else (*tables.values(), *texts)))
     for version, package in packages.items():
         with temporary_folder("vdfmu_") as built:
-            fmus = build_parts(
-                scenario, built, values, backend="native", fmi_version=SSP_FORMATS[version].fmi.name
-            )
+            fmus = build_parts(scenario, built, values, backend="native", fmi_version=SSP_FORMATS[version].fmi.name)
             write_ssp(scenario, fmus, package, values, version=version)
     system = load_ssp(packages[SSP_1.name])
     record = [

@@ -161,9 +161,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
     known_pictures(pictures)
     folder = Path(out or "") if out is not None else Path("results") / scenario.name
     place = (
-        temporary_folder("vdfmu_run_")
-        if out is False
-        else replacing_results(folder, RUN_OUTPUTS, options["overwrite"])
+        temporary_folder("vdfmu_run_") if out is False else replacing_results(folder, RUN_OUTPUTS, options["overwrite"])
     )
     if backend is None and fmi_version != PYTHON_FMI.name:
         backend = "native"

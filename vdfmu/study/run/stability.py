@@ -58,9 +58,7 @@ def loop_checks(poses: Poses, system: SystemDescription, package: Path) -> Itera
             smooth, still = Poses("tau"), _without_dry_friction(split, system.values)
             simulated(scenario, package, still, record=(), visitor=smooth)
         alone = smooth.growth(0.0, scenario.stop)
-        excited = (
-            f"friction 'split' excites itself, most at {_place(growth.state, poses)}; without dry friction"
-        )
+        excited = f"friction 'split' excites itself, most at {_place(growth.state, poses)}; without dry friction"
         if not alone.unstable:
             yield Check(_NAME, True, f"{excited} {_stable(smooth)}")
         else:

@@ -82,9 +82,7 @@ def tracking_errors(results: Results, robot: Robot, limits: Iterable[ArmLimits] 
         return {}
     revolute = np.array([t == "revolute" for t in robot.joint_types])
     scale = np.where(revolute, 180.0 / np.pi, 1e3)
-    motors = next(
-        (one for one in limits if one.plant == "plant" and f"{one.plant}.kappa_dot[1]" in results), None
-    )
+    motors = next((one for one in limits if one.plant == "plant" and f"{one.plant}.kappa_dot[1]" in results), None)
     squares, largest = np.zeros((2, robot.n)), np.zeros(robot.n)
     for part in results.blocks(BLOCK):
         error = scale * (part["trajectory.q_d"] - part["plant.q"])
@@ -104,9 +102,7 @@ def tracking_errors(results: Results, robot: Robot, limits: Iterable[ArmLimits] 
     }
 
 
-def implied_gains(
-    paper: Mapping[str, Any], robot: Robot, values: Mapping[str, Mapping[str, Any]]
-) -> dict[str, Any]:
+def implied_gains(paper: Mapping[str, Any], robot: Robot, values: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """Position gains that the paper's errors imply, next to the run's, link-side [N m/rad, N/m].
 
     Where the errors change slowly, the torque of Eq. (58) is ``K_p (q_d - q)``: K_p is the ratio of its RMS value to
@@ -118,9 +114,7 @@ def implied_gains(
         ``implied_gains``: ``K_p_paper`` and ``K_p``, for the joints that both lists of the paper have. Empty where the
         paper lacks one of them, or has an error of 0.
     """
-    torque, position = (
-        paper.get(key, ()) for key in ("rms_torque_compensation_error_nm", "rms_position_error_deg")
-    )
+    torque, position = (paper.get(key, ()) for key in ("rms_torque_compensation_error_nm", "rms_position_error_deg"))
     si = [np.pi / 180.0 if joint == "revolute" else 1e-3 for joint in robot.joint_types]
     joints = range(min(len(torque), len(position)))
     if "K_p[1]" not in values.get("controller", {}):

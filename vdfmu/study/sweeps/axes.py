@@ -19,9 +19,7 @@ _FORMS = {
     "normal": "normal(MEAN, DEVIATION)",
     "lognormal": "lognormal(MEDIAN, DEVIATION of the logarithm)",
 }
-_EXPECTED = (
-    f"{'; '.join(_FORMS.values())}; or values, 1, 2, 5. A star before it, *lin(0.9, 1.1), makes them factors"
-)
+_EXPECTED = f"{'; '.join(_FORMS.values())}; or values, 1, 2, 5. A star before it, *lin(0.9, 1.1), makes them factors"
 _CALL = re.compile(r"(\w+)\s*\((.*)\)")
 
 MOST_POINTS = 10_000_000
@@ -94,9 +92,7 @@ def read_axes(over: Mapping[str, Any] | Sequence[str]) -> list[Axis]:
             if equals and target.strip():
                 pairs.append((target.strip(), form.strip()))
             else:
-                problems.append(
-                    f"{text}: expected TARGET=FORM, such as controller.K_p[1]=lin(500, 5000, 10)."
-                )
+                problems.append(f"{text}: expected TARGET=FORM, such as controller.K_p[1]=lin(500, 5000, 10).")
     axes: list[Axis] = []
     for target, form in pairs:
         try:
@@ -113,9 +109,7 @@ def read_axes(over: Mapping[str, Any] | Sequence[str]) -> list[Axis]:
 
 def _axis(target: str, form: Any) -> Axis:
     if not isinstance(form, str):
-        values = tuple(
-            v.item() if isinstance(v, np.generic) else v for v in np.atleast_1d(np.array(form, object))
-        )
+        values = tuple(v.item() if isinstance(v, np.generic) else v for v in np.atleast_1d(np.array(form, object)))
         return Axis(target, "values", values=_checked(values))
     factor, text = form.startswith("*"), form.lstrip("*").strip()
     call = _CALL.fullmatch(text)
@@ -127,25 +121,19 @@ def _axis(target: str, form: Any) -> Axis:
         raise ValueError(f"expected {_EXPECTED}; got {form}.")
     numbers = [_value(word.strip()) for word in call[2].split(",")]
     counted = name in ("lin", "log") and len(numbers) == 3
-    if len(numbers) != 2 + counted or not all(
-        isinstance(x, (int, float)) and math.isfinite(x) for x in numbers
-    ):
+    if len(numbers) != 2 + counted or not all(isinstance(x, (int, float)) and math.isfinite(x) for x in numbers):
         raise ValueError(f"expected {_FORMS[name]}, got {form}.")
     low, high = float(numbers[0]), float(numbers[1])
     if name == "log" and not 0.0 < low * high:
         raise ValueError(f"expected two numbers of one sign, neither of them 0, got {form}.")
     if name == "lognormal" and low == 0.0 or name.endswith("normal") and high < 0.0:
-        raise ValueError(
-            f"expected a deviation that is not negative, and a median that is not 0, got {form}."
-        )
+        raise ValueError(f"expected a deviation that is not negative, and a median that is not 0, got {form}.")
     axis = Axis(target, name, (low, high), factor=factor)
     if not counted:
         return axis
     n = numbers[2]
     if n != int(n) or not 1 <= n <= MOST_POINTS:
-        raise ValueError(
-            f"expected a whole number of values of at least 1, at most {MOST_POINTS}, got {form}."
-        )
+        raise ValueError(f"expected a whole number of values of at least 1, at most {MOST_POINTS}, got {form}.")
     return Axis(target, name, (low, high), tuple(axis.at(np.linspace(0.0, 1.0, int(n))).tolist()), factor)
 
 

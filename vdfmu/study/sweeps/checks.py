@@ -26,9 +26,7 @@ TRACKING = {
 """Measures of a tracking loop, if none are given."""
 
 
-def signals_of(
-    system: WiredSystem, axes: Sequence[Axis]
-) -> tuple[list[str], dict[str, str], tuple[float, float]]:
+def signals_of(system: WiredSystem, axes: Sequence[Axis]) -> tuple[list[str], dict[str, str], tuple[float, float]]:
     """Check a system, and the axes by one of their values.
 
     Returns
@@ -116,11 +114,7 @@ def recorded(names: Sequence[str], measures: Sequence[Measure], keep: Sequence[s
     known = set(names)
     groups = {name.partition("[")[0] for name in names}
     record: list[str] = list(keep)
-    problems = [
-        f"keep: no output or connected input is called {text}."
-        for text in keep
-        if not matching(names, [text])
-    ]
+    problems = [f"keep: no output or connected input is called {text}." for text in keep if not matching(names, [text])]
     for measure in measures:
         for signal in measure.signals:
             if signal in known or signal == "*":

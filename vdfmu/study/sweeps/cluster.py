@@ -124,9 +124,7 @@ def _rounds(
                 if places:
                     seen = asked
                 elif asked > seen + _PATIENCE:
-                    raise VdfmuError(
-                        f"the scheduler has had no worker for {_PATIENCE:g} s. What was done is kept."
-                    )
+                    raise VdfmuError(f"the scheduler has had no worker for {_PATIENCE:g} s. What was done is kept.")
             if sent is None and places:
                 sent = ask(client.scatter, job, broadcast=False, hash=False, direct=False)
             while len(out) < places:

@@ -73,18 +73,14 @@ def indices(study: StudyTable, measure: str | None = None) -> Indices:
             "Give the command of the study again, with --retry for those that failed, or choose axes where none does."
         )
     if np.ptp(values) == 0.0:
-        raise UsageError(
-            f"{study.path}: the measure is {values[0]:g} at all points, so that no axis matters."
-        )
+        raise UsageError(f"{study.path}: the measure is {values[0]:g} at all points, so that no axis matters.")
     if sample == "saltelli":
         return sobol_indices(values, study.axes)
     base = n // (d + 1)
     axes, drawn = draw(read_axes(study.facts["axes"]), sample, base, study.facts["seed"])
     order = study["point"]
     if any((drawn[axis.target][order] != study[axis.target]).any() for axis in axes):
-        raise UsageError(
-            f"{study.path}: its points were drawn by another release of SALib; run the study again."
-        )
+        raise UsageError(f"{study.path}: its points were drawn by another release of SALib; run the study again.")
     from vdfmu.study.sweeps.points import shares
 
     return morris_indices(values, shares(d, sample, base, study.facts["seed"]), study.axes)

@@ -158,9 +158,7 @@ class Bench:
     def _by_fmus(self, task: Task) -> Results:
         _, number, values = task
         system = self._job.systems[number]
-        return self._simulator(number).run(
-            parameters=system.parameters(values), record=self._job.record, **system.run
-        )
+        return self._simulator(number).run(parameters=system.parameters(values), record=self._job.record, **system.run)
 
     def _engine(self, number: int) -> Engine:
         if number not in self._engines:

@@ -199,9 +199,7 @@ class Ledger:
     def _write(self, table: Any, place: Path) -> None:
         """Write a part; the facts of the study, perhaps thousands of values, are in `LEDGER` once for all parts."""
         buffer = self._arrow.BufferOutputStream()
-        self._parquet.write_table(
-            table.replace_schema_metadata(), buffer, compression="zstd", write_page_checksum=True
-        )
+        self._parquet.write_table(table.replace_schema_metadata(), buffer, compression="zstd", write_page_checksum=True)
         self._put(place, buffer.getvalue())
 
     def _table(self, rows: Sequence[Row]) -> Any:
@@ -236,9 +234,7 @@ class Ledger:
                     stream, schema, compression="zstd", write_page_checksum=True
                 ) as writer:
                     for tables in _groups((table_of(file) for file in files), _in_order(files)):
-                        together = pa.concat_tables(
-                            [schema.empty_table(), *tables], promote_options="permissive"
-                        )
+                        together = pa.concat_tables([schema.empty_table(), *tables], promote_options="permissive")
                         writer.write_table(together.sort_by("point").cast(schema))
         except BrokenError as error:
             self._set_aside(error)

@@ -37,9 +37,7 @@ def draw_tornado(shown: View) -> Figure:
     axes: Axes = figure.subplots()
     for k, side in enumerate(reversed(sides)):
         parts = groups(side, shown.value)
-        ends = sorted(
-            (parts[0], parts[-1]) if not side.words else (min(parts, key=_mean), max(parts, key=_mean))
-        )
+        ends = sorted((parts[0], parts[-1]) if not side.words else (min(parts, key=_mean), max(parts, key=_mean)))
         axes.plot([min(map(_mean, parts)), max(map(_mean, parts))], [k, k], color="#333333", linewidth=1.0)
         for (at, height), color, y in zip(ends, (LOW, HIGH), (k + 0.17, k - 0.17), strict=True):
             axes.barh(y, height - mean, left=mean, height=0.3, color=color)
@@ -83,9 +81,7 @@ def draw_indices(shown: View) -> Figure:
         axes.set_ylabel(rf"$\sigma$: curvature and interactions{unit}")
         return figure
     pairs = ((0.2, "first", LOW), (-0.2, "total", HIGH))
-    handles = [
-        Line2D([], [], linestyle="none", marker="s", ms=9.0, color=c, label=name) for _, name, c in pairs
-    ]
+    handles = [Line2D([], [], linestyle="none", marker="s", ms=9.0, color=c, label=name) for _, name, c in pairs]
     title = f"{shown.value.label}: Sobol indices, shares of the variance"
     figure = new_figure(shown, title, words, 2.8 + 0.55 * d, legend=handles)
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))

@@ -24,9 +24,7 @@ _LONG = 20
 LOW, HIGH, FAILED = style.COLORS[0], style.COLORS[4], style.COLORS[1]
 
 
-def new_figure(
-    shown: View, title: str, words: str, height: float, width: float = style.WIDTH, **more: Any
-) -> Figure:
+def new_figure(shown: View, title: str, words: str, height: float, width: float = style.WIDTH, **more: Any) -> Figure:
     """Return a figure whose caption names the study and the measure."""
     facts, failed = shown.study.facts, int(shown.failed.sum())
     name = shown.value.name.partition(",")[0].partition("[")[0]

@@ -109,9 +109,7 @@ class Measure:
                 array = np.asarray(self.function(results), dtype=float)
             else:
                 with np.errstate(all="ignore"):
-                    array = np.asarray(
-                        _evaluate(ast.parse(self.text, mode="eval").body, results), dtype=float
-                    )
+                    array = np.asarray(_evaluate(ast.parse(self.text, mode="eval").body, results), dtype=float)
             if array.ndim > 1 or not array.size:
                 raise ValueError(f"expected a number, or some, got the shape {array.shape}")
         except Exception as error:  # the user's function may raise any
@@ -159,14 +157,10 @@ def read_measures(measures: Mapping[str, Any] | Sequence[str]) -> list[Measure]:
     problems: list[str] = []
     for name, text in pairs:
         if not name.isidentifier() or not (callable(text) or isinstance(text, str) and text):
-            problems.append(
-                f"measure {name}: expected NAME=EXPRESSION, such as error=rms(trajectory.q_d - plant.q)."
-            )
+            problems.append(f"measure {name}: expected NAME=EXPRESSION, such as error=rms(trajectory.q_d - plant.q).")
             continue
         if name in _TAKEN:
-            problems.append(
-                f"measure {name}: expected another name; {', '.join(_TAKEN)} are columns of their own."
-            )
+            problems.append(f"measure {name}: expected another name; {', '.join(_TAKEN)} are columns of their own.")
             continue
         if callable(text):
             found.append(Measure(name, getattr(text, "__qualname__", "function"), ("*",), text))
@@ -218,13 +212,7 @@ def _unit(node: ast.expr, units: Mapping[str, str]) -> str:
         inner = _unit(node.args[0], units)
         if node.func.id not in _OTHER_UNIT:
             return inner
-        return (
-            "s"
-            if node.func.id == "settling"
-            else "deg"
-            if (node.func.id, inner) == ("degrees", "rad")
-            else ""
-        )
+        return "s" if node.func.id == "settling" else "deg" if (node.func.id, inner) == ("degrees", "rad") else ""
     return ""
 
 
@@ -286,9 +274,7 @@ def _evaluate(node: ast.expr, results: Results) -> Any:
     if isinstance(node, ast.UnaryOp):
         return _OPERATORS[type(node.op)](_evaluate(node.operand, results))
     if isinstance(node, ast.Compare):
-        return _OPERATORS[type(node.ops[0])](
-            _evaluate(node.left, results), _evaluate(node.comparators[0], results)
-        )
+        return _OPERATORS[type(node.ops[0])](_evaluate(node.left, results), _evaluate(node.comparators[0], results))
     assert isinstance(node, ast.Call)
     assert isinstance(node.func, ast.Name)
     first, *others = (_evaluate(argument, results) for argument in node.args)

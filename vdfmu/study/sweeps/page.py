@@ -42,17 +42,11 @@ def write_page(study: StudyTable, path: Path | None = None) -> Path:
     facts, failed, wall = study.facts, study.failed, study["wall_s"]
     about = [
         ("Scenario", facts["source"]),
-        *(
-            ("Axis", f"{axis}{_unit(facts['units'].get(axis.partition('=')[0], ''))}")
-            for axis in facts["axes"]
-        ),
+        *(("Axis", f"{axis}{_unit(facts['units'].get(axis.partition('=')[0], ''))}") for axis in facts["axes"]),
         ("Points", f"{len(study)} of {facts['n']} done, {facts['sample']}, seed {facts['seed']}"),
         ("Failed", str(len(failed))),
         ("Time of a point", f"{np.nanmedian(wall):.3g} s in the median, {np.nansum(wall):.3g} s in all"),
-        *(
-            ("Setting", f"{name} = {value}")
-            for name, value in {**facts["settings"], **facts["options"]}.items()
-        ),
+        *(("Setting", f"{name} = {value}") for name, value in {**facts["settings"], **facts["options"]}.items()),
         ("Engine", facts.get("engine", "fmu")),
         ("vdfmu", facts["vdfmu"]),
     ]

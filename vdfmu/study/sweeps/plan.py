@@ -72,9 +72,7 @@ class Plan:
 
 
 @with_options
-def make_plan(
-    scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **options: Unpack[PlanOptions]
-) -> Plan:
+def make_plan(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **options: Unpack[PlanOptions]) -> Plan:
     """Plan a study; for arguments see `vdfmu.sweep`.
 
     Raises
@@ -149,9 +147,7 @@ def make_plan(
     compared = tuple(sorted({0, count // 2, count - 1}))
     follow = [system.follow for system in systems]
     sent = tuple(dataclasses.replace(system, follow=None) for system in systems)
-    plan = Plan(
-        points, chosen, Job(sent, tuple(measures), tuple(record), tuple(keep), compared), facts, follow
-    )
+    plan = Plan(points, chosen, Job(sent, tuple(measures), tuple(record), tuple(keep), compared), facts, follow)
     if any(one is not None for one in follow):  # code that is not in a package decides what follows
         facts["followed"] = digest(*(repr(plan.task(point)[2]).encode() for point in compared))
     return plan
@@ -197,17 +193,13 @@ def _of_package(
 ) -> WiredSystem:
     """Take a package as it is; the master checks the names of the axes."""
     if engine == "batch":
-        raise UsageError(
-            f"engine: batch needs a scenario, whose equations are known; {package} is a package."
-        )
+        raise UsageError(f"engine: batch needs a scenario, whose equations are known; {package} is a package.")
     wrong = [target for target in switched if target not in ("master", "step", "stop")]
     wrong += [name for name in ("robot", "units") if options.get(name) is not None]
     wrong += [axis.target for axis in axes if axis.factor]
     wrong += ["backend"] if options.get("backend") is not None else []
     if wrong:
-        raise UsageError(
-            f"{', '.join(wrong)}: for a scenario; {package} is a package, whose units are what they are."
-        )
+        raise UsageError(f"{', '.join(wrong)}: for a scenario; {package} is a package, whose units are what they are.")
     given: dict[str, Any] = {**options, **switched}
     hold = bool(given.get("input_hold"))
     chosen = {**pick(CouplingOptions, given), "algorithm": given.get("master")}
@@ -236,9 +228,7 @@ def of_scenario(
     from vdfmu.system.scenario.values import system_values
 
     units = dict(options.get("units") or {})
-    units |= {
-        name.removeprefix("unit:"): value for name, value in switched.items() if name.startswith("unit:")
-    }
+    units |= {name.removeprefix("unit:"): value for name, value in switched.items() if name.startswith("unit:")}
     plain = {name: value for name, value in switched.items() if not name.startswith("unit:")}
     given: dict[str, Any] = {**options, **plain, "units": units or None}
     settings = options.get("settings") or {}
@@ -286,9 +276,7 @@ def _following(
             try:
                 values = followed(tables[component], given[component] | own)
             except UnitError:  # at one point, which the FMU then refuses
-                values = dict.fromkeys(
-                    followed(tables[component], given[component]).keys() - own.keys(), math.nan
-                )
+                values = dict.fromkeys(followed(tables[component], given[component]).keys() - own.keys(), math.nan)
             found |= {f"{component}.{name}": value for name, value in values.items()}
         return found
 
@@ -296,9 +284,7 @@ def _following(
     return names, follow if names else None
 
 
-def _program(
-    scenario: Any, values: Mapping[str, Any], names: Sequence[str], *, needed: bool
-) -> BatchProgram | None:
+def _program(scenario: Any, values: Mapping[str, Any], names: Sequence[str], *, needed: bool) -> BatchProgram | None:
     """Return the program that runs points of a scenario side by side, if possible; UsageError if it is `needed`."""
     from vdfmu.study.batch.make import make_program
     from vdfmu.system.package.description import SystemDescription
@@ -325,16 +311,12 @@ def _binding(scenario: Any, axis: Axis, values: Mapping[str, Mapping[str, Any]])
             spread = {value: names(value) for value in axis.values}
             words = {value: next(iter(each.values())) for value, each in spread.items()}
             return AxisBinding(tuple(next(iter(spread.values()))), words=words)
-        tried = axis.values or [
-            axis.at(u).item() for u in ((0.0, 1.0) if axis.form in ("lin", "log") else (0.5,))
-        ]
+        tried = axis.values or [axis.at(u).item() for u in ((0.0, 1.0) if axis.form in ("lin", "log") else (0.5,))]
         return AxisBinding([tuple(names(value)) for value in tried][0])
     reached = present_values(scenario, values, axis.target, 1.0)
     nominal = [value for value in reached.values() if isinstance(value, float)]
     if len(nominal) < len(reached):
-        raise UsageError(
-            f"{axis}: expected numbers to multiply, got {', '.join(map(str, reached.values()))}."
-        )
+        raise UsageError(f"{axis}: expected numbers to multiply, got {', '.join(map(str, reached.values()))}.")
     if not any(nominal):
         raise UsageError(f"{axis}: expected numbers to multiply that are not all 0; leave the star out.")
     return AxisBinding(tuple(reached), nominal=tuple(nominal))

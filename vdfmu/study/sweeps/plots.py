@@ -27,9 +27,7 @@ _LINES = 1000
 _GRID = 61
 
 
-def plot(
-    study: StudyTable, kind: str | None = None, measure: str | None = None, out: Path | None = None
-) -> list[Path]:
+def plot(study: StudyTable, kind: str | None = None, measure: str | None = None, out: Path | None = None) -> list[Path]:
     """Draw figures of a measure, ``MEASURE_KIND.png``.
 
     Parameters
@@ -187,8 +185,7 @@ def _fit(points: NDArray[Any], y: NDArray[Any]) -> tuple[Callable[[NDArray[Any]]
     places, means = places[order], means[order]
     part = np.arange(len(places)) % 5
     missed = [
-        means[part == k] - RBFInterpolator(places[part != k], means[part != k])(places[part == k])
-        for k in range(5)
+        means[part == k] - RBFInterpolator(places[part != k], means[part != k])(places[part == k]) for k in range(5)
     ]
     return RBFInterpolator(places, means), 1.0 - float(
         np.sum(np.concatenate(missed) ** 2) / np.sum((means - means.mean()) ** 2)
@@ -199,11 +196,7 @@ def _fit(points: NDArray[Any], y: NDArray[Any]) -> tuple[Callable[[NDArray[Any]]
 def _parallel(shown: View) -> Figure:
     """Draw a line for each point, through its values on all axes, in the colour of the measure."""
     sides = [*shown.sides[:_PARALLEL], shown.value]
-    left = (
-        ""
-        if len(sides) > len(shown.sides)
-        else f"The {_PARALLEL} axes of most influence of {len(shown.sides)}. "
-    )
+    left = "" if len(sides) > len(shown.sides) else f"The {_PARALLEL} axes of most influence of {len(shown.sides)}. "
     figure = new_figure(
         shown, f"{shown.value.label}: points as lines", left, 4.8, max(style.WIDTH, 1.3 * len(sides)),
         legend=legend_of(shown),
@@ -242,8 +235,7 @@ def _parallel(shown: View) -> Figure:
     axes.set_xlim(-0.1, len(sides) - 0.7)
     axes.set_ylim(-0.04, 1.04)
     names = [
-        side.label.replace(".", "\n", 1).replace(" (", "\n(").replace(", ", "\n").replace(" [", "\n[")
-        for side in sides
+        side.label.replace(".", "\n", 1).replace(" (", "\n(").replace(", ", "\n").replace(" [", "\n[") for side in sides
     ]
     axes.set_xticks(range(len(sides)), names)
     axes.set_yticks([])

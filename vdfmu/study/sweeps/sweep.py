@@ -101,9 +101,7 @@ def sweep(
                 for rows in chunks.left:
                     ledger.add(rows)
         if missing:
-            raise VdfmuError(
-                f"{folder}: {missing} points are missing: give the same command again to run them."
-            )
+            raise VdfmuError(f"{folder}: {missing} points are missing: give the same command again to run them.")
         return Sweep(ledger.finish(), notes=ledger.notes)
 
 

@@ -80,9 +80,7 @@ class StudyTable:
         try:
             return pyarrow.concat_tables(tables, promote_options="permissive")
         except pyarrow.ArrowException as error:
-            raise UsageError(
-                f"{self.path}: its files have columns that do not fit together: {error}."
-            ) from None
+            raise UsageError(f"{self.path}: its files have columns that do not fit together: {error}.") from None
 
     def __getitem__(self, column: str) -> NDArray[Any]:
         """Return a column, shape (n,); UsageError if there is none of that name."""
@@ -149,9 +147,7 @@ class StudyTable:
         if which in ("worst", "best"):
             values = self.values(by)
             if not np.isfinite(values).any():
-                raise UsageError(
-                    f"{self.path}: no point has a value of {by or self.measures[0]}: all failed."
-                )
+                raise UsageError(f"{self.path}: no point has a value of {by or self.measures[0]}: all failed.")
             place = int((np.nanargmax if which == "worst" else np.nanargmin)(values))
         else:
             points = self["point"]
@@ -188,9 +184,7 @@ class StudyTable:
         system = of_scenario(options["scenario"], own, switched, given)
         was = self.facts["systems"]
         if digest(system.content) not in [known["package"] for known in was]:
-            self.notes.append(
-                f"{options['scenario']}: its values, units or robot are not those of the study any more."
-            )
+            self.notes.append(f"{options['scenario']}: its values, units or robot are not those of the study any more.")
         if [table.digest for table in system.inputs] not in [known["inputs"] for known in was]:
             self.notes.append(f"{options['scenario']}: its inputs are not those of the study any more.")
         for target, binding in system.bindings.items():

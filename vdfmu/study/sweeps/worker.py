@@ -174,11 +174,7 @@ def _rows(message: Any, points: Sequence[int]) -> list[Row] | str:
         isinstance(row, dict)
         and row.get("point") == point
         and all(isinstance(row.get(key, ()), kinds) for key, kinds in _HEAD.items())
-        and all(
-            isinstance(value, (float, int, list, type(None)))
-            for key, value in row.items()
-            if key not in _HEAD
-        )
+        and all(isinstance(value, (float, int, list, type(None))) for key, value in row.items() if key not in _HEAD)
         for row, point in zip(message, points, strict=True)
     )
     if not good:

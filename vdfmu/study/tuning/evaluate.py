@@ -123,8 +123,7 @@ class Evaluations:
                 continue
             margins = self._margins[key] = self.problem.margins(np.array(key))
             missing = margins is not None and (
-                not margins.modulus.any()
-                or (not always and bool((margins.modulus < self.problem.margin).any()))
+                not margins.modulus.any() or (not always and bool((margins.modulus < self.problem.margin).any()))
             )
             if missing and self.scores:  # the start is run in any case, to compare with
                 self.missed += key not in self._by_values
@@ -169,8 +168,7 @@ class Evaluations:
         try:
             rows = list(worker.run(tasks))
             return rows + [
-                {"point": task[0], "failed": "stopped", "failed_at": None, "wall_s": 0.0}
-                for task in tasks[len(rows) :]
+                {"point": task[0], "failed": "stopped", "failed_at": None, "wall_s": 0.0} for task in tasks[len(rows) :]
             ]
         finally:
             self._idle.put(worker)

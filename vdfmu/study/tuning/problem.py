@@ -105,12 +105,8 @@ def make_problem(
     loaded = prepare(scenario, **given)
     axes, start = _elements(loaded, vary, settings)
     spread_axes = read_axes(options["spread"])
-    if wrong := [
-        str(axis) for axis in spread_axes if is_option(axis.target) or isinstance(axis.at(0.0).item(), str)
-    ]:
-        raise UsageError(
-            "\n".join(f"spread: expected parameters with numbers, got {text}." for text in wrong)
-        )
+    if wrong := [str(axis) for axis in spread_axes if is_option(axis.target) or isinstance(axis.at(0.0).item(), str)]:
+        raise UsageError("\n".join(f"spread: expected parameters with numbers, got {text}." for text in wrong))
     targets = [axis.target for axis in (*axes, *spread_axes)]
     if len(set(targets)) < len(targets):
         raise UsageError(
@@ -165,9 +161,7 @@ def _elements(
                 problems.append(f"{name}: expected a range, got {low:g} to {high:g}.")
                 continue
             if not low <= start <= high:
-                problems.append(
-                    f"{name}: expected a range that has the scenario's {start:g}, got {low:g} to {high:g}."
-                )
+                problems.append(f"{name}: expected a range that has the scenario's {start:g}, got {low:g} to {high:g}.")
             found.append(Axis(name, axis.form, (low, high)))
             starts.append(start)
     if not found and not problems:

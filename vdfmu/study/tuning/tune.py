@@ -49,21 +49,12 @@ class Tuned:
     def table(self) -> list[tuple[str, float, float]]:
         """Rows of name, before, after: cost, measures, margins of each joint with one sample of delay."""
         rows: list[tuple[str, float, float]] = []
-        names = (
-            [f"cost[{i}]" for i in range(1, len(self.after.cost) + 1)]
-            if len(self.after.cost) > 1
-            else ["cost"]
-        )
+        names = [f"cost[{i}]" for i in range(1, len(self.after.cost) + 1)] if len(self.after.cost) > 1 else ["cost"]
         rows += list(zip(names, self.before.cost.tolist(), self.after.cost.tolist(), strict=True))
-        rows += [
-            (name, self.before.measures.get(name, math.nan), value)
-            for name, value in self.after.measures.items()
-        ]
+        rows += [(name, self.before.measures.get(name, math.nan), value) for name, value in self.after.measures.items()]
         if self.before.margins is not None and self.after.margins is not None:
             for name in ("modulus", "gain", "phase", "delay"):
-                pair = (
-                    getattr(margins, name).tolist() for margins in (self.before.margins, self.after.margins)
-                )
+                pair = (getattr(margins, name).tolist() for margins in (self.before.margins, self.after.margins))
                 rows += [(f"{name}[{i}]", *both) for i, both in enumerate(zip(*pair, strict=True), 1)]
             rows.append(("radius", self.before.margins.radius, self.after.margins.radius))
         return rows
@@ -150,9 +141,7 @@ def tune(
                 "only; growth lets slow instability count as stable."
             )
         if not after.feasible:
-            found.notes.append(
-                "no values within the limits and the margin were found; a larger budget may find some."
-            )
+            found.notes.append("no values within the limits and the margin were found; a larger budget may find some.")
         with doing("picture"):
             _write(found, evaluations.scores)
     return found

@@ -70,9 +70,7 @@ class Scene:
         self.slider: Any = None
         self._numbers = gui.add_markdown("")
         names = [key for key, needs in NEEDS.items() if needs <= given]
-        self._chosen = (
-            gui.add_dropdown("Colour of joints", [QUANTITIES[key] for key in names]) if names else None
-        )
+        self._chosen = gui.add_dropdown("Colour of joints", [QUANTITIES[key] for key in names]) if names else None
         self._desired = gui.add_checkbox("Desired arm", True) if self._ghost else None
         self._larger = gui.add_dropdown("Errors drawn times", _LARGER) if self._ghost else None
         self._keys = names
@@ -84,10 +82,7 @@ class Scene:
         def link_side(signal: str) -> Floats:
             return found[_KEYS[signal]] * (self.chain.ell if signal in MOTOR_SIDE else 1.0)
 
-        return {
-            key: np.sum([factor * link_side(signal) for factor, signal in SUMS[key]], axis=0)
-            for key in self._keys
-        }
+        return {key: np.sum([factor * link_side(signal) for factor, signal in SUMS[key]], axis=0) for key in self._keys}
 
     def add(self, time: float, found: Mapping[str, Floats]) -> None:
         """Take a row during the run."""
@@ -110,18 +105,14 @@ class Scene:
         self._peaks = {key: np.abs(values).max(axis=0) for key, values in whole.items()}
         self._time, self._curves = time.tolist(), {key: list(values) for key, values in whole.items()}
         gui, first, last = self._server.gui, float(time[0]), float(time[-1])
-        words = (
-            "The run is complete." if last >= self.stop - 1e-9 * abs(self.stop) else "The run ended early."
-        )
+        words = "The run is complete." if last >= self.stop - 1e-9 * abs(self.stop) else "The run ended early."
         self._state.content = f"{words} {first:g} to {last:g} s:"
         if last > first:
             self.slider = gui.add_slider(
                 "Time [s]", first, last, (last - first) / 1000.0, last, order=self._state.order + 0.1
             )
             self.playing = gui.add_checkbox("Play", False, order=self._state.order + 0.2)
-            self.rate = gui.add_dropdown(
-                "Speed", ("1", "0.1", "0.3", "3", "10"), order=self._state.order + 0.3
-            )
+            self.rate = gui.add_dropdown("Speed", ("1", "0.1", "0.3", "3", "10"), order=self._state.order + 0.3)
         self.curves()
 
     def at(self, time: float) -> dict[str, Floats]:
@@ -175,9 +166,7 @@ class Scene:
         for key, rows in self._curves.items():
             values = np.array(rows) * [_factor(key, kind) for kind in self.chain.types]
             largest = float(np.abs(values).max())
-            power = (
-                0 if not 0.0 < largest < 0.1 else 3 * int(np.floor(np.log10(largest) / 3.0))
-            )  # of the axis
+            power = 0 if not 0.0 < largest < 0.1 else 3 * int(np.floor(np.log10(largest) / 3.0))  # of the axis
             units = ", ".join(dict.fromkeys(_unit(key, kind) for kind in self.chain.types))
             title = f"{QUANTITIES[key]} [{f'10{str(power).translate(_HIGH)} ' * (power < 0)}{units}]"
             data = (time, *(10.0**-power * values).T)

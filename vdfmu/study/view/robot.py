@@ -89,8 +89,7 @@ class RobotView:
             for i, p in centres(self.robot)
         ]
         groups["Ellipsoids of inertia"] = [
-            self.arm.add(part, f"inertia_{k}", opacity=0.45, cast_shadow=False)
-            for k, part in enumerate(ellipsoids)
+            self.arm.add(part, f"inertia_{k}", opacity=0.45, cast_shadow=False) for k, part in enumerate(ellipsoids)
         ]
         if not chain.weightless:
             start = chain.reach * turn_to(chain.up) @ np.array([0.05, 0.45, 0.3])

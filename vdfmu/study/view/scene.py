@@ -205,16 +205,12 @@ class ArmScene:
     def colour(self, shares: Floats) -> None:
         """Colour the joints by values as shares of their largest, (n,)."""
         colours = [blend(float(share)) for share in shares]
-        for handle, new, old in zip(
-            self._marked, colours, self._colours or [None] * len(colours), strict=True
-        ):
+        for handle, new, old in zip(self._marked, colours, self._colours or [None] * len(colours), strict=True):
             if new != old:
                 handle.color = new
         self._colours = colours
 
-    def frame(
-        self, body: int, name: str, length: float, p: Floats | None = None, R: Floats | None = None
-    ) -> Any:
+    def frame(self, body: int, name: str, length: float, p: Floats | None = None, R: Floats | None = None) -> Any:
         """Add axes to a body, x red, y green, z blue; p and R place them in it."""
         return self._scene.add_frame(
             f"{self.names[body]}/{name}", axes_length=length, axes_radius=0.045 * length, origin_radius=0.07 * length,

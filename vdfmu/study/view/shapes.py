@@ -48,9 +48,7 @@ def inertia_parts(robot: Robot) -> tuple[list[DrawnShape], list[str]]:
             continue
         moments, axes = np.linalg.eigh((inertia + inertia.T) / 2.0)
         if moments[0] < 0.0 or 2.0 * moments[2] > moments.sum() * (1.0 + 1e-9):
-            notes.append(
-                f"{name}: no body has principal moments {', '.join(f'{each:.3g}' for each in moments)}"
-            )
+            notes.append(f"{name}: no body has principal moments {', '.join(f'{each:.3g}' for each in moments)}")
         size = half_axes(float(mass), moments)
         if not size.max() > 0.0:
             notes.append(f"{name} is a point mass")

@@ -26,9 +26,7 @@ _KINDS = {"joints": "robot", "units": "system", "extends": "system", "connection
 """Keys of TOML, and the kind of file that has them; others are scenarios."""
 
 
-def inspect_source(
-    path: Path, robot: str, run: bool = True, say: Callable[[str], None] = lambda text: None
-) -> Report:
+def inspect_source(path: Path, robot: str, run: bool = True, say: Callable[[str], None] = lambda text: None) -> Report:
     """Check a TOML file, or the units of a Python file.
 
     What names no Python file is read here. One that does is code: it is run in a process of its own, or not at all.
@@ -58,13 +56,9 @@ def inspect_source(
         if run:
             say(str(code.file))
             arm = str(Path(robot).resolve()) if Path(robot).exists() else robot
-            findings.add(
-                run_apart(path, f"{kind} {arm}", "vdfmu.system.package.check", f"the check of {path.name}")
-            )
+            findings.add(run_apart(path, f"{kind} {arm}", "vdfmu.system.package.check", f"the check of {path.name}"))
         else:
-            text = (
-                f"{code.file} is code and was not run (--no-run): its syntax was read, not what it declares"
-            )
+            text = f"{code.file} is code and was not run (--no-run): its syntax was read, not what it declares"
             if code.file != path:
                 text += f"; of {path.name}, what depends on that was not checked"
             findings.notes.append(found("RUN006", text, (str(path), 0)))

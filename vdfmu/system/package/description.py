@@ -209,9 +209,7 @@ class SystemDescription:
         shared = self._take_shared(left)
         robots: dict[str, dict[str, tuple[PackageSignal, tuple[Any, ...]]]] = {}
         known = self.scenario.robot
-        nominal = (
-            {p.name: float(getattr(known, p.field)[p.index]) for p in parameters(known)} if known else {}
-        )
+        nominal = {p.name: float(getattr(known, p.field)[p.index]) for p in parameters(known)} if known else {}
         for unit, entries in left.items():
             robot = {
                 name: entry
@@ -248,9 +246,7 @@ class SystemDescription:
             if any(v.name in values for v in s.variables)
         }
 
-    def _take_shared(
-        self, left: dict[str, dict[str, tuple[PackageSignal, tuple[Any, ...]]]]
-    ) -> dict[str, Any]:
+    def _take_shared(self, left: dict[str, dict[str, tuple[PackageSignal, tuple[Any, ...]]]]) -> dict[str, Any]:
         """Take the values that units share out of `left`, unless they differ: entries, and unit to mapping."""
         found: dict[str, Any] = {}
         for name, groups in self._shared.items():

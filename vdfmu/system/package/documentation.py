@@ -83,9 +83,7 @@ of the default experiment say the same.</p>
 <code>scenario</code>; the rest are start values of the FMUs in this package, if it was made by
 <code>vdfmu ssp</code>.</p>"""
     if not description.arrays:
-        outputs = [
-            f"{unit}.{s.name}" for unit in description.tables for s in description.signals(unit, "output")
-        ]
+        outputs = [f"{unit}.{s.name}" for unit in description.tables for s in description.signals(unit, "output")]
         shown = next((name for name in ("plant.q[1]", *outputs) if name in outputs), "time")
         text += f"""
 <pre>vdfmu simulate system.ssp</pre>
@@ -105,9 +103,7 @@ def _connections(description: SystemDescription) -> str:
         (
             a,
             b,
-            str(
-                sum(1 if x.start_index or not x.start[1].shape else len(x.start[1].variables) for x in links)
-            ),
+            str(sum(1 if x.start_index or not x.start[1].shape else len(x.start[1].variables) for x in links)),
             _units(x.start[1] for x in links),
         )
         for (a, b), links in counts.items()

@@ -73,9 +73,7 @@ def draw_system(ssd: Any, icons: Mapping[str, bytes]) -> str:
         path = [places[start], *((float(x) - x1, y2 - float(y)) for x, y in bends), places[end]]
         points = " ".join(f"{x:.4g},{y:.4g}" for x, y in path)
         title = f"{start[0]}.{start[1]} to {end[0]}.{end[1]}"
-        wires.append(
-            f'<polyline class="wire" stroke="{colour}" points="{points}"><title>{title}</title></polyline>'
-        )
+        wires.append(f'<polyline class="wire" stroke="{colour}" points="{points}"><title>{title}</title></polyline>')
     marks = [
         f'<circle cx="{x:.4g}" cy="{y:.4g}" r=".9" fill="{used[key]}"/>'
         if key in used

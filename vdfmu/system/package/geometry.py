@@ -49,8 +49,6 @@ def route(
         else:
             low = below.setdefault((source, start.group), bottom - _MARGIN - len(below) * _LANE)
             paths.append([(x, y), (x, low), (x_end, low), (x_end, y_end)])
-    points = [(c[k], c[k + 1]) for c in corners.values() for k in (0, 2)] + [
-        p for path in paths for p in path
-    ]
+    points = [(c[k], c[k + 1]) for c in corners.values() for k in (0, 2)] + [p for path in paths for p in path]
     xs, ys = zip(*points, strict=True)
     return paths, (min(xs) - _MARGIN, min(ys) - _MARGIN, max(xs) + _MARGIN, max(ys) + 2 * _MARGIN)

@@ -102,9 +102,7 @@ def mapping_name(unit: str, file: str) -> str:
 
 
 def _add_connector(connectors: Any, signal: PackageSignal, x: float, y: float) -> None:
-    connector = add(
-        connectors, "ssd:Connector", name=signal.name, kind=signal.kind, description=signal.description
-    )
+    connector = add(connectors, "ssd:Connector", name=signal.name, kind=signal.kind, description=signal.description)
     add(connector, f"ssc:{signal.type}", unit=signal.unit)
     for size in signal.shape:
         add(connector, "ssc:Dimension", size=size)

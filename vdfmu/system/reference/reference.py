@@ -90,9 +90,7 @@ def reference_blocks(
     t: Floats = step * np.arange(m + 1, dtype=np.float64)
     places, where = system.shown(groups)
     solution = (
-        ContinuousReference(system)
-        if name == "continuous"
-        else SampledReference(system, name == "sampled-delayed")
+        ContinuousReference(system) if name == "continuous" else SampledReference(system, name == "sampled-delayed")
     )
     files = sources(system, solution.lists)
     system.start()
@@ -124,9 +122,7 @@ def reference(name: str, description: SystemDescription, *, step: float, stop: f
     return Reference(name, np.concatenate([block.t for block in blocks]), signals)
 
 
-def _key(
-    name: str, system: WiredUnits, files: Mapping[str, bytes], t: Floats, places: npt.NDArray[np.intp]
-) -> str:
+def _key(name: str, system: WiredUnits, files: Mapping[str, bytes], t: Floats, places: npt.NDArray[np.intp]) -> str:
     """Return the digest of what decides a solution: what is calculated, from which values and signals, and by whom."""
     digest = sha256(repr((name, scipy.__version__, source_digest("system.reference"))).encode())
     arrays = [system.memory, t, places]

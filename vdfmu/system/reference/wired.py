@@ -76,9 +76,7 @@ class WiredUnits:
     """
 
     def __init__(self, description: SystemDescription) -> None:
-        interfaces = {
-            name: table for name, table in description.tables.items() if isinstance(table, Interface)
-        }
+        interfaces = {name: table for name, table in description.tables.items() if isinstance(table, Interface)}
         foreign = [name for name in description.tables if name not in interfaces]
         if foreign:
             raise UsageError(
@@ -102,9 +100,7 @@ class WiredUnits:
         self._feeds: set[_Node] = {
             (name, i)
             for name, i in self._source.values()
-            if any(
-                (name, j) in self._source or (name, j) in fed for j in interfaces[name].step_dependencies(i)
-            )
+            if any((name, j) in self._source or (name, j) in fed for j in interfaces[name].step_dependencies(i))
         }
         self.starting = self._passes(Interface.start_dependencies, list(self._outputs()), " at the start")
         moving = self._passes(
@@ -113,8 +109,7 @@ class WiredUnits:
         )
         self.clocks = self._places((name, interface.time) for name, interface in interfaces.items())
         self.x, self.x_dot = (
-            np.concatenate([self._range(name, part) for name in interfaces])
-            for part in ("states", "derivatives")
+            np.concatenate([self._range(name, part) for name in interfaces]) for part in ("states", "derivatives")
         )
         self.evaluate: list[Action] = [
             Carry(self.solver_x, self.x),
@@ -133,14 +128,8 @@ class WiredUnits:
             if variable.causality == "input" and (name, i) not in self._source
         }
         if wrong := [name for name in table.names if table.chosen and name not in free]:
-            raise UsageError(
-                f"{table.where}: {', '.join(wrong)}: expected inputs that nothing is connected to."
-            )
-        fed = {
-            free[name]: values
-            for name, values in zip(table.names, table.values.T, strict=True)
-            if name in free
-        }
+            raise UsageError(f"{table.where}: {', '.join(wrong)}: expected inputs that nothing is connected to.")
+        fed = {free[name]: values for name, values in zip(table.names, table.values.T, strict=True) if name in free}
         for (name, i), values in fed.items():
             variable = self.units[name].interface.variables[i]
             held = table.held or variable.type != "Real" or variable.variability == "discrete"
@@ -194,9 +183,7 @@ class WiredUnits:
         known = dependencies(self.units[name].interface, position)
         return {self._source[name, i] for i in known if (name, i) in self._source}
 
-    def _passes(
-        self, dependencies: Dependencies, wanted: Sequence[_Node], when: str = ""
-    ) -> list[tuple[str, Carry]]:
+    def _passes(self, dependencies: Dependencies, wanted: Sequence[_Node], when: str = "") -> list[tuple[str, Carry]]:
         """Units in an order in which the wanted outputs can be calculated, some more than once, and their links."""
         graph: dict[_Node, set[_Node]] = {}
         left = list(wanted)

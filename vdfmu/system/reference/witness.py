@@ -153,9 +153,7 @@ class _WitnessedUnit:
         }
         return list(found.values())
 
-    def comparisons(
-        self, name: str, reading: Reading, step: float, results: Results
-    ) -> Iterator[_Comparison]:
+    def comparisons(self, name: str, reading: Reading, step: float, results: Results) -> Iterator[_Comparison]:
         """Yield what is to be compared at a row; outputs as they are in the results, where these have them."""
         got = dict(reading.values[name])
         for i in self._made.tolist():

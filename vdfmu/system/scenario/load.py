@@ -79,9 +79,7 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
     problems.raise_any()
     assert scenario is not None  # else there are problems
     if robot is not None and "robot" not in data and not scenario.resolved.takers:
-        raise UsageError(
-            f"robot: expected none for {path}, no component of which takes one, got {robot.name}."
-        )
+        raise UsageError(f"robot: expected none for {path}, no component of which takes one, got {robot.name}.")
     return scenario
 
 

@@ -36,9 +36,7 @@ def build_parts(
     resolved = scenario.resolved
     units, robots = resolved.units, resolved.robots
     placed = _placed(units, robots, values or {}, Path(folder))
-    found: dict[str, Path] = {
-        name: part.fmu for name, part in scenario.system.parts.items() if part.fmu is not None
-    }
+    found: dict[str, Path] = {name: part.fmu for name, part in scenario.system.parts.items() if part.fmu is not None}
     for place, robot in dict.fromkeys((placed[name], robots[name]) for name in units):
         here = {name: unit for name, unit in units.items() if (placed[name], robots[name]) == (place, robot)}
         built = build_fmus(

@@ -58,12 +58,7 @@ def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:
     resolved = resolve(system, scenario.robot)
     tables = {name: table for name, table in resolved.tables.items() if name in units}
     has = {
-        name: {
-            (key, v.causality)
-            for v in table
-            if v.causality in ("input", "output")
-            for key in (v.group, v.name)
-        }
+        name: {(key, v.causality) for v in table if v.causality in ("input", "output") for key in (v.group, v.name)}
         for name, table in tables.items()
     }
 

@@ -44,8 +44,7 @@ class ResolvedSystem:
         parts = {name: part for name, part in self.system.parts.items() if part.fmu is None}
         # a file is run once for all its components
         found = {
-            unit: unit if isinstance(unit, type) else find_unit(unit)
-            for unit in {part.unit for part in parts.values()}
+            unit: unit if isinstance(unit, type) else find_unit(unit) for unit in {part.unit for part in parts.values()}
         }
         return {name: found[part.unit] for name, part in parts.items()}
 
@@ -57,9 +56,7 @@ class ResolvedSystem:
     @cached_property
     def takers(self) -> list[str]:
         """Components that take the robot of a scenario: units that need one and have none of their own."""
-        return [
-            n for n, unit in self.units.items() if unit.needs_robot() and self.system.parts[n].robot is None
-        ]
+        return [n for n, unit in self.units.items() if unit.needs_robot() and self.system.parts[n].robot is None]
 
     @cached_property
     def plants(self) -> list[str]:
@@ -113,14 +110,10 @@ class ResolvedSystem:
                         )
                     fed = (target.partition(".")[0], end.name)
                     if (earlier := feeds.setdefault(fed, source)) != source or targets.count(target) > 1:
-                        problems.append(
-                            f"{target}: expected one output that feeds it, got {earlier} and {source}."
-                        )
+                        problems.append(f"{target}: expected one output that feeds it, got {earlier} and {source}.")
         if problems:
             raise UsageError(
-                "\n".join(
-                    f"{self.system.path}: connections: {problem}" for problem in dict.fromkeys(problems)
-                )
+                "\n".join(f"{self.system.path}: connections: {problem}" for problem in dict.fromkeys(problems))
             )
 
 

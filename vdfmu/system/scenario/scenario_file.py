@@ -53,9 +53,7 @@ PAPER_LISTS = (
 )
 
 
-def read_scenario(
-    problems: Problems, data: object, robot: Robot | None, system: SystemFile | None
-) -> Scenario | None:
+def read_scenario(problems: Problems, data: object, robot: Robot | None, system: SystemFile | None) -> Scenario | None:
     """Read a scenario file's content.
 
     Parameters
@@ -80,9 +78,7 @@ def read_scenario(
         with suppress(UsageError, UnitError):  # of a unit, whose values are refused below
             system = with_starts(system)
     # sections of an unknown system may be right
-    components = (
-        list(system.parts) if system is not None else [k for k, v in written.items() if isinstance(v, dict)]
-    )
+    components = list(system.parts) if system is not None else [k for k, v in written.items() if isinstance(v, dict)]
     file = Table(problems, data, "", (*SCENARIO_KEYS, *components))
     n = robot.n if robot is not None else None
     name = file.name("name")
@@ -137,8 +133,7 @@ def read_scenario(
         except (UsageError, UnitError) as error:
             known = (str(system.path), problems.where)
             problems.lines.extend(
-                line if line.startswith(known) else f"{problems.where}: {line}"
-                for line in str(error).splitlines()
+                line if line.startswith(known) else f"{problems.where}: {line}" for line in str(error).splitlines()
             )
     if robot is not None and not problems.lines:
         try:

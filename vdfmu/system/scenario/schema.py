@@ -68,9 +68,7 @@ def scenario_schema(system: str = "system") -> Schema:
     positive: Schema = {"type": "number", "exclusiveMinimum": 0}
     share: Schema = positive | {"exclusiveMaximum": 1}
     factors = {name: _one_or_more(positive) for name in FACTOR_FIELDS}
-    paper: Schema = {"source": _TEXT} | {
-        name: _list({"type": "number", "minimum": 0}) for name in PAPER_LISTS
-    }
+    paper: Schema = {"source": _TEXT} | {name: _list({"type": "number", "minimum": 0}) for name in PAPER_LISTS}
     sections: Schema = {name: {"type": "object"} for name in file.parts}  # of an FMU of any tool: what it has
     sections |= {name: _table(_values(unit), []) for name, unit in resolve(file, None).units.items()}
     keys: Schema = {
@@ -130,9 +128,7 @@ def _table(properties: Mapping[str, Any], required: Sequence[str]) -> Schema:
 def _motion() -> Schema:
     """Return the schema of a motion: the keys of its kind."""
     kinds = [
-        _table(
-            {"kind": {"const": kind}, **dict.fromkeys((*keys, *["file"] * (kind in OF_FILE)), {})}, ["kind"]
-        )
+        _table({"kind": {"const": kind}, **dict.fromkeys((*keys, *["file"] * (kind in OF_FILE)), {})}, ["kind"])
         for kind, (_, keys) in KINDS_OF_MOTION.items()
     ]
     text = "Motion of the joints instead of (57), or the TOML file with it; each kind has keys of its own"
@@ -158,8 +154,7 @@ def _visual() -> Schema:
             "size": _list(number | {"minimum": 0}) | {"minItems": 1, "maxItems": 3},
             "rotation": numbers(3, numbers(3)),
             "offset": numbers(3) | {"description": "In the link frame [m]"},
-            "color": numbers(4, number | {"minimum": 0, "maximum": 1})
-            | {"description": "Red, green, blue, opacity"},
+            "color": numbers(4, number | {"minimum": 0, "maximum": 1}) | {"description": "Red, green, blue, opacity"},
         },
         ["joint", "shape"],
     )
@@ -205,11 +200,7 @@ def _units(quantity: str) -> str:
 
 def _values(unit: type[Unit]) -> Schema:
     """Return the schema of what a scenario can set of a unit: its parameters and inputs."""
-    found = {
-        d.name: _declared(d)
-        for d in unit.declared.values()
-        if isinstance(d, (Parameter, Choice, Switch, Input))
-    }
+    found = {d.name: _declared(d) for d in unit.declared.values() if isinstance(d, (Parameter, Choice, Switch, Input))}
     if unit.robot_fields is None:
         return found
     names = unit.robot_fields or PARAMETERS

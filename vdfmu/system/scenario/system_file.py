@@ -73,9 +73,7 @@ class SystemFile:
         return frozenset(end for targets in self.connections.values() for end in targets)
 
 
-def read_system_file(
-    problems: Problems, data: Mapping[str, Any], path: Path, base: SystemFile | None
-) -> SystemFile:
+def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, base: SystemFile | None) -> SystemFile:
     """Read the content of a system file.
 
     Parameters
@@ -101,12 +99,8 @@ def read_system_file(
     listed = file.optional_table("connections", list(data.get("connections", {}))).data
     for source, value in listed.items():
         targets = [value] if isinstance(value, str) else value
-        if not isinstance(targets, list) or not all(
-            isinstance(one, str) for one in cast("list[object]", targets)
-        ):
-            problems.add(
-                f"connections.{source}", 'a list such as ["plant.tau"]', shown(value), "Name inputs."
-            )
+        if not isinstance(targets, list) or not all(isinstance(one, str) for one in cast("list[object]", targets)):
+            problems.add(f"connections.{source}", 'a list such as ["plant.tau"]', shown(value), "Name inputs.")
             continue
         ends = cast("list[str]", targets)
         for end in (source, *ends):
@@ -165,7 +159,5 @@ def _box(problems: Problems, where: str, value: object) -> Box | None:
         x1, y1, x2, y2 = (float(cast("float", one)) for one in numbers)
         if x1 < x2 and y1 < y2:
             return x1, y1, x2, y2
-    problems.add(
-        where, "corners [x1, y1, x2, y2] in mm, x1 < x2 and y1 < y2", shown(value), "Or leave the box out."
-    )
+    problems.add(where, "corners [x1, y1, x2, y2] in mm, x1 < x2 and y1 < y2", shown(value), "Or leave the box out.")
     return None

@@ -49,11 +49,7 @@ def given_values(scenario: Scenario, settings: Mapping[str, Any] | None = None) 
     written = _set_all(resolved, _sections(resolved, scenario.sections))
     changed = _set_all(resolved, settings or {})
     return {
-        name: {
-            v.name: v.start
-            for v in table
-            if isinstance(table, Interface) and is_free(resolved.system, name, v)
-        }
+        name: {v.name: v.start for v in table if isinstance(table, Interface) and is_free(resolved.system, name, v)}
         | {v.name: scenario.tolerance for v in table if v.name == "tolerance" and v.causality == "parameter"}
         | robot_parameters(name, table, scenario)
         | written.get(name, {})

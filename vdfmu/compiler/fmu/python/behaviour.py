@@ -63,9 +63,7 @@ class Behaviour:
         try:
             self._solver.move(t, t + duration, duration)
             if self._unit.x.size and not np.isfinite(self._unit.x).all():
-                raise KernelError(
-                    f"the states are not finite before t = {t + duration:.9g} s. Check the parameters."
-                )
+                raise KernelError(f"the states are not finite before t = {t + duration:.9g} s. Check the parameters.")
             self._unit.outputs()
         except (KernelError, UnitError) as error:
             self.memory[:] = before

@@ -140,9 +140,7 @@ class UnitSlave(Fmi2Slave):
     def to_xml(self, model_options: dict[str, str] | None = None) -> Element:
         """Model description of the unit, with units, dependencies and InitialUnknowns."""
         content = self._content
-        return model_description(
-            content.interface, content.guid, content.generation_tool, content.made_by or {}
-        )
+        return model_description(content.interface, content.guid, content.generation_tool, content.made_by or {})
 
     def log(
         self,
@@ -265,9 +263,7 @@ class UnitSlave(Fmi2Slave):
     def _reader(self, kind: str, vrs: list[int]) -> Read:
         for variable in self._resolve(kind, vrs):
             if variable.causality == "output" and self.phase == "instantiated":
-                raise FmuError(
-                    f"{variable.name} is an output: it has no value before enterInitializationMode."
-                )
+                raise FmuError(f"{variable.name} is an output: it has no value before enterInitializationMode.")
         return reader(self._memory, vrs)
 
     def _writer(self, kind: str, vrs: list[int]) -> tuple[Write, list[Variable], bool]:
