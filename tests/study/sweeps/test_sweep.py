@@ -698,7 +698,7 @@ def test_a_row_of_a_scenario_that_was_changed_is_run_with_a_note(tmp_path):
     alone = CliRunner().invoke(app, ["run", "planar_tracking", "--row", "3"])
     assert isinstance(alone.exception, UsageError) and "expected --from" in str(alone.exception)
     both = CliRunner().invoke(app, ["run", "two_joint", "--from", str(found.folder)])
-    assert isinstance(both.exception, UsageError) and "two_joint: expected no scenario beside" in str(both.exception)
+    assert isinstance(both.exception, UsageError) and "two_joint: expected no scenario with" in str(both.exception)
 
 
 @pytest.mark.heavy
