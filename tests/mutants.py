@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -20,6 +21,8 @@ from typing import NamedTuple
 ROOT = Path(__file__).resolve().parents[1]
 _LIST = Path(__file__).with_suffix(".txt")
 _FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+)", re.MULTILINE)
+_PATIENCE = 1200
+"""Seconds after which the tests are taken to hang, which finds a fault too."""
 _NEEDED = ("vdfmu", "tests", "models", "ssp", "fmu_src", "examples", "benchmarks", "docs", "requirements")
 
 
@@ -62,14 +65,21 @@ def first_failure(fault: Fault) -> str:
         lines[k] = lines[k].replace(fault.line, fault.changed)
         file.write_text("\n".join(lines), encoding="utf-8")
         room = f"tests/{fault.file.split('/')[1]}"
-        for chosen in ([room], ["tests", f"--ignore={room}"]):
+        for chosen in ([room], ["tests", f"--ignore={room}", "--ignore=tests/test_mutants.py"]):
             command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "2", "-m", "not heavy", *chosen]
-            done = subprocess.run(
-                command, cwd=tree, env=os.environ | {"PYTHONPATH": place}, capture_output=True, text=True, check=False
-            )  # fmt: skip
-            if done.returncode:
-                match = _FAILED.search(done.stdout)
-                return match[1] if match else f"exit code {done.returncode}"
+            environment = os.environ | {"PYTHONPATH": place}
+            run = subprocess.Popen(
+                command, cwd=tree, env=environment, stdout=subprocess.PIPE, text=True, start_new_session=True
+            )
+            try:
+                shown, _ = run.communicate(timeout=_PATIENCE)
+            except subprocess.TimeoutExpired:
+                os.killpg(run.pid, signal.SIGKILL)
+                run.communicate()
+                return f"no end within {_PATIENCE} s"
+            if run.returncode:
+                match = _FAILED.search(shown)
+                return match[1] if match else f"exit code {run.returncode}"
     return ""
 
 

@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from vdfmu.compiler.c.operations import c_table
 
 from vdfmu.arm.robot import check_robot
 from vdfmu.arm.robot.requirements import requirements
 from vdfmu.arm.robot.structure import parameters, set_parameters, values
 from vdfmu.base.errors import KernelError, ModelError
 from vdfmu.compiler.c import functions as c_code
-from vdfmu.compiler.c.functions import c_prototype, c_texts
-from vdfmu.compiler.c.operations import c_table
+from vdfmu.compiler.c.expressions import c_prototype
+from vdfmu.compiler.c.functions import c_texts
 from vdfmu.compiler.unit.machine import margins, traced_margins
 
 NAMES = (

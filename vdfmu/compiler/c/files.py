@@ -7,7 +7,8 @@ from collections.abc import Collection, Mapping
 
 import casadi as ca
 
-from vdfmu.compiler.c.functions import c_prototype, c_texts, is_long
+from vdfmu.compiler.c.expressions import c_prototype
+from vdfmu.compiler.c.functions import c_texts, is_long
 from vdfmu.compiler.c.operations import c_table
 from vdfmu.compiler.c.text import head, wrapped
 from vdfmu.compiler.functions.derivatives import DIRECTIONS
@@ -18,9 +19,9 @@ _DEFINED = re.compile(r"^void (\w+)\([^;{]*\)\n{", re.MULTILINE)
 """Name of a function where it is defined."""
 
 
-def kernel_files(function: ca.Function, apart: Collection[str] = ()) -> dict[str, str]:
-    """Return file name to text of a traced function, without what it calls of `apart`."""
-    *parts, whole = _texts(function, apart)
+def kernel_files(function: ca.Function, apart: Collection[str] = (), joints: int = 0) -> dict[str, str]:
+    """Return file name to text of a traced function, without what it calls of `apart`; long ones loop over `joints`."""
+    *parts, whole = _texts(function, apart, joints)
     files = {f"kernel_{function.name()}_part_{k}.c": part for k, part in enumerate(parts, 1)}
     return files | {f"kernel_{function.name()}.c": whole}
 
@@ -62,12 +63,12 @@ def kernel_source(function: ca.Function) -> str:
     return "\n".join(_texts(function))
 
 
-def _texts(function: ca.Function, apart: Collection[str] = ()) -> list[str]:
+def _texts(function: ca.Function, apart: Collection[str] = (), joints: int = 0) -> list[str]:
     """Return the C files of a traced function, itself in the last, without what it calls of `apart`."""
     derivative = function.name().rpartition("_")[2] in DIRECTIONS
     table = derivative and is_long(function)
     whole = _WHOLE_DERIVATIVE if derivative else None
-    texts = [c_table(function)] if table else c_texts(function, whole, apart)
+    texts = [c_table(function)] if table else c_texts(function, whole, apart, 0 if derivative else joints)
     top = head(f"The traced function {function.name()}, operation by operation.")
     top += f"#include <math.h>\n{'#include <stdint.h>' * table}\n"
     return [*(top + text for text in texts[:-1]), f"{top}{wrapped(c_prototype(function))};\n\n{texts[-1]}"]

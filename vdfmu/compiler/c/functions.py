@@ -7,83 +7,28 @@ it. The arithmetic is that of the trace, operation by operation.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection
 from typing import NamedTuple
 
 import casadi as ca
 
 from vdfmu.base.errors import KernelError
+from vdfmu.compiler.c.expressions import EXPRESSIONS, c_constant, c_prototype
 from vdfmu.compiler.c.lookup import c_lookup
+from vdfmu.compiler.c.loops import c_loops
 from vdfmu.compiler.scalar.symbol import LOOKUP
 
-EXPRESSIONS = {
-    ca.OP_ASSIGN: "{0}",
-    ca.OP_NEG: "-{0}",
-    ca.OP_ADD: "{0} + {1}",
-    ca.OP_SUB: "{0} - {1}",
-    ca.OP_MUL: "{0} * {1}",
-    ca.OP_DIV: "{0} / {1}",
-    ca.OP_SQ: "{0} * {0}",
-    ca.OP_TWICE: "2.0 * {0}",
-    ca.OP_INV: "1.0 / {0}",
-    ca.OP_POW: "pow({0}, {1})",
-    ca.OP_CONSTPOW: "pow({0}, {1})",
-    ca.OP_SQRT: "sqrt({0})",
-    ca.OP_SIN: "sin({0})",
-    ca.OP_COS: "cos({0})",
-    ca.OP_TAN: "tan({0})",
-    ca.OP_ASIN: "asin({0})",
-    ca.OP_ACOS: "acos({0})",
-    ca.OP_ATAN: "atan({0})",
-    ca.OP_ATAN2: "atan2({0}, {1})",
-    ca.OP_FLOOR: "floor({0})",
-    ca.OP_CEIL: "ceil({0})",
-    ca.OP_TANH: "tanh({0})",
-    ca.OP_SINH: "sinh({0})",
-    ca.OP_COSH: "cosh({0})",
-    ca.OP_ASINH: "asinh({0})",
-    ca.OP_ACOSH: "acosh({0})",
-    ca.OP_ATANH: "atanh({0})",
-    ca.OP_HYPOT: "hypot({0}, {1})",
-    ca.OP_EXP: "exp({0})",
-    ca.OP_EXPM1: "expm1({0})",
-    ca.OP_LOG: "log({0})",
-    ca.OP_LOG1P: "log1p({0})",
-    ca.OP_FMOD: "fmod({0}, {1})",
-    ca.OP_FABS: "fabs({0})",
-    ca.OP_SIGN: "({0} > 0.0 ? 1.0 : 0.0) - ({0} < 0.0 ? 1.0 : 0.0)",
-    ca.OP_COPYSIGN: "copysign({0}, {1})",
-    ca.OP_FMIN: "fmin({0}, {1})",
-    ca.OP_FMAX: "fmax({0}, {1})",
-    ca.OP_LT: "{0} < {1} ? 1.0 : 0.0",
-    ca.OP_LE: "{0} <= {1} ? 1.0 : 0.0",
-    ca.OP_EQ: "{0} == {1} ? 1.0 : 0.0",
-    ca.OP_NE: "{0} != {1} ? 1.0 : 0.0",
-    ca.OP_NOT: "{0} == 0.0 ? 1.0 : 0.0",
-    ca.OP_AND: "(({0} != 0.0) & ({1} != 0.0)) ? 1.0 : 0.0",
-    ca.OP_OR: "(({0} != 0.0) | ({1} != 0.0)) ? 1.0 : 0.0",
-    ca.OP_IF_ELSE_ZERO: "{0} != 0.0 ? {1} : 0.0",
-}
-"""Operation: C expression of its operands {0} and {1}, which may be vectors too (``fmu_src/batch/lanes.h``)."""
 
-
-def c_prototype(function: ca.Function) -> str:
-    """Return the declaration of :func:`c_texts`, without semicolon."""
-    arguments = [f"const double *restrict {name}" for name in function.name_in()]
-    results = [f"double *restrict {name}_out" for name in function.name_out()]
-    return f"void {function.name()}({', '.join([*arguments, *results])})"
-
-
-def c_texts(function: ca.Function, whole: int | None = None, apart: Collection[str] = ()) -> list[str]:
+def c_texts(function: ca.Function, whole: int | None = None, apart: Collection[str] = (), joints: int = 0) -> list[str]:
     """Return a C11 function of a trace, as texts that can be compiled side by side; the last has the function itself.
 
     ``void name(const double *restrict argument, .., double *restrict result_out, ..)``, with a pointer for
     scalars too, matrices as in :class:`~vdfmu.compiler.functions.functions.KernelFunction`. It needs ``<math.h>``.
 
-    A trace of more than `whole` operations, by default :data:`_WHOLE`, becomes a chain of functions
-    ``name_part_1``, ..: the time in which compilers place variables in registers grows with the square of a function's
-    length. The values are the same bits. Functions that it calls come before it, except those in `apart`.
+    A long trace becomes loops over `joints`, see :mod:`.loops`. Where these have too little in common, one of more than
+    `whole` operations, by default :data:`_WHOLE`, becomes a chain of functions ``name_part_1``, ..: the time in which
+    compilers place variables in registers grows with the square of a function's length. The values are the same bits.
+    Functions that it calls come before it, except those in `apart`.
 
     Raises
     ------
@@ -91,7 +36,10 @@ def c_texts(function: ca.Function, whole: int | None = None, apart: Collection[s
         If the trace has an operation that this module does not know.
     """
     if not function.is_a("SXFunction"):
-        return _calling(function, apart)
+        return _calling(function, apart, joints)
+    loops = c_loops(function, joints) if function.n_instructions() > _ALONE else None
+    if loops is not None:
+        return [loops]
     operations = _operations(function)
     if len(operations) <= (_WHOLE if whole is None else whole):
         read = {name for operation in operations for name in operation.arguments}
@@ -106,7 +54,7 @@ _WHOLE = 18_000
 _PART = 1_000
 """Operations of one part of a longer trace."""
 _ALONE = 3_000
-"""Operations of a called function from which it has a text of its own."""
+"""Operations from which a function has loops, and a text of its own where another calls it."""
 _TOGETHER = 30
 """Parts that one compiler gets, which takes some 200 MB for them."""
 
@@ -116,7 +64,7 @@ def is_long(function: ca.Function) -> bool:
     return function.n_instructions() > _WHOLE
 
 
-def _calling(function: ca.Function, apart: Collection[str]) -> list[str]:
+def _calling(function: ca.Function, apart: Collection[str], joints: int) -> list[str]:
     """Return the texts of a function that only calls others: long ones each by itself, the last has the others."""
     places: dict[int, str] = {}  # part of CasADi's memory to the C name of what it holds
     sizes: dict[str, int] = {}
@@ -149,7 +97,7 @@ def _calling(function: ca.Function, apart: Collection[str]) -> list[str]:
     for callee in callees.values():
         if callee.name() not in apart:
             long = callee.n_instructions() > _ALONE
-            (texts if long else together).extend(c_texts(callee))
+            (texts if long else together).extend(c_texts(callee, joints=joints))
     return [*texts, "\n".join([*together, f"{c_prototype(function)}\n{{\n{body}\n}}\n"])]
 
 
@@ -249,10 +197,3 @@ def _definition(prototype: str, operations: list[_Operation], head: list[str], t
 def _part_prototype(function: ca.Function, number: int) -> str:
     head, _, arguments = c_prototype(function).partition("(")
     return f"{head}_part_{number}({arguments.removesuffix(')')}, double *restrict w)"
-
-
-def c_constant(value: float) -> str:
-    """Return a number as C text."""
-    if math.isnan(value):
-        return "NAN"
-    return repr(float(value)) if math.isfinite(value) else f"({'-' if value < 0 else ''}INFINITY)"

@@ -11,8 +11,8 @@ from functools import partial
 
 from vdfmu.base.progress import counted
 from vdfmu.base.version import __version__
+from vdfmu.compiler.c.expressions import c_prototype
 from vdfmu.compiler.c.files import avx2_copies, kernel_files
-from vdfmu.compiler.c.functions import c_prototype
 from vdfmu.compiler.c.text import array, call_lines, cell, comment, fields, head, string, wrapped
 from vdfmu.compiler.fmu.description import number
 from vdfmu.compiler.functions.switching import NEVER
@@ -37,8 +37,9 @@ def generated_sources(interface: Interface, guid: str) -> dict[str, str]:
     """Return file name to text of the generated part of a unit."""
     unit = _UnitGenerator(interface, guid)
     files = {"config.h": unit.config(), "kernel.h": unit.kernel_header(), "unit.c": unit.source()}
+    joints = interface.robot.n if interface.robot is not None else 0
     for function in unit.functions.values():
-        own = kernel_files(function, unit.functions)
+        own = kernel_files(function, unit.functions, joints)
         files |= own | (avx2_copies(own) if function.name() in unit.steps else {})
     return files
 

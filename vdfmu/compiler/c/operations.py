@@ -9,7 +9,7 @@ from __future__ import annotations
 import casadi as ca
 
 from vdfmu.base.errors import KernelError
-from vdfmu.compiler.c.functions import EXPRESSIONS, c_constant, c_prototype
+from vdfmu.compiler.c.expressions import EXPRESSIONS, c_constant, c_prototype
 
 _FIELD = 19
 """Bits of the target and of each operand in a word; the operation has the seven lowest."""

@@ -11,8 +11,8 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import FmuError, KernelError
 from vdfmu.compiler.c.compile import native_available
+from vdfmu.compiler.c.expressions import c_prototype
 from vdfmu.compiler.c.files import kernel_source
-from vdfmu.compiler.c.functions import c_prototype
 from vdfmu.compiler.c.loaded import SHOWN, loaded
 
 

@@ -1,0 +1,46 @@
+"""The functions of long arms become loops over the joints, with the bits of the straight lines."""
+
+import pytest
+
+from benchmarks.chains import repeated_link
+from tests.compiler.native.test_loops import check_bits
+from vdfmu.arm.robot import load_robot
+from vdfmu.arm.units import find_unit
+from vdfmu.compiler.c.loops import c_loops
+from vdfmu.compiler.unit.program import UnitFunctions
+
+STEP = ("plant_step_start", "plant_step_solve", "plant_step_balance")
+
+
+def functions_of(robot):
+    """Return the long functions of the units by name."""
+    plant, feedforward = (UnitFunctions(find_unit(unit), robot, cache=None) for unit in ("plant", "feedforward"))
+    called = {one.name(): one for one in plant.casadi_function("plant_step").find_functions()}
+    found = {name: called[name] for name in STEP}
+    found["plant_derivatives"] = plant.casadi_function("plant_derivatives")
+    modes = ("feedforward_outputs_inverse", "feedforward_outputs_vdc")
+    return found | {name: feedforward.casadi_function(name) for name in modes}
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("robot", [repeated_link(20), load_robot("snake_24dof")], ids=lambda robot: robot.name)
+def test_the_functions_of_long_arms_keep_their_bits(robot, tmp_path):
+    for name, function in functions_of(robot).items():
+        folder = tmp_path / name
+        folder.mkdir()
+        if name in STEP[1:] and robot.name != "snake_24dof":  # its signs alternate: 10 members for 20 joints
+            assert c_loops(function, robot.n) is not None
+        if c_loops(function, robot.n) is not None:
+            check_bits(function, robot.n, folder)
+
+
+@pytest.mark.heavy
+def test_their_text_does_not_grow_with_the_joints():
+    short, long = functions_of(repeated_link(20)), functions_of(repeated_link(40))
+    for name in short:
+        assert len(c_loops(long[name], 40)) < 1.1 * len(c_loops(short[name], 20)), name
+
+
+def test_the_equations_of_a_long_arm_keep_their_bits(tmp_path):
+    functions = UnitFunctions(find_unit("plant"), repeated_link(10), cache=None)
+    check_bits(functions.casadi_function("plant_derivatives"), 10, tmp_path)
