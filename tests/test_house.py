@@ -16,6 +16,12 @@ EQUATIONS = ("vdfmu.arm.equations", "vdfmu.arm.drive", "vdfmu.arm.world")
 
 
 @cache
+def _trees() -> dict[Path, ast.Module]:
+    """Return the files of the package, parsed."""
+    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in ROOT.rglob("*.py")}
+
+
+@cache
 def _imports() -> dict[str, set[str]]:
     """Return each module with the modules that it imports, late ones and those for types too."""
     paths = {path.relative_to(ROOT.parent).with_suffix("").parts: path for path in ROOT.rglob("*.py")}
@@ -23,7 +29,7 @@ def _imports() -> dict[str, set[str]]:
     found: dict[str, set[str]] = {}
     for name, path in modules.items():
         found[name] = set()
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(_trees()[path]):
             if isinstance(node, ast.Import):
                 found[name] |= {alias.name for alias in node.names} & modules.keys()
             elif isinstance(node, ast.ImportFrom):
@@ -53,8 +59,8 @@ def test_no_file_imports_itself_through_others():
 
 def test_each_class_has_a_name_of_its_own():
     places: dict[str, list[str]] = {}
-    for path in ROOT.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for path, tree in _trees().items():
+        for node in ast.walk(tree):
             if isinstance(node, ast.ClassDef):
                 places.setdefault(node.name.lstrip("_"), []).append(str(path.relative_to(ROOT)))
     assert not {name: files for name, files in places.items() if len(files) > 1}
