@@ -47,7 +47,7 @@ LISTED = {  # in options.py: what is there, to what follows it
     "import BRISTLES, BristlesRows\n": "from vdfmu.arm.drive.creep import CREEP, CreepRows\n",
     '"winding", "thermal"': ', "creep"',
     '    "thermal": THERMAL,\n': '    "creep": CREEP,\n',
-    "class OptionRows(\n    ": "CreepRows, ",
+    "class OptionRows(": "CreepRows, ",
 }
 
 RUN = """
