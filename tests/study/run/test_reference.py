@@ -86,7 +86,7 @@ def test_a_payload_that_the_feedforward_does_not_know_costs_accuracy(tmp_path):
         assert torque < TORQUE
         solution = reference("sampled", case.description, step=1e-3, stop=0.5)
         q = solution["plant.q"]
-        worst.append(np.abs(q - [motion_of(case.scenario, t) for t in solution.t]).max())
+        worst.append(np.abs(q - positions(case.scenario, solution.t)).max())
     # 0.5 kg at 0.5 m weighs 2.5 N m on joint 2, over K_p of 1000 N m/rad; sampling leaves 1e-5 rad.
     assert worst[0] < 2e-5
     assert worst[1] > 1e-3
@@ -120,10 +120,10 @@ def test_a_start_beyond_the_end_stops_is_refused():
         system_values(scenario, {"plant.q_0[1]": 4.0})
 
 
-def motion_of(scenario, t):
-    """Return the desired positions."""
-    motion = (group_value(scenario, f"trajectory.{name}") for name in ("q_start", "q_end", "T", "t_start"))
-    return desired_motion(t, *motion).q_d
+def positions(scenario, times):
+    """Return the desired positions at times."""
+    motion = [group_value(scenario, f"trajectory.{name}") for name in ("q_start", "q_end", "T", "t_start")]
+    return [desired_motion(t, *motion).q_d for t in times]
 
 
 @pytest.mark.heavy
@@ -138,7 +138,7 @@ def test_the_rotor_follows_its_own_desired_velocity_without_sampling():
     for velocity in ("kappa_dot", "mixed"):
         values = system_values(scenario, {"controller.velocity": velocity})
         solution = reference("continuous", SystemDescription(scenario, values), step=1e-2, stop=10.0)
-        desired = [motion_of(scenario, t) for t in solution.t]
+        desired = positions(scenario, solution.t)
         largest[velocity] = np.abs(solution["plant.q"] - desired).max()
     assert largest["kappa_dot"] < 1e-8
     assert largest["mixed"] > 5e-6
