@@ -186,8 +186,11 @@ class Parent:
             yield self.read(SIZE.unpack(head)[0])
 
     def reply(self, message: Any = None) -> None:
-        """Answer; arrays and numbers of numpy become lists and numbers."""
+        """Answer; arrays and numbers of numpy become lists and numbers. Without a parent the process ends, in silence."""
         content = b"" if message is None else json.dumps(message, default=lambda x: x.tolist()).encode()
         content = SIZE.pack(len(content)) + content
-        while content:
-            content = content[os.write(self._replies, content) :]
+        try:
+            while content:
+                content = content[os.write(self._replies, content) :]
+        except BrokenPipeError:
+            raise SystemExit from None
