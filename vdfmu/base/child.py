@@ -186,7 +186,7 @@ class Parent:
             yield self.read(SIZE.unpack(head)[0])
 
     def reply(self, message: Any = None) -> None:
-        """Answer; arrays and numbers of numpy become lists and numbers. Without a parent the process ends, in silence."""
+        """Answer; arrays and numbers of numpy become lists and numbers. Without a parent the process ends."""
         content = b"" if message is None else json.dumps(message, default=lambda x: x.tolist()).encode()
         content = SIZE.pack(len(content)) + content
         try:
