@@ -192,3 +192,11 @@ def test_the_solver_has_one_default_tolerance(tmp_path: Path, plant_solver) -> N
         Interface(Plant, robot).find("tolerance").start,
     ]
     assert defaults == [SOLVER_TOLERANCE] * 3
+
+
+def test_the_docstring_of_a_robot_has_the_shape_of_each_parameter():
+    shown = Robot.__doc__ or ""
+    for row in PARAMETERS.values():
+        shape = (*(["n"] if row.per_joint else []), *map(str, row.shape))
+        size = f"({shape[0]},)" if len(shape) == 1 else f"({', '.join(shape)})"
+        assert f"{row.name} : {size} [" in shown, row.name

@@ -273,7 +273,6 @@ def test_the_stages_of_a_step_balance_forces_and_solve_for_no_acceleration():
     assert "plant_derivatives" not in names
 
 
-@pytest.mark.heavy
 def test_operations_of_a_step_along_the_chain_grow_linearly():
     steps = [callees(step_of(Plant, repeated_link(n))) for n in (9, 12, 15)]
     counts = [sum(function.n_instructions() for function in step) for step in steps]
