@@ -1,23 +1,21 @@
 """Directional and adjoint derivatives of the traced functions, and the C text of traced functions."""
 
-import ctypes
 import re
-import subprocess
 
 import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from vdfmu.compiler.c.operations import c_table
 
+from tests.compiler.native.test_loops import results_of
 from vdfmu.arm.robot import check_robot
 from vdfmu.arm.robot.requirements import requirements
 from vdfmu.arm.robot.structure import parameters, set_parameters, values
 from vdfmu.base.errors import KernelError, ModelError
 from vdfmu.compiler.c import functions as c_code
-from vdfmu.compiler.c.expressions import c_prototype
 from vdfmu.compiler.c.functions import c_texts
+from vdfmu.compiler.c.operations import c_table
 from vdfmu.compiler.unit.machine import margins, traced_margins
 
 NAMES = (
@@ -122,17 +120,12 @@ def test_c_text_of_the_step_calls_what_all_stages_share(robot, functions_of, for
 def check_c_text(text, function, p, tmp_path):
     """Compile a text and compare its results with those of the trace."""
     rng = np.random.default_rng(77)
-    source, library = tmp_path / "kernel.c", tmp_path / "kernel.so"
-    source.write_text(f"#include <math.h>\n#include <stdint.h>\n{c_prototype(function)};\n{text}")
-    warnings = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
-    subprocess.run(["cc", *warnings, "-O1", "-shared", "-fPIC", "-o", library, source, "-lm"], check=True)
     arguments = [np.ascontiguousarray(a) for a in nominal(function, p, rng)]
-    results = [np.full(function.size1_out(i), np.nan) for i in range(function.n_out())]
-    pointers = [a.ctypes.data_as(ctypes.c_void_p) for a in (*arguments, *results)]
-    ctypes.CDLL(str(library))[function.name()](*pointers)
     expected = flat(function(*arguments))
     # The same operations in the same order; only the mathematical library may round elsewhere.
-    np.testing.assert_allclose(np.concatenate(results), expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        results_of(text, function, arguments, tmp_path), expected, rtol=0, atol=1e-12 * np.abs(expected).max()
+    )
 
 
 def test_an_operation_without_c_text_is_refused():

@@ -43,14 +43,12 @@ def recursion(n=N, seed=None):
     return ca.Function("chain", [x, p, g], results, ["x", "p", "g"], ["y", "u"])
 
 
-def run(text, function, tmp_path, name):
-    """Compile a text and return its results."""
+def results_of(text, function, given, tmp_path, name="kernel"):
+    """Compile the C text of a function, without a warning, and return its results for given arguments."""
     source, library = tmp_path / f"{name}.c", tmp_path / f"{name}.so"
-    source.write_text(f"#include <math.h>\n{c_prototype(function)};\n{text}")
+    source.write_text(f"#include <math.h>\n#include <stdint.h>\n{c_prototype(function)};\n{text}")
     flags = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O1", "-ffp-contract=off", "-shared", "-fPIC"]
     subprocess.run(["cc", *flags, "-o", library, source, "-lm"], check=True)
-    rng = np.random.default_rng(1)
-    given = [rng.uniform(0.5, 1.5, function.numel_in(i)) for i in range(function.n_in())]
     made = [np.full(function.numel_out(i), np.nan) for i in range(function.n_out())]
     ctypes.CDLL(str(library))[function.name()](*(a.ctypes.data_as(ctypes.c_void_p) for a in (*given, *made)))
     return np.concatenate(made)
@@ -59,8 +57,10 @@ def run(text, function, tmp_path, name):
 def check_bits(function, joints, tmp_path):
     text = c_loops(function, joints)
     assert text is not None
-    expected = run("\n".join(c_texts(function)), function, tmp_path, "line")
-    np.testing.assert_array_equal(run(text, function, tmp_path, "loops"), expected)
+    rng = np.random.default_rng(1)
+    given = [rng.uniform(0.5, 1.5, function.numel_in(i)) for i in range(function.n_in())]
+    expected = results_of("\n".join(c_texts(function)), function, given, tmp_path, "line")
+    np.testing.assert_array_equal(results_of(text, function, given, tmp_path, "loops"), expected)
     return text
 
 

@@ -47,6 +47,7 @@ class Trace:
         self.operands: list[tuple[int, ...]] = []
         self.given: list[tuple[int, int] | float | None] = []
         self.results: list[tuple[int, int, int]] = []
+        self._digests: list[list[int]] = []  # by depth
         held: dict[int, int] = {}  # place in CasADi's memory to the operation whose value is there
         for k in range(function.n_instructions()):
             operation, target = function.instruction_id(k), function.instruction_output(k)
@@ -73,14 +74,15 @@ class Trace:
 
     def digests(self, depth: int) -> list[int]:
         """Return a number for each operation, the same for those that are alike with all that is `depth` below."""
-        start = [
-            (code, given[0] if isinstance(given, tuple) else None)
-            for code, given in zip(self.operations, self.given, strict=True)
-        ]
-        found = [hash(one) for one in start]
-        for _ in range(depth):
-            found = [hash((f, *(found[a] for a in read))) for f, read in zip(found, self.operands, strict=True)]
-        return found
+        if not self._digests:
+            arguments = (given[0] if isinstance(given, tuple) else -1 for given in self.given)
+            self._digests.append(list(map(hash, zip(self.operations, arguments, strict=True))))
+        while len(self._digests) <= depth:
+            found = self._digests[-1]
+            self._digests.append(
+                [hash((f, *(found[a] for a in read))) for f, read in zip(found, self.operands, strict=True)]
+            )
+        return self._digests[depth]
 
 
 @dataclass
