@@ -74,11 +74,12 @@ def fails(package: Path, way: str, **options) -> CosimError:
     [
         ("crash", {}, r"the component crashed the process \(SIGSEGV\)"),
         ("leave", {}, r"the component ended the process \(exit code 0\)"),
-        pytest.param(
-            "hang",
-            {"time_limit": 5.0},
-            r"no return within 5 s; a longer time_limit \(simulate --time-limit\) gives it more",
-            marks=pytest.mark.heavy,
+        *heavy(
+            (
+                "hang",
+                {"time_limit": 5.0},
+                r"no return within 5 s; a longer time_limit \(simulate --time-limit\) gives it more",
+            )
         ),
         ("eat", {"memory_limit": 400.0}, r"SIGSEGV\), of which the memory had reached \d+ MB of 400 MB"),
         ("strange", {}, r"the unit gave no reason \(status 17, not of FMI 2\.0\)"),
@@ -152,7 +153,7 @@ def test_what_fails_after_the_last_step_is_said_and_costs_no_row(package, way, c
     ("way", "call", "said"),
     [
         ("crash_free", "freeInstance", "crashed the process"),
-        pytest.param("hang_end", "terminate", "no return within 5 s", marks=pytest.mark.heavy),
+        *heavy(("hang_end", "terminate", "no return within 5 s")),
     ],
 )
 def test_a_process_that_ends_after_the_last_step_costs_no_row(package, way, call, said):
@@ -217,7 +218,7 @@ def silent(tmp_path, monkeypatch):
         ("", {}),
         ("crash", {}),
         ("leave", {}),
-        pytest.param("hang", {"time_limit": 5.0}, marks=pytest.mark.heavy),
+        *heavy(("hang", {"time_limit": 5.0})),
         ("eat", {"memory_limit": 400.0}),
     ],
 )
@@ -230,7 +231,7 @@ def test_processes_of_a_component_end_with_the_run(package, silent, way, options
 
 
 @pytest.mark.parametrize("kind", ["FMU", "SSP"])
-@pytest.mark.parametrize("way", ["", "crash", pytest.param("hang", marks=pytest.mark.heavy)])
+@pytest.mark.parametrize("way", ["", "crash", *heavy("hang")])
 def test_processes_of_a_component_end_with_the_check(wild, pack, xml, silent, monkeypatch, kind, way):
     path = wild(way)
     if kind == "SSP":

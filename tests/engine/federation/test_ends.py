@@ -13,6 +13,7 @@ import time
 import pytest
 
 import vdfmu
+from tests.conftest import heavy
 from tests.engine.conftest import make_fmu, variable
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.federation.federated import Federated
@@ -130,7 +131,7 @@ def bad(tmp_path, pack, xml):
     [
         ("os.kill(os.getpid(), 11)", r"the component crashed the process \(SIGSEGV\) \(federate g\)"),
         ("os._exit(3)", r"the component ended the process \(exit code 3\) \(federate g\)"),
-        pytest.param("time.sleep(60.0)", r"no return within 6 s; .* \(federate g\)", marks=pytest.mark.heavy),
+        *heavy(("time.sleep(60.0)", r"no return within 6 s; .* \(federate g\)")),
     ],
 )
 def test_a_component_that_takes_its_federate_along_is_named_with_it(bad, federates, code, reason):

@@ -77,9 +77,9 @@ def assert_same_runs(rows, others):
 
 
 _ROBOTS = [
-    pytest.param("tracking", marks=pytest.mark.heavy),
+    *heavy("tracking"),
     "slider",
-    pytest.param("options", marks=pytest.mark.heavy),
+    *heavy("options"),
 ]
 
 
