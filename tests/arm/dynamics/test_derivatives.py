@@ -15,7 +15,6 @@ from vdfmu.arm.robot.structure import parameters, set_parameters, values
 from vdfmu.base.errors import KernelError, ModelError
 from vdfmu.compiler.c import functions as c_code
 from vdfmu.compiler.c.functions import c_texts
-from vdfmu.compiler.c.operations import c_table
 from vdfmu.compiler.unit.machine import margins, traced_margins
 
 NAMES = (
@@ -74,7 +73,7 @@ def test_reverse_is_the_transpose_of_forward(robot, functions_of, name):
     assert left.sum() == pytest.approx(right.sum(), abs=1e-12 * (np.abs(left).sum() + np.abs(right).sum()))
 
 
-@pytest.mark.parametrize("form", ["whole", "in parts", "table"])
+@pytest.mark.parametrize("form", ["whole", "in parts"])
 @pytest.mark.parametrize(
     "name",
     [
@@ -93,7 +92,7 @@ def test_c_text_computes_what_the_trace_computes(robot, functions_of, name, form
         (function,) = traced_margins(robot)
     else:
         function = functions_of(name.split("_")[0], robot).casadi_function(name)
-    text = c_table(function) if form == "table" else "\n".join(c_texts(function))
+    text = "\n".join(c_texts(function))
     check_c_text(text, function, values(robot), tmp_path)
 
 
@@ -132,8 +131,6 @@ def test_an_operation_without_c_text_is_refused():
     x = ca.SX.sym("x")
     with pytest.raises(KernelError, match="erf: operation"):
         c_texts(ca.Function("erf", [x], [ca.erf(x)]))
-    with pytest.raises(KernelError, match="erf: operation"):
-        c_table(ca.Function("erf", [x], [ca.erf(x)]))
 
 
 @settings(max_examples=200, deadline=None)

@@ -3,10 +3,11 @@
 import pytest
 
 from benchmarks.chains import repeated_link
-from tests.compiler.native.test_loops import check_bits
+from tests.compiler.native.test_loops import check_bits, check_derivatives
 from vdfmu.arm.robot import load_robot
 from vdfmu.arm.units import find_unit
-from vdfmu.compiler.c.loops import c_loops
+from vdfmu.compiler.c.loop_text import c_loops
+from vdfmu.compiler.c.loops import find_loops
 from vdfmu.compiler.unit.program import UnitFunctions
 
 STEP = ("plant_step_start", "plant_step_solve", "plant_step_balance")
@@ -17,7 +18,7 @@ def functions_of(robot):
     plant, feedforward = (UnitFunctions(find_unit(unit), robot, cache=None) for unit in ("plant", "feedforward"))
     called = {one.name(): one for one in plant.casadi_function("plant_step").find_functions()}
     found = {name: called[name] for name in STEP}
-    found["plant_derivatives"] = plant.casadi_function("plant_derivatives")
+    found |= {name: plant.casadi_function(name) for name in ("plant_derivatives", "plant_outputs")}
     modes = ("feedforward_outputs_inverse", "feedforward_outputs_vdc")
     return found | {name: feedforward.casadi_function(name) for name in modes}
 
@@ -29,16 +30,19 @@ def test_the_functions_of_long_arms_keep_their_bits(robot, tmp_path):
         folder = tmp_path / name
         folder.mkdir()
         if name in STEP[1:] and robot.name != "snake_24dof":  # its signs alternate: 10 members for 20 joints
-            assert c_loops(function, robot.n) is not None
-        if c_loops(function, robot.n) is not None:
+            assert find_loops(function, robot.n) is not None
+        if find_loops(function, robot.n) is not None:
             check_bits(function, robot.n, folder)
+            if name not in STEP:
+                check_derivatives(function, robot.n, folder)
 
 
 @pytest.mark.heavy
 def test_their_text_does_not_grow_with_the_joints():
     short, long = functions_of(repeated_link(20)), functions_of(repeated_link(40))
     for name in short:
-        assert len(c_loops(long[name], 40)) < 1.1 * len(c_loops(short[name], 20)), name
+        few, many = find_loops(short[name], 20), find_loops(long[name], 40)
+        assert len(c_loops(many)) < 1.1 * len(c_loops(few)), name
 
 
 def test_the_equations_of_a_long_arm_keep_their_bits(tmp_path):

@@ -7,10 +7,13 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from vdfmu.compiler.c.expressions import c_prototype
+from vdfmu.compiler.c.counterparts import Trace
+from vdfmu.compiler.c.expressions import EXPRESSIONS, c_prototype, slopes
 from vdfmu.compiler.c.functions import c_texts
-from vdfmu.compiler.c.loops import c_loops
-from vdfmu.compiler.c.series import Trace, find_series
+from vdfmu.compiler.c.loop_text import c_loops
+from vdfmu.compiler.c.loops import Loops, find_loops
+from vdfmu.compiler.c.series import find_series
+from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative
 
 N = 24
 
@@ -44,24 +47,45 @@ def recursion(n=N, seed=None):
 
 
 def results_of(text, function, given, tmp_path, name="kernel"):
-    """Compile the C text of a function, without a warning, and return its results for given arguments."""
+    """Compile the C text of a function, without a warning, and return its results for given arguments.
+
+    It is called twice: the second time has what the first has left in memory.
+    """
     source, library = tmp_path / f"{name}.c", tmp_path / f"{name}.so"
     source.write_text(f"#include <math.h>\n#include <stdint.h>\n{c_prototype(function)};\n{text}")
     flags = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O1", "-ffp-contract=off", "-shared", "-fPIC"]
     subprocess.run(["cc", *flags, "-o", library, source, "-lm"], check=True)
     made = [np.full(function.numel_out(i), np.nan) for i in range(function.n_out())]
-    ctypes.CDLL(str(library))[function.name()](*(a.ctypes.data_as(ctypes.c_void_p) for a in (*given, *made)))
-    return np.concatenate(made)
+    arguments = [a.ctypes.data_as(ctypes.c_void_p) for a in (*given, *made)]
+    called = ctypes.CDLL(str(library))[function.name()]
+    called(*arguments)
+    first = np.concatenate(made)
+    called(*arguments)
+    np.testing.assert_array_equal(np.concatenate(made), first)
+    return first
 
 
 def check_bits(function, joints, tmp_path):
-    text = c_loops(function, joints)
-    assert text is not None
+    loops = find_loops(function, joints)
+    assert loops is not None
+    text = c_loops(loops)
     rng = np.random.default_rng(1)
     given = [rng.uniform(0.5, 1.5, function.numel_in(i)) for i in range(function.n_in())]
     expected = results_of("\n".join(c_texts(function)), function, given, tmp_path, "line")
     np.testing.assert_array_equal(results_of(text, function, given, tmp_path, "loops"), expected)
     return text
+
+
+def check_derivatives(function, joints, tmp_path):
+    """Compare the derivatives in loops with CasADi's, which add the same terms in another order."""
+    loops = find_loops(function, joints)
+    rng = np.random.default_rng(2)
+    for direction in DIRECTIONS:
+        expected = derivative(function, direction)
+        given = [rng.uniform(0.5, 1.5, expected.numel_in(i)) for i in range(expected.n_in())]
+        found = results_of(c_loops(loops, direction), expected, given, tmp_path, direction)
+        made = [each.full().ravel() for each in expected.call(given)]
+        np.testing.assert_allclose(found, np.concatenate(made), rtol=1e-12, atol=1e-12 * np.abs(found).max())
 
 
 def test_a_recursion_up_and_down_is_as_many_loops(tmp_path):
@@ -71,21 +95,52 @@ def test_a_recursion_up_and_down_is_as_many_loops(tmp_path):
 
 
 def test_the_text_does_not_grow_with_the_joints():
-    short, long = (c_loops(recursion(n), n) for n in (12, 200))
-    assert short is not None and long is not None
-    assert len(long) < 1.1 * len(short)  # more digits
+    short, long = (find_loops(recursion(n), n) for n in (12, 200))
+    for direction in ("", *DIRECTIONS):
+        assert len(c_loops(long, direction)) < 1.1 * len(c_loops(short, direction))  # more digits
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_joints_that_are_unlike_the_others_keep_their_operations(seed, tmp_path):
     check_bits(recursion(seed=seed), N, tmp_path)
+    check_derivatives(recursion(seed=seed), N, tmp_path)
 
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("seed", range(100, 160))
 def test_many_chains_keep_their_bits(seed, tmp_path):
     check_bits(recursion(seed=seed), N, tmp_path)
+    check_derivatives(recursion(seed=seed), N, tmp_path)
 
+
+@pytest.mark.parametrize("operation", EXPRESSIONS)
+def test_slopes_are_those_of_the_operation(operation, tmp_path):
+    two = len(slopes(operation)) == 2
+    x, y = ca.SX.sym("x", N), ca.SX.sym("y", N)
+    rows = [ca.SX.binary(operation, x[i], y[i]) if two else ca.SX.unary(operation, x[i] + y[i]) for i in range(N)]
+    function = ca.Function("rows", [x, y], [ca.vertcat(*rows)], ["x", "y"], ["z"])
+    loops = Loops(find_series(trace := Trace(function), N, 1, trace.digests(0)))
+    for direction in DIRECTIONS:
+        expected = derivative(function, direction)
+        rng = np.random.default_rng(operation)
+        low = 1.1 if operation == ca.OP_ACOSH else 0.05
+        given = [rng.uniform(low, low + 0.4, expected.numel_in(i)) for i in range(expected.n_in())]
+        found = results_of(c_loops(loops, direction), expected, given, tmp_path, direction)
+        made = [each.full().ravel() for each in expected.call(given)]
+        np.testing.assert_allclose(found, np.concatenate(made), rtol=1e-12, atol=1e-14)
+
+
+def test_a_recursion_whose_end_alone_is_a_result_is_one_loop(tmp_path):
+    x = ca.SX.sym("x", N)
+    product, total = ca.SX(1.0), ca.SX(0.0)
+    for i in range(N):
+        product = product * ca.cos(x[i]) - ca.sin(x[i])
+        total = total + product**2
+    text = check_bits(ca.Function("end", [x], [total, product], ["x"], ["y", "z"]), N, tmp_path)
+    assert text.count("for (int i") == 1
+
+
+@pytest.mark.heavy
 
 def test_every_operation_is_in_one_series():
     trace = Trace(recursion(seed=3))
@@ -96,8 +151,8 @@ def test_every_operation_is_in_one_series():
 
 
 def test_few_joints_and_joints_with_nothing_in_common_have_no_loops():
-    assert c_loops(recursion(9), 9) is None
+    assert find_loops(recursion(9), 9) is None
     x = ca.SX.sym("x", N)
     functions = [ca.sin, ca.cos, ca.tan, ca.exp, ca.sqrt, ca.tanh, ca.atan, ca.log1p, ca.sinh, ca.cosh, ca.fabs]
     y = [functions[k % 11](functions[(k + 1 + k // 11) % 11](x[k])) for k in range(N)]
-    assert c_loops(ca.Function("unlike", [x], [ca.vertcat(*y)], ["x"], ["y"]), N) is None
+    assert find_loops(ca.Function("unlike", [x], [ca.vertcat(*y)], ["x"], ["y"]), N) is None

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import casadi as ca
+
+from vdfmu.compiler.functions.derivatives import derivative_names
 
 EXPRESSIONS = {
     ca.OP_ASSIGN: "{0}",
@@ -57,11 +60,37 @@ EXPRESSIONS = {
 """Operation: C expression of its operands {0} and {1}, which may be vectors too (``fmu_src/batch/lanes.h``)."""
 
 
-def c_prototype(function: ca.Function) -> str:
-    """Return the declaration of :func:`~vdfmu.compiler.c.functions.c_texts`, without semicolon."""
-    arguments = [f"const double *restrict {name}" for name in function.name_in()]
-    results = [f"double *restrict {name}_out" for name in function.name_out()]
-    return f"void {function.name()}({', '.join([*arguments, *results])})"
+@lru_cache
+def slopes(operation: int) -> list[str]:
+    """Return the derivatives of an operation, one by each operand, as C expressions of its operands."""
+    pattern = EXPRESSIONS[operation]
+    operands = [ca.SX.sym(name) for name in ("a", "b")[: 2 if "{1}" in pattern else 1]]
+    made = (ca.SX.unary if len(operands) == 1 else ca.SX.binary)(operation, *operands)
+    function = ca.Function("slopes", operands, [ca.densify(ca.jacobian(made, ca.vertcat(*operands)))])
+    texts: dict[int, str] = {}
+    found = [""] * len(operands)
+    for k in range(function.n_instructions()):
+        code, read, place = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
+        if code == ca.OP_OUTPUT:
+            found[place[1]] = texts[read[0]]
+        elif code == ca.OP_INPUT:
+            texts[place[0]] = f"{{{read[0]}}}"
+        elif code == ca.OP_CONST:
+            texts[place[0]] = c_constant(function.instruction_constant(k))
+        else:
+            texts[place[0]] = f"({EXPRESSIONS[code].format(*(texts[i] for i in read))})"
+    return found
+
+
+def c_prototype(function: ca.Function, ending: str = "") -> str:
+    """Return the declaration of :func:`~vdfmu.compiler.c.functions.c_texts`, or of a derivative, without semicolon."""
+    given, made = function.name_in(), function.name_out()
+    if ending:
+        given, made = derivative_names(function, ending)
+        ending = f"_{ending}"
+    arguments = [f"const double *restrict {name}" for name in given]
+    results = [f"double *restrict {name}_out" for name in made]
+    return f"void {function.name()}{ending}({', '.join([*arguments, *results])})"
 
 
 def c_constant(value: float) -> str:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 
 import casadi as ca
 
 from vdfmu.compiler.c.expressions import c_prototype
 from vdfmu.compiler.c.functions import c_texts, is_long
-from vdfmu.compiler.c.operations import c_table
+from vdfmu.compiler.c.loop_text import c_loops
+from vdfmu.compiler.c.loops import find_loops
 from vdfmu.compiler.c.text import head, wrapped
-from vdfmu.compiler.functions.derivatives import DIRECTIONS
+from vdfmu.compiler.functions.derivatives import DIRECTIONS, has_roundings
 
 _WHOLE_DERIVATIVE = 5_000
 """Operations of a derivative that go into one C function; parts compile in half the time and run a quarter longer."""
@@ -19,11 +20,32 @@ _DEFINED = re.compile(r"^void (\w+)\([^;{]*\)\n{", re.MULTILINE)
 """Name of a function where it is defined."""
 
 
-def kernel_files(function: ca.Function, apart: Collection[str] = (), joints: int = 0) -> dict[str, str]:
-    """Return file name to text of a traced function, without what it calls of `apart`; long ones loop over `joints`."""
-    *parts, whole = _texts(function, apart, joints)
-    files = {f"kernel_{function.name()}_part_{k}.c": part for k, part in enumerate(parts, 1)}
-    return files | {f"kernel_{function.name()}.c": whole}
+def kernel_files(
+    function: ca.Function,
+    apart: Collection[str] = (),
+    joints: int = 0,
+    derivative: Callable[[str], ca.Function] | None = None,
+) -> dict[str, str]:
+    """Return file name to text of a traced function, without what it calls of `apart`; long ones loop over `joints`.
+
+    With `derivative`, which traces one by its direction, those of its derivatives too.
+    """
+    loops = find_loops(function, joints) if is_long(function) else None
+    texts = [c_loops(loops)] if loops is not None else c_texts(function, apart=apart, joints=joints)
+    files = _files(function.name(), c_prototype(function), texts)
+    for ending in DIRECTIONS if derivative is not None else ():
+        if loops is not None and not has_roundings(function):
+            texts = [c_loops(loops, ending)]
+        else:
+            texts = c_texts(derivative(ending), _WHOLE_DERIVATIVE)
+        files |= _files(f"{function.name()}_{ending}", c_prototype(function, ending), texts)
+    return files
+
+
+def _files(name: str, prototype: str, texts: list[str]) -> dict[str, str]:
+    top = head(f"The traced function {name}, operation by operation.") + "#include <math.h>\n"
+    files = {f"kernel_{name}_part_{k}.c": f"{top}\n{text}" for k, text in enumerate(texts[:-1], 1)}
+    return files | {f"kernel_{name}.c": f"{top}\n{wrapped(prototype)};\n\n{texts[-1]}"}
 
 
 def avx2_copies(files: Mapping[str, str]) -> dict[str, str]:
@@ -60,15 +82,4 @@ def avx2_copies(files: Mapping[str, str]) -> dict[str, str]:
 
 def kernel_source(function: ca.Function) -> str:
     """Return the C text of a traced function in one file."""
-    return "\n".join(_texts(function))
-
-
-def _texts(function: ca.Function, apart: Collection[str] = (), joints: int = 0) -> list[str]:
-    """Return the C files of a traced function, itself in the last, without what it calls of `apart`."""
-    derivative = function.name().rpartition("_")[2] in DIRECTIONS
-    table = derivative and is_long(function)
-    whole = _WHOLE_DERIVATIVE if derivative else None
-    texts = [c_table(function)] if table else c_texts(function, whole, apart, 0 if derivative else joints)
-    top = head(f"The traced function {function.name()}, operation by operation.")
-    top += f"#include <math.h>\n{'#include <stdint.h>' * table}\n"
-    return [*(top + text for text in texts[:-1]), f"{top}{wrapped(c_prototype(function))};\n\n{texts[-1]}"]
+    return "\n".join(kernel_files(function).values())

@@ -15,7 +15,8 @@ import casadi as ca
 from vdfmu.base.errors import KernelError
 from vdfmu.compiler.c.expressions import EXPRESSIONS, c_constant, c_prototype
 from vdfmu.compiler.c.lookup import c_lookup
-from vdfmu.compiler.c.loops import c_loops
+from vdfmu.compiler.c.loop_text import c_loops
+from vdfmu.compiler.c.loops import find_loops
 from vdfmu.compiler.scalar.symbol import LOOKUP
 
 
@@ -37,9 +38,9 @@ def c_texts(function: ca.Function, whole: int | None = None, apart: Collection[s
     """
     if not function.is_a("SXFunction"):
         return _calling(function, apart, joints)
-    loops = c_loops(function, joints) if function.n_instructions() > _ALONE else None
+    loops = find_loops(function, joints) if is_long(function) else None
     if loops is not None:
-        return [loops]
+        return [c_loops(loops)]
     operations = _operations(function)
     if len(operations) <= (_WHOLE if whole is None else whole):
         read = {name for operation in operations for name in operation.arguments}
@@ -53,15 +54,15 @@ _WHOLE = 18_000
 """Operations that go into one C function; the shipped arms have no longer trace."""
 _PART = 1_000
 """Operations of one part of a longer trace."""
-_ALONE = 3_000
-"""Operations from which a function has loops, and a text of its own where another calls it."""
+_LONG = 3_000
+"""Operations from which a trace is long."""
 _TOGETHER = 30
 """Parts that one compiler gets, which takes some 200 MB for them."""
 
 
 def is_long(function: ca.Function) -> bool:
-    """Whether a trace is too long for one C function."""
-    return function.n_instructions() > _WHOLE
+    """Whether a trace has loops, and a text of its own where another calls it."""
+    return function.n_instructions() > _LONG
 
 
 def _calling(function: ca.Function, apart: Collection[str], joints: int) -> list[str]:
@@ -96,8 +97,7 @@ def _calling(function: ca.Function, apart: Collection[str], joints: int) -> list
     together = [f"#include <string.h>\n\n{prototypes}"]
     for callee in callees.values():
         if callee.name() not in apart:
-            long = callee.n_instructions() > _ALONE
-            (texts if long else together).extend(c_texts(callee, joints=joints))
+            (texts if is_long(callee) else together).extend(c_texts(callee, joints=joints))
     return [*texts, "\n".join([*together, f"{c_prototype(function)}\n{{\n{body}\n}}\n"])]
 
 

@@ -9,12 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 
+import casadi as ca
+
 from vdfmu.base.progress import counted
 from vdfmu.base.version import __version__
 from vdfmu.compiler.c.expressions import c_prototype
 from vdfmu.compiler.c.files import avx2_copies, kernel_files
 from vdfmu.compiler.c.text import array, call_lines, cell, comment, fields, head, string, wrapped
 from vdfmu.compiler.fmu.description import number
+from vdfmu.compiler.functions.derivatives import DIRECTIONS
 from vdfmu.compiler.functions.switching import NEVER
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.machine import traced_margins
@@ -39,7 +42,9 @@ def generated_sources(interface: Interface, guid: str) -> dict[str, str]:
     files = {"config.h": unit.config(), "kernel.h": unit.kernel_header(), "unit.c": unit.source()}
     joints = interface.robot.n if interface.robot is not None else 0
     for function in unit.functions.values():
-        own = kernel_files(function, unit.functions, joints)
+        with_derivatives = function.name() in unit.called
+        derivative = partial(unit.derivative, function.name()) if with_derivatives else None
+        own = kernel_files(function, unit.functions, joints, derivative)
         files |= own | (avx2_copies(own) if function.name() in unit.steps else {})
     return files
 
@@ -50,9 +55,9 @@ class _UnitGenerator:
     def __init__(self, interface: Interface, guid: str) -> None:
         self.interface, self.guid = interface, guid
         self.program = program = interface.program
-        names = [name for call in program.calls for name in _with_derivatives(call.function)]
+        self.called = [call.function for call in program.calls]
         self.steps = {call.function for call in program.step}
-        names += [*sorted(self.steps), *(call.function for call in program.left)]
+        names = [*self.called, *sorted(self.steps), *(call.function for call in program.left)]
         self.functions = {
             name: interface.functions.casadi_function(name)
             for name in counted(f"trace {interface.name}", names, len(names))
@@ -64,6 +69,10 @@ class _UnitGenerator:
         self.requirements += own
         self.margins += [function] if function is not None else []
         self.functions |= {function.name(): function for function in self.margins}
+
+    def derivative(self, name: str, ending: str) -> ca.Function:
+        """Trace a derivative of a function."""
+        return self.interface.functions.casadi_function(f"{name}_{ending}")
 
     # ---------------------------------------------------------------- files
 
@@ -91,7 +100,11 @@ class _UnitGenerator:
         )
 
     def kernel_header(self) -> str:
-        listed = [c_prototype(f) for f in self.functions.values()]
+        listed = [
+            c_prototype(function, ending)
+            for name, function in self.functions.items()
+            for ending in (("", *DIRECTIONS) if name in self.called else ("",))
+        ]
         listed += [c_prototype(self.functions[name]).replace(name, f"{name}_avx2", 1) for name in self.steps]
         prototypes = "".join(f"{wrapped(prototype)};\n" for prototype in listed)
         return (
@@ -345,10 +358,6 @@ class _UnitGenerator:
         lines = "".join(f"    .{name} = {value}".rstrip() + ",\n" for name, value in values.items())
         copy = "#ifdef AVX2_STEP\n    .solver_step_avx2 = solver_step_avx2,\n#endif\n" if has_step else ""
         return f"const Unit unit = {{\n{lines.replace(' */,', ' */')}{copy}}};\n"
-
-
-def _with_derivatives(function: str) -> tuple[str, str, str]:
-    return function, f"{function}_forward", f"{function}_reverse"
 
 
 def _variable_row(v: Variable, choices: str | None) -> str:

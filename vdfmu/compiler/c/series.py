@@ -13,76 +13,17 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from graphlib import TopologicalSorter
 
-import casadi as ca
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-_DEPTH = 4
-"""Operations below a result that must be alike for two results to be a pair."""
+from vdfmu.compiler.c.counterparts import Counterparts, Trace
+
 _ROUNDS = 200
 """Changes of the indices after which series that use each other are taken to have no common direction."""
 
 BEFORE = -1
 """Pass of what needs no loop and comes before all."""
-
-
-class Trace:
-    """The operations of a function without the memory that they share: each has a value of its own.
-
-    Attributes
-    ----------
-    operations : list of int
-        CasADi's codes.
-    operands : list of tuple of int
-        Operations that each reads.
-    given : list
-        Of an input (argument, element), of a constant its value, else None.
-    results : list of (result, element, operation)
-    """
-
-    def __init__(self, function: ca.Function) -> None:
-        self.function = function
-        self.operations: list[int] = []
-        self.operands: list[tuple[int, ...]] = []
-        self.given: list[tuple[int, int] | float | None] = []
-        self.results: list[tuple[int, int, int]] = []
-        self._digests: list[list[int]] = []  # by depth
-        held: dict[int, int] = {}  # place in CasADi's memory to the operation whose value is there
-        for k in range(function.n_instructions()):
-            operation, target = function.instruction_id(k), function.instruction_output(k)
-            if operation == ca.OP_OUTPUT:
-                self.results.append((target[0], target[1], held[function.instruction_input(k)[0]]))
-                continue
-            read: tuple[int, ...] = ()
-            given: tuple[int, int] | float | None = None
-            if operation == ca.OP_CONST:
-                given = function.instruction_constant(k)
-            elif operation == ca.OP_INPUT:
-                argument, element = function.instruction_input(k)
-                given = argument, element
-            else:
-                read = tuple(held[place] for place in function.instruction_input(k))
-            held[target[0]] = len(self.operations)
-            self.operations.append(operation)
-            self.operands.append(read)
-            self.given.append(given)
-
-    def is_leaf(self, k: int) -> bool:
-        """Whether an operation is an input or a constant."""
-        return self.given[k] is not None
-
-    def digests(self, depth: int) -> list[int]:
-        """Return a number for each operation, the same for those that are alike with all that is `depth` below."""
-        if not self._digests:
-            arguments = (given[0] if isinstance(given, tuple) else -1 for given in self.given)
-            self._digests.append(list(map(hash, zip(self.operations, arguments, strict=True))))
-        while len(self._digests) <= depth:
-            found = self._digests[-1]
-            self._digests.append(
-                [hash((f, *(found[a] for a in read))) for f, read in zip(found, self.operands, strict=True)]
-            )
-        return self._digests[depth]
 
 
 @dataclass
@@ -132,108 +73,9 @@ def find_series(trace: Trace, joints: int, period: int, alike: Sequence[int]) ->
     alike : sequence of int
         Number of each operation; counterparts have the same.
     """
-    layout = _grouped(trace, _counterparts(trace, joints, period, alike))
+    layout = _grouped(trace, Counterparts(trace, joints, period, alike).after)
     _number(layout, joints, period)
     return layout if _order(layout) else None
-
-
-# ---------------------------------------------------------------- counterparts
-
-
-def _counterparts(trace: Trace, joints: int, period: int, alike: Sequence[int]) -> dict[int, int]:
-    """Return operation to its counterpart at the next joint."""
-    columns: dict[int, dict[int, int]] = defaultdict(dict)
-    for result, element, operation in trace.results:
-        columns[result][element] = operation
-    deep = trace.digests(_DEPTH)
-    size = trace.function.numel_out
-    after: dict[int, int] = {}
-    taken: set[int] = set()
-    steps: dict[int, dict[int, int]] = defaultdict(dict)  # argument to element to that of the next joint
-    # vectors with so many numbers for each joint, one after the other, show where the next joint is in others
-    for result in sorted(columns, key=lambda result: size(result) % joints != 0):
-        if size(result) >= joints:
-            next_element = _next_elements(trace, result, columns[result], joints, period, steps, deep)
-            waiting = [
-                (operation, columns[result][next_element[element]])
-                for element, operation in sorted(columns[result].items(), reverse=True)
-                if next_element.get(element) in columns[result]
-                and deep[operation] == deep[columns[result][next_element[element]]]
-            ]
-            _pair(
-                trace, waiting if _rises(trace, waiting) else [(b, a) for a, b in waiting], alike, after, taken, steps
-            )
-    return after
-
-
-def _next_elements(
-    trace: Trace,
-    result: int,
-    column: dict[int, int],
-    joints: int,
-    period: int,
-    steps: dict[int, dict[int, int]],
-    deep: list[int],
-) -> dict[int, int]:
-    """Return element of a result to that of the next joint."""
-    function, size = trace.function, trace.function.numel_out(result)
-    if size % joints == 0:
-        return {e: e + period for e in range(size) if e % joints + period < joints}
-    same = [a for a in steps if function.numel_in(a) == size]  # as derivatives by the parameters are laid out
-    if same:
-        return steps[same[0]]
-    away = _distance(column, deep, size, period * size / joints)
-    return {e: e + away for e in range(size - away)}
-
-
-def _pair(
-    trace: Trace,
-    waiting: list[tuple[int, int]],
-    alike: Sequence[int],
-    after: dict[int, int],
-    taken: set[int],
-    steps: dict[int, dict[int, int]],
-) -> None:
-    """Go down from pairs of operations to those of their operands."""
-    while waiting:
-        a, b = waiting.pop()
-        if a == b or alike[a] != alike[b] or a in after or b in taken:
-            continue
-        one, other = trace.given[a], trace.given[b]
-        if one is not None:
-            if isinstance(one, tuple) and isinstance(other, tuple):
-                steps[one[0]].setdefault(one[1], other[1])
-            continue
-        after[a] = b
-        taken.add(b)
-        waiting.extend(zip(trace.operands[a], trace.operands[b], strict=True))
-
-
-def _distance(column: dict[int, int], deep: list[int], size: int, about: float) -> int:
-    """Return the number of elements after which the operations of a result repeat."""
-    digests = np.zeros(size, dtype=np.int64)
-    digests[list(column)] = [deep[operation] for operation in column.values()]
-    tried = range(max(1, int(0.75 * about)), min(size // 2, int(1.35 * about)) + 1)
-    score = {k: np.count_nonzero((digests[k:] == digests[:-k]) & (digests[k:] != 0)) for k in tried}
-    return min((k for k in tried if score[k] >= 0.95 * max(score.values())), default=1)
-
-
-def _rises(trace: Trace, pairs: list[tuple[int, int]]) -> bool:
-    """Whether the inputs below pairs have higher elements in the second."""
-    middle = len(pairs) // 2
-    seen: set[tuple[int, int]] = set()
-    waiting = pairs[middle : middle + max(1, len(pairs) // 8)]
-    risen = Counter[int]()
-    while waiting:
-        a, b = pair = waiting.pop()
-        if a == b or pair in seen or trace.operations[a] != trace.operations[b]:
-            continue
-        seen.add(pair)
-        one, other = trace.given[a], trace.given[b]
-        if isinstance(one, tuple) and isinstance(other, tuple) and one[0] == other[0]:
-            risen[one[0]] += int(np.sign(other[1] - one[1]))
-        waiting.extend(zip(trace.operands[a], trace.operands[b], strict=True))
-    return sum(np.sign(count) for count in risen.values()) >= 0
 
 
 def _grouped(trace: Trace, after: dict[int, int]) -> Layout:

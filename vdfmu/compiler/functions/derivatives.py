@@ -9,47 +9,49 @@ from typing import Any
 import casadi as ca
 
 
-def forward(function: ca.Function, rounded: bool = False) -> ca.Function:
-    """Return the product of the Jacobian of `function` with a direction, ``<name>_forward``.
+DIRECTIONS = ("forward", "reverse")
+"""Endings of the names of derivatives: the product of the Jacobian with a direction, that of a direction with it."""
 
-    Its arguments are those of `function` and a direction ``d_<argument>`` for each; its results are
-    ``d_<result>``, (J direction). With `rounded`, what depends on an argument by rounding alone, as of an encoder,
-    has the slope of the line that the rounding follows, instead of 0.
+
+def derivative_names(function: ca.Function, ending: str) -> tuple[list[str], list[str]]:
+    """Return the names of the arguments and of the results of a derivative."""
+    forward = ending == "forward"
+    prefix = "d" if forward else "bar"
+    given, made = [function.name_in(), function.name_out()][:: 1 if forward else -1]
+    return [*function.name_in(), *(f"{prefix}_{name}" for name in given)], [f"{prefix}_{name}" for name in made]
+
+
+def derivative(function: ca.Function, ending: str, rounded: bool = False) -> ca.Function:
+    """Return the product of the Jacobian of `function` with a direction, ``<name>_forward``, or ``<name>_reverse``.
+
+    The arguments of the first are those of `function` and a direction ``d_<argument>`` for each, its results
+    ``d_<result>``, (J direction). Those of the second are those of `function` and a direction ``bar_<result>`` for
+    each result, its results ``bar_<argument>``, (direction J). With `rounded`, what depends on an argument by rounding
+    alone, as of an encoder, has the slope of the line that the rounding follows, instead of 0.
     """
-    return _product(function, "forward", "d", False, rounded)
-
-
-def reverse(function: ca.Function, rounded: bool = False) -> ca.Function:
-    """Return the product of a direction with the Jacobian of `function`, ``<name>_reverse``.
-
-    Its arguments are those of `function` and a direction ``bar_<result>`` for each result; its results are
-    ``bar_<argument>``, (direction J). `rounded` as of :func:`forward`.
-    """
-    return _product(function, "reverse", "bar", True, rounded)
-
-
-def _product(function: ca.Function, ending: str, prefix: str, transposed: bool, rounded: bool) -> ca.Function:
-    """Return the product of the Jacobian, or its transpose, with directions; `prefix` names them and the results."""
-    arguments = {name: ca.SX.sym(name, function.numel_in(name)) for name in function.name_in()}
-    called = function.call(list(arguments.values()))
-    results = {name: ca.vec(r) for name, r in zip(function.name_out(), called, strict=True)}
+    transposed = ending == "reverse"
+    arguments = [ca.SX.sym(name, function.numel_in(name)) for name in function.name_in()]
+    results = list(map(ca.vec, function.call(arguments)))
     given, made = (results, arguments) if transposed else (arguments, results)
-    directions = {f"{prefix}_{name}": ca.SX.sym(name, *v.shape) for name, v in given.items()}
-    result, argument = ca.vertcat(*results.values()), ca.vertcat(*arguments.values())
-    direction = ca.vertcat(*directions.values())
+    directions = [ca.SX.sym("direction", *v.shape) for v in given]
+    result, argument, direction = ca.vertcat(*results), ca.vertcat(*arguments), ca.vertcat(*directions)
     product = ca.jtimes(result, argument, direction, transposed)
-    operations = {function.instruction_id(k) for k in range(function.n_instructions())} if rounded else set[int]()
-    if operations & _ROUNDING.keys() and ca.OP_CALL not in operations:
-        lines = _slopes_of_rounding(function, result, argument, list(arguments.values()))
+    if rounded and has_roundings(function):
+        lines = _slopes_of_rounding(function, result, argument, arguments)
         product += (lines.T if transposed else lines) @ direction
-    offsets = [0, *accumulate(v.numel() for v in made.values())]
+    offsets = [0, *accumulate(v.numel() for v in made)]
     return ca.Function(
         f"{function.name()}_{ending}",
-        [*arguments.values(), *directions.values()],
-        ca.vertsplit(ca.densify(product), offsets),  # cse would take nine tenths of the time to save 1 % of operations
         [*arguments, *directions],
-        [f"{prefix}_{name}" for name in made],
+        ca.vertsplit(ca.densify(product), offsets),  # cse would take nine tenths of the time to save 1 % of operations
+        *derivative_names(function, ending),
     )
+
+
+def has_roundings(function: ca.Function) -> bool:
+    """Whether a function rounds and calls no other."""
+    operations = {function.instruction_id(k) for k in range(function.n_instructions())}
+    return bool(operations & _ROUNDING.keys()) and ca.OP_CALL not in operations
 
 
 _ROUNDING = {ca.OP_FLOOR: -0.5, ca.OP_CEIL: 0.5}
@@ -96,7 +98,3 @@ def rebuilt(
             apply = ca.SX.unary if len(read) == 1 else ca.SX.binary
             work[place[0]] = apply(operation, *operands) if made is None else made
     return results
-
-
-DIRECTIONS: dict[str, Callable[..., ca.Function]] = {"forward": forward, "reverse": reverse}
-"""Ending of the name to what makes the derivative."""

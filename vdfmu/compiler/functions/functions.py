@@ -14,7 +14,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import KernelError
 from vdfmu.base.interrupt import listening
 from vdfmu.compiler.functions.cache import cache_folder, load, store
-from vdfmu.compiler.functions.derivatives import DIRECTIONS
+from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative
 
 
 class KernelFunction:
@@ -127,11 +127,11 @@ class Functions:
         return function
 
     def _made(self, name: str) -> ca.Function:
-        derivative = self._derivative(name)
-        if derivative is None:
+        found = self._derivative(name)
+        if found is None:
             return self.made(name)
-        base, direction = derivative
-        return DIRECTIONS[direction](self.casadi_function(base))
+        base, direction = found
+        return derivative(self.casadi_function(base), direction)
 
     def function(self, name: str, /, **buffers: Floats) -> KernelFunction:
         """Return a function with buffers of its own, so that two users of it do not meet.

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from vdfmu.base.errors import UnitError
 from vdfmu.compiler.functions import traced_function
-from vdfmu.compiler.functions.derivatives import DIRECTIONS
+from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative
 from vdfmu.compiler.functions.functions import Functions
 from vdfmu.compiler.functions.rodas import Stages, rodas_step, stage_equations
 from vdfmu.compiler.functions.sources import source_digest
@@ -225,7 +225,7 @@ class UnitFunctions(Functions):
     def _made(self, name: str) -> ca.Function:
         base, _, direction = name.rpartition("_")
         if direction in DIRECTIONS and base in {call.function for call in self._calls["update"]}:
-            return DIRECTIONS[direction](self.casadi_function(base), rounded=True)
+            return derivative(self.casadi_function(base), direction, rounded=True)
         return super()._made(name)
 
     def _traced(self, leaf: Leaf) -> SymbolicWatch:
