@@ -139,7 +139,8 @@ static size_t n_dependencies(const Instance *I, Reference dependent)
     size_t n = 0;
     for (size_t k = 0; k < p->n_rows; k++)
         if (is_row_of(I, p, k, dependent))
-            n += p->begin[k + 1] - p->begin[k];
+            for (size_t i = p->begin[k]; i < p->begin[k + 1]; i++)
+                n += p->run[i].end - p->run[i].first;
     return n;
 }
 
@@ -178,12 +179,13 @@ Status get_dependencies(const Instance *I, Reference dependent, size_t elements_
     for (size_t k = 0; k < p->n_rows; k++) {
         if (!is_row_of(I, p, k, dependent))
             continue;
-        for (size_t i = p->begin[k]; i < p->begin[k + 1]; i++, j++) {
-            const Array *a = array_of(p->column[i]);
-            elements_of_dependent[j] = p->row[k] - dependent + 1;
-            independents[j] = (Reference)a->first;
-            elements_of_independents[j] = p->column[i] - a->first + 1;
-        }
+        for (size_t i = p->begin[k]; i < p->begin[k + 1]; i++)
+            for (size_t column = p->run[i].first; column < p->run[i].end; column++, j++) {
+                const Array *a = array_of(column);
+                elements_of_dependent[j] = p->row[k] - dependent + 1;
+                independents[j] = (Reference)a->first;
+                elements_of_independents[j] = column - a->first + 1;
+            }
     }
     return STATUS_OK;
 }

@@ -49,10 +49,16 @@ typedef struct {
     size_t n;
 } Requirement;
 
-/* Rows of a sparse pattern: row k says that position `row[k]` depends on `column[begin[k]] .. column[begin[k+1]-1]`. */
+/* Positions from `first` to `end` - 1. */
+typedef struct {
+    size_t first, end;
+} Run;
+
+/* Rows of a sparse pattern: row k says that position `row[k]` depends on `run[begin[k]] .. run[begin[k+1]-1]`. */
 typedef struct {
     size_t n_rows;
-    const size_t *row, *begin, *column;
+    const size_t *row, *begin;
+    const Run *run;
 } Pattern;
 
 typedef void SolverStep(const double *m, const double *rate, double h, double tolerance,

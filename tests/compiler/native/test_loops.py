@@ -141,7 +141,6 @@ def test_a_recursion_whose_end_alone_is_a_result_is_one_loop(tmp_path):
 
 
 @pytest.mark.heavy
-
 def test_every_operation_is_in_one_series():
     trace = Trace(recursion(seed=3))
     layout = find_series(trace, N, 1, trace.digests(0))

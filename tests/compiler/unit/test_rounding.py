@@ -13,6 +13,10 @@ def test_the_slope_of_the_square_of_a_rounding_is_that_of_its_line(rounding, bel
     function = ca.Function("square", [x], [rounding(x) ** 2], ["x"], ["y"])
     for value in (3.2, -1.7):
         expected = 2.0 * (value - below)
-        np.testing.assert_allclose(float(derivative(function, "forward", rounded=True)(value, 1.0)), expected, rtol=1e-14)
-        np.testing.assert_allclose(float(derivative(function, "reverse", rounded=True)(value, 1.0)), expected, rtol=1e-14)
+        np.testing.assert_allclose(
+            float(derivative(function, "forward", rounded=True)(value, 1.0)), expected, rtol=1e-14
+        )
+        np.testing.assert_allclose(
+            float(derivative(function, "reverse", rounded=True)(value, 1.0)), expected, rtol=1e-14
+        )
         assert float(derivative(function, "forward")(value, 1.0)) == 0.0

@@ -13,7 +13,7 @@ from vdfmu.arm.equations.mapping import joint_space_mass_matrix
 from vdfmu.arm.equations.rigid_body import coriolis_force, gravity_force, link_body, mass_matrix
 from vdfmu.arm.equations.spatial import cross_motion, force_transform, joint_axis, transform_mass_matrix
 from vdfmu.arm.world.attachment import FREE, NO_WRENCH, Ends, point_acceleration
-from vdfmu.compiler.scalar.elimination import factorize, solve
+from vdfmu.compiler.scalar.elimination import factorize, solve, sparse_of
 from vdfmu.compiler.scalar.generic import zeros
 
 
@@ -177,4 +177,4 @@ def forward_dynamics_by_mapping(
     """
     M = joint_space_mass_matrix(robot, q)
     bias = inverse_dynamics(robot, q, q_dot, np.zeros(robot.n), F_e)
-    return solve(factorize(M), tau - bias)
+    return solve(factorize(sparse_of(M)), tau - bias)

@@ -17,7 +17,9 @@ _DEPTH = 4
 """Operations below two that must be alike for these to be tried as a pair."""
 _TRIED = 3
 """Operations that are tried as the counterpart of one in a recursion."""
-_LOOK = 300
+_FAILED = 200
+"""Operations in a row without a counterpart in a recursion after which no more are tried."""
+_LOOK = 200
 """Pairs below two operations that are looked at."""
 
 
@@ -160,15 +162,22 @@ class Counterparts:
     def _pair_recursions(self) -> None:
         """Pair operations that are in no pair with those before them that have the same below, one joint earlier."""
         trace = self._trace
+        failed = 0
         by_digest: dict[int, list[int]] = defaultdict(list)
         for k, digest in enumerate(self._deep):
             if not trace.is_leaf(k):
                 by_digest[digest].append(k)
+        least = self._joints // self._period // 2  # which a recursion over all joints has in its middle
         rank = {k: i for listed in by_digest.values() for i, k in enumerate(listed)}
         for b in reversed(range(len(trace.operations))):
             if b in self._taken or b in self.after or b not in rank:
                 continue
             listed, i = by_digest[self._deep[b]], rank[b]
+            if len(listed) < least:
+                continue
+            if failed > _FAILED:
+                break
+            failed += 1
             for a in reversed(listed[max(0, i - _TRIED) : i]):
                 if a in self.after or a in self._taken:
                     continue
@@ -176,6 +185,7 @@ class Counterparts:
                 found = [pair for pair in pairs if self._is_a_joint_apart(pair)]
                 if found:
                     self._pair(found[:1])
+                    failed = 0
                     break
 
     def _is_a_joint_apart(self, pair: tuple[int, int]) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
+from itertools import accumulate
 
 import casadi as ca
 
@@ -174,12 +175,10 @@ class _UnitGenerator:
             ("step", self.interface.step_dependencies),
             ("start", self.interface.start_dependencies),
         ):
-            columns = [read(row) for row in rows]
-            begin = [0]
-            for column in columns:
-                begin.append(begin[-1] + len(column))
+            runs = [_runs(read(row)) for row in rows]
+            begin = [0, *accumulate(map(len, runs))]
             yield array("size_t", f"{name}_begin", map(str, begin))
-            yield array("size_t", f"{name}_column", (str(i) for column in columns for i in column) or ["0"])
+            yield array("Run", f"{name}_run", (cell(*run) for listed in runs for run in listed))
 
     def _requirements(self) -> Iterator[str]:
         if not self.requirements:
@@ -342,8 +341,8 @@ class _UnitGenerator:
             "period": "at_period" if self.program.update else f"{N}, /* nothing is sampled */",
             "sampled": interface.sampled.start,
             "n_sampled": interface.sampled.stop - interface.sampled.start,
-            "step_pattern": f"{{{calculated}, calculated, step_begin, step_column}}",
-            "start_pattern": f"{{{calculated}, calculated, start_begin, start_column}}",
+            "step_pattern": f"{{{calculated}, calculated, step_begin, step_run}}",
+            "start_pattern": f"{{{calculated}, calculated, start_begin, start_run}}",
             "n_requirements": len(self.requirements),
             "requirements": "requirements" if self.requirements else "NULL",
             "margins": "unit_margins" if self.requirements else "NULL",
@@ -358,6 +357,13 @@ class _UnitGenerator:
         lines = "".join(f"    .{name} = {value}".rstrip() + ",\n" for name, value in values.items())
         copy = "#ifdef AVX2_STEP\n    .solver_step_avx2 = solver_step_avx2,\n#endif\n" if has_step else ""
         return f"const Unit unit = {{\n{lines.replace(' */,', ' */')}{copy}}};\n"
+
+
+def _runs(positions: list[int]) -> list[tuple[int, int]]:
+    """Return first and end of the runs of positions."""
+    breaks = [k for k in range(1, len(positions)) if positions[k] != positions[k - 1] + 1]
+    pairs = zip([0, *breaks], [*breaks, len(positions)], strict=True) if positions else ()
+    return [(positions[i], positions[j - 1] + 1) for i, j in pairs]
 
 
 def _variable_row(v: Variable, choices: str | None) -> str:

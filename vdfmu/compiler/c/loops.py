@@ -189,6 +189,7 @@ class Loops:
         low, high = min(a for a, _ in spans), max(b for _, b in spans)
         return Pass(low, high, blocks, shared, len(block_of) == len(found))
 
+
 def _segments(layout: Layout, k: int) -> Iterator[Segment]:
     """Yield the members of a series in runs whose operands follow one rule."""
     members = layout.series[k].members

@@ -25,6 +25,8 @@ from vdfmu.compiler.unit.scipy_solver import TOLERANCE, ScipySolver, margin
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 INTERVALS = 20
 """Intervals of the experiment: the inputs are constant in each, and the results have a row for its end."""
+_STATES = 1280
+"""Product of intervals and continuous states, whose solution takes seconds; with more states the results end sooner."""
 _NAMESPACE = "http://fmi-standard.org/fmi-ls-manifest"
 _DIGITS = "%.12g"
 """Relative tolerance: rounding of the last digits differs from one machine to the next."""
@@ -34,8 +36,7 @@ def reference_files(content: Content) -> dict[str, bytes]:
     """Path in the FMU to content: manifest, inputs, results, and a page about them."""
     interface, name = content.interface, content.model_name
     stored = _stored(content)
-    stop = interface.unit.experiment_stop
-    times = [stop * k / INTERVALS for k in range(INTERVALS + 1)]
+    times = [_time(interface, k) for k in range(_intervals(interface) + 1)]
     arrays = content.fmi.arrays
     files = {f"{FOLDER}/{name}_out.csv": _csv(interface, times, stored["results"], arrays)}
     inputs = stored["inputs"]
@@ -44,7 +45,7 @@ def reference_files(content: Content) -> dict[str, bytes]:
         double = [t for t in times for _ in (0, 1)][1:-1]
         held = {group: [row for row in rows for _ in (0, 1)] for group, rows in inputs.items()}
         files[f"{FOLDER}/{name}_in.csv"] = _csv(interface, double, held, arrays)
-    files[f"{FOLDER}/fmi-ls-manifest.xml"] = document(_manifest(name, stop, bool(inputs)))
+    files[f"{FOLDER}/fmi-ls-manifest.xml"] = document(_manifest(name, times[-1], bool(inputs)))
     files["documentation/fmi-ls-ref.txt"] = _page(interface, bool(inputs)).encode()
     return files
 
@@ -65,10 +66,9 @@ def _stored(content: Content) -> dict[str, Any]:
 def reference_results(interface: Interface) -> dict[str, dict[str, list[list[float]]]]:
     """Return ``inputs`` in each interval and ``results`` at the start and at the end of each, by group."""
     unit = Plain(interface)
-    stop = interface.unit.experiment_stop
     held: list[dict[str, list[float]]] = []
-    for k in range(INTERVALS):
-        unit.memory[-1] = stop * k / INTERVALS
+    for k in range(_intervals(interface)):
+        unit.memory[-1] = _time(interface, k)
         unit.experiment()
         # what the table says to the last digit
         row = _values(unit, "input")
@@ -80,6 +80,16 @@ def reference_results(interface: Interface) -> dict[str, dict[str, list[list[flo
     }
 
 
+def _intervals(interface: Interface) -> int:
+    states = interface.states.stop - interface.states.start
+    return max(2, min(INTERVALS, _STATES // max(states, 1)))
+
+
+def _time(interface: Interface, k: int) -> float:
+    """Begin of an interval [s]."""
+    return interface.unit.experiment_stop * k / INTERVALS
+
+
 def _values(unit: Evaluation, causality: str) -> dict[str, list[float]]:
     """Return the values of a causality by group."""
     return {group: unit.memory[where].tolist() for group, where in unit.interface.groups_of(causality).items()}
@@ -88,7 +98,7 @@ def _values(unit: Evaluation, causality: str) -> dict[str, list[float]]:
 def _rows(unit: Plain, held: Sequence[Mapping[str, list[float]]]) -> Iterator[dict[str, list[float]]]:
     """Yield the outputs at the end of each interval; before them, those of the initialization."""
     interface = unit.interface
-    hold = interface.unit.experiment_stop / INTERVALS
+    hold = _time(interface, 1)
     motion = ScipySolver(evaluation(interface, unit.memory))
     unit.memory[-1] = 0.0
     for group, values in held[0].items():
@@ -174,8 +184,8 @@ def _manifest(name: str, stop: float, has_inputs: bool) -> Element:
 
 
 def _page(interface: Interface, has_inputs: bool) -> str:
-    name, stop = interface.model_name, interface.unit.experiment_stop
-    hold = f"{stop / INTERVALS:g} s"
+    name, stop = interface.model_name, _time(interface, _intervals(interface))
+    hold = f"{_time(interface, 1):g} s"
     lines = [
         f"Reference results of {name}",
         "",

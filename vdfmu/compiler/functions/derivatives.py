@@ -8,7 +8,6 @@ from typing import Any
 
 import casadi as ca
 
-
 DIRECTIONS = ("forward", "reverse")
 """Endings of the names of derivatives: the product of the Jacobian with a direction, that of a direction with it."""
 

@@ -14,8 +14,8 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.compiler.scalar.elimination import factorize, pattern, solve
-from vdfmu.compiler.scalar.symbol import from_sx, to_sx
+from vdfmu.compiler.scalar.elimination import Rows, factorize, solve, sparse
+from vdfmu.compiler.scalar.symbol import Symbol, from_sx, to_sx
 
 ORDER = 4
 GAMMA = 0.25
@@ -71,23 +71,30 @@ def stage_equations(
     name : of the function, ``<name>_solve``
     """
     size = len(order)
-    W = from_sx(E / (h * GAMMA) - J).reshape(size, size)
-    factorized = factorize(W[np.ix_(order, order)])
-    filled = pattern(factorized)
-    explicit = ca.DM([E[i, :].nnz() == 1 and E[i, i].is_one() for i in range(m)])
+    factorized = factorize(permuted(E / (h * GAMMA) - J, order))
+    in_row = np.bincount(E.sparsity().row(), minlength=size)
+    explicit = ca.DM([in_row[i] == 1 and E[i, i].is_one() for i in range(m)])
     rest = ca.sparsify(E[:, :m] - ca.vertcat(ca.diag(ca.SX(explicit)), ca.SX(size - m, m)))
-    carried = [j for j in range(m) if rest[:, j].nnz()]
-    columns, rows = np.nonzero(filled.T)
-    factors, symbols, (kept, rest, R_t) = _varying([to_sx(factorized[rows, columns]), rest[:, carried], R_t])
-    LU = from_sx(ca.SX(ca.Sparsity.triplet(size, size, rows, columns), kept)).reshape(size, size)
+    carried = np.flatnonzero(np.diff(rest.sparsity().colind())).tolist()
+    columns, rows = zip(*sorted((j, i) for i, row in enumerate(factorized) for j in row), strict=True)
+    elements = to_sx([factorized[i][j] for i, j in zip(rows, columns, strict=True)])
+    factors, symbols, (kept, rest, R_t) = _varying([elements, rest[:, carried], R_t])
+    LU = sparse(size, zip(rows, columns, map(Symbol, kept.nonzeros()), strict=True))
     right, slope, delay = ca.SX.sym("right", m), ca.SX.sym("slope", len(carried)), ca.SX.sym("delay")
     u = np.empty(size, dtype=object)
     known = ca.vertcat(right, ca.SX(size - m, 1)) + rest @ slope + delay * R_t
-    u[order] = solve(LU, from_sx(known)[order], filled)
+    u[order] = solve(LU, from_sx(known)[order])
     arguments = {"factors": symbols, "right": right} | ({"slope": slope} if carried else {}) | {"delay": delay}
     increment = ca.cse([to_sx(u[:m])])
     function = ca.Function(f"{name}_solve", list(arguments.values()), increment, list(arguments), ["u"])
     return Stages(factors, function, explicit, carried)
+
+
+def permuted(matrix: ca.SX, order: npt.NDArray[np.int_]) -> Rows:
+    """Return a square matrix with its rows and columns in another order."""
+    place = np.argsort(order)
+    rows, columns = matrix.sparsity().get_triplet()
+    return sparse(len(order), zip(place[rows], place[columns], map(Symbol, matrix.nonzeros()), strict=True))
 
 
 def _varying(expressions: list[ca.SX]) -> tuple[ca.SX, ca.SX, list[ca.SX]]:

@@ -1,4 +1,4 @@
-"""Gaussian elimination in plain numpy, generic in dtype.
+"""Gaussian elimination of sparse matrices, generic in what their elements are.
 
 ``numpy.linalg`` knows floats only. The elimination here takes its pivots on the diagonal, in order, and does
 not swap rows: it is meant for matrices where that is safe (mass matrices are positive definite; a Rosenbrock
@@ -9,9 +9,15 @@ sparse elimination.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+
+from vdfmu.base.errors import KernelError
+
+Rows = list[dict[int, Any]]
+"""A matrix (n, n): of each row, column to element, without zeros."""
 
 
 def is_zero(x: Any) -> bool:
@@ -20,50 +26,65 @@ def is_zero(x: Any) -> bool:
     return known() if known is not None else bool(x == 0.0)
 
 
-def pattern(A: np.ndarray) -> np.ndarray:
-    """Where a matrix is not a structural zero, (n, n)."""
-    elements = list(A.flat)
-    filled = {id(x): not is_zero(x) for x in {id(x): x for x in elements}.values()}  # structural zeros are one object
-    return np.array([filled[id(x)] for x in elements], dtype=bool).reshape(A.shape)
+def sparse(n: int, elements: Iterable[tuple[int, int, Any]]) -> Rows:
+    """Return a matrix (n, n) of elements (row, column, element)."""
+    rows: Rows = [{} for _ in range(n)]
+    for i, j, element in elements:
+        if not is_zero(element):
+            rows[i][j] = element
+    return rows
 
 
-def factorize(A: np.ndarray) -> np.ndarray:
-    """LU factors of `A` in one array: U on and above the diagonal, the multipliers of L below it.
+def sparse_of(A: np.ndarray) -> Rows:
+    """Return a matrix from an array (n, n)."""
+    return sparse(len(A), ((i, j, A[i, j]) for i in range(len(A)) for j in range(len(A))))
 
-    Parameters
-    ----------
-    A : (n, n); not changed
+
+def factorize(A: Rows) -> Rows:
+    """LU factors of `A` in one matrix: U on and above the diagonal, the multipliers of L below it.
+
+    Raises
+    ------
+    KernelError
+        If a row has no pivot whatever the values are.
     """
-    LU = np.array(A)
-    filled = pattern(LU)
-    for k in range(len(LU)):
-        columns = k + 1 + np.flatnonzero(filled[k, k + 1 :])
-        for i in k + 1 + np.flatnonzero(filled[k + 1 :, k]):
-            LU[i, k] = LU[i, k] / LU[k, k]
+    LU = [dict(row) for row in A]
+    below: list[set[int]] = [set() for _ in LU]  # by column
+    for i, row in enumerate(LU):
+        for j in row:
+            if j < i:
+                below[j].add(i)
+    for k, pivots in enumerate(LU):
+        if k not in pivots:
+            raise KernelError(f"row {k + 1} of a matrix has no pivot: its element on the diagonal is always 0.")
+        columns = sorted(j for j in pivots if j > k)
+        for i in sorted(below[k]):
+            row = LU[i]
+            row[k] = row[k] / pivots[k]
             for j in columns:
-                LU[i, j] = LU[i, j] - LU[i, k] * LU[k, j]
-                filled[i, j] = not is_zero(LU[i, j])
+                product = row[k] * pivots[j]
+                found = row[j] - product if j in row else -product
+                if is_zero(found):
+                    row.pop(j, None)
+                    below[j].discard(i)
+                else:
+                    row[j] = found
+                    if j < i:
+                        below[j].add(i)
     return LU
 
 
-def solve(LU: np.ndarray, b: np.ndarray, filled: np.ndarray | None = None) -> np.ndarray:
-    """Solve ``A x = b`` with the factors of :func:`factorize`.
-
-    Parameters
-    ----------
-    LU : (n, n)
-    b : (n,)
-    filled : (n, n), optional
-        :func:`pattern` of `LU`, which takes longer to find than a sparse system to solve.
-    """
-    n = len(LU)
-    x = np.array(b, dtype=object if object in (LU.dtype, np.asarray(b).dtype) else float)
-    filled = pattern(LU) if filled is None else filled
-    for i in range(n):
-        for j in np.flatnonzero(filled[i, :i]):
-            x[i] = x[i] - LU[i, j] * x[j]
-    for i in reversed(range(n)):
-        for j in i + 1 + np.flatnonzero(filled[i, i + 1 :]):
-            x[i] = x[i] - LU[i, j] * x[j]
-        x[i] = x[i] / LU[i, i]
+def solve(LU: Rows, b: np.ndarray) -> np.ndarray:
+    """Solve ``A x = b`` with the factors of :func:`factorize`; `b` is (n,)."""
+    b = np.asarray(b)
+    symbols = b.dtype == object or not isinstance(LU[0][0], float)
+    x = np.array(b, dtype=object if symbols else float)
+    for i, row in enumerate(LU):
+        for j in sorted(j for j in row if j < i):
+            x[i] = x[i] - row[j] * x[j]
+    for i in reversed(range(len(LU))):
+        row = LU[i]
+        for j in sorted(j for j in row if j > i):
+            x[i] = x[i] - row[j] * x[j]
+        x[i] = x[i] / row[i]
     return x

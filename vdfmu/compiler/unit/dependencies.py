@@ -12,6 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import csr_array
 
 from vdfmu.compiler.unit.base import BaseUnit
 from vdfmu.compiler.unit.declaration import Sampled
@@ -83,7 +84,7 @@ def _after(interface: Any, calls: Sequence[Call]) -> Pattern:
     differs = _differs(interface, calls)
     for call in calls:
         direct, rows = _of_call(interface, call)
-        through = direct[rows] @ found
+        through = (csr_array(direct[rows]) @ csr_array(found)).toarray()
         for parameter, _ in call.when:
             through[through.any(axis=1) & differs[rows], interface.reference[parameter]] = True
         if call.when:

@@ -21,10 +21,10 @@ from vdfmu.base.errors import UnitError
 from vdfmu.compiler.functions import traced_function
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative
 from vdfmu.compiler.functions.functions import Functions
-from vdfmu.compiler.functions.rodas import Stages, rodas_step, stage_equations
+from vdfmu.compiler.functions.rodas import Stages, permuted, rodas_step, stage_equations
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.functions.switching import NEVER, time_left
-from vdfmu.compiler.scalar.elimination import factorize, pattern, solve
+from vdfmu.compiler.scalar.elimination import factorize, solve
 from vdfmu.compiler.scalar.generic import cutting
 from vdfmu.compiler.scalar.symbol import from_sx, to_sx
 from vdfmu.compiler.unit.base import BaseUnit, is_shipped, unit_name
@@ -350,13 +350,11 @@ class _Stiff:
     def jacobian(self, name: str) -> ca.Function:
         """Jacobian of the derivatives with respect to the states."""
         n_x, order = self.x.numel(), self.order
-        matrix = from_sx(ca.densify(self.E)).reshape(n_x, n_x)
         rows = from_sx(ca.densify(self.EJ)).reshape(n_x, n_x)
-        factors = factorize(matrix[np.ix_(order, order)])
-        filled = pattern(factors)
+        factors = factorize(permuted(self.E, order))
         J = np.empty((n_x, n_x), dtype=object)
         for j in range(n_x):
-            J[order, j] = solve(factors, rows[order, j], filled)
+            J[order, j] = solve(factors, rows[order, j])
         column = ca.reshape(ca.reshape(to_sx(J), n_x, n_x).T, n_x, n_x)
         return traced_function(name, self.inputs, {"J": column})
 
