@@ -63,6 +63,17 @@ def test_a_declared_call_that_does_not_work_is_a_problem(way, library, tmp_path)
         assert {problem.rule.number for problem in problems} <= {"RUN002", "RUN009"}
 
 
+def test_a_unit_with_long_steps_is_told_a_stop_time_beyond_those_that_are_tried(library, tmp_path):
+    path = tmp_path / "claims.fmu"
+    experiment = '<DefaultExperiment startTime="0" stopTime="50" stepSize="5"/>'
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr(
+            "modelDescription.xml", XML.format(0).replace("  <ModelVariables>", f"{experiment}<ModelVariables>")
+        )
+        archive.write(library, f"binaries/{fmpy.platform}/{library.name}")
+    assert inspect_file(path).problems == []
+
+
 @pytest.mark.heavy
 def test_a_unit_that_refuses_its_event_mode_is_a_problem_and_runs_without(system, built, tmp_path):
     """As Roberts of the Reference FMUs does."""

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from vdfmu.base.errors import CosimError
+from vdfmu.engine.masters.observer import visited
 from vdfmu.engine.run import simulate
 
 
@@ -77,3 +78,21 @@ def test_an_observer_needs_nothing_but_row(fragile):
     rows = Rows()
     results = simulate(fragile, stop=1.0, step=0.1, parameters={"arm.at": 9.0}, observer=rows)
     assert rows.sizes == [sum(kind == "real" for kind in results.kinds.values())] * 11
+
+
+def test_a_visitor_is_told_the_time_of_its_rows():
+    class Visitor:
+        seen = []
+
+        def rows(self, n):
+            return range(1, n, 2)
+
+        def visit(self, components, time, step):
+            self.seen.append((components, time, step))
+
+    stored = []
+    storing = visited(Visitor(), "components", 5, 1.0, 0.25, stored.append)
+    for k in range(5):
+        storing(k)
+    assert stored == list(range(5))
+    assert Visitor.seen == [("components", 1.25, 0.25), ("components", 1.75, 0.25)]

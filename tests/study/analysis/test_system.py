@@ -144,3 +144,9 @@ def test_what_cannot_be_linearised_is_said():
     ):
         with pytest.raises(UsageError, match=message):
             call()
+
+
+@pytest.mark.parametrize("options", [{"sampled": True}, {"opened": ["plant.tau"]}, {"step": 1e-3}], ids=str)
+def test_what_is_for_systems_is_refused_for_an_arm(planar, options):
+    with pytest.raises(UsageError, match=f"{next(iter(options))}.*for systems at a time"):
+        vdfmu.linearize(planar, (0.3, -0.5), **options)
