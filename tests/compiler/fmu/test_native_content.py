@@ -25,8 +25,6 @@ from vdfmu.compiler.c import PLATFORMS, platforms
 from vdfmu.compiler.c.platforms import ALL
 from vdfmu.compiler.fmu.native import fmi_headers
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.engine.fmu.description import inspect_description
-from vdfmu.engine.package.archive import Archive
 
 VERSIONS = ("2.0", "3.0")
 pytestmark = pytest.mark.heavy  # FMUs for all platforms
@@ -231,16 +229,6 @@ def test_the_manifest_is_that_of_the_layered_standard(
         assert source.replace(os.sep, "/") in inside
     results = [r.get("source") for r in root if r.get("role") == "result"]
     assert results == [f"{native[version][unit_name].stem}_out.csv"]
-
-
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_the_engine_reads_each_element_of_the_states(
-    native: Mapping[str, Mapping[str, Path]], planar: Robot, version: str
-) -> None:
-    with Archive(native[version]["plant"], "Plant.fmu") as archive:
-        description, problems = inspect_description(archive, "Plant.fmu")
-    assert problems == [] and description is not None
-    assert sum(size for _, _, size in description.states) == 4 * planar.n
 
 
 # The table has 12 digits: 5e-12. Rounding is less. The plant: its solver runs at 1e-9, and what amplifies a local error

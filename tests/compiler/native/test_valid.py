@@ -19,6 +19,8 @@ from lxml import etree
 from tests.compiler.native.binding import Instance, Model
 from tests.compiler.native.conftest import program, run
 from tests.compiler.native.fmi_types import HEADERS, signatures
+from vdfmu.engine.fmu.description import inspect_description
+from vdfmu.engine.package.archive import Archive
 
 SCHEMAS = Path(fmpy.__file__).parent / "schema"
 
@@ -274,3 +276,10 @@ def _header(path: Path) -> list[str]:
 def _set_inputs(unit: Instance, names: list[str], values: np.ndarray) -> None:
     for name, value in zip(names, values, strict=True):
         unit.set_one(name, value)
+
+
+def test_the_engine_reads_each_element_of_the_states(native_fmu: Callable[..., Path], version: str) -> None:
+    with Archive(native_fmu("plant", version), "Plant.fmu") as archive:
+        description, problems = inspect_description(archive, "Plant.fmu")
+    assert problems == [] and description is not None
+    assert sum(size for _, _, size in description.states) == 4 * 2  # of planar_2dof

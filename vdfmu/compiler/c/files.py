@@ -30,10 +30,13 @@ def kernel_files(
 
     With `derivative`, which traces one by its direction, those of its derivatives too.
     """
-    loops = find_loops(function, joints) if is_long(function) else None
-    texts = [c_loops(loops)] if loops is not None else c_texts(function, apart=apart, joints=joints)
+    long = is_long(function)
+    loops = find_loops(function, joints) if long else None
+    texts = [c_loops(loops)] if loops is not None else c_texts(function, apart=apart, joints=0 if long else joints)
     files = _files(function.name(), c_prototype(function), texts)
-    for ending in DIRECTIONS if derivative is not None else ():
+    if derivative is None:
+        return files
+    for ending in DIRECTIONS:
         if loops is not None and not has_roundings(function):
             texts = [c_loops(loops, ending)]
         else:

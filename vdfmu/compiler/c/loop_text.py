@@ -26,7 +26,7 @@ class _Text:
     """The text of the function."""
 
     ending = ""
-    memories = ("w",)
+    memories: tuple[str, ...] = ("w",)
     whole = False
     """Whether the memory has all values."""
 

@@ -18,7 +18,7 @@ from vdfmu.compiler.unit.base import BaseUnit, unit_name
 from vdfmu.compiler.unit.machine import Machine
 from vdfmu.compiler.unit.requirements import unmet
 
-_MOST_JOINTS = 128
+_MOST_JOINTS = 1024
 _SLOW_JOINTS = 9
 """Joints from which a first build is announced."""
 

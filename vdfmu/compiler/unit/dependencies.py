@@ -84,7 +84,8 @@ def _after(interface: Any, calls: Sequence[Call]) -> Pattern:
     differs = _differs(interface, calls)
     for call in calls:
         direct, rows = _of_call(interface, call)
-        through = (csr_array(direct[rows]) @ csr_array(found)).toarray()
+        product: Any = csr_array(direct[rows]) @ csr_array(found)
+        through = product.toarray()
         for parameter, _ in call.when:
             through[through.any(axis=1) & differs[rows], interface.reference[parameter]] = True
         if call.when:
