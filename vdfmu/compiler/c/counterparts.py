@@ -7,7 +7,7 @@ found by what is below them.
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import Counter, defaultdict, deque
 from collections.abc import Iterable, Iterator, Sequence
 
 import casadi as ca
@@ -19,7 +19,7 @@ _TRIED = 3
 """Operations that are tried as the counterpart of one in a recursion."""
 _FAILED = 200
 """Operations in a row without a counterpart in a recursion after which no more are tried."""
-_LOOK = 200
+_LOOK = 1000
 """Pairs below two operations that are looked at."""
 
 
@@ -146,11 +146,11 @@ class Counterparts:
     def _inputs_below(
         self, waiting: Iterable[tuple[int, int]], limit: int | None = None
     ) -> Iterator[tuple[int, int, int]]:
-        """Yield pairs of inputs below pairs of operations: argument and both elements."""
-        trace, waiting = self._trace, list(waiting)
+        """Yield pairs of inputs below pairs of operations, the nearest first: argument and both elements."""
+        trace, waiting = self._trace, deque(waiting)
         seen: set[tuple[int, int]] = set()
         while waiting and (limit is None or len(seen) < limit):
-            a, b = pair = waiting.pop()
+            a, b = pair = waiting.popleft()
             if a == b or pair in seen or trace.operations[a] != trace.operations[b]:
                 continue
             seen.add(pair)
