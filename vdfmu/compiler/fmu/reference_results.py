@@ -82,7 +82,7 @@ def reference_results(interface: Interface) -> dict[str, dict[str, list[list[flo
 
 def _intervals(interface: Interface) -> int:
     states = interface.states.stop - interface.states.start
-    return max(2, min(INTERVALS, _STATES // max(states, 1)))
+    return max(1, min(INTERVALS, _STATES // max(states, 1)))
 
 
 def _time(interface: Interface, k: int) -> float:
