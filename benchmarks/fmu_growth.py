@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import zipfile
 from dataclasses import astuple, dataclass
 from importlib import import_module
 from importlib.util import find_spec
@@ -16,6 +17,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 from fmpy import extract, read_model_description
 from fmpy.fmi2 import FMU2Slave
@@ -32,7 +34,7 @@ pin: Any = import_module("pinocchio")  # a binary module that no type checker se
 
 TITLE = "Growth of the FMUs with the number of joints"
 _UNITS = ("trajectory", "feedforward", "controller", "plant")
-_JOINTS = (1, 2, 3, 6, 12, 24, 48, 64)
+_JOINTS = (1, 2, 3, 6, 12, 24, 48, 96, 256)
 _STEP = 1e-3
 
 
@@ -44,6 +46,8 @@ class _Row:
     python_s: float
     compiler_s: float
     wall_s: float
+    build_MB: float
+    C_kB: float
     library_kB: float
     memory_MB: float
     step_us: float
@@ -72,7 +76,7 @@ def run(report: Report, quick: bool = False) -> None:
         [("n", "d")] + [(f"{unit} [{what}]", ".1f") for unit in _UNITS for what in ("MB on disk", "MB")],
     )  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
-        for n in [n for n in _JOINTS if n <= (6 if quick else 64)]:
+        for n in [n for n in _JOINTS if n <= (6 if quick else _JOINTS[-1])]:
             report.say(f"n = {n}")
             place = Path(folder) / str(n)
             built = _child({"VDFMU_CACHE_DIR": str(place / "cache")}, "build", n, place)
@@ -84,6 +88,8 @@ def run(report: Report, quick: bool = False) -> None:
                     built["python_s"],
                     built["compiler_s"],
                     built["wall_s"],
+                    built["memory_MB"],
+                    built["C_kB"],
                     1e3 * sum(one["library_MB"] for one in ran.values()),
                     sum(one["memory_MB"] for one in ran.values()),
                     ran["plant"]["step_us"],
@@ -93,20 +99,49 @@ def run(report: Report, quick: bool = False) -> None:
     others = list(rows[0].others_us)
     table = Table(
         "fmu_growth", TITLE,
-        [("n", "d"), ("Python [s]", ".1f"), ("compiler [s]", ".1f"), ("wall [s]", ".1f"), ("libraries [kB]", ".0f"),
-         ("memory [MB]", ".1f"), ("step [µs]", ".1f"), *((f"{name} [µs]", ".1f") for name in others)],
+        [("n", "d"), ("Python [s]", ".1f"), ("compiler [s]", ".1f"), ("wall [s]", ".1f"), ("build [MB]", ".0f"),
+         ("C [kB]", ".0f"), ("libraries [kB]", ".0f"), ("memory [MB]", ".1f"), ("step [µs]", ".1f"),
+         *((f"{name} [µs]", ".1f") for name in others)],
         [[*astuple(row)[:-1], *row.others_us.values()] for row in rows],
     )  # fmt: skip
     high = [row for row in rows if row.n >= 6]
     if len(high) > 2:
         measured = {"a step": [row.step_us for row in high]}
+        measured |= {"a build": [row.python_s + row.compiler_s for row in high], "C": [row.C_kB for row in high]}
+        measured |= {"memory of the build": [row.build_MB for row in high]}
+        figure = {what: (y, _exponent(high, y)) for what, y in measured.items()}
         measured |= {name: [row.others_us[name] for row in high] for name in others}
         for what, y in measured.items():
-            slope, _ = np.polyfit(np.log([row.n for row in high]), np.log(y), 1)
-            table.notes.append(f"Exponent of the time of {what} for n = {high[0].n} to {high[-1].n}: {slope:.2f}.")
+            slope = _exponent(high, y)
+            table.notes.append(f"Exponent of {what} for n = {high[0].n} to {high[-1].n}: {slope:.2f}.")
+        _draw([row.n for row in high], figure, report.out / "fmu_growth.svg")
     report.show(table)
     report.show(sizes)
     report.facts["rows"] = [[*astuple(row)[:-1], row.others_us] for row in rows]
+
+
+def _exponent(rows: list[_Row], y: list[float]) -> float:
+    return float(np.polyfit(np.log([row.n for row in rows]), np.log(y), 1)[0])
+
+
+def _draw(n: list[int], measured: dict[str, tuple[list[float], float]], path: Path) -> None:
+    """Draw what grows with the joints on logarithmic axes, each with its fitted slope."""
+    units = {"a step": "µs", "a build": "s of processor time", "C": "kB", "memory of the build": "MB"}
+    figure, panels = plt.subplots(2, 2, figsize=(8.0, 5.6), sharex=True, layout="constrained")
+    for axes, (what, (y, slope)) in zip(panels.flat, measured.items(), strict=True):
+        axes.loglog(n, y, "o", base=10)
+        middle = np.exp(np.mean(np.log(y)) + slope * (np.log(n) - np.mean(np.log(n))))
+        axes.loglog(n, middle, "--", color="0.4", label=f"n^{slope:.2f}")
+        axes.set_title(what, fontsize=10)
+        axes.set_ylabel(units[what])
+        axes.set_xticks(n, map(str, n))
+        axes.minorticks_off()
+        axes.grid(alpha=0.3)
+        axes.legend(frameon=False)
+    for axes in panels[1]:
+        axes.set_xlabel("joints")
+    figure.savefig(path)
+    plt.close(figure)
 
 
 def _others(robot: Robot, rounds: int) -> dict[str, float]:
@@ -173,7 +208,17 @@ def _built(robot: Robot, place: Path) -> dict[str, Any]:
         "python_s": ended.user + ended.system - began.user - began.system,
         "compiler_s": ended.children_user + ended.children_system - began.children_user - began.children_system,
         "wall_s": time.perf_counter() - wall,
+        "memory_MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
+        "C_kB": sum(map(_size_of_sources, fmus.values())) / 1e3,
     }
+
+
+def _size_of_sources(fmu: Path) -> int:
+    """Size of the generated C [bytes]."""
+    with zipfile.ZipFile(fmu) as archive:
+        return sum(
+            one.file_size for one in archive.infolist() if Path(one.filename).name.startswith(("kernel_", "unit.c"))
+        )
 
 
 def _ran(robot: Robot, fmu: str) -> dict[str, Any]:

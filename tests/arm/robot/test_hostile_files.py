@@ -144,8 +144,8 @@ def test_the_cost_of_many_joints_is_said_and_bounded(robot_data: dict[str, Any],
     twenty = robot_from_dict(robot_data)
     assert "the first build for 20 joints takes some" in build_notes(twenty, "native")[0]
     assert build_notes(load_robot("manipulator_6dof"), "native") == []
-    robot_data["joints"] = [copy.deepcopy(joint) for _ in range(140)]
-    with pytest.raises(UsageError, match=r"expected at most 128 joints for FMUs, got 140\. Tracing and compiling"):
+    robot_data["joints"] = [copy.deepcopy(joint) for _ in range(513)]
+    with pytest.raises(UsageError, match=r"expected at most 512 joints for FMUs, got 513\. Tracing and compiling"):
         build_fmus(robot_from_dict(robot_data), tmp_path)
 
 

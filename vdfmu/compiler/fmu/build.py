@@ -18,17 +18,14 @@ from vdfmu.compiler.unit.base import BaseUnit, unit_name
 from vdfmu.compiler.unit.machine import Machine
 from vdfmu.compiler.unit.requirements import unmet
 
-_MOST_JOINTS = 1024
+_MOST_JOINTS = 512
 _SLOW_JOINTS = 9
 """Joints from which a first build is announced."""
 
 
 def _build_seconds(n: int) -> float:
-    """Processor time of a first native build of all units for `n` joints [s], as measured for 6 to 64.
-
-    Two thirds of it, and more for more joints, are the texts of directional derivatives.
-    """
-    return 1.1 * n + 4.0
+    """Processor time of a first native build of all units for `n` joints [s], as measured for 6 to 256."""
+    return 0.5 * n + 13.0
 
 
 def build_notes(robot: Machine | None, backend: str | None = None) -> list[str]:
