@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import resource
 import subprocess
@@ -21,6 +22,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from fmpy import extract, read_model_description
 from fmpy.fmi2 import FMU2Slave
+from matplotlib.ticker import LogLocator, ScalarFormatter
 
 from benchmarks.chains import random_motion, repeated_link
 from benchmarks.report import Report, Table
@@ -136,6 +138,10 @@ def _draw(n: list[int], measured: dict[str, tuple[list[float], float]], path: Pa
         axes.set_ylabel(units[what])
         axes.set_xticks(n, map(str, n))
         axes.minorticks_off()
+        middle_of_axis = math.sqrt(min(y) * max(y))
+        axes.set_ylim(min(min(y) / 1.5, middle_of_axis / 4.0), max(1.5 * max(y), middle_of_axis * 4.0))
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter(ScalarFormatter())
         axes.grid(alpha=0.3)
         axes.legend(frameon=False)
     for axes in panels[1]:

@@ -15,6 +15,7 @@ from vdfmu.arm.robot.structure import parameters, set_parameters, values
 from vdfmu.base.errors import KernelError, ModelError
 from vdfmu.compiler.c import functions as c_code
 from vdfmu.compiler.c.functions import c_texts
+from vdfmu.compiler.c.operations import c_table
 from vdfmu.compiler.unit.machine import margins, traced_margins
 
 NAMES = (
@@ -73,7 +74,7 @@ def test_reverse_is_the_transpose_of_forward(robot, functions_of, name):
     assert left.sum() == pytest.approx(right.sum(), abs=1e-12 * (np.abs(left).sum() + np.abs(right).sum()))
 
 
-@pytest.mark.parametrize("form", ["whole", "in parts"])
+@pytest.mark.parametrize("form", ["whole", "in parts", "table"])
 @pytest.mark.parametrize(
     "name",
     [
@@ -86,13 +87,13 @@ def test_reverse_is_the_transpose_of_forward(robot, functions_of, name):
 )
 def test_c_text_computes_what_the_trace_computes(robot, functions_of, name, form, tmp_path, monkeypatch):
     if form == "in parts":
-        monkeypatch.setattr(c_code, "_WHOLE", 37)
+        monkeypatch.setattr(c_code, "WHOLE", 37)
         monkeypatch.setattr(c_code, "_PART", 37)
     if name == "margins":
         (function,) = traced_margins(robot)
     else:
         function = functions_of(name.split("_")[0], robot).casadi_function(name)
-    text = "\n".join(c_texts(function))
+    text = c_table(function) if form == "table" else "\n".join(c_texts(function))
     check_c_text(text, function, values(robot), tmp_path)
 
 
@@ -100,7 +101,7 @@ def test_c_text_computes_what_the_trace_computes(robot, functions_of, name, form
 @pytest.mark.parametrize("form", ["function", "in parts"])
 def test_c_text_of_the_step_calls_what_all_stages_share(robot, functions_of, form, tmp_path, monkeypatch):
     if form == "in parts":
-        monkeypatch.setattr(c_code, "_WHOLE", 37)
+        monkeypatch.setattr(c_code, "WHOLE", 37)
         monkeypatch.setattr(c_code, "_PART", 37)
     function = functions_of("plant", robot).casadi_function("plant_step")
     text = "\n".join(c_texts(function))
@@ -131,6 +132,8 @@ def test_an_operation_without_c_text_is_refused():
     x = ca.SX.sym("x")
     with pytest.raises(KernelError, match="erf: operation"):
         c_texts(ca.Function("erf", [x], [ca.erf(x)]))
+    with pytest.raises(KernelError, match="erf: operation"):
+        c_table(ca.Function("erf", [x], [ca.erf(x)]))
 
 
 @settings(max_examples=200, deadline=None)

@@ -8,9 +8,10 @@ from collections.abc import Callable, Collection, Mapping
 import casadi as ca
 
 from vdfmu.compiler.c.expressions import c_prototype
-from vdfmu.compiler.c.functions import c_texts, is_long
+from vdfmu.compiler.c.functions import WHOLE, c_texts, is_long
 from vdfmu.compiler.c.loop_text import c_loops
 from vdfmu.compiler.c.loops import find_loops
+from vdfmu.compiler.c.operations import c_table
 from vdfmu.compiler.c.text import head, wrapped
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, has_roundings
 
@@ -40,13 +41,16 @@ def kernel_files(
         if loops is not None and not has_roundings(function):
             texts = [c_loops(loops, ending)]
         else:
-            texts = c_texts(derivative(ending), _WHOLE_DERIVATIVE)
+            traced = derivative(ending)
+            table = traced.n_instructions() > WHOLE
+            texts = [c_table(traced)] if table else c_texts(traced, _WHOLE_DERIVATIVE)
         files |= _files(f"{function.name()}_{ending}", c_prototype(function, ending), texts)
     return files
 
 
 def _files(name: str, prototype: str, texts: list[str]) -> dict[str, str]:
     top = head(f"The traced function {name}, operation by operation.") + "#include <math.h>\n"
+    top += "#include <stdint.h>\n" * ("uint64_t" in texts[-1])
     files = {f"kernel_{name}_part_{k}.c": f"{top}\n{text}" for k, text in enumerate(texts[:-1], 1)}
     return files | {f"kernel_{name}.c": f"{top}\n{wrapped(prototype)};\n\n{texts[-1]}"}
 

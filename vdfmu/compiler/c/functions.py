@@ -27,7 +27,7 @@ def c_texts(function: ca.Function, whole: int | None = None, apart: Collection[s
     scalars too, matrices as in :class:`~vdfmu.compiler.functions.functions.KernelFunction`. It needs ``<math.h>``.
 
     A long trace becomes loops over `joints`, see :mod:`.loops`. Where these have too little in common, one of more than
-    `whole` operations, by default :data:`_WHOLE`, becomes a chain of functions ``name_part_1``, ..: the time in which
+    `whole` operations, by default :data:`WHOLE`, becomes a chain of functions ``name_part_1``, ..: the time in which
     compilers place variables in registers grows with the square of a function's length. The values are the same bits.
     Functions that it calls come before it, except those in `apart`.
 
@@ -42,7 +42,7 @@ def c_texts(function: ca.Function, whole: int | None = None, apart: Collection[s
     if loops is not None:
         return [c_loops(loops)]
     operations = _operations(function)
-    if len(operations) <= (_WHOLE if whole is None else whole):
+    if len(operations) <= (WHOLE if whole is None else whole):
         read = {name for operation in operations for name in operation.arguments}
         head = [f"(void){name};" for name in function.name_in() if name not in read]
         return [_lookups(function) + _definition(c_prototype(function), operations, head, [])]
@@ -50,7 +50,7 @@ def c_texts(function: ca.Function, whole: int | None = None, apart: Collection[s
     return [_lookups(function) + first, *parts]
 
 
-_WHOLE = 18_000
+WHOLE = 18_000
 """Operations that go into one C function; the shipped arms have no longer trace."""
 _PART = 1_000
 """Operations of one part of a longer trace."""
