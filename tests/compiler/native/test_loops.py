@@ -2,6 +2,7 @@
 
 import ctypes
 import subprocess
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -76,16 +77,21 @@ def check_bits(function, joints, tmp_path):
     return text
 
 
+def derivatives(function, loops, direction, random, tmp_path):
+    """Return the results of a derivative at random arguments, in loops and by CasADi."""
+    traced = derivative(function, direction)
+    given = [random(traced.numel_in(i)) for i in range(traced.n_in())]
+    found = results_of(c_loops(loops, direction), traced, given, tmp_path, direction)
+    return found, np.concatenate([each.full().ravel() for each in traced.call(given)])
+
+
 def check_derivatives(function, joints, tmp_path):
     """Compare the derivatives in loops with CasADi's, which add the same terms in another order."""
     loops = find_loops(function, joints)
     rng = np.random.default_rng(2)
     for direction in DIRECTIONS:
-        expected = derivative(function, direction)
-        given = [rng.uniform(0.5, 1.5, expected.numel_in(i)) for i in range(expected.n_in())]
-        found = results_of(c_loops(loops, direction), expected, given, tmp_path, direction)
-        made = [each.full().ravel() for each in expected.call(given)]
-        np.testing.assert_allclose(found, np.concatenate(made), rtol=1e-12, atol=1e-12 * np.abs(found).max())
+        found, expected = derivatives(function, loops, direction, partial(rng.uniform, 0.5, 1.5), tmp_path)
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * np.abs(found).max())
 
 
 def test_a_recursion_up_and_down_is_as_many_loops(tmp_path):
@@ -121,13 +127,10 @@ def test_slopes_are_those_of_the_operation(operation, tmp_path):
     function = ca.Function("rows", [x, y], [ca.vertcat(*rows)], ["x", "y"], ["z"])
     loops = Loops(find_series(trace := Trace(function), N, 1, trace.digests(0)))
     for direction in DIRECTIONS:
-        expected = derivative(function, direction)
-        rng = np.random.default_rng(operation)
         low = 1.1 if operation == ca.OP_ACOSH else 0.05
-        given = [rng.uniform(low, low + 0.4, expected.numel_in(i)) for i in range(expected.n_in())]
-        found = results_of(c_loops(loops, direction), expected, given, tmp_path, direction)
-        made = [each.full().ravel() for each in expected.call(given)]
-        np.testing.assert_allclose(found, np.concatenate(made), rtol=1e-12, atol=1e-14)
+        random = partial(np.random.default_rng(operation).uniform, low, low + 0.4)
+        found, expected = derivatives(function, loops, direction, random, tmp_path)
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-14)
 
 
 def test_a_recursion_whose_end_alone_is_a_result_is_one_loop(tmp_path):
@@ -140,7 +143,6 @@ def test_a_recursion_whose_end_alone_is_a_result_is_one_loop(tmp_path):
     assert text.count("for (int i") == 1
 
 
-@pytest.mark.heavy
 def test_every_operation_is_in_one_series():
     trace = Trace(recursion(seed=3))
     layout = find_series(trace, N, 1, trace.digests(0))

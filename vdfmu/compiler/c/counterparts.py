@@ -181,10 +181,9 @@ class Counterparts:
             for a in reversed(listed[max(0, i - _TRIED) : i]):
                 if a in self.after or a in self._taken:
                     continue
-                pairs = [(a, b), (b, a)]
-                found = [pair for pair in pairs if self._is_a_joint_apart(pair)]
-                if found:
-                    self._pair(found[:1])
+                found = next((pair for pair in ((a, b), (b, a)) if self._is_a_joint_apart(pair)), None)
+                if found is not None:
+                    self._pair([found])
                     failed = 0
                     break
 

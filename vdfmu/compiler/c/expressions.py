@@ -61,7 +61,7 @@ EXPRESSIONS = {
 
 
 @lru_cache
-def slopes(operation: int) -> list[str]:
+def slopes(operation: int) -> tuple[str, ...]:
     """Return the derivatives of an operation, one by each operand, as C expressions of its operands."""
     pattern = EXPRESSIONS[operation]
     operands = [ca.SX.sym(name) for name in ("a", "b")[: 2 if "{1}" in pattern else 1]]
@@ -79,7 +79,7 @@ def slopes(operation: int) -> list[str]:
             texts[place[0]] = c_constant(function.instruction_constant(k))
         else:
             texts[place[0]] = f"({EXPRESSIONS[code].format(*(texts[i] for i in read))})"
-    return found
+    return tuple(found)
 
 
 def c_prototype(function: ca.Function, ending: str = "") -> str:

@@ -38,19 +38,20 @@ def kernel_files(
     if derivative is None:
         return files
     for ending in DIRECTIONS:
+        table = False
         if loops is not None and not has_roundings(function):
             texts = [c_loops(loops, ending)]
         else:
             traced = derivative(ending)
             table = traced.n_instructions() > WHOLE
             texts = [c_table(traced)] if table else c_texts(traced, _WHOLE_DERIVATIVE)
-        files |= _files(f"{function.name()}_{ending}", c_prototype(function, ending), texts)
+        files |= _files(f"{function.name()}_{ending}", c_prototype(function, ending), texts, table)
     return files
 
 
-def _files(name: str, prototype: str, texts: list[str]) -> dict[str, str]:
-    top = head(f"The traced function {name}, operation by operation.") + "#include <math.h>\n"
-    top += "#include <stdint.h>\n" * ("uint64_t" in texts[-1])
+def _files(name: str, prototype: str, texts: list[str], table: bool = False) -> dict[str, str]:
+    top = head(f"The traced function {name}, operation by operation.")
+    top += "#include <math.h>\n" + "#include <stdint.h>\n" * table
     files = {f"kernel_{name}_part_{k}.c": f"{top}\n{text}" for k, text in enumerate(texts[:-1], 1)}
     return files | {f"kernel_{name}.c": f"{top}\n{wrapped(prototype)};\n\n{texts[-1]}"}
 

@@ -11,6 +11,7 @@ from functools import partial
 from itertools import accumulate
 
 import casadi as ca
+import numpy as np
 
 from vdfmu.base.progress import counted
 from vdfmu.base.version import __version__
@@ -361,9 +362,8 @@ class _UnitGenerator:
 
 def _runs(positions: list[int]) -> list[tuple[int, int]]:
     """Return first and end of the runs of positions."""
-    breaks = [k for k in range(1, len(positions)) if positions[k] != positions[k - 1] + 1]
-    pairs = zip([0, *breaks], [*breaks, len(positions)], strict=True) if positions else ()
-    return [(positions[i], positions[j - 1] + 1) for i, j in pairs]
+    parts = np.split(np.array(positions, int), np.flatnonzero(np.diff(positions) > 1) + 1) if positions else ()
+    return [(int(part[0]), int(part[-1]) + 1) for part in parts]
 
 
 def _variable_row(v: Variable, choices: str | None) -> str:

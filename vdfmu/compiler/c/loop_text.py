@@ -8,6 +8,7 @@ each operation's change beside its value; `reverse` keeps the values, then runs 
 from __future__ import annotations
 
 import heapq
+import math
 from collections.abc import Callable, Iterable, Iterator
 
 from vdfmu.compiler.c.expressions import EXPRESSIONS, c_constant, c_prototype, slopes
@@ -26,6 +27,8 @@ class _Text:
     """The text of the function."""
 
     ending = ""
+    kind = ""
+    """Beginning of the names of what the results are: of values nothing, of changes `d`."""
     memories: tuple[str, ...] = ("w",)
     whole = False
     """Whether the memory has all values."""
@@ -33,11 +36,11 @@ class _Text:
     def __init__(self, loops: Loops) -> None:
         self.loops, self.series = loops, loops.series
         function = loops.trace.function
-        prototype = c_prototype(function, self.ending)
-        self._name_of_all = prototype.removeprefix("void ").partition("(")[0]
-        self._arguments = prototype.partition("(")[2].removesuffix(")").split(", ")
+        self._prototype = c_prototype(function, self.ending)
+        self._name_of_all, _, arguments = self._prototype.removeprefix("void ").partition("(")
+        self._arguments = arguments.removesuffix(")").split(", ")
         self.given, self.made = function.name_in(), function.name_out()
-        self._prototype = prototype
+        self._prefix = f"{self.kind}_" if self.kind else ""
         self._moving = set[int]()
         self._needed = set(range(len(self.series)))
         if self.ending:
@@ -74,9 +77,8 @@ class _Text:
 
     def _loop(self, turn: int, found: Pass) -> Iterator[str]:
         """Yield the lines of a pass."""
-        yield from (*self._unused(), *(f"(void){name};" for name in self.memories))
         yield from self._head(found, turn % 2 == 0)
-        kinds = {"": self._needed, "d": self._moving if "dw" in self.memories else set[int]()}
+        kinds = {"": self._needed} | ({self.kind: self._moving} if self.kind else {})
         shared = [self._name(k, kind) for kind, used in kinds.items() for k in sorted(found.shared & used)]
         if shared:
             yield f"    double {', '.join(f'{name} = 0.0' for name in shared)};"
@@ -89,6 +91,7 @@ class _Text:
         yield "}"
 
     def _head(self, found: Pass, up: bool) -> Iterator[str]:
+        yield from (*self._unused(), *(f"(void){name};" for name in self.memories))
         first, last, ahead, change = (
             (found.low, found.high, "<=", "i++") if up else (found.high, found.low, ">=", "i--")
         )
@@ -120,7 +123,7 @@ class _Text:
         It has a row for each index; a column is used again once the pass is over in which it is read last.
         """
         loops, series = self.loops, self.series
-        until = {k: len(loops.passes) + series[k].turn for k in range(len(series))} if self.whole else {}
+        until: dict[int, float] = dict.fromkeys(range(len(series)), math.inf) if self.whole else {}
         for segment in (one for segments in loops.segments for one in segments if not self.whole):
             for operand in segment.operands:
                 if operand.series >= 0 and not loops.is_local(segment, operand):
@@ -130,10 +133,10 @@ class _Text:
         height = max((series[k].last for k in rows), default=-1) - self._base + 1
         self._columns: dict[int, int] = {}
         free: list[int] = []
-        used: list[tuple[int, int]] = []  # last pass, column
+        used: list[tuple[float, int]] = []  # last pass, column
         self._width = 0
         for k in rows:
-            while used and used[0][0] < series[k].turn and not self.whole:
+            while used and used[0][0] < series[k].turn:
                 heapq.heappush(free, heapq.heappop(used)[1])
             if not free:
                 free.append(self._width)
@@ -162,8 +165,7 @@ class _Text:
 
     def _statements(self, segment: Segment, declared: str) -> Iterator[str]:
         yield from self._value(segment, declared)
-        for guard, name, element in self._elements(segment):
-            yield f"{guard}{name}_out[{element}] = {self._name(segment.series, '')};"
+        yield from self._results(segment)
 
     def _set(self, kind: str, segment: Segment, value: str, declared: str) -> Iterator[str]:
         name, place = self._name(segment.series, kind), self._place(segment.series)
@@ -175,6 +177,10 @@ class _Text:
         if segment.series in self._needed:
             value = EXPRESSIONS[self.loops.operation(segment)].format(*self._operands(segment))
             yield from self._set("", segment, value, declared)
+
+    def _results(self, segment: Segment) -> Iterator[str]:
+        for guard, name, element in self._elements(segment):
+            yield f"{guard}{self._prefix}{name}_out[{element}] = {self._name(segment.series, self.kind)};"
 
     def _elements(self, segment: Segment) -> Iterator[tuple[str, str, str]]:
         """Yield condition, result and element of what a segment is."""
@@ -192,8 +198,11 @@ class _Text:
         lines: list[str] = []
         for result, element, operation in self.loops.copies:
             given = self.loops.trace.given[operation]
-            value = f"{self.given[given[0]]}[{given[1]}]" if isinstance(given, tuple) else c_constant(given or 0.0)
-            lines.append(f"{self.made[result]}_out[{element}] = {value};")
+            if isinstance(given, tuple):
+                value = f"{self._prefix}{self.given[given[0]]}[{given[1]}]"
+            else:
+                value = c_constant(0.0 if self.kind else given or 0.0)
+            lines.append(f"{self._prefix}{self.made[result]}_out[{element}] = {value};")
         return lines
 
     def _operands(self, segment: Segment, kept: bool = False) -> list[str]:
@@ -204,7 +213,7 @@ class _Text:
         if operand.number:
             return f"({operand.number})" if operand.number.startswith("-") else operand.number
         if operand.argument >= 0:
-            return f"{'d_' if kind else ''}{self._element(segment, operand)}"
+            return f"{self._prefix if kind else ''}{self._element(segment, operand)}"
         if not kept and self.loops.is_local(segment, operand):
             return self._name(operand.series, kind)
         return self._kept(segment, operand, kind)
@@ -222,14 +231,14 @@ class _Forward(_Text):
     """The product of the Jacobian with a direction: each operation's change beside its value."""
 
     ending = "forward"
+    kind = "d"
     memories = ("w", "dw")
 
     def _statements(self, segment: Segment, declared: str) -> Iterator[str]:
         yield from self._value(segment, declared)
         if segment.series in self._moving:
             yield from self._set("d", segment, self._change(segment), declared)
-        for guard, name, element in self._elements(segment):
-            yield f"{guard}d_{name}_out[{element}] = {self._name(segment.series, 'd')};"
+        yield from self._results(segment)
 
     def _change(self, segment: Segment) -> str:
         values, terms = self._operands(segment), ""
@@ -237,14 +246,6 @@ class _Forward(_Text):
             sign, factor = _factor(slope.format(*values))
             terms += f" {sign} {factor}{self._operand(segment, operand, 'd', False)}"
         return terms.removeprefix(" + ").strip() or "0.0"
-
-    def _copies(self) -> list[str]:
-        lines: list[str] = []
-        for result, element, operation in self.loops.copies:
-            given = self.loops.trace.given[operation]
-            value = f"d_{self.given[given[0]]}[{given[1]}]" if isinstance(given, tuple) else "0.0"
-            lines.append(f"d_{self.made[result]}_out[{element}] = {value};")
-        return lines
 
 
 class _Reverse(_Text):
@@ -254,8 +255,8 @@ class _Reverse(_Text):
     memories = ("w", "bw")
     whole = True
 
-    def _statements(self, segment: Segment, declared: str) -> Iterator[str]:
-        return self._value(segment, declared)
+    def _results(self, segment: Segment) -> Iterator[str]:
+        return iter(())
 
     def _copies(self) -> list[str]:
         return []
@@ -278,7 +279,6 @@ class _Reverse(_Text):
 
     def _back(self, turn: int, found: Pass) -> Iterator[str]:
         """Yield the lines of a pass backwards."""
-        yield from (*self._unused(), *(f"(void){name};" for name in self.memories))
         yield from self._head(found, turn % 2 == 1)
         for span, segments in reversed(found.blocks):
             yield self._guard(found, span)
@@ -289,22 +289,22 @@ class _Reverse(_Text):
 
     def _adjoint(self, segment: Segment) -> Iterator[str]:
         """Yield the lines that share the derivative by a value out to its operands."""
+        sloping = _sloping(self.loops, segment)
+        if segment.series not in self._moving or not sloping:
+            return
         name, values = self._name(segment.series, "b"), self._operands(segment, kept=True)
-        shares: list[str] = []
-        for operand, slope in _sloping(self.loops, segment):
+        elements = list(self._elements(segment))
+        yield f"{'' if elements else 'const '}double {name} = bw[{self._place(segment.series)}];"
+        for guard, result, element in elements:
+            yield f"{guard}{name} += bar_{result}[{element}];"
+        for operand, slope in sloping:
             place = (
                 f"bar_{self._element(segment, operand, '_out')}"
                 if operand.argument >= 0
                 else self._kept(segment, operand, "b")
             )
             sign, factor = _factor(slope.format(*values))
-            shares.append(f"{place} {sign}= {factor}{name};")
-        if shares and segment.series in self._moving:
-            elements = list(self._elements(segment))
-            yield f"{'' if elements else 'const '}double {name} = bw[{self._place(segment.series)}];"
-            for guard, result, element in elements:
-                yield f"{guard}{name} += bar_{result}[{element}];"
-            yield from shares
+            yield f"{place} {sign}= {factor}{name};"
 
 
 def _sloping(loops: Loops, segment: Segment) -> list[tuple[Operand, str]]:

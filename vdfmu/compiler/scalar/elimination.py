@@ -76,9 +76,8 @@ def factorize(A: Rows) -> Rows:
 
 def solve(LU: Rows, b: np.ndarray) -> np.ndarray:
     """Solve ``A x = b`` with the factors of :func:`factorize`; `b` is (n,)."""
-    b = np.asarray(b)
-    symbols = b.dtype == object or not isinstance(LU[0][0], float)
-    x = np.array(b, dtype=object if symbols else float)
+    pivots = np.array([row[i] for i, row in enumerate(LU)])
+    x = np.array(b, dtype=object if object in (pivots.dtype, np.asarray(b).dtype) else float)
     for i, row in enumerate(LU):
         for j in sorted(j for j in row if j < i):
             x[i] = x[i] - row[j] * x[j]
