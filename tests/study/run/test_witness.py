@@ -237,7 +237,7 @@ def test_faults_in_generated_c_are_found(fault, objects, tmp_path, monkeypatch):
     path = tmp_path / "held.py"
     path.write_text(HELD)
     units = {"controller": path} if "sample" in fault else None
-    stop = 0.1 if units else 1.0  # that controller is unstable with the fault
+    stop = 0.1 if units or "solver" in fault else 1.0  # unstable, and of short steps, with these faults
     found = faults(tmp_path, backend="native", stop=stop, units=units)
     assert re.match(text, found[0]), found
 

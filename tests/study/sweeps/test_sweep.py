@@ -279,7 +279,7 @@ def test_a_killed_study_goes_on_where_it_was(wild, tmp_path, undisturbed):
 @pytest.mark.heavy
 def test_a_study_that_is_killed_at_any_moment_loses_and_doubles_nothing(wild, tmp_path, undisturbed):
     draw = random.Random(13)
-    for i in range(20):
+    for i in range(8):
         out = tmp_path / f"study{i}"
         process = begin(wild, out)
         time.sleep(draw.uniform(0.2, 4.0))
