@@ -11,7 +11,6 @@ import io
 import os
 import platform
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -133,20 +132,11 @@ def readme_blocks():
 @pytest.mark.heavy
 @pytest.mark.parametrize(
     ("kind", "body", "output"),
-    # .ci/run runs the block of `make`, in a clean checkout
-    [pytest.param(*block, id=str(number)) for number, block in enumerate(readme_blocks()) if "make " not in block[1]],
+    # .ci/run runs the block of `make`, in a clean checkout, and tests/cli/test_wheel.py that of pip
+    [pytest.param(*one, id=str(i)) for i, one in enumerate(readme_blocks()) if not INSTALLS.search(one[1])],
 )
 def test_block_of_the_readme_runs_by_itself_as_printed(tmp_path, kind, body, output):
-    folder, further = tmp_path / "here", {}
-    if INSTALLS.search(body):  # in a clone, with the versions tested together
-        left = shutil.ignore_patterns(".venv", ".git", ".*_cache", ".hypothesis", "__pycache__")
-        shutil.copytree(ROOT, folder, ignore=left)
-        for written in ("results", "site"):
-            shutil.rmtree(folder / written, ignore_errors=True)
-        further = {"PIP_CONSTRAINT": str(ROOT / "constraints.txt"), "PYTHONPATH": ""}
-    else:
-        folder.mkdir()
-    done = run_process(kind, f"set -e\n{body}" if kind == "sh" else body, folder, **further)
+    done = run_process(kind, f"set -e\n{body}" if kind == "sh" else body, tmp_path)
     assert done.returncode == 0, done.stdout
     assert output is None or same(output, done.stdout), f"expected\n{output}\ngot\n{done.stdout}"
 

@@ -19,6 +19,8 @@ KEPT = 4096
 """Bytes of a process's output that are kept: the last."""
 SHOWN = 2**16
 """Bytes of it that are shown as they come: the first."""
+ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
+"""Environment of numpy and scipy for our small matrices, for which their threads only wait for each other."""
 _BLOCK = 2**16
 _PDEATHSIG = 1
 """Code of prctl for the signal sent when the thread that started the process has ended, however that was."""
@@ -37,7 +39,7 @@ def started(module: str, *arguments: str, talks: bool = True) -> subprocess.Pope
         stdin=way,
         stdout=way,
         stderr=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        env={**ONE_THREAD, **os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         start_new_session=True,
     )
 

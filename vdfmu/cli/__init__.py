@@ -12,6 +12,7 @@ import sys
 from contextlib import suppress
 
 from vdfmu.base.interrupt import command_begins, command_ended
+from vdfmu.base.process import ONE_THREAD
 from vdfmu.base.text import error_text, shown
 from vdfmu.base.version import __version__
 
@@ -21,6 +22,7 @@ __all__ = ["main"]
 def main() -> None:
     """Entry point: signals end the command from here on, while its modules are imported too. Python ends with it."""
     command_begins()
+    os.environ.update(ONE_THREAD | os.environ)
     short = ""
     try:
         _require_named_folder()

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
+import scipy
 
 from vdfmu.arm.dynamics import forward_kinematics, jacobian
 from vdfmu.arm.motion.arguments import of_numbers
@@ -144,7 +144,7 @@ def circle(
         raise UsageError(f"centre: expected an axis away from the end effector, which starts at {p_0}.")
 
     def path(s: float) -> Pose:
-        turned = Rotation.from_rotvec(s * angle * z).as_matrix()
+        turned = scipy.spatial.transform.Rotation.from_rotvec(s * angle * z).as_matrix()
         return c + turned @ (p_0 - c), turned @ R_0 if kind == "turn" else R_0
 
     motion = _along(robot, q, path, kind, "circle", tolerance)
@@ -163,12 +163,12 @@ def _straight(
 ) -> Motion:
     """Return the motion straight to a position, with the rotation that is kept or arrived at."""
     p_0, R_0 = forward_kinematics(robot, q)
-    turn = np.zeros(3) if R_1 is None else Rotation.from_matrix(R_0.T @ R_1).as_rotvec()
+    turn = np.zeros(3) if R_1 is None else scipy.spatial.transform.Rotation.from_matrix(R_0.T @ R_1).as_rotvec()
     if np.linalg.norm(p_1 - p_0) <= tolerance and np.linalg.norm(turn) <= tolerance:
         raise UsageError(f"{where}: expected another place than that at which it starts, got {p_1}.")
 
     def path(s: float) -> Pose:
-        return p_0 + s * (p_1 - p_0), R_0 @ Rotation.from_rotvec(s * turn).as_matrix()
+        return p_0 + s * (p_1 - p_0), R_0 @ scipy.spatial.transform.Rotation.from_rotvec(s * turn).as_matrix()
 
     return _along(robot, q, path, kind, where, tolerance)
 
@@ -186,7 +186,7 @@ def _orientation(robot: Robot, orientation: str | npt.ArrayLike | None) -> tuple
         raise UsageError(
             f"orientation: expected a rotation, three rows of unit length at right angles, got {orientation}."
         )
-    return "keep", Rotation.from_matrix(R).as_matrix()
+    return "keep", scipy.spatial.transform.Rotation.from_matrix(R).as_matrix()
 
 
 def _along(

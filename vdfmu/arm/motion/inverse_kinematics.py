@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
+import scipy
 
 from vdfmu.arm.dynamics import forward_kinematics, jacobian
 from vdfmu.arm.robot import Robot
@@ -102,11 +101,13 @@ def _solved(robot: Robot, q: Floats, pose: tuple[Floats, Floats], rows: int) -> 
             return q, off
         step = np.linalg.lstsq(jacobian(robot, q)[:rows], error, rcond=_SINGULAR * _SINGULAR)[0]
         q = q + step * min(1.0, _FAR / max(float(np.abs(step).max()), 1e-300))
-    nearest = least_squares(lambda q: twist(forward_kinematics(robot, q), pose)[:rows], q, xtol=1e-12, ftol=1e-12)
+    nearest = scipy.optimize.least_squares(
+        lambda q: twist(forward_kinematics(robot, q), pose)[:rows], q, xtol=1e-12, ftol=1e-12
+    )
     return nearest.x, float(np.linalg.norm(nearest.fun))
 
 
 def twist(pose: tuple[Floats, Floats], target: tuple[Floats, Floats]) -> Floats:
     """Return what takes a pose to another, (6,) [m, rad], in the frame of the first, linear part first."""
     (p, R), (p_t, R_t) = pose, target
-    return np.concatenate([R.T @ (p_t - p), Rotation.from_matrix(R.T @ R_t).as_rotvec()])
+    return np.concatenate([R.T @ (p_t - p), scipy.spatial.transform.Rotation.from_matrix(R.T @ R_t).as_rotvec()])

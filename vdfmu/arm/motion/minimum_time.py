@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.integrate import cumulative_trapezoid
-from scipy.interpolate import make_interp_spline
+import scipy
 
 from vdfmu.arm.drive.limits import motor_rectangle
 from vdfmu.arm.dynamics import inverse_dynamics
@@ -140,9 +139,9 @@ def _list(numbers: Floats) -> str:
 def _path(s: Floats, q: Floats) -> Any:
     """Return the path over the distance: a natural spline, which three points determine, or the line of two."""
     if len(q) == 2:
-        return make_interp_spline(s, q, k=1)
+        return scipy.interpolate.make_interp_spline(s, q, k=1)
     free = [(order, np.zeros(q.shape[1])) for order in (3, 4)]
-    return make_interp_spline(s, q, k=DEGREE, bc_type=(free, free))
+    return scipy.interpolate.make_interp_spline(s, q, k=DEGREE, bc_type=(free, free))
 
 
 def _shortest(
@@ -197,7 +196,7 @@ def _shortest(
 
 def _mean(t: Floats, y: Floats, width: float) -> Floats:
     """Return the mean over `width` around each time of values that hold before the first and after the last."""
-    integral = cumulative_trapezoid(y, t, initial=0.0)
+    integral = scipy.integrate.cumulative_trapezoid(y, t, initial=0.0)
 
     def until(end: Floats) -> Floats:
         inside = np.interp(end, t, integral)

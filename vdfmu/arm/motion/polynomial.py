@@ -11,7 +11,7 @@ from math import factorial, perm
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+import scipy
 
 from vdfmu.arm.motion.arguments import of_numbers
 from vdfmu.arm.units._played import Cycle, Played
@@ -221,7 +221,7 @@ def spline(t: Floats, q: Floats) -> Motion:
     inner = np.concatenate([t[0] + (t[1] - t[0]) * np.array(first), t[1:-1], t[-2] + (t[-1] - t[-2]) * np.array(last)])
     ends = np.ones(DEGREE + 1)
     still = [(order, np.zeros(q.shape[1])) for order in range(1, 5)]
-    found = make_interp_spline(
+    found = scipy.interpolate.make_interp_spline(
         t, q, k=DEGREE, t=np.concatenate([t[0] * ends, inner, t[-1] * ends]), bc_type=(still, still)
     )
     knots = np.concatenate([t[:1], inner, t[-1:]])
