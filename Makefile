@@ -4,8 +4,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 
-# Hundreds of tests start a Python, which compiles 400 modules, 0.8 s, where it may not keep them.
+# Hundreds of tests start a Python, which compiles 400 modules, 0.8 s, where it may not keep them. Threads of OpenBLAS
+# would wait for each other, as each core has a test.
 unexport PYTHONDONTWRITEBYTECODE
+export OPENBLAS_NUM_THREADS := 1
 
 .PHONY: demo test test-all hostile mutants bench docs lint sbom audit lock vendor clean
 
@@ -16,7 +18,7 @@ test: $(VENV)/test  ## run the tests, except for the heavy ones: some minutes
 	$(BIN)/python -m pytest -n 2 -m "not heavy" $(PYTEST_ARGS)
 
 test-all: test $(VENV)/platforms  ## run the heavy ones too: all platforms, emulators, sanitizers, C++ templates, installs
-	$(BIN)/python -m pytest -n 3 -m heavy $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n 2 -m heavy $(PYTEST_ARGS)
 
 hostile: $(VENV)/test  ## try thousands of hostile inputs, print what came of them: minutes
 	$(BIN)/python -m tests.hostile --write docs/robustness.md
