@@ -18,7 +18,7 @@ test: $(VENV)/test  ## run the tests, except for the heavy ones: some minutes
 	$(BIN)/python -m pytest -n 2 -m "not heavy" $(PYTEST_ARGS)
 
 test-all: test $(VENV)/platforms  ## run the heavy ones too: all platforms, emulators, sanitizers, C++ templates, installs
-	$(BIN)/python -m pytest -n 2 -m heavy $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n 3 -m heavy $(PYTEST_ARGS)
 
 hostile: $(VENV)/test  ## try thousands of hostile inputs, print what came of them: minutes
 	$(BIN)/python -m tests.hostile --write docs/robustness.md

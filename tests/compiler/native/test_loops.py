@@ -80,7 +80,7 @@ def derivatives(function, loops, direction, random, tmp_path):
     """Return the results of a derivative at random arguments, in loops and by CasADi."""
     traced = derivative(function, direction)
     given = [random(traced.numel_in(i)) for i in range(traced.n_in())]
-    found = results_of(c_loops(loops, direction), traced, given, tmp_path, direction)
+    found = results_of(c_loops(loops, direction), traced, given, tmp_path, direction, "-O0")
     return found, np.concatenate([each.full().ravel() for each in traced.call(given)])
 
 
@@ -113,7 +113,7 @@ def test_joints_that_are_unlike_the_others_keep_their_operations(seed, tmp_path)
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("seed", range(100, 160))
+@pytest.mark.parametrize("seed", range(100, 116))
 def test_many_chains_keep_their_bits(seed, tmp_path):
     chain = recursion(seed=seed)
     loops = find_loops(chain, N)
