@@ -11,6 +11,7 @@ from tests.conftest import TYPICAL
 from vdfmu.arm.robot import load_robot
 from vdfmu.arm.robot.structure import values
 from vdfmu.arm.units.plant import Plant
+from vdfmu.base.errors import UnitError
 from vdfmu.compiler.functions.rodas import ORDER
 from vdfmu.compiler.unit.evaluate import Plain, Traced
 from vdfmu.compiler.unit.integrator import Integrator
@@ -211,6 +212,28 @@ def test_the_jacobian_from_the_balance_is_that_of_the_derivatives():
     (balanced, _), (direct, _) = jacobian_of(Plant, robot), jacobian_of(Direct, robot)
     # Two elimination orders of one matrix: 1e4 roundings of its largest entries.
     np.testing.assert_allclose(balanced, direct, rtol=0, atol=1e4 * EPS * np.abs(direct).max())
+
+
+class Swapped(Unit):
+    """Two masses whose balances are returned in the other order."""
+
+    v = State("1", 2)
+    v_rate = Derivative(v)
+
+    def derivatives(self) -> None:
+        self.v_rate = -self.v
+
+    def balance(self):
+        return (self.v_rate + self.v)[::-1]
+
+
+@pytest.mark.parametrize("kind", ["step", "jacobian"])
+def test_a_balance_without_the_derivative_of_its_row_is_refused_with_its_unit(kind):
+    interface = Interface(Swapped, None)
+    with pytest.raises(
+        UnitError, match=r"test_solver\.py, line \d+: balance\(\) of Swapped .* row 1 .*the order of the states"
+    ):
+        interface.functions.casadi_function(interface.program.step[0].function.replace("step", kind))
 
 
 class AlongChain(Plant):

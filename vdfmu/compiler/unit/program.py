@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.base.errors import UnitError
+from vdfmu.base.errors import KernelError, UnitError
 from vdfmu.compiler.functions import traced_function
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative
 from vdfmu.compiler.functions.functions import Functions
@@ -193,9 +193,13 @@ class UnitFunctions(Functions):
         if kind == "left":
             return self._left(derivatives)[1]
         stiff = _Stiff(self._traced(self._leaves[derivatives]), cut=kind == "step")
-        if kind == "jacobian":
-            return stiff.jacobian(name)
-        return stiff.step(name, self.casadi_function(derivatives))
+        try:
+            return stiff.jacobian(name) if kind == "jacobian" else stiff.step(name, self.casadi_function(derivatives))
+        except KernelError as error:
+            raise UnitError(
+                f"{place(self.unit, 'balance')}: balance() of {self.unit.__name__} has no derivatives: {error} "
+                "Return the rows in the order of the states, each with the derivative of its state."
+            ) from None
 
     def switches(self, derivatives: str) -> bool:
         """Whether derivatives switch by time; UnitError if it is not known when."""
