@@ -48,14 +48,7 @@ def test_build_ssp_check_models_work_together(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "planar.ssp" in done.stdout
     ran = vdfmu(
-        "run",
-        "planar_tracking",
-        "--no-reference",
-        "--stop",
-        "0.2",
-        "--set",
-        "controller.K_p=900",
-        cwd=tmp_path,
+        "run", "planar_tracking", "--no-reference", "--stop", "0.2", "--set", "controller.K_p=900", cwd=tmp_path
     )
     assert ran.returncode == 0, ran.stderr
     ours, theirs = tmp_path / "results" / "planar_ssp", tmp_path / "results" / "planar_tracking"
@@ -144,10 +137,7 @@ def test_check_lists_the_problems_of_a_broken_fmu(tmp_path):
             "--unit controller: expected COMPONENT=UNIT, such as controller=my_unit.py.",
         ),
         (["run", "planar_tracking", "--set", "controller.K_q=1"], "controller has no K_q."),
-        (
-            ["run", "planar_tracking", "--master", "euler"],
-            "expected gauss-seidel, jacobi, extrapolated or iterative",
-        ),
+        (["run", "planar_tracking", "--master", "euler"], "expected gauss-seidel, jacobi, extrapolated or iterative"),
         (["run", "planar_tracking", "--adaptive", "1e-6"], "use extrapolated or iterative"),
         (["run", "planar_tracking", "--step", "fast"], "Invalid value for '--step'"),
         (["run", "system.ssp"], "'vdfmu simulate' runs it"),

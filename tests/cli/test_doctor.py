@@ -17,10 +17,7 @@ OURS = {"test", "docs", "dev"}
 
 def declared(_: str) -> list[str]:
     extras = PROJECT["optional-dependencies"]
-    return [
-        *PROJECT["dependencies"],
-        *(f'{text}; extra == "{name}"' for name in extras for text in extras[name]),
-    ]
+    return [*PROJECT["dependencies"], *(f'{text}; extra == "{name}"' for name in extras for text in extras[name])]
 
 
 def test_every_extra_of_a_user_has_what_is_not_there_without_it():
@@ -50,11 +47,7 @@ def test_what_is_missing_is_said_with_its_price_and_the_way_to_it(monkeypatch, t
 
 def test_the_shell_completes_names(monkeypatch):
     def completed(words: str) -> list[str]:
-        variables = {
-            "COMP_WORDS": words,
-            "COMP_CWORD": str(len(words.split()) - 1),
-            "_VDFMU_COMPLETE": "complete_bash",
-        }
+        variables = {"COMP_WORDS": words, "COMP_CWORD": str(len(words.split()) - 1), "_VDFMU_COMPLETE": "complete_bash"}
         return CliRunner().invoke(app, [], prog_name="vdfmu", env=variables).output.split()
 
     assert completed("vdfmu run two_joint") == ["two_joint", "two_joint_table5"]

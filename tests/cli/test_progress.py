@@ -44,12 +44,7 @@ def test_a_terminal_shows_how_far_it_is_and_a_file_does_not(tmp_path, words):
     command = [sys.executable, "-m", "vdfmu.cli", words[0], "planar_tracking", *words[1:]]
     ours, theirs = pty.openpty()
     process = subprocess.Popen(
-        command,
-        cwd=tmp_path,
-        env=environment,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=theirs,
+        command, cwd=tmp_path, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=theirs
     )
     os.close(theirs)
     shown = bytearray()

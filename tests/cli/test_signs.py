@@ -193,13 +193,7 @@ def test_quiet_leaves_one_line_of_a_run_and_verbose_adds_what_is_done(told):
     output, said = told("--verbose", *words)
     assert output[-1] == quiet[0][-1]
     assert len(output) > 10
-    for what in (
-        r"vdfmu \S+, Python ",
-        r"from the cache: \w",
-        r"co-simulation, 10: \d",
-        "figures: ",
-        "written: ",
-    ):
+    for what in (r"vdfmu \S+, Python ", r"from the cache: \w", r"co-simulation, 10: \d", "figures: ", "written: "):
         assert any(re.match(rf" +\d+\.\d\d s  {what}", line) for line in said), what
 
 

@@ -6,6 +6,7 @@ import json
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from textwrap import indent
 
 import pytest
 from pythonfmu.builder import FmuBuilder
@@ -84,33 +85,35 @@ class {name}(Fmi2Slave):
 """
 
 
-def variable(name: str, causality: str, kind: str = "Real", start: object = 0.0, unit: str | None = None) -> dict:
-    """Describe one variable of a test FMU."""
-    return {"name": name, "causality": causality, "kind": kind, "start": start, "unit": unit}
+_READ = {"Real": float, "Integer": int, "Boolean": "True".__eq__, "String": str}
+_START = {"Real": "0", "Integer": "0", "Boolean": "False", "String": ""}
+
+
+def variable(text: str) -> dict:
+    """Return a variable of a test FMU from ``name:causality[:kind[:start[:unit]]]``."""
+    name, causality, kind, start, unit = (text.split(":") + 5 * [""])[:5]
+    kind = kind or "Real"
+    start = _READ[kind](start or _START[kind])
+    return {"name": name, "causality": causality, "kind": kind, "start": start, "unit": unit or None}
 
 
 def make_fmu(
-    folder: Path,
-    name: str,
-    variables: list[dict],
-    body: str,
-    dependencies: Mapping[str, list[str]] | None,
-    units: Mapping[str, Mapping[str, str]] | None = None,
-    discrete: tuple[str, ...] = (),
-) -> Path:
-    """Build an FMU that saves its state; `dependencies` None: stock pythonfmu, without both."""
-    spec = json.dumps(
-        {
-            "variables": variables,
-            "dependencies": dependencies,
-            "units": dict(units or {}),
-            "discrete": discrete,
-        }
-    )
-    code = "\n".join("    " + line if line else "" for line in body.strip("\n").splitlines())
+    folder: Path, name: str, variables: str, step: str = "self.calc()", calc: str = "pass", depends: str | None = "",
+    more: str = "", units: Mapping[str, Mapping[str, str]] | None = None, discrete: tuple[str, ...] = (),
+) -> Path:  # fmt: skip
+    """Build an FMU that saves its state, from the code of its step and of its outputs in initialization mode.
+
+    `depends`: "y:u,v z:u" for outputs that depend on inputs; None: stock pythonfmu, without that and without states.
+    """
+    dependencies = None if depends is None else {y: u.split(",") for y, u in (t.split(":") for t in depends.split())}
+    listed = [variable(text) for text in variables.split()]
+    spec = {"variables": listed, "dependencies": dependencies, "units": dict(units or {}), "discrete": discrete}
+    code = f"{more}def calc(self):\n{indent(calc, '    ')}\n"
+    code += f"def do_step(self, t, h):\n{indent(step, '    ')}\n    return True\n"
     script = folder / f"vdfmu_test_{name.lower()}.py"
-    script.write_text(TEMPLATE.format(name=name, spec=spec, body=code), encoding="utf-8")
-    options = {"canGetAndSetFMUstate": True} if dependencies is not None else {}
+    text = TEMPLATE.format(name=name, spec=json.dumps(spec), body=indent(code, "    "))
+    script.write_text(text, encoding="utf-8")
+    options = {"canGetAndSetFMUstate": True} if depends is not None else {}
     return Path(FmuBuilder.build_FMU(script, dest=folder / f"{name}.fmu", **options))
 
 
@@ -118,282 +121,118 @@ def make_fmu(
 def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """All test FMUs by name."""
     folder = tmp_path_factory.mktemp("fmus")
-    step = "def do_step(self, t, h):\n    self.calc()\n    return True\n"
     built: dict[str, Path] = {}
 
     def add(name: str, *args, **kwargs) -> None:
         built[name] = make_fmu(folder, name, *args, **kwargs)
 
-    gain = [variable("u", "input"), variable("y", "output"), variable("k", "parameter", start=2.0)]
-    add("Gain", gain, "def calc(self):\n    self._y = self._k * self._u\n" + step, {"y": ["u"]})
-    add("Stock", gain, "def calc(self):\n    self._y = self._k * self._u\n" + step, None)
+    gain = "u:input y:output k:parameter:Real:2"
+    add("Gain", gain, calc="self._y = self._k * self._u", depends="y:u")
+    add("Stock", gain, calc="self._y = self._k * self._u", depends=None)
     add(
-        "Ramp",
-        [variable("y", "output"), variable("slope", "parameter", start=1.0)],
-        "now = 0.0\ndef setup_experiment(self, start, stop, tolerance):\n    self.now = start\n"
-        "def calc(self):\n    self._y = self._slope * self.now\n"
-        "def do_step(self, t, h):\n    self.now = t + h\n    self.calc()\n    return True\n",
-        {},
-    )
+        "Ramp", "y:output slope:parameter:Real:1", "self.now = t + h\nself.calc()", "self._y = self._slope * self.now",
+        more="now = 0.0\ndef setup_experiment(self, start, stop, tolerance):\n    self.now = start\n",
+    )  # fmt: skip
+    euler = "self._y = self._y + h * (self._u + self._load)"
+    add("Plant", "u:input y:output x0:parameter load:input", euler, "self._y = self._x0")
+    add("Adder", "a:input b:input y:output", calc="self._y = self._a + self._b", depends="y:a,b")
+    # two independent channels: no variable depends on itself when two are cross-connected
+    channels = "self._y = self._a + 1.0\nself._z = self._b"
+    add("Crossed", "a:input b:input y:output z:output", calc=channels, depends="y:a z:b")
+    # y is a state, z passes u through
+    state = "self._y = self._y + 1.0\nself.calc()"
+    add("Mixed", "u:input y:output z:output", state, "self._z = self._u", "z:u")
     add(
-        "Plant",
-        [variable("u", "input"), variable("y", "output"), variable("x0", "parameter", start=0.0),
-         variable("load", "input")],
-        "def calc(self):\n    self._y = self._x0\n"
-        "def do_step(self, t, h):\n    self._y = self._y + h * (self._u + self._load)\n    return True\n",
-        {},
+        "Logic", "bi:input:Boolean ii:input:Integer bo:output:Boolean io:output:Integer",
+        calc="self._bo = not self._bi\nself._io = self._ii + 1", depends="bo:bi io:ii",
     )  # fmt: skip
     add(
-        "Adder",
-        [variable("a", "input"), variable("b", "input"), variable("y", "output")],
-        "def calc(self):\n    self._y = self._a + self._b\n" + step,
-        {"y": ["a", "b"]},
-    )
-    add(
-        "Crossed",  # two independent channels: no variable depends on itself when two are cross-connected
-        [variable("a", "input"), variable("b", "input"), variable("y", "output"), variable("z", "output")],
-        "def calc(self):\n    self._y = self._a + 1.0\n    self._z = self._b\n" + step,
-        {"y": ["a"], "z": ["b"]},
-    )
-    add(
-        "Mixed",  # y is a state, z passes u through
-        [variable("u", "input"), variable("y", "output"), variable("z", "output")],
-        "def calc(self):\n    self._z = self._u\n"
-        "def do_step(self, t, h):\n    self._y = self._y + 1.0\n    self.calc()\n    return True\n",
-        {"z": ["u"]},
-    )
-    add(
-        "Logic",
-        [variable("bi", "input", "Boolean", False), variable("ii", "input", "Integer", 0),
-         variable("bo", "output", "Boolean", False), variable("io", "output", "Integer", 0)],
-        "def calc(self):\n    self._bo = not self._bi\n    self._io = self._ii + 1\n" + step,
-        {"bo": ["bi"], "io": ["ii"]},
+        "Loud", "y:output",  # its libraries warn whoever programs with them
+        "import numpy, warnings\nnumpy.log(numpy.zeros(1))\nnumpy.full(1, 1e300) * 1e300\n"
+        "warnings.warn('of the user')\nself._y = t",
     )  # fmt: skip
+    add("Derived", "k:parameter:Real:1 twice:calculatedParameter y:output", calc="self._twice = 2 * self._k")
     add(
-        "Loud",  # its libraries warn whoever programs with them
-        [variable("y", "output")],
-        "def calc(self):\n    pass\n"
-        "def do_step(self, t, h):\n    import numpy, warnings\n    numpy.log(numpy.zeros(1))\n"
-        "    numpy.full(1, 1e300) * 1e300\n    warnings.warn('of the user')\n    self._y = t\n    return True\n",
-        {},
-    )
-    add(
-        "Derived",
-        [
-            variable("k", "parameter", start=1.0),
-            variable("twice", "calculatedParameter"),
-            variable("y", "output"),
-        ],
-        "def calc(self):\n    self._twice = 2 * self._k\n" + step,
-        {},
-    )
-    add(
-        "Counter",
-        [variable("n", "output", "Integer", 0), variable("odd", "output", "Boolean", False),
-         variable("word", "parameter", "String", "none"), variable("told", "output", "String", "")],
-        "def calc(self):\n    self._told = self._word\n    self._odd = self._word == 'gr\u00fcn'\n"
-        "def do_step(self, t, h):\n    self._n += 1\n    self._odd = self._n % 2 == 1\n    return True\n",
-        {},
+        "Counter", "n:output:Integer odd:output:Boolean word:parameter:String:none told:output:String",
+        "self._n += 1\nself._odd = self._n % 2 == 1", "self._told = self._word\nself._odd = self._word == 'gr\u00fcn'",
     )  # fmt: skip
     add(
         "Fragile",  # mode 0: exception, 1: returns False, 2: only warns, 3: exception in initialization mode
-        [variable("y", "output"), variable("at", "parameter", start=1e9),
-         variable("mode", "parameter", "Integer", 0)],
-        "def calc(self):\n    pass\n"
-        "def exit_initialization_mode(self):\n    self.initializing = False\n"
-        "    if self._mode == 3:\n        raise ValueError('no start possible')\n"
-        "def do_step(self, t, h):\n"
-        "    if t >= self._at - 1e-9:\n"
-        "        if self._mode == 0:\n            raise ValueError('q[3] is not finite: 100 %s')\n"
-        "        self.log('the load is 50 %s of nominal', Fmi2Status.warning)\n"
-        "        if self._mode == 1:\n            return False\n"
-        "    self._y = t + h\n    return True\n",
-        {},
-    )  # fmt: skip
-    add(
-        "Choosy",  # a state that takes no step longer than h_max
-        [variable("u", "input"), variable("y", "output"), variable("h_max", "parameter", start=0.1)],
-        "def calc(self):\n    pass\n"
-        "def do_step(self, t, h):\n"
-        "    self._y = self._y + h * self._u\n"
-        "    if h > self._h_max:\n        self.log('the step is too long', Fmi2Status.warning)\n"
-        "    return h <= self._h_max\n",
-        {},
+        "y:output at:parameter:Real:1e9 mode:parameter:Integer",
+        "if t >= self._at - 1e-9:\n"
+        "    if self._mode == 0:\n        raise ValueError('q[3] is not finite: 100 %s')\n"
+        "    self.log('the load is 50 %s of nominal', Fmi2Status.warning)\n"
+        "    if self._mode == 1:\n        return False\n"
+        "self._y = t + h",
+        more="def exit_initialization_mode(self):\n    self.initializing = False\n"
+        "    if self._mode == 3:\n        raise ValueError('no start possible')\n",
     )
+    add(
+        "Choosy", "u:input y:output h_max:parameter:Real:0.1",  # a state that takes no step longer than h_max
+        "self._y = self._y + h * self._u\n"
+        "if h > self._h_max:\n    self.log('the step is too long', Fmi2Status.warning)\nreturn h <= self._h_max",
+    )  # fmt: skip
     add(
         "Clock",  # a state, and the whole seconds that have passed; for short steps and for whole ones
-        [variable("u", "input"), variable("y", "output"), variable("n", "output", "Integer", 0)],
-        "def calc(self):\n    pass\n"
-        "def do_step(self, t, h):\n    self._y = self._y + h * (1.0 + self._u)\n"
-        "    self._n = int(t + h + 1e-12)\n    return not 0.01 < h < 0.9\n",
-        {},
+        "u:input y:output n:output:Integer",
+        "self._y = self._y + h * (1.0 + self._u)\nself._n = int(t + h + 1e-12)\nreturn not 0.01 < h < 0.9",
     )
     add(
-        "Reader",
-        [variable("u", "input"), variable("i", "input", "Integer", 0), variable("y", "output"),
-         variable("seen", "output", "Integer", 0)],
-        "def calc(self):\n    self._y = -self._u\n    self._seen = self._i\n" + step,
-        {"y": ["u"], "seen": ["i"]},
+        "Reader", "u:input i:input:Integer y:output seen:output:Integer",
+        calc="self._y = -self._u\nself._seen = self._i", depends="y:u seen:i",
     )  # fmt: skip
+    add("Jump", "y:output", "self._y = float(t + h >= 0.5)", discrete=("y",))
+    talk = "self.log('a step', Fmi2Status.warning)\nself._y = self._y + h * self._u"
+    add("Talker", "u:input y:output:Real:1", talk)
+    add("Refuser", "n:output:Integer", "return h <= 0.1")
     add(
-        "Jump",
-        [variable("y", "output")],
-        "def calc(self):\n    pass\ndef do_step(self, t, h):\n    self._y = float(t + h >= 0.5)\n    return True\n",
-        {},
-        discrete=("y",),
-    )
-    add(
-        "Talker",
-        [variable("u", "input"), variable("y", "output", start=1.0)],
-        "def calc(self):\n    pass\n"
-        "def do_step(self, t, h):\n    self.log('a step', Fmi2Status.warning)\n    self._y = self._y + h * self._u\n"
-        "    return True\n",
-        {},
-    )
-    add(
-        "Refuser",
-        [variable("n", "output", "Integer", 0)],
-        "def calc(self):\n    pass\ndef do_step(self, t, h):\n    return h <= 0.1\n",
-        {},
-    )
-    add(
-        "Telling",  # x' = u, and its input
-        [
-            variable("u", "input"),
-            variable("y", "output"),
-            variable("told", "output"),
-            variable("x0", "parameter"),
-        ],
-        "def calc(self):\n    self._y = self._x0\n    self._told = self._u\n"
-        "def do_step(self, t, h):\n    self._y += h * self._u\n    self._told = self._u\n    return True\n",
-        {"told": ["u"]},
-    )
-    add(
-        "Late",  # a step that does not say that it is none
-        [variable("y", "output"), variable("at", "parameter")],
-        "def calc(self):\n    pass\n"
-        "def do_step(self, t, h):\n    self._y = float(t + h >= self._at)\n    return True\n",
-        {},
-    )
-    add(
-        "Lag",  # y' = u - y, exact for a constant input
-        [variable("u", "input"), variable("y", "output")],
-        "def calc(self):\n    pass\n"
-        "def do_step(self, t, h):\n"
-        "    self._y = self._u + (self._y - self._u) * 2.718281828459045 ** -h\n    return True\n",
-        {},
-    )
+        "Telling", "u:input y:output told:output x0:parameter",  # x' = u, and its input
+        "self._y += h * self._u\nself._told = self._u", "self._y = self._x0\nself._told = self._u", "told:u",
+    )  # fmt: skip
+    # a step that does not say that it is none
+    add("Late", "y:output at:parameter", "self._y = float(t + h >= self._at)")
+    # y' = u - y, exact for a constant input
+    add("Lag", "u:input y:output", "self._y = self._u + (self._y - self._u) * 2.718281828459045 ** -h")
     add(
         "Sprung",  # x'' = f = k (p - x), exact for a constant p
-        [
-            variable("p", "input"),
-            variable("f", "output"),
-            variable("x", "output"),
-            variable("v", "output"),
-            variable("k", "parameter", start=4.0),
-        ],
-        "def calc(self):\n    self._f = self._k * (self._p - self._x)\n"
-        "def do_step(self, t, h):\n"
-        "    from math import cos, sin, sqrt\n"
-        "    a, v, w = self._x - self._p, self._v, sqrt(self._k)\n"
-        "    self._x = self._p + a * cos(w * h) + v / w * sin(w * h)\n"
-        "    self._v = v * cos(w * h) - w * a * sin(w * h)\n"
-        "    self.calc()\n    return True\n",
-        {"f": ["p"]},
-    )
+        "p:input f:output x:output v:output k:parameter:Real:4",
+        "from math import cos, sin, sqrt\n"
+        "a, v, w = self._x - self._p, self._v, sqrt(self._k)\n"
+        "self._x = self._p + a * cos(w * h) + v / w * sin(w * h)\n"
+        "self._v = v * cos(w * h) - w * a * sin(w * h)\n"
+        "self.calc()",
+        "self._f = self._k * (self._p - self._x)", "f:p",
+    )  # fmt: skip
+    # p' = cos(t) - f / 4, exact for a constant f
+    carried = "from math import sin\nself._p += sin(t + h) - sin(t) - 0.25 * h * self._f"
+    add("Carrier", "f:input p:output", carried)
+    inverse = "self._y = 1.0 / self._u if self._u else float('inf')"
+    add("Dividing", "u:input y:output", calc=inverse, depends="y:u")
+    add("Speaker", "word:output:String", "self._word += '\u00fc'")
+    add("Echo", "word:input:String again:output:String", calc="self._again = self._word", depends="again:word")
+    count = "self._n = self._word.count('\u00fc')"
+    add("Listener", "word:input:String n:output:Integer", calc=count, depends="n:word")
+    # says of no output that it depends on nothing
+    ports = " ".join(f"u{i}:input y{i}:output" for i in range(40))
+    add("Wide", ports, "pass", "for i in range(40):\n    setattr(self, f'_y{i}', float(i))", None)
+    # a discrete output for the input of the moment
+    product = "self._u = self._k * self._x"
+    add("Digital", "x:input u:output k:parameter:Real:1", calc=product, depends="u:x", discrete=("u",))
+    switch = "self._up = self._u < -0.1 or (self._up and self._u <= 0.1)"
+    add("Relay", "u:input up:output:Boolean:True", switch, depends="up:u")
+    for motor, depends in (("Motor", ""), ("DirectMotor", "y:up")):  # the second says too much
+        add(motor, "up:input:Boolean:True y:output", "self._y += h * (1.0 if self._up else -1.0)", depends=depends)
+    tens = "self._y = 10.0 * getattr(self, '_k[1]') + getattr(self, '_k[2]')"
+    add("Array", "k[1]:parameter k[2]:parameter y:output", calc=tens)
+    degree, celsius = {"rad": "1", "factor": "0.017453292519943295"}, {"K": "1", "offset": "273.15"}
     add(
-        "Carrier",  # p' = cos(t) - f / 4, exact for a constant f
-        [variable("f", "input"), variable("p", "output")],
-        "def calc(self):\n    pass\n"
-        "def do_step(self, t, h):\n"
-        "    from math import sin\n"
-        "    self._p += sin(t + h) - sin(t) - 0.25 * h * self._f\n    return True\n",
-        {},
-    )
-    add(
-        "Dividing",
-        [variable("u", "input"), variable("y", "output")],
-        "def calc(self):\n    self._y = 1.0 / self._u if self._u else float('inf')\n" + step,
-        {"y": ["u"]},
-    )
-    add(
-        "Speaker",
-        [variable("word", "output", "String", "")],
-        "def calc(self):\n    pass\ndef do_step(self, t, h):\n    self._word += '\u00fc'\n    return True\n",
-        {},
-    )
-    add(
-        "Echo",
-        [variable("word", "input", "String", ""), variable("again", "output", "String", "")],
-        "def calc(self):\n    self._again = self._word\n" + step,
-        {"again": ["word"]},
-    )
-    add(
-        "Listener",
-        [variable("word", "input", "String", ""), variable("n", "output", "Integer", 0)],
-        "def calc(self):\n    self._n = self._word.count('\u00fc')\n" + step,
-        {"n": ["word"]},
-    )
-    wide = range(40)
-    add(
-        "Wide",  # says of no output that it depends on nothing
-        [v for i in wide for v in (variable(f"u{i}", "input"), variable(f"y{i}", "output"))],
-        "def calc(self):\n"
-        "    for i in range(40):\n        setattr(self, f'_y{i}', float(i))\n"
-        "def do_step(self, t, h):\n    return True\n",
-        None,
-    )
-    add(
-        "Digital",  # a discrete output for the input of the moment
-        [variable("x", "input"), variable("u", "output"), variable("k", "parameter", start=1.0)],
-        "def calc(self):\n    self._u = self._k * self._x\n" + step,
-        {"u": ["x"]},
-        discrete=("u",),
-    )
-    add(
-        "Relay",
-        [variable("u", "input"), variable("up", "output", "Boolean", True)],
-        "def calc(self):\n    pass\n"
-        "def do_step(self, t, h):\n"
-        "    self._up = self._u < -0.1 or (self._up and self._u <= 0.1)\n    return True\n",
-        {"up": ["u"]},
-    )
-    for motor, dependencies in (("Motor", {}), ("DirectMotor", {"y": ["up"]})):  # the second says too much
-        add(
-            motor,
-            [variable("up", "input", "Boolean", True), variable("y", "output")],
-            "def calc(self):\n    pass\n"
-            "def do_step(self, t, h):\n    self._y += h * (1.0 if self._up else -1.0)\n    return True\n",
-            dependencies,
-        )
-    add(
-        "Array",
-        [variable("k[1]", "parameter"), variable("k[2]", "parameter"), variable("y", "output")],
-        "def calc(self):\n    self._y = 10.0 * getattr(self, '_k[1]') + getattr(self, '_k[2]')\n" + step,
-        {},
-    )
-    add(
-        "Degrees",
-        [variable("y", "output", start=0.0, unit="deg"), variable("mm", "output", start=0.0, unit="mm"),
-         variable("degC", "output", start=0.0, unit="degC")],
-        "def calc(self):\n    pass\n"
-        "def do_step(self, t, h):\n    self._y += 90.0\n    self._mm += 1500.0\n    self._degC += 10.0\n"
-        "    return True\n",
-        {},
-        units={
-            "deg": {"rad": "1", "factor": "0.017453292519943295"},
-            "mm": {"m": "1", "factor": "0.001"},
-            "degC": {"K": "1", "offset": "273.15"},
-        },
+        "Degrees", "y:output:Real:0:deg mm:output:Real:0:mm degC:output:Real:0:degC",
+        "self._y += 90.0\nself._mm += 1500.0\nself._degC += 10.0",
+        units={"deg": degree, "mm": {"m": "1", "factor": "0.001"}, "degC": celsius},
     )  # fmt: skip
     add(
-        "Radians",
-        [variable("u", "input", unit="rad"), variable("m", "input", unit="m"),
-         variable("K", "input", unit="K"),
-         variable("width", "parameter", start=1.0, unit="m"), variable("y", "output", unit="m")],
-        "def calc(self):\n    self._y = self._width\ndef do_step(self, t, h):\n    return True\n",
-        {},
-        units={"rad": {"rad": "1"}, "m": {"m": "1"}, "K": {"K": "1"}},
+        "Radians", "u:input:Real:0:rad m:input:Real:0:m K:input:Real:0:K width:parameter:Real:1:m y:output:Real:0:m",
+        "pass", "self._y = self._width", units={"rad": {"rad": "1"}, "m": {"m": "1"}, "K": {"K": "1"}},
     )  # fmt: skip
     return built
 
@@ -472,7 +311,7 @@ def in_process(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.fixture
 def pack(tmp_path: Path, fmus: dict[str, Path]) -> Callable[..., Path]:
-    """Return a function that packs an SSP of elements and connections."""
+    """Return a function that packs an SSP; an element is XML, or the text "name FMU connectors" for `component`."""
 
     def write(
         elements: list[str],
@@ -490,7 +329,7 @@ def pack(tmp_path: Path, fmus: dict[str, Path]) -> Callable[..., Path]:
         text = SSD.format(
             connectors=connector_list(connectors),
             bindings=bindings,
-            elements="".join(elements),
+            elements="".join(e if e.startswith("<") else component(*e.split(maxsplit=2)) for e in elements),
             connections=(f"<ssd:Connections>{''.join(items)}</ssd:Connections>" if items else "") + dictionaries,
             units=f"<ssd:Units>{units}</ssd:Units>" if units else "",
             experiment=experiment,
@@ -538,7 +377,21 @@ def built(tmp_path_factory):
 
 
 @pytest.fixture
-def system(pack, xml, built):
+def loop(pack, xml):
+    """Return a controlled plant x' = u, u = G r + K (r - x) with K = 1.5, in an order that is wrong for stepping."""
+    return pack(
+        ["plant Plant u:input y:output", "trajectory Ramp y:output", "controller Adder a:input b:input y:output",
+         "error Adder a:input b:input y:output", "feedforward Gain u:input y:output"],
+        ["trajectory.y -> feedforward.u", "trajectory.y -> error.a",
+         "feedforward.y -> controller.a",
+         xml.connection("plant.y -> error.b", '<ssc:LinearTransformation factor="-1"/>'),
+         xml.connection("error.y -> controller.b", '<ssc:LinearTransformation factor="1.5"/>'),
+         "controller.y -> plant.u"],
+    )  # fmt: skip
+
+
+@pytest.fixture
+def system(pack, built):
     """Return a function that packs a system: {component: (model, version)}, connections and values of parameters."""
 
     def write(components, connections=(), bindings: dict[str, str] | None = None) -> Path:
@@ -549,7 +402,7 @@ def system(pack, xml, built):
             kinds = {v.name: v.causality for v in model.variables}
             ports = dict.fromkeys(port for owner, port in used if owner == name)
             text = " ".join(f"{port}:{kinds[port.partition('[')[0]]}" for port in ports)
-            elements.append(xml.component(name, fmu, text, (bindings or {}).get(name, "")))
+            elements.append(component(name, fmu, text, (bindings or {}).get(name, "")))
             extra[f"resources/{fmu}.fmu"] = built(model, version)
         return pack(elements, connections, extra=extra)
 

@@ -8,33 +8,7 @@ import pytest
 from vdfmu.engine.plan.schedule import topological
 from vdfmu.engine.run import simulate
 
-# The chain of a controlled plant, listed in an order that is wrong for stepping.
-H, G, K = 0.125, 0.75, 1.5
-
-
-@pytest.fixture
-def loop(pack, xml):
-    c = xml.component
-    elements = [
-        c("plant", "Plant", "u:input y:output"),
-        c("trajectory", "Ramp", "y:output"),
-        c("controller", "Adder", "a:input b:input y:output"),
-        c("error", "Adder", "a:input b:input y:output"),
-        c("feedforward", "Gain", "u:input y:output"),
-    ]
-    minus = '<ssc:LinearTransformation factor="-1"/>'
-    times = f'<ssc:LinearTransformation factor="{K}"/>'
-    return pack(
-        elements,
-        [
-            "trajectory.y -> feedforward.u",
-            "trajectory.y -> error.a",
-            xml.connection("plant.y -> error.b", minus),
-            "feedforward.y -> controller.a",
-            xml.connection("error.y -> controller.b", times),
-            "controller.y -> plant.u",
-        ],
-    )
+H, G, K = 0.125, 0.75, 1.5  # K is that of `loop`
 
 
 def simulate_loop(path, algorithm):
@@ -91,12 +65,8 @@ def test_row_0_has_the_start_values_through_the_whole_chain(loop):
     assert len(results) == 17
 
 
-def test_states_that_read_each_other_see_values_at_the_start_of_the_step(pack, xml):
-    c = xml.component
-    path = pack(
-        [c("a", "Plant", "u:input y:output"), c("b", "Plant", "u:input y:output")],
-        ["a.y -> b.u", "b.y -> a.u"],
-    )
+def test_states_that_read_each_other_see_values_at_the_start_of_the_step(pack):
+    path = pack(["a Plant u:input y:output", "b Plant u:input y:output"], ["a.y -> b.u", "b.y -> a.u"])
     results = simulate(path, stop=1.0, step=0.25, parameters={"a.x0": 1.0})
     a, b = [1.0], [0.0]
     for k in range(4):
@@ -106,11 +76,10 @@ def test_states_that_read_each_other_see_values_at_the_start_of_the_step(pack, x
     np.testing.assert_array_equal(results["b.y"], b)
 
 
-def test_a_state_output_of_a_feed_through_unit_is_read_as_at_the_start_of_the_step(pack, xml):
-    c = xml.component
+def test_a_state_output_of_a_feed_through_unit_is_read_as_at_the_start_of_the_step(pack):
     path = pack(
-        [c("source", "Ramp", "y:output"), c("m", "Mixed", "u:input y:output z:output"),
-         c("sum", "Adder", "a:input b:input y:output")],
+        ["source Ramp y:output", "m Mixed u:input y:output z:output",
+         "sum Adder a:input b:input y:output"],
         ["source.y -> m.u", "m.y -> sum.a", "m.z -> sum.b"],
     )  # fmt: skip
     results = simulate(path, stop=4.0, step=1.0)
@@ -119,19 +88,18 @@ def test_a_state_output_of_a_feed_through_unit_is_read_as_at_the_start_of_the_st
     np.testing.assert_array_equal(results["sum.a"], [0, 0, 1, 2, 3])
 
 
-def test_time_is_not_accumulated(pack, xml):
-    path = pack([xml.component("source", "Ramp", "y:output")])
+def test_time_is_not_accumulated(pack):
+    path = pack(["source Ramp y:output"])
     results = simulate(path, start=0.3, stop=100.3, step=0.1)
     np.testing.assert_array_equal(results.time, 0.3 + 0.1 * np.arange(1001.0))
     assert results["source.y"][-1] == (0.3 + 0.1 * 999) + 0.1
 
 
-def test_booleans_and_integers(pack, xml):
-    c = xml.component
+def test_booleans_and_integers(pack):
     path = pack(
-        [c("count", "Counter", "n:output:Integer odd:output:Boolean"),
-         c("logic", "Logic", "bi:input:Boolean ii:input:Integer bo:output:Boolean io:output:Integer"),
-         c("second", "Logic", "bi:input ii:input bo:output io:output")],
+        ["count Counter n:output:Integer odd:output:Boolean",
+         "logic Logic bi:input:Boolean ii:input:Integer bo:output:Boolean io:output:Integer",
+         "second Logic bi:input ii:input bo:output io:output"],
         ["count.n -> logic.ii", "count.odd -> logic.bi", "logic.io -> second.ii", "logic.bo -> second.bi"],
     )  # fmt: skip
     results = simulate(path, stop=4.0, step=1.0)
@@ -143,13 +111,12 @@ def test_booleans_and_integers(pack, xml):
 
 
 def test_mapping_transformations_of_booleans_and_integers(pack, xml):
-    c = xml.component
     swap = ('<ssc:BooleanMappingTransformation><ssc:MapEntry source="true" target="false"/>'
             '<ssc:MapEntry source="false" target="true"/></ssc:BooleanMappingTransformation>')  # fmt: skip
     table = "".join(f'<ssc:MapEntry source="{i}" target="{10 * i}"/>' for i in range(3))
     whole = f"<ssc:IntegerMappingTransformation>{table}</ssc:IntegerMappingTransformation>"
     path = pack(
-        [c("count", "Counter", "n:output odd:output"), c("logic", "Logic", "bi:input ii:input")],
+        ["count Counter n:output odd:output", "logic Logic bi:input ii:input"],
         [xml.connection("count.n -> logic.ii", whole), xml.connection("count.odd -> logic.bi", swap)],
     )
     results = simulate(path, stop=2.0, step=1.0)
@@ -157,9 +124,9 @@ def test_mapping_transformations_of_booleans_and_integers(pack, xml):
     assert results["logic.bi"].tolist() == [True, True, False]
 
 
-def test_progress_is_called_a_hundred_times_at_most(pack, xml):
+def test_progress_is_called_a_hundred_times_at_most(pack):
     calls = []
-    path = pack([xml.component("source", "Ramp", "y:output")])
+    path = pack(["source Ramp y:output"])
     simulate(path, stop=10.01, step=0.01, progress=lambda k, n: calls.append((k, n)))
     assert calls[0] == (0, 1001)
     assert calls[-1] == (1001, 1001)

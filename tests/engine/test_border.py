@@ -12,13 +12,7 @@ import pytest
 import vdfmu
 
 ROOT = Path(vdfmu.__file__).parent
-ARM = (
-    "casadi",
-    "matplotlib",
-    "vdfmu.arm",
-    "vdfmu.compiler",
-    "vdfmu.system",
-)
+ARM = ("casadi", "matplotlib", "vdfmu.arm", "vdfmu.compiler", "vdfmu.system")
 
 
 @pytest.mark.heavy
@@ -31,8 +25,8 @@ ARM = (
     ],
     ids=["simulate", "vdfmu simulate", "vdfmu check"],
 )
-def test_a_foreign_package_loads_neither_the_arm_nor_its_libraries(pack, xml, tmp_path, code):
-    path = pack([xml.component("r", "Ramp", "y:output"), xml.component("g", "Gain", "u:input")], ["r.y -> g.u"])
+def test_a_foreign_package_loads_neither_the_arm_nor_its_libraries(pack, tmp_path, code):
+    path = pack(["r Ramp y:output", "g Gain u:input"], ["r.y -> g.u"])
     script = (
         f"import json, sys\nPATH, OUT = {str(path)!r}, {str(tmp_path / 'out')!r}\n"
         "def run():\n"

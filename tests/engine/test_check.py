@@ -34,10 +34,10 @@ def expect(found: list[str], *patterns: str) -> None:
 def test_several_faults_at_once(pack, xml):
     c = xml.component
     path = pack(
-        [c("a", "Gain", "u:input y:output nothing:output"),
-         c("b", "Adder", "a:input b:input y:output"),
-         c("d", "Logic", "bi:input bo:output"),
-         c("deg", "Degrees", "y:output mm:output"), c("rad", "Radians", "u:input m:input"),
+        ["a Gain u:input y:output nothing:output",
+         "b Adder a:input b:input y:output",
+         "d Logic bi:input bo:output",
+         "deg Degrees y:output mm:output", "rad Radians u:input m:input",
          c("p", "Gain", "u:input", xml.values(xml.real("kk", 1.0) + xml.real("y", 1.0)))],
         ["a.y -> b.a", "b.y -> b.a", "b.y -> d.bi", "a.y -> b.y", "a.y -> nobody.u", "a.z -> b.b",
          "deg.mm -> rad.u", "b.y -> a.u"],
@@ -60,11 +60,7 @@ def test_several_faults_at_once(pack, xml):
 def test_a_missing_fmu_hides_no_other_fault(pack, xml):
     c = xml.component
     path = pack(
-        [
-            c("a", "Nothing", "u:input y:output"),
-            c("b", "Gain", "u:output"),
-            c("d", "Gain", "", xml.values(xml.real("y", 1.0))),
-        ],
+        ["a Nothing u:input y:output", "b Gain u:output", c("d", "Gain", "", xml.values(xml.real("y", 1.0)))],
         ["a.y -> d.u", "d.y -> a.u"],
     )
     system, faults = read_system(path)
@@ -81,12 +77,8 @@ def test_a_missing_fmu_hides_no_other_fault(pack, xml):
     )
 
 
-def test_a_loop_of_units_without_declared_dependencies_says_so(pack, xml):
-    c = xml.component
-    path = pack(
-        [c("a", "Stock", "u:input y:output"), c("b", "Stock", "u:input y:output")],
-        ["a.y -> b.u", "b.y -> a.u"],
-    )
+def test_a_loop_of_units_without_declared_dependencies_says_so(pack):
+    path = pack(["a Stock u:input y:output", "b Stock u:input y:output"], ["a.y -> b.u", "b.y -> a.u"])
     loop = r"a\.y -> b\.u -> b\.y -> a\.u -> a\.y\. Note: no dependencies are declared by a, b"
     expect(problems(path, algorithm="gauss-seidel"), loop)
     # the default runs them, and says how
@@ -96,26 +88,22 @@ def test_a_loop_of_units_without_declared_dependencies_says_so(pack, xml):
     assert re.match(rf"the master is jacobi: gauss-seidel, the default, has no order for this system\. .*{loop}", note)
 
 
-def test_units_that_must_each_step_first_are_named_and_jacobi_runs_them(pack, xml):
-    c = xml.component
+def test_units_that_must_each_step_first_are_named_and_jacobi_runs_them(pack):
     path = pack(
-        [c("one", "Crossed", "a:input b:input y:output z:output"),
-         c("two", "Crossed", "a:input b:input y:output z:output"), c("source", "Ramp", "y:output")],
+        ["one Crossed a:input b:input y:output z:output",
+         "two Crossed a:input b:input y:output z:output", "source Ramp y:output"],
         ["source.y -> one.a", "one.y -> two.a", "two.y -> one.b"],
     )  # fmt: skip
-    expect(
-        problems(path),
-        r"gauss-seidel cannot order one, two: .*one\.y -> two\.a; two\.y -> one\.b\); use jacobi",
-    )
+    expect(problems(path), r"gauss-seidel cannot order one, two: .*one\.y -> two\.a; two\.y -> one\.b\); use jacobi")
     results = simulate(path, stop=4.0, step=1.0, algorithm="jacobi")
     assert results["one.z"].tolist() == [2, 2, 2, 2, 3]
 
 
-def test_connectors_are_held_against_the_fmu(pack, xml):
+def test_connectors_are_held_against_the_fmu(pack):
     unit = '<ssc:Unit name="mm"><ssc:BaseUnit m="1" factor="0.001"/></ssc:Unit>'
     path = pack(
-        [xml.component("g", "Gain", "u:output:Real y:output:Integer"),
-         xml.component("r", "Radians", "m:input:Real:mm")],
+        ["g Gain u:output:Real y:output:Integer",
+         "r Radians m:input:Real:mm"],
         units=unit,
     )  # fmt: skip
     expect(
@@ -126,10 +114,9 @@ def test_connectors_are_held_against_the_fmu(pack, xml):
     )
 
 
-def test_kinds_that_ssp_does_not_connect(pack, xml):
-    c = xml.component
+def test_kinds_that_ssp_does_not_connect(pack):
     path = pack(
-        [c("a", "Gain", "y:output"), c("b", "Gain", "u:input k:parameter"), c("d", "Gain", "k:parameter")],
+        ["a Gain y:output", "b Gain u:input k:parameter", "d Gain k:parameter"],
         ["a.y -> b.k", "x -> d.k"],
         connectors="x:input",
     )
@@ -143,7 +130,7 @@ def test_kinds_that_ssp_does_not_connect(pack, xml):
 
 def test_unconnected_inputs_are_notes_and_errors_when_strict(pack, xml):
     bound = xml.component("b", "Gain", "u:input", xml.values(xml.real("u", 3.0)))
-    path = pack([xml.component("a", "Plant", "u:input y:output"), bound], ["a.y -> a.u"])
+    path = pack(["a Plant u:input y:output", bound], ["a.y -> a.u"])
     seen = []
     results = simulate(path, stop=1.0, step=0.5, log=seen.append)
     note = "a.load: input is not connected and keeps its start value"
@@ -156,8 +143,7 @@ def test_unconnected_inputs_are_notes_and_errors_when_strict(pack, xml):
 @pytest.mark.heavy
 def test_unmatched_parameters_can_be_ignored(pack, xml, monkeypatch):
     path = pack(
-        [xml.component("a", "Gain", "", xml.values(xml.real("other", 1.0)))],
-        bindings=xml.values(xml.real("b.k", 1.0)),
+        [xml.component("a", "Gain", "", xml.values(xml.real("other", 1.0)))], bindings=xml.values(xml.real("b.k", 1.0))
     )
     out = "; correct the name, or have it ignored: ignore_unmatched, 'vdfmu simulate --ignore-unmatched'"
     no_other, no_b = "a: parameter 'other' .* has no such variable", "parameter 'b.k' .* matches no element"
@@ -179,7 +165,7 @@ def test_unmatched_parameters_can_be_ignored(pack, xml, monkeypatch):
 def test_variables_of_one_dotted_name_are_noted_and_set_together(pack, xml, fmus):
     dotted = edit_fmu(fmus["Gain"], replace=[(b'name="k"', b'name="C.k"')])
     outer = xml.component("B", "Gain").replace("Gain.fmu", "dotted.fmu")
-    path = pack([outer, xml.component("B.C", "Gain")], extra={"resources/dotted.fmu": dotted})
+    path = pack([outer, "B.C Gain"], extra={"resources/dotted.fmu": dotted})
     checked = check_system(load_ssp(path), {"B.C.k": 7.0})
     assert {name: [(v.name, x) for v, x in found] for name, found in checked.starts.items()} == {
         "B": [("C.k", 7.0)],
@@ -190,12 +176,9 @@ def test_variables_of_one_dotted_name_are_noted_and_set_together(pack, xml, fmus
     ]
 
 
-def test_units_that_differ_in_the_last_digits_are_the_same(pack, xml):
+def test_units_that_differ_in_the_last_digits_are_the_same(pack):
     units = '<ssc:Unit name="deg"><ssc:BaseUnit rad="1" factor="{}"/></ssc:Unit>'
-    elements = [
-        xml.component("d", "Degrees", "y:output:Real:deg"),
-        xml.component("g", "Gain", "u:input:Real:deg"),
-    ]
+    elements = ["d Degrees y:output:Real:deg", "g Gain u:input:Real:deg"]
     path = pack(elements, ["d.y -> g.u"], units=units.format("0.0174533"))
     (link,) = check_system(load_ssp(path)).links
     assert link.conversion.trivial
@@ -262,10 +245,6 @@ def test_an_fmu_that_can_be_there_only_once(pack, xml, fmus):
 
 
 def test_a_linear_transformation_of_an_integer(pack, xml):
-    c = xml.component
     twice = '<ssc:LinearTransformation factor="2"/>'
-    path = pack(
-        [c("count", "Counter", "n:output"), c("logic", "Logic", "ii:input")],
-        [xml.connection("count.n -> logic.ii", twice)],
-    )
+    path = pack(["count Counter n:output", "logic Logic ii:input"], [xml.connection("count.n -> logic.ii", twice)])
     expect(problems(path), "a linear transformation does not apply to Integer")

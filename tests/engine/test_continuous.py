@@ -24,30 +24,8 @@ from vdfmu.system.scenario.values import system_values
 
 # A plant x' = u under u = G r + K (r - x), r = 0.3 t. No unit takes derivatives of its inputs, so the plant gets the
 # mean of the torques at both ends of the step, which for x' = u is the integral of the line between them.
-H, G, K = 0.125, 0.75, 1.5
+H, G, K = 0.125, 0.75, 1.5  # K is that of `loop`
 ROUNDING = 1e-14  # some ten operations on numbers of order 1
-
-
-@pytest.fixture
-def loop(pack, xml):
-    c = xml.component
-    return pack(
-        [
-            c("plant", "Plant", "u:input y:output"),
-            c("trajectory", "Ramp", "y:output"),
-            c("controller", "Adder", "a:input b:input y:output"),
-            c("error", "Adder", "a:input b:input y:output"),
-            c("feedforward", "Gain", "u:input y:output"),
-        ],
-        [
-            "trajectory.y -> feedforward.u",
-            "trajectory.y -> error.a",
-            xml.connection("plant.y -> error.b", '<ssc:LinearTransformation factor="-1"/>'),
-            "feedforward.y -> controller.a",
-            xml.connection("error.y -> controller.b", f'<ssc:LinearTransformation factor="{K}"/>'),
-            "controller.y -> plant.u",
-        ],
-    )
 
 
 def run(path, algorithm, **options):
@@ -104,12 +82,8 @@ def test_units_outside_a_loop_step_once(loop):
     assert 3 * 16 + 5 * 16 <= summary["communication"]["unit_steps"] <= 3 * 16 + 5 * 2 * 16 + 5 * first_step_learns
 
 
-def test_two_states_that_read_each_other(pack, xml):
-    c = xml.component
-    path = pack(
-        [c("a", "Plant", "u:input y:output"), c("b", "Plant", "u:input y:output")],
-        ["a.y -> b.u", "b.y -> a.u"],
-    )
+def test_two_states_that_read_each_other(pack):
+    path = pack(["a Plant u:input y:output", "b Plant u:input y:output"], ["a.y -> b.u", "b.y -> a.u"])
     results = simulate(path, stop=1.0, step=0.25, algorithm="iterative", convergence=1e-13, parameters={"a.x0": 1.0})
     # trapezoidal rule for x' = [0 1; 1 0] x
     J = 0.125 * np.array([[0.0, 1.0], [1.0, 0.0]])
@@ -126,8 +100,8 @@ def test_what_gauss_seidel_cannot_order(pack, xml):
     c = xml.component
     both = "a:input b:input y:output z:output"
     path = pack(
-        [c("source", "Ramp", "y:output"), c("p", "Crossed", both), c("q", "Crossed", both),
-         c("end", "Adder", "a:input b:input y:output")],
+        ["source Ramp y:output", c("p", "Crossed", both), c("q", "Crossed", both),
+         "end Adder a:input b:input y:output"],
         ["source.y -> p.a", "source.y -> q.b", "p.y -> q.a", "q.z -> p.b", "p.z -> end.a", "q.y -> end.b"],
     )  # fmt: skip
     with pytest.raises(SspError, match="gauss-seidel cannot order"):
@@ -141,8 +115,8 @@ def test_what_gauss_seidel_cannot_order(pack, xml):
         np.testing.assert_array_equal(results["p.z"][late:], r[late:])
 
 
-def test_a_system_without_connections(pack, xml):
-    path = pack([xml.component("source", "Ramp", "y:output")])
+def test_a_system_without_connections(pack):
+    path = pack(["source Ramp y:output"])
     for options in ({}, {"adaptive": 1e-3}):
         results = simulate(path, stop=1.0, step=0.25, algorithm="iterative", **options)
         np.testing.assert_allclose(results["source.y"], results.time, rtol=0, atol=ROUNDING)
@@ -175,12 +149,8 @@ def test_the_error_follows_the_one_that_is_asked_for(loop, algorithm):
 
 
 @pytest.mark.heavy
-def test_a_unit_that_refuses_long_steps_gets_shorter_ones(pack, xml):
-    c = xml.component
-    path = pack(
-        [c("source", "Ramp", "y:output"), c("plant", "Choosy", "u:input y:output")],
-        ["source.y -> plant.u"],
-    )
+def test_a_unit_that_refuses_long_steps_gets_shorter_ones(pack):
+    path = pack(["source Ramp y:output", "plant Choosy u:input y:output"], ["source.y -> plant.u"])
     # pythonfmu calls a refusal the end of the simulation
     assert simulate(path, stop=1.0, step=0.5, algorithm="iterative").summary["ended"]["time"] == 0.0
     seen = []
@@ -194,8 +164,8 @@ def test_a_unit_that_refuses_long_steps_gets_shorter_ones(pack, xml):
 
 
 @pytest.mark.heavy
-def test_a_refusal_counts_without_any_real_output(pack, xml):
-    path = pack([xml.component("counter", "Refuser", "n:output:Integer")])
+def test_a_refusal_counts_without_any_real_output(pack):
+    path = pack(["counter Refuser n:output:Integer"])
     results = simulate(path, stop=1.0, step=0.5, algorithm="iterative", adaptive=1e-3)
     assert results.summary["communication"]["longest_step"] <= 0.1
     # the shortest step is 1e-11 of the run: 10 s, and refused, which pythonfmu calls the end of the simulation
@@ -217,11 +187,9 @@ def test_saved_states_are_freed(loop, monkeypatch):
     assert calls.count("fmi2FreeFMUstate") == calls.count("fmi2GetFMUstate") > 0
 
 
-def test_a_repeated_step_says_things_once(pack, xml):
-    c = xml.component
+def test_a_repeated_step_says_things_once(pack):
     path = pack(
-        [c("plant", "Talker", "u:input y:output"), c("gain", "Gain", "u:input y:output")],
-        ["plant.y -> gain.u", "gain.y -> plant.u"],
+        ["plant Talker u:input y:output", "gain Gain u:input y:output"], ["plant.y -> gain.u", "gain.y -> plant.u"]
     )
     seen = []
     results = simulate(path, stop=1.0, step=0.25, algorithm="iterative", log=seen.append)
@@ -229,22 +197,20 @@ def test_a_repeated_step_says_things_once(pack, xml):
     assert [m.time for m in seen if m.text == "a step"] == [0.0, 0.25, 0.5, 0.75]
 
 
-def test_a_fatal_refusal_is_final(pack, xml):
-    c = xml.component
-    path = pack([c("source", "Ramp", "y:output"), c("arm", "Fragile", "y:output")])
+def test_a_fatal_refusal_is_final(pack):
+    path = pack(["source Ramp y:output", "arm Fragile y:output"])
     with pytest.raises(CosimError, match="status fatal") as info:
         simulate(path, stop=1.0, step=0.25, algorithm="iterative", adaptive=0.1, parameters={"arm.at": 0.5})
     assert len(info.value.results) == 3
 
 
-def slider(pack, xml, options, k=4.0):
+def slider(pack, options, k=4.0):
     """Return the errors of a mass whose spring is pulled at its other end, and of what that end does with the force.
 
     The end moves with p' = cos(t) - f / 4, the mass with x'' = f, f = k (p - x); x is neither read nor passed on.
     """
-    c = xml.component
     path = pack(
-        [c("mass", "Sprung", "p:input f:output x:output v:output"), c("end", "Carrier", "f:input p:output")],
+        ["mass Sprung p:input f:output x:output v:output", "end Carrier f:input p:output"],
         ["end.p -> mass.p", "mass.f -> end.f"],
     )  # fmt: skip
     options = {"stop": 4.0, "algorithm": "iterative", "parameters": {"mass.k": k}} | options
@@ -261,19 +227,19 @@ def slider(pack, xml, options, k=4.0):
 
 
 @pytest.mark.heavy
-def test_a_mass_behind_a_spring_is_of_second_order_without_input_derivatives(pack, xml):
+def test_a_mass_behind_a_spring_is_of_second_order_without_input_derivatives(pack):
     """State and feed-through of one input: it steps in halves, with the input at the start and at the end."""
-    coarse, summary = slider(pack, xml, {"step": 0.0625})
-    fine, _ = slider(pack, xml, {"step": 0.03125})
+    coarse, summary = slider(pack, {"step": 0.0625})
+    fine, _ = slider(pack, {"step": 0.03125})
     # an error of order 2 falls by 4 (1 + O(h)); 10 % for the next order
     assert np.log2(coarse / fine) == pytest.approx(2.0, rel=0.1)
     assert not any("first order" in note for note in summary["notes"])
 
 
 @pytest.mark.parametrize("adaptive", [1e-3, 1e-4, 1e-5])
-def test_error_control_holds_the_states_of_a_mass_behind_a_spring(pack, xml, adaptive):
+def test_error_control_holds_the_states_of_a_mass_behind_a_spring(pack, adaptive):
     """Without the halves they err by 40 to 2600 times the allowed error, as a coupling of first order does."""
-    error, _ = slider(pack, xml, {"step": 0.25, "adaptive": adaptive})
+    error, _ = slider(pack, {"step": 0.25, "adaptive": adaptive})
     # A line of p or f that is off by e in one direction all the time moves the mass by at most 4 e t^2 / 2 = 32 e; the
     # oscillation of period pi averages that over half a period, 4 e (pi / 2)^2 / 2 = 5 e.
     assert error < 5 * adaptive
@@ -281,10 +247,10 @@ def test_error_control_holds_the_states_of_a_mass_behind_a_spring(pack, xml, ada
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("algorithm", ["extrapolated", "iterative"])
-def test_a_stiff_spring_passes_its_input_on_and_does_not_jump(pack, xml, algorithm):
+def test_a_stiff_spring_passes_its_input_on_and_does_not_jump(pack, algorithm):
     """The force starts a step with k times the error that the prediction of p had: no shorter step lowers that."""
     k, adaptive = 100.0, 1e-6
-    error, _ = slider(pack, xml, {"step": 0.1, "adaptive": adaptive, "algorithm": algorithm}, k)
+    error, _ = slider(pack, {"step": 0.1, "adaptive": adaptive, "algorithm": algorithm}, k)
     # Forces up to 5 are allowed 5e: p moves by at most 0.25 * 5e * 4 = 5e, x follows it, and v by sqrt(k) times that.
     assert error < 50 * adaptive
 
@@ -308,12 +274,8 @@ def test_options_that_do_not_fit(loop, options, words):
         simulate(loop, step=H, **options)
 
 
-def test_units_that_cannot_repeat_a_step_are_named_before_the_run(pack, xml):
-    c = xml.component
-    path = pack(
-        [c("a", "Stock", "u:input y:output"), c("b", "Plant", "u:input y:output")],
-        ["a.y -> b.u", "b.y -> a.u"],
-    )
+def test_units_that_cannot_repeat_a_step_are_named_before_the_run(pack):
+    path = pack(["a Stock u:input y:output", "b Plant u:input y:output"], ["a.y -> b.u", "b.y -> a.u"])
     with pytest.raises(SspError, match="a: .*cannot save and restore its state .*use extrapolated"):
         simulate(path, stop=1.0, step=0.25, algorithm="iterative")
     with pytest.raises(SspError, match="cannot save and restore"):
@@ -321,16 +283,13 @@ def test_units_that_cannot_repeat_a_step_are_named_before_the_run(pack, xml):
     assert len(simulate(path, stop=1.0, step=0.25, algorithm="extrapolated")) == 5
 
 
-def test_units_of_one_step_length_are_named_before_the_run(pack, xml):
-    path = pack([xml.component("a", "Plant", "u:input y:output")], extra={})
+def test_units_of_one_step_length_are_named_before_the_run(pack):
+    path = pack(["a Plant u:input y:output"], extra={})
     rigid = path.with_name("rigid.ssp")
     with zipfile.ZipFile(path) as old, zipfile.ZipFile(rigid, "w") as new:
         new.writestr("SystemStructure.ssd", old.read("SystemStructure.ssd"))
         data = io.BytesIO()
-        with (
-            zipfile.ZipFile(io.BytesIO(old.read("resources/Plant.fmu"))) as fmu,
-            zipfile.ZipFile(data, "w") as other,
-        ):
+        with zipfile.ZipFile(io.BytesIO(old.read("resources/Plant.fmu"))) as fmu, zipfile.ZipFile(data, "w") as other:
             for name in fmu.namelist():
                 text = fmu.read(name)
                 if name == "modelDescription.xml":
@@ -351,25 +310,14 @@ def test_steps_below_the_resolution_of_time_are_refused(loop):
 
 def test_a_coupling_that_does_not_converge_says_so(pack, xml):
     """Far beyond the contraction of plain repetition it does converge, but not to less than rounding errors."""
-    c = xml.component
     times = '<ssc:LinearTransformation factor="-1000"/>'  # x' = -1000 x
-    path = pack(
-        [c("plant", "Plant", "u:input y:output")],
-        [xml.connection("plant.y -> plant.u", times)],
-    )
+    path = pack(["plant Plant u:input y:output"], [xml.connection("plant.y -> plant.u", times)])
     results = simulate(path, stop=1.0, step=0.25, algorithm="iterative", parameters={"plant.x0": 1.0})
     # trapezoidal rule: (1 - 125) / (1 + 125) a step; the guesses end within 1e-8 of it
     factor = (1 - 125.0) / (1 + 125.0)
     np.testing.assert_allclose(results["plant.y"], factor ** np.arange(5), rtol=0, atol=5e-8)
     with pytest.raises(CosimError, match="does not converge: y still changes by .*choose a shorter step") as info:
-        simulate(
-            path,
-            stop=1.0,
-            step=0.25,
-            algorithm="iterative",
-            convergence=1e-300,
-            parameters={"plant.x0": 1 / 3},
-        )
+        simulate(path, stop=1.0, step=0.25, algorithm="iterative", convergence=1e-300, parameters={"plant.x0": 1 / 3})
     assert len(info.value.results) == 1
     assert "adaptive" in str(info.value)
 
@@ -455,13 +403,7 @@ def test_error_control_finds_the_steps(study):
 @pytest.mark.heavy
 def test_a_run_is_compared_with_the_continuous_reference_and_shows_its_steps(tmp_path):
     summary = vdfmu.run(
-        "planar_tracking",
-        stop=0.1,
-        step=0.01,
-        out=tmp_path,
-        backend="python",
-        master="iterative",
-        adaptive=1e-5,
+        "planar_tracking", stop=0.1, step=0.01, out=tmp_path, backend="python", master="iterative", adaptive=1e-5
     ).summary
     assert list(summary["reference"]) == ["continuous"]
     assert summary["adaptive"] == 1e-5

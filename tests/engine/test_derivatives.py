@@ -85,8 +85,7 @@ def test_derivatives_of_outputs_halve_the_error_of_the_prediction(system, versio
 
 @pytest.mark.parametrize("algorithm", ["extrapolated", *heavy("iterative")])
 @pytest.mark.parametrize(
-    ("model", "version"),
-    [(MASS, "3.0"), (RATES, "2.0"), (RATES, "3.0"), (STRAIGHT, "3.0"), (JACOBIAN, "3.0")],
+    ("model", "version"), [(MASS, "3.0"), (RATES, "2.0"), (RATES, "3.0"), (STRAIGHT, "3.0"), (JACOBIAN, "3.0")]
 )
 def test_the_coupling_is_of_second_order(system, model, version, algorithm):
     steps = np.array([0.08, 0.04, 0.02, 0.01])

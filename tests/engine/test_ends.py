@@ -53,11 +53,10 @@ def strict(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def package(pack, xml, strict):
+def package(pack, strict):
     """Return a package of the strict unit and an integrator of it, x' = t."""
-    c = xml.component
     return pack(
-        [c("unit", "Strict", "y:output"), c("plant", "Plant", "u:input y:output")],
+        ["unit Strict y:output", "plant Plant u:input y:output"],
         ["unit.y -> plant.u"],
         extra={"resources/Strict.fmu": strict.read_bytes()},
         experiment='<ssd:DefaultExperiment startTime="0" stopTime="0.01"/>',
@@ -69,8 +68,7 @@ def package(pack, xml, strict):
 
 @pytest.mark.parametrize("options", COUPLINGS, ids=lambda o: "-".join(map(str, o.values())))
 @pytest.mark.parametrize(
-    ("start", "stop", "step"),
-    [*heavy((0.0, 0.01, 0.001), (0.0, 0.3, 0.1)), (0.1, 0.4, 0.1), (-0.3, 0.3, 0.6)],
+    ("start", "stop", "step"), [*heavy((0.0, 0.01, 0.001), (0.0, 0.3, 0.1)), (0.1, 0.4, 0.1), (-0.3, 0.3, 0.6)]
 )
 def test_the_last_step_ends_at_the_stop(package, options, start, stop, step):
     """Of the first two, the last step would be too long by rounding: 0.009 + 0.001 > 0.01."""
@@ -117,12 +115,8 @@ def test_what_is_no_number_ends_the_run(package, options, name, value):
 
 
 @pytest.mark.heavy
-def test_an_output_that_nobody_reads_may_be_left_out(pack, xml, strict):
-    c = xml.component
-    path = pack(
-        [c("unit", "Strict", "y:output"), c("ramp", "Ramp", "y:output")],
-        extra={"resources/Strict.fmu": strict.read_bytes()},
-    )
+def test_an_output_that_nobody_reads_may_be_left_out(pack, strict):
+    path = pack(["unit Strict y:output", "ramp Ramp y:output"], extra={"resources/Strict.fmu": strict.read_bytes()})
     options = {"stop": 1.0, "step": 0.25, "parameters": {"unit.nan_from": 0.5}}
     with pytest.raises(CosimError, match="No component reads it: run on without it by what you record"):
         simulate(path, **options)

@@ -15,12 +15,11 @@ ROUNDING = 1e-14  # some roundings of numbers of order 1
 
 
 @pytest.mark.heavy
-def test_what_is_discrete_is_read_as_at_the_start_of_the_step_by_units_before_its_source(pack, xml):
+def test_what_is_discrete_is_read_as_at_the_start_of_the_step_by_units_before_its_source(pack):
     """Whatever the number of repetitions, and after rejected steps: b reads a's counter, a steps after b."""
-    c = xml.component
     path = pack(
-        [c("plant", "Clock", "u:input y:output n:output:Integer"),
-         c("gain", "Reader", "u:input i:input:Integer y:output seen:output:Integer")],
+        ["plant Clock u:input y:output n:output:Integer",
+         "gain Reader u:input i:input:Integer y:output seen:output:Integer"],
         ["plant.n -> gain.i", "plant.y -> gain.u", "gain.y -> plant.u"],
     )  # fmt: skip
     for options in ({}, {"convergence": 0.5}, {"adaptive": 1e-6}):
@@ -32,12 +31,8 @@ def test_what_is_discrete_is_read_as_at_the_start_of_the_step_by_units_before_it
 
 
 @pytest.mark.heavy
-def test_a_discrete_real_acts_from_its_change_on(pack, xml):
-    c = xml.component
-    path = pack(
-        [c("jump", "Jump", "y:output"), c("plant", "Plant", "u:input y:output")],
-        ["jump.y -> plant.u"],
-    )
+def test_a_discrete_real_acts_from_its_change_on(pack):
+    path = pack(["jump Jump y:output", "plant Plant u:input y:output"], ["jump.y -> plant.u"])
     for options in ({"algorithm": "extrapolated"}, {"algorithm": "iterative"}, {"adaptive": 1e-3}):
         results = simulate(path, stop=1.0, step=0.25, **{"algorithm": "iterative", **options})
         assert results["jump.y"].tolist() == [0, 0, 1, 1, 1]  # jumps at 0.5 s
@@ -45,10 +40,9 @@ def test_a_discrete_real_acts_from_its_change_on(pack, xml):
 
 
 @pytest.mark.heavy
-def test_a_discrete_controller_holds_its_output(pack, xml):
+def test_a_discrete_controller_holds_its_output(pack):
     """It is the zero-order hold that `gauss-seidel` is, whatever the order of the units: x' = -3 x(t_k)."""
-    c = xml.component
-    units = [c("plant", "Plant", "u:input y:output"), c("digital", "Digital", "x:input u:output")]
+    units = ["plant Plant u:input y:output", "digital Digital x:input u:output"]
     for elements in (units, units[::-1]):
         path = pack(elements, ["plant.y -> digital.x", "digital.u -> plant.u"])
         for algorithm in ("gauss-seidel", "extrapolated", "iterative"):
@@ -67,7 +61,7 @@ def test_a_switch_in_a_loop_acts_from_the_next_step_on(pack, xml, motor):
     """A relay holds the state of an integrator between -0.1 and 0.1; it acts a step late, and always converges."""
     c = xml.component
     path = pack(
-        [c("relay", "Relay", "u:input up:output:Boolean"), c("plant", motor, "up:input:Boolean y:output")],
+        ["relay Relay u:input up:output:Boolean", c("plant", motor, "up:input:Boolean y:output")],
         ["plant.y -> relay.u", "relay.up -> plant.up"],
     )
     h = 2**-6
@@ -78,11 +72,10 @@ def test_a_switch_in_a_loop_acts_from_the_next_step_on(pack, xml, motor):
     assert 0.1 < np.abs(y).max() <= 0.1 + 2 * h  # a step to see it, and one to act
 
 
-def test_error_control_finds_when_a_discrete_signal_changes(pack, xml):
+def test_error_control_finds_when_a_discrete_signal_changes(pack):
     """An integrator that a relay drives: its times of switching, and with them the values, are as in closed form."""
-    c = xml.component
     path = pack(
-        [c("relay", "Relay", "u:input up:output:Boolean"), c("plant", "Motor", "up:input:Boolean y:output")],
+        ["relay Relay u:input up:output:Boolean", "plant Motor up:input:Boolean y:output"],
         ["plant.y -> relay.u", "relay.up -> plant.up"],
     )
     longest = 0.05
@@ -95,10 +88,9 @@ def test_error_control_finds_when_a_discrete_signal_changes(pack, xml):
     assert results.summary["communication"]["jumps"] == 10
 
 
-def test_a_signal_that_changes_with_every_step_is_not_looked_for(pack, xml):
-    c = xml.component
+def test_a_signal_that_changes_with_every_step_is_not_looked_for(pack):
     path = pack(
-        [c("plant", "Plant", "u:input y:output"), c("digital", "Digital", "x:input u:output")],
+        ["plant Plant u:input y:output", "digital Digital x:input u:output"],
         ["plant.y -> digital.x", "digital.u -> plant.u"],
     )
     results = simulate(
@@ -112,11 +104,10 @@ def test_a_signal_that_changes_with_every_step_is_not_looked_for(pack, xml):
 
 
 @pytest.mark.parametrize("algorithm", ["extrapolated", "iterative"])
-def test_booleans_and_integers_are_passed_without_delay(pack, xml, algorithm):
-    c = xml.component
+def test_booleans_and_integers_are_passed_without_delay(pack, algorithm):
     path = pack(
-        [c("logic", "Logic", "bi:input:Boolean ii:input:Integer bo:output:Boolean io:output:Integer"),
-         c("count", "Counter", "n:output:Integer odd:output:Boolean")],
+        ["logic Logic bi:input:Boolean ii:input:Integer bo:output:Boolean io:output:Integer",
+         "count Counter n:output:Integer odd:output:Boolean"],
         ["count.n -> logic.ii", "count.odd -> logic.bi"],
     )  # fmt: skip
     results = simulate(path, stop=4.0, step=1.0, algorithm=algorithm)
@@ -124,10 +115,9 @@ def test_booleans_and_integers_are_passed_without_delay(pack, xml, algorithm):
     assert results["logic.bo"].tolist() == [True, False, True, False, True]
 
 
-def test_a_signal_that_jumps_again_and_again_is_named(pack, xml):
-    c = xml.component
+def test_a_signal_that_jumps_again_and_again_is_named(pack):
     path = pack(
-        [c("count", "Mixed", "u:input y:output z:output"), c("plant", "Plant", "u:input y:output")],
+        ["count Mixed u:input y:output z:output", "plant Plant u:input y:output"],
         ["count.y -> plant.u", "plant.y -> count.u"],
     )  # y counts the steps
     with pytest.raises(CosimError, match=r"count: .*the error of y in a step of .* the signal jumps again"):
@@ -136,10 +126,9 @@ def test_a_signal_that_jumps_again_and_again_is_named(pack, xml):
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("at", [0.5, 0.537])
-def test_a_jump_is_stepped_over_where_it_is(pack, xml, at):
+def test_a_jump_is_stepped_over_where_it_is(pack, at):
     """A step of a signal that declares itself continuous, into x' = u - x: found to 1e-6 of the longest step."""
-    c = xml.component
-    path = pack([c("jump", "Late", "y:output"), c("lag", "Lag", "u:input y:output")], ["jump.y -> lag.u"])
+    path = pack(["jump Late y:output", "lag Lag u:input y:output"], ["jump.y -> lag.u"])
     options = {"stop": 2.0, "step": 0.25, "parameters": {"jump.at": at}, "adaptive": 1e-4}
     for algorithm in ("extrapolated", "iterative"):
         results = simulate(path, algorithm=algorithm, **options)
@@ -150,11 +139,9 @@ def test_a_jump_is_stepped_over_where_it_is(pack, xml, at):
 
 
 @pytest.mark.heavy
-def test_signals_too_small_for_the_allowed_error_are_noted(pack, xml):
-    c = xml.component
+def test_signals_too_small_for_the_allowed_error_are_noted(pack):
     path = pack(
-        [c("plant", "Plant", "u:input y:output"), c("gain", "Gain", "u:input y:output")],
-        ["plant.y -> gain.u", "gain.y -> plant.u"],
+        ["plant Plant u:input y:output", "gain Gain u:input y:output"], ["plant.y -> gain.u", "gain.y -> plant.u"]
     )
     small = {"plant.x0": 1e-12, "gain.k": -20.0}
 
@@ -172,15 +159,10 @@ def test_signals_too_small_for_the_allowed_error_are_noted(pack, xml):
 
 
 @pytest.mark.heavy
-def test_an_output_that_nobody_reads_does_not_decide_how_the_others_are_coupled(pack, xml):
+def test_an_output_that_nobody_reads_does_not_decide_how_the_others_are_coupled(pack):
     """X' = -x / 2 with u = -x / 2; the unit also tells u, which would be right for its value at the end only."""
-    c = xml.component
     path = pack(
-        [
-            c("mass", "Telling", "u:input y:output"),
-            c("spring", "Gain", "u:input y:output"),
-            c("end", "Gain", "u:input"),
-        ],
+        ["mass Telling u:input y:output", "spring Gain u:input y:output", "end Gain u:input"],
         ["mass.y -> spring.u", "spring.y -> mass.u"],
     )
     errors = []
@@ -193,8 +175,8 @@ def test_an_output_that_nobody_reads_does_not_decide_how_the_others_are_coupled(
     assert not any("first order" in note for note in results.summary["notes"])
     # where it is read, it decides, and the unit steps in halves
     path = pack(
-        [c("mass", "Telling", "u:input y:output told:output"), c("spring", "Gain", "u:input y:output"),
-         c("end", "Gain", "u:input")],
+        ["mass Telling u:input y:output told:output", "spring Gain u:input y:output",
+         "end Gain u:input"],
         ["mass.y -> spring.u", "spring.y -> mass.u", "mass.told -> end.u"],
     )  # fmt: skip
     errors = []
@@ -208,15 +190,14 @@ def test_an_output_that_nobody_reads_does_not_decide_how_the_others_are_coupled(
 
 
 @pytest.mark.heavy
-def test_a_unit_of_one_step_length_that_may_integrate_what_it_passes_through_is_noted(pack, xml, fmus):
-    c = xml.component
+def test_a_unit_of_one_step_length_that_may_integrate_what_it_passes_through_is_noted(pack, fmus):
     rigid = io.BytesIO()
     with zipfile.ZipFile(fmus["Stock"]) as old, zipfile.ZipFile(rigid, "w") as new:
         for name in old.namelist():
             key = b'canHandleVariableCommunicationStepSize="'
             new.writestr(name, old.read(name).replace(key + b"true", key + b"false"))
     path = pack(
-        [c("r", "Ramp", "y:output"), c("a", "Rigid", "u:input y:output")], ["r.y -> a.u"],
+        ["r Ramp y:output", "a Rigid u:input y:output"], ["r.y -> a.u"],
         extra={"resources/Rigid.fmu": rigid.getvalue()},
     )  # fmt: skip
     notes = simulate(path, stop=1.0, step=0.25, algorithm="extrapolated").summary["notes"]
@@ -226,12 +207,11 @@ def test_a_unit_of_one_step_length_that_may_integrate_what_it_passes_through_is_
 
 
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi", "extrapolated", "iterative"])
-def test_texts_are_passed_on(pack, xml, algorithm):
+def test_texts_are_passed_on(pack, algorithm):
     """As other discrete signals are: what passes them through passes fresh ones, except for jacobi."""
-    c = xml.component
     path = pack(
-        [c("speaker", "Speaker", "word:output:String"), c("echo", "Echo", "word:input:String again:output:String"),
-         c("listener", "Listener", "word:input:String n:output:Integer")],
+        ["speaker Speaker word:output:String", "echo Echo word:input:String again:output:String",
+         "listener Listener word:input:String n:output:Integer"],
         ["speaker.word -> echo.word", "echo.again -> listener.word"],
     )  # fmt: skip
     results = simulate(path, stop=4.0, step=1.0, algorithm=algorithm)

@@ -72,8 +72,8 @@ def test_without_annotation_a_step_is_needed(packed):
     assert simulate(path, step=0.5).summary["algorithm"] == "gauss-seidel"
 
 
-def test_a_parameter_without_index_is_that_of_all_elements(pack, xml):
-    path = pack([xml.component("a", "Array", "")])
+def test_a_parameter_without_index_is_that_of_all_elements(pack):
+    path = pack(["a Array"])
     results = simulate(path, step=1.0, parameters={"a.k": 3.0, "a.k[2]": "4"})
     assert results["a.y"][-1] == 34.0
     with pytest.raises(UsageError) as info:
@@ -84,14 +84,9 @@ def test_a_parameter_without_index_is_that_of_all_elements(pack, xml):
     ]
 
 
-def test_a_value_that_a_connection_overrules_is_noted(pack, xml):
-    c = xml.component
+def test_a_value_that_a_connection_overrules_is_noted(pack):
     path = pack(
-        [
-            c("d", "Derived", "twice:calculatedParameter"),
-            c("g", "Gain", "k:parameter u:input y:output"),
-            c("r", "Ramp", "y:output"),
-        ],
+        ["d Derived twice:calculatedParameter", "g Gain k:parameter u:input y:output", "r Ramp y:output"],
         ["d.twice -> g.k", "r.y -> g.u"],
     )
     results = simulate(path, step=0.5, parameters={"g.k": 50.0, "g.u": 7.0})

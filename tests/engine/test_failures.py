@@ -20,8 +20,8 @@ from vdfmu.system.scenario.parts import cached_fmus
 
 
 @pytest.fixture
-def fragile(pack, xml):
-    return pack([xml.component("source", "Ramp", "y:output"), xml.component("arm", "Fragile", "y:output")])
+def fragile(pack):
+    return pack(["source Ramp y:output", "arm Fragile y:output"])
 
 
 def run(path, mode, **options):
@@ -109,10 +109,7 @@ def test_ctrl_c_ends_the_run_after_the_step_and_keeps_the_rows(fragile):
 def test_an_integer_outside_the_mapping_is_kept(pack, xml):
     table = ('<ssc:IntegerMappingTransformation><ssc:MapEntry source="0" target="5"/>'
              '<ssc:MapEntry source="1" target="6"/></ssc:IntegerMappingTransformation>')  # fmt: skip
-    path = pack(
-        [xml.component("count", "Counter", "n:output"), xml.component("logic", "Logic", "ii:input")],
-        [xml.connection("count.n -> logic.ii", table)],
-    )
+    path = pack(["count Counter n:output", "logic Logic ii:input"], [xml.connection("count.n -> logic.ii", table)])
     results = simulate(path, stop=4.0, step=1.0)  # SSP 1.0, 4.3: values without an entry are kept unchanged
     assert results["logic.ii"].tolist() == [5, 5, 6, 2, 3]
 

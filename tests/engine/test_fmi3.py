@@ -102,11 +102,7 @@ def test_what_does_not_fit_is_refused(system):
 def test_elements_of_arrays_are_connected_one_by_one(system):
     """One element fed, the others as set: the array is set as a whole all the same."""
     path = system(
-        {
-            "k": (models.FEEDTHROUGH_2, "2.0"),
-            "s": (models.STATE_SPACE, "3.0"),
-            "t": (models.STATE_SPACE, "3.0"),
-        },
+        {"k": (models.FEEDTHROUGH_2, "2.0"), "s": (models.STATE_SPACE, "3.0"), "t": (models.STATE_SPACE, "3.0")},
         ["k.Float64_output -> s.u[2]", "s.y[3] -> t.u[1]", "s.y[1] -> t.u[3]"],
     )
     zero = {f"{name}.{matrix}": [0.0] * 9 for name in ("s", "t") for matrix in ("A", "B")}

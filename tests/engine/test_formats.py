@@ -31,9 +31,9 @@ app(sys.argv[1:], standalone_mode=False)
 
 
 @pytest.fixture
-def ramp(pack, xml):
+def ramp(pack):
     """Return a package of one component."""
-    return pack([xml.component("r", "Ramp", "y:output")], [])
+    return pack(["r Ramp y:output"], [])
 
 
 def test_a_new_format_is_one_row_of_the_registry(ramp, tmp_path):

@@ -18,9 +18,9 @@ ROUNDING = 1e-14  # some ten operations on numbers of order 1
 
 
 @pytest.fixture
-def lone(pack, xml):
+def lone(pack):
     """Pack a plant y' = u + load on its own."""
-    return pack([xml.component("plant", "Plant", "u:input load:input y:output")], [])
+    return pack(["plant Plant u:input load:input y:output"], [])
 
 
 @pytest.fixture
@@ -86,23 +86,16 @@ def test_a_held_value_changes_at_its_row(lone, file, algorithm):
     np.testing.assert_allclose(results["plant.y"], expected, atol=ROUNDING)
 
 
-def test_a_fed_input_that_passes_through_is_fresh_for_its_readers(pack, xml):
+def test_a_fed_input_that_passes_through_is_fresh_for_its_readers(pack):
     """As with a source in its place: gauss-seidel gives the plant the gain's output of the same step."""
-    c = xml.component
-    path = pack(
-        [c("gain", "Gain", "u:input y:output"), c("plant", "Plant", "u:input y:output")],
-        ["gain.y -> plant.u"],
-    )
+    path = pack(["gain Gain u:input y:output", "plant Plant u:input y:output"], ["gain.y -> plant.u"])
     t = H * np.arange(9)
     results = simulate(path, stop=1.0, step=H, algorithm="gauss-seidel", inputs={"gain.u": (t, t)})
     np.testing.assert_array_equal(results["plant.u"][1:], 2.0 * t[:-1])
 
 
-def test_whole_numbers_and_booleans_are_held(pack, xml, file):
-    path = pack(
-        [xml.component("logic", "Logic", "bi:input:Boolean ii:input:Integer bo:output:Boolean io:output:Integer")],
-        [],
-    )
+def test_whole_numbers_and_booleans_are_held(pack, file):
+    path = pack(["logic Logic bi:input:Boolean ii:input:Integer bo:output:Boolean io:output:Integer"], [])
     signals = file("time,logic.bi,logic.ii\ns,boolean,integer\n0,0,3\n0.5,1,8\n")
     results = simulate(path, stop=1.0, step=0.25, algorithm="jacobi", inputs=signals)
     assert results["logic.io"].tolist() == [4, 4, 4, 9, 9]
@@ -112,8 +105,8 @@ def test_whole_numbers_and_booleans_are_held(pack, xml, file):
             simulate(path, stop=1.0, step=0.25, inputs=file(f"time,logic.bi,logic.ii\n{text}\n"))
 
 
-def test_units_of_measurement_are_converted_or_refused(pack, xml, file):
-    path = pack([xml.component("rad", "Radians", "u:input m:input K:input")], [])
+def test_units_of_measurement_are_converted_or_refused(pack, file):
+    path = pack(["rad Radians u:input m:input K:input"], [])
     results = simulate(path, stop=1.0, step=1.0, inputs=file("time [s],rad.m [m],rad.u\n0,2,1\n"))
     assert results["rad.m"].tolist() == [2.0, 2.0]
     results = simulate(path, stop=1.0, step=1.0, inputs=file("time [s],rad.m [mm],rad.u [deg]\n0,2,90\n"))
@@ -127,12 +120,8 @@ def test_units_of_measurement_are_converted_or_refused(pack, xml, file):
             simulate(path, stop=1.0, step=1.0, inputs=file(f"time,{heading}\n0,2\n"))
 
 
-def test_columns_that_name_no_free_input_are_all_refused(pack, xml, file):
-    c = xml.component
-    path = pack(
-        [c("a", "Plant", "u:input load:input y:output"), c("b", "Plant", "u:input load:input y:output")],
-        ["a.y -> b.u"],
-    )
+def test_columns_that_name_no_free_input_are_all_refused(pack, file):
+    path = pack(["a Plant u:input load:input y:output", "b Plant u:input load:input y:output"], ["a.y -> b.u"])
     with pytest.raises(UsageError) as error:
         simulate(
             path, stop=1.0, step=H, algorithm="jacobi",
@@ -149,7 +138,7 @@ def test_columns_that_name_no_free_input_are_all_refused(pack, xml, file):
         assert words in line
 
 
-def test_of_a_results_file_the_columns_of_free_inputs_are_taken(pack, xml, tmp_path, lone, file):
+def test_of_a_results_file_the_columns_of_free_inputs_are_taken(pack, tmp_path, lone, file):
     wave = np.sin(np.arange(9))
     first = simulate(lone, stop=1.0, step=H, algorithm="iterative", inputs={"plant.u": (H * np.arange(9), wave)})
     assert first.names == ["plant.y", "plant.u"]
@@ -157,7 +146,7 @@ def test_of_a_results_file_the_columns_of_free_inputs_are_taken(pack, xml, tmp_p
     again = simulate(lone, stop=1.0, step=H, algorithm="iterative", inputs=tmp_path / "results.csv")
     np.testing.assert_array_equal(again["plant.y"], first["plant.y"])
     assert any("1 columns feed inputs; 1 name no free one" in note for note in again.summary["notes"])
-    other = pack([xml.component("ramp", "Ramp", "y:output")], [], name="other.ssp")
+    other = pack(["ramp Ramp y:output"], [], name="other.ssp")
     with pytest.raises(UsageError, match="no column names an input that nothing is connected to"):
         simulate(other, stop=1.0, step=H, inputs=tmp_path / "results.csv")
 

@@ -49,11 +49,10 @@ def wild(library, tmp_path):
 
 
 @pytest.fixture
-def package(pack, xml, wild):
+def package(pack, wild):
     """Return a package of the wild unit, behind an integrator of it."""
-    c = xml.component
     return pack(
-        [c("plant", "Plant", "u:input y:output"), c("unit", "Wild", "y:output")],
+        ["plant Plant u:input y:output", "unit Wild y:output"],
         ["unit.y -> plant.u"],
         extra={"resources/Wild.fmu": wild().read_bytes()},
         experiment='<ssd:DefaultExperiment startTime="0" stopTime="1"/>',
@@ -151,10 +150,7 @@ def test_what_fails_after_the_last_step_is_said_and_costs_no_row(package, way, c
 
 @pytest.mark.parametrize(
     ("way", "call", "said"),
-    [
-        ("crash_free", "freeInstance", "crashed the process"),
-        *heavy(("hang_end", "terminate", "no return within 5 s")),
-    ],
+    [("crash_free", "freeInstance", "crashed the process"), *heavy(("hang_end", "terminate", "no return within 5 s"))],
 )
 def test_a_process_that_ends_after_the_last_step_costs_no_row(package, way, call, said):
     error = fails(package, way, time_limit=5.0)
@@ -165,19 +161,19 @@ def test_a_process_that_ends_after_the_last_step_costs_no_row(package, way, call
 
 @pytest.mark.parametrize("way", ["error_end", "fatal_end", "strange_end", "strange", "negative", "error_free"])
 @pytest.mark.parametrize("kind", [*heavy("FMU"), "SSP"])
-def test_check_says_what_a_unit_returns_that_it_may_not(wild, pack, xml, way, kind):
+def test_check_says_what_a_unit_returns_that_it_may_not(wild, pack, way, kind):
     path = wild(way, 0.5e-3)
     if kind == "SSP":
         fmu = path.read_bytes()
-        path = pack([xml.component("unit", "W", "y:output")], extra={"resources/W.fmu": fmu})
+        path = pack(["unit W y:output"], extra={"resources/W.fmu": fmu})
     (problem,) = check_run.run_apart(path, kind).problems
     assert problem.startswith("10 steps of 0.")
 
 
 @pytest.mark.parametrize(("way", "call"), [("crash", "doStep"), ("leave", "doStep"), ("crash_free", "freeInstance")])
-def test_check_of_a_package_names_the_component_that_ends_the_process(wild, pack, xml, way, call):
+def test_check_of_a_package_names_the_component_that_ends_the_process(wild, pack, way, call):
     fmu = wild(way, 0.5e-3).read_bytes()
-    path = pack([xml.component("unit", "W", "y:output")], extra={"resources/W.fmu": fmu})
+    path = pack(["unit W y:output"], extra={"resources/W.fmu": fmu})
     (problem,) = check_run.run_apart(path, "SSP").problems
     assert f"unit: {call} at t = " in problem
     assert "ed the process (" in problem
@@ -185,10 +181,10 @@ def test_check_of_a_package_names_the_component_that_ends_the_process(wild, pack
 
 @pytest.mark.heavy
 @pytest.mark.parametrize(("way", "call"), [("hang", "doStep"), ("hang_end", "terminate")])
-def test_check_of_a_package_names_the_component_that_does_not_return(wild, pack, xml, monkeypatch, way, call):
+def test_check_of_a_package_names_the_component_that_does_not_return(wild, pack, monkeypatch, way, call):
     monkeypatch.setattr(check_run, "SECONDS", check_run.NAMING + 8.0)  # 8 s for the start of Python and the run
     fmu = wild(way, 0.5e-3).read_bytes()
-    path = pack([xml.component("unit", "W", "y:output")], extra={"resources/W.fmu": fmu})
+    path = pack(["unit W y:output"], extra={"resources/W.fmu": fmu})
     (problem,) = check_run.run_apart(path, "SSP").problems
     # a second is the least time that a call has, also where a busy machine took longer to start
     assert re.search(rf"unit: {call} at t = 0\.\d+ s failed: no return within [1-8](\.\d)? s; ", problem), problem
@@ -214,13 +210,7 @@ def silent(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     ("way", "options"),
-    [
-        ("", {}),
-        ("crash", {}),
-        ("leave", {}),
-        *heavy(("hang", {"time_limit": 5.0})),
-        ("eat", {"memory_limit": 400.0}),
-    ],
+    [("", {}), ("crash", {}), ("leave", {}), *heavy(("hang", {"time_limit": 5.0})), ("eat", {"memory_limit": 400.0})],
 )
 def test_processes_of_a_component_end_with_the_run(package, silent, way, options):
     if way:
@@ -232,10 +222,10 @@ def test_processes_of_a_component_end_with_the_run(package, silent, way, options
 
 @pytest.mark.parametrize("kind", ["FMU", "SSP"])
 @pytest.mark.parametrize("way", ["", "crash", *heavy("hang")])
-def test_processes_of_a_component_end_with_the_check(wild, pack, xml, silent, monkeypatch, kind, way):
+def test_processes_of_a_component_end_with_the_check(wild, pack, silent, monkeypatch, kind, way):
     path = wild(way)
     if kind == "SSP":
-        path = pack([xml.component("unit", "W", "y:output")], extra={"resources/W.fmu": path.read_bytes()})
+        path = pack(["unit W y:output"], extra={"resources/W.fmu": path.read_bytes()})
     for seconds in (8.0, 60.0):  # on a busy machine the instance may not have been made after the first
         monkeypatch.setattr(check_run, "SECONDS", seconds)
         problems = check_run.run_apart(path, kind).problems
@@ -247,10 +237,10 @@ def test_processes_of_a_component_end_with_the_check(wild, pack, xml, silent, mo
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("kind", ["FMU", "SSP"])
-def test_processes_of_a_component_end_with_a_check_that_is_stopped(wild, pack, xml, silent, kind):
+def test_processes_of_a_component_end_with_a_check_that_is_stopped(wild, pack, silent, kind):
     path = wild("hang")
     if kind == "SSP":
-        path = pack([xml.component("unit", "W", "y:output")], extra={"resources/W.fmu": path.read_bytes()})
+        path = pack(["unit W y:output"], extra={"resources/W.fmu": path.read_bytes()})
     check = subprocess.Popen([sys.executable, "-m", "vdfmu.cli", "check", path])
     while not silent.file.exists() and check.poll() is None:
         time.sleep(0.05)
@@ -347,14 +337,8 @@ def test_limits_must_be_positive(package, options):
 def test_the_command_says_who_ended_the_process_and_keeps_the_rows(package, tmp_path):
     started = time.monotonic()
     for options, said in (
-        (
-            ["--set", "unit.way=2"],
-            "unit: doStep at t = 0.5 s failed: the component ended the process (exit code 0)",
-        ),
-        (
-            ["--set", "unit.way=3", "--time-limit", "1"],
-            "unit: doStep at t = 0.5 s failed: no return within 1 s",
-        ),
+        (["--set", "unit.way=2"], "unit: doStep at t = 0.5 s failed: the component ended the process (exit code 0)"),
+        (["--set", "unit.way=3", "--time-limit", "1"], "unit: doStep at t = 0.5 s failed: no return within 1 s"),
         (["--set", "unit.way=5"], "unit: freeInstance at t = 1 s failed: the component crashed the process"),
     ):
         done = subprocess.run(
@@ -430,10 +414,7 @@ def fleeing(package, monkeypatch, tmp_path):
         ("os._exit(3)", r"ended \(3\) after this call had returned"),
         ("os.kill(os.getpid(), 9)", r"ended \(SIGKILL\) after this call had returned"),
         ("time.sleep(60)", "did not continue within 3 s after this call had returned"),
-        (
-            "raise ZeroDivisionError('ours')",
-            "ZeroDivisionError: ours .* a fault of vdfmu, not of a component",
-        ),
+        ("raise ZeroDivisionError('ours')", "ZeroDivisionError: ours .* a fault of vdfmu, not of a component"),
         ("raise MemoryError", r"no more memory: memory_limit \(--memory-limit\)"),
     ],
 )

@@ -103,13 +103,7 @@ def test_inputs_run_over_the_step(system, algorithm, isolate):
     errors = []
     for step in (0.1, 0.05):
         results = simulate(
-            path,
-            stop=1.0,
-            step=step,
-            algorithm=algorithm,
-            tolerance=1e-10,
-            parameters={"a.x": 1.0},
-            isolate=isolate,
+            path, stop=1.0, step=step, algorithm=algorithm, tolerance=1e-10, parameters={"a.x": 1.0}, isolate=isolate
         )
         errors.append(np.abs(results["a.x"] - 0.5 * (1 + np.exp(-2 * results.time))).max())
     # the first step of extrapolated knows no slope, and adds an error of first order for one step: of second in all
@@ -154,14 +148,14 @@ def test_the_part_that_the_ssd_asks_for(pack, xml, built):
         simulate(path, stop=1.0, step=0.5)
 
 
-def test_scheduled_execution_alone_is_refused(pack, xml, built):
+def test_scheduled_execution_alone_is_refused(pack, built):
     model = replace(models.LAG, name="Scheduled", kinds=())
     fmu = io.BytesIO()
     with zipfile.ZipFile(io.BytesIO(built(model, "3.0"))) as old, zipfile.ZipFile(fmu, "w") as new:
         for name in old.namelist():
             scheduled = b'<ScheduledExecution modelIdentifier="Scheduled"/><ModelVariables>'
             new.writestr(name, old.read(name).replace(b"<ModelVariables>", scheduled))
-    path = pack([xml.component("a", "Scheduled_3")], extra={"resources/Scheduled_3.fmu": fmu.getvalue()})
+    path = pack(["a Scheduled_3"], extra={"resources/Scheduled_3.fmu": fmu.getvalue()})
     message = r"expected an FMU for CoSimulation or ModelExchange, got one for ScheduledExecution"
     with pytest.raises(SspError, match=message):
         simulate(path, stop=1.0, step=0.5)

@@ -28,11 +28,7 @@ def system(pack, xml):
         c = xml.component
         own = annotation.format(step) if step else ""
         return pack(
-            [
-                c("r", "Ramp", "y:output"),
-                c("s", slow, "u:input y:output", own),
-                c("p", fast, "u:input y:output"),
-            ],
+            ["r Ramp y:output", c("s", slow, "u:input y:output", own), c("p", fast, "u:input y:output")],
             ["r.y -> s.u", "s.y -> p.u"],
         )
 
@@ -89,9 +85,9 @@ def test_steps_that_do_not_go_together_are_refused(system):
 @pytest.mark.heavy
 def test_a_unit_that_passes_on_and_has_a_state_needs_jacobi(pack, xml):
     path = pack(
-        [xml.component("r", "Ramp", "y:output"),
+        ["r Ramp y:output",
          xml.component("s", "Mixed", "u:input y:output z:output", OURS.format(0.5)),
-         xml.component("p", "Plant", "u:input load:input")],
+         "p Plant u:input load:input"],
         ["r.y -> s.u", "s.y -> p.u", "s.z -> p.load"],
     )  # fmt: skip
     with pytest.raises(UsageError, match=r"s: has a step of its own, passes inputs on within it, and s\.y, which is"):

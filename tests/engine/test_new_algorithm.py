@@ -39,9 +39,9 @@ def toy(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def chain(pack, xml):
+def chain(pack):
     """Return a package in which one component reads another, and so sees its steps."""
-    components = [xml.component("r", "Ramp", "y:output"), xml.component("g", "Gain", "u:input y:output")]
+    components = ["r Ramp y:output", "g Gain u:input y:output"]
     return pack(components, ["r.y -> g.u"])
 
 

@@ -33,10 +33,7 @@ def python(tmp_path_factory):
     for data in ("fmu_src", "models", "ssp"):
         (folder / data).symlink_to(ROOT / data)
     shutil.copytree(ROOT / "vdfmu", tree, ignore=shutil.ignore_patterns("__pycache__"))
-    for name, old, new in (
-        ("options.py", "    adaptive: ", DECLARED),
-        ("run/simulator.py", '"system": ', ACTS),
-    ):
+    for name, old, new in (("options.py", "    adaptive: ", DECLARED), ("run/simulator.py", '"system": ', ACTS)):
         path = tree / "engine" / name
         text = path.read_text(encoding="utf-8")
         assert text.count(old) == 1
@@ -53,8 +50,8 @@ def python(tmp_path_factory):
     return run
 
 
-def test_a_new_option_is_declared_in_one_file(python, pack, xml):
-    components = [xml.component("r", "Ramp", "y:output"), xml.component("g", "Gain", "u:input y:output")]
+def test_a_new_option_is_declared_in_one_file(python, pack):
+    components = ["r Ramp y:output", "g Gain u:input y:output"]
     package = pack(components, ["r.y -> g.u"])
     shown = python(code="import vdfmu\nfor f in (vdfmu.run, vdfmu.simulate, vdfmu.sweep, vdfmu.tune): help(f)")
     assert shown.count("label : str, optional\n        Toy: name of the run in its summary.") == 4

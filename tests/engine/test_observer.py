@@ -31,8 +31,8 @@ class Watcher:
 
 
 @pytest.fixture
-def fragile(pack, xml):
-    return pack([xml.component("source", "Ramp", "y:output"), xml.component("arm", "Fragile", "y:output")])
+def fragile(pack):
+    return pack(["source Ramp y:output", "arm Fragile y:output"])
 
 
 @pytest.mark.parametrize("streamed", [False, True])

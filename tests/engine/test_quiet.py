@@ -35,8 +35,8 @@ def test_components_whose_libraries_warn_run_without_a_word(pack, xml, tmp_path,
 
 
 @pytest.mark.heavy
-def test_a_check_of_such_components_has_none_of_it(pack, xml, tmp_path):
-    package = pack([xml.component("l", "Loud", "y:output")])
+def test_a_check_of_such_components_has_none_of_it(pack, tmp_path):
+    package = pack(["l Loud y:output"])
     done = vdfmu(tmp_path, "check", str(package))
     assert not LEAKS.search(done.stdout + done.stderr)
 

@@ -28,13 +28,9 @@ def bind(*bindings: str) -> str:
     return f"<ssd:ParameterBindings>{''.join(bindings)}</ssd:ParameterBindings>"
 
 
-def test_units_are_converted(pack, xml):
-    c = xml.component
+def test_units_are_converted(pack):
     path = pack(
-        [
-            c("deg", "Degrees", "y:output:Real mm:output degC:output"),
-            c("rad", "Radians", "u:input m:input K:input"),
-        ],
+        ["deg Degrees y:output:Real mm:output degC:output", "rad Radians u:input m:input K:input"],
         ["deg.y -> rad.u", "deg.mm -> rad.m", "deg.degC -> rad.K"],
     )
     results = simulate(path, stop=2.0, step=1.0, algorithm="jacobi")
@@ -46,10 +42,9 @@ def test_units_are_converted(pack, xml):
 
 
 def test_a_transformation_applies_after_the_unit_conversion_unless_that_is_suppressed(pack, xml):
-    c = xml.component
     linear = '<ssc:LinearTransformation factor="2" offset="0.25"/>'
     path = pack(
-        [c("deg", "Degrees", "mm:output y:output"), c("rad", "Radians", "m:input u:input")],
+        ["deg Degrees mm:output y:output", "rad Radians m:input u:input"],
         [xml.connection("deg.mm -> rad.m", linear),
          xml.connection("deg.y -> rad.u", linear, 'suppressUnitConversion="true"')],
     )  # fmt: skip
@@ -102,7 +97,7 @@ def test_two_components_of_one_dotted_name_both_run(pack, xml):
     """And a value goes to all variables of its name; it is enough that one exists."""
     inner = f'<ssd:System name="B"><ssd:Elements>{xml.component("C", "Gain")}</ssd:Elements></ssd:System>'
     given = xml.values(xml.real("B.C.k", 3.0) + xml.real("B.C.u", 2.0) + xml.real("B.C.slope", 7.0))
-    path = pack([inner, xml.component("B.C", "Ramp", "y:output")], bindings=given)
+    path = pack([inner, "B.C Ramp y:output"], bindings=given)
     results = simulate(path, stop=1.0, step=1.0)
     assert results["B.C.y"].tolist() == [6.0, 6.0]
     assert results["B.C#2.y"].tolist() == [0.0, 7.0]
@@ -133,10 +128,7 @@ def test_strings_and_booleans_and_integers_as_parameters(pack, xml):
     )
     text = '<ssv:Parameter name="word"><ssv:String value="grün"/></ssv:Parameter>'
     path = pack(
-        [
-            xml.component("logic", "Logic", "", xml.values(inner)),
-            xml.component("c", "Counter", "", xml.values(text)),
-        ]
+        [xml.component("logic", "Logic", "", xml.values(inner)), xml.component("c", "Counter", "", xml.values(text))]
     )
     results = simulate(path, stop=1.0, step=1.0)
     assert results["logic.io"].tolist() == [42, 42]
@@ -158,7 +150,7 @@ def nested(pack, xml):
         + "</ssd:Connections></ssd:System>"
     )
     return pack(
-        [inner, xml.component("ramp", "Ramp", "y:output"), xml.component("last", "Gain", "u:input")],
+        [inner, "ramp Ramp y:output", "last Gain u:input"],
         [xml.connection("ramp.y -> sub.in", '<ssc:LinearTransformation factor="10"/>'), "sub.out -> last.u"],
         bindings=xml.values(xml.real("sub.K", 0.5) + xml.real("last.k", 4.0)),
     )
@@ -184,10 +176,7 @@ def test_a_system_connector_passes_a_parameter_on(nested):
 
 def test_a_calculated_parameter_feeds_a_parameter_at_initialization(pack, xml):
     path = pack(
-        [
-            xml.component("g", "Gain", "k:parameter"),
-            xml.component("d", "Derived", "twice:calculatedParameter"),
-        ],
+        ["g Gain k:parameter", "d Derived twice:calculatedParameter"],
         [xml.connection("d.twice -> g.k", '<ssc:LinearTransformation offset="1"/>')],
     )
     results = simulate(path, stop=1.0, step=1.0, parameters={"d.k": 5.0, "g.u": 2.0})
@@ -203,8 +192,8 @@ def test_a_calculated_parameter_feeds_an_input_at_initialization(pack, xml, algo
         f"<ssd:Connections>{xml.connection('d.twice -> o')}</ssd:Connections></ssd:System>"
     )
     path = pack(
-        [xml.component("g", "Gain", "u:input y:output"), xml.component("d", "Derived", "twice:calculatedParameter"),
-         xml.component("h", "Gain", "u:input"), inner],
+        ["g Gain u:input y:output", "d Derived twice:calculatedParameter",
+         "h Gain u:input", inner],
         ["d.twice -> g.u", "sub.o -> h.u"],
     )  # fmt: skip
     results = simulate(path, stop=1.0, step=0.5, algorithm=algorithm, parameters={"d.k": 5.0, "sub.d.k": 3.0})
@@ -222,16 +211,12 @@ def test_a_unit_of_a_system_connector_is_converted_on_the_way(pack, xml):
         + "</ssd:Connections></ssd:System>"
     )
     offset = '<ssc:LinearTransformation offset="500"/>'  # in mm, the unit at the end of the first connection
-    path = pack(
-        [inner, xml.component("w", "Radians", "y:output")],
-        [xml.connection("w.y -> sub.in", offset)],
-        units=MM,
-    )
+    path = pack([inner, "w Radians y:output"], [xml.connection("w.y -> sub.in", offset)], units=MM)
     # 1 m -> 1000 mm + 500 mm -> 1.5 m; two roundings of the factors 1000 and 0.001.
     np.testing.assert_allclose(simulate(path, stop=1.0, step=1.0)["sub.r.m"], 1.5, rtol=4e-16)
 
 
-def test_a_signal_dictionary_joins_what_refers_to_it(pack, xml):
+def test_a_signal_dictionary_joins_what_refers_to_it(pack):
     entries = '<ssb:DictionaryEntry name="bus"><ssc:Real/></ssb:DictionaryEntry>'
     dictionary = (
         '<ssd:SignalDictionaries><ssd:SignalDictionary name="D"><ssb:SignalDictionary version="1.0" '
@@ -245,8 +230,8 @@ def test_a_signal_dictionary_joins_what_refers_to_it(pack, xml):
             '<ssd:Connector name="bus" kind="inout"/></ssd:Connectors></ssd:SignalDictionaryReference>'
         )
 
-    elements = [reference("d1"), reference("d2"), xml.component("r", "Ramp", "y:output"),
-                xml.component("g", "Gain", "u:input")]  # fmt: skip
+    elements = [reference("d1"), reference("d2"), "r Ramp y:output",
+                "g Gain u:input"]  # fmt: skip
     path = pack(elements, ["r.y -> d1.bus", "d2.bus -> g.u"], dictionaries=dictionary)
     system = load_ssp(path)
     assert [str(c) for c in system.connections] == ["r.y -> g.u"]
@@ -273,7 +258,7 @@ def test_a_dictionary_in_a_file_has_units_of_its_own(pack, xml, version):
         'endConnector="m"/></ssd:Connections></ssd:System>'
     )
     path = pack(
-        [xml.component("r", "Radians", "y:output:Real:m"), reference, inner], ["r.y -> d.bus"],
+        ["r Radians y:output:Real:m", reference, inner], ["r.y -> d.bus"],
         dictionaries=dictionary, extra={"bus.ssb": file},
         units='<ssc:Unit name="mm"><ssc:BaseUnit m="1" factor="2"/></ssc:Unit>'
         '<ssc:Unit name="m"><ssc:BaseUnit m="1"/></ssc:Unit>',
@@ -295,7 +280,7 @@ def test_a_dictionary_in_a_file_has_units_of_its_own(pack, xml, version):
     assert simulate(path, stop=1.0, step=1.0)["s.g.m"].tolist() == pytest.approx([1.0, 1.0], rel=4e-16)
 
 
-def test_entries_of_a_dictionary_are_there_once_and_as_their_references_say(pack, xml):
+def test_entries_of_a_dictionary_are_there_once_and_as_their_references_say(pack):
     entries = '<ssb:DictionaryEntry name="bus"><ssc:Real/></ssb:DictionaryEntry>' * 2
     dictionary = (
         '<ssd:SignalDictionaries><ssd:SignalDictionary name="D"><ssb:SignalDictionary version="1.0" '
@@ -308,7 +293,7 @@ def test_entries_of_a_dictionary_are_there_once_and_as_their_references_say(pack
         "</ssd:Connectors></ssd:SignalDictionaryReference>"
     )
     with pytest.raises(SspError) as info:
-        load_ssp(pack([reference, xml.component("r", "Ramp", "y:output")], dictionaries=dictionary))
+        load_ssp(pack([reference, "r Ramp y:output"], dictionaries=dictionary))
     assert info.value.problems == [
         "test.ssp: signal dictionary 'D': two entries are named 'bus'",
         "test.ssp: signal dictionary of 'd' has an entry 'bus' of another type or size than the connector",
@@ -317,12 +302,12 @@ def test_entries_of_a_dictionary_are_there_once_and_as_their_references_say(pack
     assert {problem.rule.number for problem in info.value.problems} == {"SSP020"}
 
 
-def test_connectors_of_the_outermost_system_fit_what_they_join(pack, xml):
+def test_connectors_of_the_outermost_system_fit_what_they_join(pack):
     units = (
         '<ssc:Unit name="m"><ssc:BaseUnit m="1"/></ssc:Unit><ssc:Unit name="kg"><ssc:BaseUnit kg="1"/></ssc:Unit>' + MM
     )
     path = pack(
-        [xml.component("r", "Radians", "m:input:Real:m u:input:Real y:output:Real:m width:parameter:Real:m")],
+        ["r Radians m:input:Real:m u:input:Real y:output:Real:m width:parameter:Real:m"],
         ["M -> r.m", "U -> r.u", "r.y -> Y", "W -> r.width"],
         connectors="M:input:Real:kg U:input:Integer Y:output:Real:mm W:parameter:Real:mm",
         units=units,

@@ -63,9 +63,9 @@ def test_the_working_folder_never_changes(arm, tmp_path, monkeypatch):
 
 
 @pytest.mark.heavy
-def test_failures_in_threads_keep_to_their_runs(pack, xml):
+def test_failures_in_threads_keep_to_their_runs(pack):
     """Each error has the rows and the words of its own run."""
-    path = pack([xml.component("source", "Ramp", "y:output"), xml.component("arm", "Fragile", "y:output")])
+    path = pack(["source Ramp y:output", "arm Fragile y:output"])
 
     def run():
         with pytest.raises(CosimError) as info:

@@ -14,7 +14,7 @@ import pytest
 
 import vdfmu
 from tests.conftest import heavy
-from tests.engine.conftest import make_fmu, variable
+from tests.engine.conftest import make_fmu
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.federation.federated import Federated
 from vdfmu.engine.run import Interrupted
@@ -23,16 +23,10 @@ STEP = 0.1
 
 
 @pytest.fixture
-def package(pack, xml):
+def package(pack):
     """Return a package of four components in a ring, of which one fails when it is told to."""
-    c = xml.component
     return pack(
-        [
-            c("r", "Ramp", "y:output"),
-            c("f", "Fragile", "y:output"),
-            c("a", "Adder", "a:input b:input y:output"),
-            c("p", "Plant", "u:input y:output"),
-        ],
+        ["r Ramp y:output", "f Fragile y:output", "a Adder a:input b:input y:output", "p Plant u:input y:output"],
         ["f.y -> a.a", "p.y -> a.b", "a.y -> p.u"],
         experiment='<ssd:DefaultExperiment startTime="0" stopTime="1"/>',
     )
@@ -94,8 +88,7 @@ def test_a_federate_that_is_killed_ends_the_run_with_its_name_and_the_rows(packa
 
     name = "rp"[victim]
     with pytest.raises(
-        CosimError,
-        match=rf"federate {name}\b.* at t = \S+ s failed: its process ended \(SIGKILL\)|federate {name}\)$",
+        CosimError, match=rf"federate {name}\b.* at t = \S+ s failed: its process ended \(SIGKILL\)|federate {name}\)$"
     ) as info:
         vdfmu.federate(package, ["r,a", "p"], step=0.01, progress=kill)
     assert 5 <= len(info.value.results) < 10
@@ -103,22 +96,14 @@ def test_a_federate_that_is_killed_ends_the_run_with_its_name_and_the_rows(packa
 
 
 @pytest.fixture
-def bad(tmp_path, pack, xml):
+def bad(tmp_path, pack):
     """Return a function that packs a component that does something bad at t = 0.5 s, and two that read it."""
 
     def write(code: str):
-        body = (
-            "def calc(self):\n    pass\n"
-            f"def do_step(self, t, h):\n    import os, time\n    if t > 0.45:\n        {code}\n    return True\n"
-        )
-        fmu = make_fmu(tmp_path, "Bad", [variable("y", "output")], body, {})
-        c = xml.component
+        step = f"import os, time\nif t > 0.45:\n    {code}"
+        fmu = make_fmu(tmp_path, "Bad", "y:output", step)
         return pack(
-            [
-                c("g", "Gain", "u:input y:output"),
-                c("bad", "Bad", "y:output"),
-                c("p", "Plant", "u:input y:output"),
-            ],
+            ["g Gain u:input y:output", "bad Bad y:output", "p Plant u:input y:output"],
             ["bad.y -> g.u", "g.y -> p.u"],
             extra={"resources/Bad.fmu": fmu.read_bytes()},
         )

@@ -24,8 +24,8 @@ def loop(pack, xml):
     c = xml.component
     return pack(
         [
-            c("r", "Ramp", "y:output"),
-            c("a", "Adder", "a:input b:input y:output"),
+            "r Ramp y:output",
+            "a Adder a:input b:input y:output",
             c("p", "Plant", "u:input y:output", xml.values(xml.real("x0", 0.3))),
             c("g", "Gain", "u:input y:output", xml.values(xml.real("k", -1.7))),
         ],
@@ -99,9 +99,9 @@ def test_the_initialization_passes_from_federate_to_federate(pack, xml, fmus, fe
     path = pack(
         [
             c("d", "Derived", "twice:calculatedParameter y:output", xml.values(xml.real("k", 1.5))),
-            c("g", "Gain", "u:input y:output k:parameter"),
-            c("r", "Ramp", "y:output slope:parameter"),
-            c("a", "Adder", "a:input b:input y:output"),
+            "g Gain u:input y:output k:parameter",
+            "r Ramp y:output slope:parameter",
+            "a Adder a:input b:input y:output",
             c("h", "Gain", "u:input y:output", xml.values(xml.real("k", 0.5))),
         ],
         ["d.twice -> g.k", "d.twice -> r.slope", "r.y -> g.u", "g.y -> a.a", "h.y -> a.b", "a.y -> h.u"],
@@ -123,10 +123,10 @@ def test_signals_from_files_units_of_measurement_and_own_steps(pack, xml, federa
     )
     path = pack(
         [
-            c("deg", "Degrees", "y:output mm:output"),
-            c("rad", "Radians", "u:input m:input"),
+            "deg Degrees y:output mm:output",
+            "rad Radians u:input m:input",
             c("p", "Plant", "u:input load:input y:output", own),
-            c("g", "Gain", "u:input y:output"),
+            "g Gain u:input y:output",
         ],
         ["deg.y -> rad.u", "deg.mm -> rad.m", "g.y -> p.u", "p.y -> g.u"],
     )

@@ -29,7 +29,7 @@ def package(pack, xml):
         [
             c("p", "Plant", "u:input load:input y:output", xml.values(xml.real("x0", 1.0))),
             c("g", "Gain", "u:input y:output", xml.values(xml.real("k", -2.0))),
-            c("f", "Fragile", "y:output"),
+            "f Fragile y:output",
         ],
         ["p.y -> g.u", "g.y -> p.u", "f.y -> p.load"],
     )
@@ -100,8 +100,7 @@ def test_all_must_run_the_same(start):
 
 @pytest.mark.heavy
 @pytest.mark.parametrize(
-    ("number", "reason"),
-    [(signal.SIGINT, "federate g left the run"), (signal.SIGKILL, "lost comms with federate g")],
+    ("number", "reason"), [(signal.SIGINT, "federate g left the run"), (signal.SIGKILL, "lost comms with federate g")]
 )
 def test_the_end_of_one_ends_the_other(start, tmp_path, number, reason):
     """Ctrl-C of a command, and its death with all that it has started, which HELICS misses after seconds."""

@@ -14,15 +14,10 @@ from vdfmu.base.errors import UsageError, VdfmuError
 
 
 @pytest.fixture
-def package(pack, xml):
+def package(pack):
     """Return a package of a ring of three."""
-    c = xml.component
     return pack(
-        [
-            c("r", "Ramp", "y:output"),
-            c("a", "Adder", "a:input b:input y:output"),
-            c("plant", "Plant", "u:input y:output"),
-        ],
+        ["r Ramp y:output", "a Adder a:input b:input y:output", "plant Plant u:input y:output"],
         ["r.y -> a.a", "plant.y -> a.b", "a.y -> plant.u"],
     )
 
@@ -33,10 +28,7 @@ def package(pack, xml):
         ({"split": ["plan"]}, "split: the system has no component 'plan'; did you mean plant"),
         ({"split": ["a", "plant,a"]}, "split: a is named twice, for the federates a and plant"),
         ({"split": ["a,a"]}, "split: a is named twice"),
-        (
-            {"split": ["r,a,plant"]},
-            "split: expected at least two federates, got r; name some of the components r, a",
-        ),
+        ({"split": ["r,a,plant"]}, "split: expected at least two federates, got r; name some of the components r, a"),
         ({"split": []}, "split: expected at least two federates, got r"),
         ({"split": ["a"], "only": "plant", "broker": "x:1"}, "no federate is named 'plant'; there are a, r"),
         ({"split": ["a"], "only": "a"}, "federate a runs alone, and needs the address of a broker"),

@@ -118,20 +118,9 @@ def description_3(model: Model) -> Element:
         for k, item in enumerate(model.items):
             SubElement(options, "Item", name=item, value=str(k + 1))
     variables = SubElement(root, "ModelVariables")
-    SubElement(
-        variables,
-        "Float64",
-        name="time",
-        valueReference="0",
-        causality="independent",
-        variability="continuous",
-    )
+    SubElement(variables, "Float64", name="time", valueReference="0", causality="independent", variability="continuous")
     for v in model.variables:
-        attributes = {
-            "name": v.name,
-            "valueReference": str(model.reference(v.name)),
-            "causality": v.causality,
-        }
+        attributes = {"name": v.name, "valueReference": str(model.reference(v.name)), "causality": v.causality}
         attributes |= {"variability": v.variability} if v.variability else {}
         attributes |= {"declaredType": "Option"} if v.type == "Enumeration" else {}
         starts = v.start if isinstance(v.start, (list, tuple)) else [v.start]
@@ -187,11 +176,7 @@ def description_2(model: Model) -> Element:
         SubElement(root, "CoSimulation", common | more)
     variables = SubElement(root, "ModelVariables")
     for v in model.variables:
-        attributes = {
-            "name": v.name,
-            "valueReference": str(model.reference(v.name)),
-            "causality": v.causality,
-        }
+        attributes = {"name": v.name, "valueReference": str(model.reference(v.name)), "causality": v.causality}
         kind = TYPES_2[v.type]
         variability = v.variability or ("fixed" if "arameter" in v.causality else None)
         variability = variability or ("continuous" if kind == "Real" else "discrete")
