@@ -39,10 +39,7 @@ _SOON = 0.5
 class Bars:
     """Progress bars, one a stage, and above them a line that moves whatever else does not.
 
-    Parameters
-    ----------
-    title : str, optional
-        Title of the bar, shown after half a second and removed at the end; without a title there is no bar.
+    The line has a title, is shown after half a second and removed at the end; without a title there is none.
     """
 
     def __init__(self, title: str = "") -> None:

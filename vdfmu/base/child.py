@@ -32,20 +32,11 @@ _FAREWELL = 5.0
 
 
 class Child:
-    """The process, as the one that started it has it.
+    """The process of a module, in which :class:`Parent` is used, as the one that started it has it.
 
-    Parameters
-    ----------
-    module, arguments : str
-        Function that runs there, with :class:`Parent`.
-    limit : float
-        Time [s] that an answer may take; then the process is ended.
-    show : bool, optional
-        Whether to pass on what it prints.
-    stop : callable, optional
-        Called every tenth of a second, in another thread; whether to end the process.
-    gone : callable, optional
-        Called there when the process has ended before `end`.
+    An answer may take `limit` [s]; then the process is ended. `show` passes on what it prints. Every tenth of a second
+    `stop` is called, in another thread, and says whether to end the process; `gone` is called there when it has ended
+    before `end`.
     """
 
     def __init__(
@@ -142,14 +133,8 @@ class Child:
     def end(self) -> tuple[int, float, str]:
         """Let the process end, and end those that it started.
 
-        Returns
-        -------
-        int
-            Its exit code.
-        float
-            The largest memory that it had [MB]; 0 where that is not known.
-        str
-            The end of what it printed.
+        Returns its exit code, the largest memory that it had [MB], 0 where that is not known, and the end of what it
+        printed.
         """
         self._done.set()
         process, peak = self._process, 0.0

@@ -11,20 +11,9 @@ PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def data_path(kind: Literal["models", "ssp", "fmu_src", "examples"]) -> Path:
-    """Return the folder of one kind of data file.
+    """Return the folder of one kind of data file; VdfmuError if there is none.
 
-    A wheel carries the folders in ``vdfmu/_data``. A source tree, which an editable install uses, has them at
-    its root.
-
-    Parameters
-    ----------
-    kind : "models", "ssp", "fmu_src" or "examples"
-        Which folder.
-
-    Raises
-    ------
-    VdfmuError
-        If the folder is in neither place.
+    A wheel carries the folders in ``vdfmu/_data``. A source tree, which an editable install uses, has them at its root.
     """
     places = (PACKAGE / "_data" / kind, PACKAGE.parent / kind)
     for place in places:

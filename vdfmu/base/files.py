@@ -38,14 +38,8 @@ def pack_zip(path: Path, members: Mapping[str, bytes]) -> None:
 def replacing(path: Path) -> Generator[BinaryIO]:
     """Open a new file that takes the place of `path` once it is whole; nothing is left of one that fails.
 
-    A link stays, and what it leads to is replaced. The file has the mode that any new file gets.
-
-    Raises
-    ------
-    StorageError
-        If `path` is not a regular file.
-    OSError
-        If it cannot be written.
+    A link stays, and what it leads to is replaced. The file has the mode that any new file gets. StorageError if `path`
+    is not a regular file, OSError if it cannot be written.
     """
     with _replacing(regular_target(path)) as stream:
         yield stream
@@ -68,10 +62,7 @@ def _replacing(target: Path) -> Generator[BinaryIO]:
 def write_whole(path: Path, blocks: Iterable[bytes]) -> None:
     """Write a file of results, which appears under its name once it is whole.
 
-    Raises
-    ------
-    UsageError, VdfmuError
-        It cannot be written: its folder or the right to is missing; or another reason.
+    UsageError if its folder or the right to write is missing, VdfmuError for another reason.
     """
     try:
         with _replacing(path) as stream:

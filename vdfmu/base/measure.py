@@ -77,13 +77,7 @@ _FACTOR = re.compile(r"([A-Za-z]+)(-?\d*)")
 
 @lru_cache
 def measure(name: str) -> UnitOfMeasurement:
-    """Return a unit of measurement by its name: ``N.m``, ``m/s2``, ``1/(N.m)``, ``kg.m2``, ``1``.
-
-    Raises
-    ------
-    UsageError
-        For a name that is not one.
-    """
+    """Return a unit of measurement by its name: ``N.m``, ``m/s2``, ``1/(N.m)``, ``kg.m2``, ``1``; else UsageError."""
     upper, slash, lower = name.partition("/")
     if lower.startswith("(") and lower.endswith(")"):
         lower = lower[1:-1]

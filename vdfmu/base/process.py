@@ -74,12 +74,7 @@ def private_pipes() -> tuple[BinaryIO, int]:
 def end_group(process: subprocess.Popen[bytes], patience: float = 0.0) -> None:
     """End a process that was started with ``start_new_session``, and those that it has started and left behind.
 
-    Parameters
-    ----------
-    process
-        It may have ended.
-    patience : float, optional
-        Time [s] that it has to end those that it started in sessions of their own.
+    It may have ended. `patience` is the time [s] that it has to end those that it started in sessions of their own.
     """
     with suppress(OSError, subprocess.TimeoutExpired):
         if patience and process.poll() is None:
@@ -93,15 +88,10 @@ def end_group(process: subprocess.Popen[bytes], patience: float = 0.0) -> None:
 
 
 class Listener:
-    """Reads what a process prints, in a thread, so that the process never waits for it.
+    """Reads what a process prints, in a thread, so that the process never waits for it; closes the pipe at its end.
 
-    Parameters
-    ----------
-    stream : file
-        The pipe; it is closed at its end.
-    show : bool, optional
-        Whether to pass the first `SHOWN` bytes on to the error output, and at the end the last `KEPT` of more: with
-        what a terminal would act on written out.
+    `show`: pass the first `SHOWN` bytes on to the error output, and at the end the last `KEPT` of more, with what a
+    terminal would act on written out.
     """
 
     def __init__(self, stream: IO[bytes], show: bool = False) -> None:

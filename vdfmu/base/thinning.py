@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 def extremes(values: NDArray[Any], buckets: int) -> NDArray[np.intp]:
     """Return the rows of the first, the last, and of each of `buckets` equal stretches the smallest and largest value.
 
-    Parameters
-    ----------
-    values : (m,) array, m > 0; NaN is neither
+    `values` (m,), m > 0; NaN is neither.
     """
     m = len(values)
     edges = np.linspace(0, m, min(buckets, m) + 1).astype(int)

@@ -23,13 +23,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 class Problems:
-    """The problems of one file.
-
-    Parameters
-    ----------
-    where : str
-        Name of the file, or of what else holds the data.
-    """
+    """The problems of one file, or of what else holds the data, named `where`."""
 
     def __init__(self, where: str) -> None:
         self.where = where
@@ -95,18 +89,9 @@ def as_number(value: object) -> float | None:
 
 
 class Table:
-    """A TOML table that is being read. Wrong values are noted and read as NaN, so that reading goes on.
+    """A TOML table that is being read. Wrong values are noted in `problems` and read as NaN, so that reading goes on.
 
-    Parameters
-    ----------
-    problems : Problems
-        Where problems go.
-    data : object
-        The table.
-    path : str
-        Its key in the file, "" for the whole file.
-    known : sequence of str
-        The keys it may have; any other is a problem.
+    `path` is its key in the file, "" for the whole file; any key that is not `known` is a problem.
     """
 
     def __init__(self, problems: Problems, data: object, path: str, known: Sequence[str]) -> None:

@@ -48,12 +48,7 @@ class Federation:
     def apart(self, checked: Checked) -> tuple[Checked, Making]:
         """Return the part of a checked system that runs here, and the factory of its `Federated`.
 
-        Raises
-        ------
-        UsageError
-            With all problems of the split.
-        VdfmuError
-            HELICS is not installed.
+        UsageError with all problems of the split; VdfmuError if HELICS is not installed.
         """
         if find_spec("helics") is None:
             raise VdfmuError(

@@ -68,28 +68,10 @@ class Heard(NamedTuple):
 
 
 class HelicsLink:
-    """The connection of a federate to all others.
+    """The connection of a federate to all others; CosimError from every method if they cannot be reached.
 
-    The time of HELICS is a count of exchanges, so rounding of times does not matter.
-
-    Parameters
-    ----------
-    name : str
-    others : sequence of str
-    core, address : str
-        The broker's.
-    digest : str
-        Must be the same for all federates.
-
-    Attributes
-    ----------
-    waited : float [s]
-        Wall time that the exchanges took.
-
-    Raises
-    ------
-    CosimError
-        From every method: the others cannot be reached.
+    The time of HELICS is a count of exchanges, so rounding of times does not matter. `core` and `address` are the
+    broker's, `digest` must be the same for all federates. `waited` is the wall time [s] that the exchanges took.
     """
 
     def __init__(self, name: str, others: Sequence[str], core: str, address: str, digest: str) -> None:

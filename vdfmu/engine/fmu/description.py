@@ -102,25 +102,10 @@ def library_name(identifier: str, version: FmiVersion) -> str:
 def inspect_description(
     unit: Archive, source: str, implementation: str = "any", sizes: Mapping[str, Value] | None = None
 ) -> tuple[Description | None, list[str]]:
-    """Read an FMU as far as it goes, with all problems.
+    """Read an FMU as far as it goes, with all problems; None when the model description cannot be understood.
 
-    Parameters
-    ----------
-    unit : Archive
-        The FMU.
-    source : str
-        Its name in messages.
-    implementation : str
-        The implementation that the SSD asks for.
-    sizes : mapping of str to value, optional
-        Values of structural parameters, which decide the shapes of arrays, instead of their start values.
-
-    Returns
-    -------
-    Description or None
-        None when the model description cannot be understood.
-    list of str
-        The problems, empty for an FMU that the master can use.
+    `source` is its name in messages, `implementation` the one that the SSD asks for; `sizes` are values of structural
+    parameters, which decide the shapes of arrays, instead of their start values.
     """
     try:
         return _inspect(unit, source, implementation, sizes or {})

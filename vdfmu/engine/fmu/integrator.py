@@ -30,16 +30,10 @@ _EVENTS = 1000
 
 
 class ModelExchangeIntegrator:
-    """Integrates the states of a component over communication steps.
+    """Integrates the states of a component over communication steps, after its initialization.
 
     DOP853 integrates; Radau, once a communication step takes many of its steps. An event indicator that changes its
     sign within a step is located by bisection, to rounding; the event is just behind.
-
-    Parameters
-    ----------
-    instance : Instance
-        After the initialization.
-    tolerance : float or None
     """
 
     def __init__(self, instance: Instance, tolerance: float | None) -> None:

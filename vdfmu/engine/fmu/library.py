@@ -29,26 +29,14 @@ _tokens = itertools.count(1)
 
 
 class Library:
-    """The functions of an FMU.
+    """The functions of an FMU, unpacked in `folder`.
 
     `fmu`, fmpy's instance, makes calls that occur once or at events. Values, steps, and the states and derivatives of
     model exchange use functions with arguments that are prepared once; fmpy would make them anew in each call.
 
     After a fatal error neither it nor any other instance of the same FMU is called again (FMI 2.0, table of
-    statuses), not even to free it.
-
-    Parameters
-    ----------
-    name : str
-        Component name.
-    description : Description
-    folder : Path
-        Where the FMU is unpacked.
-    box : MessageBox
-    corrupt : set of str
-        Sources of FMUs with a fatal error, shared by the units of a run.
-    watch : callable, optional
-        Wraps everything that runs code of the FMU: its functions, and the loading of its library.
+    statuses), not even to free it: `corrupt`, shared by the units of a run, has the sources of such FMUs. `watch` wraps
+    everything that runs code of the FMU: its functions, and the loading of its library.
     """
 
     kinds: tuple[type[_FMU], type[_FMU]]

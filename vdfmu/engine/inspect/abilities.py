@@ -29,14 +29,7 @@ _REPEATED = 1e-9
 
 
 def try_abilities(path: Path, start: float, step: float) -> Findings:
-    """Make the calls that an FMU declares to support, each kind with its own instance.
-
-    Parameters
-    ----------
-    path : Path
-    start, step : float
-        Start time and communication step [s].
-    """
+    """Make the calls that an FMU declares to support, each kind with its own instance; start and step [s]."""
     findings = Findings()
     with Archive(path, path.name) as archive:
         description, _ = inspect_description(archive, path.name)

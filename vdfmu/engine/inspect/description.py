@@ -45,21 +45,10 @@ _TYPE_ATTRIBUTES = (
 
 
 def description_faults(root: Any) -> tuple[list[str], Any]:
-    """Return all that breaks the schema or a rule.
+    """Return all that breaks the schema or a rule, and fmpy's description, None where it breaks the schema.
 
-    fmpy stops at the first reference that leads nowhere. Such references are found here and removed, so that it
-    can report everything else. If the schema is broken, only that is reported.
-
-    Parameters
-    ----------
-    root : element
-        The root of the description; it is changed.
-
-    Returns
-    -------
-    list of str
-    ModelDescription or None
-        The description as fmpy reads it without dangling references; None where it breaks the schema.
+    fmpy stops at the first reference that leads nowhere. Such references are found here and removed from `root`, so
+    that it can report everything else. If the schema is broken, only that is reported.
     """
     version = str(root.get("fmiVersion"))
     faults = schema_faults(root, _SCHEMAS[version[0]], DESCRIPTION)

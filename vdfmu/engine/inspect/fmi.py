@@ -136,17 +136,7 @@ def _alias_faults(root: Any, types: Mapping[str, Any]) -> list[str]:
 
 
 def build_faults(root: Any, build: Any, names: Collection[str]) -> Findings:
-    """Return what is wrong with the list of source files, or with the build description that takes its place.
-
-    Parameters
-    ----------
-    root : element
-        The model description.
-    build : element or None
-        The build description.
-    names : collection of str
-        The members of the FMU.
-    """
+    """Return what is wrong with the source files that the model description, or a build description, lists."""
     where, listed = DESCRIPTION, root.iterfind("*/SourceFiles/File")
     if build is not None:
         version = build.get("fmiVersion") or "none"

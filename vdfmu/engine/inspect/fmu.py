@@ -59,24 +59,11 @@ def store(archive: Archive, source: str, folder: Path) -> Path:
 def check_unit(
     path: Path, run: bool = True, name: str = "", outer: Archive | None = None
 ) -> tuple[Findings, str | None]:
-    """Check an FMU of FMI 1.0, 2.0 or 3.0.
+    """Check an FMU of FMI 1.0, 2.0 or 3.0; return the standard too, such as ``FMI 2.0``, None where it does not say.
 
-    Parameters
-    ----------
-    path : Path
-    name : str, optional
-        Its name in messages, if not the file's.
-    run : bool, optional
-        Whether to make ten steps and to compare with reference results, in a process of its own, if nothing else is
-        wrong.
-    outer : Archive, optional
-        The package that contains it: they share one limit of what may be unpacked.
-
-    Returns
-    -------
-    Findings
-    str or None
-        The standard, such as ``FMI 2.0``; None where the model description does not say.
+    `run`: make ten steps and compare with reference results, in a process of its own, if nothing else is wrong. `name`
+    is its name in messages, if not the file's, `outer` the package that contains it: they share one limit of what may
+    be unpacked.
     """
     findings, standard = _examine(path, name or path.name, outer)
     if not run:

@@ -23,16 +23,9 @@ from vdfmu.engine.rules import Finding, found
 
 
 def check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str | None]:
-    """Check every SSD of a package, and run the default one.
+    """Check every SSD of a package, and run the default one, and FMUs with reference results, if nothing is wrong.
 
-    Parameters
-    ----------
-    path : Path
-        The package.
-    folder : Path
-        Folder for FMUs.
-    run : bool
-        Whether to run the system, and the FMUs that carry reference results, if nothing is wrong.
+    `folder` is for its FMUs. Returns the standard too, such as ``SSP 1.0``.
     """
     findings = Findings()
     heads: dict[str, Any] = {}

@@ -59,20 +59,8 @@ def run_apart(
 ) -> Findings:
     """Run code of a file in another process, which it may crash or never leave: an FMU or a package for ten steps.
 
-    Parameters
-    ----------
-    path : Path
-    kind : str, optional
-        ``FMU``, or ``SSP`` for a package, whatever the name of the file ends with.
-    module : str, optional
-        The module that runs there and calls :func:`serve`.
-    task : str, optional
-        Its work, for messages.
-
-    Raises
-    ------
-    StorageError
-        If the temporary folder is full.
+    `kind` is ``FMU``, or ``SSP`` for a package, whatever the name of the file ends with; `module` runs there and calls
+    :func:`serve`, `task` is its work in messages. StorageError if the temporary folder is full.
     """
     findings = Findings(ran=True)
     with temporary_folder("vdfmu_check_") as folder:
@@ -145,14 +133,9 @@ def _decoded(values: Any) -> Findings:
 
 
 def _contained(module: str, *arguments: str) -> tuple[int | None, str]:
-    """Run a module in a process that may do anything; its children end with it.
+    """Run a module in a process that may do anything, and whose children end with it.
 
-    Returns
-    -------
-    int or None
-        Its exit code; None if it did not end in time.
-    str
-        The end of its error output: no more is kept.
+    Returns its exit code, None if it did not end in time, and the end of its error output.
     """
     process = started(module, *arguments, talks=False)
     assert process.stderr is not None
@@ -278,12 +261,9 @@ def serve(
 ) -> None:
     """Check in this process, which `run_apart` has started with these arguments, and leave the findings for it.
 
-    Parameters
-    ----------
-    check : callable
-        Takes the kind, the path, the time of `monotonic` by which a call is ended, and a function that notes what is
-        under way.
-    """  # fmt: skip
+    `check` takes the kind, the path, the time of `monotonic` by which a call is ended, and a function that notes what
+    is under way.
+    """
     tempfile.tempdir = folder  # files that a crash leaves there are removed with the folder
 
     def phase(what: str, findings: Findings | None = None) -> None:

@@ -25,15 +25,9 @@ _BLOCK = 2**18
 
 
 class Archive:
-    """A zip file whose member names and sizes have been checked.
+    """A zip file whose member names and sizes have been checked; ``package.ssp!/member`` names one of a package inside.
 
-    Parameters
-    ----------
-    source : path or open file
-    label : str
-        The name used in messages.
-    outer : Archive, optional
-        The package in which it lies: they share one limit of what may be unpacked.
+    `label` is its name in messages, `outer` the package in which it lies: they share one limit of what may be unpacked.
 
     Raises
     ------
@@ -41,10 +35,6 @@ class Archive:
         The file is missing or not a zip, or a member points outside the package, occurs twice with different
         contents, differs from another in case only, is a link, is encrypted, is packed by another method than
         deflation or is larger than the limits of `vdfmu.engine.package.limits`.
-
-    Notes
-    -----
-    ``package.ssp!/member`` names a member of a package inside the package.
     """
 
     def __init__(self, source: Path | IO[bytes], label: str, outer: Archive | None = None) -> None:

@@ -191,13 +191,7 @@ def read_boolean(text: str | None) -> bool:
 
 
 def read_transformation(element: Any, where: str) -> Transformation | None:
-    """Read the transformation of a connection or a mapping entry.
-
-    Raises
-    ------
-    SspError
-        A mapping with two entries for one source value.
-    """
+    """Read the transformation of a connection or a mapping entry; SspError for two entries for one source value."""
     for item in element:
         tag = item.tag
         if tag == _SSC + "LinearTransformation":

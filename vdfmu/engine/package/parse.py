@@ -39,10 +39,7 @@ def _url(name: str) -> str:
 def parse_xml(data: bytes, where: str) -> Any:
     """Parse XML without entities, external files or network, and return its root, which knows `where` as its URL.
 
-    Raises
-    ------
-    SspError
-        The text is not well-formed XML, or has a document type declaration or an XInclude.
+    SspError for text that is not well-formed XML, or has a document type declaration or an XInclude.
     """
     parser = etree.XMLParser(
         resolve_entities=False, no_network=True, load_dtd=False, dtd_validation=False, huge_tree=False,
@@ -82,15 +79,7 @@ def schema_of(kind: str, version: str) -> Any:
 def validate(root: Any, kind: str, where: str, version: str = SSP_1.name) -> None:
     """Check a tree against a schema of SSP; without one, that elements have names.
 
-    Parameters
-    ----------
-    root : element
-    kind : str
-        ``ssd``, ``ssv``, ``ssm`` or ``ssb``.
-    where : str
-        The name used in messages.
-    version : str, optional
-        SSP version.
+    `kind` is ``ssd``, ``ssv``, ``ssm`` or ``ssb``, `where` the name used in messages, `version` that of SSP.
     """
     schema = schema_of(kind, version)
     if schema is None:

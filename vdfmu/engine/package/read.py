@@ -58,16 +58,11 @@ def load_ssp(path: str | Path, variant: str = DEFAULT) -> System:
 
 
 def read_system(path: str | Path, variant: str = DEFAULT) -> tuple[System | None, list[str]]:
-    """Read as much of a package as can be read, with all problems; `load_ssp` raises them instead.
+    """Read as much of a package as can be read, with all problems, none for a package that `load_ssp` takes.
 
-    Returns
-    -------
-    System or None
-        None when there is no SSD to speak of: the package or its SSD cannot be parsed, or is over a limit. Otherwise
-        the system without its unreadable parts; a component whose FMU is missing has the source "". Its
-        `problems` include problems of the reading, so `vdfmu.engine.run.check_system` reports everything at once.
-    list of str
-        The problems of the reading, empty for a package that `load_ssp` takes.
+    The system is None when there is no SSD to speak of: the package or its SSD cannot be parsed, or is over a limit.
+    Otherwise it lacks its unreadable parts; a component whose FMU is missing has the source "". Its `problems` include
+    those of the reading, so `vdfmu.engine.run.check_system` reports everything at once.
     """
     path = Path(path)
     try:

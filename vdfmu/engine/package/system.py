@@ -61,12 +61,8 @@ class UnitFactor:
 def spread(value: Any, names: Sequence[str]) -> list[Any]:
     """Return a value for each of some variables: one value is for all, a list or array has one for each, in order.
 
-    A text of several numbers is a list: ``0.3,-0.5``, ``[0.3, -0.5]``, ``0.3 -0.5``.
-
-    Raises
-    ------
-    ValueError
-        The number of values differs from the number of variables.
+    A text of several numbers is a list: ``0.3,-0.5``, ``[0.3, -0.5]``, ``0.3 -0.5``. ValueError if their number differs
+    from that of the variables.
     """
     if isinstance(value, str) and len(names) > 1:
         numbers = re.sub(r"[\[\],]", " ", value).split()

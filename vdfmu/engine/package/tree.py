@@ -29,13 +29,8 @@ class LimitError(SspError):
 class TreeReader:
     """Turns the XML of systems and components into `Node` objects; keeps the problems it meets.
 
-    A system over ``ELEMENT_LIMIT`` or ``DEPTH_LIMIT`` raises `LimitError`: references to systems that refer to
-    systems multiply.
-
-    Parameters
-    ----------
-    structure : callable
-        Returns the root of the SSD of a scope.
+    A system over ``ELEMENT_LIMIT`` or ``DEPTH_LIMIT`` raises `LimitError`: references to systems that refer to systems
+    multiply. `structure` returns the root of the SSD of a scope.
     """
 
     def __init__(self, structure: Callable[[Scope], Any]) -> None:

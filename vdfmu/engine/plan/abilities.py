@@ -19,15 +19,7 @@ def check_abilities(
 ) -> tuple[list[str], list[str]]:
     """Return the problems and notes of units that an algorithm cannot step as it has to.
 
-    Parameters
-    ----------
-    descriptions : mapping of str to Description
-        Description of each component.
-    links : sequence of Link
-    schedule : Schedule
-    algorithm : str
-    adaptive : bool
-        Whether steps may be rejected and differ in length.
+    `adaptive`: steps may be rejected and differ in length.
     """
     problems: list[str] = []
     how = ALGORITHMS[algorithm]

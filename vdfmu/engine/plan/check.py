@@ -112,13 +112,7 @@ def check_system(
 
 
 def with_parameters(checked: Checked, parameters: Mapping[str, Value]) -> Checked:
-    """Return a checked system with other `parameters`, see `check_system`; they win over those that it has.
-
-    Raises
-    ------
-    UsageError
-        If they name something unknown, not settable or of another type.
-    """
+    """Return a checked system with other `parameters`, see `check_system`; they win over those that it has."""
     fed = {link.end: link.start for link in checked.links}
     starts = {name: {v.name: (v, value) for v, value in each} for name, each in checked.starts.items()}
     notes = [*checked.notes]

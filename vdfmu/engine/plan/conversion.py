@@ -63,30 +63,14 @@ def compose(
     relative: bool = False,
     items: tuple[Mapping[str, int] | None, Mapping[str, int] | None] = (None, None),
 ) -> Conversion:
-    """Compose what lies between two variables.
+    """Compose what lies between two variables of a type, such as ``Real``; MisfitError where type or unit misfit.
 
     At each hop the unit is converted first, unless the hop suppresses it or one side has no unit, then the
     transformation is applied (SSP 1.0, GTransformationChoice). A connector of a system without a unit takes
     the unit of what feeds it.
 
-    Parameters
-    ----------
-    hops : sequence of Hop
-    source, target : UnitFactor or None
-        Units of the two variables.
-    kind : str
-        Type of both variables, such as ``Real``.
-    units : mapping of str to UnitFactor
-        Unit definitions of the SSD.
-    relative : bool
-        Whether the target is a relative quantity.
-    items : pair of mappings
-        Items of the two variables where they are enumerations: name to value.
-
-    Raises
-    ------
-    MisfitError
-        Units of different dimension, or a transformation that does not fit the type.
+    `source` and `target` are the units of the variables, `units` the definitions of the SSD; `relative` is whether the
+    target is a relative quantity, `items` has name to value of both variables where they are enumerations.
     """
     factor, offset = 1.0, 0.0
     table: dict[int, int] | None = None
@@ -139,15 +123,10 @@ def _values_of(
 
 
 def as_type(value: Value, variable: FmuVariable, exact: str | None = None) -> Value:
-    """Turn a value into the type of a variable.
+    """Turn a value into the type of a variable; MisfitError if it does not fit.
 
     With `exact`, the type that a parameter set states, only integers pass to reals and enumerations.
     Without, text is read as a value of the variable's type, and whole numbers as integers.
-
-    Raises
-    ------
-    MisfitError
-        The value does not fit the type.
     """
     allowed = {"Real": {"Real", "Integer"}, "Enumeration": {"Enumeration", "Integer"}}
     kind = variable.type

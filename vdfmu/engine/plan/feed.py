@@ -43,26 +43,11 @@ def feed_inputs(
     unit_of: Callable[[Port, FmuVariable], UnitFactor | None],
     units: Mapping[str, UnitFactor],
 ) -> tuple[Feed | None, list[str]]:
-    """Connect the columns of tables to the inputs that they name.
+    """Connect the columns of tables to the inputs that they name; None without tables.
 
-    Parameters
-    ----------
-    tables : sequence of InputTable
-    descriptions : mapping of str to Description
-        Description of each component.
-    links : sequence of Link
-        Connections of the system.
-    unit_of : callable
-        Returns the unit of measurement of an input.
-    units : mapping of str to UnitFactor
-        Definitions of the SSD.
-
-    Returns
-    -------
-    Feed or None
-        None without tables.
-    list of str
-        All problems: unknown names, inputs that are connected, units of measurement and values that do not fit.
+    `links` are the connections of the system, `unit_of` returns the unit of measurement of an input, `units` are the
+    definitions of the SSD. The list has all problems: unknown names, inputs that are connected, units of measurement
+    and values that do not fit.
     """
     if not tables:
         return None, []

@@ -60,14 +60,7 @@ Inputs = str | os.PathLike[str] | Sequence[str | os.PathLike[str] | InputTable] 
 
 
 class Course:
-    """Columns of a table as functions of time; before the first row and after the last its values hold.
-
-    Parameters
-    ----------
-    t : (m,) [s]
-    values : (m, n)
-    held : bool
-    """
+    """Columns (m, n) of a table over times (m,) [s]; before the first row and after the last its values hold."""
 
     def __init__(self, t: Floats, values: Floats, held: bool) -> None:
         self.held, self.t, self.values = held, t, values

@@ -17,19 +17,9 @@ _UNIT = "resources/unit.py"
 
 
 def unpack_units(checked: Checked, folder: Path) -> tuple[dict[str, Path], bool]:
-    """Unpack the FMUs of a system below a folder.
+    """Unpack the FMUs of a system; return the folder of each by source, and whether this project did not build one.
 
-    Returns
-    -------
-    dict of str to Path
-        The folder of each by source.
-    bool
-        Whether this project did not build one of them.
-
-    Raises
-    ------
-    VdfmuError
-        If there is no room, or the folder's name keeps a Python FMU from running.
+    VdfmuError if there is no room, or the folder's name keeps a Python FMU from running.
     """
     unpacked: dict[str, Path] = {}
     path, foreign = checked.system.path, False

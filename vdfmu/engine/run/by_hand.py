@@ -22,16 +22,7 @@ from vdfmu.engine.run.session import Run
 
 
 class ByHand:
-    """Steps of components that are initialized and coupled.
-
-    Parameters
-    ----------
-    run : Run
-        Its components are not isolated.
-    begin, end, step : float [s]
-    n : int
-        Number of steps to the end.
-    """
+    """`n` steps of components that are initialized and coupled, and not isolated; times [s]."""
 
     def __init__(self, run: Run, begin: float, end: float, step: float, n: int) -> None:
         assert isinstance(run.components, Components)

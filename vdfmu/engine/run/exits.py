@@ -16,15 +16,9 @@ from vdfmu.engine.fmu.messages import MessageBox
 
 @contextmanager
 def report_exits(box: MessageBox, save: Callable[[], str]) -> Generator[None]:
-    """Report which component ends the process, save the rows, and make the exit code 1.
+    """Report which component ends the process, save the rows, and make the exit code 1; `save` returns a text on them.
 
     With the C libraries of Linux (glibc) and macOS; nothing is said with others, which cannot take a handler back.
-
-    Parameters
-    ----------
-    box : MessageBox
-    save : callable
-        Saves the rows so far, and returns a text about them.
     """
     if platform.libc_ver()[0] != "glibc" and sys.platform != "darwin":
         yield
