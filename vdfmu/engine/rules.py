@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from typing import Any, NamedTuple
 
+from vdfmu.base.errors import SspError
+
 Place = tuple[str, int]
 """XML file, with the package before it, and line; empty and 0 where there is none."""
 
@@ -50,6 +52,11 @@ def found(number: str, text: str, at: Any = ("", 0)) -> Finding:
     """Return what breaks a rule; `at` is its place, or the element of XML."""
     file, line = at if isinstance(at, tuple) else place_of(at)
     return Finding(text, RULES[number], str(file), int(line))
+
+
+def breach(number: str, text: str, at: Any = ("", 0)) -> SspError:
+    """Return the error of one finding."""
+    return SspError(found(number, text, at))
 
 
 def within(place: str, text: str) -> str:

@@ -17,7 +17,7 @@ from vdfmu.engine.fmu.variables import FmuVariable, Value, element_names, read_v
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.elements import read_units
 from vdfmu.engine.package.parse import parse_xml
-from vdfmu.engine.rules import fmpy_found, found
+from vdfmu.engine.rules import breach, fmpy_found, found
 
 KINDS = ("CoSimulation", "ModelExchange", "ScheduledExecution")
 _TRUE = {"true", "1"}
@@ -121,7 +121,7 @@ def _inspect(
     version = FMI_VERSIONS.get(root.get("fmiVersion") or "")
     if version is None:
         text = f"{source}: is an FMU of FMI {root.get('fmiVersion')}; the master runs FMI {' and '.join(FMI_VERSIONS)}"
-        raise SspError(found("RUN007", text, root))
+        raise breach("RUN007", text, root)
     problems: list[str] = []
     try:
         model = read_model_description(unit.file)

@@ -20,7 +20,6 @@ from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.inspect.findings import Findings
 from vdfmu.engine.package.archive import Archive
-from vdfmu.engine.rules import found
 
 _MOST = 20
 """Directional derivatives are asked for of this many outputs, the first."""
@@ -48,7 +47,7 @@ def try_abilities(path: Path, start: float, step: float) -> Findings:
         if declared:
             problem = _attempt(description, folder, attempt, start, step)
             if problem:
-                findings.problems.append(found("RUN009", f"{what}: {problem}"))
+                findings.problem("RUN009", f"{what}: {problem}")
     return findings
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 from vdfmu.base.text import elided
-from vdfmu.engine.rules import Finding, reworded, within
+from vdfmu.engine.rules import Finding, found, reworded, within
 
 
 @dataclass
@@ -21,6 +22,14 @@ class Findings:
     """Files of reference results inside FMUs whose values were compared."""
     ran: bool = False
     """Whether code of the file was run."""
+
+    def problem(self, rule: str, text: str, at: Any = ("", 0)) -> None:
+        """Add a fault; for `at` see `found`."""
+        self.problems.append(found(rule, text, at))
+
+    def note(self, rule: str, text: str, at: Any = ("", 0)) -> None:
+        """Add a note."""
+        self.notes.append(found(rule, text, at))
 
     def add(self, other: Findings, where: str = "", file: str = "") -> None:
         """Add the findings of another check, with its place before each sentence, and `file` before each file."""

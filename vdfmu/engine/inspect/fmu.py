@@ -25,7 +25,7 @@ from vdfmu.engine.inspect.fmi import (
 )
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.parse import parse_xml
-from vdfmu.engine.rules import found, reworded
+from vdfmu.engine.rules import breach, found, reworded
 
 _VERSION = re.compile(r"[12]\.0|3\.0(\.\d+)?")
 """FMI 1.0 and 2.0 fix the text of fmiVersion; FMI 3.0 leaves a third number open."""
@@ -67,7 +67,7 @@ def check_unit(
     """
     findings, standard = _examine(path, name or path.name, outer)
     if not run:
-        findings.notes.append(found("RUN006", "not run (--no-run): the binary was not loaded"))
+        findings.note("RUN006", "not run (--no-run): the binary was not loaded")
     elif findings.problems:
         findings.notes.append(NOT_RUN)
     else:
@@ -90,11 +90,11 @@ def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, st
     standard = f"FMI {version}" if version else None
     if not _VERSION.fullmatch(version or ""):
         got = f"fmiVersion is {version!r}" if version else "has no fmiVersion"
-        findings.problems.append(found("FMI002", f"{DESCRIPTION}: {got}; expected 1.0, 2.0 or 3.0", root))
+        findings.problem("FMI002", f"{DESCRIPTION}: {got}; expected 1.0, 2.0 or 3.0", root)
         return findings, standard
     if version == "1.0":
         text = "FMI 1.0: fmpy and other importers run it, the master of vdfmu takes FMI 2.0 and 3.0"
-        findings.notes.append(found("RUN008", text, root))
+        findings.note("RUN008", text, root)
     broken, mended = _rules(unit)
     findings.add(broken)
     try:
@@ -110,7 +110,7 @@ def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, st
     ]
     if version != "1.0" and "coSimulation" not in kinds:
         text = "no co-simulation: a master needs it; other importers bring a solver of their own"
-        findings.notes.append(found("FMI019", text, root))
+        findings.note("FMI019", text, root)
     if not any("'DefaultExperiment'" in problem for problem in findings.problems):  # by the schema
         findings.problems += _experiment(description)
     _binaries(unit, description, kinds, findings)
@@ -172,11 +172,10 @@ def _read(path: Path, label: str, findings: Findings, outer: Archive | None) -> 
         ]
         if DESCRIPTION not in archive:
             hint = "; it is a package of SSP, name it .ssp" if "SystemStructure.ssd" in archive else ""
-            raise SspError(found("FMI001", f"it has no {DESCRIPTION!r}{hint}"))
+            raise breach("FMI001", f"it has no {DESCRIPTION!r}{hint}")
         root = parse_xml(archive.read(DESCRIPTION), DESCRIPTION)
         if root.tag != "fmiModelDescription":
-            text = f"{DESCRIPTION}: expected the root fmiModelDescription, got {root.tag!r}"
-            raise SspError(found("FMI001", text, root))
+            raise breach("FMI001", f"{DESCRIPTION}: expected the root fmiModelDescription, got {root.tag!r}", root)
         roots, misbuilt = {DESCRIPTION: root}, dict[str, str]()
         for name in archive.names:
             if name.endswith(".xml") and name.startswith(_XML_FOLDERS):
@@ -189,7 +188,7 @@ def _read(path: Path, label: str, findings: Findings, outer: Archive | None) -> 
                 data = archive.head(name)
                 fault = library_fault(name, data)
                 if fault is not None:
-                    findings.problems.append(found("FMI018", fault))
+                    findings.problem("FMI018", fault)
                 elif name.split("/")[1] in (fmpy.platform, fmpy.platform_tuple):
                     fault = architecture_fault(name, data)
                     if fault is not None:
@@ -206,12 +205,11 @@ def _binaries(unit: _FmuContents, description: Any, kinds: list[str], findings: 
         has_sources = any(n.startswith("sources/") and n.endswith((".c", ".cpp", ".cc")) for n in names)
         sources = "; it has sources, which must be compiled first" if has_sources else ""
         text = f"no binary for this platform, {fmpy.platform}; there are: {', '.join(folders) or 'none'}{sources}"
-        findings.problems.append(found("FMI017", text))
+        findings.problem("FMI017", text)
         return
     libraries = {str(getattr(description, kind).modelIdentifier) + fmpy.sharedLibraryExtension for kind in kinds}
     for library in sorted(libraries):
         here_too = [f"binaries/{folder}/{library}" for folder in here if f"binaries/{folder}/{library}" in names]
         if not here_too:
-            text = f"binaries/{here[0]} has no {library}, as the model identifier asks for"
-            findings.problems.append(found("FMI017", text))
+            findings.problem("FMI017", f"binaries/{here[0]} has no {library}, as the model identifier asks for")
         findings.problems += [found("FMI018", unit.misbuilt[name]) for name in here_too if name in unit.misbuilt]

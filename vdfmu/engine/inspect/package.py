@@ -46,7 +46,7 @@ def check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str | 
             documented = any(name.startswith("documentation/") for name in archive.names)
             if documented and "documentation/index.html" not in archive:
                 text = "has documentation/ without documentation/index.html, where readers start"
-                findings.problems.append(found("SSP007", f"{path.name}: {text}"))
+                findings.problem("SSP007", f"{path.name}: {text}")
             findings.notes += _same_names(heads)
     except SspError as error:
         return Findings(error.problems), None

@@ -82,10 +82,10 @@ def compare(path: Path) -> Findings:
                 ]
                 findings.compared.append(short)
             except _NotComparedError as reason:
-                findings.notes.append(found("RUN004", f"{short}: not compared: {reason}"))
+                findings.note("RUN004", f"{short}: not compared: {reason}")
             except Exception as error:  # foreign files and units
                 text = f"{short}: the reference results cannot be compared: {said.with_error(error)}"
-                findings.problems.append(found("RUN003", text))
+                findings.problem("RUN003", text)
     return findings
 
 

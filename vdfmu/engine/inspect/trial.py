@@ -89,11 +89,10 @@ def run_apart(
         except FileNotFoundError:
             pass
         except (ValueError, TypeError, KeyError) as error:  # cut off, or written by the unit
-            text = f"the findings of {task} cannot be read: {error}"
-            findings.problems.append(found("RUN002", text))
+            findings.problem("RUN002", f"the findings of {task} cannot be read: {error}")
             answered = True
     if code is None:
-        findings.problems.append(found("RUN002", f"{phase} did not end within {SECONDS:g} s"))
+        findings.problem("RUN002", f"{phase} did not end within {SECONDS:g} s")
         return findings
     last = words.strip().splitlines()[-1:]
     if code and last == [_FULL_NOTICE]:
@@ -103,11 +102,9 @@ def run_apart(
         )
     if code:
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
-        text = f"the process crashed ({how}) in {phase}{''.join(f': {s}' for s in last)}"
-        findings.problems.append(found("RUN002", text))
+        findings.problem("RUN002", f"the process crashed ({how}) in {phase}{''.join(f': {s}' for s in last)}")
     elif not answered:
-        text = f"the unit ended the process in {phase}"
-        findings.problems.append(found("RUN002", text))
+        findings.problem("RUN002", f"the unit ended the process in {phase}")
     return findings
 
 
@@ -155,8 +152,7 @@ def _run_unit(path: Path, phase: Callable[..., None]) -> Findings:
     said = Said()
     description = fmpy.read_model_description(str(path), validate=False)
     if description.coSimulation is None and description.modelExchange is None:
-        text = "not run: it has neither co-simulation nor model exchange"
-        return Findings(notes=[found("RUN006", text)])
+        return Findings(notes=[found("RUN006", "not run: it has neither co-simulation nor model exchange")])
     experiment = description.defaultExperiment
     start = float(experiment.startTime) if experiment and experiment.startTime else 0.0
     step = float(experiment.stepSize) if experiment and experiment.stepSize else 1e-3
@@ -175,8 +171,7 @@ def _run_unit(path: Path, phase: Callable[..., None]) -> Findings:
     except Exception as error:  # whatever a foreign unit does, it is reported
         if isinstance(error, OSError) and error.errno in _FULL:
             raise
-        text = f"{STEPS} steps of {step:g} s failed: {said.with_error(error)}"
-        return Findings([found("RUN001", text)])
+        return Findings([found("RUN001", f"{STEPS} steps of {step:g} s failed: {said.with_error(error)}")])
     said.stay()
     if said.messages:
         given = f"{STEPS} steps of {step:g} s gave"
@@ -184,8 +179,7 @@ def _run_unit(path: Path, phase: Callable[..., None]) -> Findings:
     findings = Findings()
     kind = description.coSimulation or description.modelExchange
     if kind is not None and kind.canBeInstantiatedOnlyOncePerProcess:
-        text = "reference results not compared: the unit can be instantiated only once per process"
-        findings.notes.append(found("RUN004", text))
+        findings.note("RUN004", "reference results not compared: the unit can be instantiated only once per process")
     else:
         phase("the comparison with the reference results")
         findings = compare(path)
@@ -282,8 +276,7 @@ def serve(
         with package_limit(int(unpacked)):
             findings = check(kind, Path(path), float(deadline), phase)
         if not _open(sys.__stderr__):
-            text = "the unit closed files of the process that are not its own"
-            findings.problems.append(found("RUN002", text))
+            findings.problem("RUN002", "the unit closed files of the process that are not its own")
         answer(findings, whole=True)
     except OSError as error:
         if error.errno not in _FULL:

@@ -14,7 +14,7 @@ from urllib.parse import unquote, urlsplit
 from vdfmu.base.errors import SspError, UsageError, disk_error
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.engine.package import limits
-from vdfmu.engine.rules import Finding, found
+from vdfmu.engine.rules import Finding, breach, found
 
 INSIDE = "!/"
 """Between the name of a package inside a package and the name of a member of it."""
@@ -47,17 +47,17 @@ class Archive:
         with ExitStack() as opened:
             if isinstance(source, Path) and source.exists() and not (source.is_file() or source.is_dir()):
                 special = "is a pipe, a device or another special file; expected a regular one"
-                raise SspError(found("PKG001", f"{label}: {special}"))
+                raise breach("PKG001", f"{label}: {special}")
             try:
                 self.file: IO[bytes] = source.open("rb") if isinstance(source, Path) else source
                 opened.push(closing(self.file))
                 self._zip = self._directory()
             except FileNotFoundError:
-                raise SspError(found("PKG001", f"{label}: there is no such file")) from None
+                raise breach("PKG001", f"{label}: there is no such file") from None
             except (OSError, NotImplementedError, ValueError, zipfile.BadZipFile) as error:
                 _blame_disk(label, error)
                 text = f"{label}: cannot be read as a zip package: {error}. It may be cut off; "
-                raise SspError(found("PKG001", f"{text}export or copy it again")) from None
+                raise breach("PKG001", f"{text}export or copy it again") from None
             self._members = self._check()
             opened.pop_all()
 
@@ -67,7 +67,7 @@ class Archive:
         size = end[zipfile._ECD_SIZE] if end else 0  # pyright: ignore[reportAttributeAccessIssue]
         if size > limits.DIRECTORY_LIMIT:
             text = f"{self.label}: has a directory of {size} bytes; the limit is {limits.DIRECTORY_LIMIT}. "
-            raise SspError(found("PKG004", f"{text}Pack fewer files"))
+            raise breach("PKG004", f"{text}Pack fewer files")
         return zipfile.ZipFile(self.file)
 
     def _check(self) -> dict[str, zipfile.ZipInfo]:
@@ -162,7 +162,7 @@ class Archive:
         if name not in self._inner:
             if self._budget.packages >= limits.PACKAGE_LIMIT:
                 many = f"has more than {limits.PACKAGE_LIMIT} packages inside it; that is the limit"
-                raise SspError(found("PKG004", f"{self._budget.label}: {many}"))
+                raise breach("PKG004", f"{self._budget.label}: {many}")
             self._inner[name] = self._open(name)
             self._budget.packages += 1
         return self._inner[name]
@@ -178,7 +178,7 @@ class Archive:
         """Unpack a package into a file without a name, which is gone when it is closed."""
         if self._depth >= limits.NESTING_LIMIT:
             text = f"{name!r} is a package inside {limits.NESTING_LIMIT} others; that is the limit"
-            raise SspError(found("PKG004", f"{self.label}: {text}"))
+            raise breach("PKG004", f"{self.label}: {text}")
         with InterruptGuard():  # the first look for the temporary folder tries it with a file
             file = tempfile.TemporaryFile(prefix="vdfmu_")
         try:
@@ -211,11 +211,10 @@ class Archive:
         """Yield one member piece by piece: its actual bytes are counted, never more than it declares."""
         info = self._members.get(name)
         if info is None:
-            raise SspError(found("SSP011", f"{self.label}: the package has no {name!r}"))
+            raise breach("SSP011", f"{self.label}: the package has no {name!r}")
         if limit is not None and info.file_size > limit * self._budget.scale:
             most = f"{limit * self._budget.scale:.0f}"
-            text = f"{self.label}: {name!r} has {info.file_size} bytes; the limit is {most}"
-            raise SspError(found("PKG004", text))
+            raise breach("PKG004", f"{self.label}: {name!r} has {info.file_size} bytes; the limit is {most}")
         try:
             with self._zip.open(info) as stream:
                 while block := stream.read(_BLOCK):
@@ -225,10 +224,9 @@ class Archive:
             raise
         except (OSError, zipfile.BadZipFile, EOFError, NotImplementedError, ValueError) as error:
             _blame_disk(self.label, error)
-            text = f"{self.label}: {name!r} cannot be unpacked: {error}"
-            raise SspError(found("PKG001", text)) from None
+            raise breach("PKG001", f"{self.label}: {name!r} cannot be unpacked: {error}") from None
         except Exception as error:  # zlib.error and its like have no common base
-            raise SspError(found("PKG001", f"{self.label}: {name!r} is damaged: {error}")) from None
+            raise breach("PKG001", f"{self.label}: {name!r} is damaged: {error}") from None
 
     def extract(self, folder: Path, keep: Callable[[str], bool]) -> None:
         """Write the members for which `keep(name)` holds below `folder`."""
@@ -271,5 +269,5 @@ def resolve(source: str, where: str, at: Any = ("", 0)) -> str:
     name = unquote(parts.path)
     if parts.scheme or parts.netloc or parts.query or parts.fragment or not is_inside(name):
         text = f"{where}: source {source!r} is not a relative path inside the package; "
-        raise SspError(found("SSP012", f"{text}put the file into the package and name it by its path there", at))
+        raise breach("SSP012", f"{text}put the file into the package and name it by its path there", at)
     return str(PurePosixPath(name))

@@ -20,7 +20,7 @@ from vdfmu.engine.package.elements import (
 from vdfmu.engine.package.parse import NAMESPACES, validate
 from vdfmu.engine.package.system import BoundParameter, Hop, Shape, UnitFactor, Value
 from vdfmu.engine.package.wiring import Key, Wiring, show, show_shape
-from vdfmu.engine.rules import Finding, Place, found, place_of
+from vdfmu.engine.rules import Finding, Place, breach, found, place_of
 
 _SSV = f"{{{NAMESPACES['ssv']}}}"
 SET_TYPE = "application/x-ssp-parameter-set"
@@ -186,7 +186,7 @@ class Bindings:
             if node.outer is not None and scope is not node.scope:
                 return node.scope.read(member, kind)
             if node.kind != "component":
-                raise SspError(found("SSP050", f"{where}: sourceBase 'component' needs a component", element))
+                raise breach("SSP050", f"{where}: sourceBase 'component' needs a component", element)
             return scope.read(member, kind, scope.archive.inside(node.source.removeprefix(scope.prefix)))
         if source:
             return scope.read(scope.member(source, where, element), kind)
@@ -208,7 +208,7 @@ class Bindings:
         mapping: Any = None
 
         def refuse(at: Any, text: str) -> SspError:
-            return SspError(found("SSP050", f"{where}: {text}", at))
+            return breach("SSP050", f"{where}: {text}", at)
 
         try:
             if binding.get("type", SET_TYPE) != SET_TYPE:

@@ -8,12 +8,11 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 from urllib.parse import unquote, urlsplit
 
-from vdfmu.base.errors import SspError
 from vdfmu.base.standards import SSP_1
 from vdfmu.engine.package.archive import INSIDE, Archive, is_inside, resolve
 from vdfmu.engine.package.parse import NAMESPACES, parse_ssp_xml
 from vdfmu.engine.package.system import BASE_UNITS, Connector, Shape, Transformation, UnitFactor
-from vdfmu.engine.rules import found, place_of
+from vdfmu.engine.rules import breach, place_of
 
 _SSC = f"{{{NAMESPACES['ssc']}}}"
 
@@ -207,7 +206,7 @@ def read_transformation(element: Any, where: str) -> Transformation | None:
             twice = [str(source) for source in dict.fromkeys(sources) if sources.count(source) > 1]
             if twice:
                 text = f"{where}: the mapping has several entries for {', '.join(twice)}; keep one"
-                raise SspError(found("SSP036", text, item))
+                raise breach("SSP036", text, item)
             if kind == "Enumeration":
                 return Transformation("enumeration", names={str(a): str(b) for a, b in pairs})
             return Transformation(kind.lower(), table={int(a): int(b) for a, b in pairs})

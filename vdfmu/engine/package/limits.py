@@ -7,8 +7,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 
-from vdfmu.base.errors import SspError
-from vdfmu.engine.rules import found
+from vdfmu.engine.rules import breach
 
 XML_LIMIT = 64 * 2**20
 """Largest member that is taken into memory, such as XML [byte]."""
@@ -77,4 +76,4 @@ class Budget:
             if spent > limit * self.scale:
                 text = f"{self.label}: has more than {limit * self.scale:.0f} {what}, including packages inside it"
                 text += f" and what is named several times; {_WAY}"
-                raise SspError(found("PKG004", text))
+                raise breach("PKG004", text)

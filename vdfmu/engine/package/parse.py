@@ -11,7 +11,7 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml sh
 
 from vdfmu.base.errors import SspError
 from vdfmu.base.standards import SSP_1, SSP_FORMATS
-from vdfmu.engine.rules import found
+from vdfmu.engine.rules import breach, found
 
 _FILES = {
     "ssc": "SystemStructureCommon",
@@ -49,15 +49,15 @@ def parse_xml(data: bytes, where: str) -> Any:
         root = etree.fromstring(data, parser, base_url=_url(where))
     except (etree.XMLSyntaxError, ValueError) as error:
         if b"<!DOCTYPE" in data:  # entities may be what the parser stumbles over
-            raise SspError(found("PKG009", f"{where}: {_DOCTYPE}", (where, 0))) from None
+            raise breach("PKG009", f"{where}: {_DOCTYPE}", (where, 0)) from None
         place = where, getattr(error, "lineno", None) or 0
-        raise SspError(found("PKG008", f"{where}: is not well-formed XML: {error}", place)) from None
+        raise breach("PKG008", f"{where}: is not well-formed XML: {error}", place) from None
     if root.getroottree().docinfo.doctype or root.getroottree().docinfo.internalDTD is not None:
-        raise SspError(found("PKG009", f"{where}: {_DOCTYPE}", (where, 0)))
+        raise breach("PKG009", f"{where}: {_DOCTYPE}", (where, 0))
     include = next(root.iter(f"{{{_XINCLUDE}}}*"), None)
     if include is not None:
         text = f"{where}, line {include.sourceline}: has an XInclude, which is refused; write the text in its place"
-        raise SspError(found("PKG009", text, include))
+        raise breach("PKG009", text, include)
     return root
 
 
@@ -100,8 +100,7 @@ def parse_ssp_xml(data: bytes, kind: str, where: str, version: str | None = SSP_
     space = etree.QName(root).namespace
     if space != NAMESPACES[kind]:
         versions = version or " and ".join(SSP_FORMATS)
-        text = f"{where}: expected namespace {NAMESPACES[kind]} (SSP {versions}), got {space}"
-        raise SspError(found("SSP002", text, root))
+        raise breach("SSP002", f"{where}: expected namespace {NAMESPACES[kind]} (SSP {versions}), got {space}", root)
     validate(root, kind, where, version or version_of(root))
     return root
 

@@ -17,7 +17,7 @@ from vdfmu.engine.package.parse import NAMESPACES, version_of
 from vdfmu.engine.package.system import Component, System
 from vdfmu.engine.package.tree import TreeReader
 from vdfmu.engine.package.wiring import Wiring
-from vdfmu.engine.rules import found, place_of
+from vdfmu.engine.rules import breach, found, place_of
 
 DEFAULT = "SystemStructure.ssd"
 """The SSD that a package must have."""
@@ -82,7 +82,7 @@ def _read(archive: Archive, path: Path, variant: str) -> tuple[System, list[str]
         if parse.schema_of("ssd", scope.version) is not None:
             raise
         text = f"{path.name}: {variant}: cannot be read, an element or attribute is missing or odd: {error}"
-        raise SspError(found("SSP003", text)) from None  # what a schema would refuse, where there is none
+        raise breach("SSP003", text) from None  # what a schema would refuse, where there is none
 
 
 def _flattened(root: Any, scope: Scope, path: Path) -> tuple[System, list[str]]:
@@ -139,8 +139,8 @@ def _structure(scope: Scope) -> Any:
     if scope.document not in scope.archive:
         others = variants(scope.archive)
         has = f"; it has {', '.join(others)}" if others else ""
-        raise SspError(found("SSP001", f"{scope.label}: the package has no {scope.document!r}{has}"))
+        raise breach("SSP001", f"{scope.label}: the package has no {scope.document!r}{has}")
     root = scope.read(scope.document, "ssd")
     if root.find("ssd:System", NAMESPACES) is None:  # possible without a schema
-        raise SspError(found("SSP003", f"{scope.label}: {scope.document}: has no system", root))
+        raise breach("SSP003", f"{scope.label}: {scope.document}: has no system", root)
     return root

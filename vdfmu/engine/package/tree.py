@@ -14,7 +14,7 @@ from vdfmu.engine.package.elements import Node, Scope, read_connector, read_conn
 from vdfmu.engine.package.experiment import read_step
 from vdfmu.engine.package.parse import NAMESPACES, version_of
 from vdfmu.engine.package.system import Connector
-from vdfmu.engine.rules import found
+from vdfmu.engine.rules import breach, found
 
 FMU_TYPE = "application/x-fmu-sharedlibrary"
 PACKAGE_TYPE = "application/x-ssp-package"
@@ -40,6 +40,9 @@ class TreeReader:
         """The systems that are being read from files or by reference, to find circles."""
         self._count = 0
 
+    def _fault(self, rule: str, text: str, at: Any) -> None:
+        self.problems.append(found(rule, text, at))
+
     def system(self, element: Any, scope: Scope, parent: Node | None, name: str = "") -> Node:
         """Read a system with everything below it."""
         path = () if parent is None else (*parent.path, name)
@@ -59,8 +62,7 @@ class TreeReader:
                 raise LimitError(found("SSP016", text, child))
             child_name = child.get("name")
             if child_name in node.children:
-                text = f"{scope.label}: two elements are named {node.dotted(child_name)!r}"
-                self.problems.append(found("SSP017", text, child))
+                self._fault("SSP017", f"{scope.label}: two elements are named {node.dotted(child_name)!r}", child)
             tag = child.tag.rsplit("}", 1)[1]
             if tag == "System":
                 node.children[child_name] = self.system(child, scope, node, child_name)
@@ -78,8 +80,7 @@ class TreeReader:
         source = element.get("source") or ""
         kind = element.get("type", FMU_TYPE)
         if not source:
-            text = f"{where}: has no source, so that there is nothing to run; name an FMU"
-            self.problems.append(found("SSP013", text, element))
+            self._fault("SSP013", f"{where}: has no source, so that there is nothing to run; name an FMU", element)
             return node
         try:
             if source.startswith("#"):
@@ -89,14 +90,14 @@ class TreeReader:
             if kind != FMU_TYPE:
                 text = f"{where}: type {kind!r} is not supported; "
                 text += f"expected {FMU_TYPE}, {PACKAGE_TYPE} or {DEFINITION_TYPE}"
-                self.problems.append(found("SSP014", text, element))
+                self._fault("SSP014", text, element)
                 return node
             member = scope.member(source, where, element)
             if member not in scope.archive:
-                self.problems.append(found("SSP011", f"{where}: the package has no {member!r}", element))
+                self._fault("SSP011", f"{where}: the package has no {member!r}", element)
             elif (other := _SUFFIXES.get(posixpath.splitext(member)[1].lower())) is not None:
                 text = f"{where}: {member!r} is not an FMU; set the component's type to {other!r}"
-                self.problems.append(found("SSP014", text, element))
+                self._fault("SSP014", text, element)
             else:
                 node.source = scope.prefix + member
         except LimitError:
@@ -114,7 +115,7 @@ class TreeReader:
         file, _, fragment = source.partition("#")
         member = outer.member(file, where, element)
         if member not in outer.archive:
-            raise SspError(found("SSP011", f"{where}: the package has no {member!r}", element))
+            raise breach("SSP011", f"{where}: the package has no {member!r}", element)
         scope = replace(outer, aliases={})
         if kind == PACKAGE_TYPE:
             archive, prefix = outer.inside(member)
@@ -124,7 +125,7 @@ class TreeReader:
             )  # fmt: skip
         elif fragment:
             text = f"{where}: a fragment, '#{fragment}', can follow the name of a package only"
-            raise SspError(found("SSP012", text, element))
+            raise breach("SSP012", text, element)
         else:
             scope = replace(scope, base=posixpath.dirname(member), document=member)
         with self._opened(scope.prefix + scope.document, where, element):
@@ -138,19 +139,18 @@ class TreeReader:
         tree = node.element.getroottree()
         named = [s for s in tree.getroot().iterfind(".//ssd:System", NAMESPACES) if s.get("id") == source[1:]]
         if not named:
-            text = f"{where}: source {source!r}: the SSD has no system with that id"
-            raise SspError(found("SSP015", text, node.element))
+            raise breach("SSP015", f"{where}: source {source!r}: the SSD has no system with that id", node.element)
         with self._opened(node.scope.prefix + node.scope.document + source, where, node.element):
             if any(named[0] is above for above in node.element.iterancestors()):
                 text = f"{where}: source {source!r} is a system that holds the component itself"
-                raise SspError(found("SSP015", text, node.element))
+                raise breach("SSP015", text, node.element)
             return self._stand_in(node, named[0], node.scope, where)
 
     @contextmanager
     def _opened(self, key: str, where: str, at: Any) -> Generator[None]:
         if key in self._open:
             circle = " -> ".join([*self._open, key])
-            raise SspError(found("SSP015", f"{where}: its system holds itself: {circle}", at))
+            raise breach("SSP015", f"{where}: its system holds itself: {circle}", at)
         self._open.append(key)
         try:
             yield
@@ -166,11 +166,10 @@ class TreeReader:
             other = inner.connectors.get(name)
             if other is None:
                 known = ", ".join(inner.connectors) or "none"
-                text = f"{where}: its system has no connector {name!r}; it has {known}"
-                self.problems.append(found("SSP019", text, connector.place))
+                self._fault("SSP019", f"{where}: its system has no connector {name!r}; it has {known}", connector.place)
             elif connector.kind != other.kind:
                 text = f"{where}: connector {name!r} is of kind {connector.kind}, its system says {other.kind}"
-                self.problems.append(found("SSP019", text, connector.place))
+                self._fault("SSP019", text, connector.place)
             else:  # the component may state what the system leaves open
                 inner.connectors[name] = replace(
                     other, type=other.type or connector.type, unit=other.unit or connector.unit
@@ -189,8 +188,7 @@ class TreeReader:
                 else:
                     root = item.find("ssb:SignalDictionary", NAMESPACES)
                     if root is None:
-                        text = f"{where}: has neither a source nor an inline dictionary"
-                        raise SspError(found("SSP020", text, item))
+                        raise breach("SSP020", f"{where}: has neither a source nor an inline dictionary", item)
             except SspError as error:
                 self.problems += error.problems
                 continue
@@ -200,8 +198,7 @@ class TreeReader:
             for part in root.iterfind("ssb:DictionaryEntry", NAMESPACES):
                 entry = read_connector(part, "inout", own)
                 if entry.name in known:
-                    text = f"{where}: two entries are named {entry.name!r}"
-                    self.problems.append(found("SSP020", text, part))
+                    self._fault("SSP020", f"{where}: two entries are named {entry.name!r}", part)
                 known[entry.name] = entry
             node.dictionaries[item.get("name")] = ((*node.path, item.get("name")), known)
 
@@ -213,20 +210,20 @@ class TreeReader:
         named = parent.dictionaries.get(element.get("dictionary"))
         if named is None:
             text = f"{scope.label}: {node.label!r} refers to signal dictionary {element.get('dictionary')!r}"
-            self.problems.append(found("SSP020", f"{text}, which does not exist", element))
+            self._fault("SSP020", f"{text}, which does not exist", element)
             return node
         node.path, entries = ("signal dictionary", *named[0]), named[1]
         for name_, connector in node.connectors.items():
             entry = entries.get(name_)
             text = f"{scope.label}: signal dictionary of {name!r} has "
             if entry is None:
-                self.problems.append(found("SSP020", f"{text}no entry {name_!r}", connector.place))
+                self._fault("SSP020", f"{text}no entry {name_!r}", connector.place)
             elif connector.type not in (None, entry.type) or connector.dimensions not in (
                 (),
                 entry.dimensions,
             ):
                 text += f"an entry {name_!r} of another type or size than the connector"
-                self.problems.append(found("SSP020", text, connector.place))
+                self._fault("SSP020", text, connector.place)
         node.connectors = {
             c.name: replace(entries[c.name], kind=c.kind) for c in node.connectors.values() if c.name in entries
         }
