@@ -11,6 +11,7 @@ import zipfile
 import pytest
 
 from tests.conftest import TYPICAL
+from tests.engine.files import edited
 from tests.warm import command
 
 
@@ -109,14 +110,8 @@ def test_a_scenario_is_shown_as_its_file(tmp_path):
 @pytest.mark.heavy
 def test_check_lists_the_problems_of_a_broken_fmu(tmp_path):
     vdfmu("build", "planar_tracking", "--out", "fmus", cwd=tmp_path)
-    good = tmp_path / "fmus" / "Plant.fmu"
     bad = tmp_path / "bad.fmu"
-    with zipfile.ZipFile(good) as source, zipfile.ZipFile(bad, "w") as target:
-        for name in source.namelist():
-            data = source.read(name)
-            if name == "modelDescription.xml":
-                data = data.replace(b'unit="rad/s"', b'unit="rad/h"')
-            target.writestr(name, data)
+    bad.write_bytes(edited(tmp_path / "fmus" / "Plant.fmu", [(b'unit="rad/s"', b'unit="rad/h"')]))
     done = vdfmu("check", bad, cwd=tmp_path)
     assert done.returncode == 1
     assert "rad/h" in done.stdout

@@ -11,6 +11,7 @@ import time
 
 import pytest
 
+from tests.cli.test_signs import on_terminal
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.progress import showing
@@ -38,39 +39,19 @@ def test_each_traced_function_and_each_compiled_file_counts(tmp_path, monkeypatc
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals of this kind")
 @pytest.mark.parametrize("words", [("build", "--out", "fmus"), ("run", "--stop", "0.01")])
 def test_a_terminal_shows_how_far_it_is_and_a_file_does_not(tmp_path, words):
-    import pty
-
-    environment = os.environ | {"VDFMU_CACHE_DIR": str(tmp_path / "cache"), "TERM": "xterm", "COLUMNS": "120"}
     command = [sys.executable, "-m", "vdfmu.cli", words[0], "planar_tracking", *words[1:]]
-    ours, theirs = pty.openpty()
-    process = subprocess.Popen(
-        command, cwd=tmp_path, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=theirs
-    )
-    os.close(theirs)
-    shown = bytearray()
-    while block := _read(ours):
-        shown += block
-    os.close(ours)
-    assert process.stdout is not None
-    said = process.stdout.read()
-    assert process.wait(300) == 0
-    assert b"trace plant" in shown
-    assert b"compile" in shown
-    assert b"trace" not in said
+    cache = {"VDFMU_CACHE_DIR": str(tmp_path / "cache")}
+    shown = on_terminal(command, width=120, pipe=True, cwd=tmp_path, **cache)
+    assert shown.code == 0
+    assert "trace plant" in shown.text
+    assert "compile" in shown.text
+    assert b"trace" not in shown.output
     done = subprocess.run(
-        command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300, check=False
+        command, cwd=tmp_path, env=os.environ | cache, capture_output=True, text=True, timeout=300, check=False
     )
     assert done.returncode == 0, done.stderr
     assert "trace" not in done.stderr
     assert "compile" not in done.stderr
-
-
-def _read(end: int) -> bytes:
-    """Read from a pseudo-terminal; nothing if nobody can write to it any more, of which Linux makes an error."""
-    try:
-        return os.read(end, 4096)
-    except OSError:
-        return b""
 
 
 def test_the_rate_is_shown(monkeypatch):

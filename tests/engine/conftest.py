@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import zipfile
 from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 from textwrap import indent
 
@@ -13,6 +14,9 @@ from pythonfmu.builder import FmuBuilder
 
 from tests.engine.reference import models
 from vdfmu.engine.run import session
+from vdfmu.system.package.write import write_ssp
+from vdfmu.system.scenario import load_scenario
+from vdfmu.system.scenario.parts import cached_fmus
 
 # Variables and dependencies come from SPEC. The body has do_step(), and calc(), which computes the outputs
 # from the inputs in initialization mode.
@@ -345,6 +349,19 @@ def pack(tmp_path: Path, fmus: dict[str, Path]) -> Callable[..., Path]:
         return path
 
     return write
+
+
+@pytest.fixture(scope="session")
+def arm_package(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """Return a function that packs the planar arm, once for each backend."""
+    folder = tmp_path_factory.mktemp("arm")
+
+    @cache
+    def make(backend: str = "native") -> Path:
+        scenario = load_scenario("planar_tracking")
+        return write_ssp(scenario, cached_fmus(scenario, folder / backend, backend), folder / f"{backend}.ssp")
+
+    return make
 
 
 class Xml:

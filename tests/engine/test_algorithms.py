@@ -78,10 +78,9 @@ def test_states_that_read_each_other_see_values_at_the_start_of_the_step(pack):
 
 def test_a_state_output_of_a_feed_through_unit_is_read_as_at_the_start_of_the_step(pack):
     path = pack(
-        ["source Ramp y:output", "m Mixed u:input y:output z:output",
-         "sum Adder a:input b:input y:output"],
+        ["source Ramp y:output", "m Mixed u:input y:output z:output", "sum Adder a:input b:input y:output"],
         ["source.y -> m.u", "m.y -> sum.a", "m.z -> sum.b"],
-    )  # fmt: skip
+    )
     results = simulate(path, stop=4.0, step=1.0)
     # m.z is passed on fresh: the ramp at t_k. m.y is a counter that is k at t_k.
     np.testing.assert_array_equal(results["sum.b"], [0, 0, 1, 2, 3])

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import io
 import math
 import re
-import zipfile
 
 import pytest
 
+from tests.engine.files import edited
 from vdfmu.base.errors import SspError
 from vdfmu.engine.inspect import trial as check_run
 from vdfmu.engine.inspect.inspection import check_file
@@ -101,11 +100,7 @@ def test_units_that_must_each_step_first_are_named_and_jacobi_runs_them(pack):
 
 def test_connectors_are_held_against_the_fmu(pack):
     unit = '<ssc:Unit name="mm"><ssc:BaseUnit m="1" factor="0.001"/></ssc:Unit>'
-    path = pack(
-        ["g Gain u:output:Real y:output:Integer",
-         "r Radians m:input:Real:mm"],
-        units=unit,
-    )  # fmt: skip
+    path = pack(["g Gain u:output:Real y:output:Integer", "r Radians m:input:Real:mm"], units=unit)
     expect(
         problems(path),
         r"g\.u: the SSD declares kind 'output', the FMU causality 'input'",
@@ -163,7 +158,7 @@ def test_unmatched_parameters_can_be_ignored(pack, xml, monkeypatch):
 
 
 def test_variables_of_one_dotted_name_are_noted_and_set_together(pack, xml, fmus):
-    dotted = edit_fmu(fmus["Gain"], replace=[(b'name="k"', b'name="C.k"')])
+    dotted = edited(fmus["Gain"], replace=[(b'name="k"', b'name="C.k"')])
     outer = xml.component("B", "Gain").replace("Gain.fmu", "dotted.fmu")
     path = pack([outer, "B.C Gain"], extra={"resources/dotted.fmu": dotted})
     checked = check_system(load_ssp(path), {"B.C.k": 7.0})
@@ -195,23 +190,6 @@ def test_parameters_of_a_wrong_type(pack, xml):
     expect(problems(path), "type mismatch, String for a Real variable")
 
 
-def edit_fmu(fmu, **changes) -> bytes:
-    """Return an FMU with its model description changed, and without the members named in `drop`."""
-    drop = changes.pop("drop", None)
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(fmu) as source, zipfile.ZipFile(buffer, "w") as target:
-        for name in source.namelist():
-            if drop and name.startswith(drop):
-                continue
-            data = source.read(name)
-            if name == "modelDescription.xml":
-                for old, new in changes.get("replace", ()):
-                    assert old in data
-                    data = data.replace(old, new)
-            target.writestr(name, data)
-    return buffer.getvalue()
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -227,18 +205,13 @@ def edit_fmu(fmu, **changes) -> bytes:
 )  # fmt: skip
 def test_fmus_that_cannot_be_run(pack, xml, fmus, changes, message):
     element = xml.component("a", "changed", "", attributes='implementation="CoSimulation"')
-    path = pack([element], extra={"resources/changed.fmu": edit_fmu(fmus["Gain"], **changes)})
+    path = pack([element], extra={"resources/changed.fmu": edited(fmus["Gain"], **changes)})
     expect(problems(path), message)
-
-
-def test_an_fmu_asked_for_as_model_exchange(pack, xml):
-    path = pack([xml.component("a", "Gain", attributes='implementation="ModelExchange"')])
-    expect(problems(path), r"a: the SSD asks for ModelExchange, resources/Gain\.fmu has CoSimulation")
 
 
 def test_an_fmu_that_can_be_there_only_once(pack, xml, fmus):
     old = b'canBeInstantiatedOnlyOncePerProcess="false"'
-    data = edit_fmu(fmus["Gain"], replace=[(old, old.replace(b"false", b"true"))])
+    data = edited(fmus["Gain"], replace=[(old, old.replace(b"false", b"true"))])
     elements = [xml.component(n, "Gain").replace("Gain.fmu", "once.fmu") for n in ("a", "b")]
     path = pack(elements, extra={"resources/once.fmu": data})
     expect(problems(path), "a, b: resources/once.fmu can be instantiated only once per process")

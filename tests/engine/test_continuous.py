@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import io
 import tempfile
-import zipfile
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 import vdfmu
+from tests.engine.files import edited
 from vdfmu.base.errors import CosimError, SspError, UsageError
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.run import simulate
@@ -283,21 +282,12 @@ def test_units_that_cannot_repeat_a_step_are_named_before_the_run(pack):
     assert len(simulate(path, stop=1.0, step=0.25, algorithm="extrapolated")) == 5
 
 
-def test_units_of_one_step_length_are_named_before_the_run(pack):
-    path = pack(["a Plant u:input y:output"], extra={})
+def test_units_of_one_step_length_are_named_before_the_run(pack, fmus):
+    path = pack(["a Plant u:input y:output"])
     rigid = path.with_name("rigid.ssp")
-    with zipfile.ZipFile(path) as old, zipfile.ZipFile(rigid, "w") as new:
-        new.writestr("SystemStructure.ssd", old.read("SystemStructure.ssd"))
-        data = io.BytesIO()
-        with zipfile.ZipFile(io.BytesIO(old.read("resources/Plant.fmu"))) as fmu, zipfile.ZipFile(data, "w") as other:
-            for name in fmu.namelist():
-                text = fmu.read(name)
-                if name == "modelDescription.xml":
-                    key = b'canHandleVariableCommunicationStepSize="'
-                    assert key + b"true" in text
-                    text = text.replace(key + b"true", key + b"false")
-                other.writestr(name, text)
-        new.writestr("resources/Plant.fmu", data.getvalue())
+    key = b'canHandleVariableCommunicationStepSize="'
+    plant = edited(fmus["Plant"], [(key + b"true", key + b"false")])
+    rigid.write_bytes(edited(path, add={"resources/Plant.fmu": plant}))
     with pytest.raises(SspError, match="a: .* takes steps of one length only"):
         simulate(rigid, stop=1.0, step=0.25, algorithm="iterative", adaptive=1e-3)
     assert len(simulate(rigid, stop=1.0, step=0.25, algorithm="iterative")) == 5

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import io
-import zipfile
-
 import numpy as np
 import pytest
 
+from tests.engine.files import edited
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.run import simulate
 
@@ -47,9 +45,8 @@ def test_a_discrete_controller_holds_its_output(pack):
         path = pack(elements, ["plant.y -> digital.x", "digital.u -> plant.u"])
         for algorithm in ("gauss-seidel", "extrapolated", "iterative"):
             results = simulate(
-                path, stop=1.0, step=0.125, algorithm=algorithm,
-                parameters={"plant.x0": 1.0, "digital.k": -3.0},
-            )  # fmt: skip
+                path, stop=1.0, step=0.125, algorithm=algorithm, parameters={"plant.x0": 1.0, "digital.k": -3.0}
+            )
             expected = (1 - 3 * 0.125) ** np.arange(9)
             np.testing.assert_allclose(results["plant.y"], expected, rtol=0, atol=ROUNDING)
         # nothing to repeat; the controller, which passes x on, steps in halves
@@ -94,9 +91,8 @@ def test_a_signal_that_changes_with_every_step_is_not_looked_for(pack):
         ["plant.y -> digital.x", "digital.u -> plant.u"],
     )
     results = simulate(
-        path, stop=1.0, step=0.1, algorithm="iterative", adaptive=1e-2,
-        parameters={"plant.x0": 1.0, "digital.k": -1.0},
-    )  # fmt: skip
+        path, stop=1.0, step=0.1, algorithm="iterative", adaptive=1e-2, parameters={"plant.x0": 1.0, "digital.k": -1.0}
+    )
     assert results.summary["communication"]["steps"] < 100
     # zero-order hold at steps that error control has chosen: of first order in them
     longest = results.summary["communication"]["longest_step"]
@@ -175,10 +171,9 @@ def test_an_output_that_nobody_reads_does_not_decide_how_the_others_are_coupled(
     assert not any("first order" in note for note in results.summary["notes"])
     # where it is read, it decides, and the unit steps in halves
     path = pack(
-        ["mass Telling u:input y:output told:output", "spring Gain u:input y:output",
-         "end Gain u:input"],
+        ["mass Telling u:input y:output told:output", "spring Gain u:input y:output", "end Gain u:input"],
         ["mass.y -> spring.u", "spring.y -> mass.u", "mass.told -> end.u"],
-    )  # fmt: skip
+    )
     errors = []
     for step in (0.125, 0.0625):
         results = simulate(
@@ -191,15 +186,9 @@ def test_an_output_that_nobody_reads_does_not_decide_how_the_others_are_coupled(
 
 @pytest.mark.heavy
 def test_a_unit_of_one_step_length_that_may_integrate_what_it_passes_through_is_noted(pack, fmus):
-    rigid = io.BytesIO()
-    with zipfile.ZipFile(fmus["Stock"]) as old, zipfile.ZipFile(rigid, "w") as new:
-        for name in old.namelist():
-            key = b'canHandleVariableCommunicationStepSize="'
-            new.writestr(name, old.read(name).replace(key + b"true", key + b"false"))
-    path = pack(
-        ["r Ramp y:output", "a Rigid u:input y:output"], ["r.y -> a.u"],
-        extra={"resources/Rigid.fmu": rigid.getvalue()},
-    )  # fmt: skip
+    key = b'canHandleVariableCommunicationStepSize="'
+    rigid = edited(fmus["Stock"], [(key + b"true", key + b"false")])
+    path = pack(["r Ramp y:output", "a Rigid u:input y:output"], ["r.y -> a.u"], extra={"resources/Rigid.fmu": rigid})
     notes = simulate(path, stop=1.0, step=0.25, algorithm="extrapolated").summary["notes"]
     assert any(note.startswith("a: takes no derivatives of its inputs") and "first order" in note for note in notes)
     notes = simulate(path, stop=1.0, step=0.25).summary["notes"]

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import io
 import re
-import zipfile
 from pathlib import Path
 
 import pytest
 
+from tests.engine.files import edited, zipped
 from vdfmu.base.errors import SspError
 from vdfmu.engine.inspect.inspection import inspect_file
 from vdfmu.engine.package.read import read_system
@@ -41,22 +40,7 @@ TAKES_AN_ITEM = """<fmiModelDescription fmiVersion="2.0" modelName="m" guid="1">
 
 
 def fmu(text: str) -> bytes:
-    box = io.BytesIO()
-    with zipfile.ZipFile(box, "w") as file:
-        file.writestr("modelDescription.xml", text)
-    return box.getvalue()
-
-
-def edited(path: Path, old: bytes, new: bytes) -> bytes:
-    """Return an FMU with another text in its model description."""
-    box = io.BytesIO()
-    with zipfile.ZipFile(path) as source, zipfile.ZipFile(box, "w") as file:
-        for name in source.namelist():
-            data = source.read(name)
-            assert name != "modelDescription.xml" or re.search(old, data, re.DOTALL)
-            changed = re.sub(old, new, data, flags=re.DOTALL) if name == "modelDescription.xml" else data
-            file.writestr(name, changed)
-    return box.getvalue()
+    return zipped({"modelDescription.xml": text})
 
 
 @pytest.fixture
@@ -68,19 +52,15 @@ def packages(pack, xml, fmus, tmp_path):
 
     def whole(elements, connections, replace=("", ""), **options):
         path = pack(elements, connections, **options)
-        with zipfile.ZipFile(path) as file:
-            members = {name: file.read(name) for name in file.namelist()}
-        members["SystemStructure.ssd"] = members["SystemStructure.ssd"].replace(*map(str.encode, replace))
-        with zipfile.ZipFile(path, "w") as file:
-            for name, data in members.items():
-                file.writestr(name, data)
+        old, new = map(str.encode, replace)
+        path.write_bytes(edited(path, [(re.escape(old), new)] if old else (), "SystemStructure.ssd"))
         return path
 
     def renamed(element, source):
         return element.replace("resources/Gain.fmu", source)
 
     external = '<ssd:ParameterBindings><ssd:ParameterBinding source="resources/a.ssv"/></ssd:ParameterBindings>'
-    incomplete = edited(fmus["Gain"], rb"<InitialUnknowns>.*</InitialUnknowns>", b"")
+    incomplete = edited(fmus["Gain"], [(rb"<InitialUnknowns>.*</InitialUnknowns>", b"")])
     return {
         "libcosim: demo": lambda: pack(
             [chain[0], renamed(chain[1], "incomplete.fmu")], linked, extra={"incomplete.fmu": incomplete},

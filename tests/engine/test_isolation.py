@@ -12,19 +12,16 @@ import threading
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from tests.conftest import heavy
+from tests.engine.files import assert_same_bits
 from tests.wild import build, write
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.interrupt import listening
 from vdfmu.base.process import KEPT, SHOWN
 from vdfmu.engine.inspect import trial as check_run
 from vdfmu.engine.run import ALGORITHMS, Interrupted, simulate
-from vdfmu.system.package.write import write_ssp
-from vdfmu.system.scenario import load_scenario
-from vdfmu.system.scenario.parts import cached_fmus
 
 WAYS = (
     "crash", "leave", "hang", "eat", "crash_free", "error_end", "fatal_end", "strange", "negative", "error_free",
@@ -46,6 +43,12 @@ def wild(library, tmp_path):
         return write(tmp_path / f"Wild{way}.fmu", library, WAYS.index(way) + 1 if way else 0, at)
 
     return make
+
+
+@pytest.fixture
+def alone(pack, wild):
+    """Return a function that packs the wild unit by itself."""
+    return lambda *how: pack(["unit W y:output"], extra={"resources/W.fmu": wild(*how).read_bytes()})
 
 
 @pytest.fixture
@@ -161,31 +164,24 @@ def test_a_process_that_ends_after_the_last_step_costs_no_row(package, way, call
 
 @pytest.mark.parametrize("way", ["error_end", "fatal_end", "strange_end", "strange", "negative", "error_free"])
 @pytest.mark.parametrize("kind", [*heavy("FMU"), "SSP"])
-def test_check_says_what_a_unit_returns_that_it_may_not(wild, pack, way, kind):
-    path = wild(way, 0.5e-3)
-    if kind == "SSP":
-        fmu = path.read_bytes()
-        path = pack(["unit W y:output"], extra={"resources/W.fmu": fmu})
+def test_check_says_what_a_unit_returns_that_it_may_not(wild, alone, way, kind):
+    path = wild(way, 0.5e-3) if kind == "FMU" else alone(way, 0.5e-3)
     (problem,) = check_run.run_apart(path, kind).problems
     assert problem.startswith("10 steps of 0.")
 
 
 @pytest.mark.parametrize(("way", "call"), [("crash", "doStep"), ("leave", "doStep"), ("crash_free", "freeInstance")])
-def test_check_of_a_package_names_the_component_that_ends_the_process(wild, pack, way, call):
-    fmu = wild(way, 0.5e-3).read_bytes()
-    path = pack(["unit W y:output"], extra={"resources/W.fmu": fmu})
-    (problem,) = check_run.run_apart(path, "SSP").problems
+def test_check_of_a_package_names_the_component_that_ends_the_process(wild, alone, way, call):
+    (problem,) = check_run.run_apart(alone(way, 0.5e-3), "SSP").problems
     assert f"unit: {call} at t = " in problem
     assert "ed the process (" in problem
 
 
 @pytest.mark.heavy
 @pytest.mark.parametrize(("way", "call"), [("hang", "doStep"), ("hang_end", "terminate")])
-def test_check_of_a_package_names_the_component_that_does_not_return(wild, pack, monkeypatch, way, call):
+def test_check_of_a_package_names_the_component_that_does_not_return(wild, alone, monkeypatch, way, call):
     monkeypatch.setattr(check_run, "SECONDS", check_run.NAMING + 8.0)  # 8 s for the start of Python and the run
-    fmu = wild(way, 0.5e-3).read_bytes()
-    path = pack(["unit W y:output"], extra={"resources/W.fmu": fmu})
-    (problem,) = check_run.run_apart(path, "SSP").problems
+    (problem,) = check_run.run_apart(alone(way, 0.5e-3), "SSP").problems
     # a second is the least time that a call has, also where a busy machine took longer to start
     assert re.search(rf"unit: {call} at t = 0\.\d+ s failed: no return within [1-8](\.\d)? s; ", problem), problem
 
@@ -222,10 +218,8 @@ def test_processes_of_a_component_end_with_the_run(package, silent, way, options
 
 @pytest.mark.parametrize("kind", ["FMU", "SSP"])
 @pytest.mark.parametrize("way", ["", "crash", *heavy("hang")])
-def test_processes_of_a_component_end_with_the_check(wild, pack, silent, monkeypatch, kind, way):
-    path = wild(way)
-    if kind == "SSP":
-        path = pack(["unit W y:output"], extra={"resources/W.fmu": path.read_bytes()})
+def test_processes_of_a_component_end_with_the_check(wild, alone, silent, monkeypatch, kind, way):
+    path = (wild if kind == "FMU" else alone)(way)
     for seconds in (8.0, 60.0):  # on a busy machine the instance may not have been made after the first
         monkeypatch.setattr(check_run, "SECONDS", seconds)
         problems = check_run.run_apart(path, kind).problems
@@ -237,10 +231,8 @@ def test_processes_of_a_component_end_with_the_check(wild, pack, silent, monkeyp
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("kind", ["FMU", "SSP"])
-def test_processes_of_a_component_end_with_a_check_that_is_stopped(wild, pack, silent, kind):
-    path = wild("hang")
-    if kind == "SSP":
-        path = pack(["unit W y:output"], extra={"resources/W.fmu": path.read_bytes()})
+def test_processes_of_a_component_end_with_a_check_that_is_stopped(wild, alone, silent, kind):
+    path = (wild if kind == "FMU" else alone)("hang")
     check = subprocess.Popen([sys.executable, "-m", "vdfmu.cli", "check", path])
     while not silent.file.exists() and check.poll() is None:
         time.sleep(0.05)
@@ -281,23 +273,20 @@ def test_the_last_words_of_a_component_that_crashes_are_shown(package, monkeypat
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
-def test_isolated_components_compute_the_same_bits(tmp_path, algorithm):
-    scenario = load_scenario("planar_tracking")
-    path = write_ssp(scenario, cached_fmus(scenario, tmp_path, "native"), tmp_path / "x.ssp")
-    here, apart = (simulate(path, algorithm=algorithm, stop=0.02, isolate=isolate) for isolate in (False, True))
+def test_isolated_components_compute_the_same_bits(arm_package, algorithm):
+    here, apart = (
+        simulate(arm_package(), algorithm=algorithm, stop=0.02, isolate=isolate) for isolate in (False, True)
+    )
     assert not here.summary["isolated"]
     assert apart.summary["isolated"]
     assert here.names == apart.names
-    for name in here.names:
-        np.testing.assert_array_equal(here[name], apart[name])
+    assert_same_bits(apart, here)
 
 
 @pytest.mark.heavy
-def test_only_foreign_components_are_isolated_by_default(package, tmp_path):
-    scenario = load_scenario("planar_tracking")
+def test_only_foreign_components_are_isolated_by_default(package, arm_package):
     for backend in ("native", "python"):
-        path = write_ssp(scenario, cached_fmus(scenario, tmp_path / backend, backend), tmp_path / "x.ssp")
-        assert not simulate(path, stop=0.002).summary["isolated"]
+        assert not simulate(arm_package(backend), stop=0.002).summary["isolated"]
     assert simulate(package, step=0.25).summary["isolated"]
 
 

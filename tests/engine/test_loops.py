@@ -18,10 +18,9 @@ from vdfmu.engine.run import simulate
 def test_algebraic_loops_are_solved(pack, k):
     """A = k0 b, b = k1 a + t: in the initialization by every master, in the steps by iterative."""
     path = pack(
-        ["a Gain u:input y:output", "b Adder a:input b:input y:output", "t Ramp y:output",
-         "g Gain u:input y:output"],
+        ["a Gain u:input y:output", "b Adder a:input b:input y:output", "t Ramp y:output", "g Gain u:input y:output"],
         ["b.y -> a.u", "a.y -> g.u", "g.y -> b.a", "t.y -> b.b"],
-    )  # fmt: skip
+    )
     parameters = {"a.k": k[0], "g.k": k[1], "t.slope": 1.0}
     options = {"start": 1.0, "stop": 3.0, "step": 0.5, "parameters": parameters}
     results = simulate(path, algorithm="iterative", **options)

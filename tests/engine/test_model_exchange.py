@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import zipfile
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +9,7 @@ import pytest
 import scipy.integrate
 from scipy.integrate import solve_ivp
 
+from tests.engine.files import edited
 from tests.engine.reference import models
 from vdfmu.base.errors import CosimError, SspError
 from vdfmu.engine.run import simulate
@@ -150,12 +149,9 @@ def test_the_part_that_the_ssd_asks_for(pack, xml, built):
 
 def test_scheduled_execution_alone_is_refused(pack, built):
     model = replace(models.LAG, name="Scheduled", kinds=())
-    fmu = io.BytesIO()
-    with zipfile.ZipFile(io.BytesIO(built(model, "3.0"))) as old, zipfile.ZipFile(fmu, "w") as new:
-        for name in old.namelist():
-            scheduled = b'<ScheduledExecution modelIdentifier="Scheduled"/><ModelVariables>'
-            new.writestr(name, old.read(name).replace(b"<ModelVariables>", scheduled))
-    path = pack(["a Scheduled_3"], extra={"resources/Scheduled_3.fmu": fmu.getvalue()})
+    scheduled = b'<ScheduledExecution modelIdentifier="Scheduled"/><ModelVariables>'
+    fmu = edited(built(model, "3.0"), [(b"<ModelVariables>", scheduled)])
+    path = pack(["a Scheduled_3"], extra={"resources/Scheduled_3.fmu": fmu})
     message = r"expected an FMU for CoSimulation or ModelExchange, got one for ScheduledExecution"
     with pytest.raises(SspError, match=message):
         simulate(path, stop=1.0, step=0.5)

@@ -15,33 +15,23 @@ import pyarrow.parquet
 import pytest
 
 import vdfmu
+from tests.engine.files import assert_same_bits
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.engine.run import Results, Signal
 from vdfmu.engine.simulate import run_system
 
 
-@pytest.fixture(scope="module")
-def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("package")
-    fmus = vdfmu.build_fmus(vdfmu.load_robot("planar_2dof"), folder)
-    return vdfmu.write_ssp(vdfmu.load_scenario("planar_tracking"), fmus, folder / "planar.ssp")
-
-
-def assert_same_bits(some: Results, others: Results) -> None:
-    assert set(some.names) == set(others.names)
-    assert some.units == others.units and some.kinds == others.kinds
-    assert some.time.tobytes() == others.time.tobytes()
-    for name in some:
-        assert some[name].dtype == others[name].dtype
-        assert some[name].tobytes() == others[name].tobytes()
+@pytest.fixture
+def package(arm_package) -> Path:
+    return arm_package()
 
 
 def test_numbers_of_all_kinds_read_back_to_the_same_bits(tmp_path, monkeypatch):
     monkeypatch.setattr("vdfmu.engine.results.parquet._GROUP", 400)
-    rng = np.random.default_rng(7)
-    real = rng.standard_normal((1000, 2)) * 10.0 ** rng.integers(-300, 300, (1000, 2))
+    rng, m = np.random.default_rng(7), 1300  # more than two blocks of lines
+    real = rng.standard_normal((m, 2)) * 10.0 ** rng.integers(-300, 300, (m, 2))
     real[0], real[1] = [np.nan, -np.inf], [-0.0, 5e-324]
-    numbers = rng.integers(-(2**31), 2**31 - 1, (1000, 1), dtype=np.int32)
+    numbers = rng.integers(-(2**31), 2**31 - 1, (m, 1), dtype=np.int32)
     signals = [
         Signal("a.q[1]", "real", "rad", 1),
         Signal('b"\u00e4,\n', "real", "", 0),
@@ -49,11 +39,11 @@ def test_numbers_of_all_kinds_read_back_to_the_same_bits(tmp_path, monkeypatch):
         Signal("a.on", "boolean", "", 0),
     ]
     data = {"real": real, "integer": numbers, "boolean": numbers % 2}
-    results = Results(0.001 * np.arange(1000), signals, data, {"limit": np.inf})
+    results = Results(0.001 * np.arange(m), signals, data, {"limit": np.inf})
     for name in ("r.parquet", "r.csv"):
         results.write(tmp_path / name)
         assert_same_bits(Results.read(tmp_path / name), results)
-    assert pa.parquet.ParquetFile(tmp_path / "r.parquet").num_row_groups == 3
+    assert pa.parquet.ParquetFile(tmp_path / "r.parquet").num_row_groups == 4
     assert Results.read(tmp_path / "r.parquet").summary == {"limit": "inf"}
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import vdfmu
+from tests.engine.files import assert_same_bits
 from vdfmu.base.errors import VdfmuError
 from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.engine.results import recorder
@@ -21,11 +21,9 @@ from vdfmu.engine.results.recorder import ROWS, Recorder
 from vdfmu.engine.run import Results, Signal, simulate
 
 
-@pytest.fixture(scope="module")
-def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("package")
-    fmus = vdfmu.build_fmus(vdfmu.load_robot("planar_2dof"), folder)
-    return vdfmu.write_ssp(vdfmu.load_scenario("planar_tracking"), fmus, folder / "planar.ssp")
+@pytest.fixture
+def package(arm_package) -> Path:
+    return arm_package()
 
 
 def cells(path):
@@ -43,11 +41,8 @@ def test_streamed_results_are_those_in_memory(package, tmp_path):
     assert 0 < len(copies) < len(memory.names)
     kept = [i for i, name in enumerate(whole[0]) if name not in copies]
     assert written == [[row[i] for i in kept] for row in whole]
-    assert stream.time.tobytes() == memory.time.tobytes()
     assert stream.names == memory.names
-    for name in memory:
-        assert stream[name].dtype == memory[name].dtype
-        assert stream[name].tobytes() == memory[name].tobytes()
+    assert_same_bits(stream, memory)
     thin, few = stream.thinned(200), memory.thinned(200)
     assert len(thin) == len(few) == 188  # every sixth of 1125
     np.testing.assert_array_equal(thin["plant.q[1]"], memory["plant.q[1]"][::6])
@@ -134,11 +129,8 @@ def test_a_signal_that_copies_another_is_not_written_twice(package, tmp_path, al
     assert set(head[1:]) == set(memory.names) - {name for each in copies.values() for name in each}
     (tmp_path / "summary.json").write_text(json.dumps(stream.summary))
     read = Results.read(tmp_path / "results.csv")
-    assert set(read.names) == set(memory.names)
-    for name in memory:
-        np.testing.assert_array_equal(read[name], memory[name], err_msg=name)
-        np.testing.assert_array_equal(stream[name], memory[name], err_msg=name)
-        assert read.units[name] == memory.units[name]
+    assert_same_bits(read, memory)
+    assert_same_bits(stream, memory)
 
 
 def test_a_copy_is_written_where_its_source_is_not_recorded(package, tmp_path):

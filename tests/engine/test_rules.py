@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.engine.conftest import connection, connector_list
+from tests.engine.files import edited, zipped
 from tests.warm import command
 from vdfmu.engine.inspect import trial as check_run
 from vdfmu.engine.inspect.inspection import inspect_file
@@ -37,14 +39,6 @@ VARIABLES_3 = """<Float64 name="time" valueReference="0" causality="independent"
 <Float64 name="a" valueReference="2" causality="parameter" variability="tunable" start="0 0"><Dimension start="2"/>
 </Float64>"""
 STRUCTURE_3 = '<Output valueReference="1"/><InitialUnknown valueReference="1"/>'
-
-
-def zipped(members: dict[str, str | bytes]) -> bytes:
-    box = io.BytesIO()
-    with zipfile.ZipFile(box, "w") as file:
-        for name, content in members.items():
-            file.writestr(name, content)
-    return box.getvalue()
 
 
 def fmu(variables="", inside='<CoSimulation modelIdentifier="m"/>', structure=STRUCTURE, text=None, **members) -> bytes:
@@ -78,25 +72,12 @@ def ssd(inner="", before="", after="", version="1.0", name="n", outside="") -> s
 
 
 def component(name="c", connectors="", inner="", source="m.fmu", attributes="") -> str:
-    items = ""
-    for text in connectors.split():
-        connector, kind, *rest = text.split(":")
-        unit = f' unit="{rest[1]}"' if rest[1:] else ""
-        typed = f"<ssc:{rest[0]}{unit}/>" if rest else ""
-        items += f'<ssd:Connector name="{connector}" kind="{kind}">{typed}</ssd:Connector>'
-    box = f"<ssd:Connectors>{items}</ssd:Connectors>" if items else ""
-    return f'<ssd:Component name="{name}" source="{source}" {attributes}>{box}{inner}</ssd:Component>'
+    inner = connector_list(connectors) + inner
+    return f'<ssd:Component name="{name}" source="{source}" {attributes}>{inner}</ssd:Component>'
 
 
 def connections(*ends: str, inner="") -> str:
-    items = ""
-    for text in ends:
-        pairs = zip(("start", "end"), text.split(), strict=True)
-        named = ((end, *part.rpartition(".")) for end, part in pairs)
-        items += "<ssd:Connection " + " ".join(
-            f'{end}Element="{owner}" {end}Connector="{name}"' if owner else f'{end}Connector="{name}"'
-            for end, owner, _, name in named
-        ) + f">{inner}</ssd:Connection>"  # fmt: skip
+    items = "".join(connection(" -> ".join(text.split()), inner) for text in ends)
     return f"<ssd:Connections>{items}</ssd:Connections>"
 
 
@@ -315,29 +296,22 @@ def test_a_file_that_breaks_a_rule_is_found_by_its_number(rule, tmp_path, monkey
     assert rule in numbers(tmp_path / name)
 
 
-def changed(path: Path, target: Path, members: dict[str, str]) -> Path:
-    with zipfile.ZipFile(path) as source, zipfile.ZipFile(target, "w") as file:
-        for name in source.namelist():
-            if name not in members:
-                file.writestr(name, source.read(name))
-        for name, text in members.items():
-            file.writestr(name, text)
-    return target
-
-
 @pytest.mark.heavy
 def test_rules_that_a_run_breaks(fmus, pack, xml, tmp_path):
     table = "extra/org.fmi-standard.fmi-ls-ref/"
     fragile = pack([xml.component("f", "Fragile", "", xml.values(xml.real("at", 0.0)))])
     with zipfile.ZipFile(fmus["Gain"]) as file:
         (script,) = (n for n in file.namelist() if n.startswith("resources/vdfmu_test"))
-    found = {
-        "RUN001": numbers(fragile, True),
-        "RUN002": numbers(changed(fmus["Gain"], tmp_path / "a.fmu", {script: "import os\nos._exit(0)\n"}), True),
-        "RUN003": numbers(changed(fmus["Gain"], tmp_path / "b.fmu", {f"{table}a_out.csv": "time,y\n0,7\n1,7\n"}), True),
-        "RUN004": numbers(changed(fmus["Gain"], tmp_path / "c.fmu", {f"{table}a_out.csv": "time,w\n0,7\n1,7\n"}), True),
-        "RUN005": numbers(fmus["Dividing"], True),
-    }  # fmt: skip
+    added = {
+        "RUN002": {script: "import os\nos._exit(0)\n"},
+        "RUN003": {f"{table}a_out.csv": "time,y\n0,7\n1,7\n"},
+        "RUN004": {f"{table}a_out.csv": "time,w\n0,7\n1,7\n"},
+    }
+    found = {"RUN001": numbers(fragile, True), "RUN005": numbers(fmus["Dividing"], True)}
+    for rule, members in added.items():
+        path = tmp_path / f"{rule}.fmu"
+        path.write_bytes(edited(fmus["Gain"], add=members))
+        found[rule] = numbers(path, True)
     assert {rule for rule, got in found.items() if rule in got} == set(RUN), found
 
 

@@ -11,21 +11,9 @@ OPTIONS = {"stop": 0.05, "step": 1e-3}
 CHANGED = {"plant.I_m[1]": 2e-3}  # another rotor, so another run
 
 
-@pytest.fixture(scope="module")
-def packages(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("packages")
-    robot = vdfmu.load_robot("planar_2dof")
-    found = {}
-    for backend in ("native", "python"):
-        fmus = vdfmu.build_fmus(robot, folder / backend, backend=backend)
-        scenario = vdfmu.load_scenario("planar_tracking")
-        found[backend] = vdfmu.write_ssp(scenario, fmus, folder / f"{backend}.ssp")
-    return found
-
-
 @pytest.fixture
-def package(packages):
-    return packages["native"]
+def package(arm_package):
+    return arm_package()
 
 
 def same(a, b):
@@ -34,12 +22,12 @@ def same(a, b):
 
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi", "extrapolated", "iterative"])
 @pytest.mark.parametrize("backend", ["native", "python"])
-def test_each_run_is_that_of_components_that_are_new(packages, backend, algorithm):
+def test_each_run_is_that_of_components_that_are_new(arm_package, backend, algorithm):
     options = OPTIONS | {"stop": 0.02}
-    alone = vdfmu.simulate(packages[backend], algorithm=algorithm, **options)
-    changed = vdfmu.simulate(packages[backend], algorithm=algorithm, parameters=CHANGED, **options)
+    alone = vdfmu.simulate(arm_package(backend), algorithm=algorithm, **options)
+    changed = vdfmu.simulate(arm_package(backend), algorithm=algorithm, parameters=CHANGED, **options)
     assert not same(alone, changed)
-    with vdfmu.Simulator(packages[backend], algorithm=algorithm) as simulator:
+    with vdfmu.Simulator(arm_package(backend), algorithm=algorithm) as simulator:
         first = simulator.run(**options)
         other = simulator.run(parameters=CHANGED, **options)
         again = simulator.run(**options)
@@ -131,13 +119,13 @@ def pushed(simulator, force, steps=50):
 
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi", "extrapolated"])
 @pytest.mark.parametrize("backend", ["native", "python"])
-def test_steps_by_hand_are_those_of_a_run(packages, backend, algorithm):
+def test_steps_by_hand_are_those_of_a_run(arm_package, backend, algorithm):
     times = OPTIONS["step"] * np.arange(51)
     force = np.where(times > 0.0, 5.0 * np.sin(200.0 * times), 0.0)
     inputs = {"plant.F_e[2]": (times, force)}
     options = {"algorithm": algorithm, "isolate": False}
-    run = vdfmu.simulate(packages[backend], inputs=inputs, input_hold=True, **options, **OPTIONS)
-    with vdfmu.Simulator(packages[backend], **options) as simulator:
+    run = vdfmu.simulate(arm_package(backend), inputs=inputs, input_hold=True, **options, **OPTIONS)
+    with vdfmu.Simulator(arm_package(backend), **options) as simulator:
         first = pushed(simulator, lambda k: force[k])
         assert simulator.time == OPTIONS["stop"]
         assert simulator.get("plant.E_kin") == run["plant.E_kin"][-1]

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import zipfile
-
 import numpy as np
 import pytest
 
+from tests.engine.files import edited
 from vdfmu.base.errors import SspError
 from vdfmu.engine.package import load_ssp
 from vdfmu.engine.plan.check import check_system
@@ -106,9 +105,7 @@ def test_two_components_of_one_dotted_name_both_run(pack, xml):
 @pytest.mark.heavy
 def test_precedence_of_bindings(pack, xml):
     # A later binding wins over an earlier one, the system over its component, the caller over all.
-    at_component = bind(
-        *(f'<ssd:ParameterBinding source="{n}.ssv"/>' for n in ("first", "second"))
-    )  # fmt: skip
+    at_component = bind(*(f'<ssd:ParameterBinding source="{n}.ssv"/>' for n in ("first", "second")))
     files = {
         "first.ssv": SSV.format(xml.real("k", 1.0) + xml.real("u", 7.0), ""),
         "second.ssv": SSV.format(xml.real("k", 2.0), ""),
@@ -192,10 +189,9 @@ def test_a_calculated_parameter_feeds_an_input_at_initialization(pack, xml, algo
         f"<ssd:Connections>{xml.connection('d.twice -> o')}</ssd:Connections></ssd:System>"
     )
     path = pack(
-        ["g Gain u:input y:output", "d Derived twice:calculatedParameter",
-         "h Gain u:input", inner],
+        ["g Gain u:input y:output", "d Derived twice:calculatedParameter", "h Gain u:input", inner],
         ["d.twice -> g.u", "sub.o -> h.u"],
-    )  # fmt: skip
+    )
     results = simulate(path, stop=1.0, step=0.5, algorithm=algorithm, parameters={"d.k": 5.0, "sub.d.k": 3.0})
     assert results["g.y"].tolist() == [20.0, 20.0, 20.0]
     assert results["h.y"].tolist() == [12.0, 12.0, 12.0]
@@ -230,8 +226,7 @@ def test_a_signal_dictionary_joins_what_refers_to_it(pack):
             '<ssd:Connector name="bus" kind="inout"/></ssd:Connectors></ssd:SignalDictionaryReference>'
         )
 
-    elements = [reference("d1"), reference("d2"), "r Ramp y:output",
-                "g Gain u:input"]  # fmt: skip
+    elements = [reference("d1"), reference("d2"), "r Ramp y:output", "g Gain u:input"]
     path = pack(elements, ["r.y -> d1.bus", "d2.bus -> g.u"], dictionaries=dictionary)
     system = load_ssp(path)
     assert [str(c) for c in system.connections] == ["r.y -> g.u"]
@@ -264,14 +259,8 @@ def test_a_dictionary_in_a_file_has_units_of_its_own(pack, xml, version):
         '<ssc:Unit name="m"><ssc:BaseUnit m="1"/></ssc:Unit>',
     )  # fmt: skip
     if version == "2.0":
-        with zipfile.ZipFile(path) as archive:
-            members = {name: archive.read(name) for name in archive.namelist()}
-        members["SystemStructure.ssd"] = members["SystemStructure.ssd"].replace(
-            b'version="1.0" name="test"', b'version="2.0" name="test"'
-        )
-        with zipfile.ZipFile(path, "w") as archive:
-            for name, data in members.items():
-                archive.writestr(name, data)
+        old, new = (f'version="{v}" name="test"'.encode() for v in ("1.0", "2.0"))
+        path.write_bytes(edited(path, [(old, new)], "SystemStructure.ssd"))
     system = load_ssp(path)
     assert (system.version, [str(c) for c in system.connections]) == (version, ["r.y -> s.g.m"])
     [connection] = system.connections

@@ -11,23 +11,8 @@ import pytest
 
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.run import simulate
-from vdfmu.system.package.write import write_ssp
-from vdfmu.system.scenario import load_scenario
-from vdfmu.system.scenario.parts import cached_fmus
 
 THREADS, RUNS = 8, 5
-
-
-@pytest.fixture
-def arm(tmp_path):
-    """Return a function that packs the planar arm of a backend."""
-
-    def make(backend: str):
-        scenario = load_scenario("planar_tracking")
-        fmus = cached_fmus(scenario, tmp_path / backend, backend)
-        return write_ssp(scenario, fmus, tmp_path / f"{backend}.ssp")
-
-    return make
 
 
 def together(run):
@@ -44,8 +29,8 @@ def together(run):
 
 @pytest.mark.heavy
 @pytest.mark.parametrize(("backend", "isolate"), [("native", False), ("python", False), ("native", True)])
-def test_eight_threads_compute_what_one_does(arm, backend, isolate):
-    package, folder = arm(backend), os.getcwd()
+def test_eight_threads_compute_what_one_does(arm_package, backend, isolate):
+    package, folder = arm_package(backend), os.getcwd()
     alone = simulate(package, stop=0.01)
     found = together(lambda: simulate(package, stop=0.01, isolate=isolate))
     assert len(found) == THREADS * RUNS
@@ -55,9 +40,9 @@ def test_eight_threads_compute_what_one_does(arm, backend, isolate):
     assert os.getcwd() == folder
 
 
-def test_the_working_folder_never_changes(arm, tmp_path, monkeypatch):
+def test_the_working_folder_never_changes(arm_package, monkeypatch):
     """Relative paths of other threads would lead elsewhere, and into a folder that is removed."""
-    package = arm("native")
+    package = arm_package()
     monkeypatch.setattr(os, "chdir", lambda path: pytest.fail(f"changed to {path}"))
     assert len(simulate(package, stop=0.002)) == 3
 

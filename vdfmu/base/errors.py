@@ -66,9 +66,7 @@ def disk_error(error: BaseException | None) -> OSError | None:
     return error
 
 
-_DISK = (
-    errno.EIO, errno.EACCES, errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EMFILE, errno.ENFILE,
-)  # fmt: skip
+_DISK = (errno.EIO, errno.EACCES, errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EMFILE, errno.ENFILE)
 
 
 class UsageError(VdfmuError):

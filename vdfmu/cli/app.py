@@ -28,8 +28,7 @@ QuietOption = Annotated[
     ),
 ]
 VerboseOption = Annotated[
-    bool,
-    typer.Option("--verbose", "-v", help="Say what is done and how long it takes, and where errors come from."),
+    bool, typer.Option("--verbose", "-v", help="Say what is done and how long it takes, and where errors come from.")
 ]
 
 

@@ -53,10 +53,7 @@ for function, example in (
     (modes.modes, "vdfmu modes manipulator_6dof --pose '0 0.5 0.5 0 0 0'"),
     (view.view, "vdfmu view panda_7dof"),
     (margins.margins, "vdfmu margins tracking --master jacobi --at 2.5"),
-    (
-        identify.identify,
-        "vdfmu identify results/tracking/results.csv --robot manipulator_6dof -o identified.toml",
-    ),
+    (identify.identify, "vdfmu identify results/tracking/results.csv --robot manipulator_6dof -o identified.toml"),
     (files.build, "vdfmu build tracking --backend native --fmi 3.0 --platform all --out fmus"),
     (files.container, "vdfmu container tracking --out tracking.fmu"),
     (files.ssp, "vdfmu ssp two_joint --format 2.0 --out two_joint.ssp"),
@@ -78,8 +75,7 @@ def _show_version(wanted: bool) -> None:
 @app.callback()
 def _options(
     version: Annotated[
-        bool,
-        typer.Option("--version", help="Show the version and exit.", is_eager=True, callback=_show_version),
+        bool, typer.Option("--version", help="Show the version and exit.", is_eager=True, callback=_show_version)
     ] = False,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,

@@ -39,8 +39,7 @@ def build(
     scenario: Annotated[
         str,
         typer.Argument(
-            metavar="SCENARIO|UNIT",
-            help="Name or file of a scenario, or a unit: my_unit.py or my_units.py:Name.",
+            metavar="SCENARIO|UNIT", help="Name or file of a scenario, or a unit: my_unit.py or my_units.py:Name."
         ),
     ] = "tracking",
     robot: RobotOption = None,
@@ -124,16 +123,9 @@ def ssp(
     scenario: ScenarioArgument = "tracking",
     robot: RobotOption = None,
     form: Annotated[
-        str,
-        typer.Option(
-            "--format",
-            help="1.0 or 2.0: version of SSP, 2.0 with native units of FMI 3.0.",
-        ),
+        str, typer.Option("--format", help="1.0 or 2.0: version of SSP, 2.0 with native units of FMI 3.0.")
     ] = SSP_1.name,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="File to write, default SCENARIO.ssp or SCENARIO_2.0.ssp."),
-    ] = None,
+    out: Annotated[Path | None, typer.Option(help="File to write, default SCENARIO.ssp or SCENARIO_2.0.ssp.")] = None,
     backend: BackendOption = None,
     settings: SetOption = None,
 ) -> None:
@@ -180,8 +172,7 @@ def reference(
 
 def check(
     file: Annotated[
-        Path,
-        typer.Argument(help="An FMU, SSP or SSD of any tool; a robot, scenario or system file; my_unit.py."),
+        Path, typer.Argument(help="An FMU, SSP or SSD of any tool; a robot, scenario or system file; my_unit.py.")
     ],
     no_run: Annotated[bool, typer.Option("--no-run", help="Read only; do not run the units' code.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
@@ -197,9 +188,7 @@ def check(
 
     def say_runs(what: str) -> None:
         errors.print(
-            f"note: runs code of {what} in a process of its own; --no-run reads only",
-            markup=False,
-            soft_wrap=True,
+            f"note: runs code of {what} in a process of its own; --no-run reads only", markup=False, soft_wrap=True
         )
 
     source = file.suffix.lower() in (".toml", ".py")

@@ -21,8 +21,7 @@ def identify(
         typer.Argument(help="results.csv or .parquet of a run, a CSV of any tool, or a .mat of the KUKA data set."),
     ],
     robot: Annotated[
-        str,
-        typer.Option("--robot", help="Robot to start from: kinematics, ratios, and what is not identified."),
+        str, typer.Option("--robot", help="Robot to start from: kinematics, ratios, and what is not identified.")
     ],
     column: Annotated[
         list[str] | None,
@@ -67,8 +66,7 @@ def identify(
         made, notes = identified_robot(found, arm, log.name)
         say_notes(notes)
         write_whole(
-            targets[out],
-            [robot_text(made, f"{arm.name}, identified from {log.name} by vdfmu identify.").encode()],
+            targets[out], [robot_text(made, f"{arm.name}, identified from {log.name} by vdfmu identify.").encode()]
         )
         say(f"{out}: {arm.name} with the identified values")
 
@@ -90,13 +88,7 @@ def _print(found: Identified, labels: list[str], true: list[float] | None) -> No
     rows = list(zip(found.names, found.values, found.deviation, found.units, found.nominal, strict=True))
     for i, (name, value, deviation, unit, nominal) in enumerate(rows):
         kept = name in found.held
-        cells = [
-            name,
-            f"{value:.5g}",
-            "kept" if kept else f"+- {1.96 * deviation:.2g}",
-            unit,
-            f"{nominal:.5g}",
-        ]
+        cells = [name, f"{value:.5g}", "kept" if kept else f"+- {1.96 * deviation:.2g}", unit, f"{nominal:.5g}"]
         if true:
             error = f"{100.0 * (value / true[i] - 1.0):+.2f} %" if true[i] and not kept else ""
             cells += [f"{true[i]:.5g}", error]

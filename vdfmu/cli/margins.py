@@ -8,15 +8,7 @@ from typing import Annotated
 import typer
 
 from vdfmu.base.option import read_settings
-from vdfmu.cli.terminal import (
-    BackendOption,
-    RobotOption,
-    SetOption,
-    console,
-    load,
-    say_error,
-    say_notes,
-)
+from vdfmu.cli.terminal import BackendOption, RobotOption, SetOption, console, load, say_error, say_notes
 
 
 def margins(
@@ -25,15 +17,12 @@ def margins(
     ] = "tracking",
     robot: RobotOption = None,
     at: Annotated[
-        list[float] | None,
-        typer.Option(help="Time of the run in seconds; default five from start to end. Repeatable."),
+        list[float] | None, typer.Option(help="Time of the run in seconds; default five from start to end. Repeatable.")
     ] = None,
     opened: Annotated[
         list[str] | None,
         typer.Option(
-            "--open",
-            metavar="INPUT",
-            help="Connected inputs at which loops are opened; default plant.tau. Repeatable.",
+            "--open", metavar="INPUT", help="Connected inputs at which loops are opened; default plant.tau. Repeatable."
         ),
     ] = None,
     master: Annotated[

@@ -22,10 +22,7 @@ def list_models() -> None:
     from vdfmu.arm.robot import load_robot, robot_names
     from vdfmu.system.scenario import load_scenario, scenario_names
 
-    for title, names, load in (
-        ("Robots", robot_names(), load_robot),
-        ("Scenarios", scenario_names(), load_scenario),
-    ):
+    for title, names, load in (("Robots", robot_names(), load_robot), ("Scenarios", scenario_names(), load_scenario)):
         table = Table(title=title, title_justify="left", show_header=False, box=None)
         for name in names:
             table.add_row(name, load(name).description)

@@ -27,8 +27,7 @@ def modes(
     path: Annotated[
         str | None,
         typer.Option(
-            metavar="SCENARIO",
-            help="Over the desired motion of a scenario, instead of one pose, with a picture.",
+            metavar="SCENARIO", help="Over the desired motion of a scenario, instead of one pose, with a picture."
         ),
     ] = None,
     bode: Annotated[
@@ -36,8 +35,7 @@ def modes(
         typer.Option(metavar="JOINT", help="Draw the response of a joint's rotor and link to its motor torque, too."),
     ] = None,
     dry: Annotated[
-        bool,
-        typer.Option("--dry-friction", help="Keep Coulomb and Stribeck friction, with its slope at rest."),
+        bool, typer.Option("--dry-friction", help="Keep Coulomb and Stribeck friction, with its slope at rest.")
     ] = False,
     out: Annotated[
         Path | None,
@@ -117,14 +115,8 @@ def _draw_bode(robot: Robot, q: list[float], joint: int, dry: bool, target: Path
     where = " ".join(f"{number:g}" for number in q)
     curves: dict[str, Any] = dict(zip(("rotor", "link"), found.response, strict=True))
     title = f"Motor torque of joint {joint} to velocities: {robot.name} at {where}"
-    save(
-        draw_bode(title, found.frequency, curves, f"({unit})/(N.m)", found.resonance, found.antiresonance[0]),
-        target,
-    )
-    for what, each in (
-        ("resonances", found.resonance),
-        ("anti-resonances at the motor", found.antiresonance[0]),
-    ):
+    save(draw_bode(title, found.frequency, curves, f"({unit})/(N.m)", found.resonance, found.antiresonance[0]), target)
+    for what, each in (("resonances", found.resonance), ("anti-resonances at the motor", found.antiresonance[0])):
         say(f"Joint {joint}, {what}: {', '.join(f'{one:.2f}' for one in each) or 'none'} Hz")
     say(f"{target}: rotor and link, by the motor torque")
 

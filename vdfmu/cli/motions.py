@@ -14,8 +14,7 @@ from vdfmu.cli.terminal import console, say, say_notes
 def motion(
     file: Annotated[str, typer.Argument(help="Scenario or TOML file with a table motion, or CSV file of samples.")],
     robot: Annotated[
-        str | None,
-        typer.Option(help="Name of a shipped robot, or path of a robot file; default that of the scenario."),
+        str | None, typer.Option(help="Name of a shipped robot, or path of a robot file; default that of the scenario.")
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Picture to write.")] = None,
     overwrite: OverwriteOption = False,

@@ -29,8 +29,7 @@ def import_file(
         str | None, typer.Option(help="Link at which the arm ends; default the last, where there is one arm.")
     ] = None,
     drives: Annotated[
-        Path | None,
-        typer.Option(help="TOML file with drives, by names of joints; what it does not give is assumed."),
+        Path | None, typer.Option(help="TOML file with drives, by names of joints; what it does not give is assumed.")
     ] = None,
     density: Annotated[
         float | None,
@@ -39,8 +38,7 @@ def import_file(
         ),
     ] = None,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help="Robot file to write; default FILE.toml, in this folder."),
+        Path | None, typer.Option("--out", "-o", help="Robot file to write; default FILE.toml, in this folder.")
     ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
@@ -64,8 +62,7 @@ def import_file(
 def reach(
     robot: Annotated[str, typer.Argument(help="Name of a shipped robot, or path of a robot file.")],
     out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help="Scenario to write; default ROBOT_reach.toml, in this folder."),
+        Path | None, typer.Option("--out", "-o", help="Scenario to write; default ROBOT_reach.toml, in this folder.")
     ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
@@ -83,12 +80,7 @@ def reach(
     for i, (K_p, K_v) in enumerate(zip(found.gains.K_p, found.gains.K_v, strict=True)):
         modulus, gain, phase = (float(margin[i]) for margin in found.margins[:3])
         table.add_row(
-            labels[i],
-            f"{K_p:.4g}",
-            f"{K_v:.4g}",
-            f"{modulus:.2f}",
-            f"{gain:.2f}",
-            f"{math.degrees(phase):.0f}",
+            labels[i], f"{K_p:.4g}", f"{K_v:.4g}", f"{modulus:.2f}", f"{gain:.2f}", f"{math.degrees(phase):.0f}"
         )
     console.print(table)
     say_notes(found.notes)

@@ -11,16 +11,7 @@ import typer
 from vdfmu.base.errors import UsageError
 from vdfmu.base.option import pick
 from vdfmu.cli.options import typer_option
-from vdfmu.cli.terminal import (
-    ScenarioArgument,
-    UnpackOption,
-    console,
-    load,
-    say,
-    say_notes,
-    tell,
-    unit_messages,
-)
+from vdfmu.cli.terminal import ScenarioArgument, UnpackOption, console, load, say, say_notes, tell, unit_messages
 from vdfmu.cli.view import LiveOption, PortOption, SpeedOption, live_view
 from vdfmu.engine.options import PackageOptions, SystemOptions
 from vdfmu.study.options import RobotOptions, ScenarioOptions, ScenarioRunOptions
@@ -137,13 +128,11 @@ def federate(
     broker: Annotated[
         str | None,
         typer.Option(
-            metavar="HOST:PORT",
-            help="The HELICS broker of all federates; default one of the run, on loopback.",
+            metavar="HOST:PORT", help="The HELICS broker of all federates; default one of the run, on loopback."
         ),
     ] = None,
     core: Annotated[
-        str,
-        typer.Option(help="How HELICS carries messages: tcp_ss, tcp, zmq, or ipc on one machine."),
+        str, typer.Option(help="How HELICS carries messages: tcp_ss, tcp, zmq, or ipc on one machine.")
     ] = "tcp_ss",
     unpack_limit: UnpackOption = None,
     **options: Unpack[PackageOptions],

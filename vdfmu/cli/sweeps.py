@@ -41,8 +41,7 @@ app = App(
 )
 def run(
     scenario: Annotated[
-        str,
-        typer.Argument(help="Name of a shipped scenario, path of a TOML file, or a system package, .ssp."),
+        str, typer.Argument(help="Name of a shipped scenario, path of a TOML file, or a system package, .ssp.")
     ],
     over: Annotated[
         list[str] | None,
@@ -74,8 +73,7 @@ def run(
 
 StudyArgument = Annotated[Path, typer.Argument(help="sweep.parquet of a study, or its folder.")]
 MeasureOption = Annotated[
-    str | None,
-    typer.Option(help="A measure, of whose elements the largest counts, or a column; default the first."),
+    str | None, typer.Option(help="A measure, of whose elements the largest counts, or a column; default the first.")
 ]
 
 
@@ -84,8 +82,7 @@ def plot(
     study: StudyArgument,
     measure: MeasureOption = None,
     kind: Annotated[
-        str | None,
-        typer.Option(help="scatter, surface, parallel, tornado or indices; default all that fit."),
+        str | None, typer.Option(help="scatter, surface, parallel, tornado or indices; default all that fit.")
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder; default that of the study.")] = None,
 ) -> None:

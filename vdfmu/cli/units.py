@@ -32,9 +32,7 @@ def new(
 
 
 @app.command("examples", epilog="Example: [bold]vdfmu unit examples[/bold]")
-def examples(
-    folder: Annotated[Path, typer.Argument(help="Folder to write them to.")] = Path("units"),
-) -> None:
+def examples(folder: Annotated[Path, typer.Argument(help="Folder to write them to.")] = Path("units")) -> None:
     """Write the example units, with a system and a scenario of them."""
     from vdfmu.compiler.unit.new import copy_examples
 

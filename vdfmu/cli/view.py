@@ -23,8 +23,7 @@ PortOption = Annotated[
     typer.Option(min=1, max=65535, help="Port of the view on 127.0.0.1; default one that is free.", show_default=False),
 ]
 LiveOption = Annotated[
-    bool,
-    typer.Option("--live", help="Show the arm, errors, torques and torsion in a browser while the run goes on."),
+    bool, typer.Option("--live", help="Show the arm, errors, torques and torsion in a browser while the run goes on.")
 ]
 SpeedOption = Annotated[
     float | None,

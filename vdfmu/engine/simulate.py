@@ -15,14 +15,7 @@ from vdfmu.base.version import __version__
 from vdfmu.engine.options import SimulateOptions, SystemOptions
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.inputs import read_inputs
-from vdfmu.engine.results.folder import (
-    DRAWN,
-    SYSTEM_OUTPUTS,
-    keep,
-    known_formats,
-    replacing_results,
-    write_summary,
-)
+from vdfmu.engine.results.folder import DRAWN, SYSTEM_OUTPUTS, keep, known_formats, replacing_results, write_summary
 from vdfmu.engine.run import Interrupted, LogMessage, Results, simulate
 
 

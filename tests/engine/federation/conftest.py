@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.engine.conftest import built, fmus, pack, system, xml
+from tests.engine.conftest import arm_package, built, fmus, pack, system, xml
 
-__all__ = ["built", "federates", "fmus", "pack", "system", "xml"]
+__all__ = ["arm_package", "built", "federates", "fmus", "pack", "system", "xml"]
 
 
 def federates_of(parent: int | None = None) -> dict[int, int]:

@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 import vdfmu
+from tests.engine.files import assert_same_bits
 from tests.engine.reference import models
 from vdfmu.engine.federation import CORES
 from vdfmu.engine.simulate import run_system
-from vdfmu.system.package.write import write_ssp
-from vdfmu.system.scenario import load_scenario
-from vdfmu.system.scenario.parts import cached_fmus
 
 LOOP = ["r.y -> a.a", "g.y -> a.b", "a.y -> p.u", "p.y -> g.u"]
 
@@ -36,10 +34,7 @@ def loop(pack, xml):
 def assert_same(split, one):
     """Assert that both have the same signals, in the same order, with the same bits."""
     assert split.names == one.names
-    assert split.units == one.units
-    for name in ("time", *one.names):
-        a, b = (r.time if name == "time" else r[name] for r in (split, one))
-        assert a.dtype == b.dtype and a.tobytes() == b.tobytes(), name
+    assert_same_bits(split, one)
 
 
 @pytest.mark.heavy
@@ -65,9 +60,8 @@ def test_every_core_of_helics_gives_the_same(loop, federates, core):
 
 
 @pytest.mark.heavy
-def test_the_arm_in_two_and_four_federates_gives_the_bits_of_jacobi(tmp_path, federates):
-    scenario = load_scenario("planar_tracking")
-    package = write_ssp(scenario, cached_fmus(scenario, tmp_path, "native"), tmp_path / "arm.ssp")
+def test_the_arm_in_two_and_four_federates_gives_the_bits_of_jacobi(arm_package, tmp_path, federates):
+    package = arm_package()
     run_system(package, master="jacobi", stop=0.1, out=tmp_path / "one")
     for split in (["plant"], ["plant", "feedforward", "controller"]):
         out = tmp_path / f"{len(split)}"

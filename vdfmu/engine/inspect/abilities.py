@@ -52,11 +52,7 @@ def try_abilities(path: Path, start: float, step: float) -> Findings:
 
 
 def _attempt(
-    description: Description,
-    folder: Path,
-    attempt: Callable[[Instance, float, float], str],
-    start: float,
-    step: float,
+    description: Description, folder: Path, attempt: Callable[[Instance, float, float], str], start: float, step: float
 ) -> str:
     """Take an instance through initialization and an attempt; return what is wrong."""
     instance = CLASSES[description.version]("FMU", description, folder, MessageBox(lambda message: None), set())

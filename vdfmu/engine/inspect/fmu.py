@@ -15,14 +15,7 @@ from vdfmu.base.errors import SspError, StorageError
 from vdfmu.engine.inspect.binary import ENDINGS, architecture_fault, library_fault
 from vdfmu.engine.inspect.description import DESCRIPTION, description_faults
 from vdfmu.engine.inspect.findings import Findings
-from vdfmu.engine.inspect.fmi import (
-    BUILD,
-    TERMINALS,
-    build_faults,
-    manifest_faults,
-    terminal_faults,
-    variable_faults,
-)
+from vdfmu.engine.inspect.fmi import BUILD, TERMINALS, build_faults, manifest_faults, terminal_faults, variable_faults
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.parse import parse_xml
 from vdfmu.engine.rules import breach, found, reworded

@@ -262,11 +262,7 @@ def _results_3(
 
 
 def _drive(
-    instance: Any,
-    variables: Mapping[str, Any],
-    expected: ReferenceTable,
-    signals: ReferenceTable | None,
-    said: Said,
+    instance: Any, variables: Mapping[str, Any], expected: ReferenceTable, signals: ReferenceTable | None, said: Said
 ) -> dict[str, Floats]:
     start, stop = float(expected.time[0]), float(expected.time[-1])
     instance.instantiate(logMessage=said)

@@ -52,10 +52,7 @@ _FULL_NOTICE = "vdfmu: no space left in the temporary folder"
 
 
 def run_apart(
-    path: Path,
-    kind: str = "FMU",
-    module: str = "vdfmu.engine.inspect.trial",
-    task: str = f"a run of {STEPS} steps",
+    path: Path, kind: str = "FMU", module: str = "vdfmu.engine.inspect.trial", task: str = f"a run of {STEPS} steps"
 ) -> Findings:
     """Run code of a file in another process, which it may crash or never leave: an FMU or a package for ten steps.
 

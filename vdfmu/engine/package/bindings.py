@@ -9,14 +9,7 @@ from typing import Any
 from vdfmu.base.errors import SspError
 from vdfmu.base.standards import SSP_FORMATS
 from vdfmu.engine.package.archive import resolve
-from vdfmu.engine.package.elements import (
-    Node,
-    Scope,
-    read_boolean,
-    read_shape,
-    read_transformation,
-    read_units,
-)
+from vdfmu.engine.package.elements import Node, Scope, read_boolean, read_shape, read_transformation, read_units
 from vdfmu.engine.package.parse import NAMESPACES, validate
 from vdfmu.engine.package.system import BoundParameter, Hop, Shape, UnitFactor, Value
 from vdfmu.engine.package.wiring import Key, Wiring, show, show_shape
@@ -154,10 +147,7 @@ class Bindings:
     def _passes_on(self, key: Key) -> bool:
         """Whether a connector of a system has a value for what it feeds; outputs get theirs from inside."""
         bound = self._bound.get(key) if self._is_connector(key) else None
-        return bound is not None and bound.node.connectors[key[1]].kind not in {
-            "output",
-            "calculatedParameter",
-        }
+        return bound is not None and bound.node.connectors[key[1]].kind not in {"output", "calculatedParameter"}
 
     def _overruled(self, key: Key, bound: _Bound, source: Key) -> None:
         """Note a value that one would expect to win over the source's value."""
@@ -288,10 +278,5 @@ class Bindings:
         return list(entries.values())
 
 
-_READ = {
-    "Real": float,
-    "Float": float,
-    "Boolean": read_boolean,
-    **dict.fromkeys(("Integer", "Int", "UInt"), int),
-}
+_READ = {"Real": float, "Float": float, "Boolean": read_boolean, **dict.fromkeys(("Integer", "Int", "UInt"), int)}
 """Types without the number of bits, to the readers of their values."""

@@ -12,10 +12,7 @@ from vdfmu.engine.rules import found
 
 EXPERIMENT_TYPE = "org.vdfmu.experiment"
 OSP_TYPE = "com.opensimulationplatform"
-FOREIGN = {
-    "osp": "http://opensimulationplatform.com/SSP/OSPAnnotations",
-    "vdfmu": "urn:org.vdfmu:experiment",
-}
+FOREIGN = {"osp": "http://opensimulationplatform.com/SSP/OSPAnnotations", "vdfmu": "urn:org.vdfmu:experiment"}
 """Namespaces of the annotations' content, which the root declares: libcosim takes a declaration inside an annotation
 for an algorithm."""
 

@@ -218,10 +218,7 @@ class TreeReader:
             text = f"{scope.label}: signal dictionary of {name!r} has "
             if entry is None:
                 self._fault("SSP020", f"{text}no entry {name_!r}", connector.place)
-            elif connector.type not in (None, entry.type) or connector.dimensions not in (
-                (),
-                entry.dimensions,
-            ):
+            elif connector.type not in (None, entry.type) or connector.dimensions not in ((), entry.dimensions):
                 text += f"an entry {name_!r} of another type or size than the connector"
                 self._fault("SSP020", text, connector.place)
         node.connectors = {

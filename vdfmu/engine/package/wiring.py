@@ -37,11 +37,7 @@ def _flows_2() -> set[tuple[str, str]]:
     flows = FLOWS | {
         (source, sink) for source in ("system structuralParameter", "constant") for sink in (*inside, *around)
     }
-    flows |= {
-        ("constant", "system constant"),
-        ("system parameter", "system local"),
-        ("system input", "system local"),
-    }
+    flows |= {("constant", "system constant"), ("system parameter", "system local"), ("system input", "system local")}
     flows |= {("local", sink) for sink in ("input", "inout", "system output", "system local")}
     flows |= {(source, "system local") for source in ("calculatedParameter", "output", "inout")}
 

@@ -11,11 +11,7 @@ from vdfmu.engine.plan.schedule import Schedule
 
 
 def check_abilities(
-    descriptions: Mapping[str, Description],
-    links: Sequence[Link],
-    schedule: Schedule,
-    algorithm: str,
-    adaptive: bool,
+    descriptions: Mapping[str, Description], links: Sequence[Link], schedule: Schedule, algorithm: str, adaptive: bool
 ) -> tuple[list[str], list[str]]:
     """Return the problems and notes of units that an algorithm cannot step as it has to.
 

@@ -84,11 +84,7 @@ class Checker:
                 self.problems.append(found("SSP046", text))
 
     def _inspect(
-        self,
-        archive: Archive,
-        component: Component,
-        sizes: dict[str, Value],
-        read: dict[Any, Description | None],
+        self, archive: Archive, component: Component, sizes: dict[str, Value], read: dict[Any, Description | None]
     ) -> Description | None:
         """Read an FMU once for each choice of its sizes."""
         key = component.source, component.implementation, frozenset(sizes.items())
@@ -193,10 +189,7 @@ class Checker:
             if (source.causality, sink.causality) not in _PAIRS:
                 if self._as_declared(connection.start, source) and self._as_declared(connection.end, sink):
                     what = f"{source.causality} to {sink.causality}"
-                    fault(
-                        "RUN007",
-                        f"the master carries no values from {what}; set the value in a parameter set",
-                    )
+                    fault("RUN007", f"the master carries no values from {what}; set the value in a parameter set")
                 continue
             if sink.causality == "parameter" and not (sink.settable and sink.variability != "constant"):
                 fault("SSP053", f"parameter {'.'.join(connection.end)} is not settable")

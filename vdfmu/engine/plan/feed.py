@@ -90,9 +90,8 @@ def feed_inputs(
                 continue
             held = table.held or sink.type != "Real" or sink.variability == "discrete"
             source = dataclasses.replace(
-                sink, name=name, causality="output", initial="exact",
-                variability="discrete" if held else "continuous",
-            )  # fmt: skip
+                sink, name=name, causality="output", initial="exact", variability="discrete" if held else "continuous"
+            )
             made[name] = source, Link((SOURCE, name), port, source, sink, conversion, stepped=True)
             groups.setdefault((sink.kind, held), []).append(i)
         for (kind, held), columns in groups.items():
@@ -109,10 +108,7 @@ def feed_inputs(
 
 
 def _why_not(
-    name: str,
-    variables: Mapping[str, tuple[str, FmuVariable]],
-    connected: Mapping[Port, str],
-    free: Sequence[str],
+    name: str, variables: Mapping[str, tuple[str, FmuVariable]], connected: Mapping[Port, str], free: Sequence[str]
 ) -> str:
     if name not in variables:
         return "no component has such an input" + (close_to(name, free) or _list(free))

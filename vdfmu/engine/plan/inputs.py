@@ -229,12 +229,7 @@ def _heading(cell: str) -> tuple[str, str]:
 
 
 def _check_rows(
-    where: str,
-    row: Callable[[int], str],
-    names: Sequence[str],
-    t: Floats,
-    values: Floats,
-    problems: list[str],
+    where: str, row: Callable[[int], str], names: Sequence[str], t: Floats, values: Floats, problems: list[str]
 ) -> None:
     """Note the first row of each kind that is not finite or not later than the row before."""
     for name, column in zip(("time", *names), (t, *values.T), strict=True):

@@ -9,6 +9,4 @@ from vdfmu.engine.run.master import simulate
 from vdfmu.engine.run.session import Interrupted
 from vdfmu.engine.run.simulator import Simulator
 
-__all__ = [
-    "ALGORITHMS", "Interrupted", "LogMessage", "Results", "Signal", "Simulator", "check_system", "simulate",
-]  # fmt: skip
+__all__ = ["ALGORITHMS", "Interrupted", "LogMessage", "Results", "Signal", "Simulator", "check_system", "simulate"]

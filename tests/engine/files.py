@@ -1,0 +1,43 @@
+"""Zip files with other contents, and results that are the same."""
+
+from __future__ import annotations
+
+import io
+import re
+import zipfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from vdfmu.engine.results.results import Results
+
+
+def zipped(members: Mapping[str, str | bytes]) -> bytes:
+    """Return a zip file."""
+    box = io.BytesIO()
+    with zipfile.ZipFile(box, "w") as file:
+        for name, content in members.items():
+            file.writestr(name, content)
+    return box.getvalue()
+
+
+def edited(
+    source: Path | bytes, replace: Iterable[tuple[bytes, bytes]] = (), member: str = "modelDescription.xml",
+    drop: str | None = None, add: Mapping[str, str | bytes] | None = None,
+) -> bytes:  # fmt: skip
+    """Return a zip file with patterns in a member replaced, without members that begin with `drop`, and with others."""
+    with zipfile.ZipFile(io.BytesIO(source) if isinstance(source, bytes) else source) as file:
+        members = {name: file.read(name) for name in file.namelist() if not (drop and name.startswith(drop))}
+    for pattern, text in replace:
+        members[member], count = re.subn(pattern, text, members[member], flags=re.DOTALL)
+        assert count, pattern
+    return zipped(members | dict(add or {}))
+
+
+def assert_same_bits(some: Results, others: Results) -> None:
+    """Assert that both have the same signals, units, kinds and numbers."""
+    assert set(some.names) == set(others.names)
+    assert (some.units, some.kinds) == (others.units, others.kinds)
+    assert some.time.tobytes() == others.time.tobytes()
+    for name in some:
+        assert some[name].dtype == others[name].dtype
+        assert some[name].tobytes() == others[name].tobytes(), name
