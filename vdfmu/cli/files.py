@@ -23,7 +23,6 @@ from vdfmu.cli.terminal import (
     SetOption,
     UnpackOption,
     console,
-    errors,
     fail,
     load,
     say,
@@ -187,9 +186,7 @@ def check(
     from vdfmu.engine.package.limits import package_limit
 
     def say_runs(what: str) -> None:
-        errors.print(
-            f"note: runs code of {what} in a process of its own; --no-run reads only", markup=False, soft_wrap=True
-        )
+        say_notes([f"runs code of {what} in a process of its own; --no-run reads only"])
 
     source = file.suffix.lower() in (".toml", ".py")
     if not (no_run or source):

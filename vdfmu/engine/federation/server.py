@@ -100,7 +100,7 @@ class FederateServer(Server):
     def initialize(self, *arguments: Any) -> None:
         """See `Components.initialize`; afterwards the others' outputs are here, too."""
         with self._announced():
-            super().initialize(*arguments)
+            self._components.initialize(*arguments)
             self._exchange(arguments[0])
 
     def _settle(self, time: float, new: Collection[Port]) -> None:
@@ -159,7 +159,7 @@ class FederateServer(Server):
 
     def facts(self) -> dict[str, Any]:
         """Return the wall time spent waiting for the others."""
-        return super().facts() | {"waited_s": self._link.waited if self._link else 0.0}
+        return self._stepper.facts() | {"waited_s": self._link.waited if self._link else 0.0}
 
     def close(self, time: float) -> list[Any] | None:
         """See `Components.close`; leave the others first."""

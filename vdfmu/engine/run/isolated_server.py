@@ -23,7 +23,7 @@ from vdfmu.engine.run.isolated import CALLS, STEP, mapped
 
 
 class Server:
-    """Runs in the process: each method of `Isolated` calls the method of the same name here."""
+    """Runs in the process: what `Isolated` asks for is a method here, of the stepper or of the components."""
 
     components = Components
     """Their class."""
@@ -57,10 +57,6 @@ class Server:
         self._components = self.components(checked, folders, self._box, self._words, watch)
         self._components.load()
 
-    def initialize(self, *arguments: Any) -> None:
-        """See `Components.initialize`."""
-        self._components.initialize(*arguments)
-
     def couple(self, adaptive: float | None, convergence: float | None, span: float, record: Any) -> None:
         """See `Components.couple`."""
         exchange = self._components.exchange
@@ -74,27 +70,16 @@ class Server:
         self._box.time = time
         self._stepper.advance(time, step, stop)
 
-    def facts(self) -> dict[str, Any]:
-        """Return the summary's entries on the steps."""
-        return self._stepper.facts()
-
-    def notes(self) -> list[str]:
-        """Return notes on the run."""
-        return self._stepper.notes()
-
-    def keep(self, *arguments: Any) -> None:
-        """See `Components.keep`."""
-        self._components.keep(*arguments)
-
-    def look(self, *arguments: Any) -> Any:
-        """See `Components.look`."""
-        return self._components.look(*arguments)
-
     def close(self, time: float) -> list[Any] | None:
         """See `Components.close`; `time` is the last row's."""
         self._box.time = time
         failure = self._components.close()
         return None if failure is None else list(failure.args[:4])
+
+    def method(self, name: str) -> Callable[..., Any]:
+        """Return a method of this object, else of the stepper for what it tells of the run, else of the components."""
+        owner = self if hasattr(self, name) else self._stepper if name in ("facts", "notes") else self._components
+        return getattr(owner, name)
 
     def answer(self, request: bytes, parent: Parent) -> dict[str, Any] | None:
         """Serve a request; return the reply, None for a step with nothing to report."""
@@ -106,7 +91,7 @@ class Server:
                     return None
             else:
                 name, arguments = pickle.loads(request)
-                reply["result"] = getattr(self, name)(*arguments)
+                reply["result"] = self.method(name)(*arguments)
         except CosimError as error:
             reply["failure"] = error.args[:4]
         except VdfmuError as error:
