@@ -23,19 +23,24 @@ XML = """<?xml version="1.0" encoding="UTF-8"?>
 </fmiModelDescription>"""
 
 
-def build(folder: Path) -> Path:
-    """Return the library of wild.c."""
-    path = folder / f"wild{fmpy.sharedLibraryExtension}"
+def build(folder: Path, name: str = "wild") -> Path:
+    """Return the library of a C file of ``tests/engine``."""
+    path = folder / f"{name}{fmpy.sharedLibraryExtension}"
     headers = Path(fmpy.__file__).parent / "c-code"
     flags = ["-std=c11", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", f"-I{headers}"]
-    source = Path(__file__).parent / "engine" / "wild.c"
+    source = Path(__file__).parent / "engine" / f"{name}.c"
     subprocess.run(["cc", *flags, "-o", path, source, "-lm"], check=True)
+    return path
+
+
+def pack(path: Path, library: Path, description: str) -> Path:
+    """Write the FMU of a library."""
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("modelDescription.xml", description)
+        archive.write(library, f"binaries/{fmpy.platform}/{library.name}")
     return path
 
 
 def write(path: Path, library: Path, way: int = 0, at: float = 0.0) -> Path:
     """Write the FMU, with start values of its parameters ``way`` and ``at`` [s]."""
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("modelDescription.xml", XML.format(way, at))
-        archive.write(library, f"binaries/{fmpy.platform}/{library.name}")
-    return path
+    return pack(path, library, XML.format(way, at))

@@ -89,9 +89,9 @@ LONG = ("run", "planar_tracking", "--stop", "1000", "--set", "plant.tolerance=1e
 """A run that does not end, with many solver steps in each row."""
 
 
-@pytest.mark.heavy
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_keeps_the_rows_and_the_results_before(start, tmp_path, number):
+@pytest.fixture
+def under_way(start, tmp_path):
+    """Return the folder of results, a run into it that is under way, and its files, of an earlier run."""
     folder = tmp_path / "results" / "planar_tracking"
     before = start("run", "planar_tracking", "--stop", "0.1", "--no-reference")
     assert before.process.wait(PATIENCE) == 0
@@ -99,6 +99,13 @@ def test_a_signal_keeps_the_rows_and_the_results_before(start, tmp_path, number)
     kept = {path.name: path.read_bytes() for path in folder.iterdir()}
     command = start(*LONG)
     command.wait_for(lambda: any(path.stat().st_size > 10_000 for path in command.files("*/*/*/results.csv")))
+    return folder, command, kept
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_keeps_the_rows_and_the_results_before(under_way, number):
+    folder, command, kept = under_way
     errors = " ".join(command.stop(number).split())
     assert "stopped: interrupted at t =" in errors
     assert "The rows so far are in results/planar_tracking/partial; results/planar_tracking is as it was." in errors
@@ -208,14 +215,8 @@ def test_a_signal_acts_while_modules_are_imported(start):
 
 
 @pytest.mark.heavy
-def test_a_killed_run_leaves_the_results_before_and_its_rows(start, tmp_path):
-    folder = tmp_path / "results" / "planar_tracking"
-    before = start("run", "planar_tracking", "--stop", "0.1", "--no-reference")
-    assert before.process.wait(PATIENCE) == 0
-    before.temporary.rmdir()
-    kept = {path.name: path.read_bytes() for path in folder.iterdir()}
-    command = start(*LONG)
-    command.wait_for(lambda: any(path.stat().st_size > 10_000 for path in command.files("*/*/*/results.csv")))
+def test_a_killed_run_leaves_the_results_before_and_its_rows(under_way):
+    folder, command, kept = under_way
     command.process.kill()
     command.process.wait(PATIENCE)
     (rows,) = folder.glob(f"partial_{command.process.pid}/results.csv")

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 
-import fmpy
 import pytest
 
 from tests.engine.reference import models
+from tests.wild import build, pack
 from vdfmu.engine.inspect.inspection import inspect_file
 from vdfmu.engine.run import simulate
 
@@ -41,19 +39,12 @@ BROKEN = (
 
 @pytest.fixture(scope="module")
 def library(tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp("claims") / f"claims{fmpy.sharedLibraryExtension}"
-    headers = Path(fmpy.__file__).parent / "c-code"
-    flags = ["-std=c11", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", f"-I{headers}"]
-    subprocess.run(["cc", *flags, "-o", path, Path(__file__).parent / "claims.c", "-lm"], check=True)
-    return path
+    return build(tmp_path_factory.mktemp("claims"), "claims")
 
 
 @pytest.mark.parametrize("way", range(len(BROKEN)))
 def test_a_declared_call_that_does_not_work_is_a_problem(way, library, tmp_path):
-    path = tmp_path / "claims.fmu"
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("modelDescription.xml", XML.format(way))
-        archive.write(library, f"binaries/{fmpy.platform}/{library.name}")
+    path = pack(tmp_path / "claims.fmu", library, XML.format(way))
     problems = inspect_file(path).problems
     if BROKEN[way] is None:
         assert problems == []
@@ -64,13 +55,9 @@ def test_a_declared_call_that_does_not_work_is_a_problem(way, library, tmp_path)
 
 
 def test_a_unit_with_long_steps_is_told_a_stop_time_beyond_those_that_are_tried(library, tmp_path):
-    path = tmp_path / "claims.fmu"
     experiment = '<DefaultExperiment startTime="0" stopTime="50" stepSize="5"/>'
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr(
-            "modelDescription.xml", XML.format(0).replace("  <ModelVariables>", f"{experiment}<ModelVariables>")
-        )
-        archive.write(library, f"binaries/{fmpy.platform}/{library.name}")
+    text = XML.format(0).replace("  <ModelVariables>", f"{experiment}<ModelVariables>")
+    path = pack(tmp_path / "claims.fmu", library, text)
     assert inspect_file(path).problems == []
 
 

@@ -9,7 +9,6 @@ import pytest
 from scipy.linalg import expm
 
 from tests.conftest import heavy
-from tests.engine.reference import models
 from tests.engine.reference.models import Model, V
 from vdfmu.engine.run import simulate
 
@@ -22,7 +21,7 @@ MASS = Model(
      V("der(v)", needs=("x", "v", "x_o", "v_o")),
      V("x_o", "input", start=0.0, more=UPDATE), V("v_o", "input", start=0.0, more=UPDATE),
      *(V(name, "parameter", start=1.0) for name in "mkbcd")],
-    models.NOTHING + """
+    """
 static void outputs(Instance *I)
 {
     Data *p = &I->d;

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import zipfile
 from pathlib import Path
 
-import fmpy
 import numpy as np
 import pytest
 
 from tests.conftest import heavy
 from tests.warm import command
+from tests.wild import build
+from tests.wild import pack as pack_library
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.inspect import trial as check_run
 from vdfmu.engine.run import ALGORITHMS, simulate
@@ -35,21 +34,12 @@ XML = """<?xml version="1.0" encoding="UTF-8"?>
 def strict(tmp_path_factory) -> Path:
     """Return the FMU of strict.c, of which y is the time."""
     folder = tmp_path_factory.mktemp("strict")
-    library = folder / f"strict{fmpy.sharedLibraryExtension}"
-    headers = Path(fmpy.__file__).parent / "c-code"
-    source = Path(__file__).with_name("strict.c")
-    flags = ["-std=c11", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", f"-I{headers}"]
-    subprocess.run(["cc", *flags, "-o", library, source, "-lm"], check=True)
     more = "".join(
         f'<ScalarVariable name="{name}" valueReference="{i}" causality="parameter" variability="fixed">'
         '<Real start="1e9"/></ScalarVariable>'
         for i, name in enumerate(PARAMETERS, start=1)
     )
-    path = folder / "Strict.fmu"
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("modelDescription.xml", XML.format(more))
-        archive.write(library, f"binaries/{fmpy.platform}/{library.name}")
-    return path
+    return pack_library(folder / "Strict.fmu", build(folder, "strict"), XML.format(more))
 
 
 @pytest.fixture

@@ -23,14 +23,10 @@ def exchange(model: models.Model) -> models.Model:
 
 
 LAG, BALL, STAIR = (exchange(model) for model in (models.LAG, models.BOUNCING_BALL, models.STAIR))
-RUNAWAY = replace(
-    LAG, name="Runaway",
-    code=models.NOTHING + "static void outputs(Instance *I) { I->d.der_x = 1 + I->d.x * I->d.x; }\n",
-)  # fmt: skip
+RUNAWAY = replace(LAG, name="Runaway", code="static void outputs(Instance *I) { I->d.der_x = 1 + I->d.x * I->d.x; }\n")
 STIFF = replace(
-    LAG, name="Stiff",
-    code=models.NOTHING + "static void outputs(Instance *I) { I->d.der_x = -1e6 * (I->d.x - cos(I->time)); }\n",
-)  # fmt: skip
+    LAG, name="Stiff", code="static void outputs(Instance *I) { I->d.der_x = -1e6 * (I->d.x - cos(I->time)); }\n"
+)
 
 
 @pytest.mark.parametrize("isolate", [False, True])

@@ -149,24 +149,6 @@ def test_a_full_disk_is_said_as_for_csv_and_leaves_the_file_before(tmp_path):
     assert path.read_bytes() == b"before"
 
 
-@pytest.mark.heavy
-def test_a_full_disk_ends_a_run_to_parquet_with_the_words_of_csv(package, tmp_path):
-    out = tmp_path / "out"
-    command = [sys.executable, "-m", "vdfmu.cli", "simulate", str(package), "--out", str(out)]
-    command += ["--format", "parquet"]
-    subprocess.run([*command, "--stop", "0.1"], check=True, capture_output=True, timeout=120)
-    before = {path.name: path.read_bytes() for path in out.iterdir()}
-    limit = 2_000_000  # more than each file of the FMUs; the numbers of a row take some 600 bytes
-    done = subprocess.run(
-        [*command, "--stop", "8"], check=False, capture_output=True, text=True, timeout=120,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
-    )  # fmt: skip
-    said = " ".join(done.stderr.split())
-    assert done.returncode == 1, said
-    assert "results.parquet: the rows cannot be written: File too large. Free space, or choose" in said
-    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
-
-
 def written(path: Path, table: pa.Table) -> None:
     pa.parquet.write_table(table, path)
 

@@ -77,6 +77,13 @@ def initial(v: V) -> str:
     return f"{{{text}}}" if v.dims else text
 
 
+EMPTY = {
+    "begin": "Instance *I) { (void)I; }", "outputs": "Instance *I) { (void)I; }", "event": "Instance *I) { (void)I; }",
+    "indicators": "Instance *I, double *z) { (void)I, (void)z; }",
+}  # fmt: skip
+"""Functions of a model that need not do anything."""
+
+
 def c_files(model: Model) -> dict[str, str]:
     """Text of model.h and model.c."""
     ordered = [v for s in model.states for v in model.variables if v.name == s]
@@ -94,13 +101,15 @@ def c_files(model: Model) -> dict[str, str]:
     array = bool(x and next(v for v in model.variables if v.name in model.states).dims)
     nx = f"(int)(I)->d.{model.sizes[0]}" if array else len(model.states)
     values = "".join(f"    .{v.field} = {initial(v)},\n" for v in model.variables)
+    missing = [name for name in EMPTY if f"static void {name}(" not in model.code]
+    empty = "".join(f"static void {name}({EMPTY[name]}\n" for name in missing)
     return {
         "model.h": f"typedef struct {{\n{fields}}} Data;\n#define STEP {model.step!r}\n"
         f"#define SECOND {int(model.second)}\n#define NX(I) ({nx})\n"
         f"#define NZ {model.indicators}\n#define STATES(I) {states}\n#define RATES(I) {rates}\n"
         f"#define SIZES(I) ((const uint64_t *)(const void *)&(I)->d.{(sizes or [ordered[0].field])[0]})\n",
         "model.c": f"static const Data initial = {{\n{values}}};\n"
-        f"static const Variable table[] = {{\n{''.join(rows)}}};\n" + model.code,
+        f"static const Variable table[] = {{\n{''.join(rows)}}};\n{empty}{model.code}",
     }  # fmt: skip
 
 
@@ -225,22 +234,17 @@ def build(model: Model, version: str, folder: Path) -> Path:
     return path
 
 
-NOTHING = """
-static void begin(Instance *I) { (void)I; }
-static void indicators(Instance *I, double *z) { (void)I, (void)z; }
-static void event(Instance *I) { (void)I; }
-"""
 DAHLQUIST = Model(
     "Dahlquist",
     [V("x", "output", start=1.0), V("der(x)", needs=("x",)), V("k", "parameter", start=1.0, variability="fixed")],
-    NOTHING + "static void outputs(Instance *I) { I->d.der_x = -I->d.k * I->d.x; }\n",
+    "static void outputs(Instance *I) { I->d.der_x = -I->d.k * I->d.x; }\n",
     step=0.1, states=("x",),
 )  # fmt: skip
 VAN_DER_POL = Model(
     "VanDerPol",
     [V("x0", "output", start=2.0), V("x1", "output", start=0.0), V("der(x0)", needs=("x1",)),
      V("der(x1)", needs=("x0", "x1")), V("mu", "parameter", start=1.0, variability="fixed")],
-    NOTHING + """
+    """
 static void outputs(Instance *I)
 {
     Data *d = &I->d;
@@ -255,7 +259,6 @@ BOUNCING_BALL = Model(
     [V("h", "output", start=1.0), V("v", "output", start=0.0), V("der(h)", needs=("v",)), V("der(v)"),
      V("g", "parameter", start=-9.81), V("e", "parameter", start=0.7), V("z", more={"indicator": "1"})],
     """
-static void begin(Instance *I) { (void)I; }
 static void outputs(Instance *I)
 {
     I->d.der_h = I->d.v;
@@ -283,8 +286,6 @@ STAIR = Model(
     [V("counter", "output", "Int32", 1, "discrete")],
     """
 static void begin(Instance *I) { I->next = 1; }
-static void indicators(Instance *I, double *z) { (void)I, (void)z; }
-static void outputs(Instance *I) { (void)I; }
 static void event(Instance *I)
 {
     if (I->time + 1e-9 < I->next)
@@ -300,9 +301,6 @@ RESOURCE = Model(
     "Resource",
     [V("y", "output", "Int32")],
     """
-static void begin(Instance *I) { (void)I; }
-static void indicators(Instance *I, double *z) { (void)I, (void)z; }
-static void event(Instance *I) { (void)I; }
 static void outputs(Instance *I)
 {
     char path[1100];
@@ -327,7 +325,7 @@ def feedthrough(types: tuple[str, ...], suffix: str = "", simulation: dict[str, 
         variables.append(V(f"{kind}_output", "output", kind, needs=(f"{kind}_input",)))
     copies = "".join(f"    I->d.{kind}_output = I->d.{kind}_input;\n" for kind in types)
     return Model(
-        f"Feedthrough{suffix}", variables, NOTHING + f"static void outputs(Instance *I)\n{{\n{copies}}}\n", step=0.1,
+        f"Feedthrough{suffix}", variables, f"static void outputs(Instance *I)\n{{\n{copies}}}\n", step=0.1,
         items=("Option 1", "Option 2"), simulation=simulation or {},
     )  # fmt: skip
 
@@ -349,8 +347,6 @@ STATE_SPACE = Model(
      V("y", "output", dims=("r",), room=5, needs=None)],
     """
 static void begin(Instance *I) { memcpy(I->d.x, I->d.x0, sizeof I->d.x); }
-static void indicators(Instance *I, double *z) { (void)I, (void)z; }
-static void event(Instance *I) { (void)I; }
 static void times(const double *A, const double *B, const double *x, const double *u, double *y, size_t r,
                   size_t n, size_t m)
 {
@@ -381,8 +377,6 @@ CONTROLLER = Model(
      V("i", "local", start=0.0, variability="discrete"),
      V("k_p", "parameter", start=2.0), V("k_i", "parameter", start=3.0), V("w", "parameter", start=1.0)],
     """
-static void begin(Instance *I) { (void)I; }
-static void indicators(Instance *I, double *z) { (void)I, (void)z; }
 static void outputs(Instance *I)
 {
     Data *d = &I->d;
@@ -403,7 +397,7 @@ static void event(Instance *I)
 LAG = Model(
     "Lag",
     [V("x", "output", start=0.0), V("der(x)", needs=("x", "u")), V("u", "input", start=0.0)],
-    NOTHING + "static void outputs(Instance *I) { I->d.der_x = I->d.u - I->d.x; }\n",
+    "static void outputs(Instance *I) { I->d.der_x = I->d.u - I->d.x; }\n",
     step=1e-2, states=("x",),
 )  # fmt: skip
 CLOCKS = Model(
@@ -414,8 +408,6 @@ CLOCKS = Model(
      V("inClock1Ticks", "output", "Int32", 0), V("inClock3Ticks", "output", "Int32", 0),
      V("totalInClockTicks", "output", "Int32", 0), V("delay", "parameter", start=0.0)],
     """
-static void begin(Instance *I) { (void)I; }
-static void indicators(Instance *I, double *z) { (void)I, (void)z; }
 static void outputs(Instance *I)
 {
     const int ticks = I->d.inClock1.tick + I->d.inClock3.tick;
@@ -438,8 +430,6 @@ COUNTER = Model(
     "Counter",
     [V("c", "input", "Clock", more=TRIGGERED), V("n", "output", "Int32", 0, more={"clocks": "c"})],
     """
-static void begin(Instance *I) { (void)I; }
-static void indicators(Instance *I, double *z) { (void)I, (void)z; }
 static void outputs(Instance *I)
 {
     if (I->d.c.tick)
