@@ -222,7 +222,8 @@ def _report(file: Path, what: str | None, problems: Sequence[str], notes: Sequen
     """Print findings; the command fails with problems."""
     for kind, texts in (("note", notes), ("problem", problems)):
         for text in first_few(texts, _rule):
-            say(f"{kind}: {_ruled(text)}")
+            rule = f" [{_rule(text)}]" if _rule(text) else ""
+            say(f"{kind}: {text}{rule}")  # its rule stands where no script looks for the text
     count = f"{len(problems)} problem(s)" if problems else "no problems"
     say(f"{file}{f' ({what})' if what else ''}: {count}")
     if problems:
@@ -232,8 +233,3 @@ def _report(file: Path, what: str | None, problems: Sequence[str], notes: Sequen
 def _rule(text: str) -> str:
     """Return the number of the rule of a finding; empty for another text."""
     return text.rule.number if isinstance(text, Finding) else ""
-
-
-def _ruled(text: str) -> str:
-    """Return a finding with the number of its rule at its end, where no script looks for the text."""
-    return f"{text} [{_rule(text)}]" if _rule(text) else text

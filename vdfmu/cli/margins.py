@@ -52,7 +52,8 @@ def margins(
     for t, each, growing in zip(found.times, found.margins, found.growing, strict=True):
         for i, name in enumerate(found.names):
             modulus, gain, phase, delay = (float(column[i]) for column in each[:4])
-            numbers = (f"{modulus:.3f}", f"{gain:.3g}", f"{math.degrees(phase):.1f} deg", _duration(delay))
+            late = f"{delay:.3g} s" if delay >= 1.0 else f"{1e3 * delay:.3g} ms"
+            numbers = (f"{modulus:.3f}", f"{gain:.3g}", f"{math.degrees(phase):.1f} deg", late)
             table.add_row(
                 f"{t:g} s" * (i == 0), name, *(numbers if not growing else ("unstable", "", "", "")),
                 f"{each.radius:.6f}" * (i == 0), style="red" if growing else None,
@@ -70,7 +71,3 @@ def margins(
             f"Largest part in its mode: {found.growing[worst]}, at {found.times[worst]:g} s."
         )
         raise typer.Exit(1)
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds:.3g} s" if seconds >= 1.0 else f"{1e3 * seconds:.3g} ms"

@@ -27,7 +27,6 @@ from vdfmu.base.standards import FMI_2
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.base.version import __version__
 from vdfmu.engine.fmu.description import Description
-from vdfmu.engine.fmu.variables import Value
 from vdfmu.engine.masters.multirate import with_steps
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.read import load_ssp
@@ -192,7 +191,8 @@ def _model(
     time = fmi.ModelVariable(name="time", type="Real", causality="independent", variability="continuous")
     variables, mappings = [time], {}
     for name, component in components.items():
-        given = {variable.name: value for variable, value in checked.starts.get(name, ())}
+        starts = checked.starts.get(name, ())
+        given = {v.name: str(x).lower() if isinstance(x, bool) else str(x) for v, x in starts}
         for definition in component.modelDescription.unitDefinitions:
             units.setdefault(str(definition.name), definition)
         for inner in component.modelDescription.modelVariables:
@@ -208,7 +208,7 @@ def _model(
                 unit=inner.unit,
                 min=inner.min,
                 max=inner.max,
-                start=_text(given[inner.name]) if inner.name in given else inner.start,
+                start=given.get(inner.name, inner.start),
             )
             variables.append(outer)
             mappings[outer] = [(component, inner)]
@@ -237,7 +237,3 @@ def _model(
         initialUnknowns=[fmi.Unknown(variable=unknown.variable) for unknown in outputs],
     )
     return model, mappings
-
-
-def _text(value: Value) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -112,10 +112,10 @@ class HelicsLink:
         try:
             self._say([time, *reals], said | ({"digest": self._digest} if self._count == 1 else {}))
             granted = h.helicsFederateRequestTime(self._federate, float(self._count))
-            heard = [
-                Heard(other, h.helicsInputGetVector(values), _read(words))
-                for other, (values, words) in self._inputs.items()
-            ]
+            heard: list[Heard] = []
+            for other, (values, words) in self._inputs.items():
+                said = json.loads(h.helicsInputGetString(words)) if h.helicsInputIsUpdated(words) else {}
+                heard.append(Heard(other, h.helicsInputGetVector(values), said))
         except h.HelicsException as error:
             self._left = True
             raise self._failure(time, f"the others cannot be reached any more: {self._named(str(error))}") from None
@@ -158,10 +158,6 @@ class HelicsLink:
         for number, name in self._cores.items():
             text = text.replace(number, f"federate {name}")
         return text
-
-
-def _read(words: Any) -> dict[str, Any]:
-    return json.loads(h.helicsInputGetString(words)) if h.helicsInputIsUpdated(words) else {}
 
 
 def _names_of_cores(federate: Any) -> dict[str, str]:

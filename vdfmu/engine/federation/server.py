@@ -135,9 +135,10 @@ class FederateServer(Server):
         said: dict[str, Any] = {"ended": self._box.ended} if self._box.ended else {}
         if self._rest != self._known:
             self._known = self._rest[:]
-            said["values"] = [_to_json(value) for value in self._rest]
+            said["values"] = [{"bytes": x.decode("latin-1")} if isinstance(x, bytes) else x for x in self._rest]
         for name, reals, words in self._link.swap(time, self._reals.tolist(), said):
-            sent, rest = self._plan.sent[name], [_from_json(value) for value in words.get("values", ())]
+            sent, values = self._plan.sent[name], words.get("values", ())
+            rest = [x["bytes"].encode("latin-1") if isinstance(x, dict) else x for x in values]
             self._heard |= zip((*sent.reals[: len(reals)], *sent.rest[: len(rest)]), (*reals, *rest), strict=True)
             for port, bank, at in self._read[name]:
                 if bank.kind == "Real" or rest:
@@ -169,14 +170,6 @@ class FederateServer(Server):
         if self._broker is not None:
             end_broker(self._broker)
         return failure
-
-
-def _to_json(value: Value) -> Any:
-    return {"bytes": value.decode("latin-1")} if isinstance(value, bytes) else value
-
-
-def _from_json(value: Any) -> Value:
-    return value["bytes"].encode("latin-1") if isinstance(value, dict) else value
 
 
 if __name__ == "__main__":

@@ -169,7 +169,7 @@ def read_variables(
                 unit=units.get(unit, UnitFactor(unit)) if unit else None,
                 relative=v.name in relative or bool(declared is not None and declared.relativeQuantity),
                 items={str(i.name): int(str(i.value)) for i in declared.items} if declared is not None else None,
-                nominal=_nominal(nominal),
+                nominal=abs(float(nominal or 0)) or None,
                 limits=limits_of(v),
                 native=version.enumeration if v.type == "Enumeration" else v.type,
                 index=index,
@@ -204,8 +204,3 @@ def start_values(variable: Any) -> list[Value]:
         except ValueError:
             found.append(0)
     return found if kind in ("Real", "Boolean") else [int(value) for value in found]
-
-
-def _nominal(text: Any) -> float | None:
-    """Size of a variable's values; None where the FMU states none or zero."""
-    return abs(float(text)) if text is not None and float(text) != 0.0 else None

@@ -17,7 +17,6 @@ from vdfmu.engine.inspect.trial import master_of, run_apart
 from vdfmu.engine.package.archive import Archive, is_inside
 from vdfmu.engine.package.parse import parse_xml, version_of
 from vdfmu.engine.package.read import DEFAULT, read_system, variants
-from vdfmu.engine.package.system import System
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.rules import Finding, found
 
@@ -85,7 +84,11 @@ def _check_variant(path: Path, variant: str, folder: Path, stored: dict[str, Pat
                 units[source] = error.problems
     if system is not None:
         findings.problems += system.faults
-        against = _against_units(system)
+        try:
+            checked = check_system(system, algorithm=master_of(system), ignore_unmatched=True)
+            against = Findings(notes=list(checked.notes))
+        except SspError as error:
+            against = Findings(error.problems, list(error.notes))
         starts = tuple(f"{c.name}: {c.source}: " for c in system.components if units.get(c.source))
         findings.notes += against.notes
         findings.problems += [
@@ -101,15 +104,6 @@ def _check_variant(path: Path, variant: str, folder: Path, stored: dict[str, Pat
 
 _OF_UNIT = ("FMI", "PKG")
 """Rules whose breach the check of an FMU reports, too."""
-
-
-def _against_units(system: System) -> Findings:
-    """Check the system against its FMUs."""
-    try:
-        checked = check_system(system, algorithm=master_of(system), ignore_unmatched=True)
-        return Findings(notes=list(checked.notes))
-    except SspError as error:
-        return Findings(error.problems, list(error.notes))
 
 
 def _same_names(heads: Mapping[str, Any]) -> list[Finding]:

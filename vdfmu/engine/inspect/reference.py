@@ -7,7 +7,7 @@ import io
 import posixpath
 import re
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -247,40 +247,31 @@ def _results_3(
     said: Said,
 ) -> dict[str, Floats]:
     """Return the results of an FMU 3.0 at the times of a table: arrays set and read at every communication point."""
-    folder = fmpy.extract(str(path))
-    instance = FMU3Slave(
-        guid=description.guid,
-        unzipDirectory=folder,
-        modelIdentifier=description.coSimulation.modelIdentifier,
-        instanceName="check",
-        fmiCallLogger=refuse_negative,
-    )
-    try:
-        return _drive(instance, variables, expected, signals, said)
-    finally:
-        instance.freeInstance()
-
-
-def _drive(
-    instance: Any, variables: Mapping[str, Any], expected: ReferenceTable, signals: ReferenceTable | None, said: Said
-) -> dict[str, Floats]:
+    instance: Any = FMU3Slave(
+        guid=description.guid, unzipDirectory=fmpy.extract(str(path)), instanceName="check",
+        modelIdentifier=description.coSimulation.modelIdentifier, fmiCallLogger=refuse_negative,
+    )  # fmt: skip
     start, stop = float(expected.time[0]), float(expected.time[-1])
-    instance.instantiate(logMessage=said)
-    instance.enterInitializationMode(startTime=start, stopTime=stop)
-    _feed(instance, variables, signals, start)
-    instance.exitInitializationMode()
     points = expected.time if signals is None else np.concatenate([expected.time, signals.time])
     points = np.unique(points[(points >= start) & (points <= stop)])
     results = {name: np.empty_like(column) for name, column in expected.columns.items()}
-    for index, time in enumerate(points):
-        if index:
-            instance.doStep(points[index - 1], time - points[index - 1])
-        for row in np.flatnonzero(expected.time == time):
-            for name, column in results.items():
-                column[row] = _get(instance, variables[name], column.shape[1])
-        _feed(instance, variables, signals, float(time))
-    instance.terminate()
-    return results
+    try:
+        instance.instantiate(logMessage=said)
+        instance.enterInitializationMode(startTime=start, stopTime=stop)
+        _feed(instance, variables, signals, start)
+        instance.exitInitializationMode()
+        for index, time in enumerate(points):
+            if index:
+                instance.doStep(points[index - 1], time - points[index - 1])
+            for row in np.flatnonzero(expected.time == time):
+                for name, column in results.items():
+                    get = getattr(instance, f"get{_accessor(variables[name])}")
+                    column[row] = get([variables[name].valueReference], nValues=column.shape[1])
+            _feed(instance, variables, signals, float(time))
+        instance.terminate()
+        return results
+    finally:
+        instance.freeInstance()
 
 
 def _feed(instance: Any, variables: Mapping[str, Any], signals: ReferenceTable | None, time: float) -> None:
@@ -296,19 +287,10 @@ def _feed(instance: Any, variables: Mapping[str, Any], signals: ReferenceTable |
         value = column[last]
         if variable.variability == "continuous":
             value = value + part * (column[following] - value)
-        _set(instance, variable, value)
+        kind = _accessor(variable)
+        cast = float if kind.startswith("Float") else bool if kind == "Boolean" else int
+        getattr(instance, f"set{kind}")([variable.valueReference], [cast(x) for x in value])
 
 
 def _accessor(variable: Any) -> str:
     return "Int64" if variable.type == "Enumeration" else str(variable.type)
-
-
-def _get(instance: Any, variable: Any, size: int) -> Sequence[Any]:
-    values = getattr(instance, f"get{_accessor(variable)}")([variable.valueReference], nValues=size)
-    return [float(value) for value in values]
-
-
-def _set(instance: Any, variable: Any, values: Floats) -> None:
-    kind = _accessor(variable)
-    cast = float if kind.startswith("Float") else bool if kind == "Boolean" else int
-    getattr(instance, f"set{kind}")([variable.valueReference], [cast(v) for v in values])

@@ -103,7 +103,8 @@ class Bindings:
             for entry in entries:
                 places = list(node.places(entry.name))
                 for place, name in places:
-                    others = tuple((self._name(n), m) for n, m in places if n is not place)
+                    names = self.wiring.names
+                    others = tuple((names.get(n.path, n.label), m) for n, m in places if n is not place)
                     key = place.path, name
                     if key in self._bound and place.kind == "component":
                         old = self._bound[key]
@@ -113,9 +114,6 @@ class Bindings:
                     text = f"{node.label or 'the system'}: parameter {entry.name!r} ({entry.origin}) "
                     text += "matches no element or connector"
                     self.unmatched.append(found("SSP052", text, entry.place))
-
-    def _name(self, node: Node) -> str:
-        return self.wiring.names.get(node.path, node.label)
 
     def _pass_on(self, key: Key, bound: _Bound) -> None:
         """Give the value of a connector of a system to all variables that it feeds."""

@@ -31,11 +31,6 @@ _NAMED = {
 }  # fmt: skip
 
 
-def _url(name: str) -> str:
-    """Return a name as a URL that lxml takes: bytes of a name that are not UTF-8 are written out."""
-    return name.encode("utf-8", "backslashreplace").decode()
-
-
 def parse_xml(data: bytes, where: str) -> Any:
     """Parse XML without entities, external files or network, and return its root, which knows `where` as its URL.
 
@@ -45,8 +40,9 @@ def parse_xml(data: bytes, where: str) -> Any:
         resolve_entities=False, no_network=True, load_dtd=False, dtd_validation=False, huge_tree=False,
         remove_comments=True, remove_pis=True,
     )  # fmt: skip
+    url = where.encode("utf-8", "backslashreplace").decode()  # lxml takes no bytes that are not UTF-8
     try:
-        root = etree.fromstring(data, parser, base_url=_url(where))
+        root = etree.fromstring(data, parser, base_url=url)
     except (etree.XMLSyntaxError, ValueError) as error:
         if b"<!DOCTYPE" in data:  # entities may be what the parser stumbles over
             raise breach("PKG009", f"{where}: {_DOCTYPE}", (where, 0)) from None
