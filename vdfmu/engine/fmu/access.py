@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vdfmu.engine.fmu.variables import FmuVariable, Value
 
-Call = tuple[Callable[..., int], tuple[Any, ...], str]
+Call = tuple[Any, tuple[Any, ...], str]
 """An FMI function, its arguments, prepared once, and its name for messages."""
 DTYPES: dict[str, Any] = {
     "Real": np.float64, "Integer": np.int64, "Boolean": np.int32, "String": np.object_, "Binary": np.object_,
