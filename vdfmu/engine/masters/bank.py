@@ -29,7 +29,7 @@ class Bank:
 
     def __init__(self, kind: str, checked: Checked, words: Floats) -> None:
         self.kind = kind
-        fresh = checked.schedule.fresh
+        self._fresh = fresh = checked.schedule.fresh
         links = {link.end: link for link in checked.links if link.stepped}
         outputs: list[tuple[str, FmuVariable]] = []
         inputs: list[tuple[str, FmuVariable]] = []
@@ -104,13 +104,11 @@ class Bank:
         """Return targets and sources of the inputs of a window, run by run; None where one `take` is faster."""
         if self.kind in TEXTS or not all(link.conversion.trivial for link in self.links[window]):
             return None
-        targets = [
-            i
-            for unit, own in self.input_windows.items()
-            for i in range(own.start + self.fresh_counts[unit] * late, own.stop)
-            if window.start <= i < window.stop
+        pairs = [
+            (self.position[link.end], self.position[link.start])
+            for link in self.links[window]
+            if not (late and link.end in self._fresh)
         ]
-        pairs = [(self.outputs.size + i, self.position[self.links[i].start]) for i in targets]
         begins = [k for k, (i, j) in enumerate(pairs) if k == 0 or (i - 1, j - 1) != pairs[k - 1]]
         if len(begins) > _RUNS:
             return None

@@ -337,20 +337,17 @@ class SampledStepper:
 
 def _finite(outputs: Floats, watched: NDArray[np.intp]) -> Callable[[], bool]:
     """Return a function that tells whether the watched outputs are finite: zero times any other number is NaN."""
-    zeros, values, product = np.zeros(watched.size), np.zeros(watched.size), np.zeros(())
+    whole, zeros, product = watched.size == outputs.size, np.zeros(watched.size), np.zeros(())
+    values = outputs if whole else np.zeros(watched.size)
     found = c_double.from_buffer(product)  # pyright: ignore[reportArgumentType]
-    dot, take = (outputs if watched.size == outputs.size else values).dot, outputs.take
 
-    def all_finite() -> bool:
-        dot(zeros, product)
+    def finite() -> bool:
+        if not whole:
+            outputs.take(watched, None, values, "clip")
+        values.dot(zeros, product)
         return found.value == 0.0
 
-    def watched_finite() -> bool:
-        take(watched, None, values, "clip")
-        dot(zeros, product)
-        return found.value == 0.0
-
-    return all_finite if watched.size == outputs.size else watched_finite
+    return finite
 
 
 def _store(rec: NDArray[Any], memory: NDArray[Any], picked: list[int]) -> Callable[[int], None]:
