@@ -37,7 +37,7 @@ _FLAGS = (
 )  # fmt: skip
 _SINGLY = "-fno-slp-vectorize"
 """Does not join operations. The search for them takes half of the time to compile a straight line, and gains none at
-run time; but a solver's step works on arrays, and takes 8 % less with two numbers at a time, of the same bits."""
+run time; but a solver's step works on arrays, and takes up to 8 % less with two numbers at a time, of the same bits."""
 _STEP = re.compile(r"kernel_\w+_step(_avx2)?\.c")
 """File of a solver's step, without the long functions that it calls."""
 _INCLUDE = re.compile(rb'^\s*#\s*include\s*["<]([^">]+)[">]', re.MULTILINE)
