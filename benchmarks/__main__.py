@@ -17,7 +17,7 @@ from benchmarks.timing import processor_time
 from vdfmu.compiler.c.compile import native_available
 
 NAMES = (
-    "fmu_growth", "coupling", "native", "interop", "work_precision", "whole", "sweeps", "arms", "verdict",
+    "fmu_growth", "coupling", "native", "interop", "work_precision", "engines", "whole", "sweeps", "arms", "verdict",
 )  # fmt: skip
 
 

@@ -25,6 +25,7 @@ from fmpy.fmi2 import FMU2Slave
 from matplotlib.ticker import LogLocator, ScalarFormatter
 
 from benchmarks.chains import random_motion, repeated_link
+from benchmarks.engines import mujoco_model
 from benchmarks.report import Report, Table
 from benchmarks.timing import Case, measure
 from vdfmu.arm.equations.plant import equilibrium_torque
@@ -168,22 +169,8 @@ def _others(robot: Robot, rounds: int) -> dict[str, float]:
 def _mujoco(robot: Robot, q: np.ndarray, q_dot: np.ndarray) -> Case:
     """One step of MuJoCo's integrator `implicit` from a state of the same rigid links."""
     mujoco: Any = import_module("mujoco")
-
-    def text(values: Any) -> str:
-        return " ".join(repr(float(value)) for value in np.ravel(values))
-
-    bodies = ""
-    for i in range(robot.n):
-        I = robot.inertia[i]
-        bodies += (
-            f'<body pos="{text(robot.offset[i])}" xyaxes="{text(robot.rotation[i].T[:2])}"><joint axis="0 0 1"/>'
-            f'<inertial pos="{text(robot.centroid[i])}" mass="{text(robot.mass[i])}" '
-            f'fullinertia="{text([I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]])}"/>'
-        )
-    model = mujoco.MjModel.from_xml_string(
-        f'<mujoco><option timestep="{_STEP}" integrator="implicit" gravity="{text(-robot.gravity)}"/>'
-        f"<worldbody>{bodies}{'</body>' * robot.n}</worldbody></mujoco>"
-    )
+    model = mujoco_model(robot)
+    model.opt.timestep, model.opt.integrator = _STEP, mujoco.mjtIntegrator.mjINT_IMPLICIT
     data = mujoco.MjData(model)
 
     def step() -> None:

@@ -119,13 +119,13 @@ class Plan:
         unit = instance.name
         start = self._bank.input_windows[unit].start
         self._copy(unit, slice(start, start + self._bank.fresh_counts[unit]))
-        for function, _, references, _, values, name in calls:
+        for function, arguments, name in calls:
             address = ctypes.cast(function, ctypes.c_void_p).value
             component = instance.fmu.component
             if name == "doStep":
                 self._add(unit, "do_step", _Action(_DO_STEP, address, component, None, 0, None, None))
                 continue
-            index, value = references._obj, values._obj  # of byref
+            index, value = arguments[1]._obj, arguments[3]._obj  # of byref
             places = ctypes.addressof(index), len(index), ctypes.addressof(value)
             self._add(unit, name[:3], _Action(_TRANSFER, address, component, *places, None))
 
@@ -188,8 +188,8 @@ def interpreter_parts(path: Path, algorithm: str, step: float, rounds: int) -> d
         gathers = [*stepper.opening, *(gather for _, each, _ in stepper.stages for gather in each)]
 
         def call_all() -> None:
-            for function, a, b, c, d, _ in plan:
-                if function(a, b, c, d):
+            for function, arguments, _ in plan:
+                if function(*arguments):
                     raise RuntimeError("an empty unit failed")
 
         def gather_all() -> None:

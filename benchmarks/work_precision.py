@@ -1,13 +1,12 @@
-"""Work and precision of the plant's solver against CVODE and scipy's, all on the same generated equations."""
+"""Work and precision of the plant's solver, and of CVODE on the same generated equations."""
 
 from __future__ import annotations
 
-import ctypes
 import math
 import shutil
 import tempfile
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Generic, TypeVar
@@ -16,53 +15,51 @@ import numpy as np
 from fmpy import extract, read_model_description
 from fmpy.fmi2 import FMU2Model, FMU2Slave
 from fmpy.sundials import CVodeSolver
-from scipy.integrate import solve_ivp
 
-from benchmarks.compiled import CompiledFunction, write_library
 from benchmarks.report import Report, Table
 from benchmarks.timing import Case, measure
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot, load_robot
-from vdfmu.arm.robot.structure import values
-from vdfmu.arm.units.plant import Plant
-from vdfmu.compiler.unit.interface import Interface
 
 TITLE = "Work and precision: the plant alone"
 COSIM, CVODE = "FMU, co-simulation", "FMU, model exchange, CVODE"
-SCIPY = ("Radau", "BDF", "LSODA")
-METHODS = (COSIM, CVODE, *SCIPY)
 INTERVAL = 0.01
 """Time between two compared states [s]; all solvers make many steps in it."""
 _REFERENCE_TOLERANCE = 1e-12
-_LEVELS = (1e-5, 1e-6, 1e-7, 1e-8)
+_ERRORS = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
 """Errors at which the times are compared [rad]."""
+Motion = Callable[[float], np.ndarray]
+"""Positions at the compared times, (m, n) [rad], at a level of precision."""
 Unit = TypeVar("Unit", FMU2Slave, FMU2Model)
 
 
 @dataclass
 class Point:
-    """One method at one tolerance."""
+    """One method at one tolerance, accuracy or step [s]."""
 
     method: str
-    tolerance: float
-    time: float
+    level: float
+    time: float = math.inf
     """Processor time of the whole motion [s], least of the rounds."""
-    error: float
+    error: float = math.inf
     """Largest error of a position [rad] over all joints and compared times."""
 
 
 @dataclass
 class WorkPrecision:
-    """All points, and what they are measured by."""
+    """All points."""
 
     robot: str
     stop: float
-    check: float
-    """Difference of the reference to one of another method and code [rad]."""
-    points: list[Point] = field(default_factory=list)
+    points: list[Point]
+
+    @property
+    def check(self) -> float:
+        """Least difference of the reference to another method [rad]."""
+        return min((p.error for p in self.points if p.method != COSIM), default=math.nan)
 
     def of(self, method: str) -> list[Point]:
-        """Points of a method, the loosest tolerance first."""
+        """Points of a method, the least precise first."""
         return [p for p in self.points if p.method == method]
 
     def time_at(self, method: str, error: float) -> float | None:
@@ -76,55 +73,42 @@ class WorkPrecision:
 
 def run(report: Report, quick: bool = False) -> None:
     """Measure and tabulate."""
-    stop = 0.05 if quick else 0.5
     tolerances = [10.0**-k for k in ((4, 6, 8) if quick else range(4, 10))]
-    found = study(
-        load_robot("manipulator_6dof"),
-        stop=stop,
-        tolerances=tolerances,
-        rounds=1 if quick else 3,
-        say=report.say,
-    )
-    tabulate(found, report)
+    robot = load_robot("manipulator_6dof")
+    tabulate(study(robot, 0.05 if quick else 0.5, tolerances, 1 if quick else 3), report)
 
 
-def study(
-    robot: Robot, *, stop: float, tolerances: Sequence[float], rounds: int, say: Callable[[str], None]
-) -> WorkPrecision:
-    """Solve the motion with every method at every tolerance, in turns.
+def study(robot: Robot, stop: float, tolerances: Sequence[float], rounds: int) -> WorkPrecision:
+    """Solve the motion with both methods at every tolerance, in turns.
 
     The motion: the arm starts at rest in equilibrium with gravity, its motors free, and falls against drives
     and friction. Nothing in it is discontinuous, and no input changes, so that no solver has to restart.
     """
     times = np.linspace(0.0, stop, round(stop / INTERVAL) + 1)
     with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as name:
-        folder = Path(name)
-        fmu = build_fmus(robot, folder / "fmus", units=["plant"], backend="native")["plant"]
+        fmu = build_fmus(robot, Path(name), units=["plant"], backend="native")["plant"]
         cosim, exchange = CoSimulation(fmu, times, robot.n), _ModelExchange(fmu, times, robot.n)
-        scipy = _Scipy(robot, folder, times, exchange.start())
-        solvers: dict[str, Callable[[float], np.ndarray]] = {COSIM: cosim, CVODE: exchange}
-        solvers |= {name: partial(scipy, name) for name in SCIPY}
-        say(f"reference at tolerance {_REFERENCE_TOLERANCE:g}, {stop:g} s")
-        reference = cosim(_REFERENCE_TOLERANCE)
-        other = scipy("LSODA", _REFERENCE_TOLERANCE)
-        found = WorkPrecision(robot.name, stop, float(np.max(np.abs(reference - other))))
-        say(f"{len(solvers)} methods at {len(tolerances)} tolerances")
-        cases: list[Case] = []
-        for method, solver in solvers.items():
-            for tolerance in tolerances:
-                point = Point(method, tolerance, math.inf, math.inf)
-                found.points.append(point)
-
-                def solve(point: Point, solver: Callable[[float], np.ndarray]) -> None:
-                    point.error = float(np.max(np.abs(solver(point.tolerance) - reference)))
-
-                cases.append(Case(method, partial(solve, point, solver)))
-        measure(cases, rounds, batch=0.0, limit=2.0 * rounds)
-        for point, case in zip(found.points, cases, strict=True):
-            point.time = case.best
+        found = compare(robot, stop, {COSIM: (cosim, tolerances), CVODE: (exchange, tolerances)}, rounds)
         cosim.close()
         exchange.close()
     return found
+
+
+def compare(
+    robot: Robot, stop: float, methods: Mapping[str, tuple[Motion, Sequence[float]]], rounds: int
+) -> WorkPrecision:
+    """Solve a motion with methods at their levels of precision, in turns; the first one's at 1e-12 is the reference."""
+    reference = methods[COSIM][0](_REFERENCE_TOLERANCE)
+    points = [Point(method, level) for method, (_, levels) in methods.items() for level in levels]
+
+    def solve(point: Point) -> None:
+        point.error = float(np.max(np.abs(methods[point.method][0](point.level) - reference)))
+
+    cases = [Case(point.method, partial(solve, point)) for point in points]
+    measure(cases, rounds, batch=0.0, limit=2.0 * rounds)
+    for point, case in zip(points, cases, strict=True):
+        point.time = case.best
+    return WorkPrecision(robot.name, stop, points)
 
 
 # ------------------------------------------------------------------ solvers
@@ -193,13 +177,6 @@ class _ModelExchange(_Unpacked[FMU2Model]):
     def __init__(self, fmu: Path, times: np.ndarray, n: int) -> None:
         super().__init__(fmu, times, n, FMU2Model)
 
-    def start(self) -> np.ndarray:
-        """State at the start."""
-        self.initialize(1e-6)
-        x = (ctypes.c_double * self.nx)()
-        self.unit.getContinuousStates(x, self.nx)
-        return np.array(x)
-
     def __call__(self, tolerance: float) -> np.ndarray:
         self.initialize(tolerance)
         self.unit.newDiscreteStates()
@@ -219,64 +196,28 @@ class _ModelExchange(_Unpacked[FMU2Model]):
         return np.array(rows)
 
 
-class _Scipy:
-    """scipy's solvers on the compiled right-hand side and Jacobian."""
-
-    def __init__(self, robot: Robot, folder: Path, times: np.ndarray, start: np.ndarray) -> None:
-        functions = Interface(Plant, robot).functions
-        library = write_library(functions, ("plant_derivatives", "plant_jacobian"), folder)
-        self._f = CompiledFunction(library, functions, "plant_derivatives")
-        self._J = CompiledFunction(library, functions, "plant_jacobian")
-        for function in (self._f, self._J):
-            function.args["p"][:] = values(robot)
-        self._start = start
-        self.times = times
-        self.n = robot.n
-
-    def derivative(self, t: float, x: np.ndarray) -> np.ndarray:
-        self._f.args["x"][:] = x
-        self._f.run()
-        return self._f.results["x_dot"].copy()
-
-    def jacobian(self, t: float, x: np.ndarray) -> np.ndarray:
-        self._J.args["x"][:] = x
-        self._J.run()
-        m = len(x)
-        return self._J.results["J"].reshape(m, m, order="F").copy()
-
-    def __call__(self, method: str, tolerance: float) -> np.ndarray:
-        found = solve_ivp(
-            self.derivative, (0.0, self.times[-1]), self._start, method=method, jac=self.jacobian,
-            rtol=tolerance, atol=tolerance, t_eval=self.times,
-        )  # fmt: skip
-        if not found.success:
-            raise RuntimeError(f"{method} at {tolerance:g}: {found.message}")
-        return found.y[: self.n].T
-
-
 # ------------------------------------------------------------------ reporting
 
 
-def tabulate(found: WorkPrecision, report: Report) -> None:
+def tabulate(found: WorkPrecision, report: Report, title: str = "free fall") -> None:
     """Show and keep the tables and facts."""
     table = Table(
-        "work_precision", f"{found.robot}, {found.stop:g} s of free fall",
-        [("method", ""), ("tolerance", ".0e"), ("error [rad]", ".1e"), ("time [ms]", ".2f")],
-        [[p.method, p.tolerance, p.error, 1e3 * p.time] for p in found.points],
+        report.name, f"{found.robot}, {found.stop:g} s of {title}",
+        [("method", ""), ("tolerance, accuracy or step [s]", ".1e"), ("error [rad]", ".1e"), ("time [ms]", ".2f")],
+        [[p.method, p.level, p.error, 1e3 * p.time] for p in found.points],
         [f"Error: largest of all positions at times {INTERVAL * 1e3:g} ms apart, to the FMU's co-simulation at "
-         f"tolerance {_REFERENCE_TOLERANCE:g}, from which LSODA at the same differs by {found.check:.1e} rad.",
-         "Time: least processor time of the whole motion, all in turns. Tolerances are relative and absolute; FMU and "
-         "CVODE take the mean of all states, CVODE with differences for the Jacobian."],
+         f"{_REFERENCE_TOLERANCE:g}, to which others come as close as {found.check:.1e} rad.",
+         "Time: least processor time of the whole motion, all in turns, of steps in compiled code."],
     )  # fmt: skip
     report.show(table)
+    methods = list(dict.fromkeys(p.method for p in found.points))
     equal = Table(
-        "work_precision_equal", "Time at equal error [ms], between the measured points",
-        [("error [rad]", ".0e"), *[(method, ".2f") for method in METHODS], ("fastest other over FMU", ".1f")],
+        f"{report.name}_equal", "Time at equal error [ms], between the measured points",
+        [("error [rad]", ".0e"), *[(m, ".2f") for m in methods], *[(f"{m} over FMU", ".1f") for m in methods[1:]]],
     )  # fmt: skip
-    for level in _LEVELS:
-        times = [found.time_at(method, level) for method in METHODS]
-        ours, others = times[0], [t for t in times[1:] if t is not None]
-        ratio = min(others) / ours if ours and others else None
-        equal.add(level, *[None if t is None else 1e3 * t for t in times], ratio)
+    for error in _ERRORS:
+        ours, *others = times = [found.time_at(method, error) for method in methods]
+        ratios = [t / ours if t and ours else None for t in others]
+        equal.add(error, *[None if t is None else 1e3 * t for t in times], *ratios)
     report.show(equal)
-    report.facts |= {"points": [vars(p) for p in found.points], "reference_check_rad": found.check}
+    report.facts |= {"points": [vars(p) for p in found.points], "closest_rad": found.check}

@@ -14,6 +14,7 @@ from rich.console import Console
 from benchmarks import (
     arms,
     coupling,
+    engines,
     fmu_growth,
     native,
     sweeps,
@@ -23,13 +24,11 @@ from benchmarks import (
 )
 from benchmarks.__main__ import main
 from benchmarks.chains import random_motion, repeated_link
-from benchmarks.compiled import CompiledFunction, write_library
 from benchmarks.importers import PACKAGES, missing
 from benchmarks.report import Report, Table
 from benchmarks.system import Clock, least, median
 from benchmarks.timing import Case, measure
-from vdfmu.arm.robot import Robot, check_robot, load_robot
-from vdfmu.arm.robot.structure import values
+from vdfmu.arm.robot import check_robot, load_robot
 from vdfmu.compiler.c.compile import native_available
 from vdfmu.system.scenario import load_scenario
 
@@ -127,21 +126,6 @@ def test_clock_divides_by_the_steps() -> None:
 
 
 @needs_compiler
-def test_compiled_function_is_the_traced_one(tmp_path: Path, planar: Robot, functions_of) -> None:
-    functions, name = functions_of("plant", planar), "plant_derivatives"
-    compiled = CompiledFunction(write_library(functions, [name], tmp_path), functions, name)
-    traced = functions.function(name)
-    random = np.random.default_rng(3)
-    for name, buffer in traced.args.items():
-        buffer[:] = values(planar) if name == "p" else random.uniform(-0.5, 0.5, len(buffer))
-        compiled.args[name][:] = buffer
-    traced.run()
-    compiled.run()
-    # one rounding of the largest term apart at most: libraries differ in sin and cos
-    np.testing.assert_allclose(compiled.results["x_dot"], traced.results["x_dot"], rtol=1e-12, atol=1e-12)
-
-
-@needs_compiler
 @pytest.mark.heavy
 def test_native(report: Report) -> None:
     found = native.study(
@@ -165,15 +149,23 @@ def test_native(report: Report) -> None:
 @needs_compiler
 @pytest.mark.heavy
 def test_work_precision(report: Report) -> None:
-    found = work_precision.study(
-        load_robot("planar_2dof"), stop=0.02, tolerances=[1e-5, 1e-7], rounds=1, say=report.say
-    )
-    assert found.check < 1e-9  # the reference agrees with another solver
-    for method in work_precision.METHODS:
+    found = work_precision.study(load_robot("planar_2dof"), 0.02, [1e-5, 1e-7], 1)
+    for method in (work_precision.COSIM, work_precision.CVODE):
         loose, tight = found.of(method)
         # a hundred times the tolerance: the local error is controlled, of all states
         assert tight.error < 1e-5
         assert tight.error < loose.error
+    work_precision.tabulate(found, report)
+
+
+@needs_compiler
+@pytest.mark.heavy
+def test_engines(report: Report) -> None:
+    found = engines.study(load_robot("planar_2dof"), 0.02, 1, report.say)
+    for integrator, order in (("RK4", 4), ("implicit", 1)):
+        first, *_, last = found.of(f"mujoco {integrator}")
+        # its own order between the steps: the models are the same, for the error of another one would stay
+        assert last.error < 10.0 * first.error * (last.level / first.level) ** order + 1e-10
     work_precision.tabulate(found, report)
 
 
@@ -188,11 +180,8 @@ def test_whole(report: Report) -> None:
 
 
 def test_time_at_an_error_is_interpolated() -> None:
-    found = work_precision.WorkPrecision("", 1.0, 0.0)
-    found.points = [
-        work_precision.Point("A", tolerance, time, error)
-        for tolerance, time, error in ((1e-4, 1.0, 1e-4), (1e-8, 100.0, 1e-8))
-    ]
+    points = [work_precision.Point("A", 1e-4, 1.0, 1e-4), work_precision.Point("A", 1e-8, 100.0, 1e-8)]
+    found = work_precision.WorkPrecision("", 1.0, points)
     assert found.time_at("A", 1e-6) == pytest.approx(10.0, rel=1e-12)
     assert found.time_at("A", 1e-3) is None
     assert found.time_at("B", 1e-6) is None

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from vdfmu.engine.fmu.variables import FmuVariable, Value
 
-Call = tuple[Any, Any, Any, Any, Any, str]
-"""An FMI function, its last four arguments, and its name for messages."""
+Call = tuple[Any, tuple[Any, ...], str]
+"""An FMI function, its arguments, prepared once, and its name for messages."""
 DTYPES: dict[str, Any] = {
     "Real": np.float64, "Integer": np.int64, "Boolean": np.int32, "String": np.object_, "Binary": np.object_,
 }  # fmt: skip

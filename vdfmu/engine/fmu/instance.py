@@ -101,7 +101,7 @@ class Instance(Library):
         values = np.zeros(len(variables))
         calls = self.access("Set", variables, values)
 
-        def run(*_: Any) -> int:
+        def run() -> int:
             begin, first, slope = clock.value, starts.copy(), slopes.copy()
 
             def line(time: float) -> None:
@@ -111,7 +111,7 @@ class Instance(Library):
             self.line = line
             return 0
 
-        return run, None, None, None, None, "setRealInputDerivatives"
+        return run, (), "setRealInputDerivatives"
 
     def slopes(self, variables: Sequence[FmuVariable], values: Floats) -> Call:
         """Return the call that gets the derivatives of real outputs by time into `values`, in place."""

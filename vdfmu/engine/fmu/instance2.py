@@ -63,11 +63,11 @@ class Instance2(Instance):
         """See `Instance.value_call`."""
         count, _ = moved.counts
         function = moved.around(self.function(moved.verb + moved.native))
-        return function, self.argument, byref(moved.references), count, moved.pointer, moved.name
+        return function, (self.argument, byref(moved.references), count, moved.pointer), moved.name
 
     def simulation_call(self, clock: c_double, size: c_double) -> Call:
         """See `Instance.simulation_call`."""
-        return self.function("DoStep"), self.argument, clock, size, 1, "doStep"
+        return self.function("DoStep"), (self.argument, clock, size, c_int.from_param(1)), "doStep"
 
     def rate_call(self, variables: Sequence[FmuVariable], starts: Floats, slopes: Floats, clock: c_double) -> Call:
         """See `Instance.rate_call`."""
@@ -79,17 +79,15 @@ class Instance2(Instance):
 
     def slope_call(self, moved: Transfer) -> Call:
         """See `Instance.slope_call`."""
-        called = self._first_order("GetRealOutputDerivatives", len(moved.references), moved.references, moved.pointer)
-        return moved.around(called[0]), *called[1:]
+        function, arguments, name = self._first_order(
+            "GetRealOutputDerivatives", len(moved.references), moved.references, moved.pointer
+        )
+        return moved.around(function), arguments, name
 
     def _first_order(self, name: str, n: int, references: Any, values: Any) -> Call:
         """Return the call that gets or sets n first derivatives by time."""
-        orders, function = (c_int * n)(*([1] * n)), self.function(name)
-
-        def call(component: Any, references: Any, count: Any, values: Any) -> int:
-            return function(component, references, count, orders, values)
-
-        return call, self.argument, references, c_size_t.from_param(n), values, name[0].lower() + name[1:]
+        arguments = self.argument, references, c_size_t.from_param(n), (c_int * n)(*([1] * n)), values
+        return self.function(name), arguments, name[0].lower() + name[1:]
 
     def sizes(self) -> tuple[int, int]:
         """See `Instance.sizes`."""

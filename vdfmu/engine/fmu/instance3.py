@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from ctypes import byref, c_bool, c_char, c_double, c_int, c_size_t, c_uint32
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -77,14 +76,10 @@ class Instance3(Instance):
 
     def value_call(self, moved: Transfer) -> Call:
         """See `Instance.value_call`."""
-        function, count, n = self.function(moved.verb + moved.native), *moved.counts
-        references = byref(moved.references)
-        if moved.native == "Binary":
-            sizes = byref(c_char.from_buffer(moved.sizes))  # pyright: ignore[reportArgumentType]
-            called = moved.around(partial(function, self.argument, references))
-            return called, count, sizes, moved.pointer, n, moved.name
-        called = moved.around(partial(function, self.argument))
-        return called, references, count, moved.pointer, n, moved.name
+        count, n = moved.counts
+        sizes = [byref(c_char.from_buffer(moved.sizes))] if moved.native == "Binary" else []  # pyright: ignore[reportArgumentType]
+        arguments = self.argument, byref(moved.references), count, *sizes, moved.pointer, n
+        return moved.around(self.function(moved.verb + moved.native)), arguments, moved.name
 
     # ------------------------------------------------------------------ steps
 
@@ -110,7 +105,7 @@ class Instance3(Instance):
                 status = step(component, *rest, keep, *answers)
             return status
 
-        return do_step, self.argument, clock, size, c_bool(True), "doStep"
+        return do_step, (self.argument, clock, size, c_bool.from_param(True)), "doStep"
 
     def _run_line(self, begin: float, end: float) -> None:
         """Begin a step whose inputs run on lines."""
@@ -145,14 +140,10 @@ class Instance3(Instance):
 
     def slope_call(self, moved: Transfer) -> Call:
         """See `Instance.slope_call`."""
-        n = len(moved.references)
-        orders, function = (c_int * n)(*([1] * n)), self.function("GetOutputDerivatives")
-
-        def call(references: Any, count: Any, values: Any, size: Any) -> int:
-            return function(self.argument, references, count, orders, values, size)
-
+        orders = (c_int * len(moved.references))(*([1] * len(moved.references)))
         count, size = moved.counts
-        return moved.around(call), byref(moved.references), count, moved.pointer, size, "getOutputDerivatives"
+        arguments = self.argument, byref(moved.references), count, orders, moved.pointer, size
+        return moved.around(self.function("GetOutputDerivatives")), arguments, "getOutputDerivatives"
 
     def _answered(self, flags: Any, last: float, done: bool) -> bool:
         """Take the answers of a step other than its status; False if more of it than rounding remains to be done."""

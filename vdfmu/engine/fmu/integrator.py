@@ -51,11 +51,11 @@ class ModelExchangeIntegrator:
     def step_call(self, clock: c_double, size: c_double) -> Call:
         """Return the call of a step from `clock` by `size` [s]."""
 
-        def step(*_: Any) -> int:
+        def step() -> int:
             self.step(clock.value, clock.value + size.value)
             return 0
 
-        return step, None, None, None, None, "doStep"
+        return step, (), "doStep"
 
     def step(self, time: float, end: float) -> None:
         """Step from `time` to `end`."""

@@ -112,8 +112,8 @@ class Library:
 
     def run(self, calls: Sequence[Call]) -> None:
         """Make calls one after the other."""
-        for function, a, b, c, d, name in calls:
-            status = function(a, b, c, d)
+        for function, arguments, name in calls:
+            status = function(*arguments)
             if status:
                 self.judge(status, name)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,9 @@ from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.link import Link, Port
 
+_RUNS = 6
+"""Most copies of neighbours that are faster than one copy of single values."""
+
 
 class Bank:
     """All outputs and connected inputs of one kind, in one array: ``[outputs | inputs]``.
@@ -25,7 +29,7 @@ class Bank:
 
     def __init__(self, kind: str, checked: Checked, words: Floats) -> None:
         self.kind = kind
-        fresh = checked.schedule.fresh
+        self._fresh = fresh = checked.schedule.fresh
         links = {link.end: link for link in checked.links if link.stepped}
         outputs: list[tuple[str, FmuVariable]] = []
         inputs: list[tuple[str, FmuVariable]] = []
@@ -57,11 +61,22 @@ class Bank:
             unit: sum((u, v.name) in fresh for u, v in inputs[window]) for unit, window in self.input_windows.items()
         }
 
-    def gather(self, window: slice) -> Callable[[], None] | None:
-        """Return a function that brings the inputs of a window up to date; None for an empty window."""
+    def gather(self, window: slice, late: bool = False) -> Callable[[], None] | None:
+        """Return a function that brings the inputs of a window up to date; None for an empty window.
+
+        With `late` it may leave out the fresh ones.
+        """
         links = self.links[window]
         if not links:
             return None
+        copies = self._copies(window, late)
+        if copies is not None:
+
+            def copied() -> None:
+                for target, source in copies:
+                    target[:] = source
+
+            return copied if copies else None
         sources = np.array([self.position[link.start] for link in links], np.intp)
         target, take = self.inputs[window], self.outputs.take
         factor = np.array([link.conversion.factor for link in links])
@@ -84,6 +99,25 @@ class Bank:
         if tables:
             return mapped
         return plain if all(link.conversion.trivial for link in links) else scaled
+
+    def _copies(self, window: slice, late: bool) -> list[tuple[memoryview, memoryview]] | None:
+        """Return targets and sources of the inputs of a window, run by run; None where one `take` is faster."""
+        if self.kind in TEXTS or not all(link.conversion.trivial for link in self.links[window]):
+            return None
+        pairs = [
+            (self.position[link.end], self.position[link.start])
+            for link in self.links[window]
+            if not (late and link.end in self._fresh)
+        ]
+        begins = [k for k, (i, j) in enumerate(pairs) if k == 0 or (i - 1, j - 1) != pairs[k - 1]]
+        if len(begins) > _RUNS:
+            return None
+        memory = self.memory.data
+        return [
+            (memory[i : i + n], memory[j : j + n])
+            for begin, end in pairwise([*begins, len(pairs)])
+            for (i, j), n in [(pairs[begin], end - begin)]
+        ]
 
     def calls(self, instance: Instance, verb: str, chosen: Callable[[FmuVariable], bool] | None = None) -> list[Call]:
         """Return the vectorised calls that ``Get`` or ``Set`` a unit's window; none when it is empty.

@@ -76,7 +76,7 @@ class Exchange:
             self.banks.append(Bank(kind, checked, words[taken:]))
             taken += self.banks[-1].words
         self._watched = np.zeros(0, np.intp)
-        self._zeros = np.zeros(0)
+        self._all_finite: Callable[[], bool] = lambda: True
         self._fed: list[tuple[NDArray[Any], NDArray[np.intp], Course]] = []
         for kind, names, course in checked.feed.courses if checked.feed else ():
             bank = self._bank(kind)
@@ -214,7 +214,7 @@ class Exchange:
             if bank is self.banks[0]:
                 read = {bank.position[link.start] for link in bank.links}
                 self._watched = np.array(sorted(read | {i for i in chosen if i < bank.outputs.size}), np.intp)
-                self._zeros = np.zeros(self._watched.size)
+                self._all_finite = _finite(bank.outputs, self._watched)
             if picked:
                 stores.append(_store(rec, bank.memory, picked))
         found.sort(key=lambda item: item[0])
@@ -253,7 +253,7 @@ class Exchange:
 
     def finite(self) -> bool:
         """Whether all real outputs that are read or recorded are finite numbers."""
-        return float(self.banks[0].outputs.take(self._watched).dot(self._zeros)) == 0.0
+        return self._all_finite()
 
     def refuse_not_finite(self, call: str, time: float) -> None:
         """Raise CosimError if an output that is read or recorded is not finite at `time`."""
@@ -296,9 +296,9 @@ class SampledStepper:
         self._clock, self._size = exchange.clock, exchange.size
         self.pressed: Callable[[], bool] = lambda: False
         """Whether the user wants to stop; the master asks between the rows, which are the steps here."""
-        gathers = [bank.gather(slice(0, bank.inputs.size)) for bank in exchange.banks]
+        gathers = [bank.gather(slice(0, bank.inputs.size), late=True) for bank in exchange.banks]
         self.opening = [gather for gather in gathers if gather is not None]
-        """Bring all inputs to the outputs at the start of the step."""
+        """Bring inputs that are not fresh to the outputs at the start of the step."""
         if exchange.checked.feed is not None:
             self.opening.insert(0, lambda: exchange.feed(exchange.clock.value))
         self.stages: list[tuple[Instance, list[Callable[[], None]], list[Call]]] = []
@@ -311,19 +311,20 @@ class SampledStepper:
                 if gather is not None:
                     fresh.append(gather)
             self.stages.append((exchange.instances[name], fresh, exchange.calls(name)))
+        self._calls: list[tuple[Instance, Callable[..., int | None], tuple[Any, ...], str]] = []
+        """The stages as one list, of which a gather has no status."""
+        for instance, gathers, calls in self.stages:
+            self._calls += [(instance, gather, (), "") for gather in gathers]
+            self._calls += [(instance, *call) for call in calls]
 
     def advance(self, time: float, step: float, stop: float) -> None:
         """Step all units from `time` by `step`."""
         self._clock.value, self._size.value = time, step
         for gather in self.opening:
             gather()
-        for instance, gathers, calls in self.stages:
-            for gather in gathers:
-                gather()
-            for function, a, b, c, d, name in calls:
-                status = function(a, b, c, d)
-                if status:
-                    instance.judge(status, name)
+        for instance, function, arguments, name in self._calls:
+            if status := function(*arguments):
+                instance.judge(status, name)
 
     def notes(self) -> list[str]:
         """Return notes on the run: none."""
@@ -334,11 +335,28 @@ class SampledStepper:
         return {}
 
 
+def _finite(outputs: Floats, watched: NDArray[np.intp]) -> Callable[[], bool]:
+    """Return a function that tells whether the watched outputs are finite: zero times any other number is NaN."""
+    whole, zeros, product = watched.size == outputs.size, np.zeros(watched.size), np.zeros(())
+    values = outputs if whole else np.zeros(watched.size)
+    found = c_double.from_buffer(product)  # pyright: ignore[reportArgumentType]
+
+    def finite() -> bool:
+        if not whole:
+            outputs.take(watched, None, values, "clip")
+        values.dot(zeros, product)
+        return found.value == 0.0
+
+    return finite
+
+
 def _store(rec: NDArray[Any], memory: NDArray[Any], picked: list[int]) -> Callable[[int], None]:
-    if len(picked) == memory.size:
+    n = len(picked)
+    if picked == list(range(picked[0], picked[0] + n)):
+        rows, row = rec.reshape(-1).data, memory[picked[0] : picked[0] + n].data
 
         def whole(k: int) -> None:
-            rec[k] = memory
+            rows[n * k : n * (k + 1)] = row
 
         return whole
     columns = np.array(picked, np.intp)

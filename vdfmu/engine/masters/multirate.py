@@ -134,7 +134,7 @@ class MultirateStepper(SampledStepper):
         early = _feeding(exchange.checked)
         self._units: list[_RateUnit] = []
         for name, (instance, fresh, calls) in zip(exchange.checked.schedule.units, self.stages, strict=True):
-            at = next(i for i, call in enumerate(calls) if call[5] == "doStep")
+            at = next(i for i, call in enumerate(calls) if call[2] == "doStep")
             gathers = (bank.gather(bank.input_windows[name]) for bank in exchange.banks)
             opening = [gather for gather in gathers if gather is not None]
             multiple = exchange.checked.multiples.get(name, 1)

@@ -134,11 +134,12 @@ class Run:
         """Return the function for step k of `n`, which checks that values read are finite."""
         box, advance, exchange, finite = self.box, self.stepper.advance, self.exchange, self.exchange.finite
 
+        last = n - 1
+
         def one(k: int) -> None:
-            time, stop = begin + k * step, begin + (k + 1) * step if k < n - 1 else end
-            box.time = time
-            fits = k < n - 1 or time + step == end
-            advance(time, step if fits else largest_step(time, end), stop)
+            box.time = time = begin + k * step
+            stop = begin + (k + 1) * step if k < last else end
+            advance(time, step if k < last or time + step == end else largest_step(time, end), stop)
             if not finite():
                 exchange.refuse_not_finite("doStep", stop)
 
