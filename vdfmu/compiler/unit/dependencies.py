@@ -12,7 +12,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csr_array
 
 from vdfmu.compiler.unit.base import BaseUnit
 from vdfmu.compiler.unit.declaration import Sampled
@@ -79,6 +78,8 @@ def _known(interface: Any, step: Pattern, start: Pattern, between: Pattern) -> t
 
 def _after(interface: Any, calls: Sequence[Call]) -> Pattern:
     """Return what each position depends on after the calls, in terms of the positions before them."""
+    from scipy.sparse import csr_array  # takes long to import
+
     found = np.eye(interface.size, dtype=bool)
     chosen = np.zeros(interface.size, dtype=bool)  # what an earlier choice has written
     differs = _differs(interface, calls)

@@ -21,7 +21,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import block_diag
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
@@ -80,7 +79,7 @@ class LinearSystem:
 
     def places(self, inputs: Sequence[str]) -> list[int]:
         """Return the places of inputs, ``component.variable`` with or without an index; UsageError for others."""
-        known = {name: i for i, name in enumerate(self.parts.inputs) if self.links[i].any()}
+        known = {self.parts.inputs[i]: i for i in np.flatnonzero(self.links.any(axis=1)).tolist()}
         found = [[i for name, i in known.items() if wanted in (name, name.split("[")[0])] for wanted in inputs]
         if missing := [name for name, each in zip(inputs, found, strict=True) if not each]:
             groups = ", ".join(dict.fromkeys(name.split("[")[0] for name in known)) or "none"
@@ -281,7 +280,7 @@ def linearised(components: Components, step: float, time: float, values: bool = 
     notes: list[str] = [f"its step is {n} times that of the others, and is taken as one: {name}"
                         for name, n in checked.multiples.items() if n != 1]  # fmt: skip
     each = [_part(name, instance, time, notes, values) for name, instance in components.instances.items()]
-    blocks: list[Any] = [block_diag(*each_of) for each_of in zip(*(matrices for matrices, _ in each), strict=True)]
+    blocks = [_diagonal(each_of) for each_of in zip(*(matrices for matrices, _ in each), strict=True)]
     A, B, E, C, D, G, *F = blocks
     states, inputs, outputs, sampled = ([s for _, signals in each for s in signals[i]] for i in range(4))
     whole: list[list[Any]] = [[A, B], [C, D]]
@@ -303,6 +302,15 @@ def linearised(components: Components, step: float, time: float, values: bool = 
         parts, links, fresh, step, checked.algorithm, Samples(sampled, E, G, np.hstack(F)),
         tuple(dict.fromkeys(constant)), tuple(slow),
     )  # fmt: skip
+
+
+def _diagonal(blocks: Sequence[Floats]) -> Floats:
+    """Return the block diagonal matrix."""
+    ends = np.cumsum([each.shape for each in blocks], axis=0)
+    found = np.zeros(tuple(ends[-1]))
+    for block, (row, column) in zip(blocks, ends.tolist(), strict=True):
+        found[row - block.shape[0] : row, column - block.shape[1] : column] = block
+    return found
 
 
 def _part(

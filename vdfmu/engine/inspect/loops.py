@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import eig
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError, VdfmuError
@@ -195,11 +194,12 @@ def fastest_mode(system: LinearSystem) -> tuple[float, str]:
     The part is the product of the mode's two eigenvectors, which has no unit of measurement.
     """
     found = _moving(system)
-    modes: Any = eig(found.A, left=True, right=True)
-    poles, left, right = modes
+    poles, right = np.linalg.eig(found.A)
+    same, left = np.linalg.eig(found.A.T)
     rates = _rates(poles, found.step)
     mode = int(rates.argmax())
-    return float(rates[mode]), found.states[int(np.abs(left[:, mode] * right[:, mode]).argmax())]
+    part = np.abs(left[:, np.abs(same - poles[mode]).argmin()] * right[:, mode])
+    return float(rates[mode]), found.states[int(part.argmax())]
 
 
 def _moving(system: LinearSystem) -> StateSpace:
@@ -289,9 +289,8 @@ class Poses:
             found = linearised(components, step, time, values=False)
             found = replace(found, parts=of_positions(found.parts))
             self.lacking = "; ".join(found.parts.notes)
-            connected = (name for name, row in zip(found.parts.inputs, found.links, strict=True) if row.any())
-            groups = dict.fromkeys(name.split("[")[0] for name in connected)
-            self.opened = [name for name in groups if name.endswith(f".{self._group}")]
+            connected = (found.parts.inputs[i].split("[")[0] for i in np.flatnonzero(found.links.any(axis=1)).tolist())
+            self.opened = [name for name in dict.fromkeys(connected) if name.endswith(f".{self._group}")]
             if not self.opened:
                 self.lacking = f"nothing is connected to an input {self._group}"
             if not self.lacking:

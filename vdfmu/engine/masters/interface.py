@@ -90,6 +90,5 @@ def derivatives(instance: Instance, inputs: Sequence[FmuVariable], outputs: Sequ
     knowns = [reference for reference, _ in begins]
     unknowns = [reference for reference, _ in finals]
     seeds = np.eye(sum(length for _, length in begins))
-    jacobian = np.array([instance.differentiate(unknowns, size, knowns, seed) for seed in seeds])
-    jacobian = jacobian.reshape(len(seeds), size).T
+    jacobian = instance.differentiate(unknowns, size, knowns, seeds).T
     return jacobian[np.ix_(places(outputs, finals[len(states) :]), places(inputs, begins[len(states) :]))]
