@@ -78,15 +78,14 @@ def _known(interface: Any, step: Pattern, start: Pattern, between: Pattern) -> t
 
 def _after(interface: Any, calls: Sequence[Call]) -> Pattern:
     """Return what each position depends on after the calls, in terms of the positions before them."""
-    from scipy.sparse import csr_array  # takes long to import
-
     found = np.eye(interface.size, dtype=bool)
     chosen = np.zeros(interface.size, dtype=bool)  # what an earlier choice has written
     differs = _differs(interface, calls)
     for call in calls:
         direct, rows = _of_call(interface, call)
-        product: Any = csr_array(direct[rows]) @ csr_array(found)
-        through = product.toarray()
+        packed = np.packbits(found, axis=1)
+        joined = np.array([np.bitwise_or.reduce(packed[row]) for row in direct[rows]], np.uint8)
+        through = np.unpackbits(joined.reshape(-1, packed.shape[1]), axis=1, count=interface.size).astype(bool)
         for parameter, _ in call.when:
             through[through.any(axis=1) & differs[rows], interface.reference[parameter]] = True
         if call.when:
