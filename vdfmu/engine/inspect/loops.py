@@ -20,7 +20,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.state_space import Linear, StateSpace, held
 from vdfmu.engine.algorithms import choice, is_continuous
-from vdfmu.engine.inspect.linear import LinearSystem, linearised
+from vdfmu.engine.inspect.linear import Linearisation, LinearSystem
 from vdfmu.engine.masters.components import Components
 
 Complex = npt.NDArray[np.complex128]
@@ -274,6 +274,7 @@ class Poses:
         self.systems: list[tuple[float, LinearSystem]] = []
         self.lacking = ""
         self.opened: list[str] = []
+        self._linearisation: Linearisation | None = None
 
     def rows(self, n: int) -> frozenset[int]:
         """Return the rows, of a run with n steps: closer together where it begins and ends, where motors are slow."""
@@ -286,7 +287,9 @@ class Poses:
         if self.lacking:
             return
         try:
-            found = linearised(components, step, time, values=False)
+            if self._linearisation is None:
+                self._linearisation = Linearisation(components, step)
+            found = self._linearisation.at(time, values=False)
             found = replace(found, parts=of_positions(found.parts))
             self.lacking = "; ".join(found.parts.notes)
             connected = (found.parts.inputs[i].split("[")[0] for i in np.flatnonzero(found.links.any(axis=1)).tolist())
