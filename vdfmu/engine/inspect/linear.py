@@ -285,7 +285,7 @@ class Linearisation:
                 f"{', '.join(blind)}: expected FMUs with directional derivatives, or for model exchange, whose "
                 "derivatives are differenced. Export them so; of the FMUs of this project the native ones have them."
             )
-        self._parts = [_Part(name, instance) for name, instance in components.instances.items()]
+        self._parts = [_Linearised(name, instance) for name, instance in components.instances.items()]
         self._sizes = n, m, p, s = [sum(len(part.groups[kind]) for part in self._parts) for kind in range(4)]
         self._known = np.zeros((n + p + s, n + m + s))  # the matrices without what the components give
         begins = np.zeros(4, np.intp)
@@ -297,7 +297,7 @@ class Linearisation:
             self._known[n + y[own:], n + m + held] = 1.0  # a sampled state is an output
         self._names, self._units = (
             [tuple(text for part in self._parts for text in each(part, part.groups[kind])) for kind in range(4)]
-            for each in (_Part.names, _Part.units)
+            for each in (_Linearised.names, _Linearised.units)
         )
         rows, columns = ({name: i for i, name in enumerate(self._names[kind])} for kind in (1, 2))
         links, fresh, constant = np.zeros((m, p)), np.zeros(m, bool), dict[str, None]()
@@ -339,7 +339,7 @@ class Linearisation:
         return LinearSystem(parts, samples=samples, **self._facts)
 
 
-class _Part:
+class _Linearised:
     """A component: its states, inputs, outputs with the sampled ones, sampled states; and its matrices."""
 
     places: tuple[Places, Places]
