@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.base.arrays import Floats
+from vdfmu.base.arrays import Floats, distinct
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.state_space import Linear, StateSpace, held
 from vdfmu.engine.algorithms import choice, is_continuous
@@ -107,7 +107,7 @@ class Loop:
     def grid(self) -> tuple[Floats, Complex]:
         """Frequencies [rad/s], (m,), up to half the sampling frequency, and the response there."""
         w = np.geomspace(_SLOWEST, 1.0, self.points) * np.pi / self.step
-        w = np.union1d(w, self.around(np.linalg.eigvals(self.sampled.A)))
+        w = distinct(np.concatenate([w, self.around(np.linalg.eigvals(self.sampled.A))]))
         return w, self.response(w)
 
     def around(self, poles: Any) -> Floats:
@@ -115,7 +115,7 @@ class Loop:
         s = np.log(poles[np.abs(poles) > 0.5].astype(complex)) / self.step
         s = s[(s.imag > _SLOWEST * np.pi / self.step)]
         w = s.imag[:, None] + np.abs(s.real - self.growth)[:, None] * _AROUND
-        return np.unique(w[(w > 0.0) & (w < np.pi / self.step)])
+        return distinct(w[(w > 0.0) & (w < np.pi / self.step)])
 
     def response(self, w: Floats) -> Any:
         """Response of the sampled plant's states to the motor torques at frequencies (m,) [rad/s]: (m, n_x, n)."""
@@ -150,7 +150,8 @@ class Loop:
         if not radius < np.exp(self.growth * self.step):
             return Margins(np.zeros(n), np.ones(n), np.zeros(n), np.zeros(n), radius)
         w, G = self.grid
-        more = np.setdiff1d(self.around(poles), w)
+        more = self.around(poles)
+        more = more[~np.isin(more, w, assume_unique=True)]
         order = np.argsort(w := np.concatenate([w, more]))
         G = np.concatenate([G, self.response(more)])[order]
         late = self.z(w[order])[:, None, None] ** -delay
@@ -331,7 +332,7 @@ class Poses:
         if is_continuous(self.systems[0][1].algorithm):
             return None
         found: list[tuple[float, float, str]] = []
-        for k in np.unique(np.linspace(0, len(self.systems) - 1, _MARGINS + 2).astype(int)[1:-1]).tolist():
+        for k in distinct(np.linspace(0, len(self.systems) - 1, _MARGINS + 2).astype(int)[1:-1]).tolist():
             time, system = self.systems[k]
             modulus = system_margins(system, self.opened, GROWTH, _COARSE).modulus
             i = system.places(self.opened)[int(modulus.argmin())]
