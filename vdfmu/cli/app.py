@@ -55,7 +55,9 @@ class App(typer.Typer):
         one = copy(self)
         one.registered_commands = [each for each in self.registered_commands if _name_of(each) == named]
         one.registered_groups = [each for each in self.registered_groups if each.name == named]
-        return super(App, one if one.registered_commands or one.registered_groups else self).__call__(*args, **kwargs)
+        found = one.registered_commands or one.registered_groups
+        grouped = self.registered_callback is not None  # else typer makes of one command an app without its name
+        return super(App, one if found and grouped else self).__call__(*args, **kwargs)
 
 
 def _name_of(command: typer.models.CommandInfo) -> str:
