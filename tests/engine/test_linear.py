@@ -6,14 +6,26 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.linalg
 
 from tests.engine.reference import models
 from vdfmu.base.errors import UsageError
+from vdfmu.base.state_space import expm
 from vdfmu.engine.inspect.linear import linear_system
 
 LAG = replace(models.LAG, name="LagME", kinds=("ModelExchange",))
 RING = ["a.x -> b.u", "b.x -> a.u"]
 STEP = 0.2
+
+
+@pytest.mark.parametrize("norm", [0.0, 1e-8, 0.5, 5.0, 40.0])
+def test_the_exponential_of_a_matrix_is_that_of_scipy(norm):
+    A = np.random.default_rng(3).standard_normal((9, 9))
+    A *= norm / np.abs(A).sum(axis=0).max()
+    exact = scipy.linalg.expm(A)
+    # each squaring doubles the rounding of the scaled one, 9 terms a sum: 9 eps norm of the largest entry, and scipy's
+    limit = 2 * 9 * np.finfo(float).eps * max(norm, 1.0) * np.abs(exact).max()
+    np.testing.assert_allclose(expm(A), exact, rtol=0.0, atol=limit)
 
 
 @pytest.mark.parametrize("at", [None, 1.0])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from vdfmu.base.errors import UsageError
+from vdfmu.engine.results import csv_file
 from vdfmu.engine.run import Results, Signal
 
 
@@ -31,6 +32,21 @@ def results() -> Results:
             "boolean": rng.integers(0, 2, (m, 1), dtype=np.int32),
         },
     )
+
+
+def test_csv_has_the_same_bytes_with_any_kinds_and_any_scipy(results, monkeypatch):
+    """Reals alone are written whole rows at a time, else column by column; another scipy by `mmwrite`."""
+    real, time = results.data, results.time
+    signals = [signal for signal in results.signals if signal.kind == "real"]
+    rows = csv_file.csv_lines(time, signals, real, slice(None))
+    mixed = csv_file.csv_lines(time, [*signals, results.signals[2]], real, slice(None))
+    assert rows == "".join(line.rpartition(",")[0] + "\n" for line in mixed.splitlines())
+
+    def none() -> None:
+        raise ImportError
+
+    monkeypatch.setattr(csv_file, "_core", none)
+    assert csv_file.csv_lines(time, signals, real, slice(None)) == rows
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterable, Sequence
 
 _ACTING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 """Characters that a terminal acts on: controls but tab and newline, directions of writing, halves of characters."""
+FORBIDDEN = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
+"""Characters that XML does not have or a terminal obeys."""
 
 FEW = 20
 """Most messages of a rule that are printed."""
@@ -67,3 +69,18 @@ def close_to(name: str, known: Iterable[str]) -> str:
     """Return known names that are close to a wrong one, as the end of a message."""
     close = difflib.get_close_matches(name, list(known), n=3)
     return f"; did you mean {', '.join(close)}?" if close else ""
+
+
+def printable(text: str) -> str:
+    """Return a text of a file as it goes into a message: shortened, and control characters written out."""
+    text = text if len(text) <= 70 else text[:66] + " ..."
+    return shown(text, FORBIDDEN)
+
+
+def nearest(name: str, known: Sequence[str]) -> str:
+    """Return the way out for a wrong name: the nearest known one, and all of them."""
+    lower = [k.lower() for k in known]
+    match = difflib.get_close_matches(name.lower(), lower, n=1, cutoff=0.6)
+    match = match or [k for k in lower if len(name) > 1 and k.startswith(name.lower())]
+    hint = next((f'Did you mean "{k}"? ' for k in known if match and k.lower() == match[0]), "")
+    return f"{hint}There are: {', '.join(known)}."

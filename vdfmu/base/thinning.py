@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vdfmu.base.arrays import distinct
+
 
 def extremes(values: NDArray[Any], buckets: int) -> NDArray[np.intp]:
     """Return the rows of the first, the last, and of each of `buckets` equal stretches the smallest and largest value.
@@ -19,4 +21,4 @@ def extremes(values: NDArray[Any], buckets: int) -> NDArray[np.intp]:
     places = np.minimum(first + np.arange(np.max(last - first)), last - 1)  # the last repeats in shorter ones
     low, high = np.where(np.isnan(values), [[np.inf], [-np.inf]], values)
     found = [np.argmin(low[places], axis=1), np.argmax(high[places], axis=1)]
-    return np.unique([0, m - 1, *(first[:, 0] + found).ravel()])
+    return distinct(np.concatenate([[0, m - 1], *(first[:, 0] + each for each in found)]))

@@ -10,7 +10,7 @@ from typing import Any, cast
 
 from vdfmu.base.data import data_path
 from vdfmu.base.errors import ModelError, UsageError
-from vdfmu.base.toml_tables import nearest, printable
+from vdfmu.base.text import nearest, printable
 
 _DEEPEST = 50
 """Levels of lists and tables in a file; a robot has 7."""

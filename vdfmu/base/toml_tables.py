@@ -6,7 +6,6 @@ keys, as in the paper and in FMI names.
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from collections.abc import Sequence
@@ -17,7 +16,7 @@ import numpy.typing as npt
 
 from vdfmu.base.errors import ModelError
 from vdfmu.base.measure import LARGEST_NUMBER, POSITIVE
-from vdfmu.base.text import shown as written_out
+from vdfmu.base.text import FORBIDDEN, nearest, printable
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -55,27 +54,10 @@ def shown(value: object) -> str:
     return printable(text)
 
 
-def printable(text: str) -> str:
-    """Return a text of a file as it goes into a message: shortened, and control characters written out."""
-    text = text if len(text) <= 70 else text[:66] + " ..."
-    return written_out(text, _FORBIDDEN)
-
-
-_FORBIDDEN = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
-"""Characters that XML does not have or a terminal obeys."""
 _LONGEST_NAME = 100
 """Characters of a name: with what is added to it, it must fit into the 255 bytes of a file's name."""
 _LONGEST_TEXT = 4000
 """Characters of any other text."""
-
-
-def nearest(name: str, known: Sequence[str]) -> str:
-    """Return the way out for a wrong name: the nearest known one, and all of them."""
-    lower = [k.lower() for k in known]
-    match = difflib.get_close_matches(name.lower(), lower, n=1, cutoff=0.6)
-    match = match or [k for k in lower if len(name) > 1 and k.startswith(name.lower())]
-    hint = next((f'Did you mean "{k}"? ' for k in known if match and k.lower() == match[0]), "")
-    return f"{hint}There are: {', '.join(known)}."
 
 
 def as_number(value: object) -> float | None:
@@ -149,7 +131,7 @@ class Table:
 
     def check_text(self, place: str, value: str) -> None:
         """Note characters of a text that XML does not have or a terminal obeys, and a text that is too long."""
-        found = _FORBIDDEN.search(value.replace("\n", " ").replace("\t", " "))
+        found = FORBIDDEN.search(value.replace("\n", " ").replace("\t", " "))
         if found:
             expected = "a text without control characters"
             self.problems.add(place, expected, shown(value[max(0, found.start() - 20) :]), "Remove them.")

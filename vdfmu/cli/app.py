@@ -5,8 +5,10 @@ from __future__ import annotations
 import inspect
 import logging
 import platform
+import sys
 import time
 from collections.abc import Callable
+from copy import copy
 from functools import wraps
 from typing import Annotated, Any
 
@@ -44,6 +46,21 @@ class App(typer.Typer):
             return register(showing_signs(" ".join(word for word in words if isinstance(word, str)))(function))
 
         return shown
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        """Run the command that the words name; without the others, which take typer longer than most errors."""
+        words = args[0] if args else sys.argv[1:]
+        named = next((word for word in words if not word.startswith("-")), "")
+        one = copy(self)
+        one.registered_commands = [each for each in self.registered_commands if _name_of(each) == named]
+        one.registered_groups = [each for each in self.registered_groups if each.name == named]
+        found = one.registered_commands or one.registered_groups
+        grouped = self.registered_callback is not None  # else typer makes of one command an app without its name
+        return super(App, one if found and grouped else self).__call__(*args, **kwargs)
+
+
+def _name_of(command: typer.models.CommandInfo) -> str:
+    return command.name or getattr(command.callback, "__name__", "").replace("_", "-")
 
 
 def look(quiet: bool = False, verbose: bool = False) -> None:

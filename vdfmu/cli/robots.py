@@ -99,7 +99,7 @@ def list_drives(
     from vdfmu.arm.drive.fit import catalogue_torsion, fit_spring
     from vdfmu.arm.robot.catalogue import catalogue
     from vdfmu.base.errors import UsageError
-    from vdfmu.base.toml_tables import nearest
+    from vdfmu.base.text import nearest
 
     gears, motors, texts = (catalogue()[key] for key in ("gears", "motors", "sources"))
     if name is not None:

@@ -19,7 +19,9 @@ from vdfmu.base import style
 from vdfmu.base.errors import VdfmuError
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
-from vdfmu.study.report import plots
+from vdfmu.study.report import plots, tool
+from vdfmu.study.report.captions import paper_table
+from vdfmu.study.report.pictures import PICTURES, SIGNALS, picture_key, write_pictures
 from vdfmu.study.report.tool import draw_tool
 from vdfmu.system.scenario import load_scenario
 
@@ -191,7 +193,7 @@ def test_many_settings_leave_room_for_the_panels(made, tmp_path: Path):
     results, scenario = made.results(2), made.scenario(TWO)
     results.summary = {"settings": {f"plant.inertia[{i},1,1]": "0.123456789" for i in range(1, 105)}}
     assert "and 100 more." in caption(plots.draw_torques(results, scenario))
-    assert len(plots.run_figures(results, scenario, tmp_path)) == 3
+    assert len(write_pictures(results, scenario, tmp_path)) == 3
 
 
 # --- that they can be read -------------------------------------------------------------------------------
@@ -272,7 +274,7 @@ def test_thinning_goes_round_what_is_not_a_number():
 @pytest.mark.heavy
 def test_an_unfinished_run_can_be_drawn(made, tmp_path: Path):
     results, scenario = made.results(2, points=1), made.scenario(TWO)
-    for path in plots.run_figures(results, scenario, tmp_path):
+    for path in write_pictures(results, scenario, tmp_path):
         assert path.stat().st_size > 10_000
 
 
@@ -289,7 +291,7 @@ def test_an_unfinished_run_can_be_drawn(made, tmp_path: Path):
     ],
 )
 def test_names_follow_from_the_table_compared_with(made, tmp_path: Path, source, names):
-    paths = plots.run_figures(made.results(2), made.scenario(TWO, source), tmp_path / "made" / "here")
+    paths = write_pictures(made.results(2), made.scenario(TWO, source), tmp_path / "made" / "here")
     assert paths == [tmp_path / "made" / "here" / name for name in names]
     assert sorted(path.name for path in paths[0].parent.iterdir()) == sorted(names)
 
@@ -315,14 +317,14 @@ def test_torsion_and_the_error_of_the_tool_in_mm(made):
     [("tracking", 4), ("tracking_split", 4), ("two_joint", 5), ("slider_tracking", 0)],
 )
 def test_shipped_scenarios_say_which_table(name, tables):
-    assert plots.paper_table(load_scenario(name)) == tables
+    assert paper_table(load_scenario(name)) == tables
 
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("types", [MIXED, SIX], ids=len)
 def test_files_are_png_of_plausible_size(made, tmp_path: Path, types):
-    paths = plots.run_figures(made.results(len(types)), made.scenario(types), tmp_path)
-    paths += plots.run_figures(made.results(len(types)), made.scenario(types, "Table 5"), tmp_path)
+    paths = write_pictures(made.results(len(types)), made.scenario(types), tmp_path)
+    paths += write_pictures(made.results(len(types)), made.scenario(types, "Table 5"), tmp_path)
     assert len({path.name for path in paths}) == 5
     for path in paths:
         png = path.read_bytes()
@@ -334,20 +336,84 @@ def test_files_are_png_of_plausible_size(made, tmp_path: Path, types):
 @pytest.mark.heavy
 def test_the_same_data_give_the_same_bytes(made, tmp_path: Path):
     results, scenario = made.results(3), made.scenario(MIXED)
-    first = [path.read_bytes() for path in plots.run_figures(results, scenario, tmp_path)]
+    paths = [tmp_path / f"{name}.png" for name in PICTURES[0]]
+
+    def drawn() -> list[bytes]:
+        for path in paths:
+            plots.draw_picture(results, scenario, path)
+        return [path.read_bytes() for path in paths]
+
+    first = drawn()
     before = dict(matplotlib.rcParams)
     with matplotlib.rc_context({"font.size": 20.0, "lines.linewidth": 9.0, "savefig.dpi": 40, "axes.grid": False}):
-        second = [path.read_bytes() for path in plots.run_figures(results, scenario, tmp_path)]
+        second = drawn()
     assert first == second
     assert dict(matplotlib.rcParams) == before
     for png in first:
         assert set(chunks(png)) == {b"IHDR", b"pHYs", b"IDAT", b"IEND"}  # no text, no time
 
 
+def test_a_picture_of_the_same_numbers_is_not_drawn_again(made, tmp_path: Path, monkeypatch):
+    monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
+    results, scenario = made.results(2), made.scenario(TWO)
+    first = write_pictures(results, scenario, tmp_path / "first", ("png", "svg"))
+    drawn: list[str] = []
+    monkeypatch.setattr(plots, "draw_picture", lambda results, scenario, path: drawn.append(path.name) or path.touch())
+    second = write_pictures(results, scenario, tmp_path / "second", ("png", "svg"))
+    assert not drawn and len(first) == 6
+    assert [path.read_bytes() for path in first] == [path.read_bytes() for path in second]
+    results.data["real"][400, 0] = np.nextafter(results.data["real"][400, 0], 1.0)
+    write_pictures(results, scenario, tmp_path / "second", ("png",))
+    assert drawn == ["torques.png", "errors.png", "tool.png"]
+
+
+def test_all_that_a_picture_shows_is_in_its_key(made):
+    results, scenario = made.results(2), made.scenario(TWO)
+    keys = [picture_key(results, scenario)]
+    for column in range(results.data["real"].shape[1]):
+        changed = results.data["real"].copy()
+        changed[-1, column] = np.nextafter(changed[-1, column], 9.0)
+        keys.append(picture_key(Results(results.time, results.signals, {"real": changed}), scenario))
+    keys.append(picture_key(Results(2.0 * results.time, results.signals, results.data), scenario))
+    arm = scenario.arm
+    for other in (
+        dataclasses.replace(scenario, robot=arm.with_parameters(ell=2.0 * arm.ell)),
+        dataclasses.replace(scenario, robot=dataclasses.replace(arm, joint_types=("revolute", "prismatic"))),
+        dataclasses.replace(scenario, paper={"source": "Table 4"}),
+        dataclasses.replace(scenario, plant_factors={"mass": 1.1}),
+    ):
+        keys.append(picture_key(results, other))
+    results.summary = {"settings": {"plant.mass[1]": "2"}}
+    keys.append(picture_key(results, scenario))
+    assert len(set(keys)) == len(keys)
+
+
+@pytest.mark.parametrize("name", ["figure_10", "figure_11", "figure_13", "figure_14", "tool"])
+def test_drawing_reads_only_what_is_in_the_key(made, tmp_path: Path, name):
+    results, scenario = made.results(2), made.scenario(TWO)
+    read: set[str] = set()
+
+    class Watched:
+        """Hands out what is in the key; the caption, which is in it too, is made of the rest."""
+
+        time, summary, arm = results.time, results.summary, scenario.arm
+
+        def __getitem__(self, signal: str) -> np.ndarray:
+            read.add(signal)
+            return results[signal]
+
+    both = Watched()
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (plots, tool):
+            patch.setattr(module, "run_caption", lambda *_: "caption")
+        plots.draw_picture(both, both, tmp_path / f"{name}.svg")
+    assert read <= set(SIGNALS) and (tmp_path / f"{name}.svg").stat().st_size > 10_000
+
+
 def test_a_file_in_the_way_is_reported(made, tmp_path: Path):
     (tmp_path / "taken").write_text("")
     with pytest.raises(VdfmuError, match=r"cannot write .*torques\.png"):
-        plots.run_figures(made.results(1), made.scenario(ONE), tmp_path / "taken")
+        write_pictures(made.results(1), made.scenario(ONE), tmp_path / "taken")
 
 
 @pytest.mark.heavy

@@ -13,7 +13,8 @@ from vdfmu.arm.robot.parameters import read_only
 from vdfmu.arm.robot.physical import check_inertia
 from vdfmu.arm.robot.visual import Visual
 from vdfmu.base.arrays import Floats
-from vdfmu.base.toml_tables import Problems, nearest
+from vdfmu.base.text import nearest
+from vdfmu.base.toml_tables import Problems
 
 _HERE = Placement(np.eye(3), np.zeros(3))
 _MOST_TIPS = 12

@@ -14,9 +14,9 @@ from vdfmu.arm.robot.parameters import PARAMETERS, Section, section
 from vdfmu.arm.robot.robot_file import section_numbers
 from vdfmu.base.data import data_path
 from vdfmu.base.measure import measure
-from vdfmu.base.text import matching
+from vdfmu.base.text import matching, nearest
 from vdfmu.base.toml_file import read_toml
-from vdfmu.base.toml_tables import Problems, Table, nearest
+from vdfmu.base.toml_tables import Problems, Table
 
 PARTS: tuple[Section, ...] = ("drive", "friction", "limits")
 _TABLES: tuple[Section, ...] = (*PARTS, "link")

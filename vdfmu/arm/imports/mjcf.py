@@ -13,7 +13,8 @@ from vdfmu.arm.robot.parameters import read_only
 from vdfmu.arm.robot.visual import Visual
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import ModelError, UsageError
-from vdfmu.base.toml_tables import Problems, printable
+from vdfmu.base.text import printable
+from vdfmu.base.toml_tables import Problems
 
 _FREE, _BALL, _SLIDE, _HINGE = range(4)
 _CONNECT, _WELD, _JOINT = range(3)

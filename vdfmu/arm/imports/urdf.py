@@ -17,7 +17,8 @@ from vdfmu.arm.imports.tree import MOVING, Joint, Placement, RigidLink, Tree
 from vdfmu.arm.robot.parameters import read_only
 from vdfmu.arm.robot.visual import Visual
 from vdfmu.base.arrays import Floats
-from vdfmu.base.toml_tables import Problems, nearest, printable
+from vdfmu.base.text import nearest, printable
+from vdfmu.base.toml_tables import Problems
 
 _STANDARD_GRAVITY = np.array([0.0, 0.0, 9.81])
 _KINDS = (*MOVING, "fixed", "floating", "planar")

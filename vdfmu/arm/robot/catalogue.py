@@ -5,8 +5,9 @@ from typing import Any
 
 from vdfmu.arm.robot.parameters import JOINT_OPTIONS, PARAMETERS
 from vdfmu.base.data import data_path
+from vdfmu.base.text import nearest
 from vdfmu.base.toml_file import read_toml
-from vdfmu.base.toml_tables import Problems, nearest, shown
+from vdfmu.base.toml_tables import Problems, shown
 
 NAMED = ("gear", "motor")
 """Keys of a joint that name an entry."""

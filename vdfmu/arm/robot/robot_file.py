@@ -13,7 +13,8 @@ from vdfmu.arm.robot.physical import check_drive, check_friction, check_inertia,
 from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES, Robot, joint_free, robot_argument
 from vdfmu.arm.robot.visual import read_visuals
 from vdfmu.base.measure import POSITIVE
-from vdfmu.base.toml_tables import FloatArray, Problems, Table, nearest, shape_of, shown
+from vdfmu.base.text import nearest
+from vdfmu.base.toml_tables import FloatArray, Problems, Table, shape_of, shown
 
 Numbers = dict[str, float | FloatArray]
 

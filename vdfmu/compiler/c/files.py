@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Mapping
+from functools import lru_cache
 
 import casadi as ca
 
@@ -88,6 +89,7 @@ def avx2_copies(files: Mapping[str, str]) -> dict[str, str]:
     }
 
 
+@lru_cache(maxsize=64)  # the references of a run call the same ones
 def kernel_source(function: ca.Function) -> str:
     """Return the C text of a traced function in one file."""
     return "\n".join(kernel_files(function).values())

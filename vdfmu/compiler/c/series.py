@@ -14,8 +14,6 @@ from dataclasses import dataclass, field
 from graphlib import TopologicalSorter
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from vdfmu.compiler.c.counterparts import Counterparts, Trace
 
@@ -159,6 +157,9 @@ def _order(layout: Layout) -> bool:
     series = layout.series
     readers, read = [k for k, s in enumerate(series) for _ in s.reads], [r for s in series for r in s.reads]
     shape = (len(series), len(series))
+    from scipy.sparse import coo_matrix  # takes long to import, and long functions alone have series
+    from scipy.sparse.csgraph import connected_components
+
     _, label = connected_components(coo_matrix((np.ones(len(read)), (readers, read)), shape), connection="strong")
     parts: dict[int, list[int]] = defaultdict(list)
     for k, part in enumerate(label):

@@ -12,7 +12,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csr_array
 
 from vdfmu.compiler.unit.base import BaseUnit
 from vdfmu.compiler.unit.declaration import Sampled
@@ -84,8 +83,9 @@ def _after(interface: Any, calls: Sequence[Call]) -> Pattern:
     differs = _differs(interface, calls)
     for call in calls:
         direct, rows = _of_call(interface, call)
-        product: Any = csr_array(direct[rows]) @ csr_array(found)
-        through = product.toarray()
+        packed = np.packbits(found, axis=1)
+        joined = np.array([np.bitwise_or.reduce(packed[row]) for row in direct[rows]], np.uint8)
+        through = np.unpackbits(joined.reshape(-1, packed.shape[1]), axis=1, count=interface.size).astype(bool)
         for parameter, _ in call.when:
             through[through.any(axis=1) & differs[rows], interface.reference[parameter]] = True
         if call.when:

@@ -6,7 +6,7 @@ import math
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from ctypes import c_double, c_void_p
+from ctypes import c_double, c_size_t, c_void_p
 from typing import Any, Protocol
 
 import numpy as np
@@ -168,9 +168,25 @@ class Instance(Library):
 
     # ------------------------------------------------------------------ values
 
-    def differentiate(self, unknowns: Sequence[int], size: int, knowns: Sequence[int], seed: Floats) -> Floats:
-        """Return the directional derivatives of unknowns, `size` numbers, by value references; `seed`: the knowns'."""
-        return np.array(self.fmu.getDirectionalDerivative(unknowns, knowns, seed, *[size][: self.sized]), np.float64)
+    def differentiate(self, unknowns: Sequence[int], size: int, knowns: Sequence[int], seeds: Floats) -> Floats:
+        """Return the directional derivatives of unknowns, `size` numbers, by value references: a row for each of seeds.
+
+        Parameters
+        ----------
+        seeds : (k, m) array
+            Changes of the knowns.
+        """
+        found, seeds = np.zeros((len(seeds), size)), np.ascontiguousarray(seeds, np.float64)
+        references = [np.array(each, np.uint32) for each in (unknowns, knowns)]
+        head = [part for each in references for part in (c_void_p(each.ctypes.data), c_size_t(each.size))]
+        given, rows = ([c_size_t(each.shape[1])][: self.sized] for each in (seeds, found))
+        function, ends = self.function("GetDirectionalDerivative"), (seeds.ctypes.data, found.ctypes.data)
+        for k in range(len(seeds)):
+            seed, row = (c_void_p(end + k * each.strides[0]) for end, each in zip(ends, (seeds, found), strict=True))
+            status = function(self.argument, *head, seed, *given, row, *rows)
+            if status:
+                self.judge(status, "GetDirectionalDerivative")
+        return found
 
     def get(self, variable: FmuVariable) -> Value:
         """Get one variable."""

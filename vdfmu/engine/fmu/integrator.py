@@ -132,7 +132,7 @@ class ModelExchangeIntegrator:
                 low = middle
 
     def differences(self, time: float, inputs: Sequence[FmuVariable], outputs: Sequence[FmuVariable]) -> Floats:
-        """See `vdfmu.engine.masters.interface.derivatives`; calculated by central differences."""
+        """See `vdfmu.engine.masters.interface.jacobian_of`; calculated by central differences."""
         instance, n = self.instance, self._x.size
         instance.leave_event()
         self._values("GetContinuousStates", self._x)

@@ -14,24 +14,26 @@ further inputs of x and y.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import block_diag
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear, Signal, StateSpace, held
 from vdfmu.engine.fmu.instance import Instance
+from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.masters.components import Components
-from vdfmu.engine.masters.interface import derivatives
+from vdfmu.engine.masters.interface import jacobian_of
 from vdfmu.engine.masters.multirate import periods
 from vdfmu.engine.package.system import System
 from vdfmu.engine.run.simulator import Simulator
+
+Places = npt.NDArray[np.intp]
 
 
 class Samples(NamedTuple):
@@ -80,7 +82,7 @@ class LinearSystem:
 
     def places(self, inputs: Sequence[str]) -> list[int]:
         """Return the places of inputs, ``component.variable`` with or without an index; UsageError for others."""
-        known = {name: i for i, name in enumerate(self.parts.inputs) if self.links[i].any()}
+        known = {self.parts.inputs[i]: i for i in np.flatnonzero(self.links.any(axis=1)).tolist()}
         found = [[i for name, i in known.items() if wanted in (name, name.split("[")[0])] for wanted in inputs]
         if missing := [name for name, each in zip(inputs, found, strict=True) if not each]:
             groups = ", ".join(dict.fromkeys(name.split("[")[0] for name in known)) or "none"
@@ -263,80 +265,117 @@ def linear_system(
     step = simulator.grid(None, None, step)[2]
     with simulator:
         components = simulator.stand(at, step)
-        return linearised(components, step, components.box.time if at is None else at)
+        return Linearisation(components, step).at(components.box.time if at is None else at)
 
 
-def linearised(components: Components, step: float, time: float, values: bool = True) -> LinearSystem:
-    """Linearise components in this process where they are, at a time [s]; see :func:`linear_system`.
+class Linearisation:
+    """Linearises components in this process where they are; see :func:`linear_system`.
 
-    Without `values`, states, inputs and outputs have the value 0.
+    Raises
+    ------
+    UsageError
+        For components without derivatives.
     """
-    checked = components.checked
-    blind = [name for name, each in checked.descriptions.items() if not (each.derives_unknowns or each.exchange)]
-    if blind:
-        raise UsageError(
-            f"{', '.join(blind)}: expected FMUs with directional derivatives, or for model exchange, whose "
-            "derivatives are differenced. Export them so; of the FMUs of this project the native ones have them."
+
+    def __init__(self, components: Components, step: float) -> None:
+        checked = components.checked
+        blind = [name for name, each in checked.descriptions.items() if not (each.derives_unknowns or each.exchange)]
+        if blind:
+            raise UsageError(
+                f"{', '.join(blind)}: expected FMUs with directional derivatives, or for model exchange, whose "
+                "derivatives are differenced. Export them so; of the FMUs of this project the native ones have them."
+            )
+        self._parts = [_Linearised(name, instance) for name, instance in components.instances.items()]
+        self._sizes = n, m, p, s = [sum(len(part.groups[kind]) for part in self._parts) for kind in range(4)]
+        self._known = np.zeros((n + p + s, n + m + s))  # the matrices without what the components give
+        begins = np.zeros(4, np.intp)
+        for part in self._parts:
+            x, u, y, held = (begin + np.arange(len(each)) for begin, each in zip(begins, part.groups, strict=True))
+            begins += [len(each) for each in part.groups]
+            own = len(y) - len(held)
+            part.places = np.concatenate([x, n + y[:own], n + p + held]), np.concatenate([x, n + u, n + m + held])
+            self._known[n + y[own:], n + m + held] = 1.0  # a sampled state is an output
+        self._names, self._units = (
+            [tuple(text for part in self._parts for text in each(part, part.groups[kind])) for kind in range(4)]
+            for each in (_Linearised.names, _Linearised.units)
         )
-    notes: list[str] = [f"its step is {n} times that of the others, and is taken as one: {name}"
-                        for name, n in checked.multiples.items() if n != 1]  # fmt: skip
-    each = [_part(name, instance, time, notes, values) for name, instance in components.instances.items()]
-    blocks: list[Any] = [block_diag(*each_of) for each_of in zip(*(matrices for matrices, _ in each), strict=True)]
-    A, B, E, C, D, G, *F = blocks
-    states, inputs, outputs, sampled = ([s for _, signals in each for s in signals[i]] for i in range(4))
-    whole: list[list[Any]] = [[A, B], [C, D]]
-    parts = StateSpace.of(np.block(whole), states, inputs, outputs)
-    rows = {name: i for i, name in enumerate(parts.inputs)}
-    columns = {name: i for i, name in enumerate(parts.outputs)}
-    links, fresh = np.zeros((len(rows), len(columns))), np.zeros(len(rows), bool)
-    constant: list[str] = []
-    for link in checked.links:
-        start, end = ".".join(link.start), ".".join(link.end)
-        if start in columns and end in rows and link.stepped:
-            links[rows[end], columns[start]] = link.conversion.factor
-            fresh[rows[end]] = link.end in checked.schedule.fresh
-        elif link.source.type == "Real" and end.partition(".")[0] in components.instances and link.discrete:
-            constant.append(start)
-    parts = replace(parts, notes=tuple(dict.fromkeys(notes)))
-    slow = [name for name, period in periods(checked).items() if round(period / step) != 1]
-    return LinearSystem(
-        parts, links, fresh, step, checked.algorithm, Samples(sampled, E, G, np.hstack(F)),
-        tuple(dict.fromkeys(constant)), tuple(slow),
-    )  # fmt: skip
+        rows, columns = ({name: i for i, name in enumerate(self._names[kind])} for kind in (1, 2))
+        links, fresh, constant = np.zeros((m, p)), np.zeros(m, bool), dict[str, None]()
+        for link in checked.links:
+            start, end = ".".join(link.start), ".".join(link.end)
+            if start in columns and end in rows and link.stepped:
+                links[rows[end], columns[start]] = link.conversion.factor
+                fresh[rows[end]] = link.end in checked.schedule.fresh
+            elif link.source.type == "Real" and end.partition(".")[0] in components.instances and link.discrete:
+                constant[start] = None
+        slow = tuple(name for name, period in periods(checked).items() if round(period / step) != 1)
+        self._facts: dict[str, Any] = {
+            "links": links, "fresh": fresh, "step": step, "algorithm": checked.algorithm,
+            "constant": tuple(constant), "slow": slow,
+        }  # fmt: skip
+        self._notes = [f"its step is {n} times that of the others, and is taken as one: {name}"
+                       for name, n in checked.multiples.items() if n != 1]  # fmt: skip
+
+    def at(self, time: float, values: bool = True) -> LinearSystem:
+        """Linearise at a time [s]. Without `values`, states, inputs and outputs have the value 0."""
+        M, notes, (n, m, p, _) = self._known.copy(), list(self._notes), self._sizes
+        for part in self._parts:
+            J = part.jacobian(time)
+            notes += part.notes(J)
+            M[np.ix_(*part.places)] = J
+        x, u, y, s = (
+            np.array([float(part.instance.get(v)) for part in self._parts for v in part.groups[kind]])
+            if values
+            else np.zeros(self._sizes[kind])
+            for kind in range(4)
+        )
+        names, units = self._names, self._units
+        parts = StateSpace(
+            M[:n, :n], M[:n, n : n + m], M[n : n + p, :n], M[n : n + p, n : n + m], names[0], names[1], names[2],
+            units[0], units[1], units[2], x, u, y, notes=tuple(dict.fromkeys(notes)),
+        )  # fmt: skip
+        signals = list(zip(names[3], units[3], s.tolist(), strict=True))
+        samples = Samples(signals, M[:n, n + m :], M[n : n + p, n + m :], M[n + p :])
+        return LinearSystem(parts, samples=samples, **self._facts)
 
 
-def _part(
-    name: str, instance: Instance, time: float, notes: list[str], values: bool
-) -> tuple[list[Floats], list[list[Signal]]]:
-    """Return the matrices of a component at the point where it is, and its states, inputs, outputs, sampled states.
+class _Linearised:
+    """A component: its states, inputs, outputs with the sampled ones, sampled states; and its matrices."""
 
-    In the order A, B, E, C, D, G, and F by parts.
-    """
-    known = instance.description.variables.values()
-    sampled = [v for v in instance.description.sampled if v.type == "Real" and not instance.description.exchange]
-    inputs, outputs = (
-        [v for v in known if v.causality == causality and v.type == "Real" and v.variability != "discrete"]
-        for causality in ("input", "output")
-    )
-    order = {(reference, i): k for k, (reference, i) in enumerate(
-        (x, i) for x, _, length in instance.description.states for i in range(length))}  # fmt: skip
-    states = sorted((v for v in known if (v.reference, v.index) in order), key=lambda v: order[v.reference, v.index])
-    if instance.description.derives_unknowns:
-        J = derivatives(instance, [*inputs, *sampled], [*outputs, *sampled])
-    else:
-        assert instance.integrator is not None
-        J = instance.integrator.differences(time, inputs, outputs)
-        notes.append(f"without directional derivatives, by differences: {name}")
-    m, s = len(inputs), len(sampled)
-    n = J.shape[1] - m - s
-    if not n and inputs and not J.any():
-        notes.append(f"without declared states, and no output depends on an input directly: {name}")
-    p = n + len(outputs)
-    F = J[p:]
-    J = np.vstack([J[:p], np.eye(s, J.shape[1], n + m)])  # sampled states are outputs, too
-    signals: list[list[Signal]] = [
-        [(f"{name}.{v.name}", v.unit.name if v.unit else "1", float(instance.get(v)) if values else 0.0) for v in part]
-        for part in (states[:n], inputs, [*outputs, *sampled], sampled)
-    ]
-    parts = [slice(0, n), slice(n, n + m), slice(n + m, None)]
-    return [M[:, part] for M in (J[:n], J[n:], F) for part in parts], signals
+    places: tuple[Places, Places]
+    """Rows and columns of its Jacobian in the matrices of all."""
+
+    def __init__(self, name: str, instance: Instance) -> None:
+        description = instance.description
+        known = description.variables.values()
+        sampled = [v for v in description.sampled if v.type == "Real" and not description.exchange]
+        inputs, outputs = (
+            [v for v in known if v.causality == causality and v.type == "Real" and v.variability != "discrete"]
+            for causality in ("input", "output")
+        )
+        first = {(v.reference, v.index): v for v in reversed([*known])}
+        states = [first[x, i] for x, _, length in description.states for i in range(length)]
+        self.name, self.instance = name, instance
+        if description.derives_unknowns:
+            exact = jacobian_of(instance, [*inputs, *sampled], [*outputs, *sampled])
+            self.jacobian: Callable[[float], Floats] = lambda time: exact()
+        else:
+            assert instance.integrator is not None
+            differences, states = instance.integrator.differences, states[: instance.sizes()[0]]
+            self.jacobian = lambda time: differences(time, inputs, outputs)
+        self.groups = states, inputs, [*outputs, *sampled], sampled
+
+    def notes(self, J: Floats) -> Iterator[str]:
+        """Yield notes on its Jacobian."""
+        if not self.instance.description.derives_unknowns:
+            yield f"without directional derivatives, by differences: {self.name}"
+        if not self.groups[0] and self.groups[1] and not J.any():
+            yield f"without declared states, and no output depends on an input directly: {self.name}"
+
+    def names(self, variables: Sequence[FmuVariable]) -> list[str]:
+        """Return the full names of some of its variables."""
+        return [f"{self.name}.{v.name}" for v in variables]
+
+    def units(self, variables: Sequence[FmuVariable]) -> list[str]:
+        """Return their units."""
+        return [v.unit.name if v.unit else "1" for v in variables]

@@ -15,13 +15,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import eig
 
-from vdfmu.base.arrays import Floats
+from vdfmu.base.arrays import Floats, distinct
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.state_space import Linear, StateSpace, held
 from vdfmu.engine.algorithms import choice, is_continuous
-from vdfmu.engine.inspect.linear import LinearSystem, linearised
+from vdfmu.engine.inspect.linear import Linearisation, LinearSystem
 from vdfmu.engine.masters.components import Components
 
 Complex = npt.NDArray[np.complex128]
@@ -108,7 +107,7 @@ class Loop:
     def grid(self) -> tuple[Floats, Complex]:
         """Frequencies [rad/s], (m,), up to half the sampling frequency, and the response there."""
         w = np.geomspace(_SLOWEST, 1.0, self.points) * np.pi / self.step
-        w = np.union1d(w, self.around(np.linalg.eigvals(self.sampled.A)))
+        w = distinct(np.concatenate([w, self.around(np.linalg.eigvals(self.sampled.A))]))
         return w, self.response(w)
 
     def around(self, poles: Any) -> Floats:
@@ -116,7 +115,7 @@ class Loop:
         s = np.log(poles[np.abs(poles) > 0.5].astype(complex)) / self.step
         s = s[(s.imag > _SLOWEST * np.pi / self.step)]
         w = s.imag[:, None] + np.abs(s.real - self.growth)[:, None] * _AROUND
-        return np.unique(w[(w > 0.0) & (w < np.pi / self.step)])
+        return distinct(w[(w > 0.0) & (w < np.pi / self.step)])
 
     def response(self, w: Floats) -> Any:
         """Response of the sampled plant's states to the motor torques at frequencies (m,) [rad/s]: (m, n_x, n)."""
@@ -151,7 +150,8 @@ class Loop:
         if not radius < np.exp(self.growth * self.step):
             return Margins(np.zeros(n), np.ones(n), np.zeros(n), np.zeros(n), radius)
         w, G = self.grid
-        more = np.setdiff1d(self.around(poles), w)
+        more = self.around(poles)
+        more = more[~np.isin(more, w, assume_unique=True)]
         order = np.argsort(w := np.concatenate([w, more]))
         G = np.concatenate([G, self.response(more)])[order]
         late = self.z(w[order])[:, None, None] ** -delay
@@ -195,11 +195,12 @@ def fastest_mode(system: LinearSystem) -> tuple[float, str]:
     The part is the product of the mode's two eigenvectors, which has no unit of measurement.
     """
     found = _moving(system)
-    modes: Any = eig(found.A, left=True, right=True)
-    poles, left, right = modes
+    poles, right = np.linalg.eig(found.A)
+    same, left = np.linalg.eig(found.A.T)
     rates = _rates(poles, found.step)
     mode = int(rates.argmax())
-    return float(rates[mode]), found.states[int(np.abs(left[:, mode] * right[:, mode]).argmax())]
+    part = np.abs(left[:, np.abs(same - poles[mode]).argmin()] * right[:, mode])
+    return float(rates[mode]), found.states[int(part.argmax())]
 
 
 def _moving(system: LinearSystem) -> StateSpace:
@@ -274,6 +275,7 @@ class Poses:
         self.systems: list[tuple[float, LinearSystem]] = []
         self.lacking = ""
         self.opened: list[str] = []
+        self._linearisation: Linearisation | None = None
 
     def rows(self, n: int) -> frozenset[int]:
         """Return the rows, of a run with n steps: closer together where it begins and ends, where motors are slow."""
@@ -286,12 +288,13 @@ class Poses:
         if self.lacking:
             return
         try:
-            found = linearised(components, step, time, values=False)
+            if self._linearisation is None:
+                self._linearisation = Linearisation(components, step)
+            found = self._linearisation.at(time, values=False)
             found = replace(found, parts=of_positions(found.parts))
             self.lacking = "; ".join(found.parts.notes)
-            connected = (name for name, row in zip(found.parts.inputs, found.links, strict=True) if row.any())
-            groups = dict.fromkeys(name.split("[")[0] for name in connected)
-            self.opened = [name for name in groups if name.endswith(f".{self._group}")]
+            connected = (found.parts.inputs[i].split("[")[0] for i in np.flatnonzero(found.links.any(axis=1)).tolist())
+            self.opened = [name for name in dict.fromkeys(connected) if name.endswith(f".{self._group}")]
             if not self.opened:
                 self.lacking = f"nothing is connected to an input {self._group}"
             if not self.lacking:
@@ -329,7 +332,7 @@ class Poses:
         if is_continuous(self.systems[0][1].algorithm):
             return None
         found: list[tuple[float, float, str]] = []
-        for k in np.unique(np.linspace(0, len(self.systems) - 1, _MARGINS + 2).astype(int)[1:-1]).tolist():
+        for k in distinct(np.linspace(0, len(self.systems) - 1, _MARGINS + 2).astype(int)[1:-1]).tolist():
             time, system = self.systems[k]
             modulus = system_margins(system, self.opened, GROWTH, _COARSE).modulus
             i = system.places(self.opened)[int(modulus.argmin())]

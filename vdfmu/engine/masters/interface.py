@@ -46,7 +46,7 @@ def _sensitivity(unit: CoupledUnit, coupled: Coupled, h: float) -> Callable[[Flo
     links = [own[i] for i in moving]
     sources = [bank.position[k.start] for k in links]
     factors = np.array([k.conversion.factor for k in links])
-    jacobian = derivatives(instance, [k.sink for k in links], [bank.variables[i][1] for i in outputs])
+    jacobian = jacobian_of(instance, [k.sink for k in links], [bank.variables[i][1] for i in outputs])()
     m = len(links)
     n = jacobian.shape[1] - m
     motion = np.zeros((n + 2 * m, n + 2 * m))  # x' = A x + B u, u' = w, w' = 0
@@ -68,10 +68,12 @@ def _sensitivity(unit: CoupledUnit, coupled: Coupled, h: float) -> Callable[[Flo
     return through
 
 
-def derivatives(instance: Instance, inputs: Sequence[FmuVariable], outputs: Sequence[FmuVariable]) -> Floats:
-    """Return the derivatives of the declared states' rates and of outputs, by states and by inputs.
+def jacobian_of(
+    instance: Instance, inputs: Sequence[FmuVariable], outputs: Sequence[FmuVariable]
+) -> Callable[[], Floats]:
+    """Return what calculates the derivatives of the declared states' rates and of outputs, by states and by inputs.
 
-    From the directional derivatives of the component: [[A, B], [C, D]].
+    From the directional derivatives of the component where it is then: [[A, B], [C, D]].
     """
     states = instance.description.states
     n = sum(length for *_, length in states)
@@ -90,6 +92,6 @@ def derivatives(instance: Instance, inputs: Sequence[FmuVariable], outputs: Sequ
     knowns = [reference for reference, _ in begins]
     unknowns = [reference for reference, _ in finals]
     seeds = np.eye(sum(length for _, length in begins))
-    jacobian = np.array([instance.differentiate(unknowns, size, knowns, seed) for seed in seeds])
-    jacobian = jacobian.reshape(len(seeds), size).T
-    return jacobian[np.ix_(places(outputs, finals[len(states) :]), places(inputs, begins[len(states) :]))]
+    rows, columns = places(outputs, finals[len(states) :]), places(inputs, begins[len(states) :])
+    chosen = np.ix_(rows, columns)
+    return lambda: instance.differentiate(unknowns, size, knowns, seeds).T[chosen]

@@ -20,7 +20,7 @@ from vdfmu.engine.run import Interrupted
 
 SYSTEM_OUTPUTS = (*result_files(), "signals.png", "summary.json")
 """Files that a run of a package writes, and replaces in the folder of an earlier one; packages are not among them."""
-PICTURES = ("png", "svg", "pdf")
+SUFFIXES = ("png", "svg", "pdf")
 """Kinds of files of a picture."""
 DRAWN = 20_000
 """Rows that a picture shows at most: 8 for each of its pixels."""
@@ -36,9 +36,9 @@ def known_formats(formats: Sequence[str]) -> None:
 
 def known_pictures(pictures: Sequence[str]) -> None:
     """Raise UsageError for an unknown kind of picture."""
-    unknown = [kind for kind in pictures if kind not in PICTURES]
+    unknown = [kind for kind in pictures if kind not in SUFFIXES]
     if unknown:
-        raise UsageError(f"pictures: expected some of {', '.join(PICTURES)}, got {', '.join(unknown)}.")
+        raise UsageError(f"pictures: expected some of {', '.join(SUFFIXES)}, got {', '.join(unknown)}.")
 
 
 @contextmanager

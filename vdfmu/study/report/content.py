@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from vdfmu.arm.equations.kinematics import frames
 from vdfmu.arm.robot import Robot
-from vdfmu.base.arrays import Floats
+from vdfmu.base.arrays import Floats, distinct
 from vdfmu.base.thinning import extremes
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
@@ -146,7 +146,7 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
     for k, part in enumerate(results.blocks(_BLOCK)):
         even = np.arange(-k * _BLOCK % stride, len(part), stride)  # every k-th row of the whole
         if k == parts - 1:
-            even = np.union1d(even, len(part) - 1)
+            even = distinct(np.append(even, len(part) - 1))
         moved = {name: _values(curves, part) for name, curves in motion.items()}
         frames.add(part.time, [*moved.values()], even)
         if shown:
@@ -155,7 +155,7 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
             values = _values(table.curves, part)
             buckets = max(1, EXTREMES // (len(values) * parts))
             rows = [even, *(extremes(row, buckets) for row in values)]
-            table.add(part.time, [values], np.unique(np.concatenate(rows)))
+            table.add(part.time, [values], distinct(np.concatenate(rows)))
     motion_recipes = {name: _recipes(curves, copies) for name, curves in motion.items()}
     return {
         "arm": shown and drawing_of(shown, travel),

@@ -1,7 +1,8 @@
 """The pictures of a run: the paper's figures 7, 8, 10, 11, 13 and 14 from our data, torques link-side.
 
-Every picture has a function that returns the matplotlib figure (``draw_...``); :func:`run_figures` writes them. Angles
-are in deg, torques in N.m; a prismatic joint has mm and N. Joints of different units never share an axis.
+Every picture has a function that returns the matplotlib figure (``draw_...``). It reads of the results and of the
+scenario only what `vdfmu.study.report.pictures.picture_key` has, so that pictures can be kept. Angles are in deg,
+torques in N.m; a prismatic joint has mm and N. Joints of different units never share an axis.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from vdfmu.arm.robot import Robot
 from vdfmu.base import style
 from vdfmu.base.arrays import Floats
 from vdfmu.engine.results.results import Results
-from vdfmu.study.report.captions import paper_table, run_caption
+from vdfmu.study.report.captions import run_caption
 from vdfmu.study.report.joints import UNITS, Group, group_joints, panel_letter
 from vdfmu.study.report.tool import draw_tool
 from vdfmu.system.scenario import Scenario
@@ -131,25 +132,20 @@ def draw_moving_torques(results: Results, scenario: Scenario) -> Figure:
 # --- written files ---------------------------------------------------------------------------------------
 
 
-FIGURES: dict[int, dict[str, Callable[..., Figure]]] = {
-    4: {"figure_10": draw_torques, "figure_11": draw_errors, "tool": draw_tool},
-    5: {"figure_13": draw_moving_positions, "figure_14": draw_moving_torques, "tool": draw_tool},
-    0: {"torques": draw_torques, "errors": draw_errors, "tool": draw_tool},
+_DRAW: dict[str, Callable[..., Figure]] = {
+    "figure_10": draw_torques,
+    "figure_11": draw_errors,
+    "figure_13": draw_moving_positions,
+    "figure_14": draw_moving_torques,
+    "torques": draw_torques,
+    "errors": draw_errors,
+    "tool": draw_tool,
 }
-"""Table of the paper that a scenario compares with, to the names of its pictures and the functions that draw them."""
 
 
-def run_figures(
-    results: Results, scenario: Scenario, folder: Path | str, pictures: Sequence[str] = ("png",)
-) -> list[Path]:
-    """Write the pictures of a run: which ones, `FIGURES` says, by the table in ``scenario.paper["source"]``.
-
-    The folder is made if it is missing. `pictures` are suffixes that `vdfmu.base.style.save` knows.
-    """
-    figures = {name: draw(results, scenario) for name, draw in FIGURES[paper_table(scenario)].items()}
-    return [
-        style.save(figure, Path(folder, f"{name}.{suffix}")) for name, figure in figures.items() for suffix in pictures
-    ]
+def draw_picture(results: Results, scenario: Scenario, path: Path) -> None:
+    """Write a picture of `vdfmu.study.report.pictures.PICTURES`, as its name and suffix say."""
+    style.save(_DRAW[path.stem](results, scenario), path)
 
 
 # --- panels ----------------------------------------------------------------------------------------------

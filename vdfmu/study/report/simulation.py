@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vdfmu.arm.robot.parameters import PARAMETERS
+from vdfmu.base.arrays import distinct
 from vdfmu.base.data import data_path
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.standards import FMI_2
@@ -185,7 +186,7 @@ def _modules(checked: Checked, binaries: dict[str, str]) -> dict[str, str]:
 
 def compressed(content: bytes) -> str:
     """Return the text that ``unzip`` of ``web/packed.js`` reads."""
-    return base64.b64encode(gzip.compress(content, mtime=0)).decode()
+    return base64.b64encode(gzip.compress(content, 6, mtime=0)).decode()
 
 
 def _sources(unit: Archive, source: str) -> dict[str, bytes]:
@@ -324,7 +325,7 @@ def _recorded(results: Results, summary: Mapping[str, Any], names: Sequence[str]
     known = set(results.names)
     kept = [name for name in names if name in known]
     judged = [name for name in kept if name.startswith("plant.q[")] or kept
-    rows = np.unique(np.linspace(0, len(results) - 1, ROWS + 1).round().astype(int))
+    rows = distinct(np.linspace(0, len(results) - 1, ROWS + 1).round().astype(int))
     values = np.array([results[name][rows] for name in kept], "<f8").T
     separation = (summary.get("separation") or {}).get("max_position_difference_rad", 0.0)
     packed = base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()

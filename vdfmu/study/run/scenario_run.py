@@ -7,6 +7,7 @@ import math
 import os
 from collections.abc import Iterable
 from functools import partial as bound
+from itertools import chain
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -27,7 +28,7 @@ from vdfmu.engine.options import CouplingOptions
 from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.engine.results.folder import (
     DRAWN,
-    PICTURES,
+    SUFFIXES,
     SYSTEM_OUTPUTS,
     keep,
     known_formats,
@@ -41,6 +42,7 @@ from vdfmu.engine.run.simulator import check_coupling
 from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
 from vdfmu.study.report.content import arm_of
 from vdfmu.study.report.page import NAME, ShownRun, write_report
+from vdfmu.study.report.pictures import PICTURES, SIGNALS, write_pictures
 from vdfmu.study.run.at_limits import limits_of, time_at_limits
 from vdfmu.study.run.stability import explain, loop_checks, simulated
 from vdfmu.study.run.summary import (
@@ -68,11 +70,7 @@ from vdfmu.system.scenario.values import system_values
 RUN_OUTPUTS = (
     *SYSTEM_OUTPUTS,
     "system.ssp",
-    *(
-        f"{name}.{suffix}"
-        for name in (*(f"figure_{k}" for k in (10, 11, 13, 14)), "torques", "errors", "tool")
-        for suffix in PICTURES
-    ),
+    *(f"{name}.{suffix}" for name in sorted({*chain(*PICTURES.values())}) for suffix in SUFFIXES),
     "signals.svg",
     "signals.pdf",
     NAME,
@@ -80,10 +78,6 @@ RUN_OUTPUTS = (
 """Files that the run of a scenario writes and replaces."""
 _VISIBLE = 1e-3
 """Share of the largest position error above which a difference to a reference shows in the tables of three digits."""
-_DRAWN = (
-    "trajectory.q_d", "plant.q", "plant.kappa", "plant.p_O", "controller.tau", "controller.tau_m",
-)  # fmt: skip
-"""Signals that the figures of a run show; a system without them gets a picture of its signals."""
 _LEFT_OUT = "left out, since the unit instead of the system's has no such signal"
 _NUDGE = 1e-9
 """Relative change of the rotor inertias that must not show; below every tolerance that a scenario has."""
@@ -224,10 +218,8 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
         if out is False:
             return results
         with doing("figures"):
-            if robot is not None and has_signals(results, *_DRAWN):
-                from vdfmu.study.report.plots import run_figures  # takes long to import
-
-                run_figures(results.thinned(DRAWN), scenario, partial, pictures)
+            if robot is not None and has_signals(results, *SIGNALS):
+                write_pictures(results.thinned(DRAWN), scenario, partial, pictures)
             else:
                 from vdfmu.engine.results.picture import signals_figure
 

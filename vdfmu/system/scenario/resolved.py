@@ -11,7 +11,7 @@ from vdfmu.arm.units.plant import Plant
 from vdfmu.base.errors import UsageError
 from vdfmu.base.measure import measure
 from vdfmu.base.once import once
-from vdfmu.base.toml_tables import nearest
+from vdfmu.base.text import nearest
 from vdfmu.compiler.unit.declaration import Input, Output
 from vdfmu.compiler.unit.interface import Interface, interface_of
 from vdfmu.compiler.unit.unit import Unit

@@ -13,8 +13,9 @@ from vdfmu.arm.robot.load import load_robot
 from vdfmu.arm.robot.robot import ENDS, Robot
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.base.once import once
+from vdfmu.base.text import nearest
 from vdfmu.base.toml_file import locate
-from vdfmu.base.toml_tables import Problems, Table, nearest, shown
+from vdfmu.base.toml_tables import Problems, Table, shown
 
 _KEYS = ("extends", "name", "description", "units", "shared", "connections")
 Box = tuple[float, float, float, float]

@@ -12,7 +12,7 @@ from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.parameters import OPTIONAL, PARAMETERS
 from vdfmu.arm.robot.structure import parameters
 from vdfmu.base.errors import UsageError
-from vdfmu.base.toml_tables import nearest
+from vdfmu.base.text import nearest
 from vdfmu.compiler.unit.interface import Interface, interface_of
 from vdfmu.compiler.unit.requirements import unmet
 from vdfmu.compiler.unit.unit import Unit
