@@ -90,7 +90,7 @@ SHOWN struct {{
 """C text of what a solver calls."""
 
 
-class _Rate(np.ndarray):
+class _RateRecord(np.ndarray):
     """``Rate`` of the C text; `held`: arrays that it points to."""
 
     held: tuple[Floats, ...]
@@ -103,10 +103,9 @@ def builtin(run: CompiledRun, x: Floats, x_dot: Floats) -> Callable[[float, Floa
     of the time.
     """
     method = addressof(c_char.in_dll(run.library, "rate_method"))
-    functions = [cast(function, c_void_p).value for function in (run.function, pythonapi.Py_IncRef)]
-    rate = np.array([functions[0], run.memory, x.ctypes.data, x.nbytes, id(x_dot), functions[1]], dtype=np.uintp).view(
-        _Rate
-    )
+    run_at, hold = (cast(function, c_void_p).value for function in (run.function, pythonapi.Py_IncRef))
+    numbers = np.array([run_at, run.memory, x.ctypes.data, x.nbytes, id(x_dot), hold], dtype=np.uintp)
+    rate = numbers.view(_RateRecord)
     rate.held = x, x_dot
     new = PYFUNCTYPE(py_object, c_void_p, py_object, c_void_p)(("PyCFunction_NewEx", pythonapi))
     return new(method, rate, None)
