@@ -121,12 +121,8 @@ def sources(system: WiredUnits, lists: Mapping[str, Sequence[Action]]) -> dict[s
         LOG.info("the references run in Python: %s", error)
         return None
     prototypes = "".join(f"{c_prototype(made)};\n" for made in code.called.values())
-    return {
-        **files,
-        "system.c": "\n".join(
-            ["#include <stddef.h>\n#include <string.h>\n", SHOWN, prototypes, *functions, _SOLVER]
-        ).encode(),
-    }
+    text = "\n".join(["#include <stddef.h>\n#include <string.h>\n", SHOWN, prototypes, *functions, _SOLVER])
+    return {**files, "system.c": text.encode()}
 
 
 class Code:
