@@ -83,7 +83,7 @@ class _Mover:
         if run is not None:
             self._rate = _RightHandSide(run, self._unit.x, self._unit.x_dot)
         self._times: dict[float, Floats] = {}
-        """The steps of the last way: the next begins with a step of this part of it."""
+        """Times of the start and of the steps of the last way: the next begins with a step of this part of it."""
         self._solvers: dict[int, Any] = {}
 
     def move(self, begin: float, end: float) -> None:
