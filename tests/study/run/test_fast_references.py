@@ -13,7 +13,7 @@ from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference import compiled, solution
 from vdfmu.system.reference.reference import reference, reference_blocks
 from vdfmu.system.reference.solution import ContinuousReference, SampledReference
-from vdfmu.system.reference.wired import WiredUnits
+from vdfmu.system.reference.wired import AtNewTime, Evaluate, WiredUnits
 from vdfmu.system.scenario.values import system_values
 
 NAMES = ("sampled", "sampled-delayed", "continuous")
@@ -68,7 +68,56 @@ def test_all_that_a_solver_calls_is_one_compiled_function(name):
             # The same operations in the same order, but compilers' sin and exp differ in the last bit: 1e-16 of
             # values that are differences of torques 1e3 times as large, over an inertia of 1e-3 kg m2.
             np.testing.assert_allclose(system.memory, fast, rtol=1e-10, atol=1e-10)
-        assert not inspect.isfunction(run["rate"])  # nothing of Python runs in it
+    function = right_hand_side(system, run).function
+    assert inspect.isbuiltin(function)  # nothing of Python runs when a solver calls it
+    expected = right_hand_side(system, run)(0.3, x).copy()
+    np.testing.assert_array_equal(function(0.3, x), expected)
+    assert np.any(function(0.4, x) != expected)
+    assert np.any(function(0.3, 1.01 * x) != expected)
+
+
+def right_hand_side(system, run, feed=None):
+    x, x_dot = (system.memory[places[0] : places[-1] + 1] for places in (system.solver_x, system.solver_x_dot))
+    return solution._RightHandSide(run["rate"], x, x_dot, feed)
+
+
+def of_time(system):
+    """Return the units that are calculated once for each time."""
+    (early,) = (action for action in system.evaluate if isinstance(action, AtNewTime))
+    return [action.unit for action in early.actions if isinstance(action, Evaluate)]
+
+
+@pytest.mark.parametrize(
+    ("settings", "units"),
+    [
+        ({}, ["trajectory", "feedforward"]),  # the feedforward reads no measurement, though it is connected to some
+        ({"feedforward.mode": 1}, ["trajectory"]),
+    ],
+)
+def test_what_depends_on_the_time_alone_is_calculated_once_a_time(settings, units):
+    system = WiredUnits(described("tracking", settings))
+    assert of_time(system) == units
+    lists = ContinuousReference(system).lists
+    run = compiled.runs(system, lists, compiled.sources(system, lists))
+    system.start()
+    function, x = right_hand_side(system, run).function, system.memory[system.x]
+    expected = [function(t, x).copy() for t in (0.3, 0.4)]
+    torques = system.units["feedforward"].group("tau_m")
+    function(0.3, x)
+    torques[:] = np.nan  # which the controller has already, unless the feedforward is calculated again
+    again = function(0.3, x)
+    np.testing.assert_array_equal(again, expected[0])
+    assert np.isnan(torques).all() == ("feedforward" in units)
+    np.testing.assert_array_equal(function(0.4, x), expected[1])
+    assert not np.isnan(torques).any()
+
+
+def test_a_signal_from_outside_is_no_function_of_the_time_alone():
+    """A force that the feedforward expects, which a file gives: held values change while the time stands."""
+    described_so = described("tracking")
+    inputs = {"feedforward.F_e_d[1]": ([0.0, 1.0], [0.0, 1.0])}
+    described_so = SystemDescription(dataclasses.replace(described_so.scenario, inputs=inputs), described_so.values)
+    assert of_time(WiredUnits(described_so)) == ["trajectory"]
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -82,14 +131,15 @@ def test_without_the_compiler_a_reference_is_the_same(own_cache, monkeypatch, na
         np.testing.assert_allclose(plain[group], values, rtol=1e-9, atol=1e-9, err_msg=group)
 
 
+@pytest.mark.parametrize("scenario", ["planar_tracking", "two_joint"])  # in the second four joints stand still: stiff
 @pytest.mark.parametrize("name", NAMES)
-def test_references_are_exact_to_1e_11_rad(own_cache, monkeypatch, name):
-    usual = reference(name, described(), step=1e-3, stop=0.3)["plant.q"]
+def test_references_are_exact_to_1e_11_rad(own_cache, monkeypatch, name, scenario):
+    usual = reference(name, described(scenario), step=1e-3, stop=0.3)["plant.q"]
     for tolerances in (solution._SHORT, solution._LONG):
         monkeypatch.setitem(tolerances, "rtol", 3e-14)
         monkeypatch.setitem(tolerances, "atol", 1e-15)
     use(own_cache / "other", monkeypatch)
-    tight = reference(name, described(), step=1e-3, stop=0.3)["plant.q"]
+    tight = reference(name, described(scenario), step=1e-3, stop=0.3)["plant.q"]
     # the local error of 1e-12 a step of a loop that forgets within some hundred steps
     assert np.abs(usual - tight).max() < 1e-11
 
@@ -157,6 +207,7 @@ def test_what_the_right_hand_side_raises_ends_the_solution(own_cache, monkeypatc
         self.error = KeyboardInterrupt()
         raise self.error
 
+    monkeypatch.setattr(compiled, "native_available", lambda: False)
     monkeypatch.setattr(solution._RightHandSide, "__call__", interrupted)
     with pytest.raises(KeyboardInterrupt):
         reference(name, described(), step=1e-3, stop=0.05)
@@ -181,8 +232,27 @@ def test_ctrl_c_within_a_step_of_scipy_ends_the_solution(own_cache, monkeypatch,
                 signal.raise_signal(signal.SIGINT)
             return plain(self, t, x)
 
+    monkeypatch.setattr(compiled, "native_available", lambda: False)
     monkeypatch.setattr(solution, "_RightHandSide", Rate)
     with pytest.raises(KeyboardInterrupt):
         reference(name, described(), step=1e-3, stop=0.5)
     assert len(calls) < 1000  # some hundred a step
+    assert not (own_cache / "references").exists()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_ctrl_c_between_the_rows_ends_the_solution(own_cache, monkeypatch, name):
+    """Where all is compiled, Python code runs between scipy's steps only."""
+    plain, calls = compiled.CompiledRun.__call__, []
+
+    def run(self, t):
+        calls.append(t)
+        if len(calls) == 20:
+            signal.raise_signal(signal.SIGINT)
+        plain(self, t)
+
+    monkeypatch.setattr(compiled.CompiledRun, "__call__", run)
+    with pytest.raises(KeyboardInterrupt):
+        reference(name, described(), step=1e-3, stop=0.5)
+    assert len(calls) == 20
     assert not (own_cache / "references").exists()

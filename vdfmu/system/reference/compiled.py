@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from ctypes import PyDLL, c_double, c_void_p
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from ctypes import PYFUNCTYPE, PyDLL, addressof, c_char, c_double, c_void_p, cast, py_object, pythonapi
 
 import casadi as ca
+import numpy as np
 
+from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import FmuError, KernelError
 from vdfmu.base.progress import LOG
 from vdfmu.compiler.c.compile import native_available
@@ -16,7 +17,7 @@ from vdfmu.compiler.c.files import kernel_source
 from vdfmu.compiler.c.loaded import SHOWN, loaded
 from vdfmu.compiler.unit.evaluate import Traced
 from vdfmu.compiler.unit.program import Call
-from vdfmu.system.reference.wired import Action, Carry, Run, TimeSetter, WiredUnits
+from vdfmu.system.reference.wired import Action, AtNewTime, Carry, Run, TimeSetter, WiredUnits
 
 
 def runs(
@@ -39,14 +40,75 @@ def runs(
         except FmuError:  # such as when there is no room
             pass
         else:
-            return {name: _bound(library, name, system.memory.ctypes.data) for name in lists}
+            return {name: CompiledRun(library, name, system.memory.ctypes.data) for name in lists}
     return {name: system.python(actions) for name, actions in lists.items()}
 
 
-def _bound(library: PyDLL, name: str, memory: int) -> Run:
-    function = library[name]
-    function.argtypes, function.restype = (c_void_p, c_double), None
-    return partial(function, memory)
+class CompiledRun:
+    """A list of actions as a compiled function of a library, on the memory at an address."""
+
+    def __init__(self, library: PyDLL, name: str, memory: int) -> None:
+        self.library, self.function, self.memory = library, library[name], memory
+        self.function.argtypes, self.function.restype = (c_void_p, c_double), None
+
+    def __call__(self, t: float) -> None:
+        """Run it at a time [s]."""
+        self.function(self.memory, t)
+
+
+_SOLVER = f"""
+/* A builtin f(t, x) of Python, made without Python's headers: the value of a number, and the address of the data of
+   an array, are the first that follow the head of an object. Returns the array of the derivatives. */
+typedef struct Object Object;
+typedef struct {{
+    void (*run)(double *memory, double t);
+    double *memory, *x;
+    size_t size; /* of x, in bytes */
+    Object *x_dot;
+    void (*hold)(Object *object);
+}} Rate;
+#define FIRST(object, type) (*(type *)((char *)(object) + {object.__basicsize__}))
+
+static Object *rate_of(Object *self, Object *const *arguments, ptrdiff_t count)
+{{
+    const Rate *rate = FIRST(self, const Rate *);
+    (void)count;
+    memcpy(rate->x, FIRST(arguments[1], const double *), rate->size);
+    rate->run(rate->memory, FIRST(arguments[0], double));
+    rate->hold(rate->x_dot);
+    return rate->x_dot;
+}}
+
+/* PyMethodDef, with METH_FASTCALL */
+SHOWN struct {{
+    const char *name;
+    Object *(*call)(Object *, Object *const *, ptrdiff_t);
+    int flags;
+    const char *text;
+}} rate_method = {{"rate", rate_of, 0x80, NULL}};
+"""
+"""C text of what a solver calls."""
+
+
+class _RateRecord(np.ndarray):
+    """``Rate`` of the C text; `held`: arrays that it points to."""
+
+    held: tuple[Floats, ...]
+
+
+def builtin(run: CompiledRun, x: Floats, x_dot: Floats) -> Callable[[float, Floats], Floats]:
+    """Return a builtin function f(t, x) of Python that sets `x`, runs actions and returns `x_dot`.
+
+    Nothing of Python runs while a solver calls it, with a number of Python and a contiguous array: that takes a quarter
+    of the time.
+    """
+    method = addressof(c_char.in_dll(run.library, "rate_method"))
+    run_at, hold = (cast(function, c_void_p).value for function in (run.function, pythonapi.Py_IncRef))
+    numbers = np.array([run_at, run.memory, x.ctypes.data, x.nbytes, id(x_dot), hold], dtype=np.uintp)
+    rate = numbers.view(_RateRecord)
+    rate.held = x, x_dot
+    new = PYFUNCTYPE(py_object, c_void_p, py_object, c_void_p)(("PyCFunction_NewEx", pythonapi))
+    return new(method, rate, None)
 
 
 def sources(system: WiredUnits, lists: Mapping[str, Sequence[Action]]) -> dict[str, bytes] | None:
@@ -59,7 +121,8 @@ def sources(system: WiredUnits, lists: Mapping[str, Sequence[Action]]) -> dict[s
         LOG.info("the references run in Python: %s", error)
         return None
     prototypes = "".join(f"{c_prototype(made)};\n" for made in code.called.values())
-    return {**files, "system.c": "\n".join(["#include <string.h>\n", SHOWN, prototypes, *functions]).encode()}
+    text = "\n".join(["#include <stddef.h>\n#include <string.h>\n", SHOWN, prototypes, *functions, _SOLVER])
+    return {**files, "system.c": text.encode()}
 
 
 class Code:
@@ -86,6 +149,11 @@ class Code:
         elif isinstance(action, TimeSetter):
             for place in action.places.tolist():
                 yield f"m[{place}] = t;"
+        elif isinstance(action, AtNewTime):
+            yield f"if (m[{action.place}] != t) {{"
+            yield from (line for one in action.actions for line in self._lines(one))
+            yield f"m[{action.place}] = t;"
+            yield "}"
         else:
             unit = self.system.units[action.unit]
             if not isinstance(unit, Traced):

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from itertools import pairwise
 from typing import Any
 
@@ -21,7 +21,8 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.compiler.unit.scipy_solver import samples, switchings
-from vdfmu.system.reference.wired import Action, Carry, Evaluate, Places, Run, TimeSetter, WiredUnits
+from vdfmu.system.reference.compiled import CompiledRun, builtin
+from vdfmu.system.reference.wired import Action, Carry, Evaluate, Run, TimeSetter, WiredUnits
 
 _SHORT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-11}
 """Tolerances on the way from one communication point to the next: 2e-13 rad in the tracking and the two-joint run."""
@@ -40,29 +41,31 @@ _PARTS = 64
 
 
 class _RightHandSide:
-    """The right-hand side as scipy calls it.
+    """The right-hand side f(t, x) of a solver.
 
     Parameters
     ----------
-    system : WiredUnits
-    places : (n_x,) places of the states that the solver has, next to each other
-    run : calculates their derivatives
+    run : calculates the derivatives
+    x, x_dot : (n_x,) where it reads the states and sets the derivatives
     feed : sets the inputs of a time, where some change with it
+
+    Attributes
+    ----------
+    function : callable
+        What scipy calls: a builtin where the actions are compiled and no input changes, else itself.
     """
 
-    def __init__(
-        self, system: WiredUnits, places: Places, run: Run, feed: Callable[[float], None] | None = None
-    ) -> None:
-        first, last, offset = int(places[0]), int(places[-1]) + 1, len(system.x)
-        self.x = system.memory[first:last]
-        self._x_dot = system.memory[first + offset : last + offset]
-        self._run, self._feed = run, feed
+    def __init__(self, run: Run, x: Floats, x_dot: Floats, feed: Callable[[float], None] | None = None) -> None:
+        self._run, self._x, self._x_dot, self._feed = run, x, x_dot, feed
+        self.function: Callable[[float, Floats], Floats] = (
+            builtin(run, x, x_dot) if feed is None and isinstance(run, CompiledRun) else self
+        )
         self.error: BaseException | None = None
         """Error that a call raised: not every solver of scipy passes it on, and some end as if nothing were."""
 
     def __call__(self, t: float, x: Floats) -> Floats:
         try:
-            self.x[:] = x
+            self._x[:] = x
             if self._feed is not None:
                 self._feed(t)
             self._run(t)
@@ -78,9 +81,9 @@ class _Mover:
     def __init__(self, system: WiredUnits, name: str, run: Run | None, update: Run | None) -> None:
         self._unit, self._name, self._update = system.units[name], name, update
         if run is not None:
-            self._rate = _RightHandSide(system, system.alone(name)[0], run)
-        self._steps = 1
-        """Steps that the last way took: the next begins with a step of this part of it."""
+            self._rate = _RightHandSide(run, self._unit.x, self._unit.x_dot)
+        self._times: dict[float, Floats] = {}
+        """Times of the start and of the steps of the last way: the next begins with a step of this part of it."""
         self._solvers: dict[int, Any] = {}
 
     def move(self, begin: float, end: float) -> None:
@@ -97,30 +100,30 @@ class _Mover:
                         self._advance(first, last)
 
     def _solver(self, duration: float) -> Any:
-        if self._steps not in self._solvers:
+        """Return a solver that begins with a step of the part of the duration that the last way took."""
+        steps = min(max(len(self._times) - 1, 1), _PARTS)  # the start is there too
+        self._times.clear()
+        if steps not in self._solvers:
             from scipy.integrate import ode  # takes a third of a second to import
 
-            solver = ode(self._rate)
-            solver.set_integrator("dop853", **_SHORT, nsteps=_MOST_STEPS, first_step=duration / self._steps)
-            solver.set_solout(self._count)
-            self._solvers[self._steps] = solver
-        return self._solvers[self._steps]
-
-    def _count(self, t: float, x: Floats) -> int:
-        self._steps += 1
-        return 0  # go on
+            solver = ode(self._rate.function)
+            solver.set_integrator("dop853", **_SHORT, nsteps=_MOST_STEPS, first_step=duration / steps)
+            solver.set_solout(self._times.__setitem__)  # a builtin, as the right-hand side: nothing of Python runs
+            self._solvers[steps] = solver
+        return self._solvers[steps]
 
     def _advance(self, t: float, to: float) -> None:
         x, solver = self._unit.x, self._solver(to - t)
         solver.set_initial_value(x, t)
-        self._steps = -1  # the start is counted too
         # of what a signal raises in a call of the right-hand side, this solver would make a number
-        with InterruptGuard(), suppress(ValueError, UserWarning):
+        with (
+            InterruptGuard() if self._rate.function is self._rate else nullcontext(),
+            suppress(ValueError, UserWarning),
+        ):
             x[:] = solver.integrate(to)
         if self._rate.error is not None:
             raise self._rate.error
-        self._steps = min(max(self._steps, 1), _PARTS)
-        if not solver.successful() or not np.isfinite(x).all():
+        if not solver.successful() or not math.isfinite(x.sum()):
             raise VdfmuError(f"The reference failed: {self._name} has no finite state after t = {t:.9g} s.")
 
 
@@ -153,7 +156,7 @@ class SampledReference:
                 part.append(system.fresh(name))
             if unit.x.size or unit.interface.is_sampled:
                 if unit.x.size:
-                    self.lists[f"rate_{i}"] = system.alone(name)[1]
+                    self.lists[f"rate_{i}"] = [TimeSetter(system.clock(name)), Evaluate(name, "derivatives")]
                 if unit.interface.is_sampled:
                     self.lists[f"update_{i}"] = [TimeSetter(system.clock(name)), Evaluate(name, "update")]
                 self.moving.append(name)
@@ -219,7 +222,9 @@ class ContinuousReference:
         rate = None
         if x.size:
             changing = any(not course.held for _, course in system.outside)
-            rate = _RightHandSide(system, system.solver_x, run["rate"], self._feed if changing else None)
+            x_dot = system.memory[system.solver_x_dot[0] : system.solver_x_dot[-1] + 1]
+            places = system.memory[system.solver_x[0] : system.solver_x[-1] + 1]
+            rate = _RightHandSide(run["rate"], places, x_dot, self._feed if changing else None)
         self._calculate(run["outputs"], 0.0, x)
         yield
         k = 1
@@ -292,7 +297,8 @@ def _solved(rate: _RightHandSide | None, begin: float, end: float, x: Floats, po
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         states, info = odeint(
-            rate, x, times, tfirst=True, tcrit=[end], hmax=_LONGEST, mxstep=_MOST_STEPS, full_output=True, **_LONG
+            rate.function, x, times, tfirst=True, tcrit=[end], hmax=_LONGEST, mxstep=_MOST_STEPS, full_output=True,
+            **_LONG,
         )  # fmt: skip
     if info["message"] != "Integration successful." or not np.isfinite(states[-1]).all():
         raise VdfmuError(f"The continuous reference failed after t = {begin:.9g} s: {info['message']}")

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vdfmu.base.errors import UsageError
-from vdfmu.compiler.unit.evaluate import Evaluation, evaluation
+from vdfmu.compiler.unit.evaluate import Evaluation, Traced, evaluation
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.engine.plan.inputs import Course, InputTable, read_inputs
 from vdfmu.system.package.description import SystemDescription
@@ -46,7 +46,14 @@ class Evaluate(NamedTuple):
     method: str
 
 
-Action = Carry | TimeSetter | Evaluate
+class AtNewTime(NamedTuple):
+    """Actions that depend on nothing but the time, to be run at another time than the last, which is at a place."""
+
+    place: int
+    actions: list[Carry | Evaluate]
+
+
+Action = Carry | TimeSetter | Evaluate | AtNewTime
 
 
 class WiredUnits:
@@ -59,7 +66,7 @@ class WiredUnits:
     Attributes
     ----------
     memory : (m,) array
-        The memories of the units, then `solver_x` and `solver_x_dot`.
+        The memories of the units, then `solver_x` and `solver_x_dot`, and the time of what depends on it alone.
     units : dict of str to Evaluation
     x, x_dot : (n_x,) places of the continuous states of all units, and of their derivatives
     solver_x, solver_x_dot : (n_x,) places in which a solver has its states and gets their derivatives
@@ -84,7 +91,7 @@ class WiredUnits:
             )
         begins = np.cumsum([0, *(interface.size for interface in interfaces.values())]).tolist()
         n_x = sum(interface.states.stop - interface.states.start for interface in interfaces.values())
-        self.memory = np.zeros(begins[-1] + 2 * n_x)
+        self.memory = np.zeros(begins[-1] + 2 * n_x + 1)
         self.solver_x, self.solver_x_dot = (begins[-1] + np.arange(2 * n_x)).reshape(2, n_x)
         self._first = dict(zip(interfaces, begins, strict=False))
         self.units: dict[str, Evaluation] = {}
@@ -106,18 +113,43 @@ class WiredUnits:
         moving = self._passes(
             Interface.held_dependencies,
             [node for node in dict.fromkeys(self._source.values()) if not self._is_state(*node)],
+            held=True,
         )
         self.clocks = self._places((name, interface.time) for name, interface in interfaces.items())
         self.x, self.x_dot = (
             np.concatenate([self._range(name, part) for name in interfaces]) for part in ("states", "derivatives")
         )
+        of_time = self._of_time(fed)
+        early, late = (
+            [
+                action
+                for name, carry in moving
+                if (name in of_time) == first
+                for action in (Evaluate(name, "outputs"), carry)
+            ]
+            for first in (True, False)
+        )
         self.evaluate: list[Action] = [
             Carry(self.solver_x, self.x),
             TimeSetter(self.clocks),
             self._links(lambda source, _: self._is_state(*source)),
-            *(action for name, carry in moving for action in (Evaluate(name, "outputs"), carry)),
+            AtNewTime(self.memory.size - 1, early),
+            *late,
         ]
         """Calculate all inputs at a time, from the states of the solver."""
+
+    def _of_time(self, fed: set[_Node]) -> set[str]:
+        """Return the units whose outputs depend on nothing but the time; `fed`: inputs that signals from outside feed.
+
+        These are all units except those that have states or such inputs, and those that read from such units.
+        """
+        others = {name for name, _ in fed}
+        others |= {name for name, unit in self.units.items() if unit.x.size or unit.interface.is_sampled}
+        read = {(name, i) for name, unit in self.units.items() for i in _read(unit)}
+        links = [(source[0], end[0]) for end, source in self._source.items() if end in read]
+        while more := {end for source, end in links if source in others} - others:
+            others |= more
+        return set(self.units) - others
 
     def _feed_from(self, table: InputTable) -> set[_Node]:
         """Let the columns of a table feed the inputs that they name; return these."""
@@ -147,17 +179,6 @@ class WiredUnits:
         where = getattr(self.units[name].interface, part)
         return self._first[name] + np.arange(where.start, where.stop)
 
-    def alone(self, name: str) -> tuple[Places, list[Action]]:
-        """Return where a solver has the states of a unit, and what calculates their derivatives, inputs held."""
-        own = self._range(name, "states")
-        among = slice(*np.searchsorted(self.x, (own[0], own[-1] + 1)))
-        return self.solver_x[among], [
-            Carry(self.solver_x[among], own),
-            TimeSetter(self.clock(name)),
-            Evaluate(name, "derivatives"),
-            Carry(self._range(name, "derivatives"), self.solver_x_dot[among]),
-        ]
-
     def begin(self, name: str) -> int:
         """Place of the first number of a unit's memory."""
         return self._first[name]
@@ -178,19 +199,22 @@ class WiredUnits:
         sampled = interface.variables[position].variability == "discrete"
         return sampled or interface.states.start <= position < interface.states.stop
 
-    def _before(self, name: str, position: int, dependencies: Dependencies) -> set[_Node]:
-        """Return the outputs that an output depends on by one link each."""
-        known = dependencies(self.units[name].interface, position)
-        return {self._source[name, i] for i in known if (name, i) in self._source}
+    def _passes(
+        self, dependencies: Dependencies, wanted: Sequence[_Node], when: str = "", *, held: bool = False
+    ) -> list[tuple[str, Carry]]:
+        """Units in an order in which the wanted outputs can be calculated, some more than once, and their links.
 
-    def _passes(self, dependencies: Dependencies, wanted: Sequence[_Node], when: str = "") -> list[tuple[str, Carry]]:
-        """Units in an order in which the wanted outputs can be calculated, some more than once, and their links."""
+        `held`: the states are there, and units are asked for what their choices have them calculate.
+        """
+        reads = {name: _read(unit) if held else range(unit.interface.size) for name, unit in self.units.items()}
         graph: dict[_Node, set[_Node]] = {}
         left = list(wanted)
         while left:
-            node = left.pop()
+            name, position = node = left.pop()
             if node not in graph:
-                graph[node] = self._before(*node, dependencies)
+                known = dependencies(self.units[name].interface, position)
+                sources = {self._source[name, i] for i in known if (name, i) in self._source and i in reads[name]}
+                graph[node] = {source for source in sources if not (held and self._is_state(*source))}
                 left += graph[node]
         try:
             ordered = list(TopologicalSorter(graph).static_order())
@@ -244,7 +268,7 @@ class WiredUnits:
 
     def start(self) -> None:
         """Set the states and outputs of the start time."""
-        self.memory[self.clocks] = 0.0
+        self.memory[self.clocks], self.memory[-1] = 0.0, np.nan
         self.feed(0.0, held=True)
         for name, (starts, ends) in self.starting:
             unit = self.units[name]
@@ -265,6 +289,8 @@ class WiredUnits:
                 case Evaluate(unit, method):
                     call = getattr(self.units[unit], method)
                     return lambda _: call()
+                case AtNewTime(_, actions):  # always: others change parameters at the same time
+                    return self.python(actions)
 
         runs = [bound(action) for action in actions]
 
@@ -284,3 +310,12 @@ class WiredUnits:
         ends = np.cumsum([len(listed) for listed in nodes.values()]).tolist()
         where = {group: slice(end - len(nodes[group]), end) for group, end in zip(nodes, ends, strict=True)}
         return self._places(node for listed in nodes.values() for node in listed), where
+
+
+def _read(unit: Evaluation) -> set[int]:
+    """Return the positions that the outputs of a unit are calculated from, by its choices."""
+    table = unit.interface
+    if not isinstance(unit, Traced):
+        return set(range(table.size))
+    slices = [table.slice(group) for call in table.program.outputs if unit.takes(call) for group in call.reads]
+    return {position for where in slices for position in range(where.start, where.stop)}
