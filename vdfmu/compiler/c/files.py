@@ -8,15 +8,19 @@ from collections.abc import Callable, Collection, Mapping
 import casadi as ca
 
 from vdfmu.compiler.c.expressions import c_prototype
-from vdfmu.compiler.c.functions import WHOLE, c_texts, is_long
+from vdfmu.compiler.c.functions import c_texts, is_long
 from vdfmu.compiler.c.loop_text import c_loops
 from vdfmu.compiler.c.loops import find_loops
 from vdfmu.compiler.c.operations import c_table
 from vdfmu.compiler.c.text import head, wrapped
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, has_roundings
 
-_WHOLE_DERIVATIVE = 5_000
-"""Operations of a derivative that go into one C function; parts compile in half the time and run a quarter longer."""
+_MOST_IN_C = 5_000
+"""Operations of a derivative that are written as C; one of more is a table, see :mod:`.operations`.
+
+Importers call derivatives rarely, and to compile those of a feedforward took 4 s. Those of the paper's plant, which an
+importer's implicit solver may call, are shorter.
+"""
 _DEFINED = re.compile(r"^void (\w+)\([^;{]*\)\n{", re.MULTILINE)
 """Name of a function where it is defined."""
 
@@ -43,8 +47,8 @@ def kernel_files(
             texts = [c_loops(loops, ending)]
         else:
             traced = derivative(ending)
-            table = traced.n_instructions() > WHOLE
-            texts = [c_table(traced)] if table else c_texts(traced, _WHOLE_DERIVATIVE)
+            table = traced.n_instructions() > _MOST_IN_C
+            texts = [c_table(traced)] if table else c_texts(traced)
         files |= _files(f"{function.name()}_{ending}", c_prototype(function, ending), texts, table)
     return files
 

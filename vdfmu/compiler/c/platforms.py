@@ -65,13 +65,18 @@ PLATFORMS = {
     p.name: p
     for p in (
         Platform(
-            "x86_64-linux", "x86_64-linux-gnu.2.17", "linux64", ".so", _X86,
-            libraries={
-                "libm.so.6": {"GLIBC_2.2.5": _MATH}, "libc.so.6": {"GLIBC_2.2.5": _C, "GLIBC_2.14": "memcpy"}
-            },
+            "x86_64-linux",
+            "x86_64-linux-gnu.2.17",
+            "linux64",
+            ".so",
+            _X86,
+            libraries={"libm.so.6": {"GLIBC_2.2.5": _MATH}, "libc.so.6": {"GLIBC_2.2.5": _C, "GLIBC_2.14": "memcpy"}},
         ),  # fmt: skip
         Platform(
-            "aarch64-linux", "aarch64-linux-gnu.2.17", "aarch64-linux", ".so",
+            "aarch64-linux",
+            "aarch64-linux-gnu.2.17",
+            "aarch64-linux",
+            ".so",
             libraries={"libm.so.6": {"GLIBC_2.17": _MATH}, "libc.so.6": {"GLIBC_2.17": f"{_C} memcpy"}},
         ),  # fmt: skip
         Platform("x86_64-windows", "x86_64-windows-gnu", "win64", ".dll", _X86),
