@@ -38,26 +38,22 @@ def kernel_files(
     long = is_long(function)
     loops = find_loops(function, joints) if long else None
     texts = [c_loops(loops)] if loops is not None else c_texts(function, apart=apart, joints=0 if long else joints)
-    files = _files(function.name(), c_prototype(function), texts)
+    name = f"kernel_{function.name()}"
+    top = head(f"The traced function {function.name()}, operation by operation.") + "#include <math.h>\n"
+    files = {f"{name}_part_{k}.c": f"{top}\n{text}" for k, text in enumerate(texts[:-1], 1)}
+    files[f"{name}.c"] = f"{top}\n{wrapped(c_prototype(function))};\n\n{texts[-1]}"
     if derivative is None:
         return files
+    text = head(f"The derivatives of the traced function {function.name()}.")
+    text += "#include <math.h>\n#include <stdint.h>\n"
     for ending in DIRECTIONS:
-        table = False
         if loops is not None and not has_roundings(function):
-            texts = [c_loops(loops, ending)]
+            written = [c_loops(loops, ending)]
         else:
             traced = derivative(ending)
-            table = traced.n_instructions() > _MOST_IN_C
-            texts = [c_table(traced)] if table else c_texts(traced)
-        files |= _files(f"{function.name()}_{ending}", c_prototype(function, ending), texts, table)
-    return files
-
-
-def _files(name: str, prototype: str, texts: list[str], table: bool = False) -> dict[str, str]:
-    top = head(f"The traced function {name}, operation by operation.")
-    top += "#include <math.h>\n" + "#include <stdint.h>\n" * table
-    files = {f"kernel_{name}_part_{k}.c": f"{top}\n{text}" for k, text in enumerate(texts[:-1], 1)}
-    return files | {f"kernel_{name}.c": f"{top}\n{wrapped(prototype)};\n\n{texts[-1]}"}
+            written = [c_table(traced)] if traced.n_instructions() > _MOST_IN_C else c_texts(traced)
+        text += "\n".join(["", f"{wrapped(c_prototype(function, ending))};", "", *written])
+    return files | {f"{name}_forward_reverse.c": text}
 
 
 def avx2_copies(files: Mapping[str, str]) -> dict[str, str]:

@@ -49,7 +49,8 @@ def build_native_fmus(contents: Mapping[Path, Content], platforms: Sequence[str]
     def jobs() -> Iterator[Compilation]:
         for path, content in stale.items():
             sources[path] = unit_sources(content)
-            files = sources[path] | fmi_headers(content.fmi_version)
+            # the FMI functions have no prefix in a library: without the name of the unit they are one object for all
+            files = sources[path] | fmi_headers(content.fmi_version) | {"config.h": b""}
             yield from (Compilation(content.model_name, files, name) for name in names)
 
     made = iter(compile_libraries(jobs()))
