@@ -61,30 +61,29 @@ _C = (
     "strcpy strcspn strlen strncat strncmp strncpy strnlen strpbrk strrchr strspn strstr strtod vsnprintf"
 )
 """What the C of units calls, and what the compiler may make of it."""
+# fmt: off
 PLATFORMS = {
     p.name: p
     for p in (
         Platform(
-            "x86_64-linux",
-            "x86_64-linux-gnu.2.17",
-            "linux64",
-            ".so",
-            _X86,
-            libraries={"libm.so.6": {"GLIBC_2.2.5": _MATH}, "libc.so.6": {"GLIBC_2.2.5": _C, "GLIBC_2.14": "memcpy"}},
-        ),  # fmt: skip
+            "x86_64-linux", "x86_64-linux-gnu.2.17", "linux64", ".so", _X86,
+            libraries={
+                "libm.so.6": {"GLIBC_2.2.5": _MATH},
+                "libc.so.6": {"GLIBC_2.2.5": _C, "GLIBC_2.14": "memcpy"},
+                "ld-linux-x86-64.so.2": {"GLIBC_2.3": "__tls_get_addr"},  # memory that each thread has of its own
+            },
+        ),
         Platform(
-            "aarch64-linux",
-            "aarch64-linux-gnu.2.17",
-            "aarch64-linux",
-            ".so",
+            "aarch64-linux", "aarch64-linux-gnu.2.17", "aarch64-linux", ".so",
             libraries={"libm.so.6": {"GLIBC_2.17": _MATH}, "libc.so.6": {"GLIBC_2.17": f"{_C} memcpy"}},
-        ),  # fmt: skip
+        ),
         Platform("x86_64-windows", "x86_64-windows-gnu", "win64", ".dll", _X86),
         Platform("x86_64-darwin", "x86_64-macos.11.0", "darwin64", ".dylib", _X86),
         Platform("aarch64-darwin", "aarch64-macos.11.0", "aarch64-darwin", ".dylib"),
         Platform(WASM, "wasm32-wasi", WASM, ".wasm", (), _MODULE),
     )
 }
+# fmt: on
 """Name to platform."""
 ALL = tuple(name for name in PLATFORMS if name != WASM)
 """Platforms that ``all`` means: importers of native FMUs load their libraries."""
