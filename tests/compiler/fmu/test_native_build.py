@@ -199,9 +199,7 @@ def test_other_start_values_compile_the_tables_alone(
 @pytest.mark.parametrize("platform", [name for name, each in PLATFORMS.items() if each.libraries])
 def test_a_library_may_have_memory_of_each_thread(platform: str, cold: Path) -> None:
     """Functions of long arms have, which calls the system's loader on some platforms."""
-    text = (
-        b'__attribute__((visibility("default"))) double *f(void) { static _Thread_local double k[9]; return k; }'
-    )
+    text = b'__attribute__((visibility("default"))) double *f(void) { static _Thread_local double k[9]; return k; }'
     assert b"libc.so.6" not in compile_library({"unit.c": text + b"\n"}, platform, name="Thread")
 
 
