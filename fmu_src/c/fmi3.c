@@ -39,7 +39,7 @@ static void log_message(const Host *host, const char *name, Status status, const
         logger(host->environment, (fmi3Status)status, category, text);
 }
 
-static void intermediate_update(const Host *host, Update *u)
+static void tell_update(const Host *host, Update *u)
 {
     const fmi3IntermediateUpdateCallback update = (fmi3IntermediateUpdateCallback)host->intermediate;
     fmi3Boolean requested = fmi3False;
@@ -90,7 +90,7 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String ins
     Host host = host_of(instanceEnvironment, logMessage, loggingOn);
     host.early_return_allowed = earlyReturnAllowed;
     host.intermediate = (void (*)(void))intermediateUpdate;
-    host.update = intermediateUpdate ? intermediate_update : NULL;
+    host.update = intermediateUpdate ? tell_update : NULL;
     Instance *I = instance_new(&host, "instantiateCoSimulation", instanceName, instantiationToken, CO_SIMULATION);
     if (!I)
         return NULL;

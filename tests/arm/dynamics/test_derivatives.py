@@ -16,6 +16,8 @@ from vdfmu.base.errors import KernelError, ModelError
 from vdfmu.compiler.c import functions as c_code
 from vdfmu.compiler.c.functions import c_texts
 from vdfmu.compiler.c.operations import c_table
+from vdfmu.compiler.functions.derivatives import derivative
+from vdfmu.compiler.scalar.symbol import lookup_function
 from vdfmu.compiler.unit.machine import margins, traced_margins
 
 NAMES = (
@@ -126,6 +128,20 @@ def check_c_text(text, function, p, tmp_path):
     np.testing.assert_allclose(
         results_of(text, function, arguments, tmp_path), expected, rtol=0, atol=1e-12 * np.abs(expected).max()
     )
+
+
+@pytest.mark.parametrize("ending", ["", "_forward", "_reverse"])
+def test_a_table_of_operations_looks_rows_up(ending, tmp_path):
+    """Both numbers of a row, of which one may overwrite the place that was looked up; a row has no derivative."""
+    x = ca.SX.sym("x", 2)
+    row = lookup_function(np.array([0.0, 1.0, 2.0]), np.array([[1.5, -2.0], [3.0, 5.0]]))(x[0] * x[1])
+    function = ca.Function("looked_up", [x], [ca.vertcat(row[0] + x[1], row[1] * x[1])], ["x"], ["y"])
+    function = derivative(function, ending.removeprefix("_")) if ending else function
+    assert ca.OP_CALL in {function.instruction_id(k) for k in range(function.n_instructions())}
+    for place in (0.4, 1.3):
+        arguments = [np.array([place, 1.1]), np.array([0.3, 0.7])][: function.n_in()]
+        found = results_of(c_table(function), function, arguments, tmp_path, f"at_{place:.0f}{ending}")
+        np.testing.assert_array_equal(found, flat(function(*arguments)))
 
 
 def test_an_operation_without_c_text_is_refused():

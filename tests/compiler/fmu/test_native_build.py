@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -85,6 +86,24 @@ def test_a_library_depends_on_its_sources_alone(platform: str, cold: Path, tmp_p
     assert compile.compile_libraries(jobs)[1] == first
     assert str(tmp_path).encode() not in first
     assert b"vdfmu_native_" not in first
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("platform", [name for name, each in PLATFORMS.items() if each.libraries])
+def test_a_library_is_the_one_that_zigs_own_c_library_gives(
+    platform: str, cold: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each function that is declared of the system's libraries: in the same file, of the same version."""
+    libraries = PLATFORMS[platform].libraries
+    names = [name for versions in libraries.values() for listed in versions.values() for name in listed.split()]
+    declared = "".join(f'extern const char at_{name}[] __asm__("{name}");\n' for name in names)
+    places = ", ".join(f"at_{name}" for name in names)
+    source = f'{declared}__attribute__((visibility("default"))) const char *const all[] = {{{places}}};\n'
+    sources = {"unit.c": source.encode()}
+    found = compile_library(sources, platform, name="All")
+    monkeypatch.setitem(PLATFORMS, platform, replace(PLATFORMS[platform], libraries={}))
+    assert compile_library(sources, platform, name="All", flags=("-lm",)) == found
+    assert all(name.encode() in found for name in (*names, *libraries))
 
 
 @pytest.mark.heavy
@@ -175,6 +194,13 @@ def test_other_start_values_compile_the_tables_alone(
     values = {"controller": {"K_p[1]": 123.0 + os.getpid()}}
     build_fmus(planar, tmp_path, units=["controller"], start_values=values, backend="native")
     assert compiled == ["unit.c"]
+
+
+@pytest.mark.parametrize("platform", [name for name, each in PLATFORMS.items() if each.libraries])
+def test_a_library_may_have_memory_of_each_thread(platform: str, cold: Path) -> None:
+    """Functions of long arms have, which calls the system's loader on some platforms."""
+    text = b'__attribute__((visibility("default"))) double *f(void) { static _Thread_local double k[9]; return k; }'
+    assert b"libc.so.6" not in compile_library({"unit.c": text + b"\n"}, platform, name="Thread")
 
 
 @pytest.mark.parametrize("damage", [b"", b"not a library"])

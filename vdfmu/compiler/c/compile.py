@@ -23,6 +23,7 @@ from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path, PurePosixPath
+from threading import Lock
 
 from vdfmu.base.errors import FmuError
 from vdfmu.base.process import end_group
@@ -185,6 +186,7 @@ class _Workshop:
         self._folder = Path(folder)
         self._running: set[subprocess.Popen[bytes]] = set()
         self._stopped = False
+        self._lock = Lock()
         self._environment = os.environ | {
             "ZIG_LOCAL_CACHE_DIR": str(self._folder / "zig"),
             "ZIG_GLOBAL_CACHE_DIR": self._support_folder(),
@@ -266,7 +268,7 @@ class _Workshop:
     def _link(self, job: Compilation, place: Path, objects: Mapping[str, Path]) -> bytes:
         files = [os.path.relpath(objects[key], place) for key in job.objects.values()]
         library = f"{job.name}{job.target.suffix}"
-        extra = ["-lm"] if job.platform.endswith("linux") else []
+        extra = self._system_libraries(job)
         # the name inside the library is that of its file, not of the folder in which it was made
         if job.platform.endswith("darwin"):
             extra.append(f"-Wl,-install_name,@rpath/{library}")
@@ -274,6 +276,27 @@ class _Workshop:
             extra += [f"-Wl,--export={function}" for function in job.exported] or ["-Wl,--export-dynamic"]
         self._run(job, place, library, [*job.target.link, "-s", *job.flags, "-o", library, *files, *extra])
         return _without_time((place / library).read_bytes())
+
+    def _system_libraries(self, job: Compilation) -> list[str]:
+        """Return what to link with in place of the system's libraries: what has their names and functions, but no code.
+
+        Zig would compile its own first, for 7 s, to take the same from them: which library has which function.
+        """
+        if not job.target.libraries:
+            return []
+        folder = self._folder / job.platform
+        with self._lock:
+            if not folder.exists():
+                folder.mkdir()
+                for file, versions in job.target.libraries.items():
+                    names = [name for functions in versions.values() for name in functions.split()]
+                    (folder / "names.s").write_text("".join(f".globl {n}\n.type {n}, %function\n{n}:\n" for n in names))
+                    (folder / "versions").write_text(
+                        "".join(f"{v} {{ {f.replace(' ', '; ')}; }};\n" for v, f in versions.items())
+                    )
+                    flags = ["-shared", "-nostdlib", f"-Wl,-soname,{file}", "-Wl,--version-script=versions"]
+                    self._run(job, folder, file, [*flags, "-o", file, "names.s"])
+        return ["-nostdlib", "-Wl,--as-needed,-z,defs", *(str(folder / file) for file in job.target.libraries)]
 
     def _run(self, job: Compilation, place: Path, what: str, arguments: Sequence[str]) -> None:
         command = [_zig(), "cc", "-target", job.target.target, *arguments]

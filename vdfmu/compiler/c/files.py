@@ -9,15 +9,19 @@ from functools import lru_cache
 import casadi as ca
 
 from vdfmu.compiler.c.expressions import c_prototype
-from vdfmu.compiler.c.functions import WHOLE, c_texts, is_long
+from vdfmu.compiler.c.functions import c_texts, is_long
 from vdfmu.compiler.c.loop_text import c_loops
 from vdfmu.compiler.c.loops import find_loops
 from vdfmu.compiler.c.operations import c_table
 from vdfmu.compiler.c.text import head, wrapped
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, has_roundings
 
-_WHOLE_DERIVATIVE = 5_000
-"""Operations of a derivative that go into one C function; parts compile in half the time and run a quarter longer."""
+_MOST_IN_C = 5_000
+"""Operations of a derivative that are written as C; one of more is a table, see :mod:`.operations`.
+
+Importers call derivatives rarely, and to compile those of a feedforward took 4 s. Those of the paper's plant, which an
+importer's implicit solver may call, are shorter.
+"""
 _DEFINED = re.compile(r"^void (\w+)\([^;{]*\)\n{", re.MULTILINE)
 """Name of a function where it is defined."""
 
@@ -35,26 +39,22 @@ def kernel_files(
     long = is_long(function)
     loops = find_loops(function, joints) if long else None
     texts = [c_loops(loops)] if loops is not None else c_texts(function, apart=apart, joints=0 if long else joints)
-    files = _files(function.name(), c_prototype(function), texts)
+    name = f"kernel_{function.name()}"
+    top = head(f"The traced function {function.name()}, operation by operation.") + "#include <math.h>\n"
+    files = {f"{name}_part_{k}.c": f"{top}\n{text}" for k, text in enumerate(texts[:-1], 1)}
+    files[f"{name}.c"] = f"{top}\n{wrapped(c_prototype(function))};\n\n{texts[-1]}"
     if derivative is None:
         return files
+    text = head(f"The derivatives of the traced function {function.name()}.")
+    text += "#include <math.h>\n#include <stdint.h>\n"
     for ending in DIRECTIONS:
-        table = False
         if loops is not None and not has_roundings(function):
-            texts = [c_loops(loops, ending)]
+            written = [c_loops(loops, ending)]
         else:
             traced = derivative(ending)
-            table = traced.n_instructions() > WHOLE
-            texts = [c_table(traced)] if table else c_texts(traced, _WHOLE_DERIVATIVE)
-        files |= _files(f"{function.name()}_{ending}", c_prototype(function, ending), texts, table)
-    return files
-
-
-def _files(name: str, prototype: str, texts: list[str], table: bool = False) -> dict[str, str]:
-    top = head(f"The traced function {name}, operation by operation.")
-    top += "#include <math.h>\n" + "#include <stdint.h>\n" * table
-    files = {f"kernel_{name}_part_{k}.c": f"{top}\n{text}" for k, text in enumerate(texts[:-1], 1)}
-    return files | {f"kernel_{name}.c": f"{top}\n{wrapped(prototype)};\n\n{texts[-1]}"}
+            written = [c_table(traced)] if traced.n_instructions() > _MOST_IN_C else c_texts(traced)
+        text += "\n".join(["", f"{wrapped(c_prototype(function, ending))};", "", *written])
+    return files | {f"{name}_forward_reverse.c": text}
 
 
 def avx2_copies(files: Mapping[str, str]) -> dict[str, str]:

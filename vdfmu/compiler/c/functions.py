@@ -20,15 +20,15 @@ from vdfmu.compiler.c.loops import find_loops
 from vdfmu.compiler.scalar.symbol import LOOKUP
 
 
-def c_texts(function: ca.Function, whole: int | None = None, apart: Collection[str] = (), joints: int = 0) -> list[str]:
+def c_texts(function: ca.Function, apart: Collection[str] = (), joints: int = 0) -> list[str]:
     """Return a C11 function of a trace, as texts that can be compiled side by side; the last has the function itself.
 
     ``void name(const double *restrict argument, .., double *restrict result_out, ..)``, with a pointer for
     scalars too, matrices as in :class:`~vdfmu.compiler.functions.functions.KernelFunction`. It needs ``<math.h>``.
 
     A long trace becomes loops over `joints`, see :mod:`.loops`. Where these have too little in common, one of more than
-    `whole` operations, by default :data:`WHOLE`, becomes a chain of functions ``name_part_1``, ..: the time in which
-    compilers place variables in registers grows with the square of a function's length. The values are the same bits.
+    :data:`WHOLE` operations becomes a chain of functions ``name_part_1``, ..: the time in which compilers place
+    variables in registers grows with the square of a function's length. The values are the same bits.
     Functions that it calls come before it, except those in `apart`.
 
     Raises
@@ -42,12 +42,12 @@ def c_texts(function: ca.Function, whole: int | None = None, apart: Collection[s
     if loops is not None:
         return [c_loops(loops)]
     operations = _operations(function)
-    if len(operations) <= (WHOLE if whole is None else whole):
+    if len(operations) <= WHOLE:
         read = {name for operation in operations for name in operation.arguments}
         head = [f"(void){name};" for name in function.name_in() if name not in read]
-        return [_lookups(function) + _definition(c_prototype(function), operations, head, [])]
+        return [lookups(function) + _definition(c_prototype(function), operations, head, [])]
     first, *parts = _chain(function, operations)
-    return [_lookups(function) + first, *parts]
+    return [lookups(function) + first, *parts]
 
 
 WHOLE = 18_000
@@ -101,7 +101,7 @@ def _calling(function: ca.Function, apart: Collection[str], joints: int) -> list
     return [*texts, "\n".join([*together, f"{c_prototype(function)}\n{{\n{body}\n}}\n"])]
 
 
-def _lookups(function: ca.Function) -> str:
+def lookups(function: ca.Function) -> str:
     """Return the C functions of the tables that a trace looks rows up in."""
     return "".join(c_lookup(one) for one in function.find_functions(0) if one.name().startswith(LOOKUP))
 

@@ -10,6 +10,8 @@ import casadi as ca
 
 from vdfmu.base.errors import KernelError
 from vdfmu.compiler.c.expressions import EXPRESSIONS, c_constant, c_prototype
+from vdfmu.compiler.c.functions import lookups
+from vdfmu.compiler.scalar.symbol import LOOKUP
 
 _FIELD = 19
 """Bits of the target and of each operand in a word; the operation has the seven lowest."""
@@ -26,37 +28,37 @@ def c_table(function: ca.Function) -> str:
         If the trace has an operation that has no C text, or more values than a word can name.
     """
     words: list[int] = []
-    cases: dict[int, int] = {}  # operation of the trace to that of the table
+    cases: dict[str, int] = {}  # statement of an operation to its number in the table
     constants: dict[str, int] = {}
     size = 1
     for k in range(function.n_instructions()):
-        operation = function.instruction_id(k)
+        operation, statement = function.instruction_id(k), _statement(function, k)
+        read, places = function.instruction_input(k), function.instruction_output(k)
+        rows = [(places[0], read)]
         if operation == ca.OP_CONST:
-            value = c_constant(function.instruction_constant(k))
-            operands, target = (
-                [constants.setdefault(value, len(constants))],
-                function.instruction_output(k)[0],
-            )
+            rows = [(places[0], [constants.setdefault(c_constant(function.instruction_constant(k)), len(constants))])]
         elif operation == ca.OP_OUTPUT:
-            target, index = function.instruction_output(k)
-            operands = [*function.instruction_input(k), index]
-        else:
-            operands, target = function.instruction_input(k), function.instruction_output(k)[0]
-        if operation != ca.OP_OUTPUT:
-            size = max(size, target + 1)
-        if max(target, *operands, 0) >> _FIELD:
-            raise KernelError(f"{function.name()}: more than {2**_FIELD} values at a time have no table.")
-        word = cases.setdefault(operation, len(cases)) | target << 7
-        for place, operand in enumerate(operands):
-            word |= operand << 7 + _FIELD * (place + 1)
-        words.append(word)
+            rows = [(places[0], [*read, places[1]])]
+        elif operation == ca.OP_CALL:  # each number that is taken of a row; what overwrites the argument comes last
+            rows = sorted(
+                ((place, [read[0], j]) for j, place in enumerate(places) if place >= 0), key=lambda r: r[0] == read[0]
+            )
+        for target, operands in rows:
+            if operation != ca.OP_OUTPUT:
+                size = max(size, target + 1)
+            if max(target, *operands, 0) >> _FIELD:
+                raise KernelError(f"{function.name()}: more than {2**_FIELD} values at a time have no table.")
+            word = cases.setdefault(statement, len(cases)) | target << 7
+            for place, operand in enumerate(operands):
+                word |= operand << 7 + _FIELD * (place + 1)
+            words.append(word)
     name, mask = function.name(), f"0x{2**_FIELD - 1:x}u"
     given = ", ".join(function.name_in())
     made = ", ".join(f"{result}_out" for result in function.name_out())
     listed = ",\n    ".join(", ".join(f"0x{w:x}u" for w in words[i : i + 5]) for i in range(0, len(words), 5))
-    lines = "\n".join(f"        case {case}: {_case(name, operation)} break;" for operation, case in cases.items())
+    lines = "\n".join(f"        case {case}: {statement} break;" for statement, case in cases.items())
     numbers = f"static const double {name}_constants[] = {{{', '.join(constants)}}};\n\n" if constants else ""
-    return f"""{numbers}/* operation, target, operands: from the lowest bit 7, {_FIELD}, {_FIELD} and {_FIELD} bits */
+    return f"""{lookups(function)}{numbers}/* operation, target, operands: from the lowest bit 7, and {_FIELD} each */
 static const uint64_t {name}_table[] = {{
     {listed}
 }};
@@ -80,14 +82,21 @@ static const uint64_t {name}_table[] = {{
 """
 
 
-def _case(name: str, operation: int) -> str:
+def _statement(function: ca.Function, k: int) -> str:
+    """Return the C statement of an instruction: ``w[t]`` of the operands ``a`` and ``b``."""
+    operation = function.instruction_id(k)
     if operation == ca.OP_CONST:
-        return f"w[t] = {name}_constants[a];"
+        return f"w[t] = {function.name()}_constants[a];"
     if operation == ca.OP_INPUT:
         return "w[t] = given[a][b];"
     if operation == ca.OP_OUTPUT:
         return "made[t][b] = w[a];"
+    if operation == ca.OP_CALL:
+        called = function.instructions_sx()[k].which_function()
+        if not called.name().startswith(LOOKUP):  # the derivative of a row
+            return "w[t] = 0.0;"
+        return f"{{ double row[{called.numel_out(0)}]; {called.name()}(&w[a], row); w[t] = row[b]; }}"
     pattern = EXPRESSIONS.get(operation)
     if pattern is None:
-        raise KernelError(f"{name}: operation {operation} of the trace has no C text.")
+        raise KernelError(f"{function.name()}: operation {operation} of the trace has no C text.")
     return f"w[t] = {pattern.format('w[a]', 'w[b]')};"

@@ -6,7 +6,7 @@ import platform as machine
 import struct
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from vdfmu.base.errors import FmuError, UsageError
 from vdfmu.base.standards import FMI_VERSIONS
@@ -31,6 +31,9 @@ class Platform:
         Flags of the compiler.
     link : tuple of str
         Flags of the linker.
+    libraries : mapping of str to mapping of str to str
+        The system's libraries: file, then version of its functions, then the functions that may be called, separated
+        by spaces. The linker needs no more of them. Without any it takes those of zig, which compiles them first.
     """
 
     name: str
@@ -39,6 +42,7 @@ class Platform:
     suffix: str
     flags: tuple[str, ...] = ()
     link: tuple[str, ...] = ("-shared",)
+    libraries: Mapping[str, Mapping[str, str]] = field(default_factory=dict[str, Mapping[str, str]])
 
 
 _X86 = ("-march=x86_64_v2",)
@@ -48,17 +52,38 @@ _MODULE = (
     "-mexec-model=reactor", "-Wl,--export=malloc", "-Wl,--export=free", "-Wl,--export-table", "-Wl,--growable-table",
 )  # fmt: skip
 """A module with memory for their arguments, and a table that takes the importer's callbacks."""
+_MATH = (
+    "acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh exp exp10 exp2 expm1 fabs floor fma fmax fmin "
+    "fmod frexp hypot ldexp log log10 log1p log2 nearbyint pow rint round sin sincos sinh sqrt tan tanh trunc"
+)
+_C = (
+    "bcmp calloc free malloc memccpy memchr memcmp memmove mempcpy memset realloc snprintf stpcpy strcat strchr strcmp "
+    "strcpy strcspn strlen strncat strncmp strncpy strnlen strpbrk strrchr strspn strstr strtod vsnprintf"
+)
+"""What the C of units calls, and what the compiler may make of it."""
+# fmt: off
 PLATFORMS = {
     p.name: p
     for p in (
-        Platform("x86_64-linux", "x86_64-linux-gnu.2.17", "linux64", ".so", _X86),
-        Platform("aarch64-linux", "aarch64-linux-gnu.2.17", "aarch64-linux", ".so"),
+        Platform(
+            "x86_64-linux", "x86_64-linux-gnu.2.17", "linux64", ".so", _X86,
+            libraries={
+                "libm.so.6": {"GLIBC_2.2.5": _MATH},
+                "libc.so.6": {"GLIBC_2.2.5": _C, "GLIBC_2.14": "memcpy"},
+                "ld-linux-x86-64.so.2": {"GLIBC_2.3": "__tls_get_addr"},  # memory that each thread has of its own
+            },
+        ),
+        Platform(
+            "aarch64-linux", "aarch64-linux-gnu.2.17", "aarch64-linux", ".so",
+            libraries={"libm.so.6": {"GLIBC_2.17": _MATH}, "libc.so.6": {"GLIBC_2.17": f"{_C} memcpy"}},
+        ),
         Platform("x86_64-windows", "x86_64-windows-gnu", "win64", ".dll", _X86),
         Platform("x86_64-darwin", "x86_64-macos.11.0", "darwin64", ".dylib", _X86),
         Platform("aarch64-darwin", "aarch64-macos.11.0", "aarch64-darwin", ".dylib"),
         Platform(WASM, "wasm32-wasi", WASM, ".wasm", (), _MODULE),
     )
 }
+# fmt: on
 """Name to platform."""
 ALL = tuple(name for name in PLATFORMS if name != WASM)
 """Platforms that ``all`` means: importers of native FMUs load their libraries."""

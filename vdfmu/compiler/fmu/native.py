@@ -49,7 +49,7 @@ def build_native_fmus(contents: Mapping[Path, Content], platforms: Sequence[str]
     def jobs() -> Iterator[Compilation]:
         for path, content in stale.items():
             sources[path] = unit_sources(content)
-            files = sources[path] | fmi_headers(content.fmi_version)
+            files = _as_compiled(sources[path], content.fmi_version)
             yield from (Compilation(content.model_name, files, name) for name in names)
 
     made = iter(compile_libraries(jobs()))
@@ -68,12 +68,28 @@ def unit_sources(content: Content) -> dict[str, bytes]:
 
     With :func:`fmi_headers` beside them, and ``-I.``, all C files compile to the library.
     """
-    files = {name: text.encode() for name, text in generated_sources(content.interface, content.guid).items()}
-    others = {f"{version.prefix}.c" for version in FMI_VERSIONS.values()} - {f"{content.fmi.prefix}.c"}
-    for file in sorted((data_path("fmu_src") / "c").glob("*.[ch]")):
-        if file.name not in others:
-            files[file.name] = file.read_bytes().replace(b"\r\n", b"\n")
-    return files
+    generated = generated_sources(content.interface, content.guid)
+    return {name: text.encode() for name, text in generated.items()} | _written_sources(content.fmi_version)
+
+
+@lru_cache
+def _written_sources(fmi_version: str) -> dict[str, bytes]:
+    """Return file name to content of what is the same for all units."""
+    others = {f"{version.prefix}.c" for name, version in FMI_VERSIONS.items() if name != fmi_version}
+    files = sorted((data_path("fmu_src") / "c").glob("*.[ch]"))
+    return {file.name: file.read_bytes().replace(b"\r\n", b"\n") for file in files if file.name not in others}
+
+
+def _as_compiled(sources: Mapping[str, bytes], fmi_version: str) -> dict[str, bytes]:
+    """Return the files from which a library is compiled: what is the same for all units is one object for all.
+
+    As one file it compiles in two thirds of the time. In a library the FMI functions have no prefix, which `config.h`
+    would make of the name of the unit.
+    """
+    same = [name for name in _written_sources(fmi_version) if name.endswith(".c")]
+    files = {name: text for name, text in sources.items() if name not in same} | fmi_headers(fmi_version)
+    one = "".join(f'#line 1 "{name}"\n{sources[name].decode()}\n' for name in same)
+    return files | {"config.h": b"", "fmu_src.c": one.encode()}
 
 
 @lru_cache
