@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Mapping
 import casadi as ca
 
 from vdfmu.compiler.c.expressions import c_prototype
-from vdfmu.compiler.c.functions import WHOLE, c_texts, is_long
+from vdfmu.compiler.c.functions import WHOLE, c_texts
 from vdfmu.compiler.c.loop_text import c_loops
 from vdfmu.compiler.c.loops import find_loops
 from vdfmu.compiler.c.operations import c_table
@@ -27,13 +27,13 @@ def kernel_files(
     joints: int = 0,
     derivative: Callable[[str], ca.Function] | None = None,
 ) -> dict[str, str]:
-    """Return file name to text of a traced function, without what it calls of `apart`; long ones loop over `joints`.
+    """Return file name to text of a traced function, without what it calls of `apart`; it loops over many `joints`.
 
     With `derivative`, which traces one by its direction, those of its derivatives too.
     """
-    long = is_long(function)
-    loops = find_loops(function, joints) if long else None
-    texts = [c_loops(loops)] if loops is not None else c_texts(function, apart=apart, joints=0 if long else joints)
+    loops = find_loops(function, joints)
+    calls = not function.is_a("SXFunction")
+    texts = [c_loops(loops)] if loops is not None else c_texts(function, apart=apart, joints=joints if calls else 0)
     files = _files(function.name(), c_prototype(function), texts)
     if derivative is None:
         return files
