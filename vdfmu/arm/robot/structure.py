@@ -81,7 +81,7 @@ _ENDS = 3
 """Joints at each end that may be unlike the others in a robot of which shorter ones are the same."""
 
 
-def shorter_robots(robot: R) -> list[R]:
+def shorter_robots(robot: Any) -> list[Any]:
     """Return three robots without joints of the middle, where these repeat after one, two or four; else none.
 
     The traced functions of a long robot follow from theirs.
@@ -105,7 +105,7 @@ def shorter_robots(robot: R) -> list[R]:
     sizes = [first, first + step, first + 2 * step]
     if n < sizes[-1] + 2 * step:
         return []
-    found: list[R] = []
+    found: list[Any] = []
     for m in sizes:
         kept = [*range(m // 2), *range(n - m + m // 2, n)]
         parts = {name: read_only(array[kept]) for name, array in arrays.items()}

@@ -26,10 +26,10 @@ def c_texts(function: ca.Function, whole: int | None = None, apart: Collection[s
     ``void name(const double *restrict argument, .., double *restrict result_out, ..)``, with a pointer for
     scalars too, matrices as in :class:`~vdfmu.compiler.functions.functions.KernelFunction`. It needs ``<math.h>``.
 
-    The trace becomes loops over many `joints`, see :mod:`.loops`. Where these have too little in common, one of more than
-    `whole` operations, by default :data:`WHOLE`, becomes a chain of functions ``name_part_1``, ..: the time in which
-    compilers place variables in registers grows with the square of a function's length. The values are the same bits.
-    Functions that it calls come before it, except those in `apart`.
+    The trace becomes loops over many `joints`, see :mod:`.loops`. Where these have too little in common, one of more
+    than `whole` operations, by default :data:`WHOLE`, becomes a chain of functions ``name_part_1``, ..: the time in
+    which compilers place variables in registers grows with the square of a function's length. The values are the same
+    bits. Functions that it calls come before it, except those in `apart`.
 
     Raises
     ------
@@ -61,7 +61,7 @@ _TOGETHER = 30
 
 
 def is_long(function: ca.Function, joints: int) -> bool:
-    """Whether a trace has a text of its own where another calls it; in a long arm, how much of it a joint has decides."""
+    """Whether a trace has a text of its own where another calls it; of a long arm its part for ten joints decides."""
     return 10 * function.n_instructions() > _LONG * max(joints, 10)
 
 

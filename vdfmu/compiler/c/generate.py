@@ -41,15 +41,20 @@ _SOLVER = ("h", "tolerance")
 
 def generated_sources(interface: Interface, guid: str) -> dict[str, str]:
     """Return file name to text of the generated part of a unit."""
-    shorter = {one.joints: _Traced(one) for one in interface.shorter}
-    files = grown({joints: one.files() for joints, one in shorter.items()}, interface.joints) if shorter else None
-    traced = next(iter(shorter.values())) if files is not None else _Traced(interface)
+    shorter = interface.shorter
+    files = grown({one.joints: traced_files(one) for one in shorter}, interface.joints) if shorter else None
+    traced = _TracedFunctions(interface if files is None else shorter[0])
     unit = _UnitGenerator(interface, guid, traced)
     own = {"config.h": unit.config(), "kernel.h": unit.kernel_header(), "unit.c": unit.source()}
     return own | (files or traced.files())
 
 
-class _Traced:
+def traced_files(interface: Interface) -> dict[str, str]:
+    """Return file name to text of the traced functions of a unit."""
+    return _TracedFunctions(interface).files()
+
+
+class _TracedFunctions:
     """The traced functions of a unit that its C has."""
 
     def __init__(self, interface: Interface) -> None:
@@ -87,7 +92,7 @@ class _Traced:
 class _UnitGenerator:
     """Generator of one unit, with its functions or those of a shorter arm, which have the same names."""
 
-    def __init__(self, interface: Interface, guid: str, traced: _Traced) -> None:
+    def __init__(self, interface: Interface, guid: str, traced: _TracedFunctions) -> None:
         self.interface, self.guid = interface, guid
         self.program = interface.program
         self.called, self.steps, self.functions = traced.called, traced.steps, traced.functions

@@ -21,7 +21,7 @@ def grown(shorter: Mapping[int, Mapping[str, str]], joints: int) -> dict[str, st
     Parameters
     ----------
     shorter : mapping of int to mapping
-        At least three smaller numbers of joints to the files there. Two decide how each number grows, the rest check it.
+        At least three smaller numbers of joints to the files there. Two decide how each number grows, others check it.
     joints : int
 
     Returns
