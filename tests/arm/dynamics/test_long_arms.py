@@ -75,7 +75,8 @@ def test_texts_that_do_not_grow_evenly_are_refused():
     assert made == {"a.c": "w[100] = -1.5 * p[201];"}
     assert grown(files("w[-1];", "w[1];", "w[3];"), 20) == {"a.c": "w[9];"}
     assert grown(files("w[1];", "w[2];", "w[4];"), 20) is None  # uneven
-    assert grown(files("w[1];", "w[2];", "w[3];"), 20) is None  # half a number a joint
+    assert grown(files("w[1];", "w[2];", "w[3];"), 20) == {"a.c": "w[6];"}  # half a number a joint
+    assert grown(files("w[1];", "w[2];", "w[3];"), 21) is None
     assert grown(files("w[1];", "w[1];", "v[1];"), 20) is None
     assert grown(files("w[1];", "w[1];", "w[1]; w[1];"), 20) is None
     assert grown({10: {"a.c": ""}, 12: {"b.c": ""}, 14: {"a.c": ""}}, 20) is None

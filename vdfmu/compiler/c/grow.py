@@ -23,6 +23,7 @@ def grown(shorter: Mapping[int, Mapping[str, str]], joints: int) -> dict[str, st
     shorter : mapping of int to mapping
         At least three smaller numbers of joints to the files there. Two decide how each number grows, others check it.
     joints : int
+        Whole steps more, of which the first two are apart.
 
     Returns
     -------
@@ -41,13 +42,12 @@ def _grown(texts: list[str], counts: list[int], joints: int) -> str | None:
     if any(other[::2] != words[::2] for other in others):
         return None
     numbers = np.array([list(map(float, text[1::2])) for text in (words, *others)])
-    slope = (numbers[1] - numbers[0]) / (counts[1] - counts[0])
-    growing = np.flatnonzero(slope)
-    for count, at in zip(counts, numbers, strict=True):
-        if not np.array_equal(at, numbers[0] + slope * (count - counts[0])):
-            return None
-    if (slope != np.round(slope)).any():
+    steps = (np.array([*counts, joints]) - counts[0]) / (counts[1] - counts[0])
+    if (steps % 1.0).any():  # joints repeat after some
         return None
-    for k in growing:
-        words[2 * k + 1] = str(int(numbers[0][k] + slope[k] * (joints - counts[0])))
+    growth = numbers[1] - numbers[0]
+    if not np.array_equal(numbers, numbers[0] + np.outer(steps[:-1], growth)):
+        return None
+    for k in np.flatnonzero(growth):
+        words[2 * k + 1] = str(int(numbers[0][k] + steps[-1] * growth[k]))
     return "".join(words)
