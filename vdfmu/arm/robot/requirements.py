@@ -18,10 +18,13 @@ from vdfmu.compiler.unit.machine import STRICT, Entry, Requirement
 
 def requirements(robot: Any) -> list[Requirement]:
     """Return the conditions of a robot, joint by joint."""
-    listed = parameters(robot)
+    listed = dict.fromkeys(parameters(robot))
+    inertias: list[list[Entry]] = [[] for _ in range(robot.n)]
+    for p in listed:
+        if p.field == "inertia":
+            inertias[p.index[0]].append(p)
     found: list[Requirement] = []
-    for i in range(robot.n):
-        inertia = tuple(p for p in listed if p.field == "inertia" and p.index[0] == i)
+    for i, inertia in enumerate(map(tuple, inertias)):
         f_c, f_s = Entry("f_c", (i,)), Entry("f_s", (i,))
         amplitude, ell = Entry("theta_err_amplitude", (i,)), Entry("ell", (i,))
         found.append(Requirement("f_s >= f_c", (f_s, f_c), _friction))

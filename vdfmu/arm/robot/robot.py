@@ -26,7 +26,14 @@ from vdfmu.arm.robot.parameters import (
     section,
 )
 from vdfmu.arm.robot.requirements import requirements
-from vdfmu.arm.robot.structure import parameters, set_parameters, structure_key, symbolic_robot, values
+from vdfmu.arm.robot.structure import (
+    parameters,
+    set_parameters,
+    shorter_robots,
+    structure_key,
+    symbolic_robot,
+    values,
+)
 from vdfmu.arm.robot.visual import Visual
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
@@ -193,6 +200,10 @@ class Robot(Parameters):
     def key(self) -> str:
         """Return what decides the traced functions."""
         return structure_key(self)
+
+    def shorter(self) -> list[Robot]:
+        """Return the same with fewer joints, see `Machine`."""
+        return shorter_robots(self)
 
     def requirements(self) -> list[Requirement]:
         """Return what the run-time parameters must meet together."""

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import casadi as ca
 import numpy as np
 
-from vdfmu.arm.robot.parameters import ENDS, OPTIONAL, PARAMETERS, Parameters
+from vdfmu.arm.robot.parameters import ENDS, OPTIONAL, PARAMETERS, Parameters, read_only
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.scalar.symbol import ZERO, Symbol
 from vdfmu.compiler.unit.machine import Entry
@@ -75,6 +75,43 @@ def _replace(robot: R, listed: Sequence[Entry], new: Sequence[Any], dtype: Any) 
     for array in arrays.values():
         array.flags.writeable = False
     return dataclasses.replace(robot, **arrays)
+
+
+_ENDS = 3
+"""Joints at each end that may be unlike the others in a robot of which shorter ones are the same."""
+
+
+def shorter_robots(robot: Any) -> list[Any]:
+    """Return three robots without joints of the middle, where these repeat after one, two or four; else none.
+
+    The traced functions of a long robot follow from theirs.
+    """
+    n = len(robot.joint_types)
+    listed = parameters(robot)
+    fixed = set_parameters(robot, [0.0] * len(listed))
+    arrays = {name: getattr(robot, name) for name, row in PARAMETERS.items() if row.per_joint}
+    free: list[list[tuple[str, tuple[int, ...]]]] = [[] for _ in range(n)]
+    for p in listed:
+        if p.field in arrays:
+            free[p.index[0]].append((p.field, p.index[1:]))
+    folded = [[getattr(fixed, name)[i].tobytes() for name in arrays] for i in range(n)]
+    kinds = list(zip(robot.joint_types, free, folded, strict=True))
+    inner = kinds[_ENDS : n - _ENDS]
+    period = next((p for p in (1, 2, 4) if inner[p:] == inner[:-p]), None)
+    if period is None:
+        return []
+    step, least = (2, 14) if period == 1 else (4, 20)  # signs may alternate
+    first = least + (n - least) % step
+    sizes = [first, first + step, first + 2 * step]
+    if n < sizes[-1] + 2 * step:
+        return []
+    found: list[Any] = []
+    for m in sizes:
+        kept = [*range(m // 2), *range(n - m + m // 2, n)]
+        parts = {name: read_only(array[kept]) for name, array in arrays.items()}
+        joint_types = tuple(robot.joint_types[i] for i in kept)
+        found.append(dataclasses.replace(robot, joint_types=joint_types, joint_names=(), visuals=(), **parts))
+    return found
 
 
 def structure_key(robot: Any) -> str:

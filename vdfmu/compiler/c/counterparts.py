@@ -21,6 +21,8 @@ _FAILED = 200
 """Operations in a row without a counterpart in a recursion after which no more are tried."""
 _LOOK = 1000
 """Pairs below two operations that are looked at."""
+_GLANCE = 20
+"""The same of two elements of a result."""
 
 
 class Trace:
@@ -35,6 +37,7 @@ class Trace:
     given : list
         Of an input (argument, element), of a constant its value, else None.
     results : list of (result, element, operation)
+        What is an input or a constant has an operation too, which copies it.
     """
 
     def __init__(self, function: ca.Function) -> None:
@@ -48,7 +51,10 @@ class Trace:
         for k in range(function.n_instructions()):
             operation, target = function.instruction_id(k), function.instruction_output(k)
             if operation == ca.OP_OUTPUT:
-                self.results.append((target[0], target[1], held[function.instruction_input(k)[0]]))
+                made = held[function.instruction_input(k)[0]]
+                if self.is_leaf(made):
+                    made = self._append(ca.OP_ASSIGN, (made,))
+                self.results.append((target[0], target[1], made))
                 continue
             read: tuple[int, ...] = ()
             given: tuple[int, int] | float | None = None
@@ -59,10 +65,13 @@ class Trace:
                 given = argument, element
             else:
                 read = tuple(held[place] for place in function.instruction_input(k))
-            held[target[0]] = len(self.operations)
-            self.operations.append(operation)
-            self.operands.append(read)
-            self.given.append(given)
+            held[target[0]] = self._append(operation, read, given)
+
+    def _append(self, operation: int, read: tuple[int, ...], given: tuple[int, int] | float | None = None) -> int:
+        self.operations.append(operation)
+        self.operands.append(read)
+        self.given.append(given)
+        return len(self.operations) - 1
 
     def is_leaf(self, k: int) -> bool:
         """Whether an operation is an input or a constant."""
@@ -118,22 +127,38 @@ class Counterparts:
             for element, operation in sorted(column.items(), reverse=True)
             if following.get(element) in column and self._deep[operation] == self._deep[column[following[element]]]
         ]
+        pairs = [pair for pair in pairs if not self._is_further_apart(pair)]
         middle = len(pairs) // 2
         risen = Counter[int]()
         for argument, one, other in self._inputs_below(pairs[middle : middle + max(1, len(pairs) // 8)]):
             risen[argument] += int(np.sign(other - one))
         return pairs if sum(map(np.sign, risen.values())) >= 0 else [(b, a) for a, b in pairs]
 
+    def _is_further_apart(self, pair: tuple[int, int]) -> bool:
+        """Whether what is just below two operations is that of joints that are not a period apart."""
+        return any(
+            abs(other - one) != self._period
+            for argument, one, other in self._inputs_below([pair], _GLANCE)
+            if self._trace.function.numel_in(argument) % self._joints == 0
+        )
+
     def _next_elements(self, result: int, column: dict[int, int]) -> dict[int, int]:
         """Return element of a result to that of the next joint."""
         function, size, joints = self._trace.function, self._trace.function.numel_out(result), self._joints
         if size % joints == 0:
-            return {e: e + self._period for e in range(size) if e % joints + self._period < joints}
+            by_vector = {e: e + self._period for e in range(size) if e % joints + self._period < joints}
+            each = size // joints * self._period
+            by_joint = {e: e + each for e in range(size - each)}
+            return max(by_vector, by_joint, key=lambda following: self._alike_in(column, following))
         same = [a for a in self._steps if function.numel_in(a) == size]  # as derivatives by the parameters are laid out
         if same:
             return self._steps[same[0]]
         away = self._distance(column, size, self._period * size / joints)
         return {e: e + away for e in range(size - away)}
+
+    def _alike_in(self, column: dict[int, int], following: dict[int, int]) -> int:
+        """Return how many elements of a result are alike with the following ones."""
+        return sum(self._deep[column[e]] == self._deep[column[f]] for e, f in following.items())
 
     def _distance(self, column: dict[int, int], size: int, about: float) -> int:
         """Return the number of elements after which the operations of a result repeat."""
@@ -170,7 +195,7 @@ class Counterparts:
         least = self._joints // self._period // 2  # which a recursion over all joints has in its middle
         rank = {k: i for listed in by_digest.values() for i, k in enumerate(listed)}
         for b in reversed(range(len(trace.operations))):
-            if b in self._taken or b in self.after or b not in rank:
+            if (b in self._taken and b in self.after) or b not in rank:
                 continue
             listed, i = by_digest[self._deep[b]], rank[b]
             if len(listed) < least:
@@ -179,9 +204,8 @@ class Counterparts:
                 break
             failed += 1
             for a in reversed(listed[max(0, i - _TRIED) : i]):
-                if a in self.after or a in self._taken:
-                    continue
-                found = next((pair for pair in ((a, b), (b, a)) if self._is_a_joint_apart(pair)), None)
+                free = [pair for pair in ((a, b), (b, a)) if pair[0] not in self.after and pair[1] not in self._taken]
+                found = next(filter(self._is_a_joint_apart, free), None)
                 if found is not None:
                     self._pair([found])
                     failed = 0

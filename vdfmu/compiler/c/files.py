@@ -9,7 +9,7 @@ from functools import lru_cache
 import casadi as ca
 
 from vdfmu.compiler.c.expressions import c_prototype
-from vdfmu.compiler.c.functions import c_texts, is_long
+from vdfmu.compiler.c.functions import c_texts
 from vdfmu.compiler.c.loop_text import c_loops
 from vdfmu.compiler.c.loops import find_loops
 from vdfmu.compiler.c.operations import c_table
@@ -32,13 +32,13 @@ def kernel_files(
     joints: int = 0,
     derivative: Callable[[str], ca.Function] | None = None,
 ) -> dict[str, str]:
-    """Return file name to text of a traced function, without what it calls of `apart`; long ones loop over `joints`.
+    """Return file name to text of a traced function, without what it calls of `apart`; it loops over many `joints`.
 
     With `derivative`, which traces one by its direction, those of its derivatives too.
     """
-    long = is_long(function)
-    loops = find_loops(function, joints) if long else None
-    texts = [c_loops(loops)] if loops is not None else c_texts(function, apart=apart, joints=0 if long else joints)
+    loops = find_loops(function, joints)
+    calls = not function.is_a("SXFunction")
+    texts = [c_loops(loops)] if loops is not None else c_texts(function, apart=apart, joints=joints if calls else 0)
     name = f"kernel_{function.name()}"
     top = head(f"The traced function {function.name()}, operation by operation.") + "#include <math.h>\n"
     files = {f"{name}_part_{k}.c": f"{top}\n{text}" for k, text in enumerate(texts[:-1], 1)}

@@ -26,10 +26,10 @@ def c_texts(function: ca.Function, apart: Collection[str] = (), joints: int = 0)
     ``void name(const double *restrict argument, .., double *restrict result_out, ..)``, with a pointer for
     scalars too, matrices as in :class:`~vdfmu.compiler.functions.functions.KernelFunction`. It needs ``<math.h>``.
 
-    A long trace becomes loops over `joints`, see :mod:`.loops`. Where these have too little in common, one of more than
-    :data:`WHOLE` operations becomes a chain of functions ``name_part_1``, ..: the time in which compilers place
-    variables in registers grows with the square of a function's length. The values are the same bits.
-    Functions that it calls come before it, except those in `apart`.
+    The trace becomes loops over many `joints`, see :mod:`.loops`. Where these have too little in common, one of more
+    than :data:`WHOLE` operations becomes a chain of functions ``name_part_1``, ..: the time in which compilers place
+    variables in registers grows with the square of a function's length. The values are the same bits. Functions that it
+    calls come before it, except those in `apart`.
 
     Raises
     ------
@@ -38,7 +38,7 @@ def c_texts(function: ca.Function, apart: Collection[str] = (), joints: int = 0)
     """
     if not function.is_a("SXFunction"):
         return _calling(function, apart, joints)
-    loops = find_loops(function, joints) if is_long(function) else None
+    loops = find_loops(function, joints)
     if loops is not None:
         return [c_loops(loops)]
     operations = _operations(function)
@@ -60,9 +60,9 @@ _TOGETHER = 30
 """Parts that one compiler gets, which takes some 200 MB for them."""
 
 
-def is_long(function: ca.Function) -> bool:
-    """Whether a trace has loops, and a text of its own where another calls it."""
-    return function.n_instructions() > _LONG
+def is_long(function: ca.Function, joints: int) -> bool:
+    """Whether a trace has a text of its own where another calls it; of a long arm its part for ten joints decides."""
+    return 10 * function.n_instructions() > _LONG * max(joints, 10)
 
 
 def _calling(function: ca.Function, apart: Collection[str], joints: int) -> list[str]:
@@ -97,7 +97,7 @@ def _calling(function: ca.Function, apart: Collection[str], joints: int) -> list
     together = [f"#include <string.h>\n\n{prototypes}"]
     for callee in callees.values():
         if callee.name() not in apart:
-            (texts if is_long(callee) else together).extend(c_texts(callee, joints=joints))
+            (texts if is_long(callee, joints) else together).extend(c_texts(callee, joints=joints))
     return [*texts, "\n".join([*together, f"{c_prototype(function)}\n{{\n{body}\n}}\n"])]
 
 

@@ -17,6 +17,7 @@ from vdfmu.base.progress import counted
 from vdfmu.base.version import __version__
 from vdfmu.compiler.c.expressions import c_prototype
 from vdfmu.compiler.c.files import avx2_copies, kernel_files
+from vdfmu.compiler.c.grow import grown
 from vdfmu.compiler.c.text import array, call_lines, cell, comment, fields, head, string, wrapped
 from vdfmu.compiler.fmu.description import number
 from vdfmu.compiler.functions.derivatives import DIRECTIONS
@@ -40,23 +41,25 @@ _SOLVER = ("h", "tolerance")
 
 def generated_sources(interface: Interface, guid: str) -> dict[str, str]:
     """Return file name to text of the generated part of a unit."""
-    unit = _UnitGenerator(interface, guid)
-    files = {"config.h": unit.config(), "kernel.h": unit.kernel_header(), "unit.c": unit.source()}
-    joints = interface.robot.n if interface.robot is not None else 0
-    for function in unit.functions.values():
-        with_derivatives = function.name() in unit.called
-        derivative = partial(unit.derivative, function.name()) if with_derivatives else None
-        own = kernel_files(function, unit.functions, joints, derivative)
-        files |= own | (avx2_copies(own) if function.name() in unit.steps else {})
-    return files
+    shorter = interface.shorter
+    files = grown({one.joints: traced_files(one) for one in shorter}, interface.joints) if shorter else None
+    traced = _TracedFunctions(interface if files is None else shorter[0])
+    unit = _UnitGenerator(interface, guid, traced)
+    own = {"config.h": unit.config(), "kernel.h": unit.kernel_header(), "unit.c": unit.source()}
+    return own | (files or traced.files())
 
 
-class _UnitGenerator:
-    """Generator of one unit."""
+def traced_files(interface: Interface) -> dict[str, str]:
+    """Return file name to text of the traced functions of a unit."""
+    return _TracedFunctions(interface).files()
 
-    def __init__(self, interface: Interface, guid: str) -> None:
-        self.interface, self.guid = interface, guid
-        self.program = program = interface.program
+
+class _TracedFunctions:
+    """The traced functions of a unit that its C has."""
+
+    def __init__(self, interface: Interface) -> None:
+        self.interface = interface
+        program = interface.program
         self.called = [call.function for call in program.calls]
         self.steps = {call.function for call in program.step}
         names = [*self.called, *sorted(self.steps), *(call.function for call in program.left)]
@@ -65,16 +68,38 @@ class _UnitGenerator:
             for name in counted(f"trace {interface.name}", names, len(names))
         }
         robot = interface.robot if interface.has_robot else None
-        self.requirements = robot.requirements() if robot is not None else []
-        self.margins = traced_margins(robot) if robot is not None else []
         own, function = traced_requirements(interface)
-        self.requirements += own
+        self.requirements = (robot.requirements() if robot is not None else []) + own
+        self.margins = traced_margins(robot) if robot is not None else []
         self.margins += [function] if function is not None else []
         self.functions |= {function.name(): function for function in self.margins}
 
-    def derivative(self, name: str, ending: str) -> ca.Function:
+    def files(self) -> dict[str, str]:
+        """Return file name to text of the functions."""
+        files: dict[str, str] = {}
+        for function in self.functions.values():
+            with_derivatives = function.name() in self.called
+            derivative = partial(self._derivative, function.name()) if with_derivatives else None
+            own = kernel_files(function, self.functions, self.interface.joints, derivative)
+            files |= own | (avx2_copies(own) if function.name() in self.steps else {})
+        return files
+
+    def _derivative(self, name: str, ending: str) -> ca.Function:
         """Trace a derivative of a function."""
         return self.interface.functions.casadi_function(f"{name}_{ending}")
+
+
+class _UnitGenerator:
+    """Generator of one unit, with its functions or those of a shorter arm, which have the same names."""
+
+    def __init__(self, interface: Interface, guid: str, traced: _TracedFunctions) -> None:
+        self.interface, self.guid = interface, guid
+        self.program = interface.program
+        self.called, self.steps, self.functions = traced.called, traced.steps, traced.functions
+        robot = interface.robot if interface.has_robot else None
+        self.conditions = robot.requirements() if robot is not None else []
+        self.requirements = self.conditions + traced_requirements(interface)[0]
+        self.margins = traced.margins
 
     # ---------------------------------------------------------------- files
 
@@ -193,11 +218,11 @@ class _UnitGenerator:
             rows.append(cell(string(requirement.expected), f"required + {begin}", len(listed)))
             begin += len(listed)
         yield array("Requirement", "requirements", rows, one_a_line=True)
-        calls, begin = "", 0
-        for function in self.margins:
+        calls = ""
+        begins = [0, len(self.conditions)] if self.conditions else [0]
+        for begin, function in zip(begins, self.margins, strict=False):
             places = [self._place("m", argument) for argument in function.name_in()]
             calls += f"    {function.name()}({', '.join([*places, f'margin + {begin}' if begin else 'margin'])});\n"
-            begin += function.numel_out(0)
         yield f"static void unit_margins(const double *m, double *margin)\n{{\n{calls}}}\n"
 
     # ---------------------------------------------------------------- programs

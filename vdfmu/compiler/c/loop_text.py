@@ -11,7 +11,7 @@ import heapq
 import math
 from collections.abc import Callable, Iterable, Iterator
 
-from vdfmu.compiler.c.expressions import EXPRESSIONS, c_constant, c_prototype, slopes
+from vdfmu.compiler.c.expressions import EXPRESSIONS, c_prototype, slopes
 from vdfmu.compiler.c.loops import Loops, Operand, Pass, Segment
 
 _STACK = 32_768
@@ -51,8 +51,9 @@ class _Text:
         """Return the definitions of the function and of one for each pass."""
         parts: dict[str, list[str]] = {}
         body = self._body(parts)
-        kept = "static _Thread_local " * (self._size > _STACK)
-        memory = [f"{kept}double {name}[{max(self._size, 1)}];" for name in self.memories]
+        size = max(self._size, 1)
+        memory = [f"#if {size} > {_STACK}", "static _Thread_local", "#endif"] if self._size else []
+        memory = [line for name in self.memories for line in (*memory, f"double {name}[{size}];")]
         texts = [f"{self._part(name)};\n{_block(self._part(name), lines)}" for name, lines in parts.items()]
         return "\n".join([*texts, _block(self._prototype, [*memory, *self._unused(), *body])])
 
@@ -61,8 +62,7 @@ class _Text:
         body = [line for segment in self.loops.before for line in self._statements(segment, "const double ")]
         for turn, found in self.loops.passes.items():
             parts[f"{self._name_of_all}_pass_{turn}"] = list(self._loop(turn, found))
-        body += self._calls(parts)
-        return [*body, *self._copies()]
+        return [*body, *self._calls(parts)]
 
     def _calls(self, names: Iterable[str]) -> list[str]:
         given = [argument.rpartition(" ")[2] for argument in self._arguments]
@@ -153,8 +153,7 @@ class _Text:
             return str(self._cells[k])
         if k not in self._columns:
             return None
-        place = offset * self._width + self._columns[k]
-        return f"r {'-' if place < 0 else '+'} {abs(place)}"
+        return f"r + {offset * self._width + self._columns[k]}"
 
     def _kept(self, segment: Segment, operand: Operand, kind: str = "") -> str:
         read = operand.series
@@ -192,18 +191,6 @@ class _Text:
                 guard = "" if whole else f"if (i >= {first + begin} && i <= {first + end}) "
                 element = _affine(store.slope, store.base - store.slope * (first + store.begin))
                 yield guard, self.made[store.result], element
-
-    def _copies(self) -> list[str]:
-        """Return the lines that set the results that are inputs or constants."""
-        lines: list[str] = []
-        for result, element, operation in self.loops.copies:
-            given = self.loops.trace.given[operation]
-            if isinstance(given, tuple):
-                value = f"{self._prefix}{self.given[given[0]]}[{given[1]}]"
-            else:
-                value = c_constant(0.0 if self.kind else given or 0.0)
-            lines.append(f"{self._prefix}{self.made[result]}_out[{element}] = {value};")
-        return lines
 
     def _operands(self, segment: Segment, kept: bool = False) -> list[str]:
         """Return the values that a segment reads; those of series from the memory if `kept`."""
@@ -258,9 +245,6 @@ class _Reverse(_Text):
     def _results(self, segment: Segment) -> Iterator[str]:
         return iter(())
 
-    def _copies(self) -> list[str]:
-        return []
-
     def _body(self, parts: dict[str, list[str]]) -> list[str]:
         body = super()._body(parts)
         back: dict[str, list[str]] = {}
@@ -270,10 +254,6 @@ class _Reverse(_Text):
         function = self.loops.trace.function
         sizes = {f"bar_{name}_out": function.numel_in(name) for name in self.given} | {"bw": self._size}
         body += [f"for (int k = 0; k < {size}; k++) {name}[k] = 0.0;" for name, size in sizes.items() if size]
-        for result, element, operation in self.loops.copies:
-            given = self.loops.trace.given[operation]
-            if isinstance(given, tuple):
-                body.append(f"bar_{self.given[given[0]]}_out[{given[1]}] += bar_{self.made[result]}[{element}];")
         body += self._calls(back)
         return body + [line for segment in reversed(self.loops.before) for line in self._adjoint(segment)]
 
@@ -334,8 +314,7 @@ def _block(prototype: str, lines: list[str]) -> str:
 
 
 def _affine(slope: int, constant: int) -> str:
-    """Return ``slope * i + constant`` as C text."""
+    """Return ``slope * i + constant`` as C text, whose form does not depend on the constant."""
     if slope == 0:
         return str(constant)
-    term = "i" if slope == 1 else f"{slope} * i"
-    return term if constant == 0 else f"{term} {'+' if constant > 0 else '-'} {abs(constant)}"
+    return f"{'i' if slope == 1 else f'{slope} * i'} + {constant}"

@@ -33,7 +33,7 @@ def find_loops(function: ca.Function, joints: int) -> Loops | None:
     trace = Trace(function)
     best: Loops | None = None
     for period in _PERIODS:
-        if joints >= _LONG * period:
+        if joints >= _LONG + 2 * (period - 1):
             layouts = (find_series(trace, joints, period, trace.digests(depth)) for depth in _DEPTHS)
             found = (Loops(layout) for layout in layouts if layout is not None)
             loops = next((one for one in found if one.complete), None)
@@ -99,8 +99,6 @@ class Loops:
         Number of segments.
     stores : dict of int to list of Store
         Results that a series is.
-    copies : list of (result, element, operation)
-        Results that are an input or a constant.
     before : list of Segment
         What comes before the loops, in its order.
     passes : dict of int to Pass
@@ -111,7 +109,7 @@ class Loops:
         self.layout, self.series, self.trace = layout, layout.series, layout.trace
         self.segments = [list(_segments(layout, k)) for k in range(len(self.series))]
         self.lines = sum(map(len, self.segments))
-        self.stores, self.copies = _stores(layout)
+        self.stores = _stores(layout)
         before = sorted((s.members[0], k) for k, s in enumerate(self.series) if s.turn == BEFORE)
         self.before = [self.segments[k][0] for _, k in before]
         self.passes = {turn: self._pass(turn) for turn in sorted({one.turn for one in self.series} - {BEFORE})}
@@ -230,16 +228,12 @@ def _joined(first: Operand, one: Operand, k: int) -> Operand | None:
     return first._replace(slope=slope) if one.base == first.base + slope * k else None
 
 
-def _stores(layout: Layout) -> tuple[dict[int, list[Store]], list[tuple[int, int, int]]]:
-    """Return the results that each series is, in runs, and those that are an input or a constant."""
-    copies: list[tuple[int, int, int]] = []
+def _stores(layout: Layout) -> dict[int, list[Store]]:
+    """Return the results that each series is, in runs."""
     elements: dict[tuple[int, int], dict[int, list[int]]] = defaultdict(lambda: defaultdict(list))
     for result, element, operation in layout.trace.results:
-        if layout.trace.is_leaf(operation):
-            copies.append((result, element, operation))
-        else:
-            k, at = layout.places[operation]
-            elements[k, result][at].append(element)
+        k, at = layout.places[operation]
+        elements[k, result][at].append(element)
     stores: dict[int, list[Store]] = defaultdict(list)
     for (k, result), at in elements.items():
         for rank in range(max(map(len, at.values()))):
@@ -251,4 +245,4 @@ def _stores(layout: Layout) -> tuple[dict[int, list[Store]], list[tuple[int, int
                 if i == len(row) or (i > begin + 1 and row[i] != expected) or row[i][0] != expected[0]:
                     stores[k].append(Store(row[begin][0], row[i - 1][0], result, row[begin][1], slope))
                     begin = i
-    return stores, copies
+    return stores

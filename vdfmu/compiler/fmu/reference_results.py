@@ -99,7 +99,8 @@ def _rows(unit: Plain, held: Sequence[Mapping[str, list[float]]]) -> Iterator[di
     """Yield the outputs at the end of each interval; before them, those of the initialization."""
     interface = unit.interface
     hold = _time(interface, 1)
-    motion = ScipySolver(evaluation(interface, unit.memory))
+    moves = interface.has_states or interface.is_sampled
+    motion = ScipySolver(evaluation(interface, unit.memory) if moves else unit)  # tracing a long arm takes a while
     unit.memory[-1] = 0.0
     for group, values in held[0].items():
         unit.group(group)[:] = values

@@ -6,6 +6,7 @@ follows the equations and the robot's geometry.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -19,9 +20,11 @@ from vdfmu.compiler.unit.program import Call
 
 Pattern = npt.NDArray[np.bool_]
 """(N, N): row `i` marks the positions on which position `i` depends."""
+Rows = Sequence[npt.NDArray[np.bool_]] | Pattern
+"""The same, or what has its rows."""
 
 
-def patterns(interface: Any) -> tuple[Pattern, Pattern, Pattern]:
+def patterns(interface: Any) -> tuple[Rows, Rows, Rows]:
     """Return the patterns over the whole memory of an `Interface`: variables, derivatives of the states, time.
 
     Returns
@@ -36,6 +39,27 @@ def patterns(interface: Any) -> tuple[Pattern, Pattern, Pattern]:
 
     A unit that cannot be traced may depend on everything, except for states that start at parameters.
     """
+    return _long(interface) or _traced(interface)
+
+
+def _long(interface: Any) -> tuple[Rows, Rows, Rows] | None:
+    """Return the patterns that those of two shorter machines tell, if they agree."""
+    if not interface.shorter:
+        return None
+    short, check, *_ = interface.shorter
+    period = check.joints - short.joints
+    try:
+        for expected, pattern in zip(check.patterns, short.patterns, strict=True):
+            told = LongPattern(check, short, pattern, period)
+            if any((told[row] != expected[row]).any() for row in range(check.size)):
+                return None
+        step, start, between = (LongPattern(interface, short, pattern, period) for pattern in short.patterns)
+    except LookupError:  # of a variable that the short machine does not have
+        return None
+    return step, start, between
+
+
+def _traced(interface: Any) -> tuple[Pattern, Pattern, Pattern]:
     if interface.unit.backend == "python":
         between = np.ones((interface.size, interface.size), dtype=bool)
         states = np.array([v.variability == "discrete" for v in interface.memory])
@@ -56,6 +80,64 @@ def patterns(interface: Any) -> tuple[Pattern, Pattern, Pattern]:
         if isinstance(declared, Sampled) and not declared.delayed and name in interface.groups:
             step[outputs] |= between[outputs, interface.groups[name]].any(axis=1, keepdims=True) & read
     return _known(interface, step, start, between)
+
+
+class LongPattern(Sequence[npt.NDArray[np.bool_]]):
+    """A pattern of a long machine, of the same unit for a shorter one: rows are made as they are asked for.
+
+    What depends on what at two joints of a long machine does so at the two of a shorter one that are as far from both
+    ends and from each other, where these distances are small.
+
+    Parameters
+    ----------
+    interface, shorter : Interface
+    pattern : of `shorter`
+    period : int
+        Joints after which both repeat.
+    """
+
+    def __init__(self, interface: Any, shorter: Any, pattern: Pattern, period: int) -> None:
+        self._pattern, self._period = pattern, period
+        self._n, self._m = interface.joints, shorter.joints
+        self._near = (self._m - 1) // 3 - period + 1
+        names, self._joint = _places(interface, shorter)
+        short_names, short_joints = _places(shorter, interface)
+        kinds = {name: k for k, name in enumerate(dict.fromkeys(short_names))}
+        self._kind = np.array([kinds[name] for name in names])
+        self._at = np.full((len(kinds), self._m), len(short_names), np.intp)  # which no pattern has
+        for position, (name, joint) in enumerate(zip(short_names, short_joints, strict=True)):
+            self._at[kinds[name], joint if joint >= 0 else slice(None)] = position
+
+    def __len__(self) -> int:
+        return len(self._joint)
+
+    def __getitem__(self, position: Any) -> Any:
+        """Row of a position."""
+        own = self._joint[position]
+        others = np.where(self._joint < 0, max(own, 0), self._joint)
+        own = np.where(own < 0, others, own)
+        low, high = np.minimum(own, others), np.maximum(own, others)
+        left = self._n - self._m
+        gaps: list[Any] = []
+        for gap in (low, high - low, self._n - 1 - high):  # all but what is near shrinks, until enough is left out
+            out = np.minimum(np.maximum(gap - self._near, 0) // self._period * self._period, left)
+            gaps.append(gap - out)
+            left = left - out
+        first, second = gaps[0], gaps[0] + gaps[1]
+        here, there = np.where(own <= others, (first, second), (second, first))
+        return self._pattern[self._at[self._kind[position], here], self._at[self._kind, there]]
+
+
+def _places(interface: Any, other: Any) -> tuple[list[tuple[Any, ...]], npt.NDArray[np.intp]]:
+    """Return the name of each position without the joint, and its joint, -1 of what has the same size in both."""
+    names: list[tuple[Any, ...]] = []
+    joints: list[int] = []
+    sizes, others = (Counter(v.group for v in one.memory) for one in (interface, other))
+    for v in interface.memory:
+        each = sizes[v.group] != others[v.group]
+        names.append((v.group, v.index[1:] if each else v.index))
+        joints.append(v.index[0] if each else -1)
+    return names, np.array(joints)
 
 
 def _known(interface: Any, step: Pattern, start: Pattern, between: Pattern) -> tuple[Pattern, Pattern, Pattern]:

@@ -19,9 +19,9 @@ import numpy as np
 
 from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.base.once import once
-from vdfmu.compiler.unit.base import BaseUnit, unit_name
+from vdfmu.compiler.unit.base import BaseUnit, is_shipped, unit_name
 from vdfmu.compiler.unit.declaration_check import check_unit
-from vdfmu.compiler.unit.dependencies import patterns
+from vdfmu.compiler.unit.dependencies import Rows, patterns
 from vdfmu.compiler.unit.follow import start_arrays
 from vdfmu.compiler.unit.machine import Machine
 from vdfmu.compiler.unit.program import Program, UnitFunctions
@@ -177,6 +177,21 @@ class Interface:
         return self.unit.robot_fields == ()
 
     @property
+    def joints(self) -> int:
+        """Number of joints of the robot; 0 without one."""
+        return self.robot.n if self.robot is not None else 0
+
+    @cached_property
+    def shorter(self) -> tuple[Interface, ...]:
+        """The unit for shorter machines, which say what it calculates for this long one; none for most.
+
+        Only units of the package are known to calculate the same for each joint.
+        """
+        if self.robot is None or not is_shipped(self.unit):
+            return ()
+        return tuple(interface_of(self.unit, robot) for robot in self.robot.shorter())
+
+    @property
     def has_states(self) -> bool:
         """Whether the unit has continuous states."""
         return self.states.stop > self.states.start
@@ -280,18 +295,19 @@ class Interface:
 
         A continuous state depends on itself, a sampled one on what its unit reads for a sample, unless it is delayed.
         """
-        return np.flatnonzero(self._patterns[0][position]).tolist()
+        return np.flatnonzero(self.patterns[0][position]).tolist()
 
     def held_dependencies(self, position: int) -> list[int]:
         """Return what :meth:`step_dependencies` does, while sampled states are held."""
-        return np.flatnonzero(self._patterns[2][position]).tolist()
+        return np.flatnonzero(self.patterns[2][position]).tolist()
 
     def start_dependencies(self, position: int) -> list[int]:
         """Positions on which it depends during initialization: inputs, parameters, time."""
-        return np.flatnonzero(self._patterns[1][position]).tolist()
+        return np.flatnonzero(self.patterns[1][position]).tolist()
 
     @cached_property
-    def _patterns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def patterns(self) -> tuple[Rows, Rows, Rows]:
+        """See :func:`~vdfmu.compiler.unit.dependencies.patterns`."""
         return patterns(self)
 
     # ---------------------------------------------------------------- arrays of FMI 3

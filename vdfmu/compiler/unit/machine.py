@@ -100,6 +100,10 @@ class Machine(Protocol):
         """Return what decides its traced functions: the same for machines that differ in run-time parameters only."""
         ...
 
+    def shorter(self) -> Sequence[Self]:
+        """Return the same with fewer joints, where the ones left out are like their neighbours; nothing where not."""
+        ...
+
     def requirements(self) -> list[Requirement]:
         """Return what its run-time parameters must meet together."""
         ...

@@ -1,0 +1,82 @@
+"""The C and the dependencies of a long arm, which shorter ones tell, are those that its own trace has."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from benchmarks.chains import repeated_link
+from vdfmu.arm.units import find_unit
+from vdfmu.compiler.c.generate import traced_files
+from vdfmu.compiler.c.grow import grown
+from vdfmu.compiler.unit.interface import Interface
+
+
+def alternating(n):
+    """Return a chain whose joints turn and slide in turns."""
+    return dataclasses.replace(repeated_link(n), joint_types=("revolute", "prismatic") * (n // 2))
+
+
+def check_files(unit, robot):
+    """Compare the C from shorter arms with that of the arm's own trace, byte by byte."""
+    interface = Interface(find_unit(unit), robot)
+    assert len(interface.shorter) == 3
+    assert grown({one.joints: traced_files(one) for one in interface.shorter}, robot.n) == traced_files(interface)
+
+
+@pytest.mark.parametrize(
+    "robot", [repeated_link(24), repeated_link(33), alternating(36)], ids=["24", "33", "two kinds"]
+)
+def test_the_c_of_a_long_arm_is_that_of_its_trace(robot):
+    check_files("controller", robot)
+    check_files("trajectory", robot)
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("unit", ["plant", "feedforward"])
+def test_the_c_of_the_equations_of_a_long_arm_is_that_of_their_trace(unit):
+    check_files(unit, repeated_link(27))
+
+
+@pytest.mark.parametrize("unit", ["controller", pytest.param("plant", marks=pytest.mark.heavy)])
+def test_the_dependencies_of_a_long_arm_are_those_of_its_trace(unit, monkeypatch):
+    told = Interface(find_unit(unit), repeated_link(26))
+    traced = Interface(find_unit(unit), repeated_link(26))
+    monkeypatch.setattr(type(repeated_link(26)), "shorter", lambda self: [])
+    assert not traced.shorter
+    expected = traced.patterns
+    monkeypatch.undo()
+    assert told.shorter
+    assert not isinstance(told.patterns[0], np.ndarray)
+    for pattern, other in zip(told.patterns, expected, strict=True):
+        assert all((pattern[row] == other[row]).all() for row in range(told.size))
+
+
+def test_an_arm_with_an_unlike_joint_in_its_middle_has_no_shorter_ones():
+    robot = repeated_link(40)
+    assert [one.n for one in robot.shorter()] == [14, 16, 18]
+    types = list(robot.joint_types)
+    types[20] = "prismatic"
+    assert dataclasses.replace(robot, joint_types=tuple(types)).shorter() == []
+    inertia = robot.inertia.copy()
+    inertia[20, 0, 1] = inertia[20, 1, 0] = 0.0  # a structural zero
+    assert dataclasses.replace(robot, inertia=inertia).shorter() == []
+    types = ["prismatic", *robot.joint_types[1:-1], "prismatic"]  # the ends may be unlike
+    ends = dataclasses.replace(robot, joint_types=tuple(types)).shorter()
+    assert [one.joint_types.count("prismatic") for one in ends] == [2, 2, 2]
+    assert repeated_link(20).shorter() == []  # not much longer than they are
+
+
+def test_texts_that_do_not_grow_evenly_are_refused():
+    def files(*texts):
+        return {n: {"a.c": text} for n, text in zip((10, 12, 14), texts, strict=True)}
+
+    made = grown(files("w[10] = -1.5 * p[21];", "w[12] = -1.5 * p[25];", "w[14] = -1.5 * p[29];"), 100)
+    assert made == {"a.c": "w[100] = -1.5 * p[201];"}
+    assert grown(files("w[-1];", "w[1];", "w[3];"), 20) == {"a.c": "w[9];"}
+    assert grown(files("w[1];", "w[2];", "w[4];"), 20) is None  # uneven
+    assert grown(files("w[1];", "w[2];", "w[3];"), 20) == {"a.c": "w[6];"}  # half a number a joint
+    assert grown(files("w[1];", "w[2];", "w[3];"), 21) is None
+    assert grown(files("w[1];", "w[1];", "v[1];"), 20) is None
+    assert grown(files("w[1];", "w[1];", "w[1]; w[1];"), 20) is None
+    assert grown({10: {"a.c": ""}, 12: {"b.c": ""}, 14: {"a.c": ""}}, 20) is None
