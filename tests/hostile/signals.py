@@ -111,11 +111,5 @@ def stopped(number: int, folder: Path) -> None:
 
 
 CORPORA = [
-    Corpus(
-        "signals at random moments of every command",
-        8 * len(COMMANDS),
-        stopped,
-        quick=4,
-        seconds=3 * PATIENCE,
-    )
+    Corpus("signals at random moments of every command", 8 * len(COMMANDS), stopped, quick=4, seconds=3 * PATIENCE)
 ]

@@ -22,13 +22,7 @@ from vdfmu.study.sweeps.study import Sweep
 
 def _sweep(folder: Path) -> Sweep:
     return vdfmu.sweep(
-        "planar_tracking",
-        ["controller.K_p=900,1000,1100"],
-        stop=0.02,
-        workers=1,
-        chunk=1,
-        engine="fmu",
-        out=folder,
+        "planar_tracking", ["controller.K_p=900,1000,1100"], stop=0.02, workers=1, chunk=1, engine="fmu", out=folder
     )
 
 

@@ -152,10 +152,7 @@ def test_check_says_that_it_runs_code(unit):
 
     def said(*options: str) -> tuple[str, str]:
         done = subprocess.run(
-            [sys.executable, "-m", "vdfmu.cli", "check", path, *options],
-            capture_output=True,
-            text=True,
-            timeout=300,
+            [sys.executable, "-m", "vdfmu.cli", "check", path, *options], capture_output=True, text=True, timeout=300
         )
         return done.stdout, done.stderr
 

@@ -76,11 +76,7 @@ def assert_same_runs(rows, others):
                 np.testing.assert_allclose(row[name], values, rtol=0.0, atol=atol, err_msg=name)
 
 
-_ROBOTS = [
-    *heavy("tracking"),
-    "slider",
-    *heavy("options"),
-]
+_ROBOTS = [*heavy("tracking"), "slider", *heavy("options")]
 
 
 @pytest.mark.heavy
@@ -104,11 +100,7 @@ def test_all_that_can_vary_gives_the_runs_of_the_fmus(bench, with_options, scena
 def test_inputs_from_outside_and_both_masters(bench, master):
     t = np.array([0.0, 0.013, 0.0301, 0.05])
     inputs = {"plant.F_e[1]": (t, np.array([0.0, 20.0, -5.0, 3.0]))}
-    over = {
-        "plant.tolerance": [1e-5, 1e-7, 1e-9],
-        "trajectory.t_start": [0.0, 0.02],
-        "plant.F_e[2]": [0.0, 4.0],
-    }
+    over = {"plant.tolerance": [1e-5, 1e-7, 1e-9], "trajectory.t_start": [0.0, 0.02], "plant.F_e[2]": [0.0, 4.0]}
     for hold in (False, True):
         options = {"master": master, "stop": 0.06, "inputs": inputs, "input_hold": hold}
         assert_same_runs(*bench("planar_tracking", over, **options))
@@ -193,11 +185,7 @@ def test_a_point_that_ends_the_process_costs_its_own_row(tmp_path):
     ("over", "options", "words"),
     [
         ({"feedforward.mode": "vdc, inverse"}, {}, r"feedforward.mode: decides what is compiled"),
-        (
-            {"plant.mass[1]": "1, 2"},
-            {"master": "iterative"},
-            "master: expected gauss-seidel or jacobi, got iterative",
-        ),
+        ({"plant.mass[1]": "1, 2"}, {"master": "iterative"}, "master: expected gauss-seidel or jacobi, got iterative"),
     ],
 )
 def test_what_cannot_go_side_by_side_is_said_and_left_to_the_fmus(over, options, words):

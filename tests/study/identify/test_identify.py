@@ -34,12 +34,7 @@ def run(tmp_path_factory):
     out = tmp_path_factory.mktemp("run")
     sines = motion.multisine([-1.2, 0.4], 1.2, [1, 2, 5, 9], period=15.0, periods=2, phases="random")
     vdfmu.run(
-        "planar_tracking",
-        units={"trajectory": sines.unit()},
-        stop=60.0,
-        reference=False,
-        out=out,
-        overwrite=True,
+        "planar_tracking", units={"trajectory": sines.unit()}, stop=60.0, reference=False, out=out, overwrite=True
     )
     return out
 
@@ -236,26 +231,11 @@ def test_wrong_logs_are_named(tmp_path, robot, clean):
     nan = [np.where(t > 0.1, np.nan, y[0]), *y[1:]]
     for given, columns, heads, message in (
         (t[:100], [c[:100] for c in y], names, "100 rows: expected at least 500"),
-        (
-            t,
-            [100.0 * c for c in y],
-            names,
-            r"kappa\[2\]: expected a unit in its heading, .* over 56.38, which looks",
-        ),
+        (t, [100.0 * c for c in y], names, r"kappa\[2\]: expected a unit in its heading, .* over 56.38, which looks"),
         (gap, y, names, "from 0.299 s to 0.35 s there is a gap, and 0 more"),
         (t, nan, names, r"kappa\[1\]: expected a finite number, got nan"),
-        (
-            t,
-            y,
-            names.replace("tau[1]", "tau[1] [A]"),
-            r"tau\[1\]: expected the unit N.m or Nm or N m or mN.m, got 'A'",
-        ),
-        (
-            t,
-            y,
-            names.replace("kappa", "pos"),
-            r"expected .*kappa\[1\].*and so on for 2 joints; there are pos\[1\]",
-        ),
+        (t, y, names.replace("tau[1]", "tau[1] [A]"), r"tau\[1\]: expected the unit N.m or Nm or N m or mN.m, got 'A'"),
+        (t, y, names.replace("kappa", "pos"), r"expected .*kappa\[1\].*and so on for 2 joints; there are pos\[1\]"),
     ):
         with pytest.raises(UsageError, match=message):
             read_log(write(path, given, columns, heads), robot)

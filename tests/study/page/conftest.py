@@ -20,7 +20,4 @@ def quiet(browser):
     browser.requests.clear()
     yield
     assert browser.problems == []
-    assert [url for url in browser.requests if not url.startswith(("data:", "about:", "blob:"))] in (
-        [],
-        browser.asked,
-    )
+    assert [url for url in browser.requests if not url.startswith(("data:", "about:", "blob:"))] in ([], browser.asked)

@@ -16,12 +16,7 @@ from vdfmu.engine.results.results import Results
 from vdfmu.system.scenario import Scenario, load_scenario
 
 POINTS = 801
-TYPES = {
-    1: ("revolute",),
-    2: ("revolute", "revolute"),
-    3: ("revolute", "prismatic", "revolute"),
-    6: ("revolute",) * 6,
-}
+TYPES = {1: ("revolute",), 2: ("revolute", "revolute"), 3: ("revolute", "prismatic", "revolute"), 6: ("revolute",) * 6}
 """Joint types of the chains, by number of joints."""
 
 

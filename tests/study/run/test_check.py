@@ -91,10 +91,7 @@ def test_a_unit_that_never_ends_is_stopped(changed, monkeypatch):
     path = changed("none", {SCRIPT: "import time\ntime.sleep(1000)\n"})
     (problem,) = check_file(path)
     # on a busy machine Python itself may not have started after 3 s
-    assert problem.removesuffix(" did not end within 3 s") in (
-        "a run of 10 steps",
-        "the start of the process",
-    )
+    assert problem.removesuffix(" did not end within 3 s") in ("a run of 10 steps", "the start of the process")
 
 
 def test_a_binary_for_another_platform_only_is_named(fmus, tmp_path):
@@ -202,11 +199,7 @@ def test_what_cannot_be_opened_is_a_wrong_option(tmp_path, monkeypatch):
     [
         ('fmiVersion="2.0"', 'fmiVersion="2.0.4"', "fmiVersion is '2.0.4'; expected 1.0, 2.0 or 3.0"),
         ('fmiVersion="2.0"', 'fmiVersion=""', "has no fmiVersion"),
-        (
-            "<DefaultExperiment",
-            "<DefaultExperiment tolerance='1' stepSize='-1'",
-            "stepSize is '-1'; expected",
-        ),
+        ("<DefaultExperiment", "<DefaultExperiment tolerance='1' stepSize='-1'", "stepSize is '-1'; expected"),
     ],
 )
 def test_a_version_or_experiment_that_is_odd_is_told_and_not_run(fmus, changed, old, new, said):

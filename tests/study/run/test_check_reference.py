@@ -186,6 +186,5 @@ def test_a_unit_that_fails_the_comparison_says_why(tmp_path, version):
     (path,) = build_fmus(None, tmp_path, units=[Length], backend="native", fmi_version=version).values()
     (problem,) = inspect_file(path).problems
     assert re.search(
-        "cannot be compared: .*state x is not finite, and the internal step reached.*fmi[23]DoStep failed",
-        problem,
+        "cannot be compared: .*state x is not finite, and the internal step reached.*fmi[23]DoStep failed", problem
     )

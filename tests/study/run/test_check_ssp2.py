@@ -91,12 +91,7 @@ def test_a_system_of_arrays_has_no_problems_and_its_units_are_run(package):
 @pytest.mark.heavy
 def test_all_faults_of_connectors_and_connections_come_at_once(package):
     text = system(
-        component(
-            "Trajectory",
-            connector("q_d", "output", 3),
-            connector("q_d_dot", "input"),
-            connector("x", "output"),
-        ),
+        component("Trajectory", connector("q_d", "output", 3), connector("q_d_dot", "input"), connector("x", "output")),
         component("PDController", connector("q_d", "input", 0), connector("q_d_dot", "input", of="Int32")),
         component("Plant", connector("q", "output"), connector("E_kin", "output", 0)),
         links=link(

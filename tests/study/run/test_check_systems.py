@@ -132,17 +132,7 @@ def test_the_command_prints_json_and_ends_with_code_1_for_problems(package, tmp_
     good = run(package)
     assert good.returncode == 0
     said = json.loads(good.stdout)
-    assert list(said) == [
-        "format",
-        "file",
-        "kind",
-        "standard",
-        "ran",
-        "compared",
-        "problems",
-        "notes",
-        "findings",
-    ]
+    assert list(said) == ["format", "file", "kind", "standard", "ran", "compared", "problems", "notes", "findings"]
     units = ("Trajectory", "Feedforward", "PDController", "Plant")
     assert said | {"notes": []} == {
         "format": 1, "file": str(package), "kind": "SSP", "standard": "SSP 1.0", "ran": True,
@@ -201,8 +191,7 @@ def test_an_algebraic_loop_is_a_note(fmus, tmp_path):
     )
     path = tmp_path / "loop.ssp"
     pack_zip(
-        path,
-        {"SystemStructure.ssd": text.encode(), "resources/PDController.fmu": fmus["controller"].read_bytes()},
+        path, {"SystemStructure.ssd": text.encode(), "resources/PDController.fmu": fmus["controller"].read_bytes()}
     )
     report = inspect_file(path)
     assert report.problems == []

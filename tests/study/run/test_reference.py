@@ -114,8 +114,7 @@ def test_a_start_beyond_the_end_stops_is_refused():
                            "tau_stall": 0.6, "kappa_dot_max": 3.0}  # fmt: skip
     scenario = load_scenario("planar_tracking", robot_from_dict(data))
     with pytest.raises(
-        UsageError,
-        match=r"plant.q_0\[1\]: expected a position of joint 1 between its end stops, -2 and 2, got 4",
+        UsageError, match=r"plant.q_0\[1\]: expected a position of joint 1 between its end stops, -2 and 2, got 4"
     ):
         system_values(scenario, {"plant.q_0[1]": 4.0})
 

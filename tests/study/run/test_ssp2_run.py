@@ -40,11 +40,7 @@ def test_the_reader_finds_the_same_system(packages):
     old, new = map(vdfmu.load_ssp, packages)
     assert (old.version, new.version) == ("1.0", "2.0")
     assert [str(c) for c in old.connections] == [str(c) for c in new.connections]
-    assert {c.type for each in new.components for c in each.connectors.values()} <= {
-        "Float64",
-        "Int32",
-        "Boolean",
-    }
+    assert {c.type for each in new.components for c in each.connectors.values()} <= {"Float64", "Int32", "Boolean"}
     for one, other in zip(old.components, new.components, strict=True):
         assert [(p.name, p.value) for p in one.parameters] == [(p.name, p.value) for p in other.parameters]
 

@@ -157,13 +157,7 @@ def test_a_point_that_crashes_is_a_row_there_too(wild, tmp_path, dask):
     ways = np.zeros(20)
     ways[7] = 1.0
     found = vdfmu.sweep(
-        wild,
-        {"unit.way": ways},
-        measure=MEASURES,
-        step=0.1,
-        chunk=5,
-        out=tmp_path / "study",
-        scheduler=dask.address,
+        wild, {"unit.way": ways}, measure=MEASURES, step=0.1, chunk=5, out=tmp_path / "study", scheduler=dask.address
     )
     assert list(found.failed) == [7] and "SIGSEGV" in found.failed[7]
 

@@ -64,11 +64,7 @@ def undisturbed(wild, tmp_path_factory):
 
 def test_each_point_is_the_run_of_its_values(tmp_path):
     """To the bit: a reset component computes what a new one does, and each point is a run of its own."""
-    axes = {
-        "controller.K_p[2]": "lin(500, 2000, 2)",
-        "plant.mass": "*0.9, 1.1",
-        "master": "jacobi, gauss-seidel",
-    }
+    axes = {"controller.K_p[2]": "lin(500, 2000, 2)", "plant.mass": "*0.9, 1.1", "master": "jacobi, gauss-seidel"}
     found = vdfmu.sweep(
         "planar_tracking", axes, stop=0.2, workers=2, out=tmp_path / "study", keep=["plant.q[1]"],
         measure={"error": "rms(trajectory.q_d - plant.q)"},
@@ -119,10 +115,7 @@ def test_robots_motions_and_payloads_vary_together(tmp_path):
 @pytest.mark.heavy
 def test_words_and_steps_vary_too(tmp_path):
     found = vdfmu.sweep(
-        "planar_tracking",
-        ["feedforward.mode=inverse, vdc", "step=0.001, 0.002"],
-        stop=0.1,
-        out=tmp_path / "study",
+        "planar_tracking", ["feedforward.mode=inverse, vdc", "step=0.001, 0.002"], stop=0.1, out=tmp_path / "study"
     )
     assert found["feedforward.mode"].tolist() == ["inverse", "inverse", "vdc", "vdc"]
     assert found["step"].tolist() == [0.001, 0.002] * 2
@@ -589,11 +582,7 @@ def test_rows_are_found_by_what_they_measured(wild, tmp_path):
     ("over", "options", "words"),
     [
         ({"unit.nothing": [1.0]}, {}, "nothing"),
-        (
-            {"unit.at": [1.0]},
-            {"measure": ["m=final(unit.z)"]},
-            "no output or connected input is called unit.z",
-        ),
+        ({"unit.at": [1.0]}, {"measure": ["m=final(unit.z)"]}, "no output or connected input is called unit.z"),
         ({"unit.at": [1.0]}, {"measure": None}, "measure: expected at least one"),
         ({"unit.at": [1.0]}, {"keep": ["x*"]}, "keep: no output"),
         ({"unit.at": [1.0]}, {"measure": ["m=at(unit.y, 2)"]}, "a time from 0 to 1 s, got 2 s"),
@@ -621,16 +610,10 @@ def test_what_cannot_be_run_is_said_before_the_first_point(wild, tmp_path, over,
         (["plant.mass=lin(-1, 1, 3)"], "mass"),
         (["feedforward.mode=*1, 2"], "expected numbers to multiply"),
         (["robot=planar_2dof, nowhere"], "nowhere"),
-        (
-            ["plant.q_max=1, 2"],
-            r"robot planar_2dof does not have its optional table \[limits\]",
-        ),
+        (["plant.q_max=1, 2"], r"robot planar_2dof does not have its optional table \[limits\]"),
         (["plant.F_e=*lin(1, 2, 2)"], "not all 0"),
         (["trajectory.t_start=*lin(1, 2, 2)"], "not all 0"),  # its start value: no key of the scenario
-        (
-            ["controller.K_p[1]=1, 2", "controller.K_p=3, 4"],
-            r"K_p\[1\]: has no effect, as controller.K_p after it",
-        ),
+        (["controller.K_p[1]=1, 2", "controller.K_p=3, 4"], r"K_p\[1\]: has no effect, as controller.K_p after it"),
     ],
 )
 def test_what_a_scenario_cannot_have_is_said_before_the_first_point(tmp_path, over, words):

@@ -99,10 +99,7 @@ def reach_scenario(robot: Robot | str | os.PathLike[str] | None = None) -> Scena
     if isinstance(robot, Robot):
         name = robot.name
     else:
-        name, robot = (
-            locate(robot or "manipulator_6dof", "robots").stem,
-            load_robot(robot or "manipulator_6dof"),
-        )
+        name, robot = (locate(robot or "manipulator_6dof", "robots").stem, load_robot(robot or "manipulator_6dof"))
     with temporary_folder("vdfmu_") as folder:
         path = Path(folder) / f"{name}_reach.toml"
         _, notes = _write(robot, name, name, path)

@@ -23,9 +23,7 @@ from vdfmu.system.scenario.values import system_values
 
 @contextmanager
 def packaged(
-    system: Scenario | str | os.PathLike[str],
-    settings: Mapping[str, Any] | None = None,
-    backend: str | None = None,
+    system: Scenario | str | os.PathLike[str], settings: Mapping[str, Any] | None = None, backend: str | None = None
 ) -> Generator[tuple[Path, dict[str, Any]]]:
     """Yield the package of a system, and the options of :class:`vdfmu.Simulator` that it takes.
 

@@ -102,18 +102,12 @@ def _table(path: Path, robot: Robot, columns: Mapping[str, str]) -> tuple[Floats
     else:
         (table,) = read_inputs(path)
         t, names = table.t, list(table.names)
-        units, values = (
-            dict(zip(names, table.units, strict=True)),
-            dict(zip(names, table.values.T, strict=True)),
-        )
+        units, values = (dict(zip(names, table.units, strict=True)), dict(zip(names, table.values.T, strict=True)))
     found: dict[str, Floats] = {}
     problems: list[str] = []
     for what, patterns in _KNOWN.items():
         chosen = [columns[what]] if what in columns else patterns
-        joints = [
-            [str(i + 1) for i in range(robot.n)],
-            *([robot.joint_names] if all(robot.joint_names) else []),
-        ]
+        joints = [[str(i + 1) for i in range(robot.n)], *([robot.joint_names] if all(robot.joint_names) else [])]
         some = [[p.replace("{}", joint) for joint in each] for each in joints if each for p in chosen]
         own = next((each for each in some if all(name in values for name in each)), None)
         if own is None:

@@ -114,12 +114,7 @@ def _covariance(problem: IdentificationProblem, x: Floats, free: Any, sizes: Flo
 
 
 def _hold(
-    problem: IdentificationProblem,
-    x: Floats,
-    free: Any,
-    sizes: Floats,
-    weights: list[Any],
-    held: dict[str, str],
+    problem: IdentificationProblem, x: Floats, free: Any, sizes: Floats, weights: list[Any], held: dict[str, str]
 ) -> str | None:
     """Return the least known parameter, if it is known too little, and note why."""
     covariance = _covariance(problem, x, free, sizes, weights)

@@ -98,10 +98,7 @@ def read_run(folder: Path) -> ShownRun:
         raise UsageError(f"{folder}: the results have no rows, so there is nothing to show.")
     package = folder / "system.ssp"
     return ShownRun(
-        folder.resolve().name,
-        results,
-        summary,
-        package if package.exists() else Path(summary.get("package", "")),
+        folder.resolve().name, results, summary, package if package.exists() else Path(summary.get("package", ""))
     )
 
 

@@ -276,12 +276,7 @@ def _parameters(checked: Checked, name: str) -> dict[FmuVariable, float]:
 
 
 def _carried(link: Link, names: Sequence[str]) -> list[float]:
-    ends = (
-        names.index(link.start[0]),
-        _position(link.source),
-        names.index(link.end[0]),
-        _position(link.sink),
-    )
+    ends = (names.index(link.start[0]), _position(link.source), names.index(link.end[0]), _position(link.sink))
     return [*ends, link.conversion.factor, link.conversion.offset]
 
 

@@ -11,18 +11,7 @@ from typing import Any
 from vdfmu.base.errors import UsageError
 from vdfmu.base.text import elided
 from vdfmu.engine.results.formats import result_files
-from vdfmu.study.report.summary_keys import (
-    ANY,
-    FLAG,
-    KEYS,
-    NUMBER,
-    SPRINGS,
-    TEXT,
-    TRACKING,
-    WHOLE,
-    Keyed,
-    List,
-)
+from vdfmu.study.report.summary_keys import ANY, FLAG, KEYS, NUMBER, SPRINGS, TEXT, TRACKING, WHOLE, Keyed, List
 
 _TEXTS = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 """Texts in JSON for numbers that are not finite."""

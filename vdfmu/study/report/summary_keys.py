@@ -87,8 +87,7 @@ KEYS: Mapping[str, Key] = {
     "federates": Key(Keyed(ANY), "Components of each process of a distributed run, and how long it waited."),
     "core": Key(TEXT, "How the processes of a distributed run exchanged values."),
     "ended": Key(
-        {"component": TEXT, "time": NUMBER},
-        "Event that ended the run before its stop time, and its time [s].",
+        {"component": TEXT, "time": NUMBER}, "Event that ended the run before its stop time, and its time [s]."
     ),
     "notes": Key(_LINES, "Notes on the run."),
     "warnings": Key(_LINES, "Notes of runs of earlier versions."),
@@ -109,8 +108,7 @@ KEYS: Mapping[str, Key] = {
     "rms_tau_f_hat_error_nm": Key(_JOINTS, "RMS of the errors of the estimated friction torques, link-side."),
     "power_bond": Key(_ENERGIES, "Energy that the coupling adds or takes, and that is exchanged, link-side [J]."),
     "implied_gains": Key(
-        {"K_p_paper": _VECTOR, "K_p": _VECTOR},
-        "Gains that the errors of the paper imply, and those of the run.",
+        {"K_p_paper": _VECTOR, "K_p": _VECTOR}, "Gains that the errors of the paper imply, and those of the run."
     ),
     "limits": Key(
         Keyed(dict.fromkeys(("torque", "speed", "stop"), _VECTOR)), "Shares of the time at limits, by plant."

@@ -26,11 +26,7 @@ _own = threading.local()
 
 
 def run_there(
-    job: bytes,
-    chunks: Chunks,
-    address: str,
-    time_limit: float | None,
-    advance: Callable[[int], None],
+    job: bytes, chunks: Chunks, address: str, time_limit: float | None, advance: Callable[[int], None]
 ) -> Generator[list[Row]]:
     """Yield the rows of chunks as they are done.
 

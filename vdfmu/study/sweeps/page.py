@@ -64,11 +64,7 @@ def write_page(study: StudyTable, path: Path | None = None) -> Path:
     if failed:
         rows = [[str(point), _short(words, 400)] for point, words in list(failed.items())[:_SHOWN]]
         more = len(failed) - len(rows)
-        parts += [
-            "<h2>Failed points</h2>",
-            _table(("point", "why"), rows),
-            f"<p>and {more} more</p>" if more else "",
-        ]
+        parts += ["<h2>Failed points</h2>", _table(("point", "why"), rows), f"<p>and {more} more</p>" if more else ""]
     with suppress(OSError):  # writing then reports more
         path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, [page(str(facts["scenario"]), "Parameter study", "\n".join(parts), 60, look())])

@@ -185,11 +185,7 @@ def _unit_of_axis(axis: Axis, system: WiredSystem, units: Mapping[str, str]) -> 
 
 
 def _of_package(
-    package: Any,
-    axes: Sequence[Axis],
-    switched: Mapping[str, Any],
-    options: ScenarioOptions,
-    engine: str,
+    package: Any, axes: Sequence[Axis], switched: Mapping[str, Any], options: ScenarioOptions, engine: str
 ) -> WiredSystem:
     """Take a package as it is; the master checks the names of the axes."""
     if engine == "batch":
@@ -215,11 +211,7 @@ def _of_package(
 
 
 def of_scenario(
-    scenario: Any,
-    axes: Sequence[Axis],
-    switched: Mapping[str, Any],
-    options: ScenarioOptions,
-    engine: str = "fmu",
+    scenario: Any, axes: Sequence[Axis], switched: Mapping[str, Any], options: ScenarioOptions, engine: str = "fmu"
 ) -> WiredSystem:
     """Build and pack a scenario with a combination of options."""
     from vdfmu.study.run.scenario_run import prepare

@@ -140,12 +140,7 @@ def _surface(shown: View) -> Figure:
     low, high = (float(f(shown.value.values)) for f in (np.nanmin, np.nanmax))
     levels = np.geomspace(low, high, 15) if shown.value.log else np.linspace(low, high, 15)
     axes.contourf(
-        x_1,
-        x_2,
-        np.clip(np.ma.masked_invalid(heights), low, high),
-        levels,
-        cmap=colours.cmap,
-        norm=colours.norm,
+        x_1, x_2, np.clip(np.ma.masked_invalid(heights), low, high), levels, cmap=colours.cmap, norm=colours.norm
     )
     colors = colours.to_rgba(shown.value.values[good])
     axes.scatter(first.values[good], second.values[good], 14.0, colors, edgecolors="white", linewidths=0.5)

@@ -26,11 +26,7 @@ from vdfmu.study.sweeps.worker import KILLED
 @with_progress
 @one_job()
 @with_options
-def sweep(
-    scenario: Any,
-    over: Mapping[str, Any] | Sequence[str] = (),
-    **options: Unpack[SweepOptions],
-) -> Sweep:
+def sweep(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **options: Unpack[SweepOptions]) -> Sweep:
     """Run a scenario or a system package at many points, and keep a row for each.
 
     Finished points are kept: after Ctrl-C, a kill or a full disk the same call continues where it stopped. A point that

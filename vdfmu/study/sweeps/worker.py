@@ -27,12 +27,7 @@ _TRIES = 3
 KILLED = "the process was killed (SIGKILL)"
 """Begin of the reason of a point that ran out of memory or was ended by somebody: not a fault of the model."""
 _WRITTEN = "a component wrote into the pipe of the worker"
-_HEAD = {
-    "point": int,
-    "failed": (str, type(None)),
-    "failed_at": (float, int, type(None)),
-    "wall_s": (float, int),
-}
+_HEAD = {"point": int, "failed": (str, type(None)), "failed_at": (float, int, type(None)), "wall_s": (float, int)}
 """Keys that each row has, and their types; the others are measures."""
 
 
@@ -106,14 +101,7 @@ class Worker:
                 if most > 1:
                     apart, killed = len(group), 0
                     continue
-                rows = [
-                    {
-                        "point": group[0][0],
-                        "failed": rows,
-                        "failed_at": None,
-                        "wall_s": perf_counter() - begin,
-                    }
-                ]
+                rows = [{"point": group[0][0], "failed": rows, "failed_at": None, "wall_s": perf_counter() - begin}]
             killed = failures = 0
             del left[: len(group)]
             apart = max(apart - 1, 0)

@@ -202,11 +202,5 @@ class Evaluations:
             if name.partition("[")[0] in problem.plan.facts["measures"] and name not in columns
         }
         return Score(
-            np.array(key),
-            number,
-            cost,
-            failed,
-            np.nan_to_num(excess, nan=np.inf, posinf=np.inf),
-            margins,
-            measures,
+            np.array(key), number, cost, failed, np.nan_to_num(excess, nan=np.inf, posinf=np.inf), margins, measures
         )

@@ -84,10 +84,7 @@ class Problem:
 
 @with_options
 def make_problem(
-    scenario: Any,
-    vary: Mapping[str, Any] | Sequence[str],
-    cost: str,
-    **options: Unpack[ProblemOptions],
+    scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: str, **options: Unpack[ProblemOptions]
 ) -> Problem:
     """Read and check the problem; for arguments see :func:`vdfmu.tune`.
 

@@ -206,13 +206,7 @@ class ViewServer:
         self._shown: Any = None
 
     def begin(
-        self,
-        title: str,
-        arm: Mapping[str, Any],
-        path: str,
-        places: dict[str, list[int]],
-        start: float,
-        stop: float,
+        self, title: str, arm: Mapping[str, Any], path: str, places: dict[str, list[int]], start: float, stop: float
     ) -> None:
         """Draw the arm of a run that begins."""
         self._scene = Scene(self._server, title, arm, start, stop, set(places))

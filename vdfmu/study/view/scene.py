@@ -246,12 +246,7 @@ def stage(server: Any, chain: Chain, points: Floats) -> None:
     r = 0.07 * reach
     foot = floor if floor > -0.6 * reach else 0.1 * reach  # an arm that hangs has it above
     scene.add_cylinder(
-        "foot",
-        radius=r,
-        height=abs(foot),
-        color=(86, 98, 112),
-        position=foot * up / 2.0,
-        wxyz=_quaternion(turn),
+        "foot", radius=r, height=abs(foot), color=(86, 98, 112), position=foot * up / 2.0, wxyz=_quaternion(turn)
     )
     low, high = points.min(axis=0), points.max(axis=0)
     centre = (low + high) / 2.0
