@@ -6,11 +6,13 @@ from collections.abc import Mapping
 import vdfmu
 from vdfmu.engine.simulate import run_system
 from vdfmu.study.report.summary import read_summary
-from vdfmu.study.report.summary_keys import KEYS, Keyed, List
+from vdfmu.study.report.summary_keys import KEYS, Keyed, List, Record
 
 
 def undeclared(value, of, where=""):
     """Yield the keys of a summary that its declaration lacks."""
+    if isinstance(of, Record):
+        of = {**of.of, **of.also}
     if isinstance(of, Mapping):
         for key, entry in (value or {}).items():
             yield from undeclared(entry, of[key], f"{where}.{key}") if key in of else [f"{where}.{key}"]

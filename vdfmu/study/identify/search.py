@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -89,8 +89,10 @@ class _Search:
             each = zip(self.problem.errors(whole(part)), self.weights, strict=True)
             return np.concatenate([(e / w).ravel() for e, w in each])
 
-        jac: Any = lambda part: self._slopes(whole(part))  # noqa: E731
-        start = np.zeros(int(self.free.sum()))
+        def slopes(part: Floats) -> Floats:
+            return self._slopes(whole(part))
+
+        start, jac = np.zeros(int(self.free.sum())), cast(Any, slopes)
         found: Any = least_squares(residual, start, jac, method="lm", xtol=1e-6, ftol=1e-9, max_nfev=_STEPS)
         self.x = whole(found.x)
         self.weights = [np.sqrt(np.mean(e**2, axis=0)) for e in self.problem.errors(self.x)]

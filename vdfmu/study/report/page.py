@@ -31,18 +31,9 @@ from vdfmu.system.package.drawing import system_diagram
 NAME = "report.html"
 _WEB = Path(__file__).parent / "web"
 MODULES = (
-    "packed.js",
-    "vendor.js",
-    "data.js",
-    "chart.js",
-    "figures.js",
-    "arm.js",
-    "player.js",
-    "system.js",
-    "worker.js",
-    "simulation.js",
-    "main.js",
-)
+    "packed.js", "vendor.js", "data.js", "chart.js", "figures.js", "arm.js", "player.js", "system.js", "worker.js",
+    "simulation.js", "main.js",
+)  # fmt: skip
 """In an order in which each comes after the modules that it imports."""
 WORKER = ("packed.js", "fmu.js", "master.js")
 """Modules of the worker that simulates, which the page holds as text."""
@@ -80,13 +71,7 @@ def newest_run(folder: Path) -> Path:
 
 
 def read_run(folder: Path) -> ShownRun:
-    """Return the run whose results are in a folder.
-
-    Raises
-    ------
-    UsageError
-        The folder has no results of a run.
-    """
+    """Return the run whose results are in a folder; UsageError if it has none."""
     tables = [folder / name for name in result_files()]
     table = next((file for file in reversed(tables) if file.exists()), tables[0])
     for file in (folder / "summary.json", table):
@@ -103,20 +88,7 @@ def read_run(folder: Path) -> ShownRun:
 
 
 def write_report(runs: Sequence[ShownRun], path: Path, *, simulate: bool = False) -> Path:
-    """Write the page of one run or of several.
-
-    Parameters
-    ----------
-    runs : sequence of ShownRun
-    path : Path
-    simulate : bool, optional
-        Whether the page can run them again by itself, for which their units are compiled.
-
-    Raises
-    ------
-    UsageError, VdfmuError
-        The file cannot be written.
-    """
+    """Write the page of one run or of several; `simulate`: it can run them again, by units compiled for it."""
     write_whole(path, [report_page(runs, simulate=simulate)])
     return path
 

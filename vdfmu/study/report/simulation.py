@@ -106,14 +106,8 @@ def simulation_of(
 ) -> dict[str, Any]:
     """Return the page's simulation, ready for JSON; ``{"reason": ..}`` where it cannot.
 
-    Parameters
-    ----------
-    results : Results
-    summary : mapping
-    package : Path
-        The run's ``system.ssp``.
-    binaries : dict of str to str
-        Digest to base64 of a compressed module; those of the run's units are added. None: the page is to have none.
+    `binaries`: digest to base64 of a compressed module, to which those of the run's units are added. None: the page is
+    to have none.
     """
     try:
         _refuse(summary, package)

@@ -73,13 +73,7 @@ class Plan:
 
 @with_options
 def make_plan(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **options: Unpack[PlanOptions]) -> Plan:
-    """Plan a study; for arguments see `vdfmu.sweep`.
-
-    Raises
-    ------
-    UsageError, ModelError, SspError
-        For all its faults: nothing has run then.
-    """
+    """Plan a study; for arguments see `vdfmu.sweep`. Nothing has run yet when it has faults."""
     engine, measure, keep = options["engine"], options["measure"], options["keep"]
     sample, settings = os.fspath(options["sample"]), options["settings"] or {}
     if engine not in (None, *ENGINES):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +16,15 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.text import close_to, elided
 from vdfmu.engine.results.parquet import needed
 from vdfmu.study.report.summary import typed
-from vdfmu.study.report.summary_keys import ANY, TEXT, WHOLE, Keyed, List
+from vdfmu.study.report.summary_keys import ANY, TEXT, WHOLE, Keyed, List, Record
 from vdfmu.study.sweeps.axes import is_option, read_axes
 from vdfmu.study.sweeps.ledger import LEDGER, TABLE, files_of, readable, table_of
 
-_FACTS: Mapping[str, Any] = {
-    **dict.fromkeys(("scenario", "source", "vdfmu", "sample", "engine"), TEXT), "n": WHOLE, "seed": WHOLE,
+_FACTS = Record({
+    **dict.fromkeys(("scenario", "source", "vdfmu", "sample"), TEXT), "n": WHOLE, "seed": WHOLE,
     "axes": List(TEXT), "measures": Keyed(TEXT), "units": Keyed(TEXT), "settings": Keyed(ANY), "options": Keyed(ANY),
     "systems": List({"package": TEXT}),
-}  # fmt: skip
+}, {"engine": TEXT})  # fmt: skip
 """Facts of the study that are read, and their types."""
 
 
@@ -44,7 +44,6 @@ class StudyTable:
                 self._schemas[0].metadata[b"vdfmu"] if self._files == [table] else readable(folder / LEDGER)
             )
             self.facts, problems = typed(found, _FACTS)
-            problems += [f"{key}: is missing" for key in _FACTS if key not in (*self.facts, "engine")]
         except (UsageError, ValueError, RecursionError, KeyError, TypeError) as error:
             problems = [elided(str(error))]
         if problems:

@@ -145,7 +145,7 @@ def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: str, **op
 def _write(found: Tuned, scores: Sequence[Score]) -> None:
     """Write the values, the comparison and the picture."""
     from vdfmu.base.style import save
-    from vdfmu.study.report.tuning import draw_tuning
+    from vdfmu.study.report.drawings import draw_tuning
 
     sections: dict[str, dict[str, Any]] = {}
     for name, value in found.settings.items():
