@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import atexit
 import json
 import random
 import shutil
@@ -14,6 +13,7 @@ from typing import Any
 import pyarrow.parquet as parquet
 
 import vdfmu
+from tests.hostile.commands import workshop
 from tests.hostile.results import changed
 from tests.hostile.table import Corpus
 from vdfmu.base.errors import VdfmuError
@@ -29,8 +29,7 @@ def _sweep(folder: Path) -> Sweep:
 @cache
 def _study() -> tuple[Path, Path, Any]:
     """Return folders of a study that is done and of one that was stopped after two points, and the rows."""
-    home = Path(mkdtemp(prefix="vdfmu_hostile_study_"))
-    atexit.register(shutil.rmtree, home, ignore_errors=True)
+    home = Path(mkdtemp(dir=workshop()))
     done, half = home / "done", home / "half"
     rows = _rows(_sweep(done))
     shutil.copytree(done, half)

@@ -259,7 +259,5 @@ def test_wrong_logs_are_named(tmp_path, robot, clean):
     short = Log("log", t, np.column_stack([np.sin(t)] * 2), np.zeros((600, 2)), None)
     with pytest.raises(UsageError, match="expected a log of at least .* s for the band of"):
         identify(short, robot)
-    import dataclasses
-
     with pytest.raises(UsageError, match="expected friction in the lumped arrangement, got split"):
         identify(clean, dataclasses.replace(robot, friction="split"))

@@ -1,16 +1,8 @@
-"""A browser for the tests of a module, and that it stayed quiet."""
+"""That a browser stayed quiet."""
 
 from __future__ import annotations
 
 import pytest
-
-from tests.study.page.browser import Browser
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    with Browser(tmp_path_factory.mktemp("profile")) as one:
-        yield one
 
 
 @pytest.fixture

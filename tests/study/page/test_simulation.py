@@ -219,12 +219,6 @@ Seen: 1e-15 rad, as the same C is stepped in the same order, with other sin, cos
 
 
 @pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    with Browser(tmp_path_factory.mktemp("profile")) as one:
-        yield one
-
-
-@pytest.fixture(scope="module")
 def pages(tmp_path_factory) -> Callable[..., Path]:
     """Make the run of a scenario, with a page that can run it again."""
 

@@ -94,20 +94,18 @@ def test_a_unit_that_never_ends_is_stopped(changed, monkeypatch):
     assert problem.removesuffix(" did not end within 3 s") in ("a run of 10 steps", "the start of the process")
 
 
-def test_a_binary_for_another_platform_only_is_named(fmus, tmp_path):
-    path = tmp_path / "Plant.fmu"
-    with zipfile.ZipFile(fmus["plant"]) as source, zipfile.ZipFile(path, "w") as target:
-        for name in source.namelist():
-            if not name.startswith("binaries/"):
-                target.writestr(name, source.read(name))
+def test_a_binary_for_another_platform_only_is_named(changed):
+    path = changed("binaries/")
+    with zipfile.ZipFile(path, "a") as target:
         target.writestr("binaries/plan9/Plant.so", b"\x7fELF")
     (problem,) = check_file(path)
     assert problem.startswith("no binary for this platform")
 
 
-def test_a_missing_file_is_a_wrong_option(tmp_path):
+@pytest.mark.parametrize("name", ["missing.fmu", "no.ssd"])
+def test_a_missing_file_is_a_wrong_option(tmp_path, name):
     with pytest.raises(UsageError, match="there is no such file"):
-        check_file(tmp_path / "missing.fmu")
+        check_file(tmp_path / name)
 
 
 def test_what_breaks_a_rule_is_not_run(changed):

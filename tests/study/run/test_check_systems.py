@@ -8,7 +8,7 @@ import pytest
 
 from tests.warm import command
 from vdfmu.arm.fmus import build_fmus
-from vdfmu.base.errors import StorageError, UsageError
+from vdfmu.base.errors import StorageError
 from vdfmu.base.files import pack_zip
 from vdfmu.engine.inspect.fmu import NOT_RUN
 from vdfmu.engine.inspect.inspection import check_file, inspect_file
@@ -144,11 +144,6 @@ def test_the_command_prints_json_and_ends_with_code_1_for_problems(package, tmp_
     bad = run(tmp_path / "no.ssp")
     assert bad.returncode == 1
     assert len(json.loads(bad.stdout)["problems"]) == 1
-
-
-def test_a_file_that_is_not_there_is_wrong_usage(tmp_path):
-    with pytest.raises(UsageError, match="there is no such file"):
-        check_file(tmp_path / "no.ssd")
 
 
 @pytest.mark.heavy

@@ -24,12 +24,6 @@ KNOWN = "THREE.Clock: This module has been deprecated"
 """What the page of viser 1.1 says of its own libraries."""
 
 
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    with Browser(tmp_path_factory.mktemp("profile")) as one:
-        yield one
-
-
 @pytest.fixture(autouse=True)
 def quiet(browser):
     """Hold of every test that the console had no error and the page asked for nothing but its server."""

@@ -116,8 +116,8 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
     """Return the content of the page of a run, ready for JSON.
 
     ``arm``: see :func:`vdfmu.study.report.shapes.drawing_of`, None without one. ``frames``: time and, for the arm,
-    joint positions, tracking errors, control torques and torsion at every k-th row. ``figures`` and ``signals``: lists of
-    figures, with rows, time and values as base64 of little-endian numbers, curve by curve.
+    joint positions, tracking errors, control torques and torsion at every k-th row. ``figures`` and ``signals``: lists
+    of figures, with rows, time and values as base64 of little-endian numbers, curve by curve.
     """
     arm: Mapping[str, Any] | None = summary.get("arm")
     n = len(arm["types"]) if arm else int(summary.get("joints", 0))
