@@ -1,7 +1,5 @@
 """FMI calls in random order and with random arguments, on the native FMUs as the sanitizers of gcc compile them."""
 
-from __future__ import annotations
-
 import tempfile
 import zipfile
 from functools import cache

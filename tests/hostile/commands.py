@@ -1,7 +1,5 @@
 """Commands that the tries of signals and faults start, what they begin with, and what is left of them."""
 
-from __future__ import annotations
-
 import atexit
 import json
 import os

@@ -1,7 +1,5 @@
 """Each file operation of each command fails once: with an error of the disk, for want of a right, or of room."""
 
-from __future__ import annotations
-
 import atexit
 import errno
 import json

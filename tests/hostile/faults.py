@@ -1,7 +1,5 @@
 """Disks that are full, folders and files that cannot be written or read, and names that lead nowhere."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Every command that reads or writes files, what it finds, and whether what it leaves is whole."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Corpora: summaries and logs with changes, which `vdfmu report` and `vdfmu identify` read."""
 
-from __future__ import annotations
-
 import copy
 import json
 import os

@@ -1,7 +1,5 @@
 """Many runs in one process: in threads at once, and one after another; all give the same, and nothing grows."""
 
-from __future__ import annotations
-
 import gc
 import os
 import threading

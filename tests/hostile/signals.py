@@ -1,7 +1,5 @@
 """Ctrl-C, SIGTERM and SIGHUP at random moments of every command."""
 
-from __future__ import annotations
-
 import fcntl
 import random
 import shutil

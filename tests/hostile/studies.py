@@ -1,7 +1,5 @@
 """Corpus: studies of sweeps whose files are changed, which are read, reported and gone on with."""
 
-from __future__ import annotations
-
 import json
 import random
 import shutil

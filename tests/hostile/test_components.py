@@ -1,7 +1,5 @@
 """Components that mean harm: what the checker keeps of them, and what it lets them take."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import time

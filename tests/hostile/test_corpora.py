@@ -1,7 +1,5 @@
 """A few inputs of each hostile corpus; `make hostile` tries them all."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.hostile.corpora import CORPORA

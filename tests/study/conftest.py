@@ -1,7 +1,5 @@
 """A browser for the tests of a module."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.study.page.browser import Browser

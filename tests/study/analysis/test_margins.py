@@ -1,7 +1,5 @@
 """Linearisation and margins: against closed forms, and against the nonlinear sampled simulation."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

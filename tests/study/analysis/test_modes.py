@@ -1,7 +1,5 @@
 """The arm at a pose as a linear system, and its modes: closed forms, energies, differences and runs of the plant."""
 
-from __future__ import annotations
-
 import dataclasses
 import sys
 from types import SimpleNamespace

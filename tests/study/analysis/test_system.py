@@ -1,7 +1,5 @@
 """Whole systems linearised by their FMUs: against the traced loop, the matrix exponential and the nonlinear run."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

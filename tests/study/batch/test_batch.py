@@ -1,7 +1,5 @@
 """Runs side by side are those of the FMUs: whatever varies, whatever fails, whichever lanes they have."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """That a browser stayed quiet."""
 
-from __future__ import annotations
-
 import pytest
 
 

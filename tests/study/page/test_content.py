@@ -1,7 +1,5 @@
 """What the page of a run is made of: numbers, checks, files; without a browser."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import io

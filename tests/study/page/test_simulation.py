@@ -1,7 +1,5 @@
 """What the page needs to run a scenario again, and whether its own run is that of the FMUs."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import json

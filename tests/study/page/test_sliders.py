@@ -1,7 +1,5 @@
 """The panel that simulates: sliders, what they change in the figures, the arm and the tables, and what goes wrong."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Runs made up for the pictures: any number and type of joints, data that differ from joint to joint."""
 
-from __future__ import annotations
-
 import dataclasses
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """The pictures show the data: curves, units, legends; and the files depend on nothing else."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 import struct

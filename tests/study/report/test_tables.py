@@ -1,7 +1,5 @@
 """Tables show the numbers of the summary, whole, and the terminal the same ones."""
 
-from __future__ import annotations
-
 import copy
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Shares of the time at limits of torque, speed and travel, and the torque that motors give."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

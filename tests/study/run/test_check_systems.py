@@ -2,10 +2,10 @@
 
 import io
 import json
-import zipfile
 
 import pytest
 
+from tests.study.run.conftest import members
 from tests.warm import command
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import StorageError
@@ -33,11 +33,6 @@ def fmus(scenario, tmp_path_factory):
 @pytest.fixture(scope="module")
 def package(scenario, fmus, tmp_path_factory):
     return write_ssp(scenario, fmus, tmp_path_factory.mktemp("ssp") / "planar.ssp")
-
-
-def members(path):
-    with zipfile.ZipFile(path) as archive:
-        return {name: archive.read(name) for name in archive.namelist()}
 
 
 @pytest.mark.parametrize("unit", ["trajectory", "feedforward", "controller", "plant"])
@@ -77,8 +72,7 @@ def test_a_table_that_the_manifest_names_and_is_missing_is_a_note(fmus, tmp_path
 def test_a_system_with_a_faulty_fmu_is_not_run(package, tmp_path):
     content = members(package)
     name = next(n for n in content if n.endswith("Plant.fmu"))
-    with zipfile.ZipFile(io.BytesIO(content[name])) as archive:
-        inner = {n: archive.read(n) for n in archive.namelist()}
+    inner = members(io.BytesIO(content[name]))
     text = inner["modelDescription.xml"].replace(b'unit="rad/s"', b'unit="rad/h"')
     pack_zip(tmp_path / "Plant.fmu", inner | {"modelDescription.xml": text})
     pack_zip(tmp_path / "x.ssp", content | {name: (tmp_path / "Plant.fmu").read_bytes()})

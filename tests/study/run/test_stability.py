@@ -1,7 +1,5 @@
 """The verdict on the loops of a run: linearised at poses of it, against what simulations do."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

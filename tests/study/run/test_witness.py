@@ -1,7 +1,5 @@
 """Every run is held against the plain methods of its units: faults in cache, trace, C and parameters are found."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 import shutil

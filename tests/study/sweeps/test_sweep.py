@@ -1,7 +1,5 @@
 """Parameter studies from end to end: the same numbers as runs one by one, whatever happens in between."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os
@@ -22,7 +20,7 @@ import pytest
 from typer.testing import CliRunner
 
 import vdfmu
-from tests.study.sweeps.conftest import WAYS
+from tests.study.sweeps.conftest import WAYS, table
 from vdfmu.base.errors import StorageError, UsageError, VdfmuError
 from vdfmu.cli.commands import app
 from vdfmu.study.sweeps import ledger, worker
@@ -43,12 +41,6 @@ class Late(Trajectory):
 """
 OVER = {"controller.K_p": "*0.9, 1.1"}
 MEASURES = ["end=final(unit.y)", "count=integral(unit.y)"]
-
-
-def table(found):
-    """Return all columns but the times that points took, as lists: NaN equals itself in them."""
-    columns = found.table().drop_columns(["wall_s"]).to_pydict()
-    return {name: ["nan" if x != x else x for x in column] for name, column in columns.items()}
 
 
 def study(wild, out, **options):

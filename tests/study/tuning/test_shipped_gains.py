@@ -1,7 +1,5 @@
 """The gains of `tracking_tuned` against those of `tracking`: smaller errors on every joint at the same margin."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Views in a browser: the arm is seen, sliders move it, a run moves it, nothing foreign is asked for."""
 
-from __future__ import annotations
-
 import base64
 import io
 import re

@@ -1,7 +1,5 @@
 """A run with a live view: the same run, whatever becomes of the view."""
 
-from __future__ import annotations
-
 import base64
 import http.client
 import socket
