@@ -109,20 +109,10 @@ class Identified:
 def identify(log: Log, robot: Robot, *, band: float | None = None) -> Identified:
     """Estimate drives, friction, springs and base parameters from a log.
 
-    Parameters
-    ----------
-    log : Log
-    robot : Robot
-        Kinematics, ratios, width of the friction's sign, kinematic error; its values are the start, and parameters that
-        are not identified keep them.
-    band : float, optional [Hz]
-        Band of the equations; default three times the frequency below which 99.9 % of the velocities' power lie.
-
-    Raises
-    ------
-    UsageError
-        For joints that did not move, or whose rotor and link did not move alike; a log that is too short for the band,
-        or tells nothing; a band that is not positive; the split arrangement of friction.
+    The robot has kinematics, ratios, width of the friction's sign and kinematic error; its values are the start, and
+    parameters that are not identified keep them. The band [Hz] of the equations is by default three times the frequency
+    below which 99.9 % of the velocities' power lie. UsageError for joints that did not move, or whose rotor and link
+    did not move alike; a log that is too short for the band, or tells nothing; the split arrangement of friction.
     """
     if robot.friction != "lumped":
         raise UsageError(f"{robot.name}: expected friction in the lumped arrangement, got {robot.friction}.")

@@ -41,14 +41,7 @@ def body_parameters(robot: Any) -> Floats:
 
 
 def regressor(robot: Any, q: Floats, q_dot: Floats, q_ddot: Floats, kappa_dot: Floats, kappa_ddot: Floats) -> Regressor:
-    """Regressor of the arm at m states.
-
-    Parameters
-    ----------
-    q, q_dot, q_ddot : (m, n) [rad or m, per s, per s2]
-    kappa_dot, kappa_ddot : (m, n) [rad/s, rad/s2]
-        Rotors, divided by ell.
-    """
+    """Regressor of the arm at m states, (m, n) each [rad or m, per s, per s2]; of rotors divided by ell."""
     m, n = q.shape
     slides = [kind == "prismatic" for kind in robot.joint_types]
     z = np.array([0.0, 0.0, 1.0])

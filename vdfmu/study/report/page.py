@@ -93,14 +93,8 @@ def write_report(runs: Sequence[ShownRun], path: Path, *, simulate: bool = False
     return path
 
 
-def arm_page(run: ShownRun) -> bytes:
-    """Return a page that shows only the arm, for the size of any frame."""
-    return report_page([run], arm_alone=True)
-
-
 def report_page(runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: bool = False) -> bytes:
     """Return the page of one run or of several, or of their arms alone; for `simulate` see :func:`write_report`."""
-    first = runs[0].summary
     names = _names(runs)
     binaries: dict[str, str] = {}
     parts = [
@@ -114,11 +108,11 @@ def report_page(runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: 
     if arm_alone:
         parts = [part | {"figures": [], "signals": [], "simulation": None} for part in parts]
     data = {"runs": parts} | ({"binaries": binaries} if binaries else {})
+    inert = to_json(data, indent=None).replace("<", "\\u003c")  # nothing in it ends the script that contains it
     diagram = next(filter(None, (system_diagram(run.package) for run in runs)), "")
-    facts = (run.summary for run in runs)
-    each = [f"robot {s['robot']}" if "robot" in s else f"system {s.get('system', '')}" for s in facts]
+    summaries = [run.summary for run in runs]
+    each = [f"robot {s['robot']}" if "robot" in s else f"system {s.get('system', '')}" for s in summaries]
     about = "; ".join(dict.fromkeys(each))
-    about = about[0].upper() + about[1:]
     body = "\n".join(
         [
             *_checks(names, runs),
@@ -129,15 +123,16 @@ def report_page(runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: 
             *_tables(names, runs),
             *_facts(names, runs),
             "<noscript><p>Figures and the arm are drawn by a script, which this browser does not run.</p></noscript>",
-            f'<script id="data" type="application/json">{_inert(to_json(data, indent=None))}</script>',
+            f'<script id="data" type="application/json">{inert}</script>',
             *([f'<script type="text/plain" id="worker">{script(WORKER)}</script>'] if binaries else []),
             _libraries(),
             f'<script type="module">\n{script()}\n</script>',
         ]
     )
     head = f'{look()}<link rel="icon" href="data:,"><style>{_text(_VENDOR[1])}{_ALONE if arm_alone else ""}</style>'
-    what = f"{about}, {'one run' if len(runs) == 1 else f'{len(runs)} runs'} of vdfmu {first.get('vdfmu', '')}"
-    return page(", ".join(names), what.strip(), body, 84, head)
+    count, version = "one run" if len(runs) == 1 else f"{len(runs)} runs", summaries[0].get("vdfmu", "")
+    what = f"{about[0].upper()}{about[1:]}, {count} of vdfmu {version}".strip()
+    return page(", ".join(names), what, body, 84, head)
 
 
 def look() -> str:
@@ -163,11 +158,6 @@ def script(modules: Sequence[str] = MODULES) -> str:
 
 def _text(name: str) -> str:
     return (_WEB / name).read_text(encoding="utf-8")
-
-
-def _inert(text: str) -> str:
-    """Return JSON in which nothing ends the script that contains it."""
-    return text.replace("<", "\\u003c")
 
 
 def _names(runs: Sequence[ShownRun]) -> list[str]:

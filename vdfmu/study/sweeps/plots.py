@@ -29,21 +29,11 @@ _GRID = 61
 
 
 def plot(study: StudyTable, kind: str | None = None, measure: str | None = None, out: Path | None = None) -> list[Path]:
-    """Draw figures of a measure, ``MEASURE_KIND.png``.
+    """Draw figures of a measure, ``MEASURE_KIND.png``, and return their files.
 
-    Parameters
-    ----------
-    kind : {"scatter", "surface", "parallel", "tornado", "indices"}, optional
-        Default all that fit the study.
-    measure : str, optional
-        A measure, whose largest element counts at each point, or one of its columns; default the first.
-    out : path, optional
-        Folder; default the study's.
-
-    Raises
-    ------
-    UsageError
-        If the kind does not fit, or nothing can be drawn.
+    The kind is one of `KINDS`, by default all that fit the study. Of a measure, by default the first, the largest
+    element counts at each point; it may be one of its columns. The folder is by default the study's. UsageError if the
+    kind does not fit, or nothing can be drawn.
     """
     if kind is not None and kind not in KINDS:
         raise UsageError(f"kind: expected {', '.join(KINDS)}, got {kind}.")

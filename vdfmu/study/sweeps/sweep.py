@@ -109,10 +109,7 @@ def default_folder(scenario: Any) -> Path:
 def packed(job: Job) -> bytes:
     """Return a job in the form for a worker; functions of a script go with their text.
 
-    Raises
-    ------
-    UsageError
-        If a function among the measures cannot be sent to another process.
+    UsageError if a function among the measures cannot be sent to another process.
     """
     functions = [m.function for m in job.measures if m.function is not None]
     if not functions:
