@@ -282,16 +282,16 @@ def test_units_sizes_of_parameters_and_the_implementation_are_checked(package):
         text = system(trajectory).replace("</ssd:System>", f"</ssd:System>{units}")
         return inspect_file(package(text), run=False).problems
 
-    parameter = "Trajectory: parameter 'q_start' (p: q_start): "
+    where = "Trajectory: parameter 'q_start' (p: q_start): "
     always = [
         "x.ssp: SystemStructure.ssd: unit 'none' of Trajectory.q_d_dot is not defined; define it in ssd:Units",
         "Trajectory.q_d: unit mismatch, the SSD declares 'm' (m), the FMU 'rad' (rad)",
         "Trajectory.q_d_dot: unit mismatch, the SSD declares 'none' (without definition), the FMU 'rad/s' (rad/s)",
-        f"{parameter}unit mismatch, 'm' (m) to 'rad' (rad)",
+        f"{where}unit mismatch, 'm' (m) to 'rad' (rad)",
     ]
     assert check("0 0", 2) == always
     assert check("0 0 0", 2) == ["x.ssp: p: q_start: 3 value(s) for an array of 2", *always]
-    assert f"{parameter}is an array of 3, the FMU declares an array of 2" in check("0 0 0", 3)
+    assert f"{where}is an array of 3, the FMU declares an array of 2" in check("0 0 0", 3)
     asked = "Trajectory: the SSD asks for ModelExchange, resources/Trajectory.fmu has CoSimulation"
     assert asked in check("0 0", 2, implementation="ModelExchange")
     for factor in ("0", "INF"):
