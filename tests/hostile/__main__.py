@@ -5,8 +5,6 @@ The table of what came of them is printed.
 Ctrl-C ends it with the table so far.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Packages that unpack to very much: small files, read by a process with little memory."""
 
-from __future__ import annotations
-
 import struct
 import subprocess
 import sys

@@ -1,15 +1,12 @@
 """FMI calls in random order and with random arguments, on the native FMUs as the sanitizers of gcc compile them."""
 
-from __future__ import annotations
-
-import atexit
-import shutil
 import tempfile
 import zipfile
 from functools import cache
 from pathlib import Path
 
 from tests.compiler.native.conftest import fuzz_program, run, sanitized_objects
+from tests.hostile.commands import workshop
 from tests.hostile.table import Corpus
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
@@ -22,8 +19,7 @@ UNITS = (
 
 @cache
 def _program(unit: str, version: str) -> Path:
-    folder = Path(tempfile.mkdtemp(prefix="vdfmu_hostile_"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    folder = Path(tempfile.mkdtemp(dir=workshop()))
     robot = load_robot("planar_2dof")
     fmu = build_fmus(robot, folder, units=[unit], backend="native", fmi_version=version)[unit]
     with zipfile.ZipFile(fmu) as archive:

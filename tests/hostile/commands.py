@@ -1,7 +1,5 @@
 """Commands that the tries of signals and faults start, what they begin with, and what is left of them."""
 
-from __future__ import annotations
-
 import atexit
 import json
 import os
@@ -35,13 +33,7 @@ class Process:
     """A command that runs in `folder`, with temporary folders and its output there."""
 
     def __init__(
-        self,
-        folder: Path,
-        words: Sequence[str],
-        *,
-        cold: bool = False,
-        before: Sequence[str] = (),
-        **changes: str,
+        self, folder: Path, words: Sequence[str], *, cold: bool = False, before: Sequence[str] = (), **changes: str
     ) -> None:
         """Start it, with an empty cache or that of this process, by another program, and in a changed environment."""
         self.temporary = folder / "tmp"

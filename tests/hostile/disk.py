@@ -1,7 +1,5 @@
 """Each file operation of each command fails once: with an error of the disk, for want of a right, or of room."""
 
-from __future__ import annotations
-
 import atexit
 import errno
 import json
@@ -77,12 +75,7 @@ class Disk:
             "TMPDIR": str(self.place / "tmp"), "VDFMU_CACHE_DIR": str(self.place / "cache"),
             "HOME": str(self.home / "user"), "ZIG_GLOBAL_CACHE_DIR": str(cache_folder() / COMPILER),
         }  # fmt: skip
-        asked = {
-            "words": words,
-            "folder": str(self.place),
-            "said": str(self._said),
-            "environment": environment,
-        }
+        asked = {"words": words, "folder": str(self.place), "said": str(self._said), "environment": environment}
         assert self._server.stdin is not None and self._server.stdout is not None
         self._server.stdin.write(json.dumps(asked) + "\n")
         self._server.stdin.flush()

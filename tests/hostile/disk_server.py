@@ -3,8 +3,6 @@
 It gets a line of JSON for each command, and answers with lines: the number of the process, then its exit code.
 """
 
-from __future__ import annotations
-
 import importlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Disks that are full, folders and files that cannot be written or read, and names that lead nowhere."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Callable
@@ -36,14 +34,7 @@ def _limited(size: int) -> tuple[str, ...]:
     return ("prlimit", f"--fsize={size}")
 
 
-_READ_ONLY = (
-    "unshare",
-    "-rm",
-    "sh",
-    "-c",
-    'mount --bind out out && mount -o remount,bind,ro out && exec "$@"',
-    "sh",
-)
+_READ_ONLY = ("unshare", "-rm", "sh", "-c", 'mount --bind out out && mount -o remount,bind,ro out && exec "$@"', "sh")
 _GONE = ("sh", "-c", 'mkdir gone && cd gone && rmdir ../gone && exec "$@"', "sh")
 _NO_OUTPUT = ("sh", "-c", 'exec "$@" > /dev/full', "sh")
 

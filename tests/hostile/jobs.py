@@ -1,7 +1,5 @@
 """Every command that reads or writes files, what it finds, and whether what it leaves is whole."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,6 +8,8 @@ from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as parquet
+
+from tests.hostile.commands import BUILD, OTHER, RUN, SIMULATE
 
 
 @dataclass(frozen=True)
@@ -59,9 +59,7 @@ def begin(folder: Path) -> None:
     (folder / "out" / "mine.txt").write_text("mine")
 
 
-_RUN = ("run", "planar_tracking", "--out", "out", "--stop")
-_OTHER = ("--set", "controller.K_p=1500")
-_EARLIER = (*_RUN, "0.02", *_OTHER)
+_EARLIER = (*RUN, "0.02", *OTHER)
 _SWEEP = (
     "sweep", "planar_tracking", "--over", "controller.K_p=900,1000", "--stop", "0.02", "--workers", "1", "--chunk", "1",
     "--out", "out", "--engine", "fmu",
@@ -71,18 +69,16 @@ _TUNE = (
     "--workers", "1", "--method", "global", "--out", "out", "--budget",
 )  # fmt: skip
 _PACKAGE = ("ssp", "planar_tracking", "--out", "arm.ssp")
-_SIMULATE = ("simulate", "arm.ssp", "--out", "out", "--stop")
-_BUILD = ("build", "planar_tracking", "--out", "out")
 _SSP = ("ssp", "planar_tracking", "--out", "out/arm.ssp")
-_CONTAINER = ("container", "planar_tracking", "--out", "out/arm.fmu")
+CONTAINER = ("container", "planar_tracking", "--out", "out/arm.fmu")
 _IDENTIFY = ("identify", "out/results.csv", "--robot", "planar_2dof", "--overwrite", "-o", "robot.toml")
 JOBS = {
-    "run": Job((*_RUN, "0.02"), (_EARLIER,), together=True),
-    "run, Parquet": Job((*_RUN, "0.02", "--format", "csv,parquet"), (_EARLIER,), together=True),
-    "simulate": Job((*_SIMULATE, "0.05"), (_PACKAGE, (*_SIMULATE, "0.02")), together=True),
+    "run": Job((*RUN, "0.02"), (_EARLIER,), together=True),
+    "run, Parquet": Job((*RUN, "0.02", "--format", "csv,parquet"), (_EARLIER,), together=True),
+    "simulate": Job((*SIMULATE, "0.05"), (_PACKAGE, (*SIMULATE, "0.02")), together=True),
     "federate": Job(
         ("federate", "arm.ssp", "--split", "plant", "--out", "out", "--stop", "0.05"),
-        (_PACKAGE, (*_SIMULATE, "0.02")), together=True,
+        (_PACKAGE, (*SIMULATE, "0.02")), together=True,
     ),
     "sweep": Job(_SWEEP),
     "sweep, half done": Job(_SWEEP, (_SWEEP, _half)),
@@ -91,17 +87,17 @@ JOBS = {
     "sweep plot": Job(("sweep", "plot", "out"), (_SWEEP,)),
     "tune": Job((*_TUNE, "3")),
     "tune, more": Job((*_TUNE, "5"), ((*_TUNE, "3"),)),
-    "build": Job(_BUILD, ((*_BUILD, *_OTHER),)),
-    "ssp": Job(_SSP, ((*_SSP, *_OTHER),)),
-    "container": Job(_CONTAINER, ((*_CONTAINER, *_OTHER),)),
+    "build": Job(BUILD, ((*BUILD, *OTHER),)),
+    "ssp": Job(_SSP, ((*_SSP, *OTHER),)),
+    "container": Job(CONTAINER, ((*CONTAINER, *OTHER),)),
     "reference": Job(("reference", "planar_tracking", "--out", "out")),
     "report": Job(("report", "out"), (_EARLIER,)),
-    "check of an FMU": Job(("check", "out/Plant.fmu"), (_BUILD,)),
+    "check of an FMU": Job(("check", "out/Plant.fmu"), (BUILD,)),
     "check of a package": Job(("check", "arm.ssp"), (_PACKAGE,)),
     "robot import": Job(("robot", "import", "arm.urdf", "--overwrite", "-o", "arm.toml"), (_urdf,)),
     "robot reach": Job(("robot", "reach", "planar_2dof", "--overwrite", "-o", "out/reach.toml")),
     "motion": Job(("motion", "motion.toml", "-o", "out/motion.png"), (_motion,)),
-    "identify": Job(_IDENTIFY, ((*_RUN, "1", "--no-reference"),)),
+    "identify": Job(_IDENTIFY, ((*RUN, "1", "--no-reference"),)),
     "unit new": Job(("unit", "new", "brake", "--out", "out/brake.py")),
 }  # fmt: skip
 """Commands with what is there before them."""

@@ -1,7 +1,5 @@
 """Robots and scenarios that mean harm: the shipped files with other numbers, texts and lines."""
 
-from __future__ import annotations
-
 import dataclasses
 import random
 import re

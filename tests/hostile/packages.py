@@ -1,7 +1,5 @@
 """Packages that mean harm: damaged zip files and changed XML, made of two small valid ones."""
 
-from __future__ import annotations
-
 import io
 import random
 import re

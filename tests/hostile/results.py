@@ -1,8 +1,5 @@
 """Corpora: summaries and logs with changes, which `vdfmu report` and `vdfmu identify` read."""
 
-from __future__ import annotations
-
-import atexit
 import copy
 import json
 import os
@@ -16,6 +13,7 @@ from typing import Any
 import numpy as np
 
 import vdfmu
+from tests.hostile.commands import workshop
 from tests.hostile.table import Corpus
 from vdfmu.engine.simulate import run_system
 from vdfmu.study.identify.log import read_log
@@ -31,8 +29,7 @@ _VALUES: tuple[Any, ...] = (
 @cache
 def _runs() -> list[Path]:
     """Return folders of a run with an arm and of one of a package."""
-    home = Path(mkdtemp(prefix="vdfmu_hostile_runs_"))
-    atexit.register(shutil.rmtree, home, ignore_errors=True)
+    home = Path(mkdtemp(dir=workshop()))
     vdfmu.run("planar_tracking", stop=0.02, out=home / "arm")
     run_system(home / "arm" / "system.ssp", stop=0.02, out=home / "package")
     return [home / "arm", home / "package"]

@@ -1,7 +1,5 @@
 """Many runs in one process: in threads at once, and one after another; all give the same, and nothing grows."""
 
-from __future__ import annotations
-
 import gc
 import os
 import threading
@@ -80,11 +78,6 @@ def in_a_row(runs: int, number: int, folder: Path) -> None:
 CORPORA = [
     Corpus("8 threads x 50 runs in a process", 1, partial(threads, 50), quick=0, seconds=600.0, each=8 * 50),
     Corpus(
-        "2,000 runs in a process, one after another",
-        1,
-        partial(in_a_row, 2000),
-        quick=0,
-        seconds=1800.0,
-        each=2000,
+        "2,000 runs in a process, one after another", 1, partial(in_a_row, 2000), quick=0, seconds=1800.0, each=2000
     ),
 ]

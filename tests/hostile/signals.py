@@ -1,7 +1,5 @@
 """Ctrl-C, SIGTERM and SIGHUP at random moments of every command."""
 
-from __future__ import annotations
-
 import fcntl
 import random
 import shutil
@@ -12,15 +10,14 @@ from functools import cache
 from pathlib import Path
 
 from tests.hostile.commands import BUILD, OTHER, PATIENCE, RUN, SIGNALS, SSP, Process, done, workshop
-from tests.hostile.jobs import JOBS, Job, begin, files, require_nothing_left, require_whole
+from tests.hostile.jobs import CONTAINER, JOBS, Job, begin, files, require_nothing_left, require_whole
 from tests.hostile.table import Corpus
 from vdfmu.base.errors import VdfmuError
 
-_CONTAINER = ("container", "planar_tracking", "--out", "out/arm.fmu")
 _PACKAGE = (*SSP, "arm.ssp")
 COMMANDS = (
     *JOBS.values(),
-    Job(_CONTAINER, ((*_CONTAINER, *OTHER),), cold=True),
+    Job(CONTAINER, ((*CONTAINER, *OTHER),), cold=True),
     Job(BUILD, ((*BUILD, *OTHER),), cold=True),
     Job((*RUN, "0.2"), ((*RUN, "0.1"),), together=True, cold=True),
     Job((*RUN, "0.05", "--backend", "python"), ((*RUN, "0.1"),), together=True),
@@ -111,11 +108,5 @@ def stopped(number: int, folder: Path) -> None:
 
 
 CORPORA = [
-    Corpus(
-        "signals at random moments of every command",
-        8 * len(COMMANDS),
-        stopped,
-        quick=4,
-        seconds=3 * PATIENCE,
-    )
+    Corpus("signals at random moments of every command", 8 * len(COMMANDS), stopped, quick=4, seconds=3 * PATIENCE)
 ]

@@ -1,8 +1,5 @@
 """Corpus: studies of sweeps whose files are changed, which are read, reported and gone on with."""
 
-from __future__ import annotations
-
-import atexit
 import json
 import random
 import shutil
@@ -14,6 +11,7 @@ from typing import Any
 import pyarrow.parquet as parquet
 
 import vdfmu
+from tests.hostile.commands import workshop
 from tests.hostile.results import changed
 from tests.hostile.table import Corpus
 from vdfmu.base.errors import VdfmuError
@@ -22,21 +20,14 @@ from vdfmu.study.sweeps.study import Sweep
 
 def _sweep(folder: Path) -> Sweep:
     return vdfmu.sweep(
-        "planar_tracking",
-        ["controller.K_p=900,1000,1100"],
-        stop=0.02,
-        workers=1,
-        chunk=1,
-        engine="fmu",
-        out=folder,
+        "planar_tracking", ["controller.K_p=900,1000,1100"], stop=0.02, workers=1, chunk=1, engine="fmu", out=folder
     )
 
 
 @cache
 def _study() -> tuple[Path, Path, Any]:
     """Return folders of a study that is done and of one that was stopped after two points, and the rows."""
-    home = Path(mkdtemp(prefix="vdfmu_hostile_study_"))
-    atexit.register(shutil.rmtree, home, ignore_errors=True)
+    home = Path(mkdtemp(dir=workshop()))
     done, half = home / "done", home / "half"
     rows = _rows(_sweep(done))
     shutil.copytree(done, half)

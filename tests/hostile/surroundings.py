@@ -1,7 +1,5 @@
 """Commands where names are not UTF-8, memory is short, or a component leaves a process behind."""
 
-from __future__ import annotations
-
 import os
 import random
 import shutil

@@ -1,7 +1,5 @@
 """Corpora of hostile inputs, and the table of tries and failures."""
 
-from __future__ import annotations
-
 import tempfile
 import time
 from collections.abc import Callable, Iterable

@@ -1,7 +1,5 @@
 """Components that mean harm: what the checker keeps of them, and what it lets them take."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import time
@@ -152,10 +150,7 @@ def test_check_says_that_it_runs_code(unit):
 
     def said(*options: str) -> tuple[str, str]:
         done = subprocess.run(
-            [sys.executable, "-m", "vdfmu.cli", "check", path, *options],
-            capture_output=True,
-            text=True,
-            timeout=300,
+            [sys.executable, "-m", "vdfmu.cli", "check", path, *options], capture_output=True, text=True, timeout=300
         )
         return done.stdout, done.stderr
 

@@ -1,7 +1,5 @@
 """A few inputs of each hostile corpus; `make hostile` tries them all."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.hostile.corpora import CORPORA
@@ -32,10 +30,7 @@ def test_the_table_counts_failures() -> None:
 
     row = tried(Corpus("made up", 4, attempt), range(4))
     assert (row.refused, row.failures) == (2, 2)
-    assert row.examples == [
-        "made up, number 0: is refused without a word",
-        "made up, number 2: KeyError: 'name'",
-    ]
+    assert row.examples == ["made up, number 0: is refused without a word", "made up, number 2: KeyError: 'name'"]
     assert "| made up | 4 | 2 | 2 |" in table([row])
     page = f"Figures\n\n{table([Row('made up', 9), Row('other', 7)])}\n\nEnd"
     assert replaced(page, [row, Row("new", 1)]) == f"Figures\n\n{table([row, Row('other', 7), Row('new', 1)])}\n\nEnd"

@@ -1,7 +1,5 @@
 """File operations of commands that fail, one after another: nothing is lost, and the same command succeeds then."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.hostile.disk import failed as fail

@@ -1,7 +1,5 @@
 """What the tries of faults found: packages that never end, and a build that is refused when half of it is replaced."""
 
-from __future__ import annotations
-
 import os
 
 import pytest

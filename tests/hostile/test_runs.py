@@ -1,7 +1,5 @@
 """A few runs in one process, and that what they leave behind is seen."""
 
-from __future__ import annotations
-
 import mmap
 import os
 

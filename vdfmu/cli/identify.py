@@ -53,7 +53,7 @@ def identify(
     say_notes(found.advice)
     if plot is not None:
         from vdfmu.base.style import save
-        from vdfmu.study.report.identify import draw_torques
+        from vdfmu.study.report.drawings import draw_torques
 
         title = f"Identification of {arm.name} from {log.name}"
         units = tuple("N" if kind == "prismatic" else "N.m" for kind in arm.joint_types)

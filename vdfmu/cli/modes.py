@@ -107,7 +107,7 @@ def _draw_bode(robot: Robot, q: list[float], joint: int, dry: bool, target: Path
     from vdfmu.base.style import save
     from vdfmu.study.analysis.arm_space import linearize
     from vdfmu.study.analysis.bode import joint_bode
-    from vdfmu.study.report.modes import draw_bode
+    from vdfmu.study.report.drawings import draw_bode
 
     system = linearize(robot, q, dry=dry)
     found = joint_bode(system, joint)
@@ -128,7 +128,7 @@ def _over_path(robot: str, path: str, dry: bool, out: Path | None, overwrite: bo
     target = target_file(out, f"{scenario.name}_modes.png", overwrite)
     from vdfmu.base.style import save
     from vdfmu.study.analysis.modes import MOTORS, modes_along, ranges
-    from vdfmu.study.report.modes import draw_modes
+    from vdfmu.study.report.drawings import draw_modes
 
     times, along = modes_along(scenario, dry=dry)
     n = scenario.arm.n

@@ -52,7 +52,7 @@ def motion(
     say(f"{found.duration:.6g} s in {len(found.knots) - 1} pieces{closed}; rad or m, s, N.m or N, link-side")
     if target is not None:
         from vdfmu.base.style import save
-        from vdfmu.study.report.motion import draw_motion
+        from vdfmu.study.report.drawings import draw_motion
 
         save(draw_motion(f"Motion: {path.stem}, {arm.name}", arm, t, q), target)
         say(f"Written to {target}")

@@ -1,7 +1,5 @@
 """Frequency responses: the closed form of two masses on a spring, and MuJoCo's derivatives of the same arm."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import mujoco

@@ -1,7 +1,5 @@
 """Linearisation and margins: against closed forms, and against the nonlinear sampled simulation."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -116,8 +114,7 @@ def test_the_arm_at_rest_is_linearised_as_masses_and_springs():
 
 
 @pytest.mark.parametrize(
-    ("master", "factor"),
-    [("gauss-seidel", 6.0), *heavy(("gauss-seidel", 1.0), ("jacobi", 1.0), ("jacobi", 4.0))],
+    ("master", "factor"), [("gauss-seidel", 6.0), *heavy(("gauss-seidel", 1.0), ("jacobi", 1.0), ("jacobi", 4.0))]
 )
 def test_the_nonlinear_loop_moves_as_the_linear_one_near_rest(master, factor, tmp_path):
     """Each state of the simulation leads to the next by the closed loop's matrix, stable or not."""

@@ -1,7 +1,5 @@
 """The arm at a pose as a linear system, and its modes: closed forms, energies, differences and runs of the plant."""
 
-from __future__ import annotations
-
 import dataclasses
 import sys
 from types import SimpleNamespace
@@ -216,11 +214,7 @@ def test_the_linear_system_goes_to_other_tools(monkeypatch):
     monkeypatch.setitem(sys.modules, "control", SimpleNamespace(ss=lambda *args, **names: (args, names)))
     args, names = system.to_control()
     assert args == (system.A, system.B, system.C, system.D)
-    assert names == {
-        "states": [*system.states],
-        "inputs": [*system.inputs],
-        "outputs": [*system.outputs],
-    }
+    assert names == {"states": [*system.states], "inputs": [*system.inputs], "outputs": [*system.outputs]}
     # python-control refuses names with a dot
     _, names = dataclasses.replace(system, inputs=("plant.tau[1]", *system.inputs[1:])).to_control()
     assert names["inputs"] == ["plant_tau[1]", *system.inputs[1:]]

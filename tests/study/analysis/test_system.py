@@ -1,7 +1,5 @@
 """Whole systems linearised by their FMUs: against the traced loop, the matrix exponential and the nonlinear run."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -52,11 +50,7 @@ def test_the_sampled_system_moves_as_the_nonlinear_run(master, tmp_path):
     rows = []
     for move in (0.0, 1e-5):
         found = vdfmu.run(
-            scenario,
-            settings=SHORT | {"plant.q_0": [-1.2 + move, 0.4]},
-            stop=0.01,
-            reference=False,
-            out=tmp_path,
+            scenario, settings=SHORT | {"plant.q_0": [-1.2 + move, 0.4]}, stop=0.01, reference=False, out=tmp_path
         )
         rows.append(np.hstack([found[f"plant.{g}"] for g in ("q", "q_dot", "kappa_dot", "tau_s")]))
         waiting = found["controller.tau"][0]
@@ -114,30 +108,15 @@ def test_an_input_is_opened_once():
 @pytest.mark.heavy
 def test_what_cannot_be_linearised_is_said():
     for call, message in (
-        (
-            lambda: margins_along("planar_tracking", ["plant.q"], [0.0]),
-            "plant.q: expected connected continuous inputs",
-        ),
-        (
-            lambda: margins_along("planar_tracking", at=[0.0], master="iterative"),
-            "expected gauss-seidel or jacobi",
-        ),
-        (
-            lambda: vdfmu.linearize("planar_tracking", 0.0, backend="python"),
-            "plant: expected FMUs with directional",
-        ),
+        (lambda: margins_along("planar_tracking", ["plant.q"], [0.0]), "plant.q: expected connected continuous inputs"),
+        (lambda: margins_along("planar_tracking", at=[0.0], master="iterative"), "expected gauss-seidel or jacobi"),
+        (lambda: vdfmu.linearize("planar_tracking", 0.0, backend="python"), "plant: expected FMUs with directional"),
         (
             lambda: vdfmu.linearize("planar_tracking", [0.1, 0.2]),
             "expected a Robot, got str .* A scenario or a package takes a time in s instead of positions",
         ),
-        (
-            lambda: vdfmu.linearize(vdfmu.load_robot("planar_2dof"), [0.1, 0.2], sampled=True),
-            "for systems at a time",
-        ),
-        (
-            lambda: vdfmu.linearize("planar_tracking", -1.0),
-            "at: expected a time of the run, which starts at 0 s",
-        ),
+        (lambda: vdfmu.linearize(vdfmu.load_robot("planar_2dof"), [0.1, 0.2], sampled=True), "for systems at a time"),
+        (lambda: vdfmu.linearize("planar_tracking", -1.0), "at: expected a time of the run, which starts at 0 s"),
         (lambda: margins_along("planar_tracking", at=[np.nan]), "at: expected a time .* got nan s"),
         (lambda: vdfmu.linearize("planar_tracking", "x"), "at: expected positions of the joints, or a time"),
         (lambda: vdfmu.linearize("planar_tracking", 0.1, dry=True), "dry: this is for an arm"),

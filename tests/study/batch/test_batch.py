@@ -1,7 +1,5 @@
 """Runs side by side are those of the FMUs: whatever varies, whatever fails, whichever lanes they have."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from pathlib import Path
@@ -76,11 +74,7 @@ def assert_same_runs(rows, others):
                 np.testing.assert_allclose(row[name], values, rtol=0.0, atol=atol, err_msg=name)
 
 
-_ROBOTS = [
-    *heavy("tracking"),
-    "slider",
-    *heavy("options"),
-]
+_ROBOTS = [*heavy("tracking"), "slider", *heavy("options")]
 
 
 @pytest.mark.heavy
@@ -104,11 +98,7 @@ def test_all_that_can_vary_gives_the_runs_of_the_fmus(bench, with_options, scena
 def test_inputs_from_outside_and_both_masters(bench, master):
     t = np.array([0.0, 0.013, 0.0301, 0.05])
     inputs = {"plant.F_e[1]": (t, np.array([0.0, 20.0, -5.0, 3.0]))}
-    over = {
-        "plant.tolerance": [1e-5, 1e-7, 1e-9],
-        "trajectory.t_start": [0.0, 0.02],
-        "plant.F_e[2]": [0.0, 4.0],
-    }
+    over = {"plant.tolerance": [1e-5, 1e-7, 1e-9], "trajectory.t_start": [0.0, 0.02], "plant.F_e[2]": [0.0, 4.0]}
     for hold in (False, True):
         options = {"master": master, "stop": 0.06, "inputs": inputs, "input_hold": hold}
         assert_same_runs(*bench("planar_tracking", over, **options))
@@ -193,11 +183,7 @@ def test_a_point_that_ends_the_process_costs_its_own_row(tmp_path):
     ("over", "options", "words"),
     [
         ({"feedforward.mode": "vdc, inverse"}, {}, r"feedforward.mode: decides what is compiled"),
-        (
-            {"plant.mass[1]": "1, 2"},
-            {"master": "iterative"},
-            "master: expected gauss-seidel or jacobi, got iterative",
-        ),
+        ({"plant.mass[1]": "1, 2"}, {"master": "iterative"}, "master: expected gauss-seidel or jacobi, got iterative"),
     ],
 )
 def test_what_cannot_go_side_by_side_is_said_and_left_to_the_fmus(over, options, words):
@@ -222,6 +208,16 @@ def test_packages_and_few_points_are_run_by_fmus(tmp_path, bench):
         make_plan(path, {"plant.mass[1]": "1, 2"}, measure=["m=max(plant.q)"], engine="batch")
 
 
+def scenario_file(folder, units):
+    """Write a system and its scenario, and return the latter."""
+    (folder / "system.toml").write_text(f'name = "own"\ndescription = "units of a user"\n\n[units]\n{units}')
+    (folder / "scenario.toml").write_text(
+        'name = "own"\ndescription = "units of a user"\nsystem = "system.toml"\n'
+        'robot = "planar_2dof"\nstop = 0.2\nstep = 0.01\nmaster = "gauss-seidel"\ntolerance = 1e-8\n'
+    )
+    return folder / "scenario.toml"
+
+
 @pytest.mark.heavy
 def test_units_of_a_user_with_states_and_twice_in_a_system(bench, tmp_path):
     (tmp_path / "wave.py").write_text(
@@ -232,16 +228,11 @@ def test_units_of_a_user_with_states_and_twice_in_a_system(bench, tmp_path):
     )
     filter_ = (Path(__file__).parents[3] / "examples" / "units" / "low_pass.py").read_text()
     (tmp_path / "low_pass.py").write_text(filter_)
-    (tmp_path / "system.toml").write_text(
-        'name = "filters"\ndescription = "two filters"\n\n[units]\nwave = "wave.py"\na = "low_pass.py"\n'
-        'b = "low_pass.py"\n\n[connections]\n"wave.y" = ["a.u"]\n"a.y" = ["b.u"]\n'
-    )
-    (tmp_path / "scenario.toml").write_text(
-        'name = "filters"\ndescription = "two filters"\nsystem = "system.toml"\n'
-        'robot = "planar_2dof"\nstop = 0.2\nstep = 0.01\nmaster = "gauss-seidel"\ntolerance = 1e-8\n'
+    units = (
+        'wave = "wave.py"\na = "low_pass.py"\nb = "low_pass.py"\n\n[connections]\n"wave.y" = ["a.u"]\n"a.y" = ["b.u"]\n'
     )
     over = {"a.T": "0.01, 0.1", "b.T": "0.02, 1e-4, 0.05", "wave.f": "10, 60"}
-    rows, others = bench(tmp_path / "scenario.toml", over, measure=["end=final(b.y)"])
+    rows, others = bench(scenario_file(tmp_path, units), over, measure=["end=final(b.y)"])
     assert_same_runs(rows, others)
     assert not bench.needed
     assert len({row["end"] for row in rows}) == 12
@@ -257,13 +248,8 @@ def test_what_a_unit_requires_of_its_parameters_holds_in_lanes_too(bench, tmp_pa
         '        return {"high": ("high > low", self.high - self.low)}\n\n'
         "    def derivatives(self) -> None:\n        self.y_dot = self.high + self.low\n"
     )
-    (tmp_path / "system.toml").write_text('name = "bands"\ndescription = "a band"\n\n[units]\na = "band.py"\n')
-    (tmp_path / "scenario.toml").write_text(
-        'name = "bands"\ndescription = "a band"\nsystem = "system.toml"\n'
-        'robot = "planar_2dof"\nstop = 0.2\nstep = 0.01\nmaster = "gauss-seidel"\ntolerance = 1e-8\n'
-    )
     over = {"a.low": "0, 0.5, 3", "a.high": "0.2, 1"}
-    rows, others = bench(tmp_path / "scenario.toml", over, measure=["end=final(a.y)"])
+    rows, others = bench(scenario_file(tmp_path, 'a = "band.py"\n'), over, measure=["end=final(a.y)"])
     assert [row["failed"] for row in rows] == [row["failed"] for row in others]
     # three of the six: 0.5 and 3 are above 0.2, 3 above 1
     assert sum("high > low" in str(row["failed"]) for row in rows) == 3

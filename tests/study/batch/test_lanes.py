@@ -1,7 +1,5 @@
 """The functions of lanes.h against numpy's in extended precision, and that lanes do not meet."""
 
-from __future__ import annotations
-
 from ctypes import c_int64, c_void_p
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The regressor and the base parameters: against Pinocchio, the recursion of the paper, and ranks."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The browser of :mod:`vdfmu.study.report.browser`, with keys, a mouse, and what it said and asked a network for."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 from typing import Any

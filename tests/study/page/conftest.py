@@ -1,16 +1,6 @@
-"""A browser for the tests of a module, and that it stayed quiet."""
-
-from __future__ import annotations
+"""That a browser stayed quiet."""
 
 import pytest
-
-from tests.study.page.browser import Browser
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    with Browser(tmp_path_factory.mktemp("profile")) as one:
-        yield one
 
 
 @pytest.fixture
@@ -20,7 +10,4 @@ def quiet(browser):
     browser.requests.clear()
     yield
     assert browser.problems == []
-    assert [url for url in browser.requests if not url.startswith(("data:", "about:", "blob:"))] in (
-        [],
-        browser.asked,
-    )
+    assert [url for url in browser.requests if not url.startswith(("data:", "about:", "blob:"))] in ([], browser.asked)

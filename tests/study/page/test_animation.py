@@ -1,7 +1,5 @@
 """The arm of a run, moving: what a notebook gets, and what is written."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import json
@@ -45,16 +43,18 @@ def test_a_notebook_gets_the_page_with_the_arm_alone(arm, tmp_path):
 
 
 def test_results_without_an_arm_and_wrong_options_are_told(arm, tmp_path):
-    with pytest.raises(UsageError, match=r"animate: the results are not those of an arm: expected what vdfmu\.run"):
-        vdfmu.animate(results("plant.q"))
-    with pytest.raises(UsageError, match=r"positions of the joints, plant\.q; they have none"):
-        vdfmu.animate(results("plant.x", arm={}))
-    with pytest.raises(UsageError, match="expected the folder of a run"):
-        vdfmu.animate(tmp_path)
-    with pytest.raises(UsageError, match=r"arm\.mp4: expected a name that ends with \.html, \.gif or \.webp"):
-        arm.save(tmp_path / "arm.mp4")
-    with pytest.raises(UsageError, match="got 480, 1 and 5"):
-        arm.save(tmp_path / "arm.gif", frames=1)
+    for call, words in (
+        (
+            lambda: vdfmu.animate(results("plant.q")),
+            r"animate: the results are not those of an arm: expected what vdfmu",
+        ),
+        (lambda: vdfmu.animate(results("plant.x", arm={})), r"positions of the joints, plant\.q; they have none"),
+        (lambda: vdfmu.animate(tmp_path), "expected the folder of a run"),
+        (lambda: arm.save(tmp_path / "arm.mp4"), r"arm\.mp4: expected a name that ends with \.html, \.gif or \.webp"),
+        (lambda: arm.save(tmp_path / "arm.gif", frames=1), "got 480, 1 and 5"),
+    ):
+        with pytest.raises(UsageError, match=words):
+            call()
 
 
 def test_pictures_without_a_browser_say_what_is_needed(arm, tmp_path, monkeypatch):

@@ -1,7 +1,5 @@
 """The page of a run in a browser: what it shows, what it does, what it asks for."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the page of a run is made of: numbers, checks, files; without a browser."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import io
@@ -24,16 +22,7 @@ from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import Check, checks_of, verdict_of
 from vdfmu.study.report import content, page
 from vdfmu.study.report.content import EXTREMES, FRAMES, arm_of, content_of
-from vdfmu.study.report.page import (
-    MODULES,
-    WORKER,
-    ShownRun,
-    newest_run,
-    read_run,
-    report_page,
-    script,
-    write_report,
-)
+from vdfmu.study.report.page import MODULES, WORKER, ShownRun, newest_run, read_run, report_page, script, write_report
 from vdfmu.study.report.tables import verdict_table
 from vdfmu.study.run.verdict import run_checks
 

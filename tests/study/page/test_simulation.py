@@ -1,7 +1,5 @@
 """What the page needs to run a scenario again, and whether its own run is that of the FMUs."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import json
@@ -110,14 +108,7 @@ def test_a_loop_whose_solutions_separate_is_judged_by_how_far(planar, made):
 def test_knobs_are_parameters_of_the_run(planar, made):
     found = found_in(planar)[0]
     knobs = {knob["key"]: knob for knob in found["knobs"]}
-    assert list(knobs) == [
-        "controller.K_p",
-        "controller.K_v",
-        "plant.mass",
-        "plant.K_f0",
-        "plant.f_c",
-        "trajectory.T",
-    ]
+    assert list(knobs) == ["controller.K_p", "controller.K_v", "plant.mass", "plant.K_f0", "plant.f_c", "trajectory.T"]
     gains = knobs["controller.K_p"]
     assert (gains["values"], gains["units"]) == ([1500.0, 1500.0], ["N.m/rad", "N.m/rad"])
     assert knobs["plant.mass"]["known"] == [
@@ -158,10 +149,7 @@ def test_sliders_of_two_arms_say_of_which_and_each_feedforward_knows_its_own(tmp
     assert len(words) == len(set(words)) == 12
     assert {"Proportional gains, controller", "Proportional gains, controller_2"} <= set(words)
     masses = [knob for knob in knobs(both) if knob["words"].startswith("Masses")]
-    assert [{target["unit"] for target in knob["known"]} for knob in masses] == [
-        {"feedforward"},
-        {"feedforward_2"},
-    ]
+    assert [{target["unit"] for target in knob["known"]} for knob in masses] == [{"feedforward"}, {"feedforward_2"}]
 
 
 def test_a_run_without_references_says_why_its_loop_may_differ(planar, made):
@@ -226,12 +214,6 @@ TOLERANCES = {"rad": 1e-9, "m": 1e-9, "1": 1e-9, "rad/s": 1e-7, "N.m": 1e-5, "J"
 
 Seen: 1e-15 rad, as the same C is stepped in the same order, with other sin, cos and tanh.
 """
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    with Browser(tmp_path_factory.mktemp("profile")) as one:
-        yield one
 
 
 @pytest.fixture(scope="module")

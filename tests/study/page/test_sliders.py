@@ -1,7 +1,5 @@
 """The panel that simulates: sliders, what they change in the figures, the arm and the tables, and what goes wrong."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -160,10 +158,7 @@ def test_a_mass_of_one_link_and_what_the_feedforward_knows(run, browser):
     unknown = np.abs(simulated(browser, 1)).max()
     browser.run(f"(async () => {{ document.querySelector('.knob .chip').click(); {DONE} }})()")
     known = np.abs(simulated(browser, 1)).max()
-    assert {change["unit"] for change in browser.run("report.simulation.changes()")} == {
-        "plant",
-        "feedforward",
-    }
+    assert {change["unit"] for change in browser.run("report.simulation.changes()")} == {"plant", "feedforward"}
     assert known < 0.1 * unknown  # an arm that is known is followed as well as before
 
 
@@ -243,11 +238,7 @@ def test_keys_and_names_of_the_sliders(run, browser):
     assert unnamed == []
     tree = browser.call("Accessibility.getFullAXTree")["nodes"]
     names = {(node["role"]["value"], node.get("name", {}).get("value")) for node in tree if not node["ignored"]}
-    assert {
-        ("slider", "Derivative gains"),
-        ("combobox", "Derivative gains: joint"),
-        ("button", "Reset"),
-    } <= names
+    assert {("slider", "Derivative gains"), ("combobox", "Derivative gains: joint"), ("button", "Reset")} <= names
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -1,7 +1,5 @@
 """Runs made up for the pictures: any number and type of joints, data that differ from joint to joint."""
 
-from __future__ import annotations
-
 import dataclasses
 from types import SimpleNamespace
 
@@ -16,12 +14,7 @@ from vdfmu.engine.results.results import Results
 from vdfmu.system.scenario import Scenario, load_scenario
 
 POINTS = 801
-TYPES = {
-    1: ("revolute",),
-    2: ("revolute", "revolute"),
-    3: ("revolute", "prismatic", "revolute"),
-    6: ("revolute",) * 6,
-}
+TYPES = {1: ("revolute",), 2: ("revolute", "revolute"), 3: ("revolute", "prismatic", "revolute"), 6: ("revolute",) * 6}
 """Joint types of the chains, by number of joints."""
 
 

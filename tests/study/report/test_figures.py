@@ -1,7 +1,5 @@
 """The pictures show the data: curves, units, legends; and the files depend on nothing else."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 import struct
@@ -25,12 +23,7 @@ from vdfmu.study.report.pictures import PICTURES, SIGNALS, picture_key, write_pi
 from vdfmu.study.report.tool import draw_tool
 from vdfmu.system.scenario import load_scenario
 
-ONE, TWO, MIXED, SIX = (
-    ("revolute",),
-    ("revolute",) * 2,
-    ("revolute", "prismatic", "revolute"),
-    ("revolute",) * 6,
-)
+ONE, TWO, MIXED, SIX = (("revolute",), ("revolute",) * 2, ("revolute", "prismatic", "revolute"), ("revolute",) * 6)
 
 
 def curves(axes) -> list[np.ndarray]:
@@ -171,8 +164,7 @@ def test_captions_say_which_run_it_is(made):
 
 
 @pytest.mark.parametrize(
-    ("setting", "mode"),
-    [("vdc", "vdc"), ("1", "vdc"), (1.0, "vdc"), ("inverse", "inverse"), ("0", "inverse")],
+    ("setting", "mode"), [("vdc", "vdc"), ("1", "vdc"), (1.0, "vdc"), ("inverse", "inverse"), ("0", "inverse")]
 )
 def test_captions_say_the_mode_that_the_settings_chose(made, setting, mode):
     results, scenario = made.results(1), made.scenario(ONE)
@@ -313,8 +305,7 @@ def test_torsion_and_the_error_of_the_tool_in_mm(made):
 
 
 @pytest.mark.parametrize(
-    ("name", "tables"),
-    [("tracking", 4), ("tracking_split", 4), ("two_joint", 5), ("slider_tracking", 0)],
+    ("name", "tables"), [("tracking", 4), ("tracking_split", 4), ("two_joint", 5), ("slider_tracking", 0)]
 )
 def test_shipped_scenarios_say_which_table(name, tables):
     assert paper_table(load_scenario(name)) == tables

@@ -1,7 +1,5 @@
 """Tables show the numbers of the summary, whole, and the terminal the same ones."""
 
-from __future__ import annotations
-
 import copy
 from typing import Any
 
@@ -40,11 +38,7 @@ TRACKING: dict[str, Any] = {
             "max_position_difference_rad": 1.234e-8,
             "max_torque_difference_nm": 5.678e-5,
         },
-        "continuous": {
-            "name": "continuous",
-            "max_position_difference_rad": 3.2e-6,
-            "max_torque_difference_nm": 2.3e-2,
-        },
+        "continuous": {"name": "continuous", "max_position_difference_rad": 3.2e-6, "max_torque_difference_nm": 2.3e-2},
     },
     "warnings": ["Joint 1: K_v*step is [bold]above[/bold] 0.5."],
     "settings": {"controller.K_p[1]": "1500"},
@@ -80,12 +74,7 @@ def test_tracking_without_a_paper_has_no_columns_for_it():
 
 
 def test_units_stand_behind_the_numbers_where_joints_differ():
-    summary = {
-        **TRACKING,
-        "position_units": ["deg", "mm", "deg"],
-        "torque_units": ["N.m", "N", "N.m"],
-        "paper": {},
-    }
+    summary = {**TRACKING, "position_units": ["deg", "mm", "deg"], "torque_units": ["N.m", "N", "N.m"], "paper": {}}
     sheet = tracking_sheet(summary)
     assert sheet.columns == ("Joint", "Position\nRMS", "Position\nmaximum", "Torque\nRMS")
     assert sheet.rows[1] == ("2", "0.0122 mm", "0.0136 mm", "0.428 N")
@@ -110,10 +99,9 @@ def test_where_solutions_separate_the_statistics_are_compared():
     said = " ".join(sheet.notes)
     assert "up to 3.2e-06 rad, which shows no error: the loop is chaotic" in said
     assert "a change of 1e-09 moves the run by 0.00059 rad" in said
-    assert (
-        "Chaotic loop",
-        "rotor inertias larger by 1e-09 of themselves move the run by 0.00059 rad or m",
-    ) in facts(summary)
+    assert ("Chaotic loop", "rotor inertias larger by 1e-09 of themselves move the run by 0.00059 rad or m") in facts(
+        summary
+    )
     assert "Chaotic loop" not in [name for name, _ in facts(TRACKING)]
 
 
@@ -143,13 +131,7 @@ def test_no_reference(summary):
     assert "reference" not in "".join(sheet.title for sheet in sheets(summary))
 
 
-@pytest.mark.parametrize(
-    ("sheet", "summary"),
-    [
-        (tracking_sheet, TRACKING),
-        (reference_sheet, TRACKING),
-    ],
-)
+@pytest.mark.parametrize(("sheet", "summary"), [(tracking_sheet, TRACKING), (reference_sheet, TRACKING)])
 def test_a_terminal_of_80_columns_shows_every_number_whole(sheet, summary):
     lines = shown(sheet_table(sheet(summary))).splitlines()
     for row in sheet(summary).rows:

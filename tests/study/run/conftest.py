@@ -1,10 +1,18 @@
 """One short run of the small arm, shared by the tests of studies."""
 
+import zipfile
+
 import pytest
 
 import vdfmu
 from vdfmu.engine.inspect import inspection as inspect
 from vdfmu.engine.rules import Finding
+
+
+def members(path):
+    """Return the content of a zip file by name."""
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,5 @@
 """Shares of the time at limits of torque, speed and travel, and the torque that motors give."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -105,11 +103,7 @@ def test_the_compensation_torque_is_what_the_motors_gave(limited):
     n = limited.n
     one = ArmLimits("plant", limited, np.full(n, np.inf))
     rows = [(20.0, 1.0, 0.0), (20.0, 3.0, 0.0)]
-    more = {
-        "trajectory_of_q_d": [0.0, 0.0],
-        "controller_of_tau": [20.0, 20.0],
-        "controller_of_tau_m": [1.0, 1.0],
-    }
+    more = {"trajectory_of_q_d": [0.0, 0.0], "controller_of_tau": [20.0, 20.0], "controller_of_tau_m": [1.0, 1.0]}
     results = recorded(rows, n, [0.0, 1.0], **more)
     found = tracking_errors(results, limited, [one])["rms_torque_compensation_error_nm"]
     assert found[0] == pytest.approx(limited.ell[0] * np.sqrt((9.0**2 + 4.0**2) / 2))

@@ -24,10 +24,7 @@ def runs(tmp_path_factory):
         key = tuple(sorted(options.items()))
         if key not in known:
             folder = tmp_path_factory.mktemp("run")
-            known[key] = (
-                folder,
-                vdfmu.run("planar_tracking", stop=STOP, out=folder, reference=False, **options),
-            )
+            known[key] = (folder, vdfmu.run("planar_tracking", stop=STOP, out=folder, reference=False, **options))
         return known[key]
 
     return once

@@ -1,11 +1,11 @@
 """Comparison of FMI 3.0 units with the reference results that they carry (FMI-LS-REF)."""
 
 import re
-import zipfile
 
 import numpy as np
 import pytest
 
+from tests.study.run.conftest import members
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.files import pack_zip
 from vdfmu.engine.inspect.inspection import inspect_file
@@ -20,11 +20,6 @@ FOLDER = "extra/org.fmi-standard.fmi-ls-ref/"
 def fmus(tmp_path_factory):
     robot = load_scenario("planar_tracking").robot
     return build_fmus(robot, tmp_path_factory.mktemp("fmus"), backend="native", fmi_version="3.0")
-
-
-def members(path):
-    with zipfile.ZipFile(path) as archive:
-        return {name: archive.read(name) for name in archive.namelist()}
 
 
 @pytest.mark.parametrize("unit", ["trajectory", "feedforward", "controller"])
@@ -186,6 +181,5 @@ def test_a_unit_that_fails_the_comparison_says_why(tmp_path, version):
     (path,) = build_fmus(None, tmp_path, units=[Length], backend="native", fmi_version=version).values()
     (problem,) = inspect_file(path).problems
     assert re.search(
-        "cannot be compared: .*state x is not finite, and the internal step reached.*fmi[23]DoStep failed",
-        problem,
+        "cannot be compared: .*state x is not finite, and the internal step reached.*fmi[23]DoStep failed", problem
     )

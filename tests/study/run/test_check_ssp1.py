@@ -68,11 +68,7 @@ def package(tmp_path):
     def write(text, members=None):
         path = tmp_path / "x.ssp"
         with zipfile.ZipFile(path, "w") as file:
-            for name, content in {
-                "SystemStructure.ssd": text,
-                "resources/m.fmu": fmu(),
-                **(members or {}),
-            }.items():
+            for name, content in {"SystemStructure.ssd": text, "resources/m.fmu": fmu(), **(members or {})}.items():
                 file.writestr(name, content)
         return path
 

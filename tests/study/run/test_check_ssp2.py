@@ -63,6 +63,21 @@ GOOD = system(
 )
 
 
+def parameter(name, value="1", of="Float64", unit="", size=0):
+    unit = f' unit="{unit}"' if unit else ""
+    dimension = f'<ssc:Dimension size="{size}"/>' if size else ""
+    return f'<ssv:Parameter name="{name}"><ssv:{of} value="{value}"{unit}/>{dimension}</ssv:Parameter>'
+
+
+def binding(*parameters, mapping="", source=""):
+    head = '<ssd:ParameterValues><ssv:ParameterSet version="2.0" name="p"><ssv:Parameters>'
+    tail = "</ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues>"
+    values = f"{head}{''.join(parameters)}{tail}" if parameters else ""
+    source = f' source="{source}"' if source else ""
+    box = f"<ssd:ParameterBinding{source}>{values}{mapping}</ssd:ParameterBinding>"
+    return f"<ssd:ParameterBindings>{box}</ssd:ParameterBindings>"
+
+
 @pytest.fixture
 def package(fmus, tmp_path):
     def write(text, extra=None):
@@ -91,12 +106,7 @@ def test_a_system_of_arrays_has_no_problems_and_its_units_are_run(package):
 @pytest.mark.heavy
 def test_all_faults_of_connectors_and_connections_come_at_once(package):
     text = system(
-        component(
-            "Trajectory",
-            connector("q_d", "output", 3),
-            connector("q_d_dot", "input"),
-            connector("x", "output"),
-        ),
+        component("Trajectory", connector("q_d", "output", 3), connector("q_d_dot", "input"), connector("x", "output")),
         component("PDController", connector("q_d", "input", 0), connector("q_d_dot", "input", of="Int32")),
         component("Plant", connector("q", "output"), connector("E_kin", "output", 0)),
         links=link(
@@ -121,26 +131,15 @@ def test_all_faults_of_connectors_and_connections_come_at_once(package):
 
 
 def test_resources_and_parameters_are_checked(package):
-    def binding(inner, attributes=""):
-        box = f"<ssd:ParameterBinding {attributes}>{inner}</ssd:ParameterBinding>"
-        return f"<ssd:ParameterBindings>{box}</ssd:ParameterBindings>"
-
-    def values(name):
-        return (
-            '<ssd:ParameterValues><ssv:ParameterSet version="2.0" name="p"><ssv:Parameters>'
-            f'<ssv:Parameter name="{name}"><ssv:Float64 value="1"/></ssv:Parameter></ssv:Parameters>'
-            "</ssv:ParameterSet></ssd:ParameterValues>"
-        )
-
     mapping = (
         '<ssd:ParameterMapping><ssm:ParameterMapping version="2.0">'
         '<ssm:MappingEntry source="time" target="T_end"/><ssm:MappingEntry source="no" target="T"/>'
         "</ssm:ParameterMapping></ssd:ParameterMapping>"
     )
     text = system(
-        component("Plant", inner=binding("", 'source="none.ssv"')),
-        component("Trajectory", inner=binding(values("time") + mapping)),
-        component("PDController", inner=binding(values("K_q"))),
+        component("Plant", inner=binding(source="none.ssv")),
+        component("Trajectory", inner=binding(parameter("time"), mapping=mapping)),
+        component("PDController", inner=binding(parameter("K_q"))),
         '<ssd:Component name="gone" source="resources/gone.fmu"/>',
     )
     report = inspect_file(package(text), run=False)
@@ -159,22 +158,11 @@ def test_resources_and_parameters_are_checked(package):
 
 
 def test_values_are_held_against_the_variables_that_their_names_lead_to(package):
-    def binding(*parameters):
-        items = "".join(f'<ssv:Parameter name="{n}"><ssv:{t} value="{v}"/></ssv:Parameter>' for n, t, v in parameters)
-        return (
-            "<ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues><ssv:ParameterSet "
-            f'version="2.0" name="p"><ssv:Parameters>{items}</ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues>'
-            "</ssd:ParameterBinding></ssd:ParameterBindings>"
-        )
-
-    inner = binding(("velocity", "String", "zero"))
+    inner = binding(parameter("velocity", "zero", "String"))
     values = binding(
-        ("PDController.velocity", "Int32", "1"),
-        ("PDController.velocity", "Int32", "0"),
-        ("Plant.nonsense", "Float64", "1"),
-        ("nope.q", "Float64", "1"),
-        ("Plant.E_kin", "Float64", "1"),
-    )
+        parameter("PDController.velocity", "1", "Int32"), parameter("PDController.velocity", "0", "Int32"),
+        *map(parameter, ("Plant.nonsense", "nope.q", "Plant.E_kin")),
+    )  # fmt: skip
     text = system(component("Plant"), component("PDController", inner=inner))
     report = inspect_file(package(text.replace("<ssd:Elements>", values + "<ssd:Elements>")), run=False)
     assert report.problems == [
@@ -202,14 +190,8 @@ def test_values_are_held_against_the_variables_that_their_names_lead_to(package)
     ],
 )
 def test_values_lie_within_the_limits_of_the_fmu(package, name, value, unit, fault):
-    unit = f' unit="{unit}"' if unit else ""
-    size = f'<ssc:Dimension size="{len(value.split())}"/>' if " " in value else ""
-    inner = (
-        '<ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues><ssv:ParameterSet version="2.0" name="p">'
-        f'<ssv:Parameters><ssv:Parameter name="{name}"><ssv:Float64 value="{value}"{unit}/>'
-        f"{size}</ssv:Parameter></ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues></ssd:ParameterBinding>"
-        "</ssd:ParameterBindings>"
-    )
+    size = len(value.split())
+    inner = binding(parameter(name, value, unit=unit, size=size if size > 1 else 0))
     units = '<ssd:Units><ssc:Unit name="percent"><ssc:BaseUnit factor="0.01"/></ssc:Unit></ssd:Units>'
     text = system(component("Plant", inner=inner)).replace("</ssd:System>", f"</ssd:System>{units}")
     where = f"Plant: parameter {name!r} (p: {name}): "
@@ -289,35 +271,27 @@ def test_indices_choose_elements_and_must_lie_in_the_array(package):
 
 
 def test_units_sizes_of_parameters_and_the_implementation_are_checked(package):
-    def values(value, size):
-        return (
-            '<ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues><ssv:ParameterSet version="2.0" '
-            f'name="p"><ssv:Parameters><ssv:Parameter name="q_start"><ssv:Float64 value="{value}" unit="m"/>'
-            f'<ssc:Dimension size="{size}"/></ssv:Parameter></ssv:Parameters></ssv:ParameterSet>'
-            "</ssd:ParameterValues></ssd:ParameterBinding></ssd:ParameterBindings>"
-        )
-
     def check(value, size, factor="1", implementation="CoSimulation"):
         trajectory = component(
             "Trajectory",
             connector("q_d", "output").replace("<ssc:Float64/>", '<ssc:Float64 unit="m"/>'),
             connector("q_d_dot", "output").replace("<ssc:Float64/>", '<ssc:Float64 unit="none"/>'),
-            inner=values(value, size),
+            inner=binding(parameter("q_start", value, unit="m", size=size)),
         ).replace("<ssd:Component", f'<ssd:Component implementation="{implementation}"')
         units = f'<ssd:Units><ssc:Unit name="m"><ssc:BaseUnit m="1" factor="{factor}"/></ssc:Unit></ssd:Units>'
         text = system(trajectory).replace("</ssd:System>", f"</ssd:System>{units}")
         return inspect_file(package(text), run=False).problems
 
-    parameter = "Trajectory: parameter 'q_start' (p: q_start): "
+    where = "Trajectory: parameter 'q_start' (p: q_start): "
     always = [
         "x.ssp: SystemStructure.ssd: unit 'none' of Trajectory.q_d_dot is not defined; define it in ssd:Units",
         "Trajectory.q_d: unit mismatch, the SSD declares 'm' (m), the FMU 'rad' (rad)",
         "Trajectory.q_d_dot: unit mismatch, the SSD declares 'none' (without definition), the FMU 'rad/s' (rad/s)",
-        f"{parameter}unit mismatch, 'm' (m) to 'rad' (rad)",
+        f"{where}unit mismatch, 'm' (m) to 'rad' (rad)",
     ]
     assert check("0 0", 2) == always
     assert check("0 0 0", 2) == ["x.ssp: p: q_start: 3 value(s) for an array of 2", *always]
-    assert f"{parameter}is an array of 3, the FMU declares an array of 2" in check("0 0 0", 3)
+    assert f"{where}is an array of 3, the FMU declares an array of 2" in check("0 0 0", 3)
     asked = "Trajectory: the SSD asks for ModelExchange, resources/Trajectory.fmu has CoSimulation"
     assert asked in check("0 0", 2, implementation="ModelExchange")
     for factor in ("0", "INF"):

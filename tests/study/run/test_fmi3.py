@@ -1,13 +1,12 @@
 """Runs of units of FMI 3.0 against the same of FMI 2.0."""
 
-import zipfile
-
 import numpy as np
 import pytest
 
 import vdfmu
+from tests.study.run.conftest import members
 from vdfmu.base.errors import UsageError
-from vdfmu.base.files import pack_zip, read_member
+from vdfmu.base.files import pack_zip
 
 
 @pytest.mark.heavy
@@ -71,12 +70,10 @@ def test_a_plant_of_fmi_3_among_units_of_fmi_2(tmp_path):
 def test_the_plant_integrated_by_the_master(version, tmp_path):
     """Model exchange of the same FMU: another solver, the same sampled loop."""
     run = vdfmu.run("planar_tracking", stop=0.1, fmi_version=version, reference=False, out=tmp_path)
-    text = read_member(tmp_path / "system.ssp", "SystemStructure.ssd").decode()
-    head, component, tail = text.partition('name="plant"')
+    content = members(tmp_path / "system.ssp")
+    head, component, tail = content["SystemStructure.ssd"].decode().partition('name="plant"')
     changed = head + component + tail.replace('"CoSimulation"', '"ModelExchange"', 1)
-    with zipfile.ZipFile(tmp_path / "system.ssp") as archive:
-        members = {name: archive.read(name) for name in archive.namelist()}
-    pack_zip(tmp_path / "other.ssp", members | {"SystemStructure.ssd": changed.encode()})
+    pack_zip(tmp_path / "other.ssp", content | {"SystemStructure.ssd": changed.encode()})
     other = vdfmu.simulate(tmp_path / "other.ssp", stop=0.1, tolerance=1e-9)
     # both to the tolerance of their solvers, 1e-7 and 1e-9 of angles below 1 rad; not the same solver
     difference = np.abs(other["plant.q"] - run["plant.q"]).max()

@@ -11,12 +11,7 @@ import pytest
 import vdfmu
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "fmpy_master.py"
-COMPONENTS = {
-    "Feedforward": "feedforward",
-    "PDController": "controller",
-    "Trajectory": "trajectory",
-    "Plant": "plant",
-}
+COMPONENTS = {"Feedforward": "feedforward", "PDController": "controller", "Trajectory": "trajectory", "Plant": "plant"}
 
 
 @pytest.fixture(scope="module")

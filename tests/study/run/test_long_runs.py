@@ -1,7 +1,5 @@
 """Runs of many rows: what is told of them comes from stretches, is the same, and takes memory that does not grow."""
 
-from __future__ import annotations
-
 import tracemalloc
 
 import numpy as np

@@ -39,6 +39,12 @@ class Case:
         torque = np.abs(self.robot.ell * torque).max()
         return position, torque
 
+    def require_same(self, algorithm, step, stop):
+        """Raise AssertionError unless a run is within the bounds of the sampled reference of its algorithm."""
+        position, torque = self.differences(algorithm, ALGORITHMS[algorithm].reference, step, stop)
+        assert position < POSITION
+        assert torque < TORQUE
+
 
 # The bounds that the project holds itself to at solver tolerance 1e-9. The local error per step is 1e-9 of states of
 # order 1 (rad) to 30 (N m); the loop's slowest mode forgets within about 1 s, so at most some thousand steps add up:
@@ -51,17 +57,13 @@ POSITION, TORQUE = 1e-7, 1e-4
 @pytest.mark.parametrize("name", ["planar_tracking", "slider_tracking"])
 def test_each_algorithm_matches_its_sampled_reference(tmp_path, name, algorithm):
     case = Case(tmp_path, name, "1e-9")
-    position, torque = case.differences(algorithm, ALGORITHMS[algorithm].reference, 1e-3, 0.5)
-    assert position < POSITION
-    assert torque < TORQUE
+    case.require_same(algorithm, 1e-3, 0.5)
 
 
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", *heavy("jacobi")])
 def test_the_whole_tracking_run_matches_its_sampled_reference(tmp_path, algorithm):
     case = Case(tmp_path, "tracking", "1e-9")
-    position, torque = case.differences(algorithm, ALGORITHMS[algorithm].reference, 1e-3, 10.0)
-    assert position < POSITION
-    assert torque < TORQUE
+    case.require_same(algorithm, 1e-3, 10.0)
 
 
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
@@ -69,9 +71,7 @@ def test_the_whole_tracking_run_matches_its_sampled_reference(tmp_path, algorith
 def test_each_choice_of_the_derivative_term_matches_its_reference(tmp_path, velocity, algorithm):
     """Across the spring (q_dot) the loop is unstable: short enough to stay small."""
     case = Case(tmp_path, "planar_tracking", "1e-9", controller__velocity=velocity)
-    position, torque = case.differences(algorithm, ALGORITHMS[algorithm].reference, 1e-3, 0.02)
-    assert position < POSITION
-    assert torque < TORQUE
+    case.require_same(algorithm, 1e-3, 0.02)
 
 
 @pytest.mark.heavy
@@ -81,9 +81,7 @@ def test_a_payload_that_the_feedforward_does_not_know_costs_accuracy(tmp_path):
     for known in (0.5, 0.0):
         settings = {"feedforward__payload_mass": known, "plant__payload_mass": 0.5}
         case = Case(tmp_path, "planar_tracking", "1e-9", robot_from_dict(robot), **settings)
-        position, torque = case.differences("gauss-seidel", "sampled", 1e-3, 0.5)
-        assert position < POSITION
-        assert torque < TORQUE
+        case.require_same("gauss-seidel", 1e-3, 0.5)
         solution = reference("sampled", case.description, step=1e-3, stop=0.5)
         q = solution["plant.q"]
         worst.append(np.abs(q - positions(case.scenario, solution.t)).max())
@@ -92,30 +90,28 @@ def test_a_payload_that_the_feedforward_does_not_know_costs_accuracy(tmp_path):
     assert worst[1] > 1e-3
 
 
-def test_limits_of_joints_and_motors_are_those_of_the_reference(tmp_path):
+def limited():
+    """Return the small arm with limits."""
     data = load_robot("planar_2dof").to_dict()
     for joint in data["joints"]:
         joint["limits"] = {"q_min": -2.0, "q_max": 2.0, "stop_stiffness": 2e4, "stop_damping": 0.5,
                            "tau_stall": 0.6, "kappa_dot_max": 3.0}  # fmt: skip
+    return robot_from_dict(data)
+
+
+def test_limits_of_joints_and_motors_are_those_of_the_reference(tmp_path):
     motions = []
     for settings in ({}, {"plant__q_max[1]": -1.55, "plant__tau_stall": 0.05}):
-        case = Case(tmp_path, "planar_tracking", "1e-9", robot_from_dict(data), **settings)
-        position, torque = case.differences("gauss-seidel", "sampled", 1e-3, 0.5)
-        assert position < POSITION
-        assert torque < TORQUE
+        case = Case(tmp_path, "planar_tracking", "1e-9", limited(), **settings)
+        case.require_same("gauss-seidel", 1e-3, 0.5)
         motions.append(reference("sampled", case.description, step=1e-3, stop=0.5)["plant.q"])
     assert np.abs(motions[1] - motions[0]).max() > 1e-3  # they act
 
 
 def test_a_start_beyond_the_end_stops_is_refused():
-    data = load_robot("planar_2dof").to_dict()
-    for joint in data["joints"]:
-        joint["limits"] = {"q_min": -2.0, "q_max": 2.0, "stop_stiffness": 2e4, "stop_damping": 0.5,
-                           "tau_stall": 0.6, "kappa_dot_max": 3.0}  # fmt: skip
-    scenario = load_scenario("planar_tracking", robot_from_dict(data))
+    scenario = load_scenario("planar_tracking", limited())
     with pytest.raises(
-        UsageError,
-        match=r"plant.q_0\[1\]: expected a position of joint 1 between its end stops, -2 and 2, got 4",
+        UsageError, match=r"plant.q_0\[1\]: expected a position of joint 1 between its end stops, -2 and 2, got 4"
     ):
         system_values(scenario, {"plant.q_0[1]": 4.0})
 
@@ -165,9 +161,7 @@ def test_required_velocities_and_settings_reach_the_reference(tmp_path):
         "plant__mass[1]": "4.0",
     }
     case = Case(tmp_path, "planar_tracking", "1e-9", **settings)
-    position, torque = case.differences("gauss-seidel", "sampled", 1e-3, 0.3)
-    assert position < POSITION
-    assert torque < TORQUE
+    case.require_same("gauss-seidel", 1e-3, 0.3)
 
 
 @pytest.mark.heavy

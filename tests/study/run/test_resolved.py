@@ -64,8 +64,6 @@ def test_the_tolerance_of_a_system_is_that_of_its_plant():
     system = scenario.system
     parts = {("arm" if name == "plant" else name): part for name, part in system.parts.items()}
     renamed = dataclasses.replace(
-        scenario,
-        system=dataclasses.replace(system, parts=parts, connections={}, shared={}),
-        sections={},
+        scenario, system=dataclasses.replace(system, parts=parts, connections={}, shared={}), sections={}
     )
     assert SystemDescription(renamed, system_values(renamed, {"arm.tolerance": 1e-5})).tolerance == 1e-5

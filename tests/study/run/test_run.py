@@ -244,10 +244,7 @@ def test_a_cache_that_cannot_be_written_costs_only_time(tmp_path, monkeypatch):
         ({"step": math.nan}, "step: expected a positive finite time, got nan s"),
         ({"stop": -1.0}, "stop: expected a positive finite time, got -1 s"),
         ({"step": 0.003}, "stop: expected a multiple of step = 0.003 s, got 2 s. The nearest is 2.001 s"),
-        (
-            {"master": "gauss"},
-            "master: expected gauss-seidel, jacobi, extrapolated or iterative, got 'gauss'",
-        ),
+        ({"master": "gauss"}, "master: expected gauss-seidel, jacobi, extrapolated or iterative, got 'gauss'"),
         ({"robot": "manipulator_7dof"}, "manipulator_7dof"),
     ],
 )
@@ -297,12 +294,7 @@ def test_a_folder_that_cannot_hold_results_is_named(tmp_path):
 @pytest.mark.heavy
 def test_a_damaged_fmu_in_the_cache_is_built_again(tmp_path, monkeypatch):
     monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
-    options = {
-        "out": tmp_path / "out",
-        "stop": 0.01,
-        "reference": False,
-        "backend": "python",
-    }  # no compiler here
+    options = {"out": tmp_path / "out", "stop": 0.01, "reference": False, "backend": "python"}  # no compiler here
     vdfmu.run("planar_tracking", **options)
     kept = list((tmp_path / "cache" / "fmus").iterdir())
     assert len(kept) == 4

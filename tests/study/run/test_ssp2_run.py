@@ -1,11 +1,10 @@
 """A system of SSP 2.0 runs as that of SSP 1.0 does, to the last bit."""
 
-import zipfile
-
 import numpy as np
 import pytest
 
 import vdfmu
+from tests.study.run.conftest import members
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.files import pack_zip
 from vdfmu.engine.inspect.inspection import inspect_file
@@ -21,18 +20,17 @@ def packages(tmp_path_factory):
     scenario = load_scenario("planar_tracking")
     fmus = build_fmus(scenario.robot, folder, start_values=system_values(scenario), backend="native")
     old = write_ssp(scenario, fmus, folder / "old.ssp")
-    with zipfile.ZipFile(old) as file:
-        members = {name: file.read(name) for name in file.namelist()}
-    for name, text in members.items():
+    content = members(old)
+    for name, text in content.items():
         if name.endswith((".ssd", ".ssv", ".ssm")):
             for kind, newer in ((b"Real", b"Float64"), (b"Integer", b"Int32")):
                 for prefix in (b"ssc:", b"ssv:"):
                     text = text.replace(b"<" + prefix + kind + b" ", b"<" + prefix + newer + b" ")
                     text = text.replace(b"</" + prefix + kind + b">", b"</" + prefix + newer + b">")
-            members[name] = text.replace(b'version="1.0" name', b'version="2.0" name').replace(
+            content[name] = text.replace(b'version="1.0" name', b'version="2.0" name').replace(
                 b'ParameterMapping version="1.0"', b'ParameterMapping version="2.0"'
             )
-    pack_zip(folder / "new.ssp", members)
+    pack_zip(folder / "new.ssp", content)
     return old, folder / "new.ssp"
 
 
@@ -40,11 +38,7 @@ def test_the_reader_finds_the_same_system(packages):
     old, new = map(vdfmu.load_ssp, packages)
     assert (old.version, new.version) == ("1.0", "2.0")
     assert [str(c) for c in old.connections] == [str(c) for c in new.connections]
-    assert {c.type for each in new.components for c in each.connectors.values()} <= {
-        "Float64",
-        "Int32",
-        "Boolean",
-    }
+    assert {c.type for each in new.components for c in each.connectors.values()} <= {"Float64", "Int32", "Boolean"}
     for one, other in zip(old.components, new.components, strict=True):
         assert [(p.name, p.value) for p in one.parameters] == [(p.name, p.value) for p in other.parameters]
 

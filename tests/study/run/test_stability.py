@@ -1,7 +1,5 @@
 """The verdict on the loops of a run: linearised at poses of it, against what simulations do."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -28,18 +26,7 @@ def run(name, tmp_path, **options):
 def test_a_limit_cycle_fails_with_its_joint_and_the_run_is_written(tmp_path):
     out = tmp_path / "run"
     done = CliRunner().invoke(
-        app,
-        [
-            "run",
-            "tracking",
-            "--stop",
-            "0.3",
-            "--no-reference",
-            "--set",
-            "controller.K_p=20000",
-            "--out",
-            str(out),
-        ],
+        app, ["run", "tracking", "--stop", "0.3", "--no-reference", "--set", "controller.K_p=20000", "--out", str(out)]
     )
     assert done.exit_code == 1
     assert "FAIL Sampled loops: unstable since 0 s, joint 5" in done.output and "Written to" in done.output

@@ -3,14 +3,18 @@
 import json
 from collections.abc import Mapping
 
+import pytest
+
 import vdfmu
 from vdfmu.engine.simulate import run_system
-from vdfmu.study.report.summary import read_summary
-from vdfmu.study.report.summary_keys import KEYS, Keyed, List
+from vdfmu.study.report.summary import read_summary, typed
+from vdfmu.study.report.summary_keys import KEYS, Keyed, List, Record
 
 
 def undeclared(value, of, where=""):
     """Yield the keys of a summary that its declaration lacks."""
+    if isinstance(of, Record):
+        of = {**of.of, **of.also}
     if isinstance(of, Mapping):
         for key, entry in (value or {}).items():
             yield from undeclared(entry, of[key], f"{where}.{key}") if key in of else [f"{where}.{key}"]
@@ -31,6 +35,22 @@ def test_each_key_of_a_summary_is_declared(tmp_path, planar_run):
         assert list(undeclared(json.loads(file.read_text()), types)) == []
         assert read_summary(file)
     assert all(key.text.endswith(".") for key in KEYS.values())
+
+
+@pytest.mark.parametrize(
+    ("found", "said"),
+    [
+        ({"separation": {"change": 1.0}}, "separation.max_position_difference_rad: is missing"),
+        (
+            {"verdict": {"passed": True, "checks": [{"name": "a", "passed": True}]}},
+            "verdict.checks[1].text: is missing",
+        ),
+        ({"position_units": ["deg", "ft"]}, 'position_units[2]: expected deg or mm, got "ft"'),
+        ({"power_bond": 3}, "power_bond: expected a table, got 3"),
+    ],
+)
+def test_faults_of_a_summary_are_said(found, said):
+    assert typed(found, {name: key.of for name, key in KEYS.items()})[1] == [said]
 
 
 def test_a_factor_of_the_plant_may_have_a_number_for_each_joint(tmp_path, planar_run):

@@ -46,11 +46,7 @@ def joined(one, two):
     }
     arrays["offset"][one.n] += one.tool_offset
     return dataclasses.replace(
-        one,
-        name="joined",
-        joint_types=one.joint_types + two.joint_types,
-        tool_offset=two.tool_offset,
-        **arrays,
+        one, name="joined", joint_types=one.joint_types + two.joint_types, tool_offset=two.tool_offset, **arrays
     )
 
 
@@ -68,11 +64,7 @@ def both(tmp_path):
     (tmp_path / "one_arm.toml").write_text(ONE_ARM)
     robot = joined(two.robot, load_robot("planar_2dof"))
     return two, dataclasses.replace(
-        two,
-        name="one_arm",
-        robot=robot,
-        system=load_system(str(tmp_path / "one_arm.toml")),
-        sections=sections,
+        two, name="one_arm", robot=robot, system=load_system(str(tmp_path / "one_arm.toml")), sections=sections
     )
 
 

@@ -1,7 +1,5 @@
 """Every run is held against the plain methods of its units: faults in cache, trace, C and parameters are found."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 import shutil
@@ -203,22 +201,13 @@ def replaced(name, where, old, new):
 
 
 WRITTEN = {
-    "a flipped sign": (
-        replaced("kernel_plant_derivatives.c", "double w0", " - ", " + "),
-        r"plant\.der\(",
-    ),
+    "a flipped sign": (replaced("kernel_plant_derivatives.c", "double w0", " - ", " + "), r"plant\.der\("),
     "a wrong constant": (
         replaced("kernel_plant_outputs.c", "double w0", " = 2.0 *", " = 2.000001 *"),
         r"plant\.E_spring ",
     ),
-    "a wrong index": (
-        replaced("kernel_plant_outputs.c", "double w0", "x[7]", "x[6]"),
-        r"plant\.(kappa|E_spring)",
-    ),
-    "a flipped sign in a sample": (
-        replaced("kernel_held_update.c", "double w0", " + ", " - "),
-        r"controller\.e\[",
-    ),
+    "a wrong index": (replaced("kernel_plant_outputs.c", "double w0", "x[7]", "x[6]"), r"plant\.(kappa|E_spring)"),
+    "a flipped sign in a sample": (replaced("kernel_held_update.c", "double w0", " + ", " - "), r"controller\.e\["),
     "a flipped sign in the solver": (
         replaced("kernel_plant_step.c", "value_out)\n{", " - ", " + "),
         r"plant\.der\(q_dot",

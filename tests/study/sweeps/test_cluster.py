@@ -1,7 +1,5 @@
 """Parameter studies on a Dask scheduler and worker processes on loopback: what ends there, goes on elsewhere."""
 
-from __future__ import annotations
-
 import socket
 import subprocess
 import sys
@@ -15,16 +13,13 @@ import pytest
 from distributed import Client
 
 import vdfmu
+from tests.study.sweeps.conftest import table
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.study.sweeps import cluster
 from vdfmu.study.sweeps.study import Sweep
 
 MEASURES = ["end=final(unit.y)"]
 AXES = {"unit.at": np.linspace(0.0, 1.0, 60)}
-
-
-def table(found: Sweep) -> dict:
-    return found.table().drop_columns(["wall_s"]).to_pydict()
 
 
 class Cluster:
@@ -34,6 +29,9 @@ class Cluster:
         with closing(socket.create_server(("127.0.0.1", 0))) as place:
             self.address = f"tcp://127.0.0.1:{place.getsockname()[1]}"
         self._folder = folder
+        self._begin()
+
+    def _begin(self) -> None:
         self.scheduler = self._start("scheduler", "--port", self.address.rpartition(":")[2], "--no-dashboard")
         self.workers = [self.worker() for _ in range(2)]
 
@@ -49,17 +47,12 @@ class Cluster:
 
     def restart(self) -> None:
         """End the scheduler, and its workers with it, and start all anew."""
-        self.scheduler.kill()
-        self.scheduler.wait()
-        for worker in self.workers:
-            worker.kill()
-            worker.wait()
-        self.scheduler = self._start("scheduler", "--port", self.address.rpartition(":")[2], "--no-dashboard")
-        self.workers = [self.worker() for _ in range(2)]
+        self.close()
+        self._begin()
 
     def close(self) -> None:
         """End all."""
-        for process in (*self.workers, self.scheduler):
+        for process in (self.scheduler, *self.workers):
             process.kill()
             process.wait()
 
@@ -157,13 +150,7 @@ def test_a_point_that_crashes_is_a_row_there_too(wild, tmp_path, dask):
     ways = np.zeros(20)
     ways[7] = 1.0
     found = vdfmu.sweep(
-        wild,
-        {"unit.way": ways},
-        measure=MEASURES,
-        step=0.1,
-        chunk=5,
-        out=tmp_path / "study",
-        scheduler=dask.address,
+        wild, {"unit.way": ways}, measure=MEASURES, step=0.1, chunk=5, out=tmp_path / "study", scheduler=dask.address
     )
     assert list(found.failed) == [7] and "SIGSEGV" in found.failed[7]
 

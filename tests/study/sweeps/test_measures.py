@@ -1,7 +1,5 @@
 """What a run is judged by."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

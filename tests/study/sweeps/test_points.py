@@ -1,7 +1,5 @@
 """What varies, and how its values are combined."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats

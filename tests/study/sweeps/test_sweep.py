@@ -1,7 +1,5 @@
 """Parameter studies from end to end: the same numbers as runs one by one, whatever happens in between."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os
@@ -22,10 +20,10 @@ import pytest
 from typer.testing import CliRunner
 
 import vdfmu
-from tests.study.sweeps.conftest import WAYS
+from tests.study.sweeps.conftest import WAYS, table
 from vdfmu.base.errors import StorageError, UsageError, VdfmuError
 from vdfmu.cli.commands import app
-from vdfmu.study.sweeps import worker
+from vdfmu.study.sweeps import ledger, worker
 from vdfmu.study.sweeps.job import Bench, Job, WiredSystem
 from vdfmu.study.sweeps.plan import make_plan
 from vdfmu.study.sweeps.study import Sweep
@@ -45,12 +43,6 @@ OVER = {"controller.K_p": "*0.9, 1.1"}
 MEASURES = ["end=final(unit.y)", "count=integral(unit.y)"]
 
 
-def table(found):
-    """Return all columns but the times that points took, as lists: NaN equals itself in them."""
-    columns = found.table().drop_columns(["wall_s"]).to_pydict()
-    return {name: ["nan" if x != x else x for x in column] for name, column in columns.items()}
-
-
 def study(wild, out, **options):
     """Run 40 points of a unit that never fails, in chunks of 4."""
     options = {"workers": 2, "chunk": 4, "measure": MEASURES, "step": 0.01, **options}
@@ -64,11 +56,7 @@ def undisturbed(wild, tmp_path_factory):
 
 def test_each_point_is_the_run_of_its_values(tmp_path):
     """To the bit: a reset component computes what a new one does, and each point is a run of its own."""
-    axes = {
-        "controller.K_p[2]": "lin(500, 2000, 2)",
-        "plant.mass": "*0.9, 1.1",
-        "master": "jacobi, gauss-seidel",
-    }
+    axes = {"controller.K_p[2]": "lin(500, 2000, 2)", "plant.mass": "*0.9, 1.1", "master": "jacobi, gauss-seidel"}
     found = vdfmu.sweep(
         "planar_tracking", axes, stop=0.2, workers=2, out=tmp_path / "study", keep=["plant.q[1]"],
         measure={"error": "rms(trajectory.q_d - plant.q)"},
@@ -119,10 +107,7 @@ def test_robots_motions_and_payloads_vary_together(tmp_path):
 @pytest.mark.heavy
 def test_words_and_steps_vary_too(tmp_path):
     found = vdfmu.sweep(
-        "planar_tracking",
-        ["feedforward.mode=inverse, vdc", "step=0.001, 0.002"],
-        stop=0.1,
-        out=tmp_path / "study",
+        "planar_tracking", ["feedforward.mode=inverse, vdc", "step=0.001, 0.002"], stop=0.1, out=tmp_path / "study"
     )
     assert found["feedforward.mode"].tolist() == ["inverse", "inverse", "vdc", "vdc"]
     assert found["step"].tolist() == [0.001, 0.002] * 2
@@ -231,10 +216,7 @@ def test_a_table_that_cannot_be_read_is_made_again_with_retry(wild, tmp_path, un
 SCRIPT = """
 import sys
 import numpy as np
-from typer.testing import CliRunner
-
 import vdfmu
-from vdfmu.cli.commands import app
 vdfmu.sweep(sys.argv[1], {"unit.at": np.linspace(0.0, 1.0, 40)}, out=sys.argv[2], workers=2, chunk=4, step=0.01,
             measure=["end=final(unit.y)", "count=integral(unit.y)"])
 """
@@ -242,7 +224,7 @@ vdfmu.sweep(sys.argv[1], {"unit.at": np.linspace(0.0, 1.0, 40)}, out=sys.argv[2]
 
 def begin(wild, out) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
-        [sys.executable, "-c", SCRIPT, str(wild), str(out)], stderr=subprocess.PIPE, start_new_session=True
+        [sys.executable, "-c", SCRIPT, str(wild), str(out)], stderr=subprocess.DEVNULL, start_new_session=True
     )
 
 
@@ -259,21 +241,26 @@ def lasting(wild, out, undisturbed, kill, moments):
             time.sleep(0.002)
         kill(process)
         process.wait(60)
-        assert process.stderr is not None
-        process.stderr.close()
         points = [p for file in parts(out) for p in pyarrow.parquet.read_table(file)["point"].to_pylist()]
         assert len(points) == len(set(points))
     assert table(study(wild, out)) == undisturbed
     assert not parts(out)
 
 
-@pytest.mark.heavy
-def test_a_killed_study_goes_on_where_it_was(wild, tmp_path, undisturbed):
-    def kill(process):
-        with suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
+def kill(process):
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
 
-    lasting(wild, tmp_path / "study", undisturbed, kill, (1, 3, 6))
+
+def press(process):
+    with suppress(ProcessLookupError):
+        os.kill(process.pid, signal.SIGINT)
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize(("end", "moments"), [(kill, (1, 3, 6)), (press, (1, 4))], ids=["SIGKILL", "Ctrl-C"])
+def test_a_study_that_is_ended_goes_on_where_it_was(wild, tmp_path, undisturbed, end, moments):
+    lasting(wild, tmp_path / "study", undisturbed, end, moments)
 
 
 @pytest.mark.heavy
@@ -283,21 +270,9 @@ def test_a_study_that_is_killed_at_any_moment_loses_and_doubles_nothing(wild, tm
         out = tmp_path / f"study{i}"
         process = begin(wild, out)
         time.sleep(draw.uniform(0.2, 4.0))
-        with suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
+        kill(process)
         process.wait(60)
-        assert process.stderr is not None
-        process.stderr.close()
         assert table(study(wild, out)) == undisturbed
-
-
-@pytest.mark.heavy
-def test_ctrl_c_keeps_what_is_done(wild, tmp_path, undisturbed):
-    def press(process):
-        with suppress(ProcessLookupError):
-            os.kill(process.pid, signal.SIGINT)
-
-    lasting(wild, tmp_path / "study", undisturbed, press, (1, 4))
 
 
 @pytest.mark.heavy
@@ -312,8 +287,6 @@ def test_workers_end_with_a_killed_study(wild, tmp_path):
             pids = [int(pid) for place in places for pid in place.read_text().split()]
     process.kill()
     process.wait(60)
-    assert process.stderr is not None
-    process.stderr.close()
     end = time.monotonic() + 10
     while any(Path(f"/proc/{pid}").exists() for pid in pids):
         assert time.monotonic() < end
@@ -322,8 +295,6 @@ def test_workers_end_with_a_killed_study(wild, tmp_path):
 
 @pytest.mark.heavy
 def test_a_full_disk_stops_it_and_what_is_done_is_kept(wild, tmp_path, undisturbed, monkeypatch):
-    from vdfmu.study.sweeps import ledger
-
     whole = ledger.replacing
     count = 0
 
@@ -342,15 +313,18 @@ def test_a_full_disk_stops_it_and_what_is_done_is_kept(wild, tmp_path, undisturb
     assert table(study(wild, tmp_path / "study")) == undisturbed
 
 
-@pytest.mark.heavy
-def test_a_part_that_cannot_be_read_is_made_again(wild, tmp_path, undisturbed, monkeypatch):
-    from vdfmu.study.sweeps import ledger
-
+def stopped(wild, out, monkeypatch):
+    """Return the parts of a study that ends before it makes a table of them."""
     with monkeypatch.context() as patch:
         patch.setattr(ledger.Ledger, "finish", lambda self: (_ for _ in ()).throw(VdfmuError("stop")))
         with pytest.raises(VdfmuError, match="stop"):
-            study(wild, tmp_path / "study")
-    broken = parts(tmp_path / "study")[2]
+            study(wild, out)
+    return parts(out)
+
+
+@pytest.mark.heavy
+def test_a_part_that_cannot_be_read_is_made_again(wild, tmp_path, undisturbed, monkeypatch):
+    broken = stopped(wild, tmp_path / "study", monkeypatch)[2]
     broken.write_bytes(broken.read_bytes()[:100])
     found = study(wild, tmp_path / "study")
     assert table(found) == undisturbed
@@ -361,13 +335,7 @@ def test_a_part_that_cannot_be_read_is_made_again(wild, tmp_path, undisturbed, m
 @pytest.mark.heavy
 def test_a_byte_that_the_disk_changes_is_seen(wild, tmp_path, undisturbed, monkeypatch):
     """In the values of a measure, which Parquet alone would read as another number."""
-    from vdfmu.study.sweeps import ledger
-
-    with monkeypatch.context() as patch:
-        patch.setattr(ledger.Ledger, "finish", lambda self: (_ for _ in ()).throw(VdfmuError("stop")))
-        with pytest.raises(VdfmuError, match="stop"):
-            study(wild, tmp_path / "study")
-    broken = parts(tmp_path / "study")[2]
+    broken = stopped(wild, tmp_path / "study", monkeypatch)[2]
     column = pyarrow.parquet.ParquetFile(broken).metadata.row_group(0).column(5)
     assert column.path_in_schema == "end"
     data = bytearray(broken.read_bytes())
@@ -589,11 +557,7 @@ def test_rows_are_found_by_what_they_measured(wild, tmp_path):
     ("over", "options", "words"),
     [
         ({"unit.nothing": [1.0]}, {}, "nothing"),
-        (
-            {"unit.at": [1.0]},
-            {"measure": ["m=final(unit.z)"]},
-            "no output or connected input is called unit.z",
-        ),
+        ({"unit.at": [1.0]}, {"measure": ["m=final(unit.z)"]}, "no output or connected input is called unit.z"),
         ({"unit.at": [1.0]}, {"measure": None}, "measure: expected at least one"),
         ({"unit.at": [1.0]}, {"keep": ["x*"]}, "keep: no output"),
         ({"unit.at": [1.0]}, {"measure": ["m=at(unit.y, 2)"]}, "a time from 0 to 1 s, got 2 s"),
@@ -621,16 +585,10 @@ def test_what_cannot_be_run_is_said_before_the_first_point(wild, tmp_path, over,
         (["plant.mass=lin(-1, 1, 3)"], "mass"),
         (["feedforward.mode=*1, 2"], "expected numbers to multiply"),
         (["robot=planar_2dof, nowhere"], "nowhere"),
-        (
-            ["plant.q_max=1, 2"],
-            r"robot planar_2dof does not have its optional table \[limits\]",
-        ),
+        (["plant.q_max=1, 2"], r"robot planar_2dof does not have its optional table \[limits\]"),
         (["plant.F_e=*lin(1, 2, 2)"], "not all 0"),
         (["trajectory.t_start=*lin(1, 2, 2)"], "not all 0"),  # its start value: no key of the scenario
-        (
-            ["controller.K_p[1]=1, 2", "controller.K_p=3, 4"],
-            r"K_p\[1\]: has no effect, as controller.K_p after it",
-        ),
+        (["controller.K_p[1]=1, 2", "controller.K_p=3, 4"], r"K_p\[1\]: has no effect, as controller.K_p after it"),
     ],
 )
 def test_what_a_scenario_cannot_have_is_said_before_the_first_point(tmp_path, over, words):
@@ -755,14 +713,12 @@ def test_a_point_whose_process_is_killed_is_tried_again_and_blames_no_model(wild
     assert list((tmp_path / "tmp").iterdir()) == []
 
 
+ROW = {"point": 0, "failed": None, "failed_at": None, "wall_s": 0.1}
+
+
 @pytest.mark.parametrize(
     "message",
-    [
-        [], [1], [{}], [{"point": 1, "failed": None, "failed_at": None, "wall_s": 0.1}],
-        [{"point": 0, "failed": 7, "failed_at": None, "wall_s": 0.1}],
-        [{"point": 0, "failed": None, "failed_at": None, "wall_s": 0.1, "m": "text"}],
-        [{"point": 0, "failed": None, "failed_at": None, "wall_s": 0.1, "m": [{}]}],
-    ],
-)  # fmt: skip
+    [[], [1], [{}], *([ROW | change] for change in ({"point": 1}, {"failed": 7}, {"m": "text"}, {"m": [{}]}))],
+)
 def test_what_a_component_writes_for_the_worker_is_refused(message):
     assert worker._rows(message, [0]) == "a component wrote into the pipe of the worker"

@@ -1,7 +1,5 @@
 """Tuning from end to end: better values within what is required, the same ones after a stop, all runs kept."""
 
-from __future__ import annotations
-
 import json
 import re
 import tomllib
@@ -12,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 import vdfmu
+from tests.study.sweeps.conftest import table
 from vdfmu.base.errors import UsageError
 from vdfmu.cli.commands import app
 from vdfmu.study.analysis.margins import ArmLoops
@@ -24,12 +23,6 @@ SPREAD = {"plant.mass": "*lin(0.9, 1.1)"}
 SHORT = {"stop": 0.3, "spread": SPREAD, "spread_n": 2, "workers": 2}
 SEARCH = {"method": "local", "budget": 30}
 GAINS = ["controller.K_p", "controller.K_v"]
-
-
-def table(folder):
-    """Return all columns but the times and places of the runs; NaN equals itself in them."""
-    columns = Sweep(folder).table().drop_columns(["wall_s"]).to_pydict()
-    return {name: ["nan" if x != x else x for x in column] for name, column in columns.items()}
 
 
 @pytest.fixture(scope="module")
@@ -85,13 +78,7 @@ def test_all_runs_are_kept(tuned):
     assert runs["controller.K_p[1]"][0] == 1500.0
     assert (tuned.folder / "tuning.png").read_bytes().startswith(b"\x89PNG")
     comparison = json.loads((tuned.folder / "tune.json").read_text())["comparison"]
-    assert {row["name"] for row in comparison} >= {
-        "cost[2]",
-        "error[1]",
-        "peak_torque[2]",
-        "modulus[1]",
-        "delay[2]",
-    }
+    assert {row["name"] for row in comparison} >= {"cost[2]", "error[1]", "peak_torque[2]", "modulus[1]", "delay[2]"}
 
 
 @pytest.mark.heavy
@@ -111,12 +98,12 @@ def test_a_search_that_was_stopped_goes_on_to_the_same_result(tuned, tmp_path, m
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         patch.setattr(Evaluations, "_run", stopping)
         vdfmu.tune("planar_tracking", GAINS, ERRORS, **options)
-    done = table(folder)
+    done = table(Sweep(folder))
     found = vdfmu.tune("planar_tracking", GAINS, ERRORS, **options)
     assert len(done["point"]) >= 22
-    whole = table(folder)
+    whole = table(Sweep(folder))
     assert {name: column[: len(done["point"])] for name, column in whole.items()} == done
-    assert whole == table(tuned.folder)
+    assert whole == table(Sweep(tuned.folder))
     np.testing.assert_array_equal(found.after.values, tuned.after.values)
 
 
@@ -129,7 +116,7 @@ def test_a_table_that_is_not_whole_is_set_aside_and_killed_runs_run_again(tmp_pa
         )  # fmt: skip
 
     search()
-    path, before = tmp_path / "s" / "sweep.parquet", table(tmp_path / "s")
+    path, before = tmp_path / "s" / "sweep.parquet", table(Sweep(tmp_path / "s"))
     rows = pyarrow.parquet.read_table(path)
     killed = pyarrow.array([f"{KILLED} 3 times", *[None] * (rows.num_rows - 1)], pyarrow.string())
     place = rows.schema.get_field_index("failed")
@@ -137,9 +124,9 @@ def test_a_table_that_is_not_whole_is_set_aside_and_killed_runs_run_again(tmp_pa
         rows.set_column(place, "failed", killed).replace_schema_metadata(rows.schema.metadata), path
     )
     assert search().failed == 0
-    assert {name: sorted(map(str, column)) for name, column in table(tmp_path / "s").items() if name != "point"} == {
-        name: sorted(map(str, column)) for name, column in before.items() if name != "point"
-    }
+    assert {
+        name: sorted(map(str, column)) for name, column in table(Sweep(tmp_path / "s")).items() if name != "point"
+    } == {name: sorted(map(str, column)) for name, column in before.items() if name != "point"}
     path.write_bytes(path.read_bytes()[:100])
     assert "is not whole" in search().notes[0]
     assert (tmp_path / "s" / "sweep.parquet.broken").stat().st_size == 100
@@ -158,7 +145,7 @@ def test_a_larger_budget_goes_on(tmp_path):
             workers=1,
             out=tmp_path,
         )
-        return table(tmp_path)
+        return table(Sweep(tmp_path))
 
     first, second = ask(3), ask(6)
     assert len(first["point"]) == 3 and len(second["point"]) == 6

@@ -1,7 +1,5 @@
 """Views in a browser: the arm is seen, sliders move it, a run moves it, nothing foreign is asked for."""
 
-from __future__ import annotations
-
 import base64
 import io
 import re
@@ -22,12 +20,6 @@ from tests.study.page.browser import Browser
 pytestmark = pytest.mark.heavy
 KNOWN = "THREE.Clock: This module has been deprecated"
 """What the page of viser 1.1 says of its own libraries."""
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    with Browser(tmp_path_factory.mktemp("profile")) as one:
-        yield one
 
 
 @pytest.fixture(autouse=True)

@@ -1,7 +1,5 @@
 """A run with a live view: the same run, whatever becomes of the view."""
 
-from __future__ import annotations
-
 import base64
 import http.client
 import socket
@@ -178,12 +176,7 @@ def test_a_torn_row_is_not_drawn():
 )
 def test_where_there_is_no_arm_to_show_it_says_so_once(names, about, why):
     live, said, sent = LiveView.__new__(LiveView), [], []
-    live._arm, live._speed, live._say, live._send = (
-        None,
-        None,
-        said.append,
-        lambda *message: sent.append(message),
-    )
+    live._arm, live._speed, live._say, live._send = (None, None, said.append, lambda *message: sent.append(message))
     arm = arm_of(vdfmu.load_robot("planar_2dof"), {})
     live.begin(names, {name: arm for name in about} | {"system": "springs", "start": 0.0, "stop": 1.0})
     live.row(0.0, np.zeros(len(names)))
@@ -271,13 +264,7 @@ def test_the_foot_of_an_arm_that_hangs_is_above_it():
 
 def test_all_meshes_that_cannot_be_shown_are_named(tmp_path):
     robot = vdfmu.load_robot("planar_2dof")
-    look = {
-        "shape": "mesh",
-        "size": [1, 1, 1],
-        "color": [1, 1, 1, 1],
-        "offset": [0, 0, 0],
-        "rotation": np.eye(3),
-    }
+    look = {"shape": "mesh", "size": [1, 1, 1], "color": [1, 1, 1, 1], "offset": [0, 0, 0], "rotation": np.eye(3)}
     shapes = [look | {"joint": i, "file": f"mesh_{i}.stl"} for i in (1, 2)]
     server = open_server(None, "test")
     try:

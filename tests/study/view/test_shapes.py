@@ -1,7 +1,5 @@
 """What a 3D view draws, against closed forms and the equations."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

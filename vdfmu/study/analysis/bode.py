@@ -47,9 +47,7 @@ def bode(system: StateSpace, source: str, outputs: Sequence[str]) -> Bode:
     UsageError
         For names that the system does not have, or a sampled one.
     """
-    lacking = [name for name in (source,) if name not in system.inputs]
-    lacking += [name for name in outputs if name not in system.outputs]
-    if lacking or system.step is not None:
+    if source not in system.inputs or not set(outputs) <= set(system.outputs) or system.step is not None:
         raise UsageError(
             f"bode: expected a system in continuous time with {', '.join([source, *outputs])}; inputs are "
             f"{', '.join(system.inputs)}; outputs {', '.join(system.outputs)}."

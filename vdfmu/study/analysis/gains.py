@@ -43,26 +43,10 @@ class Gains(NamedTuple):
 def joint_gains(
     J: float, K: float, inertias: Floats, step: float, margin: float = 0.5, name: str = "the joint"
 ) -> tuple[float, float, float]:
-    """Gains of one joint, K_p and K_v, and its modulus margin.
+    """Gains of one joint, K_p and K_v, and its modulus margin, which is at least `margin`.
 
-    Parameters
-    ----------
-    J : float [kg m2 or kg]
-        Rotor inertia, link-side: times ell^2.
-    K : float [N m/rad or N/m]
-        Stiffness, link-side.
-    inertias : (m,) [kg m2 or kg]
-        Inertias of the links that the joint sees.
-    step : float [s]
-    margin : float
-        Required modulus margin.
-    name : str
-        Name of the joint in messages.
-
-    Raises
-    ------
-    UsageError
-        If the smallest gains of the search miss the margin.
+    The joint has the rotor inertia `J` [kg m2 or kg] and the stiffness `K` [N m/rad or N/m], link-side, and sees the
+    `inertias` (m,) of links; messages have its `name`. UsageError if the smallest gains of the search miss the margin.
     """
     tries = np.geomspace(inertias.min(), inertias.max(), _INERTIAS)
     N = _FIRST
@@ -89,21 +73,8 @@ def joint_gains(
 def arm_gains(robot: Robot, q: npt.ArrayLike, step: float, margin: float = 0.5) -> Gains:
     """Gains of an arm for a controller that acts on the rotors' velocity.
 
-    Parameters
-    ----------
-    robot : Robot
-    q : (m, n) [rad or m]
-        Positions along the motion, or all over the workspace. A joint sees the inertia of its links with all
-        other joints held, and with all free.
-    step : float [s]
-        Communication step.
-    margin : float
-        Required modulus margin of each joint by itself.
-
-    Raises
-    ------
-    UsageError
-        For a joint that misses it.
+    The arm is at `q`, (m, n) [rad or m], along its motion, or all over the workspace: a joint sees the inertia of its
+    links with all other joints held, and with all free. Each joint has at least `margin` by itself; else UsageError.
     """
     M = mass_matrix(robot, np.atleast_2d(np.asarray(q, dtype=float)))
     held = np.diagonal(M, axis1=1, axis2=2)

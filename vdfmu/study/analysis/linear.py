@@ -37,12 +37,7 @@ def feedback(system: WiredUnits, plant: str, inputs: Sequence[str], t: float) ->
     """Return how inputs of a unit depend on its states through all other units: K (m, n), ``u = K x``.
 
     Differences around the states that the solver's part of the memory holds; exact to rounding for units that are
-    linear in what they measure.
-
-    Raises
-    ------
-    UsageError
-        If another unit that the system evaluates has states.
+    linear in what they measure. UsageError if another unit that the system evaluates has states.
     """
     others = [name for name in system.units if name != plant]
     moving = [name for name in others if system.units[name].x.size or system.units[name].interface.is_sampled]

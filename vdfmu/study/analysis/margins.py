@@ -39,26 +39,9 @@ class ArmLoops:
     Coulomb and Stribeck friction of the plant are left out: near standstill its slope damps far more than all else, and
     in slow motion it takes damping away. Viscous friction stays.
 
-    Parameters
-    ----------
-    scenario : Scenario
-    settings : mapping, optional
-        Changed parameters.
-    times : sequence of float, optional
-        Default eleven, evenly spread from the start to the end.
-    growth : float [1/s]
-        Growth rate that still counts as stable. A weakly damped mode of the arm may grow slowly at some places of
-        a motion that soon passes them.
-
-    Attributes
-    ----------
-    loops : list of Loop
-        One for each time.
-
-    Raises
-    ------
-    UsageError
-        If the system has other units, or feedback with states.
+    There is one of `loops` for each of `times`, by default eleven, evenly spread from the start to the end. A rate of
+    up to `growth` [1/s] still counts as stable: a weakly damped mode of the arm may grow slowly at some places of a
+    motion that soon passes them. UsageError if the system has other units, or feedback with states.
     """
 
     def __init__(
@@ -100,14 +83,9 @@ class ArmLoops:
         return feedback(self._system, "plant", ("tau",), t)[:, self._lively]
 
     def margins(self, values: Mapping[str, float] | None = None, delay: int = 1) -> Margins:
-        """Smallest margins of each joint over all times.
+        """Smallest margins of each joint over all times, with other `values`, ``component.variable``, but of the plant.
 
-        Parameters
-        ----------
-        values : mapping, optional
-            Other parameters of units except the plant, ``component.variable``.
-        delay : int
-            Samples that the feedback comes late: 0 with ``gauss-seidel``, 1 with ``jacobi`` and most importers.
+        The feedback comes `delay` samples late: 0 with ``gauss-seidel``, 1 with ``jacobi`` and most importers.
         """
         system = self._system
         for name, value in (values or {}).items():

@@ -128,17 +128,8 @@ def _modes(system: StateSpace, motors: str, dry: bool) -> Modes:
 def modes_along(scenario: Scenario, *, dry: bool = False, points: int = 101) -> tuple[Floats, dict[str, list[Modes]]]:
     """Modes at the poses of the desired motion of a scenario, at rest at each, with motors free and held.
 
-    Returns
-    -------
-    times : (points,) [s]
-        Evenly spread from the start to the end.
-    modes : dict of str to list of Modes
-        Modes by the state of the motors.
-
-    Raises
-    ------
-    UsageError
-        See :func:`natural_modes`; if no component ``trajectory`` gives the desired motion.
+    Returns times (points,) [s], evenly spread from the start to the end, and modes by the state of the motors. For
+    errors see :func:`natural_modes`; UsageError if no component ``trajectory`` gives the desired motion.
     """
     system = WiredUnits(SystemDescription(scenario, system_values(scenario)))
     trajectory = system.units.get("trajectory")

@@ -73,20 +73,7 @@ class Reach(NamedTuple):
 
 
 def write_reach(robot: str | os.PathLike[str], out: str | os.PathLike[str]) -> Reach:
-    """Write the scenario of a first motion of a robot.
-
-    Parameters
-    ----------
-    robot : str or path
-        See :func:`~vdfmu.load_robot`.
-    out : path
-        File to write.
-
-    Raises
-    ------
-    UsageError, ModelError
-        See :func:`~vdfmu.load_robot`; if the file cannot be written.
-    """
+    """Write the scenario of a first motion of a robot, see :func:`~vdfmu.load_robot`, to a file."""
     path, place = Path(out), locate(robot, "robots")
     shipped = str(robot) in robot_names() and not Path(robot).exists()
     written = str(robot) if shipped else Path(os.path.relpath(place, path.parent)).as_posix()
@@ -99,10 +86,8 @@ def reach_scenario(robot: Robot | str | os.PathLike[str] | None = None) -> Scena
     if isinstance(robot, Robot):
         name = robot.name
     else:
-        name, robot = (
-            locate(robot or "manipulator_6dof", "robots").stem,
-            load_robot(robot or "manipulator_6dof"),
-        )
+        robot = robot or "manipulator_6dof"
+        name, robot = locate(robot, "robots").stem, load_robot(robot)
     with temporary_folder("vdfmu_") as folder:
         path = Path(folder) / f"{name}_reach.toml"
         _, notes = _write(robot, name, name, path)

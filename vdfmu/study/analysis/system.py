@@ -23,20 +23,12 @@ from vdfmu.system.scenario.values import system_values
 
 @contextmanager
 def packaged(
-    system: Scenario | str | os.PathLike[str],
-    settings: Mapping[str, Any] | None = None,
-    backend: str | None = None,
+    system: Scenario | str | os.PathLike[str], settings: Mapping[str, Any] | None = None, backend: str | None = None
 ) -> Generator[tuple[Path, dict[str, Any]]]:
     """Yield the package of a system, and the options of :class:`vdfmu.Simulator` that it takes.
 
-    Parameters
-    ----------
-    system : Scenario, str or path
-        A scenario, its name or file, or an ``.ssp``.
-    settings : mapping, optional
-        Changed parameters.
-    backend : str, optional
-        Kind of a scenario's FMUs, ``native`` or ``python``.
+    The system is a scenario, its name or file, or an ``.ssp``; `settings` change its parameters, and `backend` is the
+    kind of a scenario's FMUs, ``native`` or ``python``.
     """
     if not isinstance(system, Scenario):
         if Path(system).suffix.lower() == ".ssp":
@@ -46,10 +38,8 @@ def packaged(
     values = system_values(system, settings)
     with temporary_folder("vdfmu_") as folder:
         built = cached_fmus(system, folder, backend)
-        yield (
-            write_ssp(system, built, Path(folder) / "system.ssp", values, mixed=True),
-            {"algorithm": system.master, "inputs": system.inputs, "input_hold": system.input_hold},
-        )
+        options = {"algorithm": system.master, "inputs": system.inputs, "input_hold": system.input_hold}
+        yield write_ssp(system, built, Path(folder) / "system.ssp", values, mixed=True), options
 
 
 def linearized(

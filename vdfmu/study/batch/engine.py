@@ -24,13 +24,8 @@ _MOST = 2**30
 class Engine:
     """Runs a program, with as many points side by side as this processor has lanes.
 
-    Parameters
-    ----------
-    program : BatchProgram
-    record : sequence of str
-        Patterns of the signals that the results have.
-    level : int, optional
-        Level of the library, see :data:`~vdfmu.study.batch.make.LEVELS`; default the highest that the processor runs.
+    The results have the signals of the patterns `record`. The library is that of a `level`, see
+    :data:`~vdfmu.study.batch.make.LEVELS`, by default the highest that the processor runs.
     """
 
     def __init__(self, program: BatchProgram, record: Sequence[str], level: int | None = None) -> None:
@@ -40,11 +35,9 @@ class Engine:
         self._library = load_library(program.libraries[self.level], "lanes") if self.level else plain
         self.lanes: int = self._library.lanes()
         run = self._library.run
-        run.argtypes = [
-            c_void_p, c_void_p, c_void_p, c_int64, c_void_p, c_int64, c_void_p, c_void_p, c_void_p, c_int64, c_void_p,
-            c_void_p,
-        ]  # fmt: skip
-        run.restype = c_int64
+        p, number = c_void_p, c_int64
+        run.argtypes = [p, p, p, number, p, number, p, p, p, number, p, p]
+        run.restype = number
         names = matching(program.signals, record)
         self._signals = [Signal(name, "real", program.signals[name][1], i) for i, name in enumerate(names)]
         self._recorded = np.array([program.signals[name][0] for name in names], dtype=np.int64)
@@ -55,11 +48,8 @@ class Engine:
     def run(self, points: Sequence[Mapping[str, Any]]) -> list[Results | None]:
         """Run points, each the values of some parameters by ``component.variable``.
 
-        Returns
-        -------
-        list of Results or None
-            None for a point that has no result, or that sets what its system refuses: an FMU says why. None for all
-            if their rows need more than `_MOST` bytes.
+        None for a point that has no result, or that sets what its system refuses: an FMU says why. None for all if
+        their rows need more than `_MOST` bytes.
         """
         if self.lanes * len(self._program.time) * len(self._signals) * 8 > _MOST:
             return [None] * len(points)
@@ -76,15 +66,11 @@ class Engine:
         n = len(program.points)
         rows = np.empty((self.lanes, n + 1, len(self._signals)))
         good = np.zeros(self.lanes, dtype=np.bool_)
-        pointers = [
-            array.ctypes.data
-            for array in (memory, program.points, program.sizes, program.fed, program.course, self._shown,
-                          self._recorded, rows, good)
-        ]  # fmt: skip
-        m, at, sizes, fed, course, shown, recorded, kept, ended = pointers
-        self._library.run(
-            m, at, sizes, n, fed, len(program.fed), course, shown, recorded, len(self._recorded), kept, ended
-        )
+        given = (
+            memory, program.points, program.sizes, n, program.fed, len(program.fed), program.course, self._shown,
+            self._recorded, len(self._recorded), rows, good,
+        )  # fmt: skip
+        self._library.run(*(each if isinstance(each, int) else each.ctypes.data for each in given))
         facts = {"start": 0.0, "stop": program.time[-1].item(), "steps": n}
         return [
             Results(program.time, self._signals, {"real": rows[lane]}, dict(facts)) if fits and good[lane] else None

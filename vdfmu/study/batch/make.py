@@ -30,10 +30,7 @@ FLAGS = ("-ffp-contract=fast",)
 def make_program(description: SystemDescription, varied: Iterable[str]) -> BatchProgram:
     """Compile a system whose `varied` parameters, ``component.variable``, differ from run to run.
 
-    Raises
-    ------
-    UsageError
-        If it cannot be run in lanes, with all reasons.
+    UsageError, with all reasons, if it cannot be run in lanes.
     """
     scenario = description.scenario
     problems = [] if native_available() else ["it needs the compiler ziglang: pip install 'vdfmu[native]'"]

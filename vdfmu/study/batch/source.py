@@ -24,17 +24,8 @@ _DIVISION = re.compile(r" / (w\d+);")
 def lane_sources(system: WiredUnits, delayed: bool) -> tuple[dict[str, bytes], list[list[int]]]:
     """Return file name to content of the C, and the places set by each call that runs only where these are recorded.
 
-    Parameters
-    ----------
-    system : WiredUnits
-        Its choices are compiled as they are in its memory.
-    delayed : bool
-        Whether every unit sees the others' outputs one sample late.
-
-    Raises
-    ------
-    KernelError
-        If a unit has no traced functions, or one of these has no C text.
+    Choices are compiled as they are in the memory of the system; `delayed`: every unit sees the others' outputs one
+    sample late. KernelError if a unit has no traced functions, or one of these has no C text.
     """
     code = _LaneCode(system)
     folder = data_path("fmu_src")
@@ -45,13 +36,7 @@ def lane_sources(system: WiredUnits, delayed: bool) -> tuple[dict[str, bytes], l
 
 
 class _LaneCode(Code):
-    """C text of a system in lanes.
-
-    Attributes
-    ----------
-    optional : dict of (unit, function) to list of int
-        Places that calls set whose results no unit reads.
-    """
+    """C text of a system in lanes."""
 
     head = "double *m, double t, const bool *shown"
     unused = "(void)t, (void)shown;"
@@ -59,6 +44,7 @@ class _LaneCode(Code):
     def __init__(self, system: WiredUnits) -> None:
         super().__init__(system)
         self.optional: dict[tuple[str, str], list[int]] = {}
+        """Unit and function to the places that a call sets whose results no unit reads."""
 
     def call(self, name: str, unit: Traced, call: Call) -> Iterator[str]:
         """Yield the lines of a call; outputs that nothing reads are calculated where they are recorded."""

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
@@ -47,46 +48,33 @@ _LEFT = 0.3
 
 @dataclass(frozen=True)
 class Identified:
-    """Estimated parameters and their deviations.
-
-    Attributes
-    ----------
-    names, units : tuple of str
-        Drives and springs by joint, ``f_c[1]``, then the base parameters of the links.
-    values, deviation, nominal : (m,) arrays
-        Estimates, standard deviations, and values of the robot file.
-    held : mapping of str to str
-        Parameters that are not identified and keep their values: why, and the way out.
-    torque_level : (n,) array [N.m or N]
-        Root mean square of the spring torques.
-    stiffness, stiffness_deviation : (n,) arrays [N.m/rad or N/m]
-        Springs, link-side: torque by deformation at that torque.
-    delay : float [s]
-        Delay of torques after positions.
-    band : float [Hz]
-    t : (k,) [s]
-        Times of the rows.
-    torque, torque_error : (k, n) [N.m or N]
-        Measured torques, link-side, filtered, and the rest that the model does not explain.
-    deformation_error : (k, n) [rad or m] or None
-    base : BaseParameters
-    """
+    """Estimated parameters and their deviations."""
 
     names: tuple[str, ...]
+    """Drives and springs by joint, ``f_c[1]``, then the base parameters of the links."""
     units: tuple[str, ...]
     values: Floats
     deviation: Floats
     nominal: Floats
+    """(m,): Estimates, standard deviations, and values of the robot file."""
     held: Mapping[str, str]
+    """Parameters that are not identified and keep their values: why, and the way out."""
     torque_level: Floats
+    """(n,) [N.m or N]: Root mean square of the spring torques."""
     stiffness: Floats
     stiffness_deviation: Floats
+    """(n,) [N.m/rad or N/m]: Springs, link-side: torque by deformation at that torque."""
     delay: float
+    """Delay of torques after positions [s]."""
     band: float
+    """[Hz]."""
     t: Floats
+    """Times of the rows, (k,) [s]."""
     torque: Floats
     torque_error: Floats
+    """(k, n) [N.m or N]: Measured torques, link-side, filtered, and the rest that the model does not explain."""
     deformation_error: Floats | None
+    """(k, n) [rad or m]."""
     base: BaseParameters
 
     def interval(self, factor: float = 1.96) -> tuple[Floats, Floats]:
@@ -110,47 +98,32 @@ class Identified:
             "order of the columns"
             for i in np.flatnonzero(left > _LEFT**2 * whole)
         ]
-        if self.deformation_error is not None:
-            return notes
-        return [
-            *notes,
-            "the log has no positions of links, so stiffnesses are those of the robot file, by which links are placed: "
-            "log them by encoders behind the gears, or with the rotors' by a camera or tracker",
-        ]
+        if self.deformation_error is None:
+            notes.append(
+                "the log has no positions of links, so stiffnesses are those of the robot file, by which links are "
+                "placed: log them by encoders behind the gears, or with the rotors' by a camera or tracker"
+            )
+        return notes
 
 
 def identify(log: Log, robot: Robot, *, band: float | None = None) -> Identified:
     """Estimate drives, friction, springs and base parameters from a log.
 
-    Parameters
-    ----------
-    log : Log
-    robot : Robot
-        Kinematics, ratios, width of the friction's sign, kinematic error; its values are the start, and parameters that
-        are not identified keep them.
-    band : float, optional [Hz]
-        Band of the equations; default three times the frequency below which 99.9 % of the velocities' power lie.
-
-    Raises
-    ------
-    UsageError
-        For joints that did not move, or whose rotor and link did not move alike; a log that is too short for the band,
-        or tells nothing; a band that is not positive; the split arrangement of friction.
+    The robot has kinematics, ratios, width of the friction's sign and kinematic error; its values are the start, and
+    parameters that are not identified keep them. The band [Hz] of the equations is by default three times the frequency
+    below which 99.9 % of the velocities' power lie. UsageError for joints that did not move, or whose rotor and link
+    did not move alike; a log that is too short for the band, or tells nothing; the split arrangement of friction.
     """
     if robot.friction != "lumped":
         raise UsageError(f"{robot.name}: expected friction in the lumped arrangement, got {robot.friction}.")
     moved = np.ptp(log.kappa, axis=0)
-    if (still := np.flatnonzero(moved < _STILL)).size:
-        which = ", ".join(str(i + 1) for i in still)
-        raise UsageError(f"{log.where}: joint {which} did not move: nothing can be told of it. Log a motion of all.")
-    if log.q is not None:
-        apart = np.flatnonzero(np.ptp(log.kappa - log.q, axis=0) > _APART * moved)
-        if apart.size:
-            which = ", ".join(str(i + 1) for i in apart)
-            raise UsageError(
-                f"{log.where}: joint {which}: expected rotors, divided by the ratio, and links to move alike, to what "
-                "the springs give way. Check units, ratios, signs and order of the columns kappa and q."
-            )
+    if still := _numbers(moved < _STILL):
+        raise UsageError(f"{log.where}: joint {still} did not move: nothing can be told of it. Log a motion of all.")
+    if log.q is not None and (apart := _numbers(np.ptp(log.kappa - log.q, axis=0) > _APART * moved)):
+        raise UsageError(
+            f"{log.where}: joint {apart}: expected rotors, divided by the ratio, and links to move alike, to what the "
+            "springs give way. Check units, ratios, signs and order of the columns kappa and q."
+        )
     if band is not None and not band > 0.0:
         raise UsageError(f"band: expected more than 0 Hz, got {band:g} Hz.")
     problem, rows, t, band = _prepare(log, robot, band)
@@ -163,6 +136,11 @@ def identify(log: Log, robot: Robot, *, band: float | None = None) -> Identified
         float(x[problem.places["delay"]][0]), band, t[rows], problem.tau, errors[0],
         errors[1] if len(errors) > 1 else None, problem.base,
     )  # fmt: skip
+
+
+def _numbers(chosen: Any) -> str:
+    """Return the numbers of joints."""
+    return ", ".join(str(i + 1) for i in np.flatnonzero(chosen))
 
 
 def _prepare(log: Log, robot: Robot, band: float | None) -> tuple[IdentificationProblem, slice, Floats, float]:

@@ -76,20 +76,16 @@ def read_log(path: str | os.PathLike[str], robot: Robot, columns: Mapping[str, s
         For a log that cannot be read, is not finite, has gaps, or is too short; with all problems.
     """
     path = Path(path)
-    wrong = [name for name in columns or () if name not in _KNOWN]
-    if wrong:
+    columns = columns or {}
+    if wrong := [name for name in columns if name not in _KNOWN]:
         raise UsageError(f"columns: {', '.join(wrong)}: expected some of {', '.join(_KNOWN)}.")
-    wrong = [f"{what}={name}" for what, name in (columns or {}).items() if "{}" not in name and robot.n > 1]
-    if wrong:
+    if wrong := [f"{what}={name}" for what, name in columns.items() if "{}" not in name and robot.n > 1]:
         raise UsageError(f"columns: {', '.join(wrong)}: expected a name with {{}} for the joint.")
-    if path.suffix.lower() == ".mat":
-        t, found = _kuka(path, robot.n)
-    else:
-        t, found = _table(path, robot, columns or {})
-    if "theta" in found:
-        found["kappa"] = found.pop("theta") / robot.ell
-    if "tau_link" in found:
-        found["tau"] = found.pop("tau_link") / robot.ell
+    is_matlab = path.suffix.lower() == ".mat"
+    t, found = _kuka(path, robot.n) if is_matlab else _table(path, robot, columns)
+    for given, wanted in (("theta", "kappa"), ("tau_link", "tau")):
+        if given in found:
+            found[wanted] = found.pop(given) / robot.ell
     _check(path, t, found)
     return Log(str(path), t, found["kappa"], found["tau"], found.get("q"))
 
@@ -102,18 +98,12 @@ def _table(path: Path, robot: Robot, columns: Mapping[str, str]) -> tuple[Floats
     else:
         (table,) = read_inputs(path)
         t, names = table.t, list(table.names)
-        units, values = (
-            dict(zip(names, table.units, strict=True)),
-            dict(zip(names, table.values.T, strict=True)),
-        )
+        units, values = (dict(zip(names, each, strict=True)) for each in (table.units, table.values.T))
     found: dict[str, Floats] = {}
     problems: list[str] = []
     for what, patterns in _KNOWN.items():
         chosen = [columns[what]] if what in columns else patterns
-        joints = [
-            [str(i + 1) for i in range(robot.n)],
-            *([robot.joint_names] if all(robot.joint_names) else []),
-        ]
+        joints = [[str(i + 1) for i in range(robot.n)], *([robot.joint_names] if all(robot.joint_names) else [])]
         some = [[p.replace("{}", joint) for joint in each] for each in joints if each for p in chosen]
         own = next((each for each in some if all(name in values for name in each)), None)
         if own is None:

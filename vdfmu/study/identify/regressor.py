@@ -9,11 +9,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from vdfmu.arm.equations.rigid_body import link_body
+from vdfmu.base.arrays import Floats
 
-Floats = npt.NDArray[np.float64]
 BODY = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 """Parameters of a body."""
 _PAIRS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
@@ -42,14 +41,7 @@ def body_parameters(robot: Any) -> Floats:
 
 
 def regressor(robot: Any, q: Floats, q_dot: Floats, q_ddot: Floats, kappa_dot: Floats, kappa_ddot: Floats) -> Regressor:
-    """Regressor of the arm at m states.
-
-    Parameters
-    ----------
-    q, q_dot, q_ddot : (m, n) [rad or m, per s, per s2]
-    kappa_dot, kappa_ddot : (m, n) [rad/s, rad/s2]
-        Rotors, divided by ell.
-    """
+    """Regressor of the arm at m states, (m, n) each [rad or m, per s, per s2]; of rotors divided by ell."""
     m, n = q.shape
     slides = [kind == "prismatic" for kind in robot.joint_types]
     z = np.array([0.0, 0.0, 1.0])

@@ -27,15 +27,8 @@ def identified_robot(found: Identified, robot: Robot, where: str) -> tuple[Robot
     """Return the robot with the identified values, whose sources name the log, and notes.
 
     Base parameters leave the parameters of the links open: of all that match, the ones nearest to the robot file are
-    taken, of the same shape if possible. If these are not parameters of bodies, the links stay as they are.
-
-    Parameters
-    ----------
-    found : Identified
-    robot : Robot
-        The robot used for the identification.
-    where : str
-        The log, for sources.
+    taken, of the same shape if possible. If these are not parameters of bodies, the links stay as they are. `robot` is
+    the one used for the identification, and `where` names the log, for sources.
     """
     values = dict(zip(found.names, found.values, strict=True))
     sources, arrays, notes = dict(robot.sources), dict[str, Any](), list[str]()
@@ -68,8 +61,8 @@ def _links(found: Identified, robot: Robot) -> dict[str, Floats]:
     """Mass, centre of mass and inertia of the links, with the base parameters and nearest to the robot file."""
     phi = body_parameters(robot)
     table = np.abs(phi).reshape(-1, 10)
-    kinds = np.hstack([table[:, [0]], *(table[:, part].max(axis=1, keepdims=True).repeat(k, axis=1)
-                                        for part, k in ((slice(1, 4), 3), (slice(4, 10), 6)))])  # fmt: skip
+    first, second = (table[:, part].max(axis=1, keepdims=True) for part in (slice(1, 4), slice(4, 10)))
+    kinds = np.hstack([table[:, [0]], first.repeat(3, axis=1), second.repeat(6, axis=1)])
     sizes = np.maximum(table, _SMALL * np.maximum(kinds, _SMALL)).ravel()
     together = np.repeat(np.eye(robot.n), 10, axis=0) * phi[:, None]
     ways = np.hstack([_OWN * np.diag(sizes), together])

@@ -16,7 +16,7 @@ from vdfmu.base.show_progress import Shown, with_progress
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report.browser import Browser
-from vdfmu.study.report.page import ShownRun, arm_page, read_run
+from vdfmu.study.report.page import ShownRun, read_run, report_page
 
 _ROWS = 501
 """Most rows; between them the arm moves on straight lines."""
@@ -77,7 +77,7 @@ class Animation:
     """The arm of a run, moving; made by :func:`vdfmu.animate`."""
 
     def __init__(self, run: ShownRun) -> None:
-        self._page = arm_page(run._replace(results=run.results.thinned(_ROWS)))
+        self._page = report_page([run._replace(results=run.results.thinned(_ROWS))], arm_alone=True)
         self._name = f"{run.summary.get('scenario', run.name)}, {run.summary.get('robot', 'an arm')}"
 
     def __repr__(self) -> str:

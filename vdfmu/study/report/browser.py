@@ -26,12 +26,8 @@ _PROGRAMS = (
 class Browser:
     """A page in a browser of its own, with a folder for its profile.
 
-    Raises
-    ------
-    UsageError
-        Chromium or Chrome is not installed, or this is Windows, whose processes have no such pipe.
-    VdfmuError
-        The browser does not do what it is told.
+    UsageError if Chromium or Chrome is not installed, or on Windows, whose processes have no such pipe; VdfmuError if
+    the browser does not do what it is told.
     """
 
     def __init__(self, profile: Path) -> None:

@@ -24,13 +24,8 @@ def paper_table(scenario: Scenario) -> int:
 def run_caption(results: Results, scenario: Scenario, figures: Mapping[int, int]) -> str:
     """Return which run a picture shows: scenario, robot, master, step, and how the plant deviates from the model.
 
-    Parameters
-    ----------
-    results : Results
-        Master, step and settings in its summary override the scenario's.
-    scenario : Scenario
-    figures : mapping of int to int
-        Table of the paper that the scenario compares with to the figure of the paper that the picture then is.
+    Master, step and settings in the summary override the scenario's. `figures`: table of the paper that the scenario
+    compares with to the figure of the paper that the picture then is.
     """
     facts: Mapping[str, Any] = results.summary
     master = facts.get("master") or facts.get("algorithm") or scenario.master

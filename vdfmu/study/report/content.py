@@ -94,11 +94,7 @@ _FIGURES = (
 def arm_of(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the facts from which a robot is drawn: geometry, ratios, and the shapes of its file except meshes.
 
-    Parameters
-    ----------
-    robot : Robot
-    values : mapping of str to value
-        Values of the plant, such as ``offset[2,3]``, instead of the robot's.
+    `values` of the plant, such as ``offset[2,3]``, count instead of the robot's.
     """
 
     def listed(name: str, of_file: Any) -> Any:
@@ -119,12 +115,9 @@ def arm_of(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
 def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
     """Return the content of the page of a run, ready for JSON.
 
-    Returns
-    -------
-    dict
-        ``arm``: see :func:`vdfmu.study.report.shapes.drawing_of`, None without one. ``frames``: time and, for the arm,
-        joint positions, tracking errors, control torques and torsion at every k-th row. ``figures`` and ``signals``:
-        lists of figures, with rows, time and values as base64 of little-endian numbers, curve by curve.
+    ``arm``: see :func:`vdfmu.study.report.shapes.drawing_of`, None without one. ``frames``: time and, for the arm,
+    joint positions, tracking errors, control torques and torsion at every k-th row. ``figures`` and ``signals``: lists
+    of figures, with rows, time and values as base64 of little-endian numbers, curve by curve.
     """
     arm: Mapping[str, Any] | None = summary.get("arm")
     n = len(arm["types"]) if arm else int(summary.get("joints", 0))
@@ -172,16 +165,10 @@ class _CurveTable:
     """Rows of curves, gathered stretch by stretch."""
 
     def __init__(self, figure: Figure | None = None) -> None:
-        self._facts: dict[str, Any] = {}
-        self.curves = figure.curves if figure else []
-        if figure is not None:
-            self._facts = {
-                "key": figure.key,
-                "title": figure.title,
-                "unit": figure.unit,
-                "peak": figure.peak,
-                "curves": [[curve.label, curve.joint, int(curve.dashed)] for curve in figure.curves],
-            }
+        self._facts: dict[str, Any] = figure._asdict() if figure else {}
+        self.curves: Sequence[Curve] = self._facts.pop("curves", ())
+        if figure:
+            self._facts["curves"] = [[curve.label, curve.joint, int(curve.dashed)] for curve in self.curves]
         self._time: list[Floats] = []
         self._parts: list[list[Floats]] = []
 
@@ -256,13 +243,8 @@ def _figures(results: Results, summary: Mapping[str, Any], sums: Mapping[str, Se
             ]
             if curves:
                 measure = unit.torque if torques else unit.position
-                yield Figure(
-                    f"{key}.{kind}",
-                    f"{title}{suffix}".format(noun),
-                    measure,
-                    curves,
-                    f"{peak}{suffix}".format(noun) if peak else "",
-                )
+                words = [f"{text}{suffix}".format(noun) if text else "" for text in (title, peak)]
+                yield Figure(f"{key}.{kind}", words[0], measure, curves, words[1])
 
 
 def _groups(results: Results, n: int, copies: Container[str]) -> Iterator[Figure]:

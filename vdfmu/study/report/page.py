@@ -31,18 +31,9 @@ from vdfmu.system.package.drawing import system_diagram
 NAME = "report.html"
 _WEB = Path(__file__).parent / "web"
 MODULES = (
-    "packed.js",
-    "vendor.js",
-    "data.js",
-    "chart.js",
-    "figures.js",
-    "arm.js",
-    "player.js",
-    "system.js",
-    "worker.js",
-    "simulation.js",
-    "main.js",
-)
+    "packed.js", "vendor.js", "data.js", "chart.js", "figures.js", "arm.js", "player.js", "system.js", "worker.js",
+    "simulation.js", "main.js",
+)  # fmt: skip
 """In an order in which each comes after the modules that it imports."""
 WORKER = ("packed.js", "fmu.js", "master.js")
 """Modules of the worker that simulates, which the page holds as text."""
@@ -80,13 +71,7 @@ def newest_run(folder: Path) -> Path:
 
 
 def read_run(folder: Path) -> ShownRun:
-    """Return the run whose results are in a folder.
-
-    Raises
-    ------
-    UsageError
-        The folder has no results of a run.
-    """
+    """Return the run whose results are in a folder; UsageError if it has none."""
     tables = [folder / name for name in result_files()]
     table = next((file for file in reversed(tables) if file.exists()), tables[0])
     for file in (folder / "summary.json", table):
@@ -98,40 +83,18 @@ def read_run(folder: Path) -> ShownRun:
         raise UsageError(f"{folder}: the results have no rows, so there is nothing to show.")
     package = folder / "system.ssp"
     return ShownRun(
-        folder.resolve().name,
-        results,
-        summary,
-        package if package.exists() else Path(summary.get("package", "")),
+        folder.resolve().name, results, summary, package if package.exists() else Path(summary.get("package", ""))
     )
 
 
 def write_report(runs: Sequence[ShownRun], path: Path, *, simulate: bool = False) -> Path:
-    """Write the page of one run or of several.
-
-    Parameters
-    ----------
-    runs : sequence of ShownRun
-    path : Path
-    simulate : bool, optional
-        Whether the page can run them again by itself, for which their units are compiled.
-
-    Raises
-    ------
-    UsageError, VdfmuError
-        The file cannot be written.
-    """
+    """Write the page of one run or of several; `simulate`: it can run them again, by units compiled for it."""
     write_whole(path, [report_page(runs, simulate=simulate)])
     return path
 
 
-def arm_page(run: ShownRun) -> bytes:
-    """Return a page that shows only the arm, for the size of any frame."""
-    return report_page([run], arm_alone=True)
-
-
 def report_page(runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: bool = False) -> bytes:
     """Return the page of one run or of several, or of their arms alone; for `simulate` see :func:`write_report`."""
-    first = runs[0].summary
     names = _names(runs)
     binaries: dict[str, str] = {}
     parts = [
@@ -145,11 +108,11 @@ def report_page(runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: 
     if arm_alone:
         parts = [part | {"figures": [], "signals": [], "simulation": None} for part in parts]
     data = {"runs": parts} | ({"binaries": binaries} if binaries else {})
+    inert = to_json(data, indent=None).replace("<", "\\u003c")  # nothing in it ends the script that contains it
     diagram = next(filter(None, (system_diagram(run.package) for run in runs)), "")
-    facts = (run.summary for run in runs)
-    each = [f"robot {s['robot']}" if "robot" in s else f"system {s.get('system', '')}" for s in facts]
+    summaries = [run.summary for run in runs]
+    each = [f"robot {s['robot']}" if "robot" in s else f"system {s.get('system', '')}" for s in summaries]
     about = "; ".join(dict.fromkeys(each))
-    about = about[0].upper() + about[1:]
     body = "\n".join(
         [
             *_checks(names, runs),
@@ -160,15 +123,16 @@ def report_page(runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: 
             *_tables(names, runs),
             *_facts(names, runs),
             "<noscript><p>Figures and the arm are drawn by a script, which this browser does not run.</p></noscript>",
-            f'<script id="data" type="application/json">{_inert(to_json(data, indent=None))}</script>',
+            f'<script id="data" type="application/json">{inert}</script>',
             *([f'<script type="text/plain" id="worker">{script(WORKER)}</script>'] if binaries else []),
             _libraries(),
             f'<script type="module">\n{script()}\n</script>',
         ]
     )
     head = f'{look()}<link rel="icon" href="data:,"><style>{_text(_VENDOR[1])}{_ALONE if arm_alone else ""}</style>'
-    what = f"{about}, {'one run' if len(runs) == 1 else f'{len(runs)} runs'} of vdfmu {first.get('vdfmu', '')}"
-    return page(", ".join(names), what.strip(), body, 84, head)
+    count, version = "one run" if len(runs) == 1 else f"{len(runs)} runs", summaries[0].get("vdfmu", "")
+    what = f"{about[0].upper()}{about[1:]}, {count} of vdfmu {version}".strip()
+    return page(", ".join(names), what, body, 84, head)
 
 
 def look() -> str:
@@ -194,11 +158,6 @@ def script(modules: Sequence[str] = MODULES) -> str:
 
 def _text(name: str) -> str:
     return (_WEB / name).read_text(encoding="utf-8")
-
-
-def _inert(text: str) -> str:
-    """Return JSON in which nothing ends the script that contains it."""
-    return text.replace("<", "\\u003c")
 
 
 def _names(runs: Sequence[ShownRun]) -> list[str]:

@@ -86,10 +86,7 @@ def limits_sheet(summary: Summary) -> Sheet:
     """Share of the time that each joint was at its limits."""
     arms: Mapping[str, Summary] = summary["limits"]
     rows = [
-        (
-            f"{arm} {joint}" if len(arms) > 1 else joint,
-            *(f"{100.0 * shares[key][i]:.3g}" for key in _LIMITS.values()),
-        )
+        (f"{arm} {joint}" if len(arms) > 1 else joint, *(f"{100.0 * shares[key][i]:.3g}" for key in _LIMITS.values()))
         for arm, shares in arms.items()
         for i, joint in enumerate(_joints(summary, len(shares["torque"])))
     ]
@@ -165,10 +162,7 @@ def reference_sheet(summary: Summary) -> Sheet:
         for key, entry in compared.items()
     ]
     return Sheet(
-        "Difference to the references",
-        ("Reference", *headings),
-        rows,
-        notes if rows else ["No reference was solved."],
+        "Difference to the references", ("Reference", *headings), rows, notes if rows else ["No reference was solved."]
     )
 
 

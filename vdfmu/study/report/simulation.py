@@ -107,14 +107,8 @@ def simulation_of(
 ) -> dict[str, Any]:
     """Return the page's simulation, ready for JSON; ``{"reason": ..}`` where it cannot.
 
-    Parameters
-    ----------
-    results : Results
-    summary : mapping
-    package : Path
-        The run's ``system.ssp``.
-    binaries : dict of str to str
-        Digest to base64 of a compressed module; those of the run's units are added. None: the page is to have none.
+    `binaries`: digest to base64 of a compressed module, to which those of the run's units are added. None: the page is
+    to have none.
     """
     try:
         _refuse(summary, package)
@@ -277,12 +271,7 @@ def _parameters(checked: Checked, name: str) -> dict[FmuVariable, float]:
 
 
 def _carried(link: Link, names: Sequence[str]) -> list[float]:
-    ends = (
-        names.index(link.start[0]),
-        _position(link.source),
-        names.index(link.end[0]),
-        _position(link.sink),
-    )
+    ends = (names.index(link.start[0]), _position(link.source), names.index(link.end[0]), _position(link.sink))
     return [*ends, link.conversion.factor, link.conversion.offset]
 
 

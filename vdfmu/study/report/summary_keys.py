@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from vdfmu.engine.results.formats import FORMATS
@@ -11,10 +11,19 @@ from vdfmu.engine.results.formats import FORMATS
 
 @dataclass(frozen=True)
 class List:
-    """A list, with an entry a joint if `joints`."""
+    """A list, with an entry a joint if `joints`, or with `size` entries."""
 
     of: Any
     joints: bool = False
+    size: int | None = None
+
+
+@dataclass(frozen=True)
+class Record:
+    """A table that has the keys of `of`, may have those of `also`, and others."""
+
+    of: Mapping[str, Any]
+    also: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
 
 @dataclass(frozen=True)
@@ -25,7 +34,7 @@ class Keyed:
 
 
 class Key(NamedTuple):
-    """A key: the type of its value, and its meaning."""
+    """A key: the type of its value, a tuple for one of some texts, a mapping for a table of any keys; its meaning."""
 
     of: Any
     text: str
@@ -33,29 +42,32 @@ class Key(NamedTuple):
 
 NUMBER, WHOLE, TEXT, FLAG, ANY = "a number", "a whole number", "a text", "true or false", "anything"
 _JOINTS, _UNITS, _VECTOR, _LINES = List(NUMBER, True), List(TEXT, True), List(NUMBER), List(TEXT)
+_PLACE = List(NUMBER, size=3)
+_TURN = List(_PLACE, size=3)
 SPRINGS = ("rms_spring_torque_nm", "rms_tau_s_hat_error_nm", "rms_tau_f_hat_error_nm")
 TRACKING = ("rms_position_error_deg", "max_position_error_deg", "rms_torque_compensation_error_nm")
-_ENERGIES = dict.fromkeys(("residual_energy_j", "residual_energy_abs_j", "exchanged_energy_j"), _VECTOR)
-_STEPS = dict.fromkeys(("steps", "rejected", "jumps", "unit_steps"), WHOLE) | dict.fromkeys(
-    ("shortest_step", "longest_step", "convergence"), NUMBER
+TOGETHER = (TRACKING, SPRINGS)
+"""Keys of which a summary has all or none."""
+_ENERGIES = Record(dict.fromkeys(("residual_energy_j", "residual_energy_abs_j", "exchanged_energy_j"), _VECTOR))
+_STEPS = Record(
+    {"steps": WHOLE, "rejected": WHOLE, "unit_steps": WHOLE, "shortest_step": NUMBER, "longest_step": NUMBER},
+    {"jumps": WHOLE, "convergence": NUMBER},
 )
-_GAINS = {"K_p_paper": _VECTOR, "K_p": _VECTOR}
-_SHARES = dict.fromkeys(("torque", "speed", "stop"), _VECTOR)
-_SEPARATION = {"change": NUMBER, "max_position_difference_rad": NUMBER}
+_GAINS = Record({"K_p_paper": _VECTOR, "K_p": _VECTOR})
+_SHARES = Record(dict.fromkeys(("torque", "speed", "stop"), _VECTOR))
+_SEPARATION = Record({"change": NUMBER, "max_position_difference_rad": NUMBER})
 _REFERENCE = {
     "name": TEXT, "max_difference": Keyed(NUMBER), "max_position_difference_rad": NUMBER, "at_s": NUMBER,
     "max_torque_difference_nm": NUMBER, "rms_position_difference": NUMBER, "rms_torque_difference": NUMBER,
 }  # fmt: skip
-_ARM = {
-    "types": _UNITS, "ell": _JOINTS, "rotation": List(List(_VECTOR), True), "offset": List(_VECTOR, True),
-    "tool_offset": _VECTOR, "tool_rotation": List(_VECTOR), "gravity": _VECTOR, "shapes": List(Keyed(ANY)),
-}  # fmt: skip
-_WITNESS = {
-    "components": _LINES, "left_out": _LINES, "times_s": _VECTOR, "numbers": WHOLE, "faults": _LINES,
-}  # fmt: skip
-_VERDICT = {
-    "passed": FLAG, "checks": List({"name": TEXT, "passed": FLAG, "text": TEXT}), "not_checked": _LINES,
-}  # fmt: skip
+_ARM = Record({
+    "types": List(("revolute", "prismatic"), True), "ell": _JOINTS, "rotation": List(_TURN, True),
+    "offset": List(_PLACE, True), "tool_offset": _PLACE, "tool_rotation": _TURN, "gravity": _PLACE,
+    "shapes": List(Keyed(ANY)),
+})  # fmt: skip
+_WITNESS = {"components": _LINES, "left_out": _LINES, "times_s": _VECTOR, "numbers": WHOLE, "faults": _LINES}
+_CHECK = Record({"name": TEXT, "passed": FLAG, "text": TEXT})
+_VERDICT = Record({"passed": FLAG, "checks": List(_CHECK)}, {"not_checked": _LINES})
 _PAPER = {"source": TEXT, **dict.fromkeys(TRACKING, _VECTOR)}
 KEYS: Mapping[str, Key] = {
     "scenario": Key(TEXT, "Name of the scenario."),
@@ -87,8 +99,7 @@ KEYS: Mapping[str, Key] = {
     "federates": Key(Keyed(ANY), "Components of each process of a distributed run, and how long it waited."),
     "core": Key(TEXT, "How the processes of a distributed run exchanged values."),
     "ended": Key(
-        {"component": TEXT, "time": NUMBER},
-        "Event that ended the run before its stop time, and its time [s].",
+        {"component": TEXT, "time": NUMBER}, "Event that ended the run before its stop time, and its time [s]."
     ),
     "notes": Key(_LINES, "Notes on the run."),
     "warnings": Key(_LINES, "Notes of runs of earlier versions."),
@@ -99,7 +110,7 @@ KEYS: Mapping[str, Key] = {
     **{f"{suffix[1:]}_bytes": Key(WHOLE, f"Size of results{suffix}.") for suffix in FORMATS},
     "files": Key(_LINES, "Files of the run, which a later one replaces."),
     "witness": Key(_WITNESS, "Comparison of the run with the units' methods in numpy."),
-    "position_units": Key(_UNITS, "Units of measurement of the position errors."),
+    "position_units": Key(List(("deg", "mm"), True), "Units of measurement of the position errors."),
     "torque_units": Key(_UNITS, "Units of measurement of the torques."),
     "rms_position_error_deg": Key(_JOINTS, "RMS of the position errors."),
     "max_position_error_deg": Key(_JOINTS, "Largest position errors."),
@@ -108,13 +119,8 @@ KEYS: Mapping[str, Key] = {
     "rms_tau_s_hat_error_nm": Key(_JOINTS, "RMS of the errors of the estimated spring torques, link-side."),
     "rms_tau_f_hat_error_nm": Key(_JOINTS, "RMS of the errors of the estimated friction torques, link-side."),
     "power_bond": Key(_ENERGIES, "Energy that the coupling adds or takes, and that is exchanged, link-side [J]."),
-    "implied_gains": Key(
-        {"K_p_paper": _VECTOR, "K_p": _VECTOR},
-        "Gains that the errors of the paper imply, and those of the run.",
-    ),
-    "limits": Key(
-        Keyed(dict.fromkeys(("torque", "speed", "stop"), _VECTOR)), "Shares of the time at limits, by plant."
-    ),
+    "implied_gains": Key(_GAINS, "Gains that the errors of the paper imply, and those of the run."),
+    "limits": Key(Keyed(_SHARES), "Shares of the time at limits, by plant."),
     "paper": Key(_PAPER, "Values of the paper."),
     "reference": Key(Keyed(_REFERENCE), "Largest differences to each reference."),
     "no_reference": Key(TEXT, "Why there is no reference."),

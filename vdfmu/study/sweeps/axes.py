@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -77,10 +78,7 @@ class Axis:
 def read_axes(over: Mapping[str, Any] | Sequence[str]) -> list[Axis]:
     """Read axes, ``TARGET=FORM`` texts, or a mapping of target to form or to a sequence of values.
 
-    Raises
-    ------
-    UsageError
-        With a line for each that cannot be read.
+    UsageError with a line for each that cannot be read.
     """
     pairs: list[tuple[str, Any]] = []
     problems: list[str] = []
@@ -99,9 +97,8 @@ def read_axes(over: Mapping[str, Any] | Sequence[str]) -> list[Axis]:
             axes.append(_axis(target, form))
         except ValueError as error:
             problems.append(f"{target}: {error}")
-    seen = [axis.target for axis in axes]
-    problems += [f"{target}: expected once, got {seen.count(target)} times." for target in dict.fromkeys(seen)
-                 if seen.count(target) > 1]  # fmt: skip
+    counts = Counter(axis.target for axis in axes)
+    problems += [f"{target}: expected once, got {n} times." for target, n in counts.items() if n > 1]
     if problems:
         raise UsageError("\n".join(problems))
     return axes

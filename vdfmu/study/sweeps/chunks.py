@@ -17,17 +17,10 @@ _SECONDS = 10.0
 
 
 class Chunks:
-    """Hands out consecutive points that are not done, as many as take some seconds, and fewer towards the end.
+    """Hands out consecutive points that are not `done`, (n,), as many as take some seconds, fewer towards the end.
 
-    Parameters
-    ----------
-    done : (n,) array of bool
-    task : callable
-        Returns a worker's task for a point.
-    size : int, optional
-        Points in a chunk; default by the time that points take, at most `LARGEST`.
-    together : int
-        Points that are run side by side, of which a chunk has a multiple.
+    A chunk has the tasks of `size` points, by default by the time that they take, at most `LARGEST`; and a multiple of
+    those that are run side by side, `together`.
     """
 
     def __init__(

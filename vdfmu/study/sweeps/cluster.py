@@ -26,23 +26,13 @@ _own = threading.local()
 
 
 def run_there(
-    job: bytes,
-    chunks: Chunks,
-    address: str,
-    time_limit: float | None,
-    advance: Callable[[int], None],
+    job: bytes, chunks: Chunks, address: str, time_limit: float | None, advance: Callable[[int], None]
 ) -> Generator[list[Row]]:
     """Yield the rows of chunks as they are done.
 
     The scheduler sends the chunks of a worker that is gone to another. If it is gone itself, this waits for another
-    scheduler at its address, and sends out again the chunks that had not come back.
-
-    Raises
-    ------
-    UsageError
-        If there is no scheduler at the address, or Dask is not installed.
-    VdfmuError
-        If scheduler or workers are gone for longer than `_PATIENCE`, or a chunk kills all workers that run it.
+    scheduler at its address, and sends out again the chunks that had not come back. UsageError if there is none, or no
+    Dask; VdfmuError if it or its workers are gone for longer than `_PATIENCE`, or a chunk kills all that run it.
     """
     try:
         from distributed import Client
@@ -156,7 +146,9 @@ def _rounds(
                 yield rows
                 advance(len(rows))
             elif not isinstance(error, (KilledWorker, CommClosedError)):
-                raise _explained(error)
+                if isinstance(error, ImportError):
+                    raise UsageError(f"scheduler: its workers cannot import what they need: {error}.")
+                raise error
             elif tries == _TRIES:
                 raise VdfmuError(
                     f"points {chunk[0][0]} to {chunk[-1][0]}: the workers that ran them were lost {_TRIES} times. "
@@ -169,12 +161,6 @@ def _rounds(
     except _LostError:
         waiting += list(out.values())
         raise
-
-
-def _explained(error: BaseException) -> BaseException:
-    if isinstance(error, ImportError):
-        return UsageError(f"scheduler: its workers cannot import what they need: {error}.")
-    return error
 
 
 def run_chunk(job: bytes, tasks: Sequence[Task], time_limit: float | None) -> list[Row]:

@@ -11,11 +11,13 @@ from numpy.typing import ArrayLike
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
+from vdfmu.study.sweeps.axes import read_axes
+from vdfmu.study.sweeps.points import LEVELS, draw, shares, unit_problem
 from vdfmu.study.sweeps.table import StudyTable
 
 CONFIDENCE = 0.95
 """Probability with which a true index lies within its half-width, by bootstrap."""
-_RESAMPLES = 500
+_BOOTSTRAP: Any = {"num_resamples": 500, "conf_level": CONFIDENCE, "seed": 0}
 
 
 @dataclass(frozen=True)
@@ -49,14 +51,8 @@ class Indices:
 def indices(study: StudyTable, measure: str | None = None) -> Indices:
     """Return the indices of a measure, of a study with ``sample`` ``saltelli`` or ``morris``.
 
-    Raises
-    ------
-    UsageError
-        If the study has other points, or not all of them: every index takes points together.
+    UsageError if it has other points, or not all of them: every index takes points together.
     """
-    from vdfmu.study.sweeps.axes import read_axes
-    from vdfmu.study.sweeps.points import draw
-
     sample, n, d = study.facts["sample"], study.facts["n"], len(study.axes)
     if sample not in ("saltelli", "morris"):
         raise UsageError(
@@ -81,8 +77,6 @@ def indices(study: StudyTable, measure: str | None = None) -> Indices:
     order = study["point"]
     if any((drawn[axis.target][order] != study[axis.target]).any() for axis in axes):
         raise UsageError(f"{study.path}: its points were drawn by another release of SALib; run the study again.")
-    from vdfmu.study.sweeps.points import shares
-
     return morris_indices(values, shares(d, sample, base, study.facts["seed"]), study.axes)
 
 
@@ -90,12 +84,7 @@ def sobol_indices(values: ArrayLike, axes: Sequence[str]) -> Indices:
     """Return Sobol indices of the values at points of ``saltelli``, (n (2 d + 2),), in their order."""
     from SALib.analyze import sobol
 
-    from vdfmu.study.sweeps.points import unit_problem
-
-    found: Any = sobol.analyze(
-        unit_problem(len(axes), axes), np.asarray(values, dtype=float), calc_second_order=True,
-        num_resamples=_RESAMPLES, conf_level=CONFIDENCE, seed=0,
-    )  # fmt: skip
+    found: Any = sobol.analyze(unit_problem(len(axes), axes), np.asarray(values, dtype=float), **_BOOTSTRAP)
     names = {"first": "S1", "total": "ST", "second": "S2"}
     return Indices(
         "sobol", tuple(axes), {name: np.asarray(found[key]) for name, key in names.items()},
@@ -107,12 +96,9 @@ def morris_indices(values: ArrayLike, points: Floats, axes: Sequence[str]) -> In
     """Return Morris' measures of the values at points of ``morris``, (n (d + 1), d) in the unit cube."""
     from SALib.analyze import morris
 
-    from vdfmu.study.sweeps.points import LEVELS, unit_problem
-
     found: Any = morris.analyze(
-        unit_problem(len(axes), axes), points, np.asarray(values, dtype=float), num_levels=LEVELS,
-        num_resamples=_RESAMPLES, conf_level=CONFIDENCE, seed=0,
-    )  # fmt: skip
+        unit_problem(len(axes), axes), points, np.asarray(values, dtype=float), num_levels=LEVELS, **_BOOTSTRAP
+    )
     return Indices(
         "morris", tuple(axes), {name: np.asarray(found[name], dtype=float) for name in ("mu_star", "mu", "sigma")},
         {"mu_star": np.asarray(found["mu_star_conf"], dtype=float)},

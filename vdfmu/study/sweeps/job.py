@@ -97,14 +97,7 @@ Task = tuple[int, int, dict[str, Any]]
 
 
 class Bench:
-    """The systems of a job, loaded when they are first needed and kept for the next point.
-
-    Parameters
-    ----------
-    job : Job
-    folder : Path
-        Place for the packages.
-    """
+    """The systems of a job, loaded from packages in `folder` when they are first needed, kept for the next point."""
 
     def __init__(self, job: Job, folder: Path) -> None:
         self._job, self._folder = job, folder
@@ -114,10 +107,7 @@ class Bench:
     def run(self, tasks: Sequence[Task], apart: bool = False) -> list[Row]:
         """Run points of one system; failures are in their rows. `apart`: each by the FMUs.
 
-        Raises
-        ------
-        StorageError
-            If the disk fails, which says nothing of a point.
+        StorageError if the disk fails, which says nothing of a point.
         """
         system = self._job.systems[tasks[0][1]]
         if apart or system.program is None:

@@ -40,22 +40,8 @@ _PART = re.compile(r"part_\d+_\d+\.parquet")
 class Ledger:
     """Finished points of a study, in a folder that only one process writes to.
 
-    Parameters
-    ----------
-    folder : Path
-    facts : mapping
-        Facts of the study.
-    key : str
-        Digest of it.
-    points : Points
-        Values of the axes, which each row gets.
-    overwrite : bool
-        Whether to begin anew where the folder holds another study.
-
-    Raises
-    ------
-    UsageError
-        If the folder holds another study, is in use, or cannot be written to.
+    The study has `facts` and their digest `key`; each row gets the axes' values, `points`. UsageError if the folder
+    holds another study and `overwrite` is not set, is in use, or cannot be written to.
     """
 
     def __init__(
@@ -189,9 +175,8 @@ class Ledger:
 
     def add(self, rows: Sequence[Row]) -> None:
         """Keep the rows of consecutive points."""
-        if not rows:
-            return
-        self._write(self._table(rows), self._place(rows[0]["point"], rows[-1]["point"]))
+        if rows:
+            self._write(self._table(rows), self._place(rows[0]["point"], rows[-1]["point"]))
 
     def _place(self, first: int, last: int) -> Path:
         return self._parts / f"part_{first:08d}_{last:08d}.parquet"
@@ -208,9 +193,8 @@ class Ledger:
         columns: dict[str, Any] = {"point": pa.array(index, pa.int64())}
         for target, values in self._points.items():
             columns[target] = pa.array(values[index])
-        columns["failed"] = pa.array([row["failed"] for row in rows], pa.string())
-        columns["failed_at"] = pa.array([row["failed_at"] for row in rows], pa.float64())
-        columns["wall_s"] = pa.array([row["wall_s"] for row in rows], pa.float64())
+        for name, kind in (("failed", pa.string()), ("failed_at", pa.float64()), ("wall_s", pa.float64())):
+            columns[name] = pa.array([row[name] for row in rows], kind)
         for name in dict.fromkeys(name for row in rows for name in row):
             if name not in columns:
                 values = [row.get(name) for row in rows]

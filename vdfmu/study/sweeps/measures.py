@@ -9,6 +9,7 @@ import ast
 import hashlib
 import operator
 import pickle
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -97,13 +98,7 @@ class Measure:
     """Called with the `Results`; returns a number, or several."""
 
     def of(self, results: Results) -> dict[str, float]:
-        """Return its value, or values, by column.
-
-        Raises
-        ------
-        UsageError
-            If the results lack a signal, or the value is not a number.
-        """
+        """Return its value, or values, by column; UsageError if the results lack a signal, or it is not a number."""
         try:
             if self.function is not None:
                 array = np.asarray(self.function(results), dtype=float)
@@ -144,10 +139,7 @@ def _code(code: CodeType) -> list[bytes]:
 def read_measures(measures: Mapping[str, Any] | Sequence[str]) -> list[Measure]:
     """Read ``NAME=EXPRESSION`` texts, or a mapping of name to expression or to a function of the results.
 
-    Raises
-    ------
-    UsageError
-        With a line for each that cannot be read.
+    UsageError with a line for each that cannot be read.
     """
     if isinstance(measures, Mapping):
         pairs = list(measures.items())
@@ -166,17 +158,18 @@ def read_measures(measures: Mapping[str, Any] | Sequence[str]) -> list[Measure]:
             found.append(Measure(name, getattr(text, "__qualname__", "function"), ("*",), text))
             continue
         try:
-            signals = tuple(dict.fromkeys(_signals(ast.parse(text, mode="eval").body)))
+            tree = ast.parse(text, mode="eval").body
+            signals = tuple(dict.fromkeys(_signals(tree)))
             if not signals:
                 raise ValueError("expected a signal in it, such as plant.q")
-            if _over_time(ast.parse(text, mode="eval").body):
+            if _over_time(tree):
                 raise ValueError(f"expected one value for all times; put {', '.join(REDUCTIONS)} around it")
             found.append(Measure(name, text, signals))
         except (ValueError, SyntaxError) as error:
             words = error.msg if isinstance(error, SyntaxError) else str(error)
             problems.append(f"measure {name}: {words}; got {text}.")
-    names = [measure.name for measure in found]
-    problems += [f"measure {n}: expected once." for n in dict.fromkeys(names) if names.count(n) > 1]
+    counts = Counter(measure.name for measure in found)
+    problems += [f"measure {name}: expected once." for name, n in counts.items() if n > 1]
     if problems:
         raise UsageError("\n".join(problems))
     return found
@@ -190,14 +183,9 @@ def measured(measures: Sequence[Measure], results: Results) -> dict[str, float]:
 def unit_of(measure: Measure, units: Mapping[str, str]) -> str:
     """Return the unit of a measure's value; nothing where that is not plain, as for products.
 
-    Parameters
-    ----------
-    units : mapping of str to str
-        Units of the signals, with and without indices.
+    The signals have `units`, by their names with and without indices.
     """
-    if measure.function is not None:
-        return ""
-    return _unit(ast.parse(measure.text, mode="eval").body, units)
+    return "" if measure.function is not None else _unit(ast.parse(measure.text, mode="eval").body, units)
 
 
 def _unit(node: ast.expr, units: Mapping[str, str]) -> str:
@@ -264,9 +252,7 @@ def _over_time(node: ast.expr) -> bool:
 
 def _evaluate(node: ast.expr, results: Results) -> Any:
     if (name := _signal(node)) is not None:
-        if name in results:
-            return results[name].astype(float)
-        return results[name]
+        return results[name].astype(float, copy=False)
     if isinstance(node, ast.Constant):
         return node.value
     if isinstance(node, ast.BinOp):

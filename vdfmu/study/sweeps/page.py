@@ -27,16 +27,7 @@ _SHOWN = 20
 def write_page(study: StudyTable, path: Path | None = None) -> Path:
     """Write facts of a study, the range of each measure, its worst point, failed points, and all figures that fit.
 
-    Parameters
-    ----------
-    study : StudyTable
-    path : Path, optional
-        Default ``report.html`` in the folder of the study.
-
-    Raises
-    ------
-    UsageError, VdfmuError
-        If the file cannot be written.
+    Default ``report.html`` in the folder of the study; VdfmuError if it cannot be written.
     """
     path = study.folder / "report.html" if path is None else path
     facts, failed, wall = study.facts, study.failed, study["wall_s"]
@@ -56,19 +47,13 @@ def write_page(study: StudyTable, path: Path | None = None) -> Path:
         _table(("measure", "smallest", "median", "largest", "at point"), study.ranges()),
     ]
     for name, text in facts["measures"].items():
-        parts += [
-            f"<h2>{escape(name)}{escape(_unit(facts['units'].get(name, '')))}</h2><p><code>{escape(text)}</code></p>"
-        ]
-        parts += _of_measure(study, name)
+        head = escape(f"{name}{_unit(facts['units'].get(name, ''))}")
+        parts += [f"<h2>{head}</h2><p><code>{escape(text)}</code></p>", *_of_measure(study, name)]
     parts += _compared(study)
     if failed:
         rows = [[str(point), _short(words, 400)] for point, words in list(failed.items())[:_SHOWN]]
         more = len(failed) - len(rows)
-        parts += [
-            "<h2>Failed points</h2>",
-            _table(("point", "why"), rows),
-            f"<p>and {more} more</p>" if more else "",
-        ]
+        parts += ["<h2>Failed points</h2>", _table(("point", "why"), rows), f"<p>and {more} more</p>" if more else ""]
     with suppress(OSError):  # writing then reports more
         path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, [page(str(facts["scenario"]), "Parameter study", "\n".join(parts), 60, look())])

@@ -73,13 +73,7 @@ class Plan:
 
 @with_options
 def make_plan(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **options: Unpack[PlanOptions]) -> Plan:
-    """Plan a study; for arguments see `vdfmu.sweep`.
-
-    Raises
-    ------
-    UsageError, ModelError, SspError
-        For all its faults: nothing has run then.
-    """
+    """Plan a study; for arguments see `vdfmu.sweep`. Nothing has run yet when it has faults."""
     engine, measure, keep = options["engine"], options["measure"], options["keep"]
     sample, settings = os.fspath(options["sample"]), options["settings"] or {}
     if engine not in (None, *ENGINES):
@@ -185,11 +179,7 @@ def _unit_of_axis(axis: Axis, system: WiredSystem, units: Mapping[str, str]) -> 
 
 
 def _of_package(
-    package: Any,
-    axes: Sequence[Axis],
-    switched: Mapping[str, Any],
-    options: ScenarioOptions,
-    engine: str,
+    package: Any, axes: Sequence[Axis], switched: Mapping[str, Any], options: ScenarioOptions, engine: str
 ) -> WiredSystem:
     """Take a package as it is; the master checks the names of the axes."""
     if engine == "batch":
@@ -215,11 +205,7 @@ def _of_package(
 
 
 def of_scenario(
-    scenario: Any,
-    axes: Sequence[Axis],
-    switched: Mapping[str, Any],
-    options: ScenarioOptions,
-    engine: str = "fmu",
+    scenario: Any, axes: Sequence[Axis], switched: Mapping[str, Any], options: ScenarioOptions, engine: str = "fmu"
 ) -> WiredSystem:
     """Build and pack a scenario with a combination of options."""
     from vdfmu.study.run.scenario_run import prepare

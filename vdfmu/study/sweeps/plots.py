@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -28,26 +29,11 @@ _GRID = 61
 
 
 def plot(study: StudyTable, kind: str | None = None, measure: str | None = None, out: Path | None = None) -> list[Path]:
-    """Draw figures of a measure, ``MEASURE_KIND.png``.
+    """Draw figures of a measure, ``MEASURE_KIND.png``, and return their files.
 
-    Parameters
-    ----------
-    study : StudyTable
-    kind : {"scatter", "surface", "parallel", "tornado", "indices"}, optional
-        Default all that fit the study.
-    measure : str, optional
-        A measure, whose largest element counts at each point, or one of its columns; default the first.
-    out : path, optional
-        Folder; default the study's.
-
-    Returns
-    -------
-    list of Path
-
-    Raises
-    ------
-    UsageError
-        If the kind does not fit, or nothing can be drawn.
+    The kind is one of `KINDS`, by default all that fit the study. Of a measure, by default the first, the largest
+    element counts at each point; it may be one of its columns. The folder is by default the study's. UsageError if the
+    kind does not fit, or nothing can be drawn.
     """
     if kind is not None and kind not in KINDS:
         raise UsageError(f"kind: expected {', '.join(KINDS)}, got {kind}.")
@@ -69,7 +55,7 @@ def _scatter(shown: View) -> Figure:
     """Draw axes against each other, and the measure against each."""
     sides = shown.sides[:_SCATTERED]
     d, failed = len(sides), shown.failed
-    left = "" if len(sides) == len(shown.sides) else f"The {d} axes of most influence of {len(shown.sides)}. "
+    left = "" if d == len(shown.sides) else f"The {d} axes of most influence of {len(shown.sides)}. "
     height, width = 1.5 + (2.4 if d < 3 else 1.7) * d, max(style.WIDTH, 1.9 * d + 1.2)
     title = f"{shown.value.label} over each axis"
     figure = new_figure(shown, title, left, height, width, legend=legend_of(shown))
@@ -131,21 +117,14 @@ def _surface(shown: View) -> Figure:
         )
     if shown.value.log:
         heights = np.exp(heights)
-    figure = new_figure(
-        shown, f"{shown.value.label} over {first.name} and {second.name}", words, 5.6,
-        legend=legend_of(shown),
-    )  # fmt: skip
+    title = f"{shown.value.label} over {first.name} and {second.name}"
+    figure = new_figure(shown, title, words, 5.6, legend=legend_of(shown))
     axes: Axes = figure.subplots()
     colours = colours_of(shown)
     low, high = (float(f(shown.value.values)) for f in (np.nanmin, np.nanmax))
     levels = np.geomspace(low, high, 15) if shown.value.log else np.linspace(low, high, 15)
     axes.contourf(
-        x_1,
-        x_2,
-        np.clip(np.ma.masked_invalid(heights), low, high),
-        levels,
-        cmap=colours.cmap,
-        norm=colours.norm,
+        x_1, x_2, np.clip(np.ma.masked_invalid(heights), low, high), levels, cmap=colours.cmap, norm=colours.norm
     )
     colors = colours.to_rgba(shown.value.values[good])
     axes.scatter(first.values[good], second.values[good], 14.0, colors, edgecolors="white", linewidths=0.5)
@@ -184,12 +163,10 @@ def _fit(points: NDArray[Any], y: NDArray[Any]) -> tuple[Callable[[NDArray[Any]]
     order = np.random.default_rng(0).permutation(len(places))[:_LINES]
     places, means = places[order], means[order]
     part = np.arange(len(places)) % 5
-    missed = [
-        means[part == k] - RBFInterpolator(places[part != k], means[part != k])(places[part == k]) for k in range(5)
-    ]
-    return RBFInterpolator(places, means), 1.0 - float(
-        np.sum(np.concatenate(missed) ** 2) / np.sum((means - means.mean()) ** 2)
-    )
+    missed = np.empty_like(means)
+    for k in range(5):
+        missed[part == k] = RBFInterpolator(places[part != k], means[part != k])(places[part == k]) - means[part == k]
+    return RBFInterpolator(places, means), 1.0 - float(np.sum(missed**2) / np.sum((means - means.mean()) ** 2))
 
 
 @style.styled
@@ -197,10 +174,8 @@ def _parallel(shown: View) -> Figure:
     """Draw a line for each point, through its values on all axes, in the colour of the measure."""
     sides = [*shown.sides[:_PARALLEL], shown.value]
     left = "" if len(sides) > len(shown.sides) else f"The {_PARALLEL} axes of most influence of {len(shown.sides)}. "
-    figure = new_figure(
-        shown, f"{shown.value.label}: points as lines", left, 4.8, max(style.WIDTH, 1.3 * len(sides)),
-        legend=legend_of(shown),
-    )  # fmt: skip
+    title, width = f"{shown.value.label}: points as lines", max(style.WIDTH, 1.3 * len(sides))
+    figure = new_figure(shown, title, left, 4.8, width, legend=legend_of(shown))
     axes: Axes = figure.subplots()
     heights = np.column_stack([side.scaled for side in sides])
     worst_last = np.argsort(np.nan_to_num(shown.value.values, nan=-np.inf))
@@ -212,11 +187,9 @@ def _parallel(shown: View) -> Figure:
             np.column_stack([np.arange(len(sides))[: len(sides) - failed], heights[k, : len(sides) - failed]])
             for k in rows
         ]
-        look: dict[str, Any] = (
-            {"colors": FAILED, "linestyles": ":", "alpha": 0.5}
-            if failed
-            else {"colors": colours.to_rgba(shown.value.values[rows])}
-        )
+        look: dict[str, Any] = {"colors": colours.to_rgba(shown.value.values[rows])}
+        if failed:
+            look = {"colors": FAILED, "linestyles": ":", "alpha": 0.5}
         axes.add_collection(LineCollection(lines, linewidths=0.9, **look))
         if failed:
             axes.plot(np.full(len(rows), len(sides) - 2.0), heights[rows, -2], "x", color=FAILED)
@@ -234,9 +207,7 @@ def _parallel(shown: View) -> Figure:
             )
     axes.set_xlim(-0.1, len(sides) - 0.7)
     axes.set_ylim(-0.04, 1.04)
-    names = [
-        side.label.replace(".", "\n", 1).replace(" (", "\n(").replace(", ", "\n").replace(" [", "\n[") for side in sides
-    ]
+    names = [re.sub(r", | (?=[(\[])", "\n", side.label.replace(".", "\n", 1)) for side in sides]
     axes.set_xticks(range(len(sides)), names)
     axes.set_yticks([])
     axes.grid(visible=False)
@@ -249,9 +220,8 @@ def _no_surface(shown: View) -> str:
     if any(side.words for side in shown.sides):
         return "axes of numbers"
     d, n = len(shown.sides), int((~shown.failed).sum())
-    if d > 1 and shown.study.facts["sample"] == "grid" and d == 2:
-        return ""
-    return "" if n >= 5 * (d + 1) or d == 1 else f"{5 * (d + 1)} points with a value, got {n}"
+    enough = n >= 5 * (d + 1) or d == 1 or (d == 2 and shown.study.facts["sample"] == "grid")
+    return "" if enough else f"{5 * (d + 1)} points with a value, got {n}"
 
 
 def _no_indices(shown: View) -> str:

@@ -53,10 +53,9 @@ def draw(axes: Sequence[Axis], sample: str, n: int | None = None, seed: int = 0)
     if sample not in SAMPLES:
         if axes and Path(sample).suffix:
             raise UsageError(f"sample: {sample} says what varies, so expected no axis with it.")
-        found = _read(sample)
-        if n is not None:
+        if n is not None and Path(sample).is_file():
             raise UsageError(f"n: {sample} has the points; leave it out.")
-        return found
+        return _read(sample)
     if not axes:
         raise UsageError("over: expected at least one axis, such as controller.K_p=lin(500, 5000, 10).")
     if sample == "grid":
@@ -73,14 +72,9 @@ def draw(axes: Sequence[Axis], sample: str, n: int | None = None, seed: int = 0)
 def _grid(axes: Sequence[Axis], n: int | None) -> Points:
     if n is not None:
         raise UsageError("n: a grid has as many points as its axes say; leave it out, or take lhs or sobol.")
-    without = [str(axis) for axis in axes if not axis.values]
-    if without:
-        raise UsageError(
-            "\n".join(
-                f"{axis}: expected values, or their number, lin(FROM, TO, N), in a grid; lhs and sobol need none."
-                for axis in without
-            )
-        )
+    words = "expected values, or their number, lin(FROM, TO, N), in a grid; lhs and sobol need none."
+    if without := [f"{axis}: {words}" for axis in axes if not axis.values]:
+        raise UsageError("\n".join(without))
     size = math.prod(len(axis.values) for axis in axes)
     if size > MOST_POINTS:
         raise UsageError(f"over: expected a grid of at most {MOST_POINTS:g} points, got {size}.")
@@ -137,7 +131,7 @@ def _read(path: str) -> tuple[list[Axis], Points]:
     if len(columns) < len(rows[0]):
         raise UsageError(f"{path}: expected each target once, got {', '.join(rows[0])}.")
     try:
-        axes = read_axes({name: column for name, column in columns.items()})
+        axes = read_axes(columns)
     except UsageError as error:
         raise UsageError("\n".join(f"{Path(path)}: {line}" for line in str(error).splitlines())) from None
     return axes, {axis.target: np.array(axis.values) for axis in axes}

@@ -76,13 +76,7 @@ class View:
 
 
 def view(study: StudyTable, measure: str | None = None) -> View:
-    """Read the data in figures of a measure, or of one of its columns.
-
-    Raises
-    ------
-    UsageError
-        If there is no such measure, or no point has a value of it, or nothing varies.
-    """
+    """Read the data in figures of a measure, or of one of its columns; UsageError if there are none."""
     columns = study.elements(measure)
     values = study.values(measure)
     name, units = columns[0].partition("[")[0], study.facts["units"]

@@ -40,7 +40,10 @@ class Sweep(StudyTable):
     def plot(
         self, kind: str | None = None, measure: str | None = None, out: str | os.PathLike[str] | None = None
     ) -> list[Path]:
-        """Draw figures of a measure, see `vdfmu.study.sweeps.plots.plot`; return their files."""
+        """Draw figures of a measure, see `vdfmu.study.sweeps.plots.plot`; return their files.
+
+        Kinds are scatter, surface, parallel, tornado and indices.
+        """
         return plot(self, kind, measure, None if out is None else Path(out))
 
     def report(self, out: str | os.PathLike[str] | None = None) -> Path:

@@ -26,11 +26,7 @@ from vdfmu.study.sweeps.worker import KILLED
 @with_progress
 @one_job()
 @with_options
-def sweep(
-    scenario: Any,
-    over: Mapping[str, Any] | Sequence[str] = (),
-    **options: Unpack[SweepOptions],
-) -> Sweep:
+def sweep(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **options: Unpack[SweepOptions]) -> Sweep:
     """Run a scenario or a system package at many points, and keep a row for each.
 
     Finished points are kept: after Ctrl-C, a kill or a full disk the same call continues where it stopped. A point that
@@ -113,10 +109,7 @@ def default_folder(scenario: Any) -> Path:
 def packed(job: Job) -> bytes:
     """Return a job in the form for a worker; functions of a script go with their text.
 
-    Raises
-    ------
-    UsageError
-        If a function among the measures cannot be sent to another process.
+    UsageError if a function among the measures cannot be sent to another process.
     """
     functions = [m.function for m in job.measures if m.function is not None]
     if not functions:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +16,15 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.text import close_to, elided
 from vdfmu.engine.results.parquet import needed
 from vdfmu.study.report.summary import typed
-from vdfmu.study.report.summary_keys import ANY, TEXT, WHOLE, Keyed, List
-from vdfmu.study.sweeps.axes import is_option
+from vdfmu.study.report.summary_keys import ANY, TEXT, WHOLE, Keyed, List, Record
+from vdfmu.study.sweeps.axes import is_option, read_axes
 from vdfmu.study.sweeps.ledger import LEDGER, TABLE, files_of, readable, table_of
 
-_FACTS: Mapping[str, Any] = {
-    **dict.fromkeys(("scenario", "source", "vdfmu", "sample", "engine"), TEXT), "n": WHOLE, "seed": WHOLE,
+_FACTS = Record({
+    **dict.fromkeys(("scenario", "source", "vdfmu", "sample"), TEXT), "n": WHOLE, "seed": WHOLE,
     "axes": List(TEXT), "measures": Keyed(TEXT), "units": Keyed(TEXT), "settings": Keyed(ANY), "options": Keyed(ANY),
     "systems": List({"package": TEXT}),
-}  # fmt: skip
+}, {"engine": TEXT})  # fmt: skip
 """Facts of the study that are read, and their types."""
 
 
@@ -44,7 +44,6 @@ class StudyTable:
                 self._schemas[0].metadata[b"vdfmu"] if self._files == [table] else readable(folder / LEDGER)
             )
             self.facts, problems = typed(found, _FACTS)
-            problems += [f"{key}: is missing" for key in _FACTS if key not in (*self.facts, "engine")]
         except (UsageError, ValueError, RecursionError, KeyError, TypeError) as error:
             problems = [elided(str(error))]
         if problems:
@@ -102,13 +101,7 @@ class StudyTable:
         }
 
     def elements(self, by: str | None = None) -> list[str]:
-        """Return the columns of a measure, or a column itself; default the first measure.
-
-        Raises
-        ------
-        UsageError
-            If there is none of that name.
-        """
+        """Return the columns of a measure, default the first, or a column itself; UsageError if there is none."""
         name = by or next(iter(self.facts["measures"]), "")
         columns = [c for c in self.columns if name in (c, c.partition("[")[0])]
         if not columns and name in self.facts["measures"]:
@@ -138,11 +131,7 @@ class StudyTable:
     def row(self, which: int | str, by: str | None = None) -> dict[str, Any]:
         """Return a point: its number, or ``worst`` or ``best``, the largest or smallest value of the measure `by`.
 
-        Parameters
-        ----------
-        which : int, "worst" or "best"
-        by : str, optional
-            A column, or a measure, whose largest element counts; default the first.
+        Of a measure the largest element counts; `by` may be a column too, by default it is the first measure.
         """
         if which in ("worst", "best"):
             values = self.values(by)
@@ -151,7 +140,7 @@ class StudyTable:
             place = int((np.nanargmax if which == "worst" else np.nanargmin)(values))
         else:
             points = self["point"]
-            places = np.flatnonzero(points == _number(which))
+            places = np.flatnonzero(points == (int(which) if str(which).isdecimal() else -1))
             if not len(places):
                 raise UsageError(f"row: expected worst, best or a point up to {points.max()}, got {which}.")
             place = int(places[0])
@@ -167,7 +156,6 @@ class StudyTable:
         UsageError
             See `row`; and for a study of a package, or of inputs that were not a file.
         """
-        from vdfmu.study.sweeps.axes import read_axes
         from vdfmu.study.sweeps.plan import digest, of_scenario
 
         row = self.row(which, by)
@@ -199,10 +187,3 @@ class StudyTable:
     def to_pandas(self) -> Any:
         """Return a ``pandas.DataFrame``."""
         return self.table().to_pandas()
-
-
-def _number(which: int | str) -> int:
-    try:
-        return int(which)
-    except ValueError:
-        return -1

@@ -27,24 +27,14 @@ _TRIES = 3
 KILLED = "the process was killed (SIGKILL)"
 """Begin of the reason of a point that ran out of memory or was ended by somebody: not a fault of the model."""
 _WRITTEN = "a component wrote into the pipe of the worker"
-_HEAD = {
-    "point": int,
-    "failed": (str, type(None)),
-    "failed_at": (float, int, type(None)),
-    "wall_s": (float, int),
-}
+_HEAD = {"point": int, "failed": (str, type(None)), "failed_at": (float, int, type(None)), "wall_s": (float, int)}
 """Keys that each row has, and their types; the others are measures."""
 
 
 class Worker:
-    """Runs points in a process of its own, which lives from point to point.
+    """Runs points of a pickled `Job` in a process of its own, which lives from point to point.
 
-    Parameters
-    ----------
-    job : bytes
-        A pickled `Job`.
-    time_limit : float, optional
-        Time [s] that a point has; beyond it the process is ended.
+    A point has the time `time_limit` [s]; beyond it the process is ended.
     """
 
     def __init__(self, job: bytes, time_limit: float | None = None) -> None:
@@ -56,15 +46,10 @@ class Worker:
         self._folders = ExitStack()
 
     def run(self, tasks: Sequence[Task]) -> Iterator[Row]:
-        """Yield a row for each point, in order; nothing more after `stop`.
+        """Yield a row for each point, in order; nothing more after `stop`. VdfmuError if no process can be started.
 
         Points that a program runs side by side are sent together; if that ends the process, or takes longer than a
         point may, they are run one by one, by their FMUs.
-
-        Raises
-        ------
-        VdfmuError
-            If no process can be started.
         """
         left = list(tasks)
         apart = 0  # number of the next points
@@ -106,14 +91,7 @@ class Worker:
                 if most > 1:
                     apart, killed = len(group), 0
                     continue
-                rows = [
-                    {
-                        "point": group[0][0],
-                        "failed": rows,
-                        "failed_at": None,
-                        "wall_s": perf_counter() - begin,
-                    }
-                ]
+                rows = [{"point": group[0][0], "failed": rows, "failed_at": None, "wall_s": perf_counter() - begin}]
             killed = failures = 0
             del left[: len(group)]
             apart = max(apart - 1, 0)

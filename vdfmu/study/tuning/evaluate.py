@@ -56,21 +56,9 @@ class Score:
 
 
 class Evaluations:
-    """Costs of values, including costs known from the ledger.
+    """Costs of values, including costs `known` from a search that was stopped; a `budget` of evaluations may be run.
 
-    Parameters
-    ----------
-    problem : Problem
-    ledger : Ledger
-    known : sequence of row
-        Runs of a search that was stopped.
-    workers : int
-    budget : int
-        Evaluations that may be run.
-    time_limit : float, optional
-        Time limit of a run [s].
-    report : callable
-        Called with the number of evaluations.
+    A run has the time `time_limit` [s]; `report` is called with the number of evaluations.
     """
 
     def __init__(
@@ -111,10 +99,7 @@ class Evaluations:
     def scores_of(self, several: Sequence[Floats], always: bool = False) -> list[Score]:
         """Return the scores of values; values that miss the margin are not run, unless `always` and stable.
 
-        Raises
-        ------
-        SpentError
-            When the budget does not suffice for all new ones; as many as it allows are run and kept first.
+        SpentError when the budget does not suffice for all new ones; as many as it allows are run and kept first.
         """
         keys = [tuple(map(float, values)) for values in several]
         new: list[tuple[float, ...]] = []
@@ -141,13 +126,13 @@ class Evaluations:
         robots = self.problem.robots
         spread = {target: column.tolist() for target, column in self.problem.spread.items()}
         wanted = [(key, robot) for key in keys for robot in range(robots) if (key, robot) not in self._rows]
-        tasks: list[Any] = []
-        columns: list[dict[str, Any]] = []
-        for key, robot in wanted:
-            own = {target: column[robot] for target, column in spread.items()}
-            own |= dict(zip(self.problem.names, key, strict=True))
-            tasks.append((self._next + len(tasks), 0, own | self.problem.plan.followed(0, own)))
-            columns.append(own)
+        columns = [
+            {target: column[robot] for target, column in spread.items()}
+            | dict(zip(self.problem.names, key, strict=True))
+            for key, robot in wanted
+        ]
+        followed = self.problem.plan.followed
+        tasks = [(point, 0, own | followed(0, own)) for point, own in enumerate(columns, self._next)]
         self._next += len(tasks)
         together = self.problem.plan.job.together[0]
         groups = [tasks[first : first + together] for first in range(0, len(tasks), together)]
@@ -167,9 +152,8 @@ class Evaluations:
         worker = self._idle.get()
         try:
             rows = list(worker.run(tasks))
-            return rows + [
-                {"point": task[0], "failed": "stopped", "failed_at": None, "wall_s": 0.0} for task in tasks[len(rows) :]
-            ]
+            stopped = {"failed": "stopped", "failed_at": None, "wall_s": 0.0}
+            return rows + [{"point": task[0], **stopped} for task in tasks[len(rows) :]]
         finally:
             self._idle.put(worker)
 
@@ -202,11 +186,5 @@ class Evaluations:
             if name.partition("[")[0] in problem.plan.facts["measures"] and name not in columns
         }
         return Score(
-            np.array(key),
-            number,
-            cost,
-            failed,
-            np.nan_to_num(excess, nan=np.inf, posinf=np.inf),
-            margins,
-            measures,
+            np.array(key), number, cost, failed, np.nan_to_num(excess, nan=np.inf, posinf=np.inf), margins, measures
         )

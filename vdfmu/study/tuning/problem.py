@@ -84,18 +84,9 @@ class Problem:
 
 @with_options
 def make_problem(
-    scenario: Any,
-    vary: Mapping[str, Any] | Sequence[str],
-    cost: str,
-    **options: Unpack[ProblemOptions],
+    scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: str, **options: Unpack[ProblemOptions]
 ) -> Problem:
-    """Read and check the problem; for arguments see :func:`vdfmu.tune`.
-
-    Raises
-    ------
-    UsageError, ModelError
-        For all its faults: nothing has run then.
-    """
+    """Read and check the problem; for arguments see :func:`vdfmu.tune`. Nothing has run yet when it has faults."""
     over, limit, margin, growth = options["over"], options["limit"], options["margin"], options["growth"]
     given, settings = pick(ScenarioOptions, options), options["settings"] or {}
     if over not in ("mean", "worst"):

@@ -63,12 +63,7 @@ class Tuned:
 @with_progress
 @one_job()
 @with_options
-def tune(
-    scenario: Any,
-    vary: Mapping[str, Any] | Sequence[str],
-    cost: str,
-    **options: Unpack[TuneOptions],
-) -> Tuned:
+def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: str, **options: Unpack[TuneOptions]) -> Tuned:
     """Search the values of parameters that make a cost smallest, over a spread of robots and within limits.
 
     Every run is kept: after Ctrl-C or a kill the same call continues where it stopped. So does one with a larger budget
@@ -150,7 +145,7 @@ def tune(
 def _write(found: Tuned, scores: Sequence[Score]) -> None:
     """Write the values, the comparison and the picture."""
     from vdfmu.base.style import save
-    from vdfmu.study.report.tuning import draw_tuning
+    from vdfmu.study.report.drawings import draw_tuning
 
     sections: dict[str, dict[str, Any]] = {}
     for name, value in found.settings.items():
@@ -164,10 +159,7 @@ def _write(found: Tuned, scores: Sequence[Score]) -> None:
     start = scores[0]
     history = [objective(score, start) for score in scores]
     try:
-        for name, text in (
-            ("tuned.toml", toml_text(sections)),
-            ("tune.json", json.dumps(content, indent=1) + "\n"),
-        ):
+        for name, text in (("tuned.toml", toml_text(sections)), ("tune.json", json.dumps(content, indent=1) + "\n")):
             with replacing(found.folder / name) as file:
                 file.write(text.encode())
         save(draw_tuning(history, found.table()), found.folder / "tuning.png")

@@ -35,19 +35,9 @@ _LARGER = ("1", "10", "100", "1000", "10⁴", "10⁵")
 
 
 class Scene:
-    """The drawing of one run.
+    """The drawing of one run of an arm, see :func:`vdfmu.study.report.content.arm_of`, from `start` to `stop` [s].
 
-    Parameters
-    ----------
-    server : viser.ViserServer
-    title : str
-        Title of the run.
-    arm : mapping
-        See :func:`vdfmu.study.report.content.arm_of`.
-    start, stop : float [s]
-        Start and stop of the run.
-    given : set of str
-        Keys of `vdfmu.study.view.live.SIGNALS` that exist.
+    Of `vdfmu.study.view.live.SIGNALS` it has those `given`.
     """
 
     def __init__(
@@ -206,13 +196,7 @@ class ViewServer:
         self._shown: Any = None
 
     def begin(
-        self,
-        title: str,
-        arm: Mapping[str, Any],
-        path: str,
-        places: dict[str, list[int]],
-        start: float,
-        stop: float,
+        self, title: str, arm: Mapping[str, Any], path: str, places: dict[str, list[int]], start: float, stop: float
     ) -> None:
         """Draw the arm of a run that begins."""
         self._scene = Scene(self._server, title, arm, start, stop, set(places))

@@ -40,19 +40,8 @@ def needed() -> ModuleType:
 def open_server(port: int | None, label: str) -> Any:
     """Start a viser server that only this machine reaches, and that reaches no other machine.
 
-    Parameters
-    ----------
-    port : int, optional
-        Default a free one.
-    label : str
-        Title of the panel.
-
-    Raises
-    ------
-    UsageError
-        viser is missing, or the port is taken.
-    VdfmuError
-        This viser starts its server otherwise, so that foreign pages could reach it.
+    By default at a free port; `label` is the title of the panel. UsageError if viser is missing, or the port is taken;
+    VdfmuError if this viser starts its server otherwise, so that foreign pages could reach it.
     """
     viser = needed()
     from vdfmu.study.view.guard import Guard
@@ -101,22 +90,10 @@ def address(server: Any) -> str:
 
 
 class ArmScene:
-    """An arm in the scene of a server.
+    """An arm in the scene of a server, by its `name` in the tree of the scene; a `ghost` is transparent.
 
-    Parameters
-    ----------
-    server : viser.ViserServer
-    chain : Chain
-    name : str
-        Name in the tree of the scene.
-    ghost : bool, optional
-        Whether it is transparent.
-    travel : (n,) [m], optional
-        Length of the rails of prismatic joints; default a third of the reach.
-    visuals : sequence of mappings, optional
-        Tables ``[[visuals]]`` of the robot file, for its meshes.
-    folder : Path, optional
-        Folder of the robot file, relative to which its meshes are named.
+    Rails of prismatic joints have the lengths `travel`, (n,) [m], by default a third of the reach. `visuals` are the
+    tables ``[[visuals]]`` of the robot file, whose meshes are named relative to its `folder`.
     """
 
     def __init__(
@@ -220,13 +197,7 @@ class ArmScene:
 
 
 def stage(server: Any, chain: Chain, points: Floats) -> None:
-    """Set up the surroundings of an arm: up, lights, a floor, its foot and the viewpoint.
-
-    Parameters
-    ----------
-    points : (m, 3) [m]
-        Points that must be visible.
-    """
+    """Set up the surroundings of an arm: up, lights, a floor, its foot, a viewpoint that sees `points`, (m, 3) [m]."""
     scene, reach, up = server.scene, chain.reach, chain.up
     scene.set_up_direction(up)
     scene.configure_environment_map(None)
@@ -246,12 +217,7 @@ def stage(server: Any, chain: Chain, points: Floats) -> None:
     r = 0.07 * reach
     foot = floor if floor > -0.6 * reach else 0.1 * reach  # an arm that hangs has it above
     scene.add_cylinder(
-        "foot",
-        radius=r,
-        height=abs(foot),
-        color=(86, 98, 112),
-        position=foot * up / 2.0,
-        wxyz=_quaternion(turn),
+        "foot", radius=r, height=abs(foot), color=(86, 98, 112), position=foot * up / 2.0, wxyz=_quaternion(turn)
     )
     low, high = points.min(axis=0), points.max(axis=0)
     centre = (low + high) / 2.0

@@ -15,15 +15,10 @@ POSITIVE, NEGATIVE = (226, 87, 13), (22, 103, 199)
 
 
 def half_axes(mass: float, moments: Floats) -> Floats:
-    """Half-axes of the uniform solid ellipsoid of a mass and principal moments of inertia: (3,) [m].
+    """Half-axes of the uniform solid ellipsoid of a mass [kg] and principal moments of inertia [kg.m2]: (3,) [m].
 
-    Its moments are ``I_x = m (b^2 + c^2) / 5`` and so on (Meriam and Kraige, Engineering Mechanics:
-    Dynamics, Table D/4), so ``a^2 = 5 (I_y + I_z - I_x) / (2 m)``. A body that is flat or thin has axes of 0.
-
-    Parameters
-    ----------
-    mass : float [kg]
-    moments : (3,) [kg.m2], about the centre of mass
+    Its moments about the centre of mass are ``I_x = m (b^2 + c^2) / 5`` and so on (Meriam and Kraige, Engineering
+    Mechanics: Dynamics, Table D/4), so ``a^2 = 5 (I_y + I_z - I_x) / (2 m)``. A flat or thin body has axes of 0.
     """
     squares = 2.5 * (moments.sum() - 2.0 * moments) / mass
     return np.sqrt(np.maximum(squares, 0.0))

@@ -1,0 +1,175 @@
+"""The pictures of what is calculated without a run, or from many: motions, modes, identifications and tunings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from vdfmu.arm.robot import Robot
+from vdfmu.base import style
+from vdfmu.base.arrays import Floats
+from vdfmu.study.report.joints import group_joints
+
+_ORDERS = ((0, "Position", ""), (1, "Speed", "/s"), (2, "Acceleration", "/s²"), (4, "Snap", "/s⁴"))
+_BEFORE, _AFTER = "#888888", style.COLORS[0]
+_BY_JOINT = {
+    "error": ("RMS error", "", "rad or m"),
+    "peak_torque": ("Peak torque", "", "N.m"),
+    "modulus": ("Modulus margin", r"min $|1 + L|$", ""),
+}
+"""Rows of a tuning's table that are drawn by joint: title, quantity, unit of measurement."""
+
+
+def _panels(figure: Figure, rows: int, columns: int) -> list[Axes]:
+    return [figure.add_subplot(rows, columns, k + 1) for k in range(rows * columns)]
+
+
+@style.styled
+def draw_motion(title: str, robot: Robot, t: Floats, q: Floats) -> Figure:
+    """Draw a motion, a column for each type of joint.
+
+    It has times `t`, (m,) [s], and positions and four derivatives `q`, (5, m, n) [rad or m, and per s .. s4].
+    """
+    groups = group_joints(robot, range(robot.n))
+    figure = style.new_figure(title, "", height=7.0, legend=style.joint_handles(range(robot.n)))
+    panels = _panels(figure, len(_ORDERS), len(groups))
+    for k, axes in enumerate(panels):
+        (order, name, per), group = _ORDERS[k // len(groups)], groups[k % len(groups)]
+        for j in group.joints:
+            style.curve(axes, t, group.unit.factor * q[order, :, j], **style.joint_look(j))
+        style.dress(axes, f"{name}{group.suffix}", name.lower(), group.unit.position + per, t)
+    style.label_time(panels, len(groups))
+    return figure
+
+
+@style.styled
+def draw_torques(title: str, t: Floats, torque: Floats, error: Floats, units: tuple[str, ...]) -> Figure:
+    """Draw measured torques (m, n) over time, link-side, and the part that the model leaves, a panel each joint."""
+    n = torque.shape[1]
+    words = "Motor torques times ell, in the band of the estimation, and what the model leaves of them."
+    figure = style.new_figure(title, words, height=1.8 * n + 1.0)
+    panels = _panels(figure, n, 2)
+    for i, axes in enumerate(panels):
+        joint, name = i // 2, ("measured", "measured minus model")[i % 2]
+        style.curve(axes, t, (torque, error)[i % 2][:, joint], **style.joint_look(joint))
+        style.dress(axes, f"Joint {joint + 1}, {name}", "torque", units[joint], t)
+    style.label_time(panels, 2)
+    return figure
+
+
+@style.styled
+def draw_modes(
+    title: str, times: Floats, panels: Mapping[str, Sequence[tuple[Floats, npt.NDArray[np.intp]]]]
+) -> Figure:
+    """Draw natural frequencies over `times`, (m,) [s], a panel by the state of the motors.
+
+    A panel has m pairs: frequencies [Hz] of the modes at a time, and which joint's spring has most of the energy of
+    each.
+    """
+    joints = sorted({int(i) for along in panels.values() for _, joint in along for i in joint})
+    handles = style.joint_handles(joints)
+    for handle in handles:
+        handle.set(marker="o", markersize=4.0, linestyle="none")
+    words = "At rest at poses of the desired motion, the fastest modes. Colour: the joint whose spring has most energy."
+    figure = style.new_figure(title, words, height=2.2 * len(panels) + 1.0, legend=handles)
+    shown = _panels(figure, len(panels), 1)
+    for axes, (motors, along) in zip(shown, panels.items(), strict=True):
+        for joint in joints:
+            here = [(t, f) for t, (each, of) in zip(times, along, strict=True) for f in each[of == joint]]
+            if here:
+                axes.plot(*np.transpose(here), ".", color=style.joint_look(joint)["color"], markersize=4.0)
+        style.dress(axes, f"Motors {motors}", "frequency", "Hz", times)
+    style.label_time(shown, 1)
+    return figure
+
+
+@style.styled
+def draw_bode(
+    title: str, frequency: Floats, curves: Mapping[str, npt.NDArray[np.complex128]], unit: str, resonance: Floats,
+    antiresonance: Floats,
+) -> Figure:  # fmt: skip
+    """Draw responses to one input over `frequency`, (m,) [Hz]: amplitudes in `unit`, above, and phases.
+
+    `curves` has the response (m,) of each output by its name. `resonance` and `antiresonance` [Hz] are marked by
+    vertical lines: poles, and zeros of the first curve.
+    """
+    looks = [style.joint_look(i) for i in range(len(curves))]
+    marks: list[tuple[str, Floats, Any]] = [("resonance", resonance, "-"), ("anti-resonance", antiresonance, ":")]
+    handles = [Line2D([], [], label=name, **look) for name, look in zip(curves, looks, strict=True)]
+    handles += [Line2D([], [], label=name, color="0.5", linestyle=line) for name, _, line in marks]
+    words = (
+        "Linear, at rest. Above: resonances; below: anti-resonances of the first curve, where its amplitude is least."
+    )
+    figure = style.new_figure(title, words, height=5.4, legend=handles)
+    above, below = figure.subplots(2, 1, sharex=True)
+    for values, look in zip(curves.values(), looks, strict=True):
+        above.loglog(frequency, np.abs(values), **look)
+        below.semilogx(frequency, np.degrees(np.unwrap(np.angle(values))), **look)
+    for (_, places, line), height, side in zip(marks, (1.0, -0.02), ("bottom", "top"), strict=True):
+        for place in places:
+            for axes in (above, below):
+                axes.axvline(place, color="0.5", linewidth=0.8, zorder=0, linestyle=line)
+            above.annotate(f"{place:.3g}", (place, height), xycoords=("data", "axes fraction"), fontsize=7.5,
+                           ha="center", va=side)  # fmt: skip
+    style.dress(above, "Amplitude", "", unit)
+    style.dress(below, "Phase", "", "deg", frequency)
+    below.set_xlabel("Frequency [Hz]")
+    return figure
+
+
+@style.styled
+def draw_tuning(history: Sequence[float], table: Sequence[tuple[str, float, float]]) -> Figure:
+    """Draw the cost over the evaluations, and the values of each joint in rows of name, before and after.
+
+    `history` has the objective of each evaluation, 1 at the start; beyond 10 where a constraint is missed.
+    """
+    groups = {key: [pair for name, *pair in table if name.partition("[")[0] == key] for key in _BY_JOINT}
+    shown = {key: pairs for key, pairs in groups.items() if pairs}
+    handles = [
+        Line2D([], [], color=color, linewidth=6.0, label=label)
+        for color, label in ((_BEFORE, "before"), (_AFTER, "after"))
+    ]
+    figure = style.new_figure(
+        "Tuning",
+        "Cost: relative to that of the start; dots: values that keep to all limits, line: the best so far. Errors and "
+        "torques: those of the worst robot. Margin: with one sample of delay.",
+        height=5.6 if shown else 2.8, legend=handles if shown else (),
+    )  # fmt: skip
+    grid = figure.add_gridspec(2 if shown else 1, max(len(shown), 1))
+    _draw_history(figure.add_subplot(grid[0, :]), np.array(history))
+    for column, (key, pairs) in enumerate(shown.items()):
+        _draw_joints(figure.add_subplot(grid[1, column]), np.array(pairs), *_BY_JOINT[key])
+    return figure
+
+
+def _draw_history(axes: Axes, cost: Floats) -> None:
+    number, allowed = np.arange(1, len(cost) + 1), cost < 10.0
+    best = np.minimum.accumulate(np.where(allowed, cost, np.inf))
+    known = np.isfinite(best)
+    axes.plot(number[allowed], cost[allowed], ".", color=style.COLORS[5], markersize=4.0)
+    axes.step(number[known], best[known], where="post", color=_AFTER)
+    axes.axhline(1.0, color=_BEFORE, linewidth=1.0, linestyle="--")
+    style.dress(axes, "Cost", "relative to the start", "")
+    top = max(1.2, float(np.quantile(cost[allowed], 0.9))) if allowed.any() else 1.2
+    axes.set_ylim(0.0, 1.1 * min(top, 3.0))
+    axes.set_xlim(0.0, len(cost) + 1.0)
+    axes.set_xlabel("Evaluation")
+
+
+def _draw_joints(axes: Axes, pairs: Floats, title: str, quantity: str, unit: str) -> None:
+    joints = np.arange(1, len(pairs) + 1)
+    for shift, column, color in ((-0.2, 0, _BEFORE), (0.2, 1, _AFTER)):
+        axes.bar(joints + shift, pairs[:, column], 0.38, color=color)
+    style.dress(axes, title, quantity, unit)
+    axes.set_xlim(0.4, len(pairs) + 0.6)
+    axes.set_ylim(0.0, 1.08 * max(float(np.nanmax(pairs)), 1e-300))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.grid(visible=False, axis="x")
+    axes.set_xlabel("Joint")
