@@ -31,13 +31,7 @@ class _RobotFunctions(Kernel):
         self._asked: Counter[str] = Counter()
         self._compiled: dict[str, Any] = {}
 
-    def calculate(
-        self,
-        name: str,
-        prepared: Any,
-        arrays: Sequence[Floats],
-        out: Floats,
-    ) -> None:
+    def calculate(self, name: str, prepared: Any, arrays: Sequence[Floats], out: Floats) -> None:
         """Calculate a batch."""
         with self._lock:
             self._asked[name] += len(out)
@@ -56,11 +50,7 @@ def _kernel(robot: Robot) -> Kernel:
 
 
 def inverse_dynamics(
-    robot: Robot,
-    q: npt.ArrayLike,
-    q_dot: npt.ArrayLike,
-    q_ddot: npt.ArrayLike,
-    F_e: npt.ArrayLike | None = None,
+    robot: Robot, q: npt.ArrayLike, q_dot: npt.ArrayLike, q_ddot: npt.ArrayLike, F_e: npt.ArrayLike | None = None
 ) -> Floats:
     """Joint torques of the rigid arm for a given motion, Eq. (29)-(31) and (44)-(47), without friction.
 
@@ -94,11 +84,7 @@ def inverse_dynamics(
 
 
 def forward_dynamics(
-    robot: Robot,
-    q: npt.ArrayLike,
-    q_dot: npt.ArrayLike,
-    tau: npt.ArrayLike,
-    F_e: npt.ArrayLike | None = None,
+    robot: Robot, q: npt.ArrayLike, q_dot: npt.ArrayLike, tau: npt.ArrayLike, F_e: npt.ArrayLike | None = None
 ) -> Floats:
     """Joint accelerations of the rigid arm by the articulated recursion, Eq. (44)-(47) solved for them.
 

@@ -180,8 +180,7 @@ def test_a_payload_of_no_mass_changes_no_bit(robot, draw):
         sizes = [robot.n] * 3 + [6]
         np.testing.assert_array_equal(inverse_dynamics(empty, *columns), inverse_dynamics(robot, *columns))
         np.testing.assert_array_equal(
-            with_payload.rows("inverse_dynamics", columns, sizes),
-            without.rows("inverse_dynamics", columns, sizes),
+            with_payload.rows("inverse_dynamics", columns, sizes), without.rows("inverse_dynamics", columns, sizes)
         )
 
 

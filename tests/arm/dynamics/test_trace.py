@@ -27,10 +27,7 @@ from vdfmu.compiler.scalar.jet import derivative, jets
 from vdfmu.compiler.unit.program import UnitFunctions
 
 PLANAR = load_robot("planar_2dof")
-NAMES = [
-    *FUNCTIONS,
-    *(name for unit in shipped_units().values() for name in UnitFunctions(unit, PLANAR, None).names()),
-]
+NAMES = [*FUNCTIONS, *(name for unit in shipped_units().values() for name in UnitFunctions(unit, PLANAR, None).names())]
 """Traced functions of the kernel and of the units."""
 
 

@@ -124,11 +124,7 @@ def test_the_current_follows_with_its_bandwidth_until_the_voltage_ends(with_opti
     for share in (0.9, 0.97):
         speed = share * robot.U_max / (robot.k_t * robot.ell)
         i_m = solve_ivp(
-            lambda _, i, v=speed: current_rate(robot, np.full(2, 1.9), v, i),
-            (0.0, 0.05),
-            still,
-            rtol=1e-9,
-            atol=1e-9,
+            lambda _, i, v=speed: current_rate(robot, np.full(2, 1.9), v, i), (0.0, 0.05), still, rtol=1e-9, atol=1e-9
         ).y[:, -1]  # 25 time constants L / R of 2 ms
         np.testing.assert_allclose(i_m, (1.0 - share) * 48.0 / 0.5, rtol=1e-6)
         power = winding_voltage(robot, np.full(2, 1.9), speed, i_m) * i_m

@@ -5,12 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from vdfmu.arm.equations.feedforward import (
-    FeedbackGains,
-    desired_drive_motion,
-    feedforward_inverse,
-    feedforward_vdc,
-)
+from vdfmu.arm.equations.feedforward import FeedbackGains, desired_drive_motion, feedforward_inverse, feedforward_vdc
 from vdfmu.arm.equations.friction import coulomb_friction, joint_friction, stribeck_friction
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.arm.equations.mapping import velocity_mapping

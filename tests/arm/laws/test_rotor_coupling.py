@@ -7,12 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tests.arm.laws.counting import count_operations, counting_chain
-from vdfmu.arm.equations.feedforward import (
-    FeedbackGains,
-    desired_drive_motion,
-    feedforward_inverse,
-    feedforward_vdc,
-)
+from vdfmu.arm.equations.feedforward import FeedbackGains, desired_drive_motion, feedforward_inverse, feedforward_vdc
 from vdfmu.arm.equations.flexible_joint import rotor_acceleration, rotor_velocities
 from vdfmu.arm.equations.forward_dynamics import Rotors, forward_dynamics
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics, link_motion

@@ -120,16 +120,7 @@ def cancels(robot: str, unit: str, output: str, known: str) -> bool:
     if robot == "slider_3dof" and unit == "feedforward":
         # Axis 3 is horizontal: the inertia about it, and what its rotor does as its spring winds up, have no torque
         # about axis 1, which is vertical.
-        of_axis_3 = (
-            "inertia[3,3,3]",
-            "F_e_d[6]",
-            "I_m[3]",
-            "ell[3]",
-            "K_f0[3]",
-            "K_w0[3]",
-            "c_f[3]",
-            "c_w[3]",
-        )
+        of_axis_3 = ("inertia[3,3,3]", "F_e_d[6]", "I_m[3]", "ell[3]", "K_f0[3]", "K_w0[3]", "c_f[3]", "c_w[3]")
         return output[-3:] == "[1]" and known in of_axis_3
     if robot == "slider_3dof":
         # Axis 1 is vertical: heights do not depend on q_1, nor on the arm's length.
@@ -250,11 +241,6 @@ def test_the_controller_keeps_its_joints_apart(robots: dict[str, Robot], robot_n
             output = table.reference[f"{group}[{i + 1}]"]
             found = {table.variables[k] for k in table.step_dependencies(output)}
             assert {v.index for v in found} == {(i,)}
-            assert {v.group for v in found} == {
-                "q_d",
-                "q_d_dot",
-                "kappa_dot_d",
-                "q",
-                "q_dot",
-                "kappa_dot",
-            } | ({"tau_m"} if group == "tau" else set())
+            assert {v.group for v in found} == {"q_d", "q_d_dot", "kappa_dot_d", "q", "q_dot", "kappa_dot"} | (
+                {"tau_m"} if group == "tau" else set()
+            )

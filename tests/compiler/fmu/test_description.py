@@ -180,10 +180,7 @@ def test_model_structure_lists_each_output_twice_and_nothing_else(
     table = Interface(shipped_units()[unit_name], robots[robot_name])
     outputs = [i for i, v in enumerate(table) if v.causality == "output"]
     assert [element.tag for element in root.find("ModelStructure")] == ["Outputs", "InitialUnknowns"]
-    for tag, declared in (
-        ("Outputs", table.step_dependencies),
-        ("InitialUnknowns", table.start_dependencies),
-    ):
+    for tag, declared in (("Outputs", table.step_dependencies), ("InitialUnknowns", table.start_dependencies)):
         unknowns = root.findall(f"ModelStructure/{tag}/Unknown")
         assert [int(u.get("index")) - 1 for u in unknowns] == outputs
         for unknown, output in zip(unknowns, outputs, strict=True):

@@ -69,8 +69,7 @@ def test_a_cold_build_in_another_process_and_folder_has_the_same_bytes(
 
 
 @pytest.mark.parametrize(
-    "platform",
-    [pytest.param(p, marks=[pytest.mark.heavy] * (p != this_platform())) for p in PLATFORMS],
+    "platform", [pytest.param(p, marks=[pytest.mark.heavy] * (p != this_platform())) for p in PLATFORMS]
 )
 def test_a_library_depends_on_its_sources_alone(platform: str, cold: Path, tmp_path: Path) -> None:
     """Neither on folder nor time nor what is compiled beside it. Windows counts time in seconds."""

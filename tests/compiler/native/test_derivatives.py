@@ -194,10 +194,7 @@ def test_the_plant_in_step_mode_gives_those_of_its_state(native: Native, version
     simulation = native("plant", version).start(**start)
     exchange = native("plant", version, kind="ModelExchange").start(**start)
     unknowns = simulation.model.of("output", "local")
-    knowns = [
-        *simulation.model.of("input"),
-        *(v for v in simulation.model.of("output") if v.group in ("q", "tau_s")),
-    ]
+    knowns = [*simulation.model.of("input"), *(v for v in simulation.model.of("output") if v.group in ("q", "tau_s"))]
     assert directional(simulation, unknowns, knowns).tolist() == directional(exchange, unknowns, knowns).tolist()
 
 
@@ -222,10 +219,7 @@ def test_a_seed_is_a_direction(native: Native, version: str) -> None:
     seed = np.linspace(-1.0, 2.0, len(elements(knowns)))
     jacobian = directional(unit, unknowns, knowns)
     np.testing.assert_allclose(
-        unit.directional(unknowns, knowns, seed),
-        jacobian @ seed,
-        rtol=0.0,
-        atol=1e-12 * np.abs(jacobian).max(),
+        unit.directional(unknowns, knowns, seed), jacobian @ seed, rtol=0.0, atol=1e-12 * np.abs(jacobian).max()
     )
     twice = unit.directional(unknowns, [knowns[0], knowns[0]], np.ones(2 * len(knowns[0].names)))
     np.testing.assert_allclose(twice, 2.0 * unit.directional(unknowns, [knowns[0]], np.ones(len(knowns[0].names))))
@@ -314,11 +308,7 @@ def test_dependencies_of_elements_are_those_of_the_model_structure(
     """Those of FMI 3 also name the time, and what it moves is what depends on it: the trajectory."""
     two, three = native(unit_name, "2.0", robot_name), native(unit_name, "3.0", robot_name)
     positions = [*elements(two.model.variables), "time"]
-    for phase, tag in (
-        ("instantiated", "InitialUnknowns"),
-        ("initialization", "InitialUnknowns"),
-        ("step", "Outputs"),
-    ):
+    for phase, tag in (("instantiated", "InitialUnknowns"), ("initialization", "InitialUnknowns"), ("step", "Outputs")):
         if phase == "initialization":
             three.setup().enter()
         elif phase == "step":

@@ -99,13 +99,7 @@ def test_the_library_for_linux_on_arm_computes_the_same(
     folder = everywhere(version)[unit]
     model = Model(folder)
     arguments = driver_arguments(model)
-    command = [
-        emulator,
-        "-L",
-        root,
-        cross_driver("aarch64-linux", version),
-        library(folder, version, "aarch64-linux"),
-    ]
+    command = [emulator, "-L", root, cross_driver("aarch64-linux", version), library(folder, version, "aarch64-linux")]
     found = run([*command, *arguments], seconds=300)
     assert_same_motion(found, run([driver(version), model.library._name, *arguments]))
 

@@ -161,14 +161,7 @@ def test_the_sources_link_with_prefixes_into_one_program(
         out.mkdir()
         run([gcc, "-std=c11", "-c", f"-I{tmp_path}", f"-I{folder}", *sorted(folder.glob("*.c"))], cwd=out)
         run([program("ld", "binutils"), "-r", *sorted(out.glob("*.o")), "-o", tmp_path / f"{unit}.o"])
-        run(
-            [
-                program("objcopy", "binutils"),
-                "-w",
-                f"--keep-global-symbol={found.name}_fmi*",
-                tmp_path / f"{unit}.o",
-            ]
-        )
+        run([program("objcopy", "binutils"), "-w", f"--keep-global-symbol={found.name}_fmi*", tmp_path / f"{unit}.o"])
         names.append(f"{found.name}_fmi{major}GetVersion")
     declared = "".join(f"const char *{name}(void);\n" for name in names)
     body = "".join(f"    puts({name}());\n" for name in names)

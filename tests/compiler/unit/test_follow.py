@@ -91,11 +91,7 @@ CLOSE = {"rtol": 1e-9, "atol": 0}
 
 def test_what_follows_is_calculated_from_what_is_set(folder):
     unit = find_unit(folder / "regulator.py")
-    assert unit.follows == {
-        "AB": ("period", "mass"),
-        "K": ("AB", "Q", "R"),
-        MARK: ("period", "mass", "Q", "R"),
-    }
+    assert unit.follows == {"AB": ("period", "mass"), "K": ("AB", "Q", "R"), MARK: ("period", "mass", "Q", "R")}
     made = unit(Q=[5.0, 0.2], mass=3.0)
     np.testing.assert_allclose(made.K, gains([5.0, 0.2], mass=3.0), **CLOSE)
     made.period = 0.05
@@ -130,12 +126,7 @@ def test_an_fmu_refuses_values_for_which_nothing_was_calculated(folder, backend,
 
         try:
             return fmpy.simulate_fmu(
-                str(path),
-                stop_time=0.05,
-                output_interval=0.01,
-                start_values=values,
-                logger=log,
-                output=["u", "K[1]"],
+                str(path), stop_time=0.05, output_interval=0.01, start_values=values, logger=log, output=["u", "K[1]"]
             )
         except Exception:
             return " ".join([*messages, caplog.text])  # where a Python FMU is heard too

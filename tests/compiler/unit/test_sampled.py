@@ -120,12 +120,7 @@ SYSTEMS = {
     },
     "ring": (
         ["cart:Cart", "control:Control", "encoder:Encoder"],
-        {
-            "cart.x": "encoder.x",
-            "encoder.y": "control.x",
-            "control.u": "cart.u",
-            "control.old": "encoder.bias",
-        },
+        {"cart.x": "encoder.x", "encoder.y": "control.x", "control.u": "cart.u", "control.old": "encoder.bias"},
     ),
     "clock": (["clock:Clock"], {}),
 }

@@ -40,12 +40,7 @@ def test_what_is_right_has_no_problems(path, kind):
     [
         ("x.toml", "name = 3", "scenario", "expected a string"),
         ("x.toml", "a = [", "TOML", "expected TOML, got a syntax error"),
-        (
-            "x.toml",
-            SCENARIO + "[controller]\nK_q = 1\n",
-            "scenario",
-            "x.toml: controller.K_q: controller has no K_q",
-        ),
+        ("x.toml", SCENARIO + "[controller]\nK_q = 1\n", "scenario", "x.toml: controller.K_q: controller has no K_q"),
         ("x.toml", 'extends = "system"\n[units]\nplant = "plnt"\n', "system", "There is no unit 'plnt'"),
         (
             "x.toml",

@@ -76,11 +76,7 @@ def test_an_entry_that_occurs_twice_has_one_content(tmp_path):
     ]
     path = doubled(tmp_path / "y.ssp", b"text")
     with Archive(path, path.name) as archive:
-        assert (archive.names.count("a.txt"), archive.doubled, archive.read("a.txt")) == (
-            1,
-            ["a.txt"],
-            b"text",
-        )
+        assert (archive.names.count("a.txt"), archive.doubled, archive.read("a.txt")) == (1, ["a.txt"], b"text")
     data = bytearray(path.read_bytes())
     data[data.index(b"text")] ^= 1  # the first of two entries of one check sum is damaged
     path.write_bytes(data)
@@ -114,10 +110,7 @@ def test_an_encrypted_entry_is_refused(tmp_path):
 def test_a_false_declared_size_unpacks_no_more_than_it_says(tmp_path):
     """A bomb that declares 10 bytes: what is read is bounded by that, and its check sum gives it away."""
     path = patched(write(tmp_path / "x.ssp", members={"a.fmu": bytes(10_000_000)}), 24, 10, "<I")
-    with (
-        Archive(path, "x.ssp") as opened,
-        pytest.raises(SspError, match="'a.fmu' cannot be unpacked: Bad CRC-32"),
-    ):
+    with Archive(path, "x.ssp") as opened, pytest.raises(SspError, match="'a.fmu' cannot be unpacked: Bad CRC-32"):
         opened.read("a.fmu")
 
 

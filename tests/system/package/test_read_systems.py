@@ -116,10 +116,7 @@ def test_a_package_inside_the_package_is_a_system(pack):
     path = pack({"SystemStructure.ssd": system, "f.fmu": b"", "resources/arm.ssp": inner})
     loaded = load_ssp(path)
     assert links(path) == ["a.y -> arm.g.u"]
-    assert [(c.name, c.source) for c in loaded.components] == [
-        ("a", "f.fmu"),
-        ("arm.g", "resources/arm.ssp!/f.fmu"),
-    ]
+    assert [(c.name, c.source) for c in loaded.components] == [("a", "f.fmu"), ("arm.g", "resources/arm.ssp!/f.fmu")]
     assert {p.name: p.value for p in loaded.component("arm.g").parameters} == {"k": 5.0, "m": 2.0}
     assert loaded.units["angle"].factor == 1.0
     assert loaded.units["angle of resources/arm.ssp!/SystemStructure.ssd"].factor == 0.01
@@ -134,10 +131,7 @@ def test_a_package_inside_can_be_read_as_another_variant(pack):
     )  # fmt: skip
     assert links(path) == ["a.y -> arm.g.u"]
     path = pack(
-        {
-            "SystemStructure.ssd": ssd(elements(component("arm", "arm.ssp#C.ssd", "", PACKAGE))),
-            "arm.ssp": inner,
-        }
+        {"SystemStructure.ssd": ssd(elements(component("arm", "arm.ssp#C.ssd", "", PACKAGE))), "arm.ssp": inner}
     )
     assert problems(path) == ["x.ssp: arm.ssp: the package has no 'C.ssd'; it has SystemStructure.ssd, B.ssd"]
 
@@ -224,10 +218,7 @@ def test_empty_element_names_mean_the_system_itself(pack):
     top = IO + elements(component("a")) + '<ssd:Connections><ssd:Connection startElement="" startConnector="u" '
     top += 'endElement="a" endConnector="u"/></ssd:Connections>' + ""
     path = pack(
-        {
-            "SystemStructure.ssd": ssd(top.replace("<ssd:Elements>", values("u=7") + "<ssd:Elements>")),
-            "f.fmu": b"",
-        }
+        {"SystemStructure.ssd": ssd(top.replace("<ssd:Elements>", values("u=7") + "<ssd:Elements>")), "f.fmu": b""}
     )
     assert load_ssp(path).problems == ()
     assert [(p.name, p.value) for p in load_ssp(path).component("a").parameters] == [("u", 7.0)]
@@ -250,19 +241,10 @@ def test_external_files_outside_the_resources_folder_with_prefix_and_precedence(
         + elements(component("a", inner=IO + values("m=9", "n=4")))
     )
     path = pack(
-        {
-            "SystemStructure.ssd": ssd(top),
-            "ssv/top values.ssv": document,
-            "maps/names.ssm": mapping,
-            "f.fmu": b"",
-        }
+        {"SystemStructure.ssd": ssd(top), "ssv/top values.ssv": document, "maps/names.ssm": mapping, "f.fmu": b""}
     )
     found = {p.name: p for p in load_ssp(path).component("a").parameters}
-    assert {name: p.value for name, p in found.items()} == {
-        "gain": 2.0,
-        "m": 9.0,
-        "n": 4.0,
-    }  # a.m is not mapped
+    assert {name: p.value for name, p in found.items()} == {"gain": 2.0, "m": 9.0, "n": 4.0}  # a.m is not mapped
     (hop,) = found["gain"].hops
     assert hop.transformation is not None
     assert (hop.transformation.factor, hop.transformation.offset) == (10.0, 1.0)

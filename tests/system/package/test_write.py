@@ -35,12 +35,7 @@ def test_every_xml_of_the_package_is_valid(scenario, fmus, tmp_path):
             if name.endswith((".ssd", ".ssv", ".ssm")):
                 parse_ssp_xml(archive.read(name), name[-3:], name)  # raises if it is not valid
     assert sorted(names) == sorted(
-        [
-            "SystemStructure.ssd",
-            "documentation/index.html",
-            "resources/start.ssv",
-            "resources/plant.start.ssm",
-        ]
+        ["SystemStructure.ssd", "documentation/index.html", "resources/start.ssv", "resources/plant.start.ssm"]
         + ["resources/robot.ssv", "resources/controller.robot.ssv"]
         + [f"resources/{path.name}" for path in fmus.values()]
         + [f"resources/{unit}.scenario.ssv" for unit in fmus]
@@ -106,18 +101,10 @@ def test_a_setting_without_an_index_sets_all_joints(scenario):
 @pytest.mark.parametrize(
     ("key", "value", "words"),
     [
-        (
-            "motor.K_p",
-            "1",
-            r"motor\.K_p: expected component\.parameter, a component of trajectory, feedforward",
-        ),
+        ("motor.K_p", "1", r"motor\.K_p: expected component\.parameter, a component of trajectory, feedforward"),
         ("controller.K_q", "1", r"controller\.K_q: controller has no K_q\. Did you mean .* There are: .*K_p"),
         ("controller.K_p[3]", "1", r"controller has no K_p\[3\]\. .*There are: K_p\[1\], K_p\[2\]"),
-        (
-            "plant.q",
-            "1",
-            r"plant\.q: q\[1\] is an output of plant; only parameters and free inputs can be set",
-        ),
+        ("plant.q", "1", r"plant\.q: q\[1\] is an output of plant; only parameters and free inputs can be set"),
         ("controller.K_p", "high", r"controller\.K_p: expected a number in N\.m/rad, got 'high'"),
         ("controller.K_p", "nan", r"controller\.K_p: expected a finite number, got nan"),
         ("controller.K_p", "-1", r"controller\.K_p: expected at least 0 N\.m/rad, got -1"),

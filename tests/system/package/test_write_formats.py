@@ -202,7 +202,4 @@ def test_libcosim_applies_the_values(scenario, fmus, tmp_path):
     time, found = json.loads(done.stdout.splitlines()[-1])
     assert time == 20_000_000  # ns: 20 steps of the size that the file says
     for (unit, name), value in zip(names, found, strict=True):
-        assert value == values[unit][name], (
-            unit,
-            name,
-        )  # the shortest text of a double reads back as that double
+        assert value == values[unit][name], (unit, name)  # the shortest text of a double reads back as that double

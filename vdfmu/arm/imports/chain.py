@@ -65,10 +65,7 @@ def choose_arm(tree: Tree, base: str | None, tip: str | None) -> SerialChain | N
     _refuse_joints(tree, moving)
     if not moving:
         problems.add(
-            "the file",
-            f"a joint that moves between {base} and {tip}",
-            "none",
-            "Choose others by --base, --tip.",
+            "the file", f"a joint that moves between {base} and {tip}", "none", "Choose others by --base, --tip."
         )
         return None
     if problems.lines:

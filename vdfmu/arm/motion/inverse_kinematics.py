@@ -25,12 +25,7 @@ _PULL = 0.5
 
 
 def follow(
-    robot: Robot,
-    start: Floats,
-    poses: Sequence[tuple[Floats, Floats]],
-    rows: int,
-    where: str,
-    percent: Floats,
+    robot: Robot, start: Floats, poses: Sequence[tuple[Floats, Floats]], rows: int, where: str, percent: Floats
 ) -> Floats:
     """Return the positions of the joints at poses of the end effector, (m, n), the first of which is that at `start`.
 

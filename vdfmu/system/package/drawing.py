@@ -109,9 +109,7 @@ def _box(
     x1, y1, x2, y2 = _corners(geometry)
     left, top, width, height = x1 - origin[0], origin[1] - y2, x2 - x1, y2 - y1
     name = component.get("name")
-    parts = [
-        f'<rect class="box" x="{left:g}" y="{top:g}" width="{width:g}" height="{height:g}" rx="2"/>',
-    ]
+    parts = [f'<rect class="box" x="{left:g}" y="{top:g}" width="{width:g}" height="{height:g}" rx="2"/>']
     icon = icons.get(geometry.get("iconSource"))
     indent = 0.0
     if icon is not None:  # above the box, where no label of a connector is

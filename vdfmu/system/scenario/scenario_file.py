@@ -46,11 +46,7 @@ SCENARIO_KEYS = (
 )
 ROBOT_KEYS = ("friction", "payload", "motion", "plant_factors", "paper")
 """Requirements of a scenario on its robot."""
-PAPER_LISTS = (
-    "rms_position_error_deg",
-    "max_position_error_deg",
-    "rms_torque_compensation_error_nm",
-)
+PAPER_LISTS = ("rms_position_error_deg", "max_position_error_deg", "rms_torque_compensation_error_nm")
 
 
 def read_scenario(problems: Problems, data: object, robot: Robot | None, system: SystemFile | None) -> Scenario | None:
@@ -96,10 +92,7 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None, system:
     if unnamed:
         for key in filter(file.data.__contains__, ROBOT_KEYS):
             problems.add(
-                key,
-                "a scenario with a robot, which this is for",
-                "none",
-                f"{ROBOT_WAY_OUT} Or leave {key} out.",
+                key, "a scenario with a robot, which this is for", "none", f"{ROBOT_WAY_OUT} Or leave {key} out."
             )
     if "friction" in file.data:
         friction = file.text("friction", choices=FRICTION_ARRANGEMENTS)

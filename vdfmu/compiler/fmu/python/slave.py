@@ -25,14 +25,7 @@ from vdfmu.compiler.fmu.content import Content
 from vdfmu.compiler.fmu.description import LOG_CATEGORIES, model_description
 from vdfmu.compiler.fmu.python.access import Read, Write, reader, writer
 from vdfmu.compiler.fmu.python.behaviour import Behaviour
-from vdfmu.compiler.fmu.python.wrapper import (
-    hold,
-    hold_all_for_ever,
-    hold_for_ever,
-    loaded_from,
-    plain,
-    refusal,
-)
+from vdfmu.compiler.fmu.python.wrapper import hold, hold_all_for_ever, hold_for_ever, loaded_from, plain, refusal
 from vdfmu.compiler.unit.variable import Variable
 
 _PHASES = ("instantiated", "initialization", "step", "terminated")
@@ -143,11 +136,7 @@ class UnitSlave(Fmi2Slave):
         return model_description(content.interface, content.guid, content.generation_tool, content.made_by or {})
 
     def log(
-        self,
-        msg: str,
-        status: Fmi2Status = Fmi2Status.ok,
-        category: str | None = None,
-        debug: bool | None = None,
+        self, msg: str, status: Fmi2Status = Fmi2Status.ok, category: str | None = None, debug: bool | None = None
     ) -> None:
         """Send a message to the importer's logger."""
         super().log(plain(msg), status, category)
