@@ -23,16 +23,6 @@ POINTS = np.array([[0.0, 0.2], [0.7, -0.4], [0.9, 0.5], [-0.3, 0.1], [0.0, 0.2]]
 TIMES = np.array([0.0, 0.6, 1.0, 1.9, 2.5])
 
 
-@pytest.fixture(scope="module")
-def planar():
-    return vdfmu.load_robot("planar_2dof")
-
-
-@pytest.fixture(scope="module")
-def arm():
-    return vdfmu.load_robot("manipulator_6dof")
-
-
 def jumps(motion):
     """Largest jump of each derivative at a knot, from rest at the start and to rest at the end, (5,)."""
     h = np.diff(motion.knots)

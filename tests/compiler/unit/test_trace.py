@@ -174,17 +174,10 @@ class Table(Unit):
         self.z = interpolate(self.u[0], self.points, self.values)
 
 
-@pytest.mark.parametrize("unit", [Elementwise, Rounding, Combined])
-def test_conditions_and_steps_are_the_same_bits_on_symbols_as_on_floats(unit):
-    assert_same(unit)
-
-
-def test_functions_of_numpy_are_those_of_symbols():
-    assert_same(Functions, roundings=50)  # powers and products of some ten factors, each with its rounding
-
-
-def test_more_functions_of_numpy_are_those_of_symbols():
-    assert_same(More, roundings=50)  # as above
+@pytest.mark.parametrize("unit", [Elementwise, Rounding, Combined, Functions, More])
+def test_conditions_and_steps_are_the_same_bits_on_symbols_as_on_floats_and_functions_nearly(unit):
+    # powers and products of some ten factors, each with its rounding
+    assert_same(unit, roundings=50 if unit in (Functions, More) else 0)
 
 
 @pytest.mark.heavy
