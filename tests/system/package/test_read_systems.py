@@ -2,38 +2,25 @@
 
 from __future__ import annotations
 
-import io
-import zipfile
 from pathlib import Path
 
 import fmpy
 import pytest
 
-from tests.system.package.problems import problems
+from tests.hostile.packages import pack as zipped
+from tests.system.package import problems as texts
+from tests.system.package.problems import SPACES, elements, problems, ssd
 from vdfmu.base.errors import SspError
 from vdfmu.engine.package import load_ssp
-from vdfmu.engine.package.parse import NAMESPACES
 from vdfmu.engine.plan.check import check_system
 
-SPACES = "".join(f'xmlns:{prefix}="{space}" ' for prefix, space in NAMESPACES.items())
 PACKAGE = 'type="application/x-ssp-package"'
 DEFINITION = 'type="application/x-ssp-definition"'
 IO = '<ssd:Connectors><ssd:Connector name="u" kind="input"/><ssd:Connector name="y" kind="output"/></ssd:Connectors>'
 
 
-def ssd(system: str, rest: str = "", attributes: str = "") -> str:
-    return (
-        f'<ssd:SystemStructureDescription {SPACES} version="1.0" name="t">'
-        f'<ssd:System name="s" {attributes}>{system}</ssd:System>{rest}</ssd:SystemStructureDescription>'
-    )
-
-
 def component(name: str, source: str = "f.fmu", inner: str = IO, attributes: str = "") -> str:
-    return f'<ssd:Component name="{name}" source="{source}" {attributes}>{inner}</ssd:Component>'
-
-
-def elements(*items: str) -> str:
-    return f"<ssd:Elements>{''.join(items)}</ssd:Elements>"
+    return texts.component(name, source, inner, attributes)
 
 
 def connections(*links: str) -> str:
@@ -58,14 +45,6 @@ def values(*pairs: str, attributes: str = "", mapping: str = "") -> str:
         f'<ssv:ParameterSet version="1.0" name="p"><ssv:Parameters>{inner}</ssv:Parameters></ssv:ParameterSet>'
         f"</ssd:ParameterValues>{mapping}</ssd:ParameterBinding></ssd:ParameterBindings>"
     )
-
-
-def zipped(members: dict[str, str | bytes]) -> bytes:
-    box = io.BytesIO()
-    with zipfile.ZipFile(box, "w") as file:
-        for name, data in members.items():
-            file.writestr(name, data)
-    return box.getvalue()
 
 
 @pytest.fixture

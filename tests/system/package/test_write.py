@@ -13,18 +13,7 @@ from vdfmu.engine.package.parse import parse_ssp_xml
 from vdfmu.engine.run import check_system
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario import load_scenario
-from vdfmu.system.scenario.parts import build_parts
 from vdfmu.system.scenario.values import override, system_values
-
-
-@pytest.fixture(scope="module")
-def scenario():
-    return load_scenario("planar_tracking")
-
-
-@pytest.fixture(scope="module")
-def fmus(scenario, tmp_path_factory):
-    return build_parts(scenario, tmp_path_factory.mktemp("fmus"))
 
 
 def test_every_xml_of_the_package_is_valid(scenario, fmus, tmp_path):

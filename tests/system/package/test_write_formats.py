@@ -30,17 +30,6 @@ from vdfmu.system.scenario.values import system_values
 
 
 @pytest.fixture(scope="module")
-def scenario():
-    return load_scenario("planar_tracking")
-
-
-@pytest.fixture(scope="module")
-def fmus(scenario, tmp_path_factory):
-    """FMUs without the scenario's values."""
-    return build_parts(scenario, tmp_path_factory.mktemp("fmus"))
-
-
-@pytest.fixture(scope="module")
 def fmus_3(scenario, tmp_path_factory):
     return build_parts(scenario, tmp_path_factory.mktemp("fmus"), fmi_version="3.0")
 
