@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tests.arm.laws.counting import count_operations, counting_chain
-from vdfmu.arm.equations.feedforward import FeedbackGains, desired_drive_motion, feedforward_inverse, feedforward_vdc
+from vdfmu.arm.equations.feedforward import desired_drive_motion, feedforward_inverse
 from vdfmu.arm.equations.flexible_joint import rotor_acceleration, rotor_velocities
 from vdfmu.arm.equations.forward_dynamics import Rotors, forward_dynamics
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics, link_motion
@@ -61,33 +61,6 @@ def test_free_fall_of_the_paper_s_arm_differs_by_0_3_degrees(coupled, arm, plant
         difference = np.abs(ends[0] - ends[1])
         assert difference.argmax() == 4
         assert difference[4] == pytest.approx(degrees, abs=0.0005)  # the digits of the figures
-
-
-def test_plant_driven_by_the_inverse_feedforward_follows_the_desired_motion(chain):
-    chain = dataclasses.replace(chain, rotor_coupling=True)
-    n = chain.n
-    for t in (0.3, 2.0, 4.9):
-        desired = desired_motion(t, np.linspace(-0.2, 0.2, n), np.linspace(1.0, 1.6, n), 10.0)
-        drive = desired_drive_motion(chain, desired)
-        torques = feedforward_inverse(chain, desired)
-        x = np.concatenate([desired.q_d, desired.q_d_dot, drive.kappa_dot, torques.tau_s])
-        _, q_ddot, kappa_ddot, _ = np.split(plant_derivative(chain, x, torques.tau_m, np.zeros(6)), 4)
-        # As for rotors in pure rotation: 1e-16 * 100 N m * 10 / 1e-3 kg m2, and friction's slope at the rotor.
-        np.testing.assert_allclose(q_ddot, desired.q_d_ddot, rtol=0, atol=1e-9)
-        np.testing.assert_allclose(kappa_ddot, drive.kappa_ddot, rtol=0, atol=1e-11)
-
-
-def test_vdc_without_errors_is_the_inverse(chain):
-    chain = dataclasses.replace(chain, rotor_coupling=True)
-    n = chain.n
-    desired = desired_motion(4.0, np.linspace(-0.2, 0.2, n), np.linspace(1.0, 1.6, n), 10.0)
-    gains = FeedbackGains(np.full(n, 10.0), np.full(n, 5.0), np.full(n, 0.1), np.full(n, 0.05))
-    kappa_dot = desired_drive_motion(chain, desired).kappa_dot
-    vdc = feedforward_vdc(chain, gains, desired, desired.q_d, desired.q_d_dot, kappa_dot)
-    exact = feedforward_inverse(chain, desired)
-    # Both run some 1000 products on torques of up to 100 N m.
-    np.testing.assert_allclose(vdc.tau_s, exact.tau_s, rtol=0, atol=1e-10)
-    np.testing.assert_allclose(vdc.tau_m, exact.tau_m, rtol=0, atol=1e-11)
 
 
 @pytest.mark.heavy
