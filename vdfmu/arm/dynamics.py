@@ -77,10 +77,7 @@ def inverse_dynamics(
     >>> vdfmu.inverse_dynamics(robot, [0] * 6, [0] * 6, [0] * 6).round(3)
     array([ 0.   , 31.884, 13.049,  0.   ,  2.943,  0.   ])
     """
-    kernel = _kernel(robot)
-    n = kernel.robot.n
-    wrench = _NO_WRENCH if F_e is None else F_e
-    return kernel.rows("inverse_dynamics", (q, q_dot, q_ddot, wrench), (n, n, n, 6))
+    return _under_wrench(robot, "inverse_dynamics", (q, q_dot, q_ddot), F_e)
 
 
 def forward_dynamics(
@@ -103,10 +100,7 @@ def forward_dynamics(
     -------
     q_ddot : (n,) or (m, n) [rad/s2 or m/s2]
     """
-    kernel = _kernel(robot)
-    n = kernel.robot.n
-    wrench = _NO_WRENCH if F_e is None else F_e
-    return kernel.rows("forward_dynamics", (q, q_dot, tau, wrench), (n, n, n, 6))
+    return _under_wrench(robot, "forward_dynamics", (q, q_dot, tau), F_e)
 
 
 def gravity_torque(robot: Robot, q: npt.ArrayLike) -> Floats:
@@ -179,6 +173,12 @@ def forward_kinematics(robot: Robot, q: npt.ArrayLike) -> tuple[Floats, Floats]:
     """
     pose = _at_position(robot, "forward_kinematics", q, (12,))
     return pose[..., :3], pose[..., 3:].reshape(*pose.shape[:-1], 3, 3)
+
+
+def _under_wrench(robot: Robot, name: str, joints: Sequence[npt.ArrayLike], F_e: npt.ArrayLike | None) -> Floats:
+    """Return the result of a traced function of three arrays of the joints and a wrench."""
+    kernel = _kernel(robot)
+    return kernel.rows(name, (*joints, _NO_WRENCH if F_e is None else F_e), (*[kernel.robot.n] * 3, 6))
 
 
 def _at_position(robot: Robot, name: str, q: npt.ArrayLike, shape: tuple[int, ...]) -> Floats:

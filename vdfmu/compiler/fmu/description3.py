@@ -12,10 +12,10 @@ from vdfmu.compiler.fmu.description import (
     add_sampled,
     add_units,
     boolean,
-    initial,
     root_element,
     start_text,
     value_attributes,
+    variable_attributes,
 )
 from vdfmu.compiler.unit.interface import Array, Interface
 
@@ -108,13 +108,7 @@ def _add_interfaces(root: Element, interface: Interface) -> None:
 def _add_variable(parent: Element, interface: Interface, array: Array) -> None:
     members = interface.memory[array.positions]
     variable = members[0]
-    attributes = {
-        "name": array.name,
-        "valueReference": str(array.first),
-        "description": interface.array_description(array),
-        "causality": variable.causality,
-        "variability": variable.variability,
-    } | initial(variable)
+    attributes = variable_attributes(array.name, array.first, interface.array_description(array), variable)
     if variable.variability == "continuous":
         attributes["intermediateUpdate"] = "true"
     attributes |= value_attributes(variable)

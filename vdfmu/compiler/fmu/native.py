@@ -17,8 +17,7 @@ from vdfmu.compiler.c.compile import Compilation, compile_libraries
 from vdfmu.compiler.c.generate import generated_sources
 from vdfmu.compiler.c.platforms import binaries, chosen_platforms
 from vdfmu.compiler.fmu.about import terms
-from vdfmu.compiler.fmu.built import is_built, keep_record
-from vdfmu.compiler.fmu.content import CONTENT_FILE, Content
+from vdfmu.compiler.fmu.content import CONTENT_FILE, Content, is_built, keep_record
 from vdfmu.compiler.fmu.description import document, model_description
 from vdfmu.compiler.fmu.description3 import build_description, model_description_3
 from vdfmu.compiler.fmu.documentation import documentation_files
