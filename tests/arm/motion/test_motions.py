@@ -527,6 +527,7 @@ def test_a_circle_that_does_not_fit_is_named(planar):
         ({"orientation": np.eye(3)}, "orientation: expected keep, turn or free"),
         ({"axis": [0.0, 0.0, 0.0]}, "circle: expected centre and axis"),
         ({"angle": 0.0}, "angle: expected a finite number other than 0"),
+        ({"angle": 720.0}, r"angle: expected at most 10 turns, 62.83 rad, got 720 rad. As degrees .* 12.57"),
         ({"centre": vdfmu.forward_kinematics(planar, [0.3, 0.8])[0]}, "centre: expected an axis away"),
     ):
         with pytest.raises(UsageError, match=words):
@@ -558,13 +559,6 @@ def test_what_is_no_number_is_named_all_at_once(planar, make, words):
     assert len(lines) == len(words)
     for line, text in zip(lines, words, strict=True):
         assert re.match(text.replace("[", r"\["), line)
-
-
-def test_a_circle_of_degrees_is_refused_before_it_is_worked_out(planar):
-    with pytest.raises(
-        UsageError, match=r"angle: expected at most 10 turns, 62.83 rad, got 720 rad. As degrees .* 12.57"
-    ):
-        motions.circle(planar, [0.3, 0.8], [0.6, 0, 0.5], [0, -1, 0], angle=720.0, duration=2.0)
 
 
 def test_arguments_that_a_motion_has_not_are_told_with_its_name():

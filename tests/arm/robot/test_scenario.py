@@ -40,11 +40,8 @@ FAULTS: list[tuple[tuple[str, ...], Any, str]] = [
     (("stepp",), 1.0, r'stepp: expected a known key, got an unknown one\. Did you mean "step"\?'),
     (("trajectory",), 5, r"trajectory: expected a table, got 5"),
     (("trajectory", "T"), 0, r"trajectory\.T: expected at least 1e-06 s, got 0 s"),
-    (
-        ("trajectory", "q_end"),
-        [1.0],
-        r"trajectory\.q_end: expected one value, or 2 for q_end\[1\] to q_end\[2\], got 1",
-    ),
+    (("trajectory", "q_end"), [1.0],
+     r"trajectory\.q_end: expected one value, or 2 for q_end\[1\] to q_end\[2\], got 1"),
     (("trajectory", "q_end"), [1.0, "x"], r"trajectory\.q_end\[2\]: expected a number in rad, got 'x'"),
     (("feedforward", "Lambda"), -1.0, r"feedforward\.Lambda: expected at least 0 1/s, got -1 1/s"),
     (("controller", "K_p"), [1.0, math.inf], r"controller\.K_p\[2\]: expected a finite number, got inf"),
@@ -57,7 +54,7 @@ FAULTS: list[tuple[tuple[str, ...], Any, str]] = [
     (("plant_factors",), {"ell": 0.001}, r"plant_factors: the plant: joints\[1\]\.drive\.ell: expected .* >= 1"),
     (("paper",), {"rms_position_error_deg": [1, 2, 3]}, r"paper\.rms_position_error_deg: expected 2 finite numbers"),
     (("paper",), {"rms": [1]}, r"paper\.rms: expected a known key"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("path", "value", "message"), FAULTS, ids=lambda v: None if isinstance(v, str) else "")

@@ -11,7 +11,6 @@ import pytest
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import shipped_units
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.variable import Variable
 
 Opener = Callable[..., Any]
 
@@ -38,6 +37,18 @@ POINTS: dict[str, list[dict[str, Any]]] = {
 }
 
 
+def random_value(group: str, causality: str, start: float, positive: bool, rng: np.random.Generator) -> float:
+    """Value of a variable at which nothing is hidden."""
+    start = VISIBLE.get(group, start)
+    if group == "tolerance":
+        return start
+    if start == 0.0 or causality == "input":
+        sign = 1.0 if positive else rng.choice([-1.0, 1.0])
+        return float(sign * rng.uniform(0.2, 0.9))
+    # The inertia of a thin link stays within the triangle inequality.
+    return float(start * (1.0 + (0.005 if group == "inertia" else 0.2) * rng.uniform(-1.0, 1.0)))
+
+
 class Probe:
     """A unit in initialization mode, at a random point that can be moved in single variables."""
 
@@ -46,7 +57,9 @@ class Probe:
         self.outputs = [i for i, v in enumerate(table) if v.causality == "output"]
         rng = np.random.default_rng(1)
         self.point = {
-            i: self._random(v, rng) for i, v in enumerate(table) if v.causality != "output" and v.type == "Real"
+            i: random_value(v.group, v.causality, v.start, v.minimum is not None, rng)
+            for i, v in enumerate(table)
+            if v.causality != "output" and v.type == "Real"
         }
         for group, value in choices.items():
             if group in SWITCHES[table.name]:
@@ -55,17 +68,6 @@ class Probe:
                 where = table.groups[group]
                 self.point |= dict.fromkeys(range(where.start, where.stop), value)
         self.set(self.point)
-
-    @staticmethod
-    def _random(variable: Variable, rng: np.random.Generator) -> float:
-        start = VISIBLE.get(variable.group, variable.start)
-        if variable.group == "tolerance":
-            return start
-        if start == 0.0 or variable.causality == "input":
-            sign = rng.choice([-1.0, 1.0]) if variable.minimum is None else 1.0
-            return float(sign * rng.uniform(0.2, 0.9))
-        # The inertia of a thin link stays within the triangle inequality.
-        return float(start * (1.0 + (0.005 if variable.group == "inertia" else 0.2) * rng.uniform(-1.0, 1.0)))
 
     def set(self, values: dict[int, float]) -> None:
         """Set variables by value reference."""

@@ -71,20 +71,12 @@ def test_a_value_out_of_bounds_is_refused_where_it_is_set(
     [
         ("plant", "f_s[1]", 0.1, r"f_s\[1\]: expected f_s >= f_c, got f_s\[1\] = 0.1 N.m, f_c\[1\] = 0.3 N.m\."),
         ("feedforward", "f_c[2]", 0.9, r"f_s\[2\]: expected f_s >= f_c, got f_s\[2\] = 0.2 N.m, f_c\[2\] = 0.9 N.m\."),
-        (
-            "plant",
-            "inertia[1,1,1]",
-            0.5,
-            r"inertia\[1,1,1\]: expected no principal moment of inertia above .*, got inertia\[1,1,1\] = 0.5 kg.m2",
-        ),
-        (
-            "plant",
-            "inertia[2,2,2]",
-            -0.1,
-            r"inertia\[2,1,1\]: expected a positive definite inertia matrix, got .*\[2,2,2\] = -0.1 kg.m2",
-        ),
+        ("plant", "inertia[1,1,1]", 0.5,
+         r"inertia\[1,1,1\]: expected no principal moment of inertia above .*, got inertia\[1,1,1\] = 0.5 kg.m2"),
+        ("plant", "inertia[2,2,2]", -0.1,
+         r"inertia\[2,1,1\]: expected a positive definite inertia matrix, got .*\[2,2,2\] = -0.1 kg.m2"),
     ],
-)
+)  # fmt: skip
 def test_values_that_only_together_are_not_physical_are_refused_when_initialization_starts(
     open_unit: Opener, name: str, variable: str, value: float, words: str
 ) -> None:

@@ -6,15 +6,13 @@ import platform
 import fmpy
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import vdfmu
 from benchmarks.importers import ask_rows, missing
-from tests.compiler.unit.conftest import EXAMPLES
+from tests.compiler.unit.conftest import EXAMPLES, command
 from vdfmu.arm.equations.kinematics import end_effector_pose
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import ModelError
-from vdfmu.cli.commands import app
 from vdfmu.compiler.unit.evaluate import Plain, Traced
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.engine.run import simulate
@@ -28,10 +26,6 @@ UNITS = [
     ("encoder", True, "Encoder"), ("wall", True, "Wall"),
 ]  # fmt: skip
 NAMES = [name for name, _, _ in UNITS]
-
-
-def command(*words):
-    return CliRunner().invoke(app, [str(word) for word in words])
 
 
 @pytest.fixture(scope="module")
