@@ -54,20 +54,9 @@ def model_description(
     """Root element of the model description of FMI 2.0.
 
     A native unit with continuous states also has model exchange. The time is not a variable; by the standard, every
-    unknown is then taken to depend on it.
-
-    Parameters
-    ----------
-    interface : Interface
-    guid : str
-    tool : str
-        Name and version of the generation tool.
-    about : mapping of str to str
-        Author, licence, copyright and version of the unit, as far as they are known.
-    sources : sequence of str, optional
-        Files of the folder ``sources`` to compile; None for a Python FMU, which has neither states nor derivatives for
-        the importer.
-    version : FmiVersion, optional
+    unknown is then taken to depend on it. `tool` is name and version of the generation tool; `about` has author,
+    licence, copyright and version of the unit, as far as they are known. `sources` are the files of the folder
+    ``sources`` to compile; None for a Python FMU, which has neither states nor derivatives for the importer.
     """
     native = sources is not None
     root = root_element(interface, version, guid, tool, about)

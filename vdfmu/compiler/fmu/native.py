@@ -33,14 +33,7 @@ WebAssembly of wasi-libc (Apache-2.0 WITH LLVM-exception) and in it musl (MIT, C
 
 
 def build_native_fmus(contents: Mapping[Path, Content], platforms: Sequence[str] | str | None) -> None:
-    """Write the FMUs that are not up to date.
-
-    Parameters
-    ----------
-    contents : mapping of path to Content
-    platforms : sequence of str, str or None
-        See :func:`~vdfmu.compiler.c.platforms.chosen_platforms`.
-    """
+    """Write the FMUs that are not up to date, for :func:`~vdfmu.compiler.c.platforms.chosen_platforms`."""
     names = chosen_platforms(platforms)
     stale = {path: content for path, content in contents.items() if not _up_to_date(path, content, names)}
     sources: dict[Path, dict[str, bytes]] = {}

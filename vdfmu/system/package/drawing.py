@@ -46,12 +46,7 @@ def system_diagram(package: Path) -> str:
 def draw_system(ssd: Any, icons: Mapping[str, bytes]) -> str:
     """Picture of the system of an SSD: boxes, connectors, and connections along their bends.
 
-    Parameters
-    ----------
-    ssd : element
-        Root of the SSD, all of whose elements have their geometry.
-    icons : mapping of str to bytes
-        Source of an icon to its SVG file.
+    All elements of the SSD have their geometry; `icons` has the SVG file of an icon by its source.
     """
     system = ssd.find("ssd:System", NAMESPACES)
     x1, y1, x2, y2 = _corners(system.find("ssd:SystemGeometry", NAMESPACES))

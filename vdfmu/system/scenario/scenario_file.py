@@ -50,24 +50,10 @@ PAPER_LISTS = ("rms_position_error_deg", "max_position_error_deg", "rms_torque_c
 
 
 def read_scenario(problems: Problems, data: object, robot: Robot | None, system: SystemFile | None) -> Scenario | None:
-    """Read a scenario file's content.
+    """Read a scenario file's content; None, with problems noted, if there are any.
 
-    Parameters
-    ----------
-    problems : Problems
-        Where problems are noted.
-    data : object
-        The content of the file.
-    robot : Robot or None
-        The nominal robot; None if the file names none, or one that could not be loaded, which lets the rest be read all
-        the same.
-    system : SystemFile or None
-        The same.
-
-    Returns
-    -------
-    Scenario or None
-        None if there are problems.
+    `robot` and `system` are None if the file names none, or one that could not be loaded, which lets the rest be read
+    all the same.
     """
     written = cast("dict[str, object]", data) if isinstance(data, dict) else {}
     if system is not None:
