@@ -251,8 +251,9 @@ def test_what_cannot_follow_is_refused():
         type("Circle", (Unit,), {"a": Parameter(start=lambda b: b), "b": Parameter(start=lambda a: a)})
     with pytest.raises(UnitError, match=r"b: start: expected parameters and one argument for the robot, got x, y"):
         type("Unknown", (Unit,), {"a": Parameter(), "b": Parameter(start=lambda a, x, y: a)})
-    low = type("Low", (Unit,), {"a": Parameter(start=-1.0), "b": Parameter(start=lambda a: a, minimum=0.0)})
-    with pytest.raises(UnitError, match=r"b: start: expected finite numbers within the limits, got -1\.0"):
-        Interface(low, None)
+    for limit in ({"minimum": 3.0}, {"maximum": 1.0}):
+        beyond = type("Beyond", (Unit,), {"a": Parameter(start=2.0), "b": Parameter(start=lambda a: a, **limit)})
+        with pytest.raises(UnitError, match=r"b: start: expected finite numbers within the limits, got 2\.0"):
+            Interface(beyond, None)
     with pytest.raises(UsageError, match="has no 'c' to set"):
         type("Other", (Unit,), {"a": Parameter(), "b": Parameter(start=lambda a: a)})(c=1.0)
