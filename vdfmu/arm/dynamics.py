@@ -31,13 +31,7 @@ class _RobotFunctions(Kernel):
         self._asked: Counter[str] = Counter()
         self._compiled: dict[str, Any] = {}
 
-    def calculate(
-        self,
-        name: str,
-        prepared: Any,
-        arrays: Sequence[Floats],
-        out: Floats,
-    ) -> None:
+    def calculate(self, name: str, prepared: Any, arrays: Sequence[Floats], out: Floats) -> None:
         """Calculate a batch."""
         with self._lock:
             self._asked[name] += len(out)
@@ -56,11 +50,7 @@ def _kernel(robot: Robot) -> Kernel:
 
 
 def inverse_dynamics(
-    robot: Robot,
-    q: npt.ArrayLike,
-    q_dot: npt.ArrayLike,
-    q_ddot: npt.ArrayLike,
-    F_e: npt.ArrayLike | None = None,
+    robot: Robot, q: npt.ArrayLike, q_dot: npt.ArrayLike, q_ddot: npt.ArrayLike, F_e: npt.ArrayLike | None = None
 ) -> Floats:
     """Joint torques of the rigid arm for a given motion, Eq. (29)-(31) and (44)-(47), without friction.
 
@@ -87,18 +77,11 @@ def inverse_dynamics(
     >>> vdfmu.inverse_dynamics(robot, [0] * 6, [0] * 6, [0] * 6).round(3)
     array([ 0.   , 31.884, 13.049,  0.   ,  2.943,  0.   ])
     """
-    kernel = _kernel(robot)
-    n = kernel.robot.n
-    wrench = _NO_WRENCH if F_e is None else F_e
-    return kernel.rows("inverse_dynamics", (q, q_dot, q_ddot, wrench), (n, n, n, 6))
+    return _under_wrench(robot, "inverse_dynamics", (q, q_dot, q_ddot), F_e)
 
 
 def forward_dynamics(
-    robot: Robot,
-    q: npt.ArrayLike,
-    q_dot: npt.ArrayLike,
-    tau: npt.ArrayLike,
-    F_e: npt.ArrayLike | None = None,
+    robot: Robot, q: npt.ArrayLike, q_dot: npt.ArrayLike, tau: npt.ArrayLike, F_e: npt.ArrayLike | None = None
 ) -> Floats:
     """Joint accelerations of the rigid arm by the articulated recursion, Eq. (44)-(47) solved for them.
 
@@ -117,10 +100,7 @@ def forward_dynamics(
     -------
     q_ddot : (n,) or (m, n) [rad/s2 or m/s2]
     """
-    kernel = _kernel(robot)
-    n = kernel.robot.n
-    wrench = _NO_WRENCH if F_e is None else F_e
-    return kernel.rows("forward_dynamics", (q, q_dot, tau, wrench), (n, n, n, 6))
+    return _under_wrench(robot, "forward_dynamics", (q, q_dot, tau), F_e)
 
 
 def gravity_torque(robot: Robot, q: npt.ArrayLike) -> Floats:
@@ -193,6 +173,12 @@ def forward_kinematics(robot: Robot, q: npt.ArrayLike) -> tuple[Floats, Floats]:
     """
     pose = _at_position(robot, "forward_kinematics", q, (12,))
     return pose[..., :3], pose[..., 3:].reshape(*pose.shape[:-1], 3, 3)
+
+
+def _under_wrench(robot: Robot, name: str, joints: Sequence[npt.ArrayLike], F_e: npt.ArrayLike | None) -> Floats:
+    """Return the result of a traced function of three arrays of the joints and a wrench."""
+    kernel = _kernel(robot)
+    return kernel.rows(name, (*joints, _NO_WRENCH if F_e is None else F_e), (*[kernel.robot.n] * 3, 6))
 
 
 def _at_position(robot: Robot, name: str, q: npt.ArrayLike, shape: tuple[int, ...]) -> Floats:

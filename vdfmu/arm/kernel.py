@@ -92,13 +92,7 @@ class Kernel(Functions):
         self.calculate(name, prepared, arrays, out)
         return out if any(array.ndim == 2 for array in arrays) else out[0]
 
-    def calculate(
-        self,
-        name: str,
-        prepared: _Prepared,
-        arrays: Sequence[Floats],
-        out: Floats,
-    ) -> None:
+    def calculate(self, name: str, prepared: _Prepared, arrays: Sequence[Floats], out: Floats) -> None:
         """Calculate a batch: the rows of `out` from those of `arrays`, of which each may be a single one."""
         wide = [np.broadcast_to(a, (len(out), a.shape[-1])) for a in arrays]
         for result, *row in zip(out, *wide, strict=True):

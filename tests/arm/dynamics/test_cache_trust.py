@@ -53,10 +53,7 @@ def test_a_cache_of_another_user_is_not_used(tmp_path, monkeypatch, caplog):
         assert cache.cache_folder() == folder
     assert folder.parent == Path(cache.tempfile.gettempdir())
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
-    assert [f"it belongs to user {owner}, not to {owner + 1}" in text for text in caplog.messages] == [
-        True,
-        True,
-    ]
+    assert [f"it belongs to user {owner}, not to {owner + 1}" in text for text in caplog.messages] == [True, True]
     cache._private().cleanup()
     cache._private.cache_clear()
 

@@ -79,13 +79,7 @@ def test_reverse_is_the_transpose_of_forward(robot, functions_of, name):
 @pytest.mark.parametrize("form", ["whole", "in parts", "table"])
 @pytest.mark.parametrize(
     "name",
-    [
-        "plant_derivatives",
-        "feedforward_outputs_vdc",
-        "trajectory_outputs",
-        "controller_outputs_mixed",
-        "margins",
-    ],
+    ["plant_derivatives", "feedforward_outputs_vdc", "trajectory_outputs", "controller_outputs_mixed", "margins"],
 )
 def test_c_text_computes_what_the_trace_computes(robot, functions_of, name, form, tmp_path, monkeypatch):
     if form == "in parts":

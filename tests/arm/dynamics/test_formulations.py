@@ -1,4 +1,4 @@
-"""Virtual decomposition against formulations of other origin: Newton-Euler, Lagrange, Pinocchio, a book."""
+"""Virtual decomposition against formulations of other origin: Newton-Euler, Pinocchio, a book."""
 
 import dataclasses
 
@@ -6,20 +6,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from tests.arm.dynamics.lagrange import (
-    christoffel_symbols,
-    lagrange_inverse_dynamics,
-    lagrange_mass_matrix,
-    mass_matrix_derivative,
-)
 from vdfmu.arm.equations.forward_dynamics import forward_dynamics
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.arm.equations.kinematics import end_effector_pose
-from vdfmu.arm.equations.mapping import jacobian, joint_space_mass_matrix
+from vdfmu.arm.equations.mapping import joint_space_mass_matrix
 from vdfmu.arm.equations.newton_euler import newton_euler
 from vdfmu.arm.kernel import Kernel
-from vdfmu.arm.robot import load_robot
-from vdfmu.compiler.scalar.jet import derivative, jets
+from vdfmu.arm.robot import load_robot, robot_names
 
 EPS = np.finfo(float).eps
 
@@ -32,102 +25,50 @@ def test_virtual_decomposition_agrees_with_newton_euler(chain, draw):
         np.testing.assert_allclose(a, b, rtol=0, atol=100 * chain.n * EPS * np.abs(b).max())
 
 
-def test_virtual_decomposition_agrees_with_lagrange(chain, draw):
-    for state in draw(chain, 10, seed=61):
-        arguments = (chain, state.q, state.q_dot, state.q_ddot)
-        a, b = inverse_dynamics(*arguments), lagrange_inverse_dynamics(*arguments)
-        # Christoffel symbols sum n^2 products for every joint.
-        np.testing.assert_allclose(a, b, rtol=0, atol=100 * chain.n**2 * EPS * np.abs(b).max())
-
-
-def test_mass_matrix_of_lagrange_is_that_of_the_mapping_matrices(chain, draw):
-    for state in draw(chain, 10, seed=62):
-        a, b = joint_space_mass_matrix(chain, state.q), lagrange_mass_matrix(chain, state.q)
-        np.testing.assert_allclose(a, b, rtol=0, atol=100 * chain.n * EPS * np.abs(b).max())  # as above
-
-
-def test_mass_matrix_derivative_of_lagrange_is_that_by_jets(chain, draw):
-    for state in draw(chain, 3, seed=63):
-        dM = mass_matrix_derivative(chain, state.q)
-        for k in range(chain.n):
-            M = joint_space_mass_matrix(chain, jets(state.q, np.eye(chain.n)[k], 0.0))
-            # As above, twice the products.
-            np.testing.assert_allclose(
-                dM[:, :, k], derivative(M, 1), rtol=0, atol=200 * chain.n * EPS * np.abs(dM).max()
-            )
-
-
-def test_christoffel_symbols_are_symmetric_and_make_the_skew_property(chain, draw):
-    state = draw(chain, 1, seed=64)[0]
-    c, dM = christoffel_symbols(chain, state.q), mass_matrix_derivative(chain, state.q)
-    np.testing.assert_allclose(c, c.transpose(0, 2, 1), rtol=0, atol=4 * EPS * np.abs(c).max())
-    N = dM @ state.q_dot - 2.0 * c @ state.q_dot
-    # n products for every entry.
-    np.testing.assert_allclose(N, -N.T, rtol=0, atol=100 * EPS * np.abs(c).max() * np.abs(state.q_dot).max())
-
-
 @pytest.mark.parametrize("wrench", [False, True], ids=["free", "wrench"])
-def test_inverse_dynamics_agrees_with_pinocchio_rnea(chain, draw, kernel_of, pinocchio_model, pinocchio_force, wrench):
+@pytest.mark.parametrize(
+    ("name", "last", "theirs", "bound"),
+    [
+        # The bounds that the project holds itself to: 1e-12 of the largest torque, some 5000 roundings; 1e-9 of the
+        # largest acceleration, as mass matrices have a condition of up to 1e5.
+        ("inverse_dynamics", "q_ddot", pin.rnea, 1e-12),
+        ("forward_dynamics", "tau_s", pin.aba, 1e-9),
+    ],
+)
+def test_dynamics_agree_with_pinocchio(
+    chain, draw, kernel_of, pinocchio_model, pinocchio_force, name, last, theirs, bound, wrench
+):
     model = pinocchio_model(chain)
     data = model.createData()
     states = draw(chain, 1000, seed=65)
-    zero = np.zeros(6)
-    F_e = [state.F_e if wrench else zero for state in states]
-    columns = [[s.q for s in states], [s.q_dot for s in states], [s.q_ddot for s in states], F_e]
-    ours = kernel_of(chain).rows("inverse_dynamics", columns, [chain.n] * 3 + [6])
-    for state, force, tau in zip(states, F_e, ours, strict=True):
-        theirs = pin.rnea(model, data, state.q, state.q_dot, state.q_ddot, pinocchio_force(chain, force))
-        # The bound that the project holds itself to: 1e-12 of the largest torque, some 5000 roundings.
-        np.testing.assert_allclose(tau, theirs, rtol=0, atol=1e-12 * np.abs(theirs).max())
+    F_e = [state.F_e if wrench else np.zeros(6) for state in states]
+    columns = [[getattr(s, key) for s in states] for key in ("q", "q_dot", last)]
+    ours = kernel_of(chain).rows(name, [*columns, F_e], [chain.n] * 3 + [6])
+    for state, force, found in zip(states, F_e, ours, strict=True):
+        wanted = theirs(model, data, state.q, state.q_dot, getattr(state, last), pinocchio_force(chain, force))
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=bound * np.abs(wanted).max())
 
 
-@pytest.mark.parametrize("wrench", [False, True], ids=["free", "wrench"])
-def test_forward_dynamics_agrees_with_pinocchio_aba(chain, draw, kernel_of, pinocchio_model, pinocchio_force, wrench):
-    model = pinocchio_model(chain)
+@pytest.mark.parametrize("name", [*robot_names(), "general"])
+def test_numpy_equations_agree_with_pinocchio(name, general, draw, pinocchio_model, pinocchio_force):
+    """Of every shipped arm and of the general chain."""
+    robot = general if name == "general" else load_robot(name)
+    model = pinocchio_model(robot)
     data = model.createData()
-    states = draw(chain, 1000, seed=66)
-    zero = np.zeros(6)
-    F_e = [state.F_e if wrench else zero for state in states]
-    columns = [[s.q for s in states], [s.q_dot for s in states], [s.tau_s for s in states], F_e]
-    ours = kernel_of(chain).rows("forward_dynamics", columns, [chain.n] * 3 + [6])
-    for state, force, q_ddot in zip(states, F_e, ours, strict=True):
-        theirs = pin.aba(model, data, state.q, state.q_dot, state.tau_s, pinocchio_force(chain, force))
-        # The bound that the project holds itself to: 1e-9 of the largest acceleration; mass matrices have a
-        # condition of up to 1e5.
-        np.testing.assert_allclose(q_ddot, theirs, rtol=0, atol=1e-9 * np.abs(theirs).max())
-
-
-def test_numpy_equations_agree_with_pinocchio(chain, draw, pinocchio_model, pinocchio_force):
-    model = pinocchio_model(chain)
-    data = model.createData()
-    for state in draw(chain, 10, seed=67):
-        force = pinocchio_force(chain, state.F_e)
-        tau = pin.rnea(model, data, state.q, state.q_dot, state.q_ddot, force)
-        # Both bounds as above.
-        ours = inverse_dynamics(chain, state.q, state.q_dot, state.q_ddot, state.F_e)
+    for state in draw(robot, 10, seed=67):
+        force = pinocchio_force(robot, state.F_e)
+        tau = pin.rnea(model, data, state.q, state.q_dot, state.q_ddot, force).copy()
+        # Some 100 n products of the size of the largest torque: 1e-12 with 24 joints.
+        ours = inverse_dynamics(robot, state.q, state.q_dot, state.q_ddot, state.F_e)
         np.testing.assert_allclose(ours, tau, rtol=0, atol=1e-12 * np.abs(tau).max())
-        q_ddot = pin.aba(model, data, state.q, state.q_dot, state.tau_s, force)
-        ours = forward_dynamics(chain, state.q, state.q_dot, state.tau_s, state.F_e)
-        np.testing.assert_allclose(ours, q_ddot, rtol=0, atol=1e-9 * np.abs(q_ddot).max())
+        q_ddot = pin.aba(model, data, state.q, state.q_dot, tau, force)
+        ours = forward_dynamics(robot, state.q, state.q_dot, tau, state.F_e)
+        # The same, times the condition of the mass matrix, some 1e5 with 24 joints; most of it cancels.
+        np.testing.assert_allclose(ours, q_ddot, rtol=0, atol=1e-10 * np.abs(q_ddot).max())
         M = pin.crba(model, data, state.q)
         M = np.triu(M) + np.triu(M, 1).T
-        ours = joint_space_mass_matrix(chain, state.q)
+        ours = joint_space_mass_matrix(robot, state.q)
         np.testing.assert_allclose(ours, M, rtol=0, atol=1e-12 * np.abs(M).max())
-
-
-def test_pose_and_jacobian_agree_with_pinocchio(chain, draw, pinocchio_model):
-    model = pinocchio_model(chain)
-    data = model.createData()
-    tool = pin.SE3(chain.tool_rotation, chain.tool_offset)
-    for state in draw(chain, 10, seed=68):
-        J = tool.toActionMatrixInverse() @ pin.computeJointJacobian(model, data, state.q, chain.n)
-        pin.forwardKinematics(model, data, state.q)
-        pose = data.oMi[chain.n].act(tool)
-        p_O, R_O = end_effector_pose(chain, state.q)
-        # Some 20 n products; prismatic joints reach up to pi m.
-        np.testing.assert_allclose(p_O, pose.translation, rtol=0, atol=1e-13)
-        np.testing.assert_allclose(R_O, pose.rotation, rtol=0, atol=1e-14)
-        np.testing.assert_allclose(jacobian(chain, state.q), J, rtol=0, atol=1e-13)
 
 
 def planar_closed_form(q, q_dot, q_ddot):
@@ -180,8 +121,7 @@ def test_a_payload_of_no_mass_changes_no_bit(robot, draw):
         sizes = [robot.n] * 3 + [6]
         np.testing.assert_array_equal(inverse_dynamics(empty, *columns), inverse_dynamics(robot, *columns))
         np.testing.assert_array_equal(
-            with_payload.rows("inverse_dynamics", columns, sizes),
-            without.rows("inverse_dynamics", columns, sizes),
+            with_payload.rows("inverse_dynamics", columns, sizes), without.rows("inverse_dynamics", columns, sizes)
         )
 
 

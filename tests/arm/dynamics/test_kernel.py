@@ -63,10 +63,7 @@ def test_cache_folder_is_taken_from_the_environment(planar, tmp_path, monkeypatc
     [
         (["arm.kernel"], "import vdfmu.arm.kernel"),
         (["compiler", "arm.units"], "import vdfmu.arm.units; vdfmu.arm.units.shipped_units()"),
-        (
-            ["compiler"],
-            "import vdfmu.compiler.fmu.native; import vdfmu.compiler.fmu.documentation",
-        ),
+        (["compiler"], "import vdfmu.compiler.fmu.native; import vdfmu.compiler.fmu.documentation"),
         (["system.reference"], "import vdfmu.system.reference.reference"),
     ],
 )
@@ -367,26 +364,12 @@ def test_symbols_mix_with_arrays_and_jets():
 
 def test_jets_times_arrays_are_arrays_of_jets():
     jet, array = Jet(1.0, 2.0, 3.0), np.array([2.0, 3.0])
-    for product in (
-        jet * array,
-        array * jet,
-        jet + array,
-        array - jet,
-        jet - array,
-        jet / array,
-        array / jet,
-    ):
+    for product in (jet * array, array * jet, jet + array, array - jet, jet - array, jet / array, array / jet):
         assert isinstance(product, np.ndarray) and all(isinstance(v, Jet) for v in product)
 
 
 def test_hold_splits_value_and_interval():
-    for s, expected in (
-        (-0.5, (0.0, 0.0)),
-        (0.0, (0.0, 1.0)),
-        (0.4, (0.4, 1.0)),
-        (1.0, (1.0, 1.0)),
-        (1.5, (1.0, 0.0)),
-    ):
+    for s, expected in ((-0.5, (0.0, 0.0)), (0.0, (0.0, 1.0)), (0.4, (0.4, 1.0)), (1.0, (1.0, 1.0)), (1.5, (1.0, 0.0))):
         assert piecewise_hold(s) == expected
         x = ca.SX.sym("x")
         traced = ca.Function("hold", [x], [to_sx(list(piecewise_hold(Symbol(x))))])

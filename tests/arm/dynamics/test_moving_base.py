@@ -10,12 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.arm.dynamics.test_rotor_bodies import RotorBodies
 from tests.conftest import random_inertia, random_rotation
-from vdfmu.arm.equations.feedforward import (
-    FeedbackGains,
-    desired_drive_motion,
-    feedforward_inverse,
-    feedforward_vdc,
-)
+from vdfmu.arm.equations.feedforward import FeedbackGains, desired_drive_motion, feedforward_inverse, feedforward_vdc
 from vdfmu.arm.equations.forward_dynamics import apparent_load, forward_dynamics
 from vdfmu.arm.equations.friction import joint_friction
 from vdfmu.arm.equations.inverse_dynamics import gravity_in_links, inverse_dynamics, link_motion

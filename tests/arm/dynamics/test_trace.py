@@ -16,8 +16,8 @@ from vdfmu.arm.equations.mapping import jacobian, joint_space_mass_matrix
 from vdfmu.arm.equations.newton_euler import newton_euler
 from vdfmu.arm.equations.pd import pd_control
 from vdfmu.arm.equations.plant import balance, equilibrium_torque, plant_derivative, plant_outputs
-from vdfmu.arm.equations.trajectory import Desired, desired_motion
-from vdfmu.arm.kernel import FUNCTIONS, Kernel
+from vdfmu.arm.equations.trajectory import desired_motion
+from vdfmu.arm.kernel import FUNCTIONS
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.arm.robot.parameters import PARAMETERS, SPRING_KEYS
 from vdfmu.arm.robot.structure import parameters, set_parameters, structure_key, values
@@ -27,10 +27,7 @@ from vdfmu.compiler.scalar.jet import derivative, jets
 from vdfmu.compiler.unit.program import UnitFunctions
 
 PLANAR = load_robot("planar_2dof")
-NAMES = [
-    *FUNCTIONS,
-    *(name for unit in shipped_units().values() for name in UnitFunctions(unit, PLANAR, None).names()),
-]
+NAMES = [*FUNCTIONS, *(name for unit in shipped_units().values() for name in UnitFunctions(unit, PLANAR, None).names())]
 """Traced functions of the kernel and of the units."""
 
 
@@ -248,23 +245,6 @@ def test_traced_limit_of_the_motor_torque(planar, function_of, infinite):
         np.testing.assert_array_equal(results["tau"], np.clip(torque, -limit, limit) * one)
 
 
-def test_plant_jacobian_agrees_with_central_differences(traced_robot, draw, plant_function):
-    robot = traced_robot.with_parameters(eps=0.5)  # a friction step as wide as the differences can resolve
-    derivative_of, jacobian_of = (plant_function(robot, name) for name in ("derivatives", "jacobian"))
-    for state in draw(robot, 2, seed=74):
-        m = 4 * robot.n
-        J = jacobian_of(state.x, state.tau, state.F_e)
-        h = 1e-5
-        for j in range(m):
-            step = h * np.eye(m)[j]
-            high, low = (derivative_of(state.x + s * step, state.tau, state.F_e) for s in (1, -1))
-            # Rounding 1e-16 / 1e-5 of the rates, truncation h^2/6 f''': third derivatives exceed the first by
-            # at most 1 / v_s^2 = 1e3, and by (2 ell)^2 = 4e4 (1.4e6 for a slide) in the kinematic error's
-            # phase. h^2 of that.
-            scale = 1e-10 * np.abs(low).max() + 1e-4 * np.abs(J[:, j]).max()
-            np.testing.assert_allclose(J[:, j], (high - low) / (2 * h), rtol=0, atol=scale)
-
-
 def test_every_number_is_a_parameter_or_a_structural_constant(traced_robot):
     names = [p.name for p in parameters(traced_robot)]
     assert len(set(names)) == len(names)
@@ -308,26 +288,3 @@ def test_the_key_has_every_value_that_is_folded(row, kind, planar, with_options)
         other = dataclasses.replace(robot, **{row.name: changed})
         free = any(row.is_free(robot, i) and row.is_free(other, i) for i in (index, mirrored))
         assert (structure_key(other) == key) == free, f"{row.name}{index}"
-
-
-def test_arms_that_differ_in_the_axes_of_the_tool_have_traces_of_their_own(planar, tmp_path):
-    turned = planar.with_parameters(tool_rotation=[[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    q = [0.3, -0.5]
-    for robot in (planar, turned):  # the second finds the traces of the first
-        pose = Kernel(robot, cache=tmp_path).rows("forward_kinematics", [q], [2])
-        p, R = end_effector_pose(robot, np.array(q))
-        # Some ten products of numbers of at most 1.
-        np.testing.assert_allclose(pose, [*p, *np.ravel(R)], rtol=0, atol=1e-14)
-
-
-def test_kernel_without_cache_traces_the_same(planar, draw):
-    state = draw(planar, 1, seed=75)[0]
-    kernel = Kernel(planar, cache=None)
-    tau = kernel.rows("inverse_dynamics", [state.q, state.q_dot, state.q_ddot, state.F_e], [2, 2, 2, 6])
-    # As above.
-    expected = inverse_dynamics(planar, state.q, state.q_dot, state.q_ddot, state.F_e)
-    np.testing.assert_allclose(tau, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
-
-
-def test_desired_fields_are_the_inputs_of_the_feedforward(planar, function_of):
-    assert set(function_of(planar, "feedforward_outputs_inverse").args) == {*Desired._fields, "F_e_d", "p"}

@@ -102,8 +102,7 @@ def test_a_file_of_drives_gives_what_meshes_do_not(urdf, tmp_path: Path) -> None
         with pytest.raises(vdfmu.VdfmuError, match=words):
             vdfmu.robot_from_urdf(path, drives=drives, density=1000.0)
     drives.write_text(
-        '["*"]\nlink.mass = 9.0\n[a]\nlink = { mass = 3.0, centroid = [0, 0, 0.1], inertia = 0.02 }\n',
-        encoding="utf-8",
+        '["*"]\nlink.mass = 9.0\n[a]\nlink = { mass = 3.0, centroid = [0, 0, 0.1], inertia = 0.02 }\n', encoding="utf-8"
     )
     robot = vdfmu.robot_from_urdf(path, drives=drives)
     assert robot.mass.tolist() == [3.0, 9.0, 9.0]  # a later table comes before

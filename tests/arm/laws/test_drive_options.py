@@ -124,11 +124,7 @@ def test_the_current_follows_with_its_bandwidth_until_the_voltage_ends(with_opti
     for share in (0.9, 0.97):
         speed = share * robot.U_max / (robot.k_t * robot.ell)
         i_m = solve_ivp(
-            lambda _, i, v=speed: current_rate(robot, np.full(2, 1.9), v, i),
-            (0.0, 0.05),
-            still,
-            rtol=1e-9,
-            atol=1e-9,
+            lambda _, i, v=speed: current_rate(robot, np.full(2, 1.9), v, i), (0.0, 0.05), still, rtol=1e-9, atol=1e-9
         ).y[:, -1]  # 25 time constants L / R of 2 ms
         np.testing.assert_allclose(i_m, (1.0 - share) * 48.0 / 0.5, rtol=1e-6)
         power = winding_voltage(robot, np.full(2, 1.9), speed, i_m) * i_m
@@ -211,21 +207,27 @@ def test_energy_changes_by_the_power_of_the_motors_less_losses(with_options, dra
         assert sum(rates) == pytest.approx(flow, abs=1000 * EPS * (size + 10.0 * np.abs(x_dot[2:4]).max()))
 
 
-def test_traced_plant_with_all_options_has_their_laws_and_slopes(draw, with_options, plant_function):
-    robot = with_options()
+def assert_traced(plant_function, robot, states):
+    """Assert that the traced plant has its equations and their slopes at states (x, tau)."""
     rate, slopes = (plant_function(robot, name) for name in ("derivatives", "jacobian"))
-    for k, state in enumerate(draw(robot, 3, seed=53)):
-        x, F_e = state_of(robot, state, k), np.zeros(6)
-        expected = plant_derivative(robot, x, state.tau, F_e)
+    F_e = np.zeros(6)
+    for x, tau in states:
+        expected = plant_derivative(robot, x, tau, F_e)
         # rounding of either way through some 1000 operations
-        np.testing.assert_allclose(rate(x, state.tau, F_e), expected, rtol=0, atol=1e-12 * np.abs(expected).max())
-        J = slopes(x, state.tau, F_e)
+        np.testing.assert_allclose(rate(x, tau, F_e), expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+        J = slopes(x, tau, F_e)
         for j in range(x.size):
             h = 1e-7 * np.eye(x.size)[j]
-            high, low = (plant_derivative(robot, x + s * h, state.tau, F_e) for s in (1, -1))
+            high, low = (plant_derivative(robot, x + s * h, tau, F_e) for s in (1, -1))
             # rounding 1e-16 / 1e-7 of the rates; h^2 of third derivatives, up to 1 / eps^2 = 1e6 times the first
             atol = 1e-7 * np.abs(expected).max() + 1e-6 * np.abs(J[:, j]).max()
             np.testing.assert_allclose(J[:, j], (high - low) / 2e-7, rtol=0, atol=atol)
+
+
+def test_traced_plant_with_all_options_has_their_laws_and_slopes(draw, with_options, plant_function):
+    robot = with_options()
+    states = [(state_of(robot, state, k), state.tau) for k, state in enumerate(draw(robot, 3, seed=53))]
+    assert_traced(plant_function, robot, states)
 
 
 def test_the_feedforward_knows_backlash_load_loss_and_the_cold_oil_exactly(with_options):

@@ -100,10 +100,6 @@ def test_potential_energy_gives_the_gravity_torque(chain, draw):
         torque = inverse_dynamics(chain, state.q, zero, zero)
         for j in range(chain.n):
             direction = np.eye(chain.n)[j]
-            x = jets(
-                np.concatenate([state.q, zero, zero, zero]),
-                np.concatenate([direction, zero, zero, zero]),
-                0.0,
-            )
+            x = jets(np.concatenate([state.q, zero, zero, zero]), np.concatenate([direction, zero, zero, zero]), 0.0)
             # Some 100 n products of up to 10 kg * 10 m/s2 * 1 m.
             assert derivative(plant_outputs(chain, x).E_pot, 1) == pytest.approx(torque[j], abs=1e-11)

@@ -5,12 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from vdfmu.arm.equations.feedforward import (
-    FeedbackGains,
-    desired_drive_motion,
-    feedforward_inverse,
-    feedforward_vdc,
-)
+from vdfmu.arm.equations.feedforward import FeedbackGains, desired_drive_motion, feedforward_inverse, feedforward_vdc
 from vdfmu.arm.equations.friction import coulomb_friction, joint_friction, stribeck_friction
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.arm.equations.mapping import velocity_mapping
@@ -112,14 +107,13 @@ def inside(robot, t=4.0):
     return desired_motion(t, np.linspace(-0.2, 0.2, n), np.linspace(1.0, 1.6, n), 10.0)
 
 
-def test_plant_driven_by_the_inverse_feedforward_follows_the_desired_motion(chain):
-    # With coupled rotors: tests/arm/laws/test_rotor_coupling.py.
-    chain = dataclasses.replace(chain, rotor_coupling=False)
+@pytest.mark.parametrize("coupling", [False, True])
+def test_plant_driven_by_the_inverse_feedforward_follows_the_desired_motion(chain, coupling):
+    chain = dataclasses.replace(chain, rotor_coupling=coupling)
     for t in (0.3, 2.0, 4.9, 7.7):
         desired = inside(chain, t)
         drive = desired_drive_motion(chain, desired, F_E)
         torques = feedforward_inverse(chain, desired, F_E)
-        np.testing.assert_array_equal(torques.tau_s, drive.tau_s)
         np.testing.assert_array_equal(torques.kappa_dot_d, drive.kappa_dot)
         x = np.concatenate([desired.q_d, desired.q_d_dot, drive.kappa_dot, torques.tau_s])
         q_dot, q_ddot, kappa_ddot, tau_s_dot = np.split(plant_derivative(chain, x, torques.tau_m, F_E), 4)
@@ -129,6 +123,9 @@ def test_plant_driven_by_the_inverse_feedforward_follows_the_desired_motion(chai
         # Rotor torques of up to 1 N m over I_m of 1e-3: 1e-12; friction through tanh(v / eps): its slope, up
         # to 800 N m s/m / 600 / 1e-2, meets a rounding of the velocity, 1e-16.
         np.testing.assert_allclose(kappa_ddot, drive.kappa_ddot, rtol=0, atol=1e-11)
+        if coupling:  # the rotors' part of the torque is left out of their motion
+            continue
+        np.testing.assert_array_equal(torques.tau_s, drive.tau_s)
         # The spring's rate is a difference of velocities over the compliance, 1e-4 rad/(N m): 1e-16 / 1e-6
         # and less.
         rate = rate_of_spring_torque(chain, desired)
@@ -163,7 +160,9 @@ def gains(robot):
     return FeedbackGains(np.full(n, 10.0), np.full(n, 5.0), np.full(n, 0.1), np.full(n, 0.05))
 
 
-def test_vdc_without_errors_is_the_exact_inverse(chain):
+@pytest.mark.parametrize("coupling", [False, True])
+def test_vdc_without_errors_is_the_exact_inverse(chain, coupling):
+    chain = dataclasses.replace(chain, rotor_coupling=coupling)
     desired = inside(chain)
     drive = desired_drive_motion(chain, desired, F_E)
     vdc = feedforward_vdc(chain, gains(chain), desired, desired.q_d, desired.q_d_dot, drive.kappa_dot, F_E)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from tests.arm.laws.test_drive_options import assert_traced
 from vdfmu.arm.drive.limits import motor_torque, stop_torque
 from vdfmu.arm.equations.friction import joint_friction
 from vdfmu.arm.equations.plant import plant_derivative, plant_outputs
@@ -109,20 +110,7 @@ def test_power_balance_beyond_stops_and_torque_line(draw):
 
 @pytest.mark.parametrize("robot", [ROBOT, limited(full_speed=0.8)], ids=["line", "full to a speed"])
 def test_traced_plant_has_the_limits_and_their_slopes(draw, plant_function, robot):
-    rate, jacobian = (plant_function(robot, name) for name in ("derivatives", "jacobian"))
-    m = 4 * robot.n
-    for state in draw(robot, 3, seed=35):
-        F_e = np.zeros(6)
-        traced = rate(state.x, state.tau, F_e)
-        expected = plant_derivative(robot, state.x, state.tau, F_e)
-        np.testing.assert_allclose(traced, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
-        J = jacobian(state.x, state.tau, F_e)
-        for j in range(m):
-            h = 1e-7 * np.eye(m)[j]
-            high, low = (plant_derivative(robot, state.x + s * h, state.tau, F_e) for s in (1, -1))
-            # rounding 1e-16 / 1e-7 of the rates; h^2 of third derivatives, up to 1 / eps^2 = 1e6 times the first
-            atol = 1e-7 * np.abs(expected).max() + 1e-6 * np.abs(J[:, j]).max()
-            np.testing.assert_allclose(J[:, j], (high - low) / 2e-7, rtol=0, atol=atol)
+    assert_traced(plant_function, robot, [(state.x, state.tau) for state in draw(robot, 3, seed=35)])
 
 
 @pytest.mark.heavy

@@ -7,17 +7,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tests.arm.laws.counting import count_operations, counting_chain
-from vdfmu.arm.equations.feedforward import (
-    FeedbackGains,
-    desired_drive_motion,
-    feedforward_inverse,
-    feedforward_vdc,
-)
+from vdfmu.arm.equations.feedforward import desired_drive_motion, feedforward_inverse
 from vdfmu.arm.equations.flexible_joint import rotor_acceleration, rotor_velocities
 from vdfmu.arm.equations.forward_dynamics import Rotors, forward_dynamics
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics, link_motion
 from vdfmu.arm.equations.kinematics import joint_transforms
-from vdfmu.arm.equations.plant import equilibrium_torque, plant_derivative, plant_outputs, split_state
+from vdfmu.arm.equations.plant import equilibrium_torque, plant_derivative, split_state
 from vdfmu.arm.equations.rigid_body import mass_matrix
 from vdfmu.arm.equations.trajectory import desired_motion
 from vdfmu.arm.robot import load_robot
@@ -68,33 +63,6 @@ def test_free_fall_of_the_paper_s_arm_differs_by_0_3_degrees(coupled, arm, plant
         assert difference[4] == pytest.approx(degrees, abs=0.0005)  # the digits of the figures
 
 
-def test_plant_driven_by_the_inverse_feedforward_follows_the_desired_motion(chain):
-    chain = dataclasses.replace(chain, rotor_coupling=True)
-    n = chain.n
-    for t in (0.3, 2.0, 4.9):
-        desired = desired_motion(t, np.linspace(-0.2, 0.2, n), np.linspace(1.0, 1.6, n), 10.0)
-        drive = desired_drive_motion(chain, desired)
-        torques = feedforward_inverse(chain, desired)
-        x = np.concatenate([desired.q_d, desired.q_d_dot, drive.kappa_dot, torques.tau_s])
-        _, q_ddot, kappa_ddot, _ = np.split(plant_derivative(chain, x, torques.tau_m, np.zeros(6)), 4)
-        # As for rotors in pure rotation: 1e-16 * 100 N m * 10 / 1e-3 kg m2, and friction's slope at the rotor.
-        np.testing.assert_allclose(q_ddot, desired.q_d_ddot, rtol=0, atol=1e-9)
-        np.testing.assert_allclose(kappa_ddot, drive.kappa_ddot, rtol=0, atol=1e-11)
-
-
-def test_vdc_without_errors_is_the_inverse(chain):
-    chain = dataclasses.replace(chain, rotor_coupling=True)
-    n = chain.n
-    desired = desired_motion(4.0, np.linspace(-0.2, 0.2, n), np.linspace(1.0, 1.6, n), 10.0)
-    gains = FeedbackGains(np.full(n, 10.0), np.full(n, 5.0), np.full(n, 0.1), np.full(n, 0.05))
-    kappa_dot = desired_drive_motion(chain, desired).kappa_dot
-    vdc = feedforward_vdc(chain, gains, desired, desired.q_d, desired.q_d_dot, kappa_dot)
-    exact = feedforward_inverse(chain, desired)
-    # Both run some 1000 products on torques of up to 100 N m.
-    np.testing.assert_allclose(vdc.tau_s, exact.tau_s, rtol=0, atol=1e-10)
-    np.testing.assert_allclose(vdc.tau_m, exact.tau_m, rtol=0, atol=1e-11)
-
-
 @pytest.mark.heavy
 def test_what_the_inverse_leaves_out_is_below_a_microradian(coupled):
     # The rotor's place lacks D' I_m D_ddot. Along the paper's motion D = 0.002 rad changes within 10 s: D_ddot is of
@@ -143,24 +111,6 @@ def test_angular_momentum_changes_by_the_torque_of_the_base_alone(coupled, plant
     # off by the rotors' own moments, J_r ell kappa_ddot = I_m kappa_ddot of 1e-1 N m: it does not close.
     error = abs(change - solution.y[-1, -1])
     assert error < 1e-7 if rotor else error > 1e-4
-
-
-def test_energy_is_conserved_in_free_fall(coupled, plant_function):
-    robot = coupled.with_parameters(f_c=0.0, f_s=0.0, f_v=0.0)
-    derivative = plant_function(robot, "derivatives")
-
-    def energy(x):
-        outputs = plant_outputs(robot, x)
-        return float(outputs.E_kin + outputs.E_pot + outputs.E_spring)
-
-    def rate(_, x):
-        return derivative(x, np.zeros(6), np.zeros(6))
-
-    x = np.concatenate([np.linspace(0.3, 0.9, 6), np.full(6, 0.4), np.full(6, 0.2), np.full(6, 2.0)])
-    solution = solve_ivp(rate, (0.0, 0.1), x, method="DOP853", rtol=1e-10, atol=1e-10)
-    # 1e-10 in every state, some 500 steps, times 100 N m.
-    assert energy(solution.y[:, -1]) == pytest.approx(energy(x), abs=1e-5)
-    assert plant_outputs(robot, solution.y[:, -1]).E_kin > 2.0 * plant_outputs(robot, x).E_kin
 
 
 def test_pure_rotation_is_the_limit_of_large_ratios(coupled, draw):

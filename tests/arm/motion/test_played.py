@@ -175,11 +175,7 @@ def test_the_arm_follows_better_without_a_jump_in_the_third_derivative(robot, tm
     errors = []
     for name, motion in (("smooth", smooth), ("cubic", motions.Motion(TIMES, coefficients))):
         results = vdfmu.run(
-            "planar_tracking",
-            units={"trajectory": motion.unit()},
-            stop=1.0,
-            reference=False,
-            out=tmp_path / name,
+            "planar_tracking", units={"trajectory": motion.unit()}, stop=1.0, reference=False, out=tmp_path / name
         )
         errors.append(np.abs(results["trajectory.q_d"] - results["plant.q"]).max(axis=0))
     # seen: 1.5e-4 and 5.9e-4, 1.4e-4 and 5.0e-4 rad, though the smooth one asks for 1.5 times the acceleration

@@ -263,10 +263,7 @@ def velocity_of_rotors(path):
     for arguments, V_D in path.plant["rotor_velocity"]:
         close(V_D, Z * arguments["ell"] * arguments["kappa_dot"] + arguments["U_BD"].T @ arguments["V_B"], 100.0)
     now = Subsystems(
-        path.robot,
-        path.q,
-        (path.q_dot, path.kappa_dot),
-        (path.q_dot, path.kappa_dot, path.q_ddot, path.kappa_ddot),
+        path.robot, path.q, (path.q_dot, path.kappa_dot), (path.q_dot, path.kappa_dot, path.q_ddot, path.kappa_ddot)
     )
     found = [V for arguments, V in path.plant["rotor_velocity"] if arguments["kappa_dot"] in path.kappa_dot]
     for i in range(1, N):
@@ -276,10 +273,7 @@ def velocity_of_rotors(path):
 @equations(5, 29, 30, 31)
 def velocity_of_links(path):
     now = Subsystems(
-        path.robot,
-        path.q,
-        (path.q_dot, path.kappa_dot),
-        (path.q_dot, path.kappa_dot, path.q_ddot, path.kappa_ddot),
+        path.robot, path.q, (path.q_dot, path.kappa_dot), (path.q_dot, path.kappa_dot, path.q_ddot, path.kappa_ddot)
     )
     arguments, motion = path.plant["link_motion"][0]
     np.testing.assert_array_equal(arguments["q_dot"], path.q_dot)
@@ -288,11 +282,7 @@ def velocity_of_links(path):
         close(motion.V_B_dot[i], now.V_r_dot[i], 1e3)
         T = transform(np.eye(3), ORIGINS[i])  # (30): {T_i} is {B_(i-1)} moved to the joint
         V_T = T.T @ (now.V[i - 1] if i else np.zeros(6))
-        close(
-            motion.V_B[i],
-            Z * path.q_dot[i] + transform(printed_rotation(i, path.q[i]), np.zeros(3)).T @ V_T,
-            10.0,
-        )
+        close(motion.V_B[i], Z * path.q_dot[i] + transform(printed_rotation(i, path.q[i]), np.zeros(3)).T @ V_T, 10.0)
 
 
 @equations(6, 7, 8, 9, 10, 11, 44, 45, 46, 47)

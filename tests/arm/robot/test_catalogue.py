@@ -8,13 +8,7 @@ from scipy.integrate import solve_ivp
 from typer.testing import CliRunner
 
 from vdfmu.arm.drive.dahl import dahl_rate
-from vdfmu.arm.drive.fit import (
-    catalogue_torsion,
-    fit_friction,
-    fit_hysteresis,
-    fit_load_loss,
-    fit_spring,
-)
+from vdfmu.arm.drive.fit import catalogue_torsion, fit_friction, fit_hysteresis, fit_load_loss, fit_spring
 from vdfmu.arm.drive.load_loss import efficiency
 from vdfmu.arm.equations.harmonic_drive import deformation, deformation_derivative
 from vdfmu.arm.robot import load_robot, robot_from_dict
@@ -85,10 +79,7 @@ def test_the_loop_of_a_gear_is_as_wide_as_its_hysteresis_loss():
 
     def rate(_, y):  # the deformation falls at a unit rate [1e-3 rad]
         tau_s, tau_h = y
-        return [
-            -1e-3 / deformation_derivative(robot, np.full(2, tau_s))[0],
-            dahl_rate(K_h, -1e-3, tau_h, f_h),
-        ]
+        return [-1e-3 / deformation_derivative(robot, np.full(2, tau_s))[0], dahl_rate(K_h, -1e-3, tau_h, f_h)]
 
     done = solve_ivp(
         rate, (0.0, 3.0), [gear["rated"] - f_h, f_h], events=lambda _, y: y[0] + y[1], rtol=1e-10, atol=1e-10
@@ -146,10 +137,7 @@ def test_limits_of_a_motor_are_those_at_the_joint():
             {"gear": "CSG-25-80"},
             r'joints\[1\]\.gear: expected a gear of the catalogue, got "CSG-25-80"\. Did you mean "CSG-25',
         ),
-        (
-            {"motor": "TBM-6025"},
-            r'joints\[1\]\.motor: expected a motor of the catalogue, .* Did you mean "TBM-6025-B"',
-        ),
+        ({"motor": "TBM-6025"}, r'joints\[1\]\.motor: expected a motor of the catalogue, .* Did you mean "TBM-6025-B"'),
         ({"gear": 25}, r"joints\[1\]\.gear: expected a gear of the catalogue, got 25\. Give it as a string"),
         ({"type": "prismatic"}, r"joints\[1\]\.gear: expected none on a prismatic joint"),
         ({"gear": "CSG-32-100"}, r"joints\[1\]\.friction: expected a table, got nothing"),  # it has none

@@ -98,12 +98,7 @@ def test_syntax_error_has_its_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "text",
-    [
-        "gravity = " + "[" * 2000,
-        "gravity = " + "[" * 200 + "]" * 200,
-        "gravity = [{" + "a." * 5000 + "a = 1}]",
-    ],
+    "text", ["gravity = " + "[" * 2000, "gravity = " + "[" * 200 + "]" * 200, "gravity = [{" + "a." * 5000 + "a = 1}]"]
 )
 def test_deep_nesting(tmp_path: Path, text: str) -> None:
     path = tmp_path / "deep.toml"

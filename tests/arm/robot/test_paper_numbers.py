@@ -81,11 +81,7 @@ def test_drives_are_fitted_to_the_catalogue() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "degrees", "T"),
-    [
-        ("tracking", [90, 60, 60, 90, 60, 90], 10.0),
-        ("two_joint", [60, 30, 0, 0, 0, 0], 30.0),
-    ],
+    ("name", "degrees", "T"), [("tracking", [90, 60, 60, 90, 60, 90], 10.0), ("two_joint", [60, 30, 0, 0, 0, 0], 30.0)]
 )
 def test_motion_of_section_4(name: str, degrees: list[float], T: float) -> None:
     scenario = load_scenario(name)

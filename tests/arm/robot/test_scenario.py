@@ -40,52 +40,21 @@ FAULTS: list[tuple[tuple[str, ...], Any, str]] = [
     (("stepp",), 1.0, r'stepp: expected a known key, got an unknown one\. Did you mean "step"\?'),
     (("trajectory",), 5, r"trajectory: expected a table, got 5"),
     (("trajectory", "T"), 0, r"trajectory\.T: expected at least 1e-06 s, got 0 s"),
-    (
-        ("trajectory", "q_end"),
-        [1.0],
-        r"trajectory\.q_end: expected one value, or 2 for q_end\[1\] to q_end\[2\], got 1",
-    ),
-    (
-        ("trajectory", "q_end"),
-        [1.0, "x"],
-        r"trajectory\.q_end\[2\]: expected a number in rad, got 'x'",
-    ),
-    (
-        ("feedforward", "Lambda"),
-        -1.0,
-        r"feedforward\.Lambda: expected at least 0 1/s, got -1 1/s",
-    ),
-    (
-        ("controller", "K_p"),
-        [1.0, math.inf],
-        r"controller\.K_p\[2\]: expected a finite number, got inf",
-    ),
+    (("trajectory", "q_end"), [1.0],
+     r"trajectory\.q_end: expected one value, or 2 for q_end\[1\] to q_end\[2\], got 1"),
+    (("trajectory", "q_end"), [1.0, "x"], r"trajectory\.q_end\[2\]: expected a number in rad, got 'x'"),
+    (("feedforward", "Lambda"), -1.0, r"feedforward\.Lambda: expected at least 0 1/s, got -1 1/s"),
+    (("controller", "K_p"), [1.0, math.inf], r"controller\.K_p\[2\]: expected a finite number, got inf"),
     (("controller", "K_p"), [], r"controller\.K_p: expected one value, or 2 for K_p\[1\] to K_p\[2\], got 0"),
     (("plant_factors",), {"mas": 1.1}, r'plant_factors\.mas: .* an unknown one\. Did you mean "mass"\?'),
     (("plant_factors",), {"rotation": 1.1}, r"plant_factors\.rotation: expected a known key"),
     (("plant_factors",), {"mass": 0}, r"plant_factors\.mass: expected a finite number > 0, got 0"),
-    (
-        ("plant_factors",),
-        {"mass": [1.0]},
-        r"plant_factors\.mass: expected 2 finite numbers or one for all > 0, got 1",
-    ),
-    (
-        ("plant_factors",),
-        {"gravity": [1, 1]},
-        r"plant_factors\.gravity: expected a finite number > 0, got \[1, 1\]",
-    ),
-    (
-        ("plant_factors",),
-        {"ell": 0.001},
-        r"plant_factors: the plant: joints\[1\]\.drive\.ell: expected .* >= 1",
-    ),
-    (
-        ("paper",),
-        {"rms_position_error_deg": [1, 2, 3]},
-        r"paper\.rms_position_error_deg: expected 2 finite numbers",
-    ),
+    (("plant_factors",), {"mass": [1.0]}, r"plant_factors\.mass: expected 2 finite numbers or one for all > 0, got 1"),
+    (("plant_factors",), {"gravity": [1, 1]}, r"plant_factors\.gravity: expected a finite number > 0, got \[1, 1\]"),
+    (("plant_factors",), {"ell": 0.001}, r"plant_factors: the plant: joints\[1\]\.drive\.ell: expected .* >= 1"),
+    (("paper",), {"rms_position_error_deg": [1, 2, 3]}, r"paper\.rms_position_error_deg: expected 2 finite numbers"),
     (("paper",), {"rms": [1]}, r"paper\.rms: expected a known key"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("path", "value", "message"), FAULTS, ids=lambda v: None if isinstance(v, str) else "")
@@ -197,12 +166,7 @@ def test_gains_of_the_variant_of_two_joint_are_those_of_table_5() -> None:
 
 
 def test_plant_factors_scale_scalars_vectors_and_matrices(write: Writer, scenario_data: dict[str, Any]) -> None:
-    scenario_data["plant_factors"] = {
-        "mass": [1.5, 1.25],
-        "centroid": [2.0, 0.5],
-        "inertia": 2,
-        "gravity": 0.5,
-    }
+    scenario_data["plant_factors"] = {"mass": [1.5, 1.25], "centroid": [2.0, 0.5], "inertia": 2, "gravity": 0.5}
     scenario = load_scenario(write("own.toml", scenario_data))
     nominal, plant = scenario.robot, scenario.plant_robot
     # Factors are powers of two or exact in binary, so the products are exact.

@@ -23,25 +23,13 @@ GOOD = """    u = Input("N", 2, text="force")
 """
 
 CASES = {
-    "wrong shape": (
-        GOOD.replace("self.u[0] + self.u[1]", "self.u"),
-        r"line 8: outputs\(\) .*Bad\.y: expected shape \(\), got \(2,\)",
-    ),
     "start of another shape": (
         GOOD + '    g = Parameter("1", 2, start=[1.0, 2.0, 3.0])\n',
         r"line 9: Bad: g: start: expected numbers of shape \(2,\), got \[1\.0, 2\.0, 3\.0\]",
     ),
     "shape": (GOOD + '    g = Parameter("1", -2)\n', r"line 9: Bad: g: expected a shape of positive integers"),
     "output never set": (GOOD.replace("self.y =", "y ="), r"line 7: outputs\(\) of Bad never sets y"),
-    "output without a method": (
-        '    y = Output("N")\n',
-        r"line 5: outputs\(\) of Bad never sets y",
-    ),
-    "output not set for a choice": (
-        '    way = Choice("a", "b")\n    y = Output("1")\n'
-        '    def outputs(self):\n        if self.way == "a":\n            self.y = 1.0\n',
-        r"line 7: outputs\(\) of Bad never sets y with way = b",
-    ),
+    "output without a method": ('    y = Output("N")\n', r"line 5: outputs\(\) of Bad never sets y"),
     "unit of measurement": (
         GOOD + '    g = Parameter("Nm")\n',
         r"line 9: Bad: g: expected a unit of measurement such as N\.m.*, got 'Nm'",
@@ -68,24 +56,12 @@ CASES = {
         GOOD + '    T = Parameter("s", minimum=1e-6)\n',
         r"line 9: Bad: T: start: expected at least 1e-06, the minimum, got 0",
     ),
-    "Python raises": (
-        GOOD.replace("self.u[0]", "[1.0][3]"),
-        r"line 8: outputs\(\) of Bad fails: IndexError: list index",
-    ),
     "raises in a helper": (
         GOOD.replace("self.u[0] +", "self._half(self.u[0]) +") + "    def _half(self, u):\n        return u / None\n",
         r"line 10: outputs\(\) of Bad fails: TypeError: unsupported operand",
     ),
     "syntax error": (GOOD + "    def update(self:\n", r"line 9: '\(' was never closed"),
     "raises as it is read": (GOOD + "    g = 1 / 0\n", r"line 9: ZeroDivisionError: division by zero"),
-    "algebraic loop": (
-        GOOD.replace("self.u[0]", "self.y"),
-        r"line 8: outputs\(\) of Bad fails: y is read before it is set",
-    ),
-    "branch on a value": (
-        GOOD.replace("self.y = self.u[0] + self.u[1]", "self.y = 1.0 if self.u[0] > 0.0 else 2.0"),
-        r"line 8: outputs\(\) of Bad cannot be traced: a condition on a value is not known .*where",
-    ),
     "state without derivative": (
         '    x = State("m")\n',
         r"line 5: Bad: x is a continuous state and needs one derivative: x_dot = Derivative\(x\)",

@@ -32,29 +32,14 @@ build_fmus(load_robot("planar_2dof"), sys.argv[1], backend="python")
 
 
 @pytest.mark.heavy
-def test_a_second_build_has_the_same_bytes(
-    planar: Robot, fmus: Mapping[str, Mapping[str, Path]], tmp_path: Path
-) -> None:
-    for unit, path in build_fmus(planar, tmp_path, backend="python").items():
-        assert path.read_bytes() == fmus["planar_2dof"][unit].read_bytes(), unit
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("seed", ["0", "12345"])
+@pytest.mark.parametrize(
+    "environment", [{"PYTHONHASHSEED": "0"}, {"PYTHONHASHSEED": "12345"}, {"VDFMU_CACHE_DIR": "cache"}], ids=str
+)
 def test_another_process_in_another_folder_builds_the_same_bytes(
-    fmus: Mapping[str, Mapping[str, Path]], tmp_path: Path, run_python: Callable[..., str], seed: str
+    fmus: Mapping[str, Mapping[str, Path]], tmp_path: Path, run_python: Callable[..., str], environment: dict[str, str]
 ) -> None:
-    """The seed decides the order of Python's sets, the folder all relative paths."""
-    run_python(BUILD, "out", cwd=tmp_path, PYTHONHASHSEED=seed)
-    for path in fmus["planar_2dof"].values():
-        assert (tmp_path / "out" / path.name).read_bytes() == path.read_bytes()
-
-
-@pytest.mark.heavy
-def test_a_cold_cache_of_traced_functions_changes_no_byte(
-    fmus: Mapping[str, Mapping[str, Path]], tmp_path: Path, run_python: Callable[..., str]
-) -> None:
-    run_python(BUILD, tmp_path / "out", VDFMU_CACHE_DIR=str(tmp_path / "cache"))
+    """The seed decides the order of Python's sets, the folder all relative paths; an empty cache has no traces."""
+    run_python(BUILD, "out", cwd=tmp_path, **environment)
     for path in fmus["planar_2dof"].values():
         assert (tmp_path / "out" / path.name).read_bytes() == path.read_bytes()
 
@@ -87,17 +72,16 @@ def test_a_change_gives_another_guid_and_a_new_file(planar: Robot, tmp_path: Pat
     assert guid(build_fmus(planar, tmp_path, backend="python")["plant"]) == old
 
 
-def test_the_guid_changes_with_sources_scripts_and_pythonfmu(planar: Robot) -> None:
-    first = Content(shipped_units()["plant"], planar, {})
-    guids = {
-        first.guid,
-        Content(shipped_units()["plant"], planar, {}, digest="another").guid,
-        Content(shipped_units()["plant"], planar, {}, version="9.9.9").guid,
-        Content(shipped_units()["plant"], planar, {}, tool="pythonfmu 9.9.9").guid,
-        Content(shipped_units()["controller"], planar, {}).guid,
-    }
-    assert len(guids) == 5
-    assert Content(shipped_units()["plant"], planar, {}).guid == first.guid
+def test_guids_tell_apart_what_differs_and_nothing_else(planar: Robot) -> None:
+    def guid(*form: str, unit: str = "plant", values: Mapping[str, float] | None = None, **others: str) -> str:
+        return Content(shipped_units()[unit], planar, values or {}, *form, **others).guid
+
+    forms: list[tuple[str, ...]] = [(), ("native",), ("native", "3.0")]
+    others = [{"digest": "another"}, {"version": "9.9.9"}, {"tool": "pythonfmu 9.9.9"}, {"unit": "controller"}]
+    guids = [guid(*form, **other) for form in forms for other in ({}, *others)]
+    guids += [guid(*form, values={"q_0[1]": 0.1}) for form in forms]
+    assert len(set(guids)) == len(guids) == 18
+    assert guid("native") == guid("native")
 
 
 @pytest.mark.parametrize("damage", [b"not a zip", None])
@@ -115,7 +99,9 @@ def test_a_file_that_vdfmu_did_not_write_is_not_replaced(planar: Robot, tmp_path
 
 
 def test_others_may_read_the_files_and_nothing_else_is_left(planar: Robot, tmp_path: Path) -> None:
+    search_path = list(sys.path)
     built = build_fmus(planar, tmp_path, backend="python")
+    assert sys.path == search_path
     assert sorted(tmp_path.iterdir()) == sorted(built.values())
     other = tmp_path / "other"
     other.touch()  # has the mode that the umask leaves
@@ -158,12 +144,6 @@ fmpy.simulate_fmu(sys.argv[2], stop_time=0.01)
     run_python(script, tmp_path, fmus["planar_2dof"]["plant"])
     for path in fmus["planar_2dof"].values():
         assert (tmp_path / path.name).read_bytes() == path.read_bytes()
-
-
-def test_building_leaves_the_search_path_alone(planar: Robot, tmp_path: Path) -> None:
-    before = list(sys.path)
-    build_fmus(planar, tmp_path, backend="python")
-    assert sys.path == before
 
 
 def test_the_page_inside_describes_every_variable(
@@ -236,23 +216,11 @@ def test_numpy_numbers_will_do_as_start_values(planar: Robot, tmp_path: Path) ->
         ("plant", {"tolerance": 1.0}, r"plant: tolerance: expected at most 0.1, got 1"),
         ("plant", {"gravity[3]": float("nan")}, r"gravity\[3\]: expected a finite number, got nan m/s2"),
         ("plant", {"mass[1]": "heavy"}, r"mass\[1\]: expected a number in kg, got 'heavy'"),
-        (
-            "plant",
-            {"f_s[2]": 0.01},
-            r"plant: f_s\[2\]: expected f_s >= f_c, got f_s\[2\] = 0.01 N.m, f_c\[2\] = 0.1 ",
-        ),
-        (
-            "plant",
-            {"inertia[2,1,1]": 9.0},
-            r"plant: inertia\[2,1,1\]: expected no principal moment of inertia",
-        ),
+        ("plant", {"f_s[2]": 0.01}, r"plant: f_s\[2\]: expected f_s >= f_c, got f_s\[2\] = 0.01 N.m, f_c\[2\] = 0.1 "),
+        ("plant", {"inertia[2,1,1]": 9.0}, r"plant: inertia\[2,1,1\]: expected no principal moment of inertia"),
         ("feedforward", {"mode": 2}, r"mode: expected 0 \(inverse\) or 1 \(vdc\), got 2"),
         ("feedforward", {"mode": 0.5}, r"mode: expected 0 \(inverse\) or 1 \(vdc\), got 0.5"),
-        (
-            "controller",
-            {"ell[1]": 0.5, "K_p[2]": -1.0},
-            r"ell\[1\]: .* at least 1, got 0.5.*K_p\[2\]: .*got -1",
-        ),
+        ("controller", {"ell[1]": 0.5, "K_p[2]": -1.0}, r"ell\[1\]: .* at least 1, got 0.5.*K_p\[2\]: .*got -1"),
         ("trajectory", {"T": 0.0}, r"T: expected at least 1e-06 s, got 0 s"),
     ],
 )
@@ -276,8 +244,9 @@ def test_unknown_units_and_folders_that_cannot_be_written_are_refused(planar: Ro
     with pytest.raises(UsageError, match="start_values: there is no unit 'motor'"):
         build_fmus(planar, tmp_path, start_values={"motor": {}}, backend="python")
     (tmp_path / "file").write_text("")
-    with pytest.raises(FmuError, match=r"file/PDController.fmu: cannot be written: .*Choose another folder"):
-        build_fmus(planar, tmp_path / "file", backend="python")
+    for backend in ("python", "native"):
+        with pytest.raises(FmuError, match=r"file/PDController.fmu: cannot be written: .*Choose another folder"):
+            build_fmus(planar, tmp_path / "file", units=["controller"], backend=backend)
 
 
 def test_the_content_file_reads_back(planar: Robot, tmp_path: Path) -> None:

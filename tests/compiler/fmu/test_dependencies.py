@@ -11,7 +11,6 @@ import pytest
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import shipped_units
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.variable import Variable
 
 Opener = Callable[..., Any]
 
@@ -38,6 +37,18 @@ POINTS: dict[str, list[dict[str, Any]]] = {
 }
 
 
+def random_value(group: str, causality: str, start: float, positive: bool, rng: np.random.Generator) -> float:
+    """Value of a variable at which nothing is hidden."""
+    start = VISIBLE.get(group, start)
+    if group == "tolerance":
+        return start
+    if start == 0.0 or causality == "input":
+        sign = 1.0 if positive else rng.choice([-1.0, 1.0])
+        return float(sign * rng.uniform(0.2, 0.9))
+    # The inertia of a thin link stays within the triangle inequality.
+    return float(start * (1.0 + (0.005 if group == "inertia" else 0.2) * rng.uniform(-1.0, 1.0)))
+
+
 class Probe:
     """A unit in initialization mode, at a random point that can be moved in single variables."""
 
@@ -46,7 +57,9 @@ class Probe:
         self.outputs = [i for i, v in enumerate(table) if v.causality == "output"]
         rng = np.random.default_rng(1)
         self.point = {
-            i: self._random(v, rng) for i, v in enumerate(table) if v.causality != "output" and v.type == "Real"
+            i: random_value(v.group, v.causality, v.start, v.minimum is not None, rng)
+            for i, v in enumerate(table)
+            if v.causality != "output" and v.type == "Real"
         }
         for group, value in choices.items():
             if group in SWITCHES[table.name]:
@@ -55,17 +68,6 @@ class Probe:
                 where = table.groups[group]
                 self.point |= dict.fromkeys(range(where.start, where.stop), value)
         self.set(self.point)
-
-    @staticmethod
-    def _random(variable: Variable, rng: np.random.Generator) -> float:
-        start = VISIBLE.get(variable.group, variable.start)
-        if variable.group == "tolerance":
-            return start
-        if start == 0.0 or variable.causality == "input":
-            sign = rng.choice([-1.0, 1.0]) if variable.minimum is None else 1.0
-            return float(sign * rng.uniform(0.2, 0.9))
-        # The inertia of a thin link stays within the triangle inequality.
-        return float(start * (1.0 + (0.005 if variable.group == "inertia" else 0.2) * rng.uniform(-1.0, 1.0)))
 
     def set(self, values: dict[int, float]) -> None:
         """Set variables by value reference."""
@@ -120,16 +122,7 @@ def cancels(robot: str, unit: str, output: str, known: str) -> bool:
     if robot == "slider_3dof" and unit == "feedforward":
         # Axis 3 is horizontal: the inertia about it, and what its rotor does as its spring winds up, have no torque
         # about axis 1, which is vertical.
-        of_axis_3 = (
-            "inertia[3,3,3]",
-            "F_e_d[6]",
-            "I_m[3]",
-            "ell[3]",
-            "K_f0[3]",
-            "K_w0[3]",
-            "c_f[3]",
-            "c_w[3]",
-        )
+        of_axis_3 = ("inertia[3,3,3]", "F_e_d[6]", "I_m[3]", "ell[3]", "K_f0[3]", "K_w0[3]", "c_f[3]", "c_w[3]")
         return output[-3:] == "[1]" and known in of_axis_3
     if robot == "slider_3dof":
         # Axis 1 is vertical: heights do not depend on q_1, nor on the arm's length.
@@ -250,11 +243,6 @@ def test_the_controller_keeps_its_joints_apart(robots: dict[str, Robot], robot_n
             output = table.reference[f"{group}[{i + 1}]"]
             found = {table.variables[k] for k in table.step_dependencies(output)}
             assert {v.index for v in found} == {(i,)}
-            assert {v.group for v in found} == {
-                "q_d",
-                "q_d_dot",
-                "kappa_dot_d",
-                "q",
-                "q_dot",
-                "kappa_dot",
-            } | ({"tau_m"} if group == "tau" else set())
+            assert {v.group for v in found} == {"q_d", "q_d_dot", "kappa_dot_d", "q", "q_dot", "kappa_dot"} | (
+                {"tau_m"} if group == "tau" else set()
+            )

@@ -48,12 +48,7 @@ def initializing(unit: Any) -> Any:
         ("feedforward", "mode", 2, r"mode: expected 0 \(inverse\) or 1 \(vdc\), got 2\."),
         ("feedforward", "mode", -1, r"mode: expected 0 \(inverse\) or 1 \(vdc\), got -1\."),
         ("feedforward", "Lambda[1]", -1.0, r"Lambda\[1\]: expected at least 0 1/s, got -1 1/s\."),
-        (
-            "controller",
-            "velocity",
-            7,
-            r"velocity: expected 0 \(kappa_dot\) or 1 \(q_dot\) or 2 \(mixed\), got 7\.",
-        ),
+        ("controller", "velocity", 7, r"velocity: expected 0 \(kappa_dot\) or 1 \(q_dot\) or 2 \(mixed\), got 7\."),
         ("controller", "tau_max[1]", -1.0, r"tau_max\[1\]: expected at least 0 N.m, got -1 N.m\."),
         ("controller", "q[1]", NAN, r"q\[1\]: expected a finite number, got nan rad\."),
         ("trajectory", "T", 0.0, r"T: expected at least 1e-06 s, got 0 s\."),
@@ -74,32 +69,14 @@ def test_a_value_out_of_bounds_is_refused_where_it_is_set(
 @pytest.mark.parametrize(
     ("name", "variable", "value", "words"),
     [
-        (
-            "plant",
-            "f_s[1]",
-            0.1,
-            r"f_s\[1\]: expected f_s >= f_c, got f_s\[1\] = 0.1 N.m, f_c\[1\] = 0.3 N.m\.",
-        ),
-        (
-            "feedforward",
-            "f_c[2]",
-            0.9,
-            r"f_s\[2\]: expected f_s >= f_c, got f_s\[2\] = 0.2 N.m, f_c\[2\] = 0.9 N.m\.",
-        ),
-        (
-            "plant",
-            "inertia[1,1,1]",
-            0.5,
-            r"inertia\[1,1,1\]: expected no principal moment of inertia above .*, got inertia\[1,1,1\] = 0.5 kg.m2",
-        ),
-        (
-            "plant",
-            "inertia[2,2,2]",
-            -0.1,
-            r"inertia\[2,1,1\]: expected a positive definite inertia matrix, got .*\[2,2,2\] = -0.1 kg.m2",
-        ),
+        ("plant", "f_s[1]", 0.1, r"f_s\[1\]: expected f_s >= f_c, got f_s\[1\] = 0.1 N.m, f_c\[1\] = 0.3 N.m\."),
+        ("feedforward", "f_c[2]", 0.9, r"f_s\[2\]: expected f_s >= f_c, got f_s\[2\] = 0.2 N.m, f_c\[2\] = 0.9 N.m\."),
+        ("plant", "inertia[1,1,1]", 0.5,
+         r"inertia\[1,1,1\]: expected no principal moment of inertia above .*, got inertia\[1,1,1\] = 0.5 kg.m2"),
+        ("plant", "inertia[2,2,2]", -0.1,
+         r"inertia\[2,1,1\]: expected a positive definite inertia matrix, got .*\[2,2,2\] = -0.1 kg.m2"),
     ],
-)
+)  # fmt: skip
 def test_values_that_only_together_are_not_physical_are_refused_when_initialization_starts(
     open_unit: Opener, name: str, variable: str, value: float, words: str
 ) -> None:
@@ -223,11 +200,7 @@ def test_an_unknown_value_reference_is_refused(open_unit: Opener) -> None:
 @pytest.mark.parametrize(
     ("kind", "variable", "words"),
     [
-        (
-            "Real",
-            "mode",
-            r"expected variables of type Real, got mode \(value reference \d+\) of type Integer\.",
-        ),
+        ("Real", "mode", r"expected variables of type Real, got mode \(value reference \d+\) of type Integer\."),
         ("Integer", "Lambda[1]", r"expected variables of type Integer, got Lambda\[1\] .* of type Real\."),
         ("Boolean", "mode", r"expected variables of type Boolean, got mode .* of type Integer\."),
         ("String", "mode", r"expected variables of type String, got mode .* of type Integer\."),
@@ -298,10 +271,7 @@ BETWEEN = "it is allowed only between enterInitializationMode and exitInitializa
         (lambda unit: unit.fmu.terminate(), f"terminate failed: {AFTER}"),
         (lambda unit: initializing(unit).fmu.doStep(0.0, 1e-3), f"doStep failed: {AFTER}"),
         (lambda unit: initializing(unit).setup(), f"setupExperiment failed: {BEFORE}"),
-        (
-            lambda unit: initializing(unit).fmu.enterInitializationMode(),
-            f"enterInitializationMode failed: {BEFORE}",
-        ),
+        (lambda unit: initializing(unit).fmu.enterInitializationMode(), f"enterInitializationMode failed: {BEFORE}"),
         (lambda unit: unit.start().setup(), f"setupExperiment at t = 0 s failed: {BEFORE}"),
         (lambda unit: unit.start().fmu.enterInitializationMode(), f"Mode at t = 0 s failed: {BEFORE}"),
         (lambda unit: unit.start().fmu.exitInitializationMode(), f"Mode at t = 0 s failed: {BETWEEN}"),

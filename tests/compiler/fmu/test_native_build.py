@@ -70,8 +70,7 @@ def test_a_cold_build_in_another_process_and_folder_has_the_same_bytes(
 
 
 @pytest.mark.parametrize(
-    "platform",
-    [pytest.param(p, marks=[pytest.mark.heavy] * (p != this_platform())) for p in PLATFORMS],
+    "platform", [pytest.param(p, marks=[pytest.mark.heavy] * (p != this_platform())) for p in PLATFORMS]
 )
 def test_a_library_depends_on_its_sources_alone(platform: str, cold: Path, tmp_path: Path) -> None:
     """Neither on folder nor time nor what is compiled beside it. Windows counts time in seconds."""
@@ -115,20 +114,6 @@ def test_the_compiler_says_nothing_about_any_file(planar: Robot, version: str) -
         sources = unit_sources(content) | fmi_headers(version)
         for platform in (this_platform(), "x86_64-windows"):
             compile_library(sources, platform, name=unit, flags=("-Werror",))
-
-
-def test_guids_tell_apart_what_differs_and_nothing_else(planar: Robot) -> None:
-    first = Content(shipped_units()["plant"], planar, {}, "native")
-    others = [
-        Content(shipped_units()["plant"], planar, {}),
-        Content(shipped_units()["plant"], planar, {}, "native", "3.0"),
-        Content(shipped_units()["plant"], planar, {}, "native", tool="ziglang 0.0"),
-        Content(shipped_units()["plant"], planar, {}, "native", digest="0"),
-        Content(shipped_units()["plant"], planar, {"q_0[1]": 0.1}, "native"),
-        Content(shipped_units()["controller"], planar, {}, "native"),
-    ]
-    assert len({c.guid for c in (first, *others)}) == 7
-    assert Content(shipped_units()["plant"], planar, {}, "native").guid == first.guid
 
 
 # ------------------------------------------------------------------ what is up to date
@@ -295,13 +280,8 @@ def test_a_machine_without_native_fmus_is_told(monkeypatch: pytest.MonkeyPatch) 
     assert platforms.chosen_platforms(["wasm32", "all"]) == tuple(PLATFORMS)
 
 
-def test_folders_that_cannot_be_written_are_told(
-    planar: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_cache_that_cannot_be_written_costs_time_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(FmuError, match=r"file/PDController.fmu: cannot be written: .*Choose another folder"):
-        build_fmus(planar, tmp_path / "file", units=["controller"], backend="native")
-    # a cache that cannot be written costs time alone
     monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "file" / "cache"))
     assert compile_library(SMALL, this_platform(), name="Small")
 

@@ -5,19 +5,17 @@ from __future__ import annotations
 import json
 import os
 import struct
-import sys
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 
 import fmpy
-import numpy as np
 import pytest
-from fmpy.util import read_csv
 from fmpy.validation import validate_fmu
 from lxml import etree, html
 
+from tests.compiler.fmu.conftest import Lazy
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import shipped_units
@@ -30,24 +28,11 @@ VERSIONS = ("2.0", "3.0")
 pytestmark = pytest.mark.heavy  # FMUs for all platforms
 
 
-class Lazy(dict[str, dict[str, Path]]):
-    """FMUs by version and unit, built when they are first asked for."""
-
-    def __init__(self, robot: Robot, folder: Path) -> None:
-        super().__init__()
-        self.robot, self.folder = robot, folder
-
-    def __missing__(self, version: str) -> dict[str, Path]:
-        self[version] = build_fmus(
-            self.robot, self.folder / version, backend="native", fmi_version=version, platforms="all"
-        )
-        return self[version]
-
-
 @pytest.fixture(scope="module")
 def native(planar: Robot, tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Mapping[str, Path]]:
     """Native FMUs of the planar robot for all platforms."""
-    return Lazy(planar, tmp_path_factory.mktemp("native"))
+    out = tmp_path_factory.mktemp("native")
+    return Lazy(lambda v: build_fmus(planar, out / v, backend="native", fmi_version=v, platforms="all"))
 
 
 @pytest.fixture(params=VERSIONS)
@@ -231,35 +216,6 @@ def test_the_manifest_is_that_of_the_layered_standard(
     assert results == [f"{native[version][unit_name].stem}_out.csv"]
 
 
-# The table has 12 digits: 5e-12. Rounding is less. The plant: its solver runs at 1e-9, and what amplifies a local error
-# over 0.2 s is below 1e3.
-BOUND = {"trajectory": 1e-11, "feedforward": 1e-11, "controller": 1e-11, "estimator": 1e-11, "plant": 1e-6}
-
-
-@pytest.mark.parametrize("robot", ["planar_2dof", "slider_3dof"])
-def test_the_unit_makes_the_reference_results(
-    robots: Mapping[str, Robot], robot: str, unit_name: str, tmp_path: Path
-) -> None:
-    path = build_fmus(robots[robot], tmp_path, units=[unit_name], backend="native")[unit_name]
-    folder = Path(fmpy.extract(path, tmp_path / "unpacked")) / REFERENCE
-    expected = read_csv(folder / f"{path.stem}_out.csv")
-    inputs = folder / f"{path.stem}_in.csv"
-    names = expected.dtype.names[1:]
-    has_states = unit_name == "plant"
-    for kind in ("CoSimulation", "ModelExchange")[: 1 + has_states]:
-        result = fmpy.simulate_fmu(
-            str(path), fmi_type=kind, stop_time=expected["time"][-1], output_interval=expected["time"][1],
-            relative_tolerance=1e-9, input=read_csv(inputs) if inputs.exists() else None, output=names,
-        )  # fmt: skip
-        # model exchange has a row before each change of the inputs and one after it
-        rows = [int(np.flatnonzero(np.isclose(result["time"], t))[0]) for t in expected["time"]]
-        # CVODE too bounds the local error of a step, in a norm of its own
-        factor = 100.0 if kind == "ModelExchange" else 1.0
-        for name in names:
-            error = np.abs(result[name][rows] - expected[name]) / (1.0 + np.abs(expected[name]))
-            assert error.max() < factor * BOUND[unit_name], name
-
-
 def test_reference_results_end_where_an_arm_runs_away(planar: Robot, tmp_path: Path) -> None:
     """Torques that no spring could hold: the results stop, the build goes on."""
     start = {"plant": {"equilibrium": False, "tau_s_0[1]": 1e300, "kappa_dot_0[1]": 1e300}}
@@ -267,23 +223,3 @@ def test_reference_results_end_where_an_arm_runs_away(planar: Robot, tmp_path: P
     rows = members(path)[f"{REFERENCE}Plant_out.csv"].decode().splitlines()
     assert len(rows) < 22
     assert not {"nan", "inf"} & set(",".join(rows[1:]).split(","))
-
-
-def test_fmpy_compiles_the_sources(native: Mapping[str, Mapping[str, Path]], version: str, tmp_path: Path) -> None:
-    """With the system's compiler and cmake; the unit computes the same to rounding."""
-    from fmpy.build import build_platform_binary
-
-    path = native[version]["controller"]
-    folder = Path(fmpy.extract(path, tmp_path / "unpacked"))
-    for library in (folder / "binaries").rglob("*.so"):
-        library.unlink()
-    environment = os.environ["PATH"]
-    os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{environment}"
-    try:
-        build_platform_binary(folder)
-    finally:
-        os.environ["PATH"] = environment
-    options = {"stop_time": 0.1, "output_interval": 0.01}
-    ours, theirs = (fmpy.simulate_fmu(str(fmu), **options) for fmu in (path, folder))
-    for name in ours.dtype.names:
-        np.testing.assert_allclose(theirs[name], ours[name], rtol=1e-14, err_msg=name)

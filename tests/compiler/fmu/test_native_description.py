@@ -240,13 +240,6 @@ def test_log_categories_and_experiment(interface: Interface, version: int) -> No
     assert [experiment.get("tolerance")] == (own or [None])
 
 
-@pytest.mark.parametrize("version", VERSIONS)
-def test_the_same_unit_has_the_same_bytes(robots: dict[str, Robot], version: int) -> None:
-    robot = robots["planar_2dof"]
-    first, second = (document(root_of(Interface(shipped_units()["plant"], robot), version)) for _ in range(2))
-    assert first == second
-
-
 def test_fmpy_compiles_what_is_listed(interfaces: dict[tuple[str, str], Interface]) -> None:
     interface = interfaces["planar_2dof", "plant"]
     for version in VERSIONS:

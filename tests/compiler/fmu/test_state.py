@@ -164,10 +164,7 @@ for k in range(steps):
 
 @pytest.mark.heavy
 def test_a_state_moves_to_another_process(
-    open_unit: Opener,
-    folders: Mapping[str, Mapping[str, Path]],
-    tmp_path: Path,
-    run_python: Callable[..., str],
+    open_unit: Opener, folders: Mapping[str, Mapping[str, Path]], tmp_path: Path, run_python: Callable[..., str]
 ) -> None:
     unit = open_unit("plant").start(q_0=[0.3, -0.2])
     drive(unit, "plant", 0, 10)
@@ -199,10 +196,7 @@ def test_a_state_of_the_same_unit_for_another_robot_is_refused(open_unit: Opener
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (
-            lambda state: state | {"memory": state["memory"][:-1]},
-            r"the state is damaged: ValueError: .*reshape",
-        ),
+        (lambda state: state | {"memory": state["memory"][:-1]}, r"the state is damaged: ValueError: .*reshape"),
         (lambda state: {"guid": state["guid"]}, r"the state is damaged: KeyError: 'phase'"),
         (lambda state: [1, 2, 3], r"expected a state of Plant with GUID .*, got something else"),
         (lambda state: state | {"guid": 3}, r"expected a state of Plant .*, got one with GUID 3"),

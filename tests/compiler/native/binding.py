@@ -146,13 +146,7 @@ class Instance:
             self._log: Any = LOG_2(lambda _, __, status, category, text: self._receive(status, category, text))
             self._callbacks = Callbacks(self._log)
             self.pointer = model.function("Instantiate")(
-                name.encode(),
-                int(kind == "CoSimulation"),
-                token,
-                resources,
-                ct.byref(self._callbacks),
-                0,
-                logging,
+                name.encode(), int(kind == "CoSimulation"), token, resources, ct.byref(self._callbacks), 0, logging
             )
         else:
             self._log = LOG_3(lambda _, status, category, text: self._receive(status, category, text))
@@ -173,15 +167,7 @@ class Instance:
         self.messages.append(Message(status, category.decode(), text.decode(errors="replace")))
 
     def _updated(
-        self,
-        _: Any,
-        time: float,
-        requested: bool,
-        readable: bool,
-        done: bool,
-        early: bool,
-        ask: Any,
-        when: Any,
+        self, _: Any, time: float, requested: bool, readable: bool, done: bool, early: bool, ask: Any, when: Any
     ) -> None:
         assert readable and done and self.update is not None
         wanted = self.update(self, time, requested, early)

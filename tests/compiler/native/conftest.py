@@ -183,18 +183,7 @@ def driver(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     @cache
     def make(version: str) -> Path:
         path = tmp_path_factory.mktemp("driver") / f"driver{version[0]}"
-        run(
-            [
-                program("gcc", "gcc"),
-                *GCC,
-                *version_flags(version),
-                HERE / "driver.c",
-                "-o",
-                path,
-                "-ldl",
-                "-lm",
-            ]
-        )
+        run([program("gcc", "gcc"), *GCC, *version_flags(version), HERE / "driver.c", "-o", path, "-ldl", "-lm"])
         return path
 
     return make

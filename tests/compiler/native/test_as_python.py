@@ -13,14 +13,12 @@ from tests.compiler.fmu.test_dependencies import (
     test_torques_set_in_initialization_mode_do_not_change_the_start,
 )
 from tests.compiler.fmu.test_equations import (
-    test_one_step_or_many_is_the_same_motion,
     test_the_controller_is_equation_58,
     test_the_feedforward_is_that_of_its_mode,
     test_the_plant_moves_by_its_differential_equation,
     test_the_plant_starts_from_given_values,
     test_the_plant_starts_in_equilibrium,
     test_the_trajectory_is_equation_57,
-    test_time_may_start_anywhere,
 )
 from tests.compiler.fmu.test_misuse import (
     test_a_call_for_nothing_does_nothing,
@@ -28,12 +26,6 @@ from tests.compiler.fmu.test_misuse import (
     test_a_call_of_the_wrong_type_is_refused,
     test_a_call_sets_all_of_its_values_or_none,
     test_a_fixed_parameter_is_refused_after_initialization,
-    test_a_start_time_that_is_not_finite_is_refused,
-    test_a_step_from_elsewhere_than_the_end_of_the_last_is_refused,
-    test_a_step_that_is_not_positive_and_finite_is_refused,
-    test_a_tolerance_of_the_experiment_is_within_the_limits_of_the_parameter,
-    test_a_tolerance_that_is_not_positive_and_finite_is_refused,
-    test_a_torque_that_the_solver_cannot_follow_is_named_with_time_and_state,
     test_a_tunable_parameter_takes_effect_at_the_next_step,
     test_a_value_out_of_bounds_is_refused_where_it_is_set,
     test_after_the_end_values_can_be_read_but_nothing_moves,
@@ -48,7 +40,6 @@ from tests.compiler.fmu.test_misuse import (
 from tests.compiler.fmu.test_several import (
     test_all_units_and_two_copies_of_each_run_as_if_each_were_alone,
     test_an_instance_lives_on_when_its_copy_is_freed,
-    test_parameters_of_one_copy_do_not_reach_the_other,
     test_two_robots_in_one_process_do_not_meet,
 )
 from tests.compiler.fmu.test_state import (

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.compiler.fmu.test_dependencies import POINTS, VISIBLE
+from tests.compiler.fmu.test_dependencies import POINTS, random_value
 from tests.compiler.native.binding import Instance, Variable, doubles, references
 
 Native = Callable[..., Instance]
@@ -59,19 +59,13 @@ def directional(unit: Instance, unknowns: Sequence[Variable], knowns: Sequence[V
 def random_point(unit: Instance, variables: Sequence[Variable]) -> np.ndarray:
     """Values at which nothing is hidden, as the tests of the Python units use them."""
     rng = np.random.default_rng(1)
-    found: list[float] = []
-    for v in variables:
-        for start in np.atleast_1d(unit.read([v])):
-            start = VISIBLE.get(v.group, start)
-            if v.group == "tolerance":
-                found.append(start)
-            elif start == 0.0 or v.causality == "input":
-                found.append(
-                    rng.uniform(0.2, 0.9) * (rng.choice([-1.0, 1.0]) if v.group != "theta_err_amplitude" else 1.0)
-                )
-            else:
-                found.append(start * (1.0 + (0.005 if v.group == "inertia" else 0.2) * rng.uniform(-1.0, 1.0)))
-    return np.array(found)
+    return np.array(
+        [
+            random_value(v.group, v.causality, start, v.group == "theta_err_amplitude", rng)
+            for v in variables
+            for start in np.atleast_1d(unit.read([v]))
+        ]
+    )
 
 
 def configure(unit: Instance, choices: dict[str, Any]) -> tuple[list[Variable], np.ndarray]:
@@ -93,10 +87,6 @@ def step_sizes(point: np.ndarray, names: Sequence[str]) -> np.ndarray:
     return 1e-3 * np.abs(point)
 
 
-def points_of(unit_name: str) -> list[dict[str, Any]]:
-    return POINTS[unit_name]
-
-
 # ------------------------------------------------------------------ during initialization
 
 
@@ -116,7 +106,7 @@ def initial_case(unit: Instance, choices: dict[str, Any]) -> tuple[Any, ...]:
 def test_during_initialization_they_are_slopes_in_inputs_and_parameters(
     native: Native, version: str, unit_name: str, robot_name: str
 ) -> None:
-    for choices in points_of(unit_name):
+    for choices in POINTS[unit_name]:
         unit = native(unit_name, version, robot_name)
         knowns, unknowns, point, evaluate = initial_case(unit, choices)
         found = directional(unit, unknowns, knowns)
@@ -173,14 +163,13 @@ def test_in_continuous_time_they_are_slopes_in_inputs_and_states(native: Native,
     names, rows = elements(knowns), elements(unknowns)
     for i in range(unit.model.n_states // 4):  # a state that is an output depends on itself
         assert found[rows.index(f"q[{i + 1}]"), names.index(f"q[{i + 1}]")] == 1.0
-        assert found[rows.index(f"der(q[{i + 1}])" if version == "2.0" else f"der(q)[{i + 1}]")
-                     if f"der(q)[{i + 1}]" in rows or version == "2.0" else rows.index(f"der(q[{i + 1}])"),
-                     names.index(f"q_dot[{i + 1}]")] == 1.0  # fmt: skip
+        (row,) = (k for k, name in enumerate(rows) if name in (f"der(q[{i + 1}])", f"der(q)[{i + 1}]"))
+        assert found[row, names.index(f"q_dot[{i + 1}]")] == 1.0
 
 
 @pytest.mark.parametrize("unit_name", ["feedforward", "controller"])
 def test_in_step_mode_they_are_slopes_in_inputs(native: Native, version: str, unit_name: str, robot_name: str) -> None:
-    for choices in points_of(unit_name):
+    for choices in POINTS[unit_name]:
         unit = native(unit_name, version, robot_name)
         knowns, unknowns, point, evaluate = stepping_case(unit, choices)
         found = directional(unit, unknowns, knowns)
@@ -194,10 +183,7 @@ def test_the_plant_in_step_mode_gives_those_of_its_state(native: Native, version
     simulation = native("plant", version).start(**start)
     exchange = native("plant", version, kind="ModelExchange").start(**start)
     unknowns = simulation.model.of("output", "local")
-    knowns = [
-        *simulation.model.of("input"),
-        *(v for v in simulation.model.of("output") if v.group in ("q", "tau_s")),
-    ]
+    knowns = [*simulation.model.of("input"), *(v for v in simulation.model.of("output") if v.group in ("q", "tau_s"))]
     assert directional(simulation, unknowns, knowns).tolist() == directional(exchange, unknowns, knowns).tolist()
 
 
@@ -222,10 +208,7 @@ def test_a_seed_is_a_direction(native: Native, version: str) -> None:
     seed = np.linspace(-1.0, 2.0, len(elements(knowns)))
     jacobian = directional(unit, unknowns, knowns)
     np.testing.assert_allclose(
-        unit.directional(unknowns, knowns, seed),
-        jacobian @ seed,
-        rtol=0.0,
-        atol=1e-12 * np.abs(jacobian).max(),
+        unit.directional(unknowns, knowns, seed), jacobian @ seed, rtol=0.0, atol=1e-12 * np.abs(jacobian).max()
     )
     twice = unit.directional(unknowns, [knowns[0], knowns[0]], np.ones(2 * len(knowns[0].names)))
     np.testing.assert_allclose(twice, 2.0 * unit.directional(unknowns, [knowns[0]], np.ones(len(knowns[0].names))))
@@ -246,7 +229,7 @@ def test_derivatives_change_nothing(native: Native, version: str, unit_name: str
 
 def test_adjoint_derivatives_are_the_transpose(native: Native, unit_name: str, robot_name: str) -> None:
     """In both phases, for all choices; each of some thousand products and sums rounds by 1e-16 of the largest."""
-    for choices in points_of(unit_name):
+    for choices in POINTS[unit_name]:
         unit = native(unit_name, "3.0", robot_name)
         knowns, unknowns, *_ = initial_case(unit, choices)
         for phase in ("initialization", "step"):
@@ -314,11 +297,7 @@ def test_dependencies_of_elements_are_those_of_the_model_structure(
     """Those of FMI 3 also name the time, and what it moves is what depends on it: the trajectory."""
     two, three = native(unit_name, "2.0", robot_name), native(unit_name, "3.0", robot_name)
     positions = [*elements(two.model.variables), "time"]
-    for phase, tag in (
-        ("instantiated", "InitialUnknowns"),
-        ("initialization", "InitialUnknowns"),
-        ("step", "Outputs"),
-    ):
+    for phase, tag in (("instantiated", "InitialUnknowns"), ("initialization", "InitialUnknowns"), ("step", "Outputs")):
         if phase == "initialization":
             three.setup().enter()
         elif phase == "step":
@@ -350,7 +329,7 @@ def test_nothing_depends_on_what_is_not_declared_and_declared_dependencies_are_s
     """Planar arm. Slopes that are not zero at some point, against what is declared, in both phases."""
     initial: set[tuple[str, str]] = set()
     later: set[tuple[str, str]] = set()
-    for choices in points_of(unit_name):
+    for choices in POINTS[unit_name]:
         unit = native(unit_name)
         knowns, unknowns, *_ = initial_case(unit, choices)
         initial |= nonzero(directional(unit, unknowns, knowns), elements(unknowns), elements(knowns))

@@ -223,15 +223,7 @@ def test_an_input_that_is_set_within_the_step_counts_from_there(native: Native) 
 
 @pytest.mark.parametrize(
     ("wanted", "expected"),
-    [
-        (0.0042, 0.0042),
-        (0.0, None),
-        (-np.inf, None),
-        (np.nan, None),
-        (0.01, 0.01),
-        (5.0, 0.01),
-        (np.inf, 0.01),
-    ],
+    [(0.0042, 0.0042), (0.0, None), (-np.inf, None), (np.nan, None), (0.01, 0.01), (5.0, 0.01), (np.inf, 0.01)],
 )
 def test_a_step_returns_early_at_the_time_that_is_asked_for(
     native: Native, wanted: float, expected: float | None

@@ -12,16 +12,7 @@ import numpy as np
 import pytest
 
 from tests.compiler.native.binding import Model
-from tests.compiler.native.conftest import (
-    GCC,
-    HERE,
-    SANITIZERS,
-    bits,
-    driver_arguments,
-    program,
-    run,
-    version_flags,
-)
+from tests.compiler.native.conftest import GCC, HERE, SANITIZERS, bits, driver_arguments, program, run, version_flags
 
 pytestmark = pytest.mark.heavy
 

@@ -50,15 +50,7 @@ def test_value_references_that_do_not_exist_are_refused_everywhere(native: Nativ
             no(real, both, 2, *((room,) if version == "2.0" else (room, 3)))
             if version == "2.0":
                 no("GetDirectionalDerivative", one, 1, good, 1, room, room)
-                no(
-                    "GetDirectionalDerivative",
-                    references([unit.model.group("q")[0].reference]),
-                    1,
-                    one,
-                    1,
-                    room,
-                    room,
-                )
+                no("GetDirectionalDerivative", references([unit.model.group("q")[0].reference]), 1, one, 1, room, room)
                 no("SetRealInputDerivatives", both, 2, (ct.c_int * 2)(1, 1), room)
             else:
                 no("GetDirectionalDerivative", one, 1, good, 1, room, 2, room, 2)
@@ -178,8 +170,7 @@ def test_discard_where_the_standard_says_so(native: Native, version: str) -> Non
         x = np.zeros(8)
         x[5] = value
         with unit.refuses(
-            rf"setContinuousStates .* failed: kappa_dot\[2\]: expected a finite number, got {text} rad/s\.",
-            DISCARD,
+            rf"setContinuousStates .* failed: kappa_dot\[2\]: expected a finite number, got {text} rad/s\.", DISCARD
         ) as no:
             no("SetContinuousStates", doubles(x), 8)
         assert unit.complete() == before
@@ -234,10 +225,7 @@ def test_a_step_to_a_time_beyond_all_numbers_is_refused(native: Native, version:
         ((1, 0.5, 0.0, 0, 0.0), r"tolerance: expected at most 0.1, got 0.5\."),
         ((0, 0.0, NAN, 0, 0.0), r"expected a finite start time, got nan s\."),
         ((0, 0.0, INF, 0, 0.0), r"expected a finite start time, got inf s\."),
-        (
-            (0, 0.0, 1.0, 1, 0.5),
-            r"expected a finite stop time not before the start time 1\.0 s, got 0\.5 s\.",
-        ),
+        ((0, 0.0, 1.0, 1, 0.5), r"expected a finite stop time not before the start time 1\.0 s, got 0\.5 s\."),
         ((0, 0.0, 1.0, 1, NAN), r"got nan s\."),
         ((0, 0.0, 1.0, 1, INF), r"got inf s\."),
     ],

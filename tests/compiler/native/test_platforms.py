@@ -16,7 +16,7 @@ from tests.compiler.native.conftest import HERE, alone, bits, driver_arguments, 
 from tests.compiler.native.fmi_types import HEADERS, signatures
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
-from vdfmu.compiler.c.platforms import ALL, PLATFORMS
+from vdfmu.compiler.c.platforms import PLATFORMS
 
 pytestmark = pytest.mark.heavy
 
@@ -37,8 +37,6 @@ def everywhere(
             with alone(kernel_cache):
                 fmus = build_fmus(planar, out, units=units, backend="native", fmi_version=version, platforms="all")
             found[version] = {unit: Path(fmpy.extract(fmu, out / unit)) for unit, fmu in fmus.items()}
-            for fmu in fmus.values():
-                assert fmu.stat().st_size < 3e6  # the limit
         return found[version]
 
     return build
@@ -99,13 +97,7 @@ def test_the_library_for_linux_on_arm_computes_the_same(
     folder = everywhere(version)[unit]
     model = Model(folder)
     arguments = driver_arguments(model)
-    command = [
-        emulator,
-        "-L",
-        root,
-        cross_driver("aarch64-linux", version),
-        library(folder, version, "aarch64-linux"),
-    ]
+    command = [emulator, "-L", root, cross_driver("aarch64-linux", version), library(folder, version, "aarch64-linux")]
     found = run([*command, *arguments], seconds=300)
     assert_same_motion(found, run([driver(version), model.library._name, *arguments]))
 
@@ -178,20 +170,3 @@ def test_the_libraries_for_macos_are_of_their_processor_and_export_fmi(
     names = exported(found[_CPU[platform]])
     names -= {"__mh_dylib_header", "___dso_handle"}  # the linker's own, of every library
     assert names == {f"_fmi{version[0]}{name}" for name in signatures(version)}
-
-
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_the_folders_of_the_platforms_are_those_of_the_standard(
-    everywhere: Callable[[str], dict[str, Path]], version: str
-) -> None:
-    binaries = everywhere(version)["plant"] / "binaries"
-    found = {path.relative_to(binaries).as_posix() for path in binaries.rglob("*") if path.is_file()}
-    two = {
-        "linux64/Plant.so",
-        "win64/Plant.dll",
-        "darwin64/Plant.dylib",
-        "aarch64-linux/Plant.so",
-        "aarch64-darwin/Plant.dylib",
-    }
-    three = {f"{name}/Plant{PLATFORMS[name].suffix}" for name in ALL}
-    assert found == (two if version == "2.0" else three)

@@ -212,10 +212,7 @@ def test_a_state_of_another_kind_of_instance_unit_or_robot_is_refused(native: Na
             "for co-simulation, got one of an instance for model exchange",
         ),
         (native("controller", version), r"expected a state of Plant with GUID \{.*got one with GUID \{"),
-        (
-            native("plant", version, "slider_3dof"),
-            r"expected a state of Plant with GUID \{.*got one with GUID \{",
-        ),
+        (native("plant", version, "slider_3dof"), r"expected a state of Plant with GUID \{.*got one with GUID \{"),
         (
             native("plant", "3.0" if version == "2.0" else "2.0"),
             r"expected a state of Plant with GUID \{.*got one with GUID",
@@ -268,13 +265,9 @@ def test_room_of_the_wrong_size_is_refused_and_not_written(native: Native, versi
 @pytest.mark.parametrize("phase", ["instantiated", "initialization", "step", "terminated"])
 def test_after_reset_an_instance_is_a_new_one(native: Native, version: str, unit_name: str, phase: str) -> None:
     unit, fresh = native(unit_name, version), native(unit_name, version)
-    gain = {
-        "plant": "mass",
-        "controller": "K_p",
-        "feedforward": "Lambda",
-        "trajectory": "q_end",
-        "estimator": "K_f0",
-    }[unit_name]
+    gain = {"plant": "mass", "controller": "K_p", "feedforward": "Lambda", "trajectory": "q_end", "estimator": "K_f0"}[
+        unit_name
+    ]
     if phase != "instantiated":
         unit.setup(5.0, 1e-3).set(**{gain: 2.0}).enter()
     if phase in ("step", "terminated"):

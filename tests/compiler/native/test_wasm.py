@@ -103,10 +103,7 @@ class Module:
 
 @pytest.fixture(scope="module", params=VERSIONS)
 def wasm(
-    request: pytest.FixtureRequest,
-    planar: Robot,
-    tmp_path_factory: pytest.TempPathFactory,
-    kernel_cache: Path,
+    request: pytest.FixtureRequest, planar: Robot, tmp_path_factory: pytest.TempPathFactory, kernel_cache: Path
 ) -> Mapping[str, tuple[Model, Path]]:
     """Return unit to its description, with the library of this machine, and its module."""
     version = request.param

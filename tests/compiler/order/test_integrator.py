@@ -73,17 +73,6 @@ def test_error_is_within_the_tolerance_for_every_robot(robot, plant_function):
     assert np.abs((integrator.x - exact) / (1.0 + np.abs(exact))).max() < 100.0 * 1e-8
 
 
-def test_many_communication_steps_give_the_same_as_one(planar):
-    once, often = (integrator_of(planar, 1e-9) for _ in range(2))
-    once.advance(0.0, DURATION)
-    for k in range(50):
-        often.advance(k * 1e-3, 1e-3)
-    # Two solutions within 100 times the tolerance.
-    scale = 1.0 + np.abs(once.x)
-    assert (np.abs(once.x - often.x) / scale).max() < 1e-7
-    assert often.steps >= 50 and once.steps > 0
-
-
 def test_continuation_from_a_copy_of_state_and_step_is_bit_identical(robot):
     first = integrator_of(robot, 1e-7)
     first.advance(0.0, 0.01)

@@ -39,23 +39,6 @@ def test_order_four_on_a_scalar_problem():
     assert observed_orders(estimates)[-1] == pytest.approx(ORDER, abs=0.2)
 
 
-def test_order_four_with_a_right_hand_side_that_changes_with_time():
-    # x_dot = -2 t x^2 with x(0) = 1 has x = 1 / (1 + t^2).
-    x, h, t = ca.SX.sym("x", 1), ca.SX.sym("h"), ca.SX.sym("t")
-    stages = stage_equations(h, ca.SX.eye(1), -4.0 * t * x, -2.0 * x**2, np.arange(1), 1)
-    x_dot = -2.0 * t * x**2
-    x_new, _ = rodas_step(lambda s, c: -2.0 * (t + c) * s**2, x, x_dot, h, stages.factors, stages)
-    step = ca.Function("step", [x, t, h], [x_new])
-    errors = []
-    for steps in (64, 128, 256):
-        state = 1.0
-        for k in range(steps):
-            state = float(step(state, k * 2.0 / steps, 2.0 / steps))
-        errors.append(abs(state - 0.2))
-    # As above: the next term is smaller by the step, 2 / 128.
-    assert observed_orders(errors)[-1] == pytest.approx(ORDER, abs=0.1)
-
-
 def test_order_four_on_a_balance_whose_mass_changes_with_the_state():
     # (1 + x^2) x_dot = 1 + t from x = 0: x + x^3 / 3 = t + t^2 / 2, which is 4 at t = 2. The mass in E is that of the
     # start of a step; what it changes by is in the balance of the stages.

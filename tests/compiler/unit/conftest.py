@@ -4,13 +4,21 @@ import shutil
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 import vdfmu
 from vdfmu.arm.units import find_unit
+from vdfmu.cli.commands import app
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario.parts import build_parts
 from vdfmu.system.scenario.values import system_values
+
+
+def command(*words):
+    """Run a command in this process."""
+    return CliRunner().invoke(app, [str(word) for word in words])
+
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples" / "units"
 

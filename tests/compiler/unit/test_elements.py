@@ -66,10 +66,7 @@ def test_an_element_feeds_a_scalar_and_a_scalar_an_element(folder):
     [
         ('"plant.q[3]" = ["spring.q"]', r"plant\.q\[3\]: expected an output of plant, got 'q\[3\]'"),
         ('"plant.q" = ["spring.q"]', r"plant\.q -> spring\.q: expected signals of one shape"),
-        (
-            '"plant.q[1]" = ["spring.q"]\n"plant.q[2]" = ["spring.q"]',
-            r"spring\.q: expected one output that feeds it",
-        ),
+        ('"plant.q[1]" = ["spring.q"]\n"plant.q[2]" = ["spring.q"]', r"spring\.q: expected one output that feeds it"),
     ],
 )
 def test_elements_that_do_not_fit_are_named(folder, wrong, message):

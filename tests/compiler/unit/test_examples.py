@@ -6,15 +6,13 @@ import platform
 import fmpy
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import vdfmu
 from benchmarks.importers import ask_rows, missing
-from tests.compiler.unit.conftest import EXAMPLES
+from tests.compiler.unit.conftest import EXAMPLES, command
 from vdfmu.arm.equations.kinematics import end_effector_pose
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import ModelError
-from vdfmu.cli.commands import app
 from vdfmu.compiler.unit.evaluate import Plain, Traced
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.engine.run import simulate
@@ -30,21 +28,10 @@ UNITS = [
 NAMES = [name for name, _, _ in UNITS]
 
 
-def command(*words):
-    return CliRunner().invoke(app, [str(word) for word in words])
-
-
 @pytest.fixture(scope="module")
 def fmus(example, planar, tmp_path_factory):
-    """Return the FMUs of the examples by name and version of FMI."""
-    return {
-        (name, version): path
-        for version in ("2.0", "3.0")
-        for name, path in build_fmus(
-            planar, tmp_path_factory.mktemp(f"fmi_{version[0]}"), units=[example(n) for n in NAMES],
-            fmi_version=version,
-        ).items()
-    }  # fmt: skip
+    """Return the FMUs of the examples by name."""
+    return build_fmus(planar, tmp_path_factory.mktemp("fmus"), units=[example(name) for name in NAMES])
 
 
 @pytest.mark.heavy
@@ -134,7 +121,7 @@ CASES = [
 @pytest.mark.heavy
 @pytest.mark.parametrize(("name", "inputs", "outputs", "set_to"), CASES, ids=[c[0] for c in CASES])
 def test_directional_derivatives_are_the_slopes_of_the_outputs(fmus, name, inputs, outputs, set_to):
-    path = fmus[name, "2.0"]
+    path = fmus[name]
     random = np.random.default_rng(11)
     names = [v.name for v in fmpy.read_model_description(str(path)).modelVariables]
 

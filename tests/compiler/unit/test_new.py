@@ -7,16 +7,11 @@ import sys
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 import vdfmu
+from tests.compiler.unit.conftest import command
 from vdfmu.base.errors import StorageError, UsageError
-from vdfmu.cli.commands import app
 from vdfmu.compiler.unit.new import copy_examples, new_unit
-
-
-def command(*words):
-    return CliRunner().invoke(app, [str(word) for word in words])
 
 
 @pytest.mark.heavy

@@ -105,28 +105,14 @@ step = {STEP}
 master = "{{}}"
 tolerance = 1e-12
 """
+PAIR = ["cart:Cart", "control:Control"]
+CHAIN = {"cart.x": "encoder.x", "encoder.y": "control.x", "control.u": "cart.u"}
 SYSTEMS = {
-    "plain": (["cart:Cart", "control:Control"], {"cart.x": "control.x", "control.u": "cart.u"}),
-    "chain": (
-        ["cart:Cart", "control:Control", "encoder:Encoder"],
-        {"cart.x": "encoder.x", "encoder.y": "control.x", "control.u": "cart.u"},
-    ),
-    **{
-        kind.lower(): (
-            ["cart:Cart", "control:Control", f"encoder:{kind}"],
-            {"cart.x": "encoder.x", "encoder.y": "control.x", "control.u": "cart.u"},
-        )
-        for kind in ("Coarse", "Wrapped")
-    },
-    "ring": (
-        ["cart:Cart", "control:Control", "encoder:Encoder"],
-        {
-            "cart.x": "encoder.x",
-            "encoder.y": "control.x",
-            "control.u": "cart.u",
-            "control.old": "encoder.bias",
-        },
-    ),
+    "plain": (PAIR, {"cart.x": "control.x", "control.u": "cart.u"}),
+    "chain": ([*PAIR, "encoder:Encoder"], CHAIN),
+    "coarse": ([*PAIR, "encoder:Coarse"], CHAIN),
+    "wrapped": ([*PAIR, "encoder:Wrapped"], CHAIN),
+    "ring": ([*PAIR, "encoder:Encoder"], CHAIN | {"control.old": "encoder.bias"}),
     "clock": (["clock:Clock"], {}),
 }
 

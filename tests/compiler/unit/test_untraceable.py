@@ -373,10 +373,7 @@ class Early(Unit):
             r"line \d+: outputs\(\) of Counts gives y = [01]\.0, then [01]\.0 from the same values\. What is kept "
             r"from one call to the next is a Sampled state; what is not, a local variable; noise is an input\.",
         ),
-        (
-            Early,
-            r"line \d+: start\(\) of Early fails: x is a state, which has no value before start\(\) sets it\.",
-        ),
+        (Early, r"line \d+: start\(\) of Early fails: x is a state, which has no value before start\(\) sets it\."),
     ],
 )
 def test_a_method_that_is_wrong_is_named_with_its_line(unit, words):

@@ -40,47 +40,22 @@ def test_what_is_right_has_no_problems(path, kind):
     [
         ("x.toml", "name = 3", "scenario", "expected a string"),
         ("x.toml", "a = [", "TOML", "expected TOML, got a syntax error"),
-        (
-            "x.toml",
-            SCENARIO + "[controller]\nK_q = 1\n",
-            "scenario",
-            "x.toml: controller.K_q: controller has no K_q",
-        ),
+        ("x.toml", SCENARIO + "[controller]\nK_q = 1\n", "scenario", "x.toml: controller.K_q: controller has no K_q"),
         ("x.toml", 'extends = "system"\n[units]\nplant = "plnt"\n', "system", "There is no unit 'plnt'"),
-        (
-            "x.toml",
-            'extends = "system"\nname = "x"\n[connections]\n"plant.qq" = ["controller.q"]\n',
-            "system",
-            "connections: plant.qq: expected an output of plant, got 'qq'. Did you mean",
-        ),
-        (
-            "x.toml",
-            SYSTEM + '"plant.E_kin" = ["controller.q"]\n',
-            "system",
-            "x.toml: connections: plant.E_kin -> controller.q: expected signals of one shape, got () and (2,).",
-        ),
-        (
-            "x.toml",
-            SYSTEM + '"plant.q" = ["plant.tau"]\n',
-            "system",
-            "x.toml: connections: plant.q -> plant.tau: expected one unit of measurement, got rad and N.m.",
-        ),
-        (
-            "x.toml",
-            SYSTEM + '"plant.tau_s" = ["plant.tau"]\n"controller.tau" = ["plant.tau"]\n',
-            "system",
-            "x.toml: connections: plant.tau: expected one output that feeds it, got plant.tau_s and controller.tau.",
-        ),
-        (
-            "x.toml",
-            SYSTEM + '"plant.q" = ["controller.q", "controller.q"]\n',
-            "system",
-            "x.toml: connections: controller.q: expected one output that feeds it, got plant.q and plant.q.",
-        ),
+        ("x.toml", 'extends = "system"\nname = "x"\n[connections]\n"plant.qq" = ["controller.q"]\n', "system",
+         "connections: plant.qq: expected an output of plant, got 'qq'. Did you mean"),
+        ("x.toml", SYSTEM + '"plant.E_kin" = ["controller.q"]\n', "system",
+         "x.toml: connections: plant.E_kin -> controller.q: expected signals of one shape, got () and (2,)."),
+        ("x.toml", SYSTEM + '"plant.q" = ["plant.tau"]\n', "system",
+         "x.toml: connections: plant.q -> plant.tau: expected one unit of measurement, got rad and N.m."),
+        ("x.toml", SYSTEM + '"plant.tau_s" = ["plant.tau"]\n"controller.tau" = ["plant.tau"]\n', "system",
+         "x.toml: connections: plant.tau: expected one output that feeds it, got plant.tau_s and controller.tau."),
+        ("x.toml", SYSTEM + '"plant.q" = ["controller.q", "controller.q"]\n', "system",
+         "x.toml: connections: controller.q: expected one output that feeds it, got plant.q and plant.q."),
         ("x.py", UNIT + "    def outputs(self) -> None:\n        self.y = self.v\n", "unit", "x.py, line 9"),
         ("x.py", UNIT, "unit", "y"),
     ],
-)
+)  # fmt: skip
 def test_what_is_wrong_is_named(tmp_path, name, text, kind, problem):
     path = tmp_path / name
     path.write_text(text, encoding="utf-8")

@@ -3,42 +3,19 @@
 from __future__ import annotations
 
 import zipfile
-from pathlib import Path
 
 import pytest
 
-from tests.system.package.problems import problems
+from tests.system.package.problems import binding, component, elements, problems, ssd, write
 from vdfmu.engine.package import limits, load_ssp
 from vdfmu.engine.package.read import read_system
 
-HEAD = (
-    '<ssd:SystemStructureDescription xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription" '
-    'xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon" version="1.0" name="test">'
-)
 OUTSIDE = "is not a relative path inside the package; put the file into the package and name it by its path there"
-TAIL = "</ssd:SystemStructureDescription>"
-
-
-def write(path: Path, body: str, members: dict[str, bytes] | None = None, head: str = HEAD) -> Path:
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
-        file.writestr("SystemStructure.ssd", head + body + TAIL)
-        for name, data in (members or {}).items():
-            file.writestr(name, data)
-    return path
-
-
-def system(elements: str = "", rest: str = "") -> str:
-    inner = f"<ssd:Elements>{elements}</ssd:Elements>" if elements else ""
-    return f'<ssd:System name="s">{inner}{rest}</ssd:System>'
-
-
-def component(name: str = "a", source: str = "a.fmu", inner: str = "", attributes: str = "") -> str:
-    return f'<ssd:Component name="{name}" source="{source}" {attributes}>{inner}</ssd:Component>'
 
 
 @pytest.mark.parametrize("name", ["../evil.fmu", "/etc/evil", "a/../../evil", "C:/evil", "a\\..\\evil"])
 def test_entries_outside_the_package_are_refused(tmp_path, name):
-    found = problems(write(tmp_path / "x.ssp", system(), {name: b"x", "fine": b"y"}))
+    found = problems(write(tmp_path / "x.ssp", ssd(), {name: b"x", "fine": b"y"}))
     assert len(found) == 1
     assert "points outside the package" in found[0]
     assert list(tmp_path.iterdir()) == [tmp_path / "x.ssp"]
@@ -46,13 +23,13 @@ def test_entries_outside_the_package_are_refused(tmp_path, name):
 
 def test_large_members_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(limits, "MEMBER_LIMIT", 1000)
-    path = write(tmp_path / "x.ssp", system(), {"big": bytes(1001), "ok": bytes(1000)})
+    path = write(tmp_path / "x.ssp", ssd(), {"big": bytes(1001), "ok": bytes(1000)})
     assert problems(path) == ["x.ssp: entry 'big' has 1001 bytes; the limit is 1000"]
 
 
 def test_a_large_sum_of_members_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(limits, "TOTAL_LIMIT", 1500)
-    path = write(tmp_path / "x.ssp", system(), {"one": bytes(1000), "two": bytes(1000)})
+    path = write(tmp_path / "x.ssp", ssd(), {"one": bytes(1000), "two": bytes(1000)})
     assert "the limit is 1500" in problems(path)[0]
 
 
@@ -66,7 +43,7 @@ ENTITIES = [
 
 @pytest.mark.parametrize("doctype", ENTITIES)
 def test_document_types_and_entities_are_refused(tmp_path, doctype):
-    path = write(tmp_path / "x.ssp", system(), head=doctype + HEAD)
+    path = write(tmp_path / "x.ssp", doctype + ssd())
     assert "document type declaration" in problems(path)[0]
 
 
@@ -80,7 +57,7 @@ def test_a_file_that_is_no_package(tmp_path):
 
 
 def test_a_damaged_member(tmp_path):
-    path = write(tmp_path / "x.ssp", system(component(inner="<!-- " + "long " * 500 + " -->")))
+    path = write(tmp_path / "x.ssp", ssd(elements(component(inner="<!-- " + "long " * 500 + " -->"))))
     data = bytearray(path.read_bytes())
     data[80:100] = bytes(20)
     path.write_bytes(bytes(data))
@@ -88,34 +65,31 @@ def test_a_damaged_member(tmp_path):
 
 
 def test_faults_of_the_schema_have_their_line(tmp_path):
-    path = write(tmp_path / "x.ssp", system("\n<ssd:Component/>"))
+    path = write(tmp_path / "x.ssp", ssd(elements("\n<ssd:Component/>")))
     found = problems(path)
     assert all(text.startswith("x.ssp: SystemStructure.ssd, line 2") for text in found)
     assert {"name", "source"} <= {word for text in found for word in text.split("'")}
 
 
 def test_another_version_of_ssp(tmp_path):
-    head = HEAD.replace("SSP1", "SSP2")
-    assert (
-        "expected namespace http://ssp-standard.org/SSP1" in problems(write(tmp_path / "x.ssp", system(), head=head))[0]
-    )
+    path = write(tmp_path / "x.ssp", ssd().replace("SSP1", "SSP2"))
+    assert "expected namespace http://ssp-standard.org/SSP1" in problems(path)[0]
 
 
 def test_xml_that_is_not_well_formed(tmp_path):
-    assert "not well-formed" in problems(write(tmp_path / "x.ssp", "<ssd:System>"))[0]
+    assert "not well-formed" in problems(write(tmp_path / "x.ssp", ssd("<ssd:System>")))[0]
 
 
 def test_missing_resources_and_bad_sources_at_once(tmp_path):
-    binding = '<ssd:ParameterBindings><ssd:ParameterBinding source="none.ssv"/></ssd:ParameterBindings>'
-    elements = (
-        component("a", "there.fmu", binding)
-        + component("b", "../out.fmu")
-        + component("c", "http://localhost/x.fmu")
-        + component("d", "x.mo", attributes='type="text/x-modelica"')
-        + component("e", "missing.fmu")
-        + '<ssd:SignalDictionaryReference name="f" dictionary="none"/>'
+    inside = elements(
+        component("a", "there.fmu", binding("none.ssv")),
+        component("b", "../out.fmu"),
+        component("c", "http://localhost/x.fmu"),
+        component("d", "x.mo", attributes='type="text/x-modelica"'),
+        component("e", "missing.fmu"),
+        '<ssd:SignalDictionaryReference name="f" dictionary="none"/>',
     )
-    found = problems(write(tmp_path / "x.ssp", system(elements), {"there.fmu": b""}))
+    found = problems(write(tmp_path / "x.ssp", ssd(inside), {"there.fmu": b""}))
     assert found == [
         f"x.ssp: component 'b': source '../out.fmu' {OUTSIDE}",
         f"x.ssp: component 'c': source 'http://localhost/x.fmu' {OUTSIDE}",
@@ -129,19 +103,13 @@ def test_missing_resources_and_bad_sources_at_once(tmp_path):
 
 def test_a_faulty_package_is_read_as_far_as_it_goes(tmp_path):
     """With all faults in one pass: of the parameter set, of its mapping, of the FMUs, of the wiring."""
-    binding = (
+    bindings = (
         '<ssd:ParameterBindings><ssd:ParameterBinding source="none.ssv"><ssd:ParameterMapping source="none.ssm"/>'
         '</ssd:ParameterBinding><ssd:ParameterBinding source="p.ssv" sourceBase="component"/></ssd:ParameterBindings>'
     )
     link = '<ssd:Connection startElement="a" startConnector="y" endElement="c" endConnector="u"/>'
-    path = write(
-        tmp_path / "x.ssp",
-        system(
-            component("a", "there.fmu") + component("b", "missing.fmu", binding),
-            f"<ssd:Connections>{link}</ssd:Connections>",
-        ),
-        {"there.fmu": b""},
-    )
+    inside = elements(component("a", "there.fmu"), component("b", "missing.fmu", bindings))
+    path = write(tmp_path / "x.ssp", ssd(f"{inside}<ssd:Connections>{link}</ssd:Connections>"), {"there.fmu": b""})
     found, faults = read_system(path)
     assert faults == problems(path)
     assert faults == [
@@ -155,15 +123,14 @@ def test_a_faulty_package_is_read_as_far_as_it_goes(tmp_path):
         "connection a.y -> c.u: a declares no connector 'y'",
         "connection a.y -> c.u: there is no element 'c'",
     )
-    write(tmp_path / "y.ssp", "<ssd:System>")
+    write(tmp_path / "y.ssp", ssd("<ssd:System>"))
     assert read_system(tmp_path / "y.ssp")[0] is None
     assert "not well-formed" in read_system(tmp_path / "y.ssp")[1][0]
 
 
 def test_an_ssv_with_an_entity_is_refused(tmp_path):
-    binding = '<ssd:ParameterBindings><ssd:ParameterBinding source="p.ssv"/></ssd:ParameterBindings>'
     ssv = b'<!DOCTYPE x [<!ENTITY e "1">]><x/>'
-    path = write(tmp_path / "x.ssp", system(component(inner=binding)), {"a.fmu": b"", "p.ssv": ssv})
+    path = write(tmp_path / "x.ssp", ssd(elements(component(inner=binding("p.ssv")))), {"a.fmu": b"", "p.ssv": ssv})
     assert problems(path) == ["x.ssp: p.ssv: has a document type declaration, which is refused (entities); remove it"]
 
 
@@ -176,7 +143,7 @@ def test_an_inline_parameter_set_is_validated(tmp_path):
         "</ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues></ssd:ParameterBinding>"
         "</ssd:ParameterBindings>"
     )
-    path = write(tmp_path / "x.ssp", system(component(inner=inline)), {"a.fmu": b""})
+    path = write(tmp_path / "x.ssp", ssd(elements(component(inner=inline))), {"a.fmu": b""})
     assert "'big' is not a valid value of the atomic type 'xs:double'" in problems(path)[0]
 
 
@@ -185,7 +152,7 @@ def test_default_experiment_and_units(tmp_path):
         '<ssd:Units><ssc:Unit name="N.m"><ssc:BaseUnit kg="1" m="2" s="-2"/></ssc:Unit></ssd:Units>'
         '<ssd:DefaultExperiment startTime="0.5" stopTime="2"/>'
     )
-    loaded = load_ssp(write(tmp_path / "x.ssp", system(component()) + rest, {"a.fmu": b""}))
+    loaded = load_ssp(write(tmp_path / "x.ssp", ssd(elements(component()), rest), {"a.fmu": b""}))
     assert (loaded.experiment.start, loaded.experiment.stop) == (0.5, 2.0)
     assert loaded.units["N.m"].dimension == "kg.m2/s2"
     assert [c.name for c in loaded.components] == ["a"]
@@ -199,5 +166,5 @@ def test_connectors_that_feed_each_other_in_a_ring_end(tmp_path):
     )
     link = '<ssd:Connection startElement="{}" startConnector="o" endElement="{}" endConnector="i"/>'
     rest = f"<ssd:Connections>{link.format('p', 'q')}{link.format('q', 'p')}</ssd:Connections>"
-    path = write(tmp_path / "x.ssp", system(sub.format("p") + sub.format("q"), rest))
+    path = write(tmp_path / "x.ssp", ssd(elements(sub.format("p"), sub.format("q")) + rest))
     assert load_ssp(path).connections == ()

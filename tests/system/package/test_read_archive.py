@@ -11,43 +11,17 @@ from pathlib import Path
 
 import pytest
 
-from tests.system.package.problems import problems
+from tests.system.package.problems import SPACES, binding, component, elements, problems, ssd, write
 from vdfmu.base.errors import SspError
 from vdfmu.engine.package import limits, load_ssp
 from vdfmu.engine.package.archive import Archive
-from vdfmu.engine.package.parse import NAMESPACES
 
-SPACES = "".join(f'xmlns:{prefix}="{space}" ' for prefix, space in NAMESPACES.items())
-EMPTY = (
-    f'<ssd:SystemStructureDescription {SPACES} version="1.0" name="t"><ssd:System name="s">{{}}</ssd:System>'
-    "</ssd:SystemStructureDescription>"
-)
 SSV = f'<ssv:ParameterSet {SPACES} version="1.0" name="p"><ssv:Parameters>{{}}</ssv:Parameters></ssv:ParameterSet>'
 SSM = f'<ssm:ParameterMapping {SPACES} version="1.0">{{}}</ssm:ParameterMapping>'
 
 
-def component(source: str, inner: str = "") -> str:
-    return f'<ssd:Elements><ssd:Component name="a" source="{source}">{inner}</ssd:Component></ssd:Elements>'
-
-
-def binding(source: str, mapping: str = "") -> str:
-    inner = f'<ssd:ParameterMapping source="{mapping}"/>' if mapping else ""
-    return (
-        f'<ssd:ParameterBindings><ssd:ParameterBinding source="{source}">{inner}</ssd:ParameterBinding>'
-        "</ssd:ParameterBindings>"
-    )
-
-
-def write(path: Path, body: str = "", members: dict[str, bytes | str] | None = None) -> Path:
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
-        file.writestr("SystemStructure.ssd", EMPTY.format(body))
-        for name, data in (members or {}).items():
-            file.writestr(name, data)
-    return path
-
-
 def test_a_symbolic_link_is_refused(tmp_path):
-    path = write(tmp_path / "x.ssp")
+    path = write(tmp_path / "x.ssp", ssd())
     link = zipfile.ZipInfo("resources/link.fmu")
     link.create_system = 3
     link.external_attr = (stat.S_IFLNK | 0o777) << 16
@@ -57,15 +31,15 @@ def test_a_symbolic_link_is_refused(tmp_path):
 
 
 def test_entries_that_are_one_file_on_other_systems_are_refused(tmp_path):
-    (found,) = problems(write(tmp_path / "x.ssp", members={"resources/A.fmu": b"", "resources/a.fmu": b""}))
+    (found,) = problems(write(tmp_path / "x.ssp", ssd(), members={"resources/A.fmu": b"", "resources/a.fmu": b""}))
     assert found.startswith("x.ssp: entries 'resources/A.fmu' and 'resources/a.fmu' are one file")
-    (found,) = problems(write(tmp_path / "y.ssp", members={"resources": b"", "resources/a.fmu": b""}))
+    (found,) = problems(write(tmp_path / "y.ssp", ssd(), members={"resources": b"", "resources/a.fmu": b""}))
     assert found == "y.ssp: entry 'resources' is a file and the folder of 'resources/a.fmu'"
 
 
 def test_an_entry_that_occurs_twice_has_one_content(tmp_path):
     def doubled(path: Path, content: bytes) -> Path:
-        write(path, members={"a.txt": b"text"})
+        write(path, ssd(), members={"a.txt": b"text"})
         with zipfile.ZipFile(path, "a") as file, warnings.catch_warnings():
             warnings.simplefilter("ignore")
             file.writestr("a.txt", content)
@@ -76,11 +50,7 @@ def test_an_entry_that_occurs_twice_has_one_content(tmp_path):
     ]
     path = doubled(tmp_path / "y.ssp", b"text")
     with Archive(path, path.name) as archive:
-        assert (archive.names.count("a.txt"), archive.doubled, archive.read("a.txt")) == (
-            1,
-            ["a.txt"],
-            b"text",
-        )
+        assert (archive.names.count("a.txt"), archive.doubled, archive.read("a.txt")) == (1, ["a.txt"], b"text")
     data = bytearray(path.read_bytes())
     data[data.index(b"text")] ^= 1  # the first of two entries of one check sum is damaged
     path.write_bytes(data)
@@ -88,7 +58,7 @@ def test_an_entry_that_occurs_twice_has_one_content(tmp_path):
 
 
 def test_other_packing_methods_are_refused(tmp_path):
-    path = write(tmp_path / "x.ssp")
+    path = write(tmp_path / "x.ssp", ssd())
     with zipfile.ZipFile(path, "a", zipfile.ZIP_LZMA) as file:
         file.writestr("a.fmu", bytes(1000))
     assert problems(path) == [
@@ -107,28 +77,25 @@ def patched(path: Path, offset: int, value: int, form: str) -> Path:
 
 
 def test_an_encrypted_entry_is_refused(tmp_path):
-    path = patched(write(tmp_path / "x.ssp", members={"a.fmu": b"secret"}), 8, 1, "<H")
+    path = patched(write(tmp_path / "x.ssp", ssd(), members={"a.fmu": b"secret"}), 8, 1, "<H")
     assert problems(path) == ["x.ssp: entry 'a.fmu' is encrypted; pack it without a password"]
 
 
 def test_a_false_declared_size_unpacks_no_more_than_it_says(tmp_path):
     """A bomb that declares 10 bytes: what is read is bounded by that, and its check sum gives it away."""
-    path = patched(write(tmp_path / "x.ssp", members={"a.fmu": bytes(10_000_000)}), 24, 10, "<I")
-    with (
-        Archive(path, "x.ssp") as opened,
-        pytest.raises(SspError, match="'a.fmu' cannot be unpacked: Bad CRC-32"),
-    ):
+    path = patched(write(tmp_path / "x.ssp", ssd(), members={"a.fmu": bytes(10_000_000)}), 24, 10, "<I")
+    with Archive(path, "x.ssp") as opened, pytest.raises(SspError, match="'a.fmu' cannot be unpacked: Bad CRC-32"):
         opened.read("a.fmu")
 
 
 def test_too_many_entries_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(limits, "COUNT_LIMIT", 10)
-    path = write(tmp_path / "x.ssp", members={f"resources/{i}": b"" for i in range(10)})
+    path = write(tmp_path / "x.ssp", ssd(), members={f"resources/{i}": b"" for i in range(10)})
     assert problems(path) == ["x.ssp: has 11 entries; the limit is 10"]
 
 
 def test_all_bad_entries_come_at_once_and_a_flood_is_cut(tmp_path):
-    path = write(tmp_path / "x.ssp", members={f"../{i}": b"" for i in range(60)})
+    path = write(tmp_path / "x.ssp", ssd(), members={f"../{i}": b"" for i in range(60)})
     found = problems(path)
     assert len(found) == 51
     assert found[-1] == "x.ssp: and 10 more such entries"
@@ -166,7 +133,7 @@ def test_entities_are_refused_in_every_kind_of_file(tmp_path, which, kind):
         return
     else:
         members["p.ssv" if kind == "ssv" else "m.ssm"] = evil
-        path = write(tmp_path / "x.ssp", component("a.fmu", binding("p.ssv", "m.ssm")), members)
+        path = write(tmp_path / "x.ssp", ssd(elements(component(inner=binding("p.ssv", "m.ssm")))), members)
     (found,) = problems(path)
     assert "has a document type declaration, which is refused (entities); remove it" in found
     assert {"ssd": "SystemStructure.ssd", "ssv": "p.ssv", "ssm": "m.ssm"}[kind] in found
@@ -177,7 +144,7 @@ def test_an_xinclude_is_refused(tmp_path):
         '<ssd:Annotations><ssc:Annotation type="t"><xi:include xmlns:xi="http://www.w3.org/2001/XInclude" '
         'href="file:///etc/passwd" parse="text"/></ssc:Annotation></ssd:Annotations>'
     )
-    (found,) = problems(write(tmp_path / "x.ssp", include))
+    (found,) = problems(write(tmp_path / "x.ssp", ssd(include)))
     assert "has an XInclude, which is refused" in found
 
 
@@ -190,7 +157,7 @@ def test_an_xinclude_is_refused(tmp_path):
     ],
 )  # fmt: skip
 def test_sources_outside_the_package_are_refused(tmp_path, source):
-    found = problems(write(tmp_path / "x.ssp", component(source, binding(source)), {"a.fmu": b""}))
+    found = problems(write(tmp_path / "x.ssp", ssd(elements(component("a", source, binding(source)))), {"a.fmu": b""}))
     assert len(found) == 2
     assert all("is not a relative path inside the package; put the file into the package" in f for f in found)
     assert found[0].startswith("x.ssp: component 'a': source ")
@@ -198,15 +165,15 @@ def test_sources_outside_the_package_are_refused(tmp_path, source):
 
 
 def test_a_source_is_decoded_once(tmp_path):
-    (found,) = problems(write(tmp_path / "x.ssp", component("%252e%252e%252fout.fmu")))
+    (found,) = problems(write(tmp_path / "x.ssp", ssd(elements(component("a", "%252e%252e%252fout.fmu")))))
     assert found == "x.ssp: component 'a': the package has no '%2e%2e%2fout.fmu'"
-    body = component("my%20arm.fmu")
+    body = ssd(elements(component("a", "my%20arm.fmu")))
     assert load_ssp(write(tmp_path / "y.ssp", body, {"my arm.fmu": b""})).components[0].source == "my arm.fmu"
 
 
 def test_packages_inside_packages_have_a_limit(tmp_path):
-    data = write(tmp_path / "0.ssp", component("a.fmu"), {"a.fmu": b""}).read_bytes()
-    inner = '<ssd:Elements><ssd:Component name="a" type="application/x-ssp-package" source="in.ssp"/></ssd:Elements>'
+    data = write(tmp_path / "0.ssp", ssd(elements(component())), {"a.fmu": b""}).read_bytes()
+    inner = ssd(elements(component("a", "in.ssp", attributes='type="application/x-ssp-package"')))
     for depth in range(limits.NESTING_LIMIT + 1):
         path = write(tmp_path / f"{depth}.ssp", inner, {"in.ssp": data})
         if depth == limits.NESTING_LIMIT - 1:
@@ -220,8 +187,8 @@ def test_packages_inside_packages_have_a_limit(tmp_path):
 def test_a_package_inside_is_held_to_the_same_rules(tmp_path):
     box = io.BytesIO()
     with zipfile.ZipFile(box, "w") as file:
-        file.writestr("SystemStructure.ssd", EMPTY.format(""))
+        file.writestr("SystemStructure.ssd", ssd())
         file.writestr("../evil", "x")
-    inner = '<ssd:Elements><ssd:Component name="a" type="application/x-ssp-package" source="in.ssp"/></ssd:Elements>'
+    inner = ssd(elements(component("a", "in.ssp", attributes='type="application/x-ssp-package"')))
     (found,) = problems(write(tmp_path / "x.ssp", inner, {"in.ssp": box.getvalue()}))
     assert found.startswith("x.ssp: in.ssp: entry '../evil' points outside the package")

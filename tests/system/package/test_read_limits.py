@@ -11,21 +11,18 @@ import pytest
 
 import vdfmu
 from tests.hostile.packages import pack
+from tests.system.package import problems as texts
 from tests.system.package.problems import problems
 from tests.warm import command
 from vdfmu.engine.inspect.inspection import check_file
 from vdfmu.engine.package import limits, load_ssp
 
-SPACE = "http://ssp-standard.org/SSP1/SystemStructureDescription"
+
+def ssd(inside: str, rest: str = "") -> str:
+    return texts.ssd(texts.elements(inside), rest)
+
+
 WAYS = ["definition", "package", "id"]
-
-
-def ssd(elements: str, rest: str = "", attributes: str = "") -> str:
-    inner = f"<ssd:Elements>{elements}</ssd:Elements>" if elements else ""
-    return (
-        f'<ssd:SystemStructureDescription xmlns:ssd="{SPACE}" version="1.0" name="t">'
-        f'<ssd:System name="s" {attributes}>{inner}</ssd:System>{rest}</ssd:SystemStructureDescription>'
-    )
 
 
 def refer(count: int, source: str, way: str) -> str:

@@ -2,38 +2,25 @@
 
 from __future__ import annotations
 
-import io
-import zipfile
 from pathlib import Path
 
 import fmpy
 import pytest
 
-from tests.system.package.problems import problems
+from tests.hostile.packages import pack as zipped
+from tests.system.package import problems as texts
+from tests.system.package.problems import SPACES, elements, problems, ssd
 from vdfmu.base.errors import SspError
 from vdfmu.engine.package import load_ssp
-from vdfmu.engine.package.parse import NAMESPACES
 from vdfmu.engine.plan.check import check_system
 
-SPACES = "".join(f'xmlns:{prefix}="{space}" ' for prefix, space in NAMESPACES.items())
 PACKAGE = 'type="application/x-ssp-package"'
 DEFINITION = 'type="application/x-ssp-definition"'
 IO = '<ssd:Connectors><ssd:Connector name="u" kind="input"/><ssd:Connector name="y" kind="output"/></ssd:Connectors>'
 
 
-def ssd(system: str, rest: str = "", attributes: str = "") -> str:
-    return (
-        f'<ssd:SystemStructureDescription {SPACES} version="1.0" name="t">'
-        f'<ssd:System name="s" {attributes}>{system}</ssd:System>{rest}</ssd:SystemStructureDescription>'
-    )
-
-
 def component(name: str, source: str = "f.fmu", inner: str = IO, attributes: str = "") -> str:
-    return f'<ssd:Component name="{name}" source="{source}" {attributes}>{inner}</ssd:Component>'
-
-
-def elements(*items: str) -> str:
-    return f"<ssd:Elements>{''.join(items)}</ssd:Elements>"
+    return texts.component(name, source, inner, attributes)
 
 
 def connections(*links: str) -> str:
@@ -58,14 +45,6 @@ def values(*pairs: str, attributes: str = "", mapping: str = "") -> str:
         f'<ssv:ParameterSet version="1.0" name="p"><ssv:Parameters>{inner}</ssv:Parameters></ssv:ParameterSet>'
         f"</ssd:ParameterValues>{mapping}</ssd:ParameterBinding></ssd:ParameterBindings>"
     )
-
-
-def zipped(members: dict[str, str | bytes]) -> bytes:
-    box = io.BytesIO()
-    with zipfile.ZipFile(box, "w") as file:
-        for name, data in members.items():
-            file.writestr(name, data)
-    return box.getvalue()
 
 
 @pytest.fixture
@@ -116,10 +95,7 @@ def test_a_package_inside_the_package_is_a_system(pack):
     path = pack({"SystemStructure.ssd": system, "f.fmu": b"", "resources/arm.ssp": inner})
     loaded = load_ssp(path)
     assert links(path) == ["a.y -> arm.g.u"]
-    assert [(c.name, c.source) for c in loaded.components] == [
-        ("a", "f.fmu"),
-        ("arm.g", "resources/arm.ssp!/f.fmu"),
-    ]
+    assert [(c.name, c.source) for c in loaded.components] == [("a", "f.fmu"), ("arm.g", "resources/arm.ssp!/f.fmu")]
     assert {p.name: p.value for p in loaded.component("arm.g").parameters} == {"k": 5.0, "m": 2.0}
     assert loaded.units["angle"].factor == 1.0
     assert loaded.units["angle of resources/arm.ssp!/SystemStructure.ssd"].factor == 0.01
@@ -134,10 +110,7 @@ def test_a_package_inside_can_be_read_as_another_variant(pack):
     )  # fmt: skip
     assert links(path) == ["a.y -> arm.g.u"]
     path = pack(
-        {
-            "SystemStructure.ssd": ssd(elements(component("arm", "arm.ssp#C.ssd", "", PACKAGE))),
-            "arm.ssp": inner,
-        }
+        {"SystemStructure.ssd": ssd(elements(component("arm", "arm.ssp#C.ssd", "", PACKAGE))), "arm.ssp": inner}
     )
     assert problems(path) == ["x.ssp: arm.ssp: the package has no 'C.ssd'; it has SystemStructure.ssd, B.ssd"]
 
@@ -224,10 +197,7 @@ def test_empty_element_names_mean_the_system_itself(pack):
     top = IO + elements(component("a")) + '<ssd:Connections><ssd:Connection startElement="" startConnector="u" '
     top += 'endElement="a" endConnector="u"/></ssd:Connections>' + ""
     path = pack(
-        {
-            "SystemStructure.ssd": ssd(top.replace("<ssd:Elements>", values("u=7") + "<ssd:Elements>")),
-            "f.fmu": b"",
-        }
+        {"SystemStructure.ssd": ssd(top.replace("<ssd:Elements>", values("u=7") + "<ssd:Elements>")), "f.fmu": b""}
     )
     assert load_ssp(path).problems == ()
     assert [(p.name, p.value) for p in load_ssp(path).component("a").parameters] == [("u", 7.0)]
@@ -250,19 +220,10 @@ def test_external_files_outside_the_resources_folder_with_prefix_and_precedence(
         + elements(component("a", inner=IO + values("m=9", "n=4")))
     )
     path = pack(
-        {
-            "SystemStructure.ssd": ssd(top),
-            "ssv/top values.ssv": document,
-            "maps/names.ssm": mapping,
-            "f.fmu": b"",
-        }
+        {"SystemStructure.ssd": ssd(top), "ssv/top values.ssv": document, "maps/names.ssm": mapping, "f.fmu": b""}
     )
     found = {p.name: p for p in load_ssp(path).component("a").parameters}
-    assert {name: p.value for name, p in found.items()} == {
-        "gain": 2.0,
-        "m": 9.0,
-        "n": 4.0,
-    }  # a.m is not mapped
+    assert {name: p.value for name, p in found.items()} == {"gain": 2.0, "m": 9.0, "n": 4.0}  # a.m is not mapped
     (hop,) = found["gain"].hops
     assert hop.transformation is not None
     assert (hop.transformation.factor, hop.transformation.offset) == (10.0, 1.0)

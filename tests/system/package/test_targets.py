@@ -8,12 +8,6 @@ import pytest
 from vdfmu.base.errors import StorageError
 from vdfmu.base.files import pack_zip, read_member, replacing
 from vdfmu.system.package.write import write_ssp
-from vdfmu.system.scenario import load_scenario
-
-
-@pytest.fixture(scope="module")
-def scenario():
-    return load_scenario("planar_tracking")
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the platform has no pipes in folders")

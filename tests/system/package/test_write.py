@@ -13,18 +13,7 @@ from vdfmu.engine.package.parse import parse_ssp_xml
 from vdfmu.engine.run import check_system
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario import load_scenario
-from vdfmu.system.scenario.parts import build_parts
 from vdfmu.system.scenario.values import override, system_values
-
-
-@pytest.fixture(scope="module")
-def scenario():
-    return load_scenario("planar_tracking")
-
-
-@pytest.fixture(scope="module")
-def fmus(scenario, tmp_path_factory):
-    return build_parts(scenario, tmp_path_factory.mktemp("fmus"))
 
 
 def test_every_xml_of_the_package_is_valid(scenario, fmus, tmp_path):
@@ -35,12 +24,7 @@ def test_every_xml_of_the_package_is_valid(scenario, fmus, tmp_path):
             if name.endswith((".ssd", ".ssv", ".ssm")):
                 parse_ssp_xml(archive.read(name), name[-3:], name)  # raises if it is not valid
     assert sorted(names) == sorted(
-        [
-            "SystemStructure.ssd",
-            "documentation/index.html",
-            "resources/start.ssv",
-            "resources/plant.start.ssm",
-        ]
+        ["SystemStructure.ssd", "documentation/index.html", "resources/start.ssv", "resources/plant.start.ssm"]
         + ["resources/robot.ssv", "resources/controller.robot.ssv"]
         + [f"resources/{path.name}" for path in fmus.values()]
         + [f"resources/{unit}.scenario.ssv" for unit in fmus]
@@ -106,18 +90,10 @@ def test_a_setting_without_an_index_sets_all_joints(scenario):
 @pytest.mark.parametrize(
     ("key", "value", "words"),
     [
-        (
-            "motor.K_p",
-            "1",
-            r"motor\.K_p: expected component\.parameter, a component of trajectory, feedforward",
-        ),
+        ("motor.K_p", "1", r"motor\.K_p: expected component\.parameter, a component of trajectory, feedforward"),
         ("controller.K_q", "1", r"controller\.K_q: controller has no K_q\. Did you mean .* There are: .*K_p"),
         ("controller.K_p[3]", "1", r"controller has no K_p\[3\]\. .*There are: K_p\[1\], K_p\[2\]"),
-        (
-            "plant.q",
-            "1",
-            r"plant\.q: q\[1\] is an output of plant; only parameters and free inputs can be set",
-        ),
+        ("plant.q", "1", r"plant\.q: q\[1\] is an output of plant; only parameters and free inputs can be set"),
         ("controller.K_p", "high", r"controller\.K_p: expected a number in N\.m/rad, got 'high'"),
         ("controller.K_p", "nan", r"controller\.K_p: expected a finite number, got nan"),
         ("controller.K_p", "-1", r"controller\.K_p: expected at least 0 N\.m/rad, got -1"),

@@ -111,10 +111,7 @@ def test_an_array_and_scalars_are_connected_by_index():
     others = tuple(s for s in description._signals["controller"] if s is not array)
     description._signals["controller"] = (*others, *scalars)
     links = [link for link in description.links if link.end[0] == "controller" and link.end[1].group == "q"]
-    assert [(x.start_index, x.end_index, x.end[1].name) for x in links] == [
-        ((1,), (), "q[1]"),
-        ((2,), (), "q[2]"),
-    ]
+    assert [(x.start_index, x.end_index, x.end[1].name) for x in links] == [((1,), (), "q[1]"), ((2,), (), "q[2]")]
     root = structure_file(description)
     indices = [c.get("startIndices") for c in root.iter(f"{{{NAMESPACES['ssd']}}}Connection")]
     assert [i for i in indices if i] == ["1", "2"]

@@ -30,17 +30,6 @@ from vdfmu.system.scenario.values import system_values
 
 
 @pytest.fixture(scope="module")
-def scenario():
-    return load_scenario("planar_tracking")
-
-
-@pytest.fixture(scope="module")
-def fmus(scenario, tmp_path_factory):
-    """FMUs without the scenario's values."""
-    return build_parts(scenario, tmp_path_factory.mktemp("fmus"))
-
-
-@pytest.fixture(scope="module")
 def fmus_3(scenario, tmp_path_factory):
     return build_parts(scenario, tmp_path_factory.mktemp("fmus"), fmi_version="3.0")
 
@@ -202,7 +191,4 @@ def test_libcosim_applies_the_values(scenario, fmus, tmp_path):
     time, found = json.loads(done.stdout.splitlines()[-1])
     assert time == 20_000_000  # ns: 20 steps of the size that the file says
     for (unit, name), value in zip(names, found, strict=True):
-        assert value == values[unit][name], (
-            unit,
-            name,
-        )  # the shortest text of a double reads back as that double
+        assert value == values[unit][name], (unit, name)  # the shortest text of a double reads back as that double

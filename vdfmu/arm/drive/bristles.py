@@ -60,10 +60,7 @@ def _stored(robot: Any, velocity: Any, level: Any, tau_z: Any) -> Any:
 
 BRISTLES = DriveOption(
     state=OptionState(
-        "tau_z",
-        "torque",
-        "torque of the bristles of friction, link-side",
-        "start of the bristles, without equilibrium",
+        "tau_z", "torque", "torque of the bristles of friction, link-side", "start of the bristles, without equilibrium"
     ),
     dry_parameters=("sigma_0", "sigma_1"),
     dry_friction=_dry_friction,

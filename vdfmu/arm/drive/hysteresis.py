@@ -25,10 +25,7 @@ class HysteresisRows:
 
 HYSTERESIS = DriveOption(
     state=OptionState(
-        "tau_h",
-        "torque",
-        "torque of the hysteresis, link-side",
-        "start of the hysteresis, without equilibrium",
+        "tau_h", "torque", "torque of the hysteresis, link-side", "start of the hysteresis, without equilibrium"
     ),
     torque=lambda robot, tau_h: tau_h,
     rate=lambda robot, motion, tau_h: dahl_rate(robot.K_h, motion.stretch, tau_h, robot.f_h),

@@ -40,15 +40,9 @@ class SerialChain:
 def choose_arm(tree: Tree, base: str | None, tip: str | None) -> SerialChain | None:
     """Return the arm from a base to a tip; None, with problems noted, where there is none.
 
-    Joints beside it are held at 0: what they carry is part of the link that carries them.
-
-    Parameters
-    ----------
-    tree : Tree
-    base : str, optional
-        Link that stands still, whose frame is {I}; default the root.
-    tip : str, optional
-        Link whose origin is that of {O}; default the last one, where the tree has one arm only.
+    Joints beside it are held at 0: what they carry is part of the link that carries them. {I} is the frame of the base,
+    by default the root; the origin of {O} is that of the tip, by default the last link, where the tree has only one
+    arm.
     """
     problems = tree.problems
     root = _root(tree)
@@ -66,10 +60,7 @@ def choose_arm(tree: Tree, base: str | None, tip: str | None) -> SerialChain | N
     _refuse_joints(tree, moving)
     if not moving:
         problems.add(
-            "the file",
-            f"a joint that moves between {base} and {tip}",
-            "none",
-            "Choose others by --base, --tip.",
+            "the file", f"a joint that moves between {base} and {tip}", "none", "Choose others by --base, --tip."
         )
         return None
     if problems.lines:

@@ -39,15 +39,8 @@ class DriveNumbers(NamedTuple):
 def drive_joints(bodies: Sequence[Body], file: str, chosen: Sequence[Numbers], gravity: float) -> list[DriveNumbers]:
     """Return the numbers of every joint; those of limits for all joints, if any joint has one that is given.
 
-    Parameters
-    ----------
-    bodies : sequence of Body
-        From base to tip.
-    file : str
-        Name of the robot's file, for sources.
-    chosen : sequence of dict
-        Entries of a file of drives for each joint, by :func:`read_drives`.
-    gravity : float [m/s2]
+    Bodies, and their entries `chosen` of the file of drives, by :func:`read_drives`, go from base to tip; `file` is the
+    robot's, for sources; gravity in m/s2.
     """
     assumed = read_toml(data_path("models") / "drives" / "assumed.toml")
     given = [_given(body, file, one) for body, one in zip(bodies, chosen, strict=True)]

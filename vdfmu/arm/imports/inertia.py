@@ -63,19 +63,10 @@ def completed(
 ) -> tuple[Body, ...]:
     """Return bodies with the numbers of ``link`` that a file of drives has, and else with their shapes' inertia.
 
-    Shapes count where a body has no mass, or no inertia, and their density is given, or the mass of the body.
-
-    Parameters
-    ----------
-    bodies : sequence of Body
-        From base to tip.
-    chosen : sequence of dict
-        Entries of the file of drives for each joint; numbers of shapes are added.
-    density : float [kg/m3], optional
-    file : str
-        Name of the robot's file, for sources.
-    tree : Tree
-        Takes problems with bodies that stay without mass or inertia and with inertias that no body has, and notes.
+    Shapes count where a body has no mass, or no inertia, and their density [kg/m3] is given, or the mass of the body.
+    Bodies, and their entries `chosen` of the file of drives, to which numbers of shapes are added, go from base to
+    tip; `file` is the robot's, for sources. `tree` takes notes, and problems with bodies that stay without mass or
+    inertia and with inertias that no body has.
     """
     problems = tree.problems
     found: list[Body] = []

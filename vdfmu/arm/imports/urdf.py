@@ -29,12 +29,7 @@ _GREY = (0.7, 0.7, 0.7, 1.0)
 def read_urdf(root: Any, path: Path, problems: Problems) -> Tree:
     """Return what a URDF describes; what is wrong is noted, and read as something else.
 
-    Parameters
-    ----------
-    root : lxml element <robot>
-    path : Path
-        Path of the file, where the search for meshes starts.
-    problems : Problems
+    The search for meshes starts where the file is.
     """
     reader = _UrdfReader(path, problems)
     materials = {m.get("name"): m for m in root.findall("material")}

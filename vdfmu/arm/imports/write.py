@@ -29,20 +29,7 @@ _HEAD = """\
 
 
 def robot_text(name: str, file: str, arm: SerialChain, driven: Sequence[DriveNumbers], folder: Path) -> str:
-    """Return the content of the robot file.
-
-    Parameters
-    ----------
-    name : str
-        Name of the robot.
-    file : str
-        Name of the file that it is from.
-    arm : SerialChain
-    driven : sequence of DriveNumbers
-        Drive of each joint.
-    folder : Path
-        Folder of the robot file; paths of meshes start there.
-    """
+    """Return the content of the robot file; `file` is the one it is from, and paths of meshes start in `folder`."""
     sources: list[dict[str, str]] = []
     lines = [_HEAD.format(file=_line(file), base=arm.base, tip=arm.tip)]
     description = f"From {file}: {len(arm.bodies)} joints from {arm.base} to {arm.tip}"

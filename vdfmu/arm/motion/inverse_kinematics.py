@@ -25,27 +25,13 @@ _PULL = 0.5
 
 
 def follow(
-    robot: Robot,
-    start: Floats,
-    poses: Sequence[tuple[Floats, Floats]],
-    rows: int,
-    where: str,
-    percent: Floats,
+    robot: Robot, start: Floats, poses: Sequence[tuple[Floats, Floats]], rows: int, where: str, percent: Floats
 ) -> Floats:
     """Return the positions of the joints at poses of the end effector, (m, n), the first of which is that at `start`.
 
     A redundant arm has many solutions; this takes the nearest to the one before; with end stops, drawn to the middle
-    between them.
-
-    Parameters
-    ----------
-    robot : Robot
-    start : (n,) [rad or m]
-    poses : (m,) of position (3,) [m] and rotation (3, 3) of {O} in {I}
-    rows : 3 or 6
-        Position alone, or position and rotation.
-    where, percent
-        Name of the path in messages, and positions of the poses on it.
+    between them. A pose is the position (3,) [m] and the rotation (3, 3) of {O} in {I}; with 3 `rows` the
+    position counts alone, with 6 both. Messages name the path `where` and how far along it a pose is, in percent.
 
     Raises
     ------

@@ -156,11 +156,7 @@ def _shortest(
     except ImportError:
         raise UsageError("fastest: it needs toppra: pip install 'vdfmu[motion]'.") from None
 
-    own = {
-        "dof": len(path(0.0)),
-        "path_interval": s[[0, -1]],
-        "__call__": lambda _, place, order=0: path(place, order),
-    }
+    own = {"dof": len(path(0.0)), "path_interval": s[[0, -1]], "__call__": lambda _, place, order=0: path(place, order)}
     shape = type("Path", (toppra.interpolator.AbstractGeometricPath,), own)()
     places = np.unique(np.concatenate([np.linspace(a, b, _GRID + 1) for a, b in zip(s, s[1:], strict=False)]))
     travel = np.abs(np.diff(path(places), axis=0)).sum(axis=0)

@@ -114,10 +114,7 @@ class Motion:
         return np.maximum(taken[0] / velocity, np.sqrt(taken[1] / acceleration)).max(axis=1)
 
     def fitted(
-        self,
-        velocity: Floats | None = None,
-        acceleration: Floats | None = None,
-        duration: float | None = None,
+        self, velocity: Floats | None = None, acceleration: Floats | None = None, duration: float | None = None
     ) -> Motion:
         """Return the motion over `duration` [s], or over the shortest time for limits, (n,) each.
 

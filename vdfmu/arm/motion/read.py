@@ -51,10 +51,6 @@ def load_motion(path: str | os.PathLike[str], robot: Robot) -> Motion:
         samples.
     robot : Robot
 
-    Returns
-    -------
-    Motion
-
     Raises
     ------
     ModelError

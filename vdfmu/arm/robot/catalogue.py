@@ -40,18 +40,9 @@ def assumed(entry: dict[str, Any], part: str = "hysteresis") -> list[str]:
 
 
 def tables_of(problems: Problems, path: str, named: dict[str, Any], kind: str, ell: Any = None) -> Tables:
-    """Return the tables that the catalogue has for the gear and the motor that a joint names.
+    """Return the tables that the catalogue has for the gear and the motor that a joint at `path` of a file names.
 
-    Parameters
-    ----------
-    problems : Problems
-    path : str
-        Path of the joint in its file.
-    named : dict
-        The joint, of which `NAMED` is read.
-    kind : "revolute" or "prismatic"
-    ell : number, optional
-        The joint's own reduction ratio.
+    `kind` is revolute or prismatic, and `ell` the joint's own reduction ratio, if it has one.
     """
     found: Tables = {}
     entries: dict[str, dict[str, Any]] = {}

@@ -25,10 +25,7 @@ def check_rotation(problems: Problems, key: str, rotation: FloatArray) -> None:
         problems.add(key, expected, got, "Write the axes of B_i as columns, with at least 10 digits.")
     elif np.linalg.det(rotation) < 0:
         problems.add(
-            key,
-            "a rotation of determinant +1",
-            "determinant -1",
-            "It mirrors: change the sign of one column.",
+            key, "a rotation of determinant +1", "determinant -1", "It mirrors: change the sign of one column."
         )
 
 

@@ -27,10 +27,12 @@ def requirements(robot: Any) -> list[Requirement]:
     for i, inertia in enumerate(map(tuple, inertias)):
         f_c, f_s = Entry("f_c", (i,)), Entry("f_s", (i,))
         amplitude, ell = Entry("theta_err_amplitude", (i,)), Entry("ell", (i,))
-        found.append(Requirement("f_s >= f_c", (f_s, f_c), _friction))
+        found.append(Requirement("f_s >= f_c", (f_s, f_c), lambda arm, at: arm.f_s[at.index] - arm.f_c[at.index]))
         if robot.limits:
             stops = Entry("q_min", (i,)), Entry("q_max", (i,))
-            found.append(Requirement("q_max > q_min", stops, _stops))
+            found.append(
+                Requirement("q_max > q_min", stops, lambda arm, at: arm.q_max[at.index] - arm.q_min[at.index] - STRICT)
+            )
         if amplitude in listed:
             text = f"2*ell*theta_err_amplitude < {CONTRACTION_LIMIT:g}"
             found.append(Requirement(text, (ell, amplitude), _kinematic_error))
@@ -42,28 +44,17 @@ def requirements(robot: Any) -> list[Requirement]:
 def _of_inertia(inertia: tuple[Entry, ...]) -> list[Requirement]:
     text = "no principal moment of inertia above the sum of the other two"
     return [
-        Requirement("a positive definite inertia matrix", inertia, _definite),
+        Requirement(
+            "a positive definite inertia matrix",
+            inertia,
+            lambda arm, at: _smallest_minor(getattr(arm, at.field)[at.index[:-2]]),
+        ),
         Requirement(text, inertia, _triangle),
     ]
 
 
-def _friction(robot: Any, first: Entry) -> Any:
-    (i,) = first.index
-    return robot.f_s[i] - robot.f_c[i]
-
-
-def _stops(robot: Any, first: Entry) -> Any:
-    (i,) = first.index
-    return robot.q_max[i] - robot.q_min[i] - STRICT
-
-
 def _kinematic_error(robot: Any, first: Entry) -> Any:
-    (i,) = first.index
-    return CONTRACTION_LIMIT - 2.0 * robot.ell[i] * robot.theta_err_amplitude[i] - STRICT
-
-
-def _definite(robot: Any, first: Entry) -> Any:
-    return _smallest_minor(getattr(robot, first.field)[first.index[:-2]])
+    return CONTRACTION_LIMIT - 2.0 * robot.ell[first.index] * robot.theta_err_amplitude[first.index] - STRICT
 
 
 def _triangle(robot: Any, first: Entry) -> Any:

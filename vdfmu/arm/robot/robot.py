@@ -5,11 +5,10 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
@@ -35,9 +34,8 @@ from vdfmu.arm.robot.structure import (
     values,
 )
 from vdfmu.arm.robot.visual import Visual
-from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
-from vdfmu.compiler.unit.machine import Entry, Facts, Requirement
+from vdfmu.compiler.unit.machine import Entry, Facts
 
 JOINT_TYPES = ("revolute", "prismatic")
 FRICTION_ARRANGEMENTS = ("lumped", "split")
@@ -85,6 +83,10 @@ class Robot(Parameters):
     joint_fields: ClassVar[tuple[str, ...]] = tuple(
         name for name, row in PARAMETERS.items() if row.per_joint and not row.shape
     )
+
+    # see Machine
+    entries, with_values, symbolic, key = parameters, set_parameters, symbolic_robot, structure_key
+    values, requirements, shorter = values, requirements, shorter_robots
 
     name: str
     description: str
@@ -171,10 +173,6 @@ class Robot(Parameters):
                 raise UsageError(f"robot {self.name}: {key}: expected numbers of shape {shape}, got {got}.") from error
         return dataclasses.replace(self, **new)
 
-    def entries(self) -> list[Entry]:
-        """Return the run-time parameters, see `Machine`."""
-        return parameters(self)
-
     def facts(self, entry: Entry) -> Facts:
         """Return what a variable says of one of the numbers."""
         row = PARAMETERS[entry.field]
@@ -184,30 +182,6 @@ class Robot(Parameters):
             text = f"Joint {counted}: {row.description}"
         unit = row.unit(self.joint_types[entry.index[0]] if row.per_joint else "revolute")
         return Facts(unit, -row.largest if row.smallest is None else row.smallest, row.largest, text)
-
-    def values(self) -> Floats:
-        """Return the parameter vector, in the order of `entries`."""
-        return values(self)
-
-    def with_values(self, vector: Sequence[float] | Floats) -> Robot:
-        """Return a copy with another parameter vector."""
-        return set_parameters(self, vector)
-
-    def symbolic(self) -> tuple[Robot, ca.SX]:
-        """Return a copy with symbols for run-time parameters, constants elsewhere; and the symbols' vector."""
-        return symbolic_robot(self)
-
-    def key(self) -> str:
-        """Return what decides the traced functions."""
-        return structure_key(self)
-
-    def shorter(self) -> list[Robot]:
-        """Return the same with fewer joints, see `Machine`."""
-        return shorter_robots(self)
-
-    def requirements(self) -> list[Requirement]:
-        """Return what the run-time parameters must meet together."""
-        return requirements(self)
 
     def source_of(self, key: str) -> str | None:
         """Return where the number at `key`, such as ``joints[2].link.mass``, is from; None if not said.

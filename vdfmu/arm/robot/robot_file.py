@@ -81,10 +81,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
         for option in JOINT_OPTIONS:
             if options[option] and not joint[option]:
                 problems.add(
-                    f"joints[{i}].{option}",
-                    "a table, as other joints have",
-                    "nothing",
-                    "Give it to all or none.",
+                    f"joints[{i}].{option}", "a table, as other joints have", "nothing", "Give it to all or none."
                 )
     visuals = read_visuals(problems, file.data.get("visuals", []), len(read))
     problems.raise_any()
@@ -129,12 +126,7 @@ def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
     name = table.label("name") if "name" in table.data else ""
     joint: dict[str, Any] = {"name": name, "type": kind, **options} | section_numbers(table, "joint", kind)
     check_rotation(problems, f"{path}.rotation", joint["rotation"])
-    parts: tuple[Section, ...] = (
-        "link",
-        "drive",
-        "friction",
-        *(part for part in JOINT_OPTIONS if options[part]),
-    )
+    parts: tuple[Section, ...] = ("link", "drive", "friction", *(part for part in JOINT_OPTIONS if options[part]))
     for part in parts:
         joint |= section_numbers(table.table(part, _keys(part)), part, kind)
     check_drive(problems, f"{path}.drive", joint["ell"], joint["theta_err_amplitude"])

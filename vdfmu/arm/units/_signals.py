@@ -44,11 +44,7 @@ def base_motion() -> tuple[Input, Input, Input]:
     """Rotation, velocity and acceleration of a moving base."""
     return (
         Input("1", (3, 3), "Rotation matrix of the base in {I}", start=np.eye(3), when="moving_base"),
-        Input(
-            *VELOCITY,
-            six("Velocity of the base in {S}", "Angular velocity of the base in {S}"),
-            when="moving_base",
-        ),
+        Input(*VELOCITY, six("Velocity of the base in {S}", "Angular velocity of the base in {S}"), when="moving_base"),
         Input(
             *ACCELERATION,
             six("Acceleration of the origin of {S} in {S}", "Angular acceleration of the base in {S}"),
@@ -67,10 +63,7 @@ def tool_motion() -> tuple[Input, Input, Input]:
     return (
         Input("m", 3, "Position of the end effector in {I}, axis"),
         Input("1", (3, 3), "Rotation matrix of the end effector in {I}", start=np.eye(3)),
-        Input(
-            *VELOCITY,
-            six("Velocity of the end effector in {O}", "Angular velocity of the end effector in {O}"),
-        ),
+        Input(*VELOCITY, six("Velocity of the end effector in {O}", "Angular velocity of the end effector in {O}")),
     )
 
 

@@ -58,15 +58,7 @@ class PDController(Unit):
         else:
             velocity_d, velocity = self.q_d_dot, self.kappa_dot
         self.tau, self.tau_e = pd_control(
-            self.K_p,
-            self.K_v,
-            self.robot.ell,
-            self.tau_max,
-            self.q_d,
-            velocity_d,
-            self.q,
-            velocity,
-            self.tau_m,
+            self.K_p, self.K_v, self.robot.ell, self.tau_max, self.q_d, velocity_d, self.q, velocity, self.tau_m
         )
 
     def experiment(self) -> None:

@@ -61,10 +61,7 @@ class Feedforward(Unit):
         Terminal("end_effector", "top", ("F_e_d",), "Desired wrench of the end effector"),
         Terminal("base", "top", ("R_S", "V_S", "A_S"), "Motion of the base"),
         Terminal(
-            "feedforward",
-            "right",
-            ("tau_m", "tau_s", "kappa_dot_d"),
-            "Torques and rotors along the desired motion",
+            "feedforward", "right", ("tau_m", "tau_s", "kappa_dot_d"), "Torques and rotors along the desired motion"
         ),
     )
 

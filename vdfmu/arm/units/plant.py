@@ -126,17 +126,12 @@ class Plant(Unit):
         when="coupled_tool",
     )
     F_S = Output(
-        *WRENCH,
-        six("Force of the base on the arm in {S}", "Moment of the base on the arm in {S}"),
-        when="moving_base",
+        *WRENCH, six("Force of the base on the arm in {S}", "Moment of the base on the arm in {S}"), when="moving_base"
     )
     M_S = Output(*MASS, "Apparent mass matrix of the arm at its base in {S}", when="moving_base")
     F_S0 = Output(
         *WRENCH,
-        six(
-            "Force of the base on the arm at A_S = 0 in {S}",
-            "Moment of the base on the arm at A_S = 0 in {S}",
-        ),
+        six("Force of the base on the arm at A_S = 0 in {S}", "Moment of the base on the arm at A_S = 0 in {S}"),
         when="moving_base",
     )
     q_0 = Parameter("position", JOINTS, "start position of the link")
@@ -158,17 +153,9 @@ class Plant(Unit):
             "Motor torques and motion of the joints",
         ),
         Terminal(
-            "end_effector",
-            "right",
-            ("F_e", "p_O", "R_O", "V_O", "A_O", "M_e"),
-            "Wrench and pose of the end effector",
+            "end_effector", "right", ("F_e", "p_O", "R_O", "V_O", "A_O", "M_e"), "Wrench and pose of the end effector"
         ),
-        Terminal(
-            "base",
-            "bottom",
-            ("p_S", "R_S", "V_S", "A_S", "F_S", "M_S", "F_S0"),
-            "Motion and wrench of the base",
-        ),
+        Terminal("base", "bottom", ("p_S", "R_S", "V_S", "A_S", "F_S", "M_S", "F_S0"), "Motion and wrench of the base"),
     )
     # positions, rotors and springs are each tied to their own joint; the links' dense block last
     elimination = ("q", *reversed(_STATES), "kappa_dot", "tau_s", "q_dot")

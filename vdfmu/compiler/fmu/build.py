@@ -12,8 +12,7 @@ from vdfmu.base.files import regular_target, require_ours, storing
 from vdfmu.base.once import one_job
 from vdfmu.base.standards import FMI_2, FMI_VERSIONS, PYTHON_FMI
 from vdfmu.compiler.c import native_available
-from vdfmu.compiler.fmu.built import is_built, keep_record
-from vdfmu.compiler.fmu.content import BACKENDS, Content
+from vdfmu.compiler.fmu.content import BACKENDS, Content, is_built, keep_record
 from vdfmu.compiler.unit.base import BaseUnit, unit_name
 from vdfmu.compiler.unit.machine import Machine
 from vdfmu.compiler.unit.requirements import unmet

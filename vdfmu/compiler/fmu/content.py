@@ -7,7 +7,7 @@ import json
 import uuid
 from collections.abc import Mapping
 from functools import cached_property, lru_cache
-from hashlib import sha256
+from hashlib import file_digest, sha256
 from importlib import import_module
 from importlib.metadata import version as version_of
 from pathlib import Path
@@ -18,6 +18,7 @@ from vdfmu.base.errors import FmuError, VdfmuError
 from vdfmu.base.standards import FMI_2, FMI_VERSIONS, FmiVersion
 from vdfmu.base.version import __version__
 from vdfmu.compiler.fmu.about import ABOUT, about
+from vdfmu.compiler.functions.cache import cache_folder, load, store
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.unit.base import BaseUnit, is_shipped, unit_name
 from vdfmu.compiler.unit.interface import Interface, interface_of
@@ -184,3 +185,24 @@ def _check_version(fmu: str, version: str, digest: str) -> None:
             f"{fmu} was built with vdfmu {version} of other sources or with another CasADi (digest "
             f"{digest[:8]}, here {here[:8]}). Build the FMU again with `vdfmu build`."
         )
+
+
+def keep_record(path: Path, guid: str) -> None:
+    """Note in the user's cache that an FMU of these bytes was built here, and its GUID or instantiation token."""
+    store(_record(path), guid.encode())
+
+
+def is_built(path: Path, guid: str) -> bool:
+    """Whether an FMU on disk is, to the byte, one that was built here with this GUID or instantiation token.
+
+    The GUID inside would not do: whoever changes a library leaves it as it is.
+    """
+    try:
+        return path.is_file() and load(_record(path)) == guid.encode()
+    except OSError:
+        return False
+
+
+def _record(path: Path) -> Path:
+    with path.open("rb") as file:
+        return cache_folder() / "built" / file_digest(file, "sha256").hexdigest()

@@ -54,20 +54,9 @@ def model_description(
     """Root element of the model description of FMI 2.0.
 
     A native unit with continuous states also has model exchange. The time is not a variable; by the standard, every
-    unknown is then taken to depend on it.
-
-    Parameters
-    ----------
-    interface : Interface
-    guid : str
-    tool : str
-        Name and version of the generation tool.
-    about : mapping of str to str
-        Author, licence, copyright and version of the unit, as far as they are known.
-    sources : sequence of str, optional
-        Files of the folder ``sources`` to compile; None for a Python FMU, which has neither states nor derivatives for
-        the importer.
-    version : FmiVersion, optional
+    unknown is then taken to depend on it. `tool` is name and version of the generation tool; `about` has author,
+    licence, copyright and version of the unit, as far as they are known. `sources` are the files of the folder
+    ``sources`` to compile; None for a Python FMU, which has neither states nor derivatives for the importer.
     """
     native = sources is not None
     root = root_element(interface, version, guid, tool, about)
@@ -189,10 +178,17 @@ def start_text(variable: Variable) -> str:
     return write(variable.start)
 
 
-def initial(variable: Variable) -> dict[str, str]:
-    """Attribute ``initial``, which inputs and the time do not have."""
+def variable_attributes(name: str, reference: int, description: str, variable: Variable) -> dict[str, str]:
+    """Return what both versions of FMI say of a variable; inputs and the time have no ``initial``."""
     found = {"parameter": "exact", "output": "calculated", "local": "calculated"}.get(variable.causality)
-    return {"initial": found} if found else {}
+    return {
+        "name": name,
+        "valueReference": str(reference),
+        "description": description,
+        "causality": variable.causality,
+        "variability": variable.variability,
+        **({"initial": found} if found else {}),
+    }
 
 
 def _add_sources(parent: Element, sources: Sequence[str]) -> None:
@@ -210,17 +206,7 @@ def _add_unknowns(structure: Element, tag: str, unknowns: Sequence[int], depende
 
 
 def _add_variable(parent: Element, variable: Variable, reference: int) -> None:
-    scalar = SubElement(
-        parent,
-        "ScalarVariable",
-        {
-            "name": variable.name,
-            "valueReference": str(reference),
-            "description": variable.description,
-            "causality": variable.causality,
-            "variability": variable.variability,
-        }
-        | initial(variable),
-    )
+    attributes = variable_attributes(variable.name, reference, variable.description, variable)
+    scalar = SubElement(parent, "ScalarVariable", attributes)
     start = {} if variable.start is None else {"start": start_text(variable)}
     SubElement(scalar, variable.type, value_attributes(variable) | start)

@@ -12,10 +12,10 @@ from vdfmu.compiler.fmu.description import (
     add_sampled,
     add_units,
     boolean,
-    initial,
     root_element,
     start_text,
     value_attributes,
+    variable_attributes,
 )
 from vdfmu.compiler.unit.interface import Array, Interface
 
@@ -26,21 +26,12 @@ FMI_3_TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
 def model_description_3(
     interface: Interface, guid: str, tool: str, about: Mapping[str, str], version: FmiVersion = FMI_3
 ) -> Element:
-    """Root element of the model description of a native FMU.
+    """Root element of the model description of a native FMU, with the instantiation token `guid`.
+
+    `tool` is name and version of the generation tool; `about` has author, licence, copyright and version of the unit.
 
     A unit with states also has model exchange. Dependencies are those between whole variables; functions of the
     FMU give those between elements.
-
-    Parameters
-    ----------
-    interface : Interface
-    guid : str
-        Instantiation token.
-    tool : str
-        Name and version of the generation tool.
-    about : mapping of str to str
-        Author, licence, copyright and version of the unit, as far as they are known.
-    version : FmiVersion, optional
     """
     root = root_element(interface, version, guid, tool, about)
     _add_interfaces(root, interface)
@@ -56,15 +47,9 @@ def model_description_3(
 
 
 def build_description(files: Sequence[str], definitions: Mapping[str, str], model_identifier: str) -> Element:
-    """Root element of ``sources/buildDescription.xml``.
+    """Root element of ``sources/buildDescription.xml``: the files of the folder ``sources`` to compile.
 
-    Parameters
-    ----------
-    files : sequence of str
-        Files of the folder ``sources`` to compile.
-    definitions : mapping of str to str
-        Definitions of the preprocessor, name to value. fmpy writes an absent value as ``None``: give one.
-    model_identifier : str
+    `definitions` are those of the preprocessor, name to value. fmpy writes an absent value as ``None``: give one.
     """
     root = Element("fmiBuildDescription", {"fmiVersion": FMI_3.name})
     configuration = SubElement(root, "BuildConfiguration", {"modelIdentifier": model_identifier})
@@ -108,13 +93,7 @@ def _add_interfaces(root: Element, interface: Interface) -> None:
 def _add_variable(parent: Element, interface: Interface, array: Array) -> None:
     members = interface.memory[array.positions]
     variable = members[0]
-    attributes = {
-        "name": array.name,
-        "valueReference": str(array.first),
-        "description": interface.array_description(array),
-        "causality": variable.causality,
-        "variability": variable.variability,
-    } | initial(variable)
+    attributes = variable_attributes(array.name, array.first, interface.array_description(array), variable)
     if variable.variability == "continuous":
         attributes["intermediateUpdate"] = "true"
     attributes |= value_attributes(variable)

@@ -12,12 +12,7 @@ from vdfmu.compiler.fmu.page import page, table
 from vdfmu.compiler.unit.interface import Array, Interface
 from vdfmu.compiler.unit.variable import Variable
 
-_KIND = {
-    "input": "input",
-    "output": "output",
-    "local": "derivative",
-    "independent": "time",
-}
+_KIND = {"input": "input", "output": "output", "local": "derivative", "independent": "time"}
 
 
 def documentation_files(content: Content) -> dict[str, bytes]:

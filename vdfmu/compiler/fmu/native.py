@@ -17,8 +17,7 @@ from vdfmu.compiler.c.compile import Compilation, compile_libraries
 from vdfmu.compiler.c.generate import generated_sources
 from vdfmu.compiler.c.platforms import binaries, chosen_platforms
 from vdfmu.compiler.fmu.about import terms
-from vdfmu.compiler.fmu.built import is_built, keep_record
-from vdfmu.compiler.fmu.content import CONTENT_FILE, Content
+from vdfmu.compiler.fmu.content import CONTENT_FILE, Content, is_built, keep_record
 from vdfmu.compiler.fmu.description import document, model_description
 from vdfmu.compiler.fmu.description3 import build_description, model_description_3
 from vdfmu.compiler.fmu.documentation import documentation_files
@@ -34,14 +33,7 @@ WebAssembly of wasi-libc (Apache-2.0 WITH LLVM-exception) and in it musl (MIT, C
 
 
 def build_native_fmus(contents: Mapping[Path, Content], platforms: Sequence[str] | str | None) -> None:
-    """Write the FMUs that are not up to date.
-
-    Parameters
-    ----------
-    contents : mapping of path to Content
-    platforms : sequence of str, str or None
-        See :func:`~vdfmu.compiler.c.platforms.chosen_platforms`.
-    """
+    """Write the FMUs that are not up to date, for :func:`~vdfmu.compiler.c.platforms.chosen_platforms`."""
     names = chosen_platforms(platforms)
     stale = {path: content for path, content in contents.items() if not _up_to_date(path, content, names)}
     sources: dict[Path, dict[str, bytes]] = {}

@@ -44,9 +44,7 @@ def terminals_and_icons(interface: Interface, version: FmiVersion) -> Element:
     terminals = SubElement(root, "Terminals")
     for terminal in has_some:
         element = SubElement(
-            terminals,
-            "Terminal",
-            {"name": terminal.name, "matchingRule": "bus", "description": terminal.description},
+            terminals, "Terminal", {"name": terminal.name, "matchingRule": "bus", "description": terminal.description}
         )
         for name in _members(interface, terminal, version):
             member = {"variableName": name, "memberName": name, "variableKind": "signal"}

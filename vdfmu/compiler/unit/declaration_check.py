@@ -76,10 +76,7 @@ def _of_unit(unit: type[BaseUnit]) -> Iterator[tuple[str, str]]:
             yield name, f"{name}: expected a text, got {text!r}"
     for terminal in unit.terminals:
         if unknown := [group for group in terminal.groups if group not in unit.declared]:
-            yield (
-                "terminals",
-                f"terminal {terminal.name}: expected variables of the unit, got {', '.join(unknown)}",
-            )
+            yield ("terminals", f"terminal {terminal.name}: expected variables of the unit, got {', '.join(unknown)}")
         if terminal.side not in ("left", "right", "bottom", "top"):
             yield (
                 "terminals",

@@ -30,10 +30,6 @@ class Integrator(Solver):
     magnitude), in the root mean square over all states. Everything that decides the next step is in the memory and
     `h`: a copy of the two restores the solver to the bit.
 
-    Parameters
-    ----------
-    unit : Evaluation
-
     Attributes
     ----------
     x : (n_x,) continuous states, in the unit's memory

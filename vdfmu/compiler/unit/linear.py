@@ -17,18 +17,10 @@ from vdfmu.compiler.unit.trace import argument_name
 def state_space(
     unit: Evaluation, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None
 ) -> StateSpace:
-    """Linearise a unit exactly where its memory is.
+    """Linearise a unit exactly where its memory is; UsageError if it is not traced.
 
-    Parameters
-    ----------
-    unit : Evaluation
-    inputs, outputs : sequence of str, optional
-        Groups, whose columns and rows come one after the other; default all, the states first among the outputs.
-
-    Raises
-    ------
-    UsageError
-        If the unit is not traced.
+    `inputs` and `outputs` are groups, whose columns and rows come one after the other; default all, the states first
+    among the outputs.
     """
     table = unit.interface
     if not isinstance(unit, Traced):

@@ -70,7 +70,12 @@ def simulate(
         raise UsageError(f"stop: expected a multiple of the step {step:g} s, got {stop:g} s.")
     run = _bound(unit)
     given = dict(inputs or {})
-    _check_inputs(run.interface, given)
+    known = run.interface.groups_of("input")
+    unknown = [name for name in given if name not in known]
+    if unknown:
+        raise UsageError(
+            f"{run.interface.name} has no input {', '.join(unknown)}. There are: {', '.join(known) or 'none'}."
+        )
     places = {name: (run.group(name), signal) for name, signal in given.items()}
 
     def drive(t: float) -> None:
@@ -124,12 +129,3 @@ def _bound(unit: BaseUnit) -> Evaluation:
     if wrong := wrong or unmet(interface, run.memory):
         raise UsageError(f"{interface.name}: {' '.join(wrong)}")
     return run
-
-
-def _check_inputs(interface: Interface, given: Mapping[str, Any]) -> None:
-    known = interface.groups_of("input")
-    unknown = [name for name in given if name not in known]
-    if unknown:
-        raise UsageError(
-            f"{interface.name} has no input {', '.join(unknown)}. There are: {', '.join(known) or 'none'}."
-        )

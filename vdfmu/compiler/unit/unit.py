@@ -31,12 +31,7 @@ class Unit(BaseUnit):
     """
 
     def simulate(
-        self,
-        inputs: Mapping[str, Any] | None = None,
-        *,
-        stop: float,
-        step: float = 1e-3,
-        tolerance: float = 1e-9,
+        self, inputs: Mapping[str, Any] | None = None, *, stop: float, step: float = 1e-3, tolerance: float = 1e-9
     ) -> Solution:
         """Run the unit from time 0 by scipy, with the parameters and inputs that are set.
 

@@ -27,20 +27,10 @@ _KINDS = {"joints": "robot", "units": "system", "extends": "system", "connection
 
 
 def inspect_source(path: Path, robot: str, run: bool = True, say: Callable[[str], None] = lambda text: None) -> Report:
-    """Check a TOML file, or the units of a Python file.
+    """Check a TOML file, or the units of a Python file; `robot` is for units and systems, which are for any.
 
-    What names no Python file is read here. One that does is code: it is run in a process of its own, or not at all.
-
-    Parameters
-    ----------
-    path : Path
-        ``.toml`` or ``.py``.
-    robot : str
-        Name or file, for units and systems, which are for any robot.
-    run : bool, optional
-        Whether code may be run.
-    say : callable, optional
-        Is told which file is run, before it is.
+    What names no Python file is read here. One that does is code: it is run in a process of its own, of which `say` is
+    told before, and only if `run`.
     """
     default, kind = load_robot(robot), "unit" if path.suffix.lower() == ".py" else "TOML"
     findings = Findings()

@@ -16,18 +16,7 @@ from vdfmu.system.package.xml import value_text
 def system_page(
     description: SystemDescription, ssd: Any, icons: Mapping[str, bytes], fmi_versions: Sequence[str]
 ) -> bytes:
-    """Page of a package, made from what its other files are made from.
-
-    Parameters
-    ----------
-    description : SystemDescription
-    ssd : element
-        Root of the SSD, for the diagram.
-    icons : mapping of str to bytes
-        Source of an icon to its SVG file.
-    fmi_versions : sequence of str
-        FMI versions of the FMUs in the package.
-    """
+    """Page of a package, made from what its other files are made from: the SSD, and the icons by their sources."""
     scenario = description.scenario
     about = [f"Scenario {scenario.name}: {scenario.description.rstrip('.')}."]
     if scenario.robot is not None:

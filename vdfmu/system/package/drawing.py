@@ -46,12 +46,7 @@ def system_diagram(package: Path) -> str:
 def draw_system(ssd: Any, icons: Mapping[str, bytes]) -> str:
     """Picture of the system of an SSD: boxes, connectors, and connections along their bends.
 
-    Parameters
-    ----------
-    ssd : element
-        Root of the SSD, all of whose elements have their geometry.
-    icons : mapping of str to bytes
-        Source of an icon to its SVG file.
+    All elements of the SSD have their geometry; `icons` has the SVG file of an icon by its source.
     """
     system = ssd.find("ssd:System", NAMESPACES)
     x1, y1, x2, y2 = _corners(system.find("ssd:SystemGeometry", NAMESPACES))
@@ -109,9 +104,7 @@ def _box(
     x1, y1, x2, y2 = _corners(geometry)
     left, top, width, height = x1 - origin[0], origin[1] - y2, x2 - x1, y2 - y1
     name = component.get("name")
-    parts = [
-        f'<rect class="box" x="{left:g}" y="{top:g}" width="{width:g}" height="{height:g}" rx="2"/>',
-    ]
+    parts = [f'<rect class="box" x="{left:g}" y="{top:g}" width="{width:g}" height="{height:g}" rx="2"/>']
     icon = icons.get(geometry.get("iconSource"))
     indent = 0.0
     if icon is not None:  # above the box, where no label of a connector is

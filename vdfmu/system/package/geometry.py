@@ -20,12 +20,8 @@ def route(
     """Return the bends of every connection [mm], without its ends, and the corners of the canvas.
 
     The boxes stand in columns. All signals of a group leave their box to the right into one lane. To the next column it
-    leads to the connectors; to others by a lane below all boxes and one in front of the target.
-
-    Parameters
-    ----------
-    description : SystemDescription
-    heights : mapping of unit and connector to float [mm]
+    leads to the connectors, at `heights` [mm] by unit and connector; to others by a lane below all boxes and one in
+    front of the target.
     """
     corners, columns = description.corners, list(description.corners)
     bottom = min(corner[1] for corner in corners.values())

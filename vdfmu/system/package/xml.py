@@ -25,10 +25,7 @@ def tag(name: str) -> str:
 
 
 def root(
-    name: str,
-    attributes: Mapping[str, str],
-    prefixes: Iterable[str],
-    foreign: Mapping[str, str] | None = None,
+    name: str, attributes: Mapping[str, str], prefixes: Iterable[str], foreign: Mapping[str, str] | None = None
 ) -> Any:
     """Root element ``prefix:name`` that declares the namespaces of the prefixes, and others."""
     spaces = {p: NAMESPACES[p] for p in prefixes} | dict(foreign or {})

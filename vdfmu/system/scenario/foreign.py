@@ -22,10 +22,6 @@ _TYPES = ("Real", "Integer", "Boolean")
 class ForeignInterface:
     """Variables of an FMU of FMI 2.0 or 3.0; names ``q[1]``, and elements of arrays, are elements of the group ``q``.
 
-    Parameters
-    ----------
-    path : Path
-
     Raises
     ------
     UsageError

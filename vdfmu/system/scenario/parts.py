@@ -71,10 +71,7 @@ def _placed(
 
 
 def cached_fmus(
-    scenario: Scenario,
-    folder: str | os.PathLike[str],
-    backend: str | None = None,
-    fmi_version: str = FMI_2.name,
+    scenario: Scenario, folder: str | os.PathLike[str], backend: str | None = None, fmi_version: str = FMI_2.name
 ) -> dict[str, Path]:
     """FMUs of a scenario's system in `folder`: those that the cache has, by their content, and the others built."""
     backend = choose_backend(backend)

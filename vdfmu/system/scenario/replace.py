@@ -81,9 +81,7 @@ def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:
     for name, unit in resolved.units.items():
         sections = started(system, name, unit, sections)
     return dataclasses.replace(
-        scenario,
-        system=dataclasses.replace(system, connections=kept, dropped=tuple(dropped)),
-        sections=sections,
+        scenario, system=dataclasses.replace(system, connections=kept, dropped=tuple(dropped)), sections=sections
     )
 
 

@@ -46,32 +46,14 @@ SCENARIO_KEYS = (
 )
 ROBOT_KEYS = ("friction", "payload", "motion", "plant_factors", "paper")
 """Requirements of a scenario on its robot."""
-PAPER_LISTS = (
-    "rms_position_error_deg",
-    "max_position_error_deg",
-    "rms_torque_compensation_error_nm",
-)
+PAPER_LISTS = ("rms_position_error_deg", "max_position_error_deg", "rms_torque_compensation_error_nm")
 
 
 def read_scenario(problems: Problems, data: object, robot: Robot | None, system: SystemFile | None) -> Scenario | None:
-    """Read a scenario file's content.
+    """Read a scenario file's content; None, with problems noted, if there are any.
 
-    Parameters
-    ----------
-    problems : Problems
-        Where problems are noted.
-    data : object
-        The content of the file.
-    robot : Robot or None
-        The nominal robot; None if the file names none, or one that could not be loaded, which lets the rest be read all
-        the same.
-    system : SystemFile or None
-        The same.
-
-    Returns
-    -------
-    Scenario or None
-        None if there are problems.
+    `robot` and `system` are None if the file names none, or one that could not be loaded, which lets the rest be read
+    all the same.
     """
     written = cast("dict[str, object]", data) if isinstance(data, dict) else {}
     if system is not None:
@@ -96,10 +78,7 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None, system:
     if unnamed:
         for key in filter(file.data.__contains__, ROBOT_KEYS):
             problems.add(
-                key,
-                "a scenario with a robot, which this is for",
-                "none",
-                f"{ROBOT_WAY_OUT} Or leave {key} out.",
+                key, "a scenario with a robot, which this is for", "none", f"{ROBOT_WAY_OUT} Or leave {key} out."
             )
     if "friction" in file.data:
         friction = file.text("friction", choices=FRICTION_ARRANGEMENTS)

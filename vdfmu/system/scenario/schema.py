@@ -39,8 +39,7 @@ def robot_schema() -> Schema:
     tables = {part: _table(_rows(part), _required(part)) for part in parts}
     named: Schema = {what: {"enum": list(catalogue()[f"{what}s"])} for what in NAMED}
     joint = _table(
-        {"type": {"enum": list(JOINT_TYPES)}} | named | _rows("joint") | tables,
-        ["type", *_required("joint"), "link"],
+        {"type": {"enum": list(JOINT_TYPES)}} | named | _rows("joint") | tables, ["type", *_required("joint"), "link"]
     )
     keys: Schema = {
         "name": _TEXT,
@@ -112,11 +111,7 @@ def system_schema() -> Schema:
 
 
 def _file(title: str, properties: Mapping[str, Any], required: Sequence[str]) -> Schema:
-    return {
-        "$schema": "http://json-schema.org/draft-07/schema#",
-        "title": title,
-        **_table(properties, required),
-    }
+    return {"$schema": "http://json-schema.org/draft-07/schema#", "title": title, **_table(properties, required)}
 
 
 def _table(properties: Mapping[str, Any], required: Sequence[str]) -> Schema:
@@ -144,11 +139,7 @@ def _visual() -> Schema:
 
     return _table(
         {
-            "joint": {
-                "type": "integer",
-                "minimum": 0,
-                "description": "That moves it; 0 for what stands still",
-            },
+            "joint": {"type": "integer", "minimum": 0, "description": "That moves it; 0 for what stands still"},
             "shape": {"enum": list(SHAPES)},
             "file": _TEXT | {"description": "Of a mesh"},
             "size": _list(number | {"minimum": 0}) | {"minItems": 1, "maxItems": 3},

@@ -75,19 +75,7 @@ class SystemFile:
 
 
 def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, base: SystemFile | None) -> SystemFile:
-    """Read the content of a system file.
-
-    Parameters
-    ----------
-    problems : Problems
-        Where problems are noted.
-    data : mapping
-        Content of the file.
-    path : Path
-        The file, for what it names relative to its folder.
-    base : SystemFile or None
-        The one that it extends: its tables come before those of the file.
-    """
+    """Read the content of a system file at `path`; the tables of `base`, which it extends, come before its own."""
     file = Table(problems, data, "", _KEYS)
     name = file.name("name") if "name" in data or base is None else base.name
     description = file.text("description", "" if base is None else base.description)

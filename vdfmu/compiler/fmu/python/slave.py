@@ -11,8 +11,9 @@ import json
 import math
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
-from functools import cache, wraps
+from functools import cache, partial, wraps
 from pathlib import Path
+from struct import Struct
 from typing import Any, ClassVar
 from xml.etree.ElementTree import Element
 
@@ -20,22 +21,17 @@ import numpy as np
 from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
 
+from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import FmuError, VdfmuError
 from vdfmu.compiler.fmu.content import Content
 from vdfmu.compiler.fmu.description import LOG_CATEGORIES, model_description
-from vdfmu.compiler.fmu.python.access import Read, Write, reader, writer
 from vdfmu.compiler.fmu.python.behaviour import Behaviour
-from vdfmu.compiler.fmu.python.wrapper import (
-    hold,
-    hold_all_for_ever,
-    hold_for_ever,
-    loaded_from,
-    plain,
-    refusal,
-)
+from vdfmu.compiler.fmu.python.wrapper import hold, hold_all_for_ever, hold_for_ever, loaded_from, plain, refusal
 from vdfmu.compiler.unit.variable import Variable
 
 _PHASES = ("instantiated", "initialization", "step", "terminated")
+Read = Callable[[], list[float]]
+Write = Callable[..., None]
 _WHEN = {
     "instantiated": "before enterInitializationMode",
     "initialization": "between enterInitializationMode and exitInitializationMode",
@@ -143,11 +139,7 @@ class UnitSlave(Fmi2Slave):
         return model_description(content.interface, content.guid, content.generation_tool, content.made_by or {})
 
     def log(
-        self,
-        msg: str,
-        status: Fmi2Status = Fmi2Status.ok,
-        category: str | None = None,
-        debug: bool | None = None,
+        self, msg: str, status: Fmi2Status = Fmi2Status.ok, category: str | None = None, debug: bool | None = None
     ) -> None:
         """Send a message to the importer's logger."""
         super().log(plain(msg), status, category)
@@ -264,14 +256,14 @@ class UnitSlave(Fmi2Slave):
         for variable in self._resolve(kind, vrs):
             if variable.causality == "output" and self.phase == "instantiated":
                 raise FmuError(f"{variable.name} is an output: it has no value before enterInitializationMode.")
-        return reader(self._memory, vrs)
+        return _reader(self._memory, vrs)
 
     def _writer(self, kind: str, vrs: list[int]) -> tuple[Write, list[Variable], bool]:
         variables = self._resolve(kind, vrs)
         for variable in variables:
             self._refuse(variable)
         inputs = all(variable.causality == "input" for variable in variables)
-        return writer(self._memory, vrs), variables, inputs
+        return _writer(self._memory, vrs), variables, inputs
 
     def _resolve(self, kind: str, vrs: Sequence[int]) -> list[Variable]:
         """Variables of value references, which must exist and be of the type."""
@@ -345,6 +337,27 @@ class UnitSlave(Fmi2Slave):
     def _fmu_state_from_bytes(state: bytes) -> Any:
         with _told("deSerializeFMUstate", f"expected the bytes of a state, got {len(state)} other bytes."):
             return json.loads(state.decode())
+
+
+def _reader(memory: Floats, vrs: list[int]) -> Read:
+    """Return a function that reads the elements `vrs`."""
+    if _consecutive(vrs):
+        return memory[vrs[0] : vrs[0] + len(vrs)].tolist
+    index = np.array(vrs, dtype=np.intp)
+    return lambda: memory[index].tolist()
+
+
+def _writer(memory: Floats, vrs: list[int]) -> Write:
+    """Return a function that writes its arguments to the elements `vrs`."""
+    if _consecutive(vrs):  # twice as fast as numpy, which looks at the type of each number
+        return partial(Struct(f"{len(vrs)}d").pack_into, memory.data, vrs[0] * memory.itemsize)
+    index = np.array(vrs, dtype=np.intp)
+    return lambda *values: memory.__setitem__(index, values)
+
+
+def _consecutive(vrs: list[int]) -> bool:
+    """Whether references count up by one, and so are a slice of the memory."""
+    return bool(vrs) and vrs == list(range(vrs[0], vrs[0] + len(vrs)))
 
 
 @cache

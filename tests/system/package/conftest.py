@@ -1,0 +1,17 @@
+"""The scenario of the planar arm and its FMUs, for all tests of packages."""
+
+import pytest
+
+from vdfmu.system.scenario import load_scenario
+from vdfmu.system.scenario.parts import build_parts
+
+
+@pytest.fixture(scope="session")
+def scenario():
+    return load_scenario("planar_tracking")
+
+
+@pytest.fixture(scope="session")
+def fmus(scenario, tmp_path_factory):
+    """FMUs without the scenario's values."""
+    return build_parts(scenario, tmp_path_factory.mktemp("fmus"))
