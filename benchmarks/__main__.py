@@ -48,12 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     console = Console(width=None if sys.stdout.isatty() else 120)
     facts: dict[str, Any] = {"machine": machine(), "quick": options.quick, "benchmarks": {}}
-    pages: list[str] = [
-        "# Benchmarks",
-        "",
-        *[f"- {key}: {value}" for key, value in facts["machine"].items()],
-        "",
-    ]
+    pages: list[str] = ["# Benchmarks", "", *[f"- {key}: {value}" for key, value in facts["machine"].items()], ""]
     for name in options.names or NAMES:
         module = import_module(f"benchmarks.{name}")
         report = Report(name, module.TITLE, options.out, console)

@@ -107,11 +107,7 @@ def study(
     found = Native(scenario.step, stop, stop_python)
     step, n = scenario.step, round(stop / scenario.step)
     own_scenario = with_units(scenario, {"controller": Path(__file__).with_name("own_controller.py")})
-    with (
-        packed(scenario) as python,
-        packed(scenario, "native") as package,
-        packed(own_scenario, "native") as own,
-    ):
+    with packed(scenario) as python, packed(scenario, "native") as package, packed(own_scenario, "native") as own:
         folder = package.parent
         container = write_container(package, folder / "container.fmu", step=step)
         empty = write_emptied(package, folder / "empty.ssp")
@@ -278,12 +274,7 @@ def tabulate(found: Native, report: Report) -> None:
     }
 
 
-_LABELS = {
-    "calls": "FMI calls through ctypes",
-    "gather": "gather inputs",
-    "record": "record the row",
-    "rest": "rest",
-}
+_LABELS = {"calls": "FMI calls through ctypes", "gather": "gather inputs", "record": "record the row", "rest": "rest"}
 
 
 def _master(found: Native) -> dict[str, float]:

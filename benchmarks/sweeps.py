@@ -37,12 +37,7 @@ def run(report: Report, quick: bool = False) -> None:
 
 def _plan(n: int, stop: float, engine: str = "fmu") -> Plan:
     return make_plan(
-        "tracking",
-        {AXIS: f"*lin(0.5, 1.5, {n})"},
-        measure={"error": MEASURE},
-        stop=stop,
-        step=STEP,
-        engine=engine,
+        "tracking", {AXIS: f"*lin(0.5, 1.5, {n})"}, measure={"error": MEASURE}, stop=stop, step=STEP, engine=engine
     )
 
 
@@ -95,13 +90,7 @@ def _engines(report: Report, folder: Path, stop: float, rounds: int) -> None:
     table = Table(
         "sweep_engines",
         f"Engines on one core, points of {stop:g} s at 1 kHz, tracking",
-        [
-            ("engine", ""),
-            ("lanes", "d"),
-            ("a point [ms]", ".1f"),
-            ("points/s", ".1f"),
-            ("of the FMUs", ".1f"),
-        ],
+        [("engine", ""), ("lanes", "d"), ("a point [ms]", ".1f"), ("points/s", ".1f"), ("of the FMUs", ".1f")],
         notes=[f"Processor time of a point with its measure, best of {rounds} rounds, in which the ways take turns."],
     )
     plan = _plan(LANES, stop, "batch")

@@ -41,12 +41,7 @@ def robot_file_page() -> str:
     lines = [_ROBOT_HEAD]
     rows = sorted(PARAMETERS.values(), key=lambda row: list(_TABLES).index(row.table))
     for table, group in groupby(rows, lambda row: row.table):
-        lines += [
-            "",
-            f"## {_TABLES[table]}",
-            "",
-            "| key | unit | numbers | default | equation | what it is |",
-        ]
+        lines += ["", f"## {_TABLES[table]}", "", "| key | unit | numbers | default | equation | what it is |"]
         lines.append("| --- " * 6 + "|")
         for row in group:
             unit, prismatic = row.unit(), row.unit("prismatic")
@@ -152,10 +147,7 @@ def _capabilities() -> str:
     for _, element in roots:
         flags |= dict.fromkeys(element.attrib)  # pyright: ignore[reportOptionalMemberAccess]
     del flags["modelIdentifier"]
-    lines = [
-        "| flag | " + " | ".join(name for name, _ in roots) + " |",
-        "| --- " * (len(roots) + 1) + "|",
-    ]
+    lines = ["| flag | " + " | ".join(name for name, _ in roots) + " |", "| --- " * (len(roots) + 1) + "|"]
     for flag in flags:
         values = (element.get(flag) for _, element in roots)  # pyright: ignore[reportOptionalMemberAccess]
         lines.append(f"| `{flag}` | " + " | ".join(f"`{v}`" if v else "" for v in values) + " |")

@@ -31,10 +31,7 @@ def torques():
     arm = vdfmu.load_robot("manipulator_6dof")
     time = STEP * np.arange(round(T / STEP) + 1)
     desired = [desired_motion(t, np.zeros(6), Q_END, T) for t in time]
-    motion = (
-        *(np.array([getattr(d, name) for d in desired]) for name in ("q_d", "q_d_dot", "q_d_ddot")),
-        np.zeros(6),
-    )
+    motion = (*(np.array([getattr(d, name) for d in desired]) for name in ("q_d", "q_d_dot", "q_d_ddot")), np.zeros(6))
     low = arm.with_parameters(gravity=LOW_GRAVITY * arm.gravity)
     cases = ((arm, "inverse_dynamics"), (arm, "newton_euler"), (low, "newton_euler"))
     return time, *(Kernel(robot).rows(name, motion, (6, 6, 6, 6)) for robot, name in cases)
@@ -58,11 +55,7 @@ def draw(time, vd, newton_euler, low, folder):
     for i in range(6):
         rounding.semilogy(time, 1e3 * np.abs(vd - newton_euler)[:, i], ".", ms=2, label=f"Joint {i + 1}")
         gravity.plot(time, 1e3 * (vd - low)[:, i])
-    shown = {
-        "g = 9.81 minus g = 9.80": 1e3 * rms(vd - low),
-        "Table 3": TABLE_3,
-        "1e-3 of the torque": rms(vd),
-    }
+    shown = {"g = 9.81 minus g = 9.80": 1e3 * rms(vd - low), "Table 3": TABLE_3, "1e-3 of the torque": rms(vd)}
     for k, (label, heights) in enumerate(shown.items()):
         bars.bar(np.arange(1, 7) + 0.27 * (k - 1), heights, width=0.25, label=label)
     rounding.set(title="Virtual decomposition minus Newton-Euler: rounding", xlabel="Time [s]", ylabel="N.mm")

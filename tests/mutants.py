@@ -93,10 +93,7 @@ def main(words: list[str]) -> int:
         test = first_failure(fault)
         missed += not test and not fault.same
         result = test or ("same" if fault.same else "MISSED")
-        print(
-            f"{time.monotonic() - began:5.0f} s  {fault.file}: {fault.changed[:70]}\n         {result}",
-            flush=True,
-        )
+        print(f"{time.monotonic() - began:5.0f} s  {fault.file}: {fault.changed[:70]}\n         {result}", flush=True)
     return int(missed > 0)
 
 

@@ -69,9 +69,5 @@ def test_each_class_has_a_name_of_its_own():
 def test_the_equations_know_numbers_and_nothing_else():
     for module, imported in _imports().items():
         if module.startswith(EQUATIONS):
-            known = (
-                *EQUATIONS,
-                "vdfmu.compiler.scalar",
-                "vdfmu.base.measure",
-            )  # scalars, and bounds of numbers
+            known = (*EQUATIONS, "vdfmu.compiler.scalar", "vdfmu.base.measure")  # scalars, and bounds of numbers
             assert all(one.startswith(known) for one in imported), module

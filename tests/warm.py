@@ -54,11 +54,7 @@ class Server:
             "environment": _environment(env or os.environ),
         }
         content = json.dumps(asked).encode()
-        with (
-            tempfile.TemporaryFile() as said,
-            tempfile.TemporaryFile() as failed,
-            tempfile.TemporaryFile() as source,
-        ):
+        with tempfile.TemporaryFile() as said, tempfile.TemporaryFile() as failed, tempfile.TemporaryFile() as source:
             source.write(given or b"")
             source.seek(0)
             files = [source.fileno(), said.fileno(), failed.fileno()]

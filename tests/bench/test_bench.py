@@ -11,17 +11,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from benchmarks import (
-    arms,
-    coupling,
-    engines,
-    fmu_growth,
-    native,
-    sweeps,
-    verdict,
-    whole,
-    work_precision,
-)
+from benchmarks import arms, coupling, engines, fmu_growth, native, sweeps, verdict, whole, work_precision
 from benchmarks.__main__ import main
 from benchmarks.chains import random_motion, repeated_link
 from benchmarks.importers import PACKAGES, missing
@@ -202,10 +192,7 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkey
         "jacobi": 2, "iterative": 2, "extrapolated, adaptive": 1, "iterative, adaptive": 1,
     }  # fmt: skip
     (loose, steps), (tight, more) = points["jacobi"]
-    assert tight == pytest.approx(loose / 2, rel=0.1) and (steps, more) == (
-        4000,
-        8000,
-    )  # first order, four units
+    assert tight == pytest.approx(loose / 2, rel=0.1) and (steps, more) == (4000, 8000)  # first order, four units
     assert points["iterative"][1][0] < points["iterative"][0][0] < loose
     names = {p.name for p in (tmp_path / "out").iterdir()}
     assert {"bench.json", "bench.md", "coupling.md", "coupling_equal.csv"} <= names

@@ -111,10 +111,7 @@ def test_every_link_and_picture_of_the_pages_leads_somewhere(site):
             if not re.match(r"\w+:", name):
                 target = (page.parent / name).resolve() if name else page
                 assert target.exists(), (page.name, url)
-                assert not place or target not in places or place in places[target] | {"__skip"}, (
-                    page.name,
-                    url,
-                )
+                assert not place or target not in places or place in places[target] | {"__skip"}, (page.name, url)
 
 
 def test_drawings_are_those_of_their_code(monkeypatch):

@@ -40,8 +40,7 @@ def test_every_package_has_the_tested_version_and_hashes_and_no_place(name: str)
     marker = "[a-z_]+ [<>=!]+ '[A-Za-z0-9_.]+'"
     for line in locked(name):
         found = re.fullmatch(
-            rf"(\S+==\S+)( ; [()]*{marker}[()]*( (and|or) [()]*{marker}[()]*)*)?( +--hash=sha256:[0-9a-f]{{64}})+",
-            line,
+            rf"(\S+==\S+)( ; [()]*{marker}[()]*( (and|or) [()]*{marker}[()]*)*)?( +--hash=sha256:[0-9a-f]{{64}})+", line
         )
         assert found, line
         assert found[1] in constraints

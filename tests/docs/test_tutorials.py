@@ -177,14 +177,7 @@ def test_guide_runs_and_shows_its_output(page, tmp_path):
 
 
 def test_there_is_a_guide_for_each_tool():
-    assert [page.stem for page in GUIDES] == [
-        "ecos",
-        "fmpy",
-        "libcosim",
-        "modelica",
-        "omsimulator",
-        "simulink",
-    ]
+    assert [page.stem for page in GUIDES] == ["ecos", "fmpy", "libcosim", "modelica", "omsimulator", "simulink"]
 
 
 def test_there_are_these_tutorials():

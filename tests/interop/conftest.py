@@ -9,10 +9,7 @@ import pytest
 from benchmarks import interop
 from benchmarks.interop import Tracking
 
-WHEELS = {
-    ("Linux", "x86_64"),
-    ("Windows", "AMD64"),
-}  # platforms that ecospy, tbb and libcosimpy have files for
+WHEELS = {("Linux", "x86_64"), ("Windows", "AMD64")}  # platforms that ecospy, tbb and libcosimpy have files for
 
 
 @pytest.fixture(scope="session")

@@ -72,10 +72,9 @@ def joint_friction(
     xi_m : (n,) [N m], motor-side, on the rotor
     """
     xi = stribeck_friction(robot, friction_velocity(robot, q_dot, kappa_dot), states)
-    xi_l, xi_m = {
-        "lumped": (np.zeros(robot.n), xi / robot.ell),
-        "split": (xi, coulomb_friction(robot, kappa_dot)),
-    }[robot.friction]
+    xi_l, xi_m = {"lumped": (np.zeros(robot.n), xi / robot.ell), "split": (xi, coulomb_friction(robot, kappa_dot))}[
+        robot.friction
+    ]
     for option, _ in options_of(robot):
         xi_m = xi_m + option.mesh_friction(robot, kappa_dot, load)
     return xi_l, xi_m

@@ -67,10 +67,7 @@ def gravity_in_links(robot: Any, U_AB: list[np.ndarray], base: Base = AT_REST) -
 
 
 def link_forces(
-    robot: Any,
-    motion: ChainMotion,
-    F_e: np.ndarray = NO_WRENCH,
-    F_Dk: list[np.ndarray] | None = None,
+    robot: Any, motion: ChainMotion, F_e: np.ndarray = NO_WRENCH, F_Dk: list[np.ndarray] | None = None
 ) -> list[np.ndarray]:
     """Force and torque on every driven cutting point, Eq. (44)-(47).
 

@@ -24,11 +24,7 @@ def link_body(robot: Any, i: int) -> tuple[Any, np.ndarray, np.ndarray]:
     R = robot.tool_rotation
     d = robot.tool_offset + R @ robot.payload_centroid - r_B
     d_cross = skew(d)
-    return (
-        m_B + m_l,
-        r_B + share * d,
-        I_B + R @ robot.payload_inertia @ R.T - (m_B * share) * (d_cross @ d_cross),
-    )
+    return (m_B + m_l, r_B + share * d, I_B + R @ robot.payload_inertia @ R.T - (m_B * share) * (d_cross @ d_cross))
 
 
 def mass_matrix(m_B: Any, r_B: np.ndarray, I_B: np.ndarray) -> np.ndarray:

@@ -8,10 +8,7 @@ import numpy as np
 
 from vdfmu.compiler.scalar.generic import zeros
 
-_AXES = {
-    "revolute": np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0]),
-    "prismatic": np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
-}
+_AXES = {"revolute": np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), "prismatic": np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])}
 
 
 def joint_axis(joint_type: str) -> np.ndarray:

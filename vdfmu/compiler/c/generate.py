@@ -29,12 +29,7 @@ from vdfmu.compiler.unit.requirements import traced_requirements
 from vdfmu.compiler.unit.trace import argument_name
 from vdfmu.compiler.unit.variable import Variable
 
-_ROLES = {
-    "input": "INPUT",
-    "output": "OUTPUT",
-    "local": "DERIVATIVE",
-    "independent": "TIME",
-}
+_ROLES = {"input": "INPUT", "output": "OUTPUT", "local": "DERIVATIVE", "independent": "TIME"}
 _SOLVER = ("h", "tolerance")
 """Arguments of the step that its caller gives by value."""
 
@@ -197,10 +192,7 @@ class _UnitGenerator:
     def _patterns(self) -> Iterator[str]:
         rows = [i for i, v in enumerate(self.interface.memory) if v.causality in ("output", "local")]
         yield array("size_t", "calculated", map(str, rows))
-        for name, read in (
-            ("step", self.interface.step_dependencies),
-            ("start", self.interface.start_dependencies),
-        ):
+        for name, read in (("step", self.interface.step_dependencies), ("start", self.interface.start_dependencies)):
             runs = [_runs(read(row)) for row in rows]
             begin = [0, *accumulate(map(len, runs))]
             yield array("size_t", f"{name}_begin", map(str, begin))
@@ -317,10 +309,7 @@ class _UnitGenerator:
 
     def _left(self) -> Iterator[str]:
         if self.program.left:
-            lines = [
-                f"*left = {number(NEVER)};",
-                *self._blocks(self.program.left, partial(self._step_call, "")),
-            ]
+            lines = [f"*left = {number(NEVER)};", *self._blocks(self.program.left, partial(self._step_call, ""))]
             yield _function("left", "const double *m, const double *rate, double *left", ("m", "rate"), lines)
 
     def _step_call(self, ending: str, call: Call) -> list[str]:

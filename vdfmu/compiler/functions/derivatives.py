@@ -60,9 +60,7 @@ _ROUNDING = {ca.OP_FLOOR: -0.5, ca.OP_CEIL: 0.5}
 def _slopes_of_rounding(function: ca.Function, result: ca.SX, argument: ca.SX, arguments: list[ca.SX]) -> ca.SX:
     """Return those elements of a Jacobian that are 0 except for the lines that roundings follow."""
     lines = rebuilt(
-        function,
-        arguments,
-        lambda operation, read: read[0] + _ROUNDING[operation] if operation in _ROUNDING else None,
+        function, arguments, lambda operation, read: read[0] + _ROUNDING[operation] if operation in _ROUNDING else None
     )
     exact, followed = (ca.sparsify(ca.jacobian(each, argument)) for each in (result, ca.vertcat(*map(ca.vec, lines))))
     known = set(zip(*exact.sparsity().get_triplet(), strict=True))

@@ -339,12 +339,7 @@ def lookup_function(edges: np.ndarray, rows: np.ndarray) -> ca.Function:
     zero = ca.Function(
         f"jac_{name}", [x, ca.MX.sym("y", w)], [ca.MX(ca.DM.zeros(w, 1))], ["i0", "out_o0"], ["jac_o0_i0"]
     )
-    options = {
-        "never_inline": True,
-        "custom_jacobian": zero,
-        "enable_forward": False,
-        "enable_reverse": False,
-    }
+    options = {"never_inline": True, "custom_jacobian": zero, "enable_forward": False, "enable_reverse": False}
     return ca.Function(name, [x], [values(place, ca.MX(ca.DM(rows.ravel())))], options)
 
 

@@ -268,12 +268,7 @@ def state_slices(unit: BaseUnit) -> dict[str, slice]:
 
 
 def _kind(declared: Declared) -> str:
-    names = {
-        "Output": "an output",
-        "Input": "an input",
-        "State": "a continuous state",
-        "Sampled": "a sampled state",
-    }
+    names = {"Output": "an output", "Input": "an input", "State": "a continuous state", "Sampled": "a sampled state"}
     return names.get(type(declared).__name__, f"a {type(declared).__name__.lower()}")
 
 

@@ -236,11 +236,7 @@ def _reached(acts: npt.NDArray[np.bool_], begins: npt.NDArray[np.intp]) -> npt.N
 
 
 def linear_system(
-    system: System | str | Path,
-    at: float | None = None,
-    *,
-    step: float | None = None,
-    **options: Any,
+    system: System | str | Path, at: float | None = None, *, step: float | None = None, **options: Any
 ) -> LinearSystem:
     """Run a system to a time and linearise its components there.
 

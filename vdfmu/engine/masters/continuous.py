@@ -61,14 +61,7 @@ class ContinuousStepper:
     """
 
     def __init__(
-        self,
-        exchange: Exchange,
-        box: MessageBox,
-        *,
-        repeat: bool,
-        convergence: float,
-        error: float | None,
-        span: float,
+        self, exchange: Exchange, box: MessageBox, *, repeat: bool, convergence: float, error: float | None, span: float
     ) -> None:
         self.exchange, self.box = exchange, box
         self.repeat, self.convergence, self.error = repeat, convergence, error

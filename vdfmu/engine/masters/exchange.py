@@ -56,11 +56,7 @@ class Exchange:
     """
 
     def __init__(
-        self,
-        checked: Checked,
-        instances: Mapping[str, Instance],
-        box: MessageBox,
-        words: Floats | None = None,
+        self, checked: Checked, instances: Mapping[str, Instance], box: MessageBox, words: Floats | None = None
     ) -> None:
         self.checked = checked
         self.instances = instances
@@ -260,8 +256,7 @@ class Exchange:
         bank = self.banks[0]
         order = {unit: i for i, unit in enumerate(self.checked.schedule.units)}
         found = sorted(
-            (i for i in self._watched if not math.isfinite(bank.outputs[i])),
-            key=lambda i: order[bank.variables[i][0]],
+            (i for i in self._watched if not math.isfinite(bank.outputs[i])), key=lambda i: order[bank.variables[i][0]]
         )
         if not found:
             return

@@ -50,10 +50,5 @@ def _continuous(coupling: Coupling, repeat: bool) -> ContinuousStepper:
     error = coupling.error
     convergence = coupling.convergence or (CONVERGENCE if error is None else 0.01 * error)
     return ContinuousStepper(
-        coupling.exchange,
-        coupling.box,
-        repeat=repeat,
-        convergence=convergence,
-        error=error,
-        span=coupling.span,
+        coupling.exchange, coupling.box, repeat=repeat, convergence=convergence, error=error, span=coupling.span
     )

@@ -85,9 +85,7 @@ _NUDGE = 1e-9
 
 @with_options
 def prepare(
-    scenario: Scenario | str | os.PathLike[str],
-    names: Iterable[str] = (),
-    **options: Unpack[ScenarioOptions],
+    scenario: Scenario | str | os.PathLike[str], names: Iterable[str] = (), **options: Unpack[ScenarioOptions]
 ) -> Scenario:
     """Load a scenario and replace what the options name, with the checks of a scenario file.
 

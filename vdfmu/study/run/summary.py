@@ -171,18 +171,10 @@ def compare(
         torque = max(torque, float(np.abs(robot.ell * (tau - tau_r)).max()))
         errors = [q_d - q, q_d - q_r, tau - tau_m, tau_r - late]
         squares += np.sum(np.square(errors), axis=1)
-    found = {
-        "name": name,
-        "max_position_difference_rad": position,
-        "max_torque_difference_nm": torque,
-        "at_s": at,
-    }
+    found = {"name": name, "max_position_difference_rad": position, "max_torque_difference_nm": torque, "at_s": at}
     rms = np.sqrt(squares / len(results))
     separate = (np.abs(rms[::2] - rms[1::2]) / np.maximum(rms[1::2], np.finfo(float).tiny)).max(axis=1)
-    return found, {
-        "rms_position_difference": float(separate[0]),
-        "rms_torque_difference": float(separate[1]),
-    }
+    return found, {"rms_position_difference": float(separate[0]), "rms_torque_difference": float(separate[1])}
 
 
 def _compare_all(results: Results, reference: Iterable[Reference]) -> dict[str, Any]:

@@ -180,12 +180,7 @@ class _WitnessedUnit:
         return self._plain.memory.copy()
 
     def _compared(
-        self,
-        time: float,
-        places: npt.NDArray[np.intp],
-        got: Numbers,
-        memory: Floats,
-        method: Callable[[], None],
+        self, time: float, places: npt.NDArray[np.intp], got: Numbers, memory: Floats, method: Callable[[], None]
     ) -> _Comparison:
         known = places[[int(i) in got for i in places]]  # a Python FMU does not have its derivatives
         values = np.array([got[int(i)] for i in known])
@@ -228,15 +223,7 @@ class _WitnessedUnit:
         rounding = _LAST_PLACES * np.maximum(np.abs(memory), np.abs(there))[self._moved] / step
         allowed = 0.5 * np.abs(last - first) + rounding
         mean = 0.5 * (first + last)
-        yield _Comparison(
-            begin,
-            self._rates,
-            mean,
-            moved,
-            allowed,
-            memory,
-            lambda given: mean + rates(given) - first,
-        )
+        yield _Comparison(begin, self._rates, mean, moved, allowed, memory, lambda given: mean + rates(given) - first)
 
     def wrong(self, comparisons: Sequence[_Comparison]) -> list[str]:
         """Return what is too far off, in words, the farthest first."""
