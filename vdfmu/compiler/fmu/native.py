@@ -61,13 +61,13 @@ def unit_sources(content: Content) -> dict[str, bytes]:
     With :func:`fmi_headers` beside them, and ``-I.``, all C files compile to the library.
     """
     generated = generated_sources(content.interface, content.guid)
-    return {name: text.encode() for name, text in generated.items()} | _written_sources(content.fmi_version)
+    return {name: text.encode() for name, text in generated.items()} | _written_sources(content.fmi.prefix)
 
 
 @lru_cache
-def _written_sources(fmi_version: str) -> dict[str, bytes]:
-    """Return file name to content of what is the same for all units."""
-    others = {f"{version.prefix}.c" for name, version in FMI_VERSIONS.items() if name != fmi_version}
+def _written_sources(prefix: str) -> dict[str, bytes]:
+    """Return file name to content of what is the same for all units whose FMI functions have this prefix."""
+    others = {f"{version.prefix}.c" for version in FMI_VERSIONS.values()} - {f"{prefix}.c"}
     files = sorted((data_path("fmu_src") / "c").glob("*.[ch]"))
     return {file.name: file.read_bytes().replace(b"\r\n", b"\n") for file in files if file.name not in others}
 
@@ -78,7 +78,7 @@ def _as_compiled(sources: Mapping[str, bytes], fmi_version: str) -> dict[str, by
     As one file it compiles in two thirds of the time. In a library the FMI functions have no prefix, which `config.h`
     would make of the name of the unit.
     """
-    same = [name for name in _written_sources(fmi_version) if name.endswith(".c")]
+    same = [name for name in _written_sources(FMI_VERSIONS[fmi_version].prefix) if name.endswith(".c")]
     files = {name: text for name, text in sources.items() if name not in same} | fmi_headers(fmi_version)
     one = "".join(f'#line 1 "{name}"\n{sources[name].decode()}\n' for name in same)
     return files | {"config.h": b"", "fmu_src.c": one.encode()}
