@@ -12,6 +12,14 @@ from vdfmu.compiler.c.grow import grown
 from vdfmu.compiler.unit.interface import Interface
 
 
+@pytest.fixture(autouse=True)
+def _from_shorter_ones():
+    """Arms that are traced in less time themselves are taken for long ones."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("vdfmu.arm.robot.structure._MANY", 0)
+        yield
+
+
 def alternating(n):
     """Return a chain whose joints turn and slide in turns."""
     return dataclasses.replace(repeated_link(n), joint_types=("revolute", "prismatic") * (n // 2))
@@ -65,6 +73,11 @@ def test_an_arm_with_an_unlike_joint_in_its_middle_has_no_shorter_ones():
     ends = dataclasses.replace(robot, joint_types=tuple(types)).shorter()
     assert [one.joint_types.count("prismatic") for one in ends] == [2, 2, 2]
     assert repeated_link(20).shorter() == []  # not much longer than they are
+
+
+def test_arms_that_take_less_time_themselves_have_no_shorter_ones(monkeypatch):
+    monkeypatch.setattr("vdfmu.arm.robot.structure._MANY", 30)
+    assert [len(repeated_link(n).shorter()) for n in (29, 30)] == [0, 3]
 
 
 def test_texts_that_do_not_grow_evenly_are_refused():

@@ -80,6 +80,9 @@ def _replace(robot: R, listed: Sequence[Entry], new: Sequence[Any], dtype: Any) 
 _ENDS = 3
 """Joints at each end that may be unlike the others in a robot of which shorter ones are the same."""
 
+_MANY = 48
+"""Joints from which on three shorter robots are traced in less time than this one."""
+
 
 def shorter_robots(robot: Any) -> list[Any]:
     """Return three robots without joints of the middle, where these repeat after one, two or four; else none.
@@ -103,7 +106,7 @@ def shorter_robots(robot: Any) -> list[Any]:
     step, least = (2, 14) if period == 1 else (4, 20)  # signs may alternate
     first = least + (n - least) % step
     sizes = [first, first + step, first + 2 * step]
-    if n < sizes[-1] + 2 * step:
+    if n < max(_MANY, sizes[-1] + 2 * step):
         return []
     found: list[Any] = []
     for m in sizes:

@@ -41,6 +41,10 @@ _SINGLY = "-fno-slp-vectorize"
 run time; but a solver's step works on arrays, and takes up to 8 % less with two numbers at a time, of the same bits."""
 _STEP = re.compile(r"kernel_\w+_step(_avx2)?\.c")
 """File of a solver's step, without the long functions that it calls."""
+_QUICKLY = ("-O0", "-fno-sanitize=undefined", "-fno-stack-protector")
+"""For derivatives of more text than this, which importers call rarely: to optimise them takes eight times as long."""
+_DERIVATIVES = re.compile(r"kernel_\w+_forward_reverse\.c")
+_MUCH_TEXT = 300_000
 _INCLUDE = re.compile(rb'^\s*#\s*include\s*["<]([^">]+)[">]', re.MULTILINE)
 
 
@@ -128,7 +132,9 @@ class Compilation:
         return self._key(f"library {' '.join(self.exported)}", self.sources)
 
     def _key(self, kind: str, files: Mapping[str, bytes]) -> str:
-        digest = sha256(repr((kind, compiler_version(), self.target, _FLAGS, _SINGLY, self.flags)).encode())
+        digest = sha256(
+            repr((kind, compiler_version(), self.target, _FLAGS, _SINGLY, _QUICKLY, _MUCH_TEXT, self.flags)).encode()
+        )
         for name, text in sorted(files.items()):
             digest.update(f"\n{name} {len(text)}\n".encode())
             digest.update(text)
@@ -262,6 +268,8 @@ class _Workshop:
     def _object(self, job: Compilation, place: Path, name: str, key: str) -> None:
         file = f"{PurePosixPath(name).stem}.o"
         flags = _FLAGS if _STEP.fullmatch(name) else (*_FLAGS, _SINGLY)
+        if _DERIVATIVES.fullmatch(name) and len(job.sources[name]) > _MUCH_TEXT:
+            flags = (*flags, *_QUICKLY)
         self._run(job, place, name, ["-c", *flags, *job.target.flags, *job.flags, "-o", file, name])
         store(cache_folder() / "native" / key, (place / file).read_bytes())
 
