@@ -76,6 +76,17 @@ def test_all_that_a_solver_calls_is_one_compiled_function(name):
     assert np.any(function(0.3, 1.01 * x) != expected)
 
 
+def test_another_python_calls_what_is_in_python(monkeypatch):
+    """Its objects may have other heads, which the builtin would read as numbers."""
+    from vdfmu.system.reference import compiled
+
+    assert compiled._has_known_objects()
+    monkeypatch.setattr(compiled.sys.implementation, "name", "pypy")
+    compiled._has_known_objects.cache_clear()
+    assert compiled.builtin(None, np.zeros(1), np.zeros(1)) is None
+    compiled._has_known_objects.cache_clear()
+
+
 def right_hand_side(system, run, feed=None):
     x, x_dot = (system.memory[places[0] : places[-1] + 1] for places in (system.solver_x, system.solver_x_dot))
     return solution._RightHandSide(run["rate"], x, x_dot, feed)

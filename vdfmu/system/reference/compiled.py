@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from ctypes import PYFUNCTYPE, PyDLL, addressof, c_char, c_double, c_void_p, cast, py_object, pythonapi
+from ctypes import PYFUNCTYPE, PyDLL, addressof, c_char, c_double, c_size_t, c_void_p, cast, py_object, pythonapi
+from functools import cache
 
 import casadi as ca
 import numpy as np
@@ -96,12 +98,24 @@ class _RateRecord(np.ndarray):
     held: tuple[Floats, ...]
 
 
-def builtin(run: CompiledRun, x: Floats, x_dot: Floats) -> Callable[[float, Floats], Floats]:
+@cache
+def _has_known_objects() -> bool:
+    """Whether the objects of this Python are laid out as the builtin reads them."""
+    if sys.implementation.name != "cpython":
+        return False
+    number, array, head = 0.3, np.arange(3.0), object.__basicsize__
+    value = c_double.from_address(id(number) + head).value
+    return value == number and c_size_t.from_address(id(array) + head).value == array.ctypes.data
+
+
+def builtin(run: CompiledRun, x: Floats, x_dot: Floats) -> Callable[[float, Floats], Floats] | None:
     """Return a builtin function f(t, x) of Python that sets `x`, runs actions and returns `x_dot`.
 
     Nothing of Python runs while a solver calls it, with a number of Python and a contiguous array: that takes a quarter
-    of the time.
+    of the time. None for a Python whose objects are others.
     """
+    if not _has_known_objects():
+        return None
     method = addressof(c_char.in_dll(run.library, "rate_method"))
     run_at, hold = (cast(function, c_void_p).value for function in (run.function, pythonapi.Py_IncRef))
     numbers = np.array([run_at, run.memory, x.ctypes.data, x.nbytes, id(x_dot), hold], dtype=np.uintp)

@@ -57,9 +57,8 @@ class _RightHandSide:
 
     def __init__(self, run: Run, x: Floats, x_dot: Floats, feed: Callable[[float], None] | None = None) -> None:
         self._run, self._x, self._x_dot, self._feed = run, x, x_dot, feed
-        self.function: Callable[[float, Floats], Floats] = (
-            builtin(run, x, x_dot) if feed is None and isinstance(run, CompiledRun) else self
-        )
+        compiled = builtin(run, x, x_dot) if feed is None and isinstance(run, CompiledRun) else None
+        self.function: Callable[[float, Floats], Floats] = compiled or self
         self.error: BaseException | None = None
         """Error that a call raised: not every solver of scipy passes it on, and some end as if nothing were."""
 
