@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from itertools import pairwise
 from typing import Any
 
@@ -107,18 +107,16 @@ class _Mover:
 
             solver = ode(self._rate.function)
             solver.set_integrator("dop853", **_SHORT, nsteps=_MOST_STEPS, first_step=duration / steps)
-            solver.set_solout(self._times.__setitem__)  # a builtin, as the right-hand side: nothing of Python runs
+            solver.set_solout(self._times.__setitem__)
             self._solvers[steps] = solver
         return self._solvers[steps]
 
     def _advance(self, t: float, to: float) -> None:
         x, solver = self._unit.x, self._solver(to - t)
         solver.set_initial_value(x, t)
-        # of what a signal raises in a call of the right-hand side, this solver would make a number
-        with (
-            InterruptGuard() if self._rate.function is self._rate else nullcontext(),
-            suppress(ValueError, UserWarning),
-        ):
+        # of what a signal raises in a call of the right-hand side, or of scipy's own `_solout`, this solver would make
+        # a number or a ValueError
+        with InterruptGuard(), suppress(ValueError, UserWarning):
             x[:] = solver.integrate(to)
         if self._rate.error is not None:
             raise self._rate.error
