@@ -12,7 +12,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-_NUMBER = re.compile(r"(-?\d+)")
+_NUMBER = re.compile(r"(?<![\d.])(?<![\d.]e)(?<![\d.]e[-+])(-?\d+)(?!\d|\.(?!0\b)|e[-+\d])")
+"""A whole number, which may be written ``12.0``; the digits of others, as ``0.5`` and ``1e-05``, must be the same."""
 
 
 def grown(shorter: Mapping[int, Mapping[str, str]], joints: int) -> dict[str, str] | None:
