@@ -81,7 +81,7 @@ _ENDS = 3
 """Joints at each end that may be unlike the others in a robot of which shorter ones are the same."""
 
 _MANY = 48
-"""Joints from which on three shorter robots are traced in less time than this one."""
+"""Least number of joints for which three shorter robots are traced in less time than the robot itself."""
 
 
 def shorter_robots(robot: Any) -> list[Any]:

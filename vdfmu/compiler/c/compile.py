@@ -286,7 +286,7 @@ class _Workshop:
         return _without_time((place / library).read_bytes())
 
     def _system_libraries(self, job: Compilation) -> list[str]:
-        """Return what to link with in place of the system's libraries: what has their names and functions, but no code.
+        """Return what to link with instead of the system's libraries: files with their names and functions, but no code.
 
         Zig would compile its own first, for 7 s, to take the same from them: which library has which function.
         """
