@@ -19,7 +19,7 @@ from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import shipped_units
 from vdfmu.base.errors import FmuError, UsageError
 from vdfmu.compiler.c import PLATFORMS, compile, native_available, platforms, this_platform
-from vdfmu.compiler.c.compile import Compilation, compile_library
+from vdfmu.compiler.c.compile import Compilation, _Workshop, compile_library
 from vdfmu.compiler.fmu.content import Content
 from vdfmu.compiler.fmu.native import fmi_headers, unit_sources
 
@@ -293,6 +293,19 @@ def test_a_full_disk_is_told(monkeypatch: pytest.MonkeyPatch, cold: Path) -> Non
     monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(FmuError, match=r"cannot be compiled: .*No space left.*TMPDIR and VDFMU_CACHE_DIR"):
         compile_library(SMALL, this_platform(), name="Small")
+
+
+def test_each_link_says_why_the_libraries_to_link_with_are_not_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise FmuError("no room")
+
+    monkeypatch.setattr(_Workshop, "_run", refuse)
+    workshop = _Workshop(str(tmp_path))
+    for _ in range(2):  # links run side by side, and any of them may be the first whose error is told
+        with pytest.raises(FmuError, match="no room"):
+            workshop._system_libraries(Compilation("Small", SMALL, "x86_64-linux"))
 
 
 # ------------------------------------------------------------------ several at once

@@ -286,7 +286,7 @@ class _Workshop:
         return _without_time((place / library).read_bytes())
 
     def _system_libraries(self, job: Compilation) -> list[str]:
-        """Return what to link with instead of the system's libraries: files with their names and functions, but no code.
+        """Return the files to link with instead of the system's libraries: their names and functions, but no code.
 
         Zig would compile its own first, for 7 s, to take the same from them: which library has which function.
         """
@@ -294,16 +294,17 @@ class _Workshop:
             return []
         folder = self._folder / job.platform
         with self._lock:
-            if not folder.exists():
-                folder.mkdir()
-                for file, versions in job.target.libraries.items():
-                    names = [name for functions in versions.values() for name in functions.split()]
-                    (folder / "names.s").write_text("".join(f".globl {n}\n.type {n}, %function\n{n}:\n" for n in names))
-                    (folder / "versions").write_text(
-                        "".join(f"{v} {{ {f.replace(' ', '; ')}; }};\n" for v, f in versions.items())
-                    )
-                    flags = ["-shared", "-nostdlib", f"-Wl,-soname,{file}", "-Wl,--version-script=versions"]
-                    self._run(job, folder, file, [*flags, "-o", file, "names.s"])
+            folder.mkdir(exist_ok=True)
+            for file, versions in job.target.libraries.items():
+                if (folder / file).exists():
+                    continue
+                names = [name for functions in versions.values() for name in functions.split()]
+                (folder / "names.s").write_text("".join(f".globl {n}\n.type {n}, %function\n{n}:\n" for n in names))
+                (folder / "versions").write_text(
+                    "".join(f"{v} {{ {f.replace(' ', '; ')}; }};\n" for v, f in versions.items())
+                )
+                flags = ["-shared", "-nostdlib", f"-Wl,-soname,{file}", "-Wl,--version-script=versions"]
+                self._run(job, folder, file, [*flags, "-o", file, "names.s"])
         return ["-nostdlib", "-Wl,--as-needed,-z,defs", *(str(folder / file) for file in job.target.libraries)]
 
     def _run(self, job: Compilation, place: Path, what: str, arguments: Sequence[str]) -> None:
