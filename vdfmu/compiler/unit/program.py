@@ -192,7 +192,7 @@ class UnitFunctions(Functions):
         derivatives = f"{self.name}_derivatives{name.removeprefix(f'{self.name}_{kind}')}"
         if kind == "left":
             return self._left(derivatives)[1]
-        stiff = _Stiff(self._traced(self._leaves[derivatives]), cut=kind == "step")
+        stiff = _ImplicitEquations(self._traced(self._leaves[derivatives]), cut=kind == "step")
         try:
             return stiff.jacobian(name) if kind == "jacobian" else stiff.step(name, self.casadi_function(derivatives))
         except KernelError as error:
@@ -245,7 +245,7 @@ def _choice_name(unit: type[BaseUnit], name: str, value: int) -> str:
     return text if text.isidentifier() and text.isascii() and "__" not in text else f"{name}_{value}"
 
 
-class _Stiff:
+class _ImplicitEquations:
     """The right-hand side of a unit and its linearisation, as expressions.
 
     ``E`` and ``EJ`` are the derivatives of the balance with respect to derivatives and states, where the unit has one:

@@ -23,7 +23,7 @@ def without_dry_friction(unit: Evaluation) -> None:
             unit.group(name)[:] = PARAMETERS[name].smallest
 
 
-def lively(states: Iterable[str], dry: bool) -> npt.NDArray[np.intp]:
+def fast_states(states: Iterable[str], dry: bool) -> npt.NDArray[np.intp]:
     """Return indices of the plant's states except temperatures, which take minutes, and bristles unless `dry`."""
     still = {
         option.state.name

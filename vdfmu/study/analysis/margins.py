@@ -17,7 +17,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear
 from vdfmu.compiler.unit.linear import state_space
 from vdfmu.engine.inspect.loops import Loop, Margins, of_positions
-from vdfmu.study.analysis.linear import feedback, lively, without_dry_friction
+from vdfmu.study.analysis.linear import fast_states, feedback, without_dry_friction
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.wired import WiredUnits
 from vdfmu.system.scenario import Scenario
@@ -65,7 +65,7 @@ class ArmLoops:
         plant = units["plant"]
         without_dry_friction(plant)
         table = plant.interface
-        self._lively = lively((v.name for v in table.variables[table.states]), dry=False)
+        self._fast = fast_states((v.name for v in table.variables[table.states]), dry=False)
         self._x: list[Floats] = []
         self.loops: list[Loop] = []
         for t in np.linspace(0.0, scenario.stop, _TIMES) if times is None else times:
@@ -76,11 +76,11 @@ class ArmLoops:
             run(t)
             self._x.append(system.memory[system.solver_x])
             found = of_positions(state_space(plant, ("tau",)))
-            moving = Linear(found.A[np.ix_(self._lively, self._lively)], found.B[self._lively])
+            moving = Linear(found.A[np.ix_(self._fast, self._fast)], found.B[self._fast])
             self.loops.append(Loop(float(t), moving, self._feedback(t), scenario.step, growth))
 
     def _feedback(self, t: float) -> Floats:
-        return feedback(self._system, "plant", ("tau",), t)[:, self._lively]
+        return feedback(self._system, "plant", ("tau",), t)[:, self._fast]
 
     def margins(self, values: Mapping[str, float] | None = None, delay: int = 1) -> Margins:
         """Smallest margins of each joint over all times, with other `values`, ``component.variable``, but of the plant.

@@ -16,7 +16,7 @@ from vdfmu.base.progress import counted
 from vdfmu.base.state_space import StateSpace
 from vdfmu.engine.inspect.loops import Complex
 from vdfmu.study.analysis.arm_space import linearize
-from vdfmu.study.analysis.linear import lively
+from vdfmu.study.analysis.linear import fast_states
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.wired import WiredUnits
 from vdfmu.system.scenario import Scenario
@@ -93,7 +93,7 @@ def natural_modes(robot: Robot, q: npt.ArrayLike, *, motors: str = "free", dry: 
 
 
 def _modes(system: StateSpace, motors: str, dry: bool) -> Modes:
-    keep = lively(system.states, dry)
+    keep = fast_states(system.states, dry)
     groups = [system.states[i].split("[")[0] for i in keep]
     n, m = groups.count("q"), len(groups)
     A, B = system.A[np.ix_(keep, keep)], system.B[keep, :n]

@@ -145,12 +145,12 @@ class SampledReference:
         self._system = system
         self.lists: dict[str, list[Action]] = {}
         self.moving: list[str] = []
-        part: list[Action] = [system.late(delayed)]
+        part: list[Action] = [system.links_before_step(delayed)]
         self.lists["part_0"] = part
         for name in list(system.units) if delayed else system.order():
             unit, i = system.units[name], len(self.moving)
             if not delayed:
-                part.append(system.fresh(name))
+                part.append(system.links_within_step(name))
             if unit.x.size or unit.interface.is_sampled:
                 if unit.x.size:
                     self.lists[f"rate_{i}"] = [TimeSetter(system.clock(name)), Evaluate(name, "derivatives")]

@@ -245,11 +245,11 @@ class WiredUnits:
         """Places of inputs that links feed."""
         return set(self._places(self._source).tolist())
 
-    def late(self, delayed: bool) -> Carry:
+    def links_before_step(self, delayed: bool) -> Carry:
         """Links whose inputs get values at the start of a step: those from outputs without feed-through, or all."""
         return self._links(lambda source, _: delayed or source not in self._feeds)
 
-    def fresh(self, name: str) -> Carry:
+    def links_within_step(self, name: str) -> Carry:
         """Links to a unit from outputs with feed-through, whose values are of the same step."""
         return self._links(lambda source, target: target[0] == name and source in self._feeds)
 
