@@ -28,7 +28,7 @@ def one_job() -> Generator[None]:
         _made.reset(token)
 
 
-def once(make: Callable[[*Arguments], Made]) -> Callable[[*Arguments], Made]:
+def cached_per_command(make: Callable[[*Arguments], Made]) -> Callable[[*Arguments], Made]:
     """Decorate a function that is called once in a job for the same arguments, and each time outside of a job."""
 
     @wraps(make)

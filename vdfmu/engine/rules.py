@@ -48,7 +48,7 @@ def place_of(element: Any) -> Place:
     return str(element.getroottree().docinfo.URL or ""), element.sourceline or 0
 
 
-def found(number: str, text: str, at: Any = ("", 0)) -> Finding:
+def finding(number: str, text: str, at: Any = ("", 0)) -> Finding:
     """Return what breaks a rule; `at` is its place, or the element of XML."""
     file, line = at if isinstance(at, tuple) else place_of(at)
     return Finding(text, RULES[number], str(file), int(line))
@@ -56,7 +56,7 @@ def found(number: str, text: str, at: Any = ("", 0)) -> Finding:
 
 def breach(number: str, text: str, at: Any = ("", 0)) -> SspError:
     """Return the error of one finding."""
-    return SspError(found(number, text, at))
+    return SspError(finding(number, text, at))
 
 
 def within(place: str, text: str) -> str:
@@ -73,7 +73,7 @@ def fmpy_found(text: str, reworded: str = "") -> Finding:
     """Return what fmpy says of a model description as a finding; `reworded`, if given, is its text."""
     number = next((number for number, word in _FMPY if word in text), "FMI013")
     line = re.search(r"\(line (\d+)\)", text)
-    return found(number, reworded or text, ("modelDescription.xml", int(line[1]) if line else 0))
+    return finding(number, reworded or text, ("modelDescription.xml", int(line[1]) if line else 0))
 
 
 _FMPY = (

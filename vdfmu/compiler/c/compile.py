@@ -132,9 +132,8 @@ class Compilation:
         return self._key(f"library {' '.join(self.exported)}", self.sources)
 
     def _key(self, kind: str, files: Mapping[str, bytes]) -> str:
-        digest = sha256(
-            repr((kind, compiler_version(), self.target, _FLAGS, _SINGLY, _QUICKLY, _MUCH_TEXT, self.flags)).encode()
-        )
+        flags = _FLAGS, _SINGLY, _STEP.pattern, _QUICKLY, _DERIVATIVES.pattern, _MUCH_TEXT, self.flags
+        digest = sha256(repr((kind, compiler_version(), self.target, flags)).encode())
         for name, text in sorted(files.items()):
             digest.update(f"\n{name} {len(text)}\n".encode())
             digest.update(text)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu.base.errors import UnitError, UsageError
-from vdfmu.base.once import once
+from vdfmu.base.once import cached_per_command
 from vdfmu.compiler.unit.base import BaseUnit, is_shipped, unit_name
 from vdfmu.compiler.unit.declaration_check import check_unit
 from vdfmu.compiler.unit.dependencies import Rows, patterns
@@ -352,13 +352,13 @@ class Interface:
         return general_description(text) if array.shape else text
 
 
-@once
+@cached_per_command
 def interface_of(unit: type[BaseUnit], robot: Machine | None) -> Interface:
     """Return the variables of a unit for a robot, with the start values of its declaration; made once in a job."""
     return Interface(unit, robot)
 
 
-@once
+@cached_per_command
 def _declared(unit: type[BaseUnit], robot: Machine | None) -> tuple[tuple[Variable, ...], tuple[Variable, ...]]:
     """Return the variables of a unit and the derivatives of its states; UnitError if it is declared wrongly."""
     if robot is None and unit.needs_robot():
@@ -367,7 +367,7 @@ def _declared(unit: type[BaseUnit], robot: Machine | None) -> tuple[tuple[Variab
     return tuple(scalar_variables(unit, robot)), tuple(derivative_variables(unit, robot))
 
 
-@once
+@cached_per_command
 def _functions(unit: type[BaseUnit], robot: Machine | None) -> UnitFunctions:
     return UnitFunctions(unit, robot)
 

@@ -14,7 +14,7 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 from vdfmu.base.errors import UnitError, UsageError
-from vdfmu.base.once import once
+from vdfmu.base.once import cached_per_command
 from vdfmu.compiler.unit.base import unit_name
 from vdfmu.compiler.unit.place import declarations
 from vdfmu.compiler.unit.unit import Unit
@@ -40,7 +40,7 @@ def reading_only() -> Generator[None]:
         _runs.reset(token)
 
 
-@once
+@cached_per_command
 def load_units(file: Path) -> dict[str, type[Unit]]:
     """Return the units that a Python file declares, by name. The file is run.
 

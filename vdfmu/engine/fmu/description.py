@@ -17,7 +17,7 @@ from vdfmu.engine.fmu.variables import FmuVariable, Value, element_names, read_v
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.elements import read_units
 from vdfmu.engine.package.parse import parse_xml
-from vdfmu.engine.rules import breach, fmpy_found, found
+from vdfmu.engine.rules import breach, finding, fmpy_found
 
 KINDS = ("CoSimulation", "ModelExchange", "ScheduledExecution")
 _TRUE = {"true", "1"}
@@ -141,17 +141,17 @@ def _inspect(
     wanted = [kind for kind in kinds if kind in parts and implementation in ("any", kind)]
     if implementation not in ("any", *kinds):
         text = f"the SSD asks for {implementation}, {source} has {' and '.join(kinds) or 'none'}"
-        problems.append(found("SSP045", text))
+        problems.append(finding("SSP045", text))
     elif not wanted:
         text = f"{source}: expected an FMU for {' or '.join(parts)}, got one for {' and '.join(kinds) or 'neither'}"
-        problems.append(found("RUN007", text, root))
+        problems.append(finding("RUN007", text, root))
     part = parts[wanted[0]] if wanted else None
     identifier = "" if part is None else str(part.modelIdentifier)
     library = library_name(identifier, version)
     if identifier and library not in names:
         has = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
         text = f"{source}: has no binary for this platform ({library}); it has {', '.join(has) or 'none'}"
-        problems.append(found("FMI017", text))
+        problems.append(finding("FMI017", text))
     try:
         return _describe(model, root, source, wanted[:1] == ["ModelExchange"]), problems
     except (ValueError, TypeError, AttributeError):  # texts that the schema refuses

@@ -14,7 +14,7 @@ import fmpy
 from fmpy.validation import validate_model_description
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
-from vdfmu.engine.rules import fmpy_found, found
+from vdfmu.engine.rules import finding, fmpy_found
 
 DESCRIPTION = "modelDescription.xml"
 _SCHEMAS = {
@@ -65,7 +65,7 @@ def description_faults(root: Any) -> tuple[list[str], Any]:
         return [*dangling.faults, *_rules(model)], model
     except Exception as error:  # fmpy raises bare exceptions
         texts_of_fmpy = f"{DESCRIPTION}: cannot be read, an element or attribute is missing or odd: {error}"
-        return dangling.faults or [found("FMI003", texts_of_fmpy, root)], None
+        return dangling.faults or [finding("FMI003", texts_of_fmpy, root)], None
 
 
 @lru_cache
@@ -78,7 +78,7 @@ def schema_faults(root: Any, name: str, where: str) -> list[str]:
     schema = _schema(name)
     if schema.validate(root):
         return []
-    return [found("FMI003", f"{where}, line {e.line}: {e.message}", (where, e.line)) for e in schema.error_log]
+    return [finding("FMI003", f"{where}, line {e.line}: {e.message}", (where, e.line)) for e in schema.error_log]
 
 
 def variables_of(root: Any) -> Iterator[tuple[Any, Any]]:
@@ -142,7 +142,7 @@ class _Dangling:
     def fault(self, rule: str, item: Any, text: str) -> None:
         name = f"variable {item.get('name')!r}" if item.get("name") is not None else item.tag
         text = f"{DESCRIPTION}, line {item.sourceline}: {name}: {text}"
-        self.faults.append(found(rule, text, (DESCRIPTION, item.sourceline)))
+        self.faults.append(finding(rule, text, (DESCRIPTION, item.sourceline)))
 
     def all(self) -> None:
         """Look at every kind of reference that fmpy follows."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from vdfmu.base.text import elided
-from vdfmu.engine.rules import Finding, found, reworded, within
+from vdfmu.engine.rules import Finding, finding, reworded, within
 
 
 @dataclass
@@ -25,11 +25,11 @@ class Findings:
 
     def problem(self, rule: str, text: str, at: Any = ("", 0)) -> None:
         """Add a fault; for `at` see `found`."""
-        self.problems.append(found(rule, text, at))
+        self.problems.append(finding(rule, text, at))
 
     def note(self, rule: str, text: str, at: Any = ("", 0)) -> None:
         """Add a note."""
-        self.notes.append(found(rule, text, at))
+        self.notes.append(finding(rule, text, at))
 
     def add(self, other: Findings, where: str = "", file: str = "") -> None:
         """Add the findings of another check, with its place before each sentence, and `file` before each file."""

@@ -12,7 +12,7 @@ from lxml.etree import QName  # pyright: ignore[reportAttributeAccessIssue]  # l
 
 from vdfmu.engine.inspect.description import DESCRIPTION, schema_faults, variables_of
 from vdfmu.engine.inspect.findings import Findings
-from vdfmu.engine.rules import found
+from vdfmu.engine.rules import finding
 
 TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
 BUILD = "sources/buildDescription.xml"
@@ -35,11 +35,11 @@ def variable_faults(root: Any) -> list[str]:
             (DESCRIPTION, item.sourceline),
         )
         declared = types.get(value.get("declaredType"))
-        faults += [found("FMI009", f"{where}: {fault}", place) for fault in _range_faults(value, declared)]
-        faults += [found("FMI020", f"{where}: {fault}", place) for fault in _nominal_fault(value, declared)]
+        faults += [finding("FMI009", f"{where}: {fault}", place) for fault in _range_faults(value, declared)]
+        faults += [finding("FMI020", f"{where}: {fault}", place) for fault in _nominal_fault(value, declared)]
         if version == "2" and item.get("causality") == "input" and item.get("initial") is not None:
             text = f"initial is {item.get('initial')!r}; FMI 2.0 allows none where causality is 'input'"
-            faults.append(found("FMI010", f"{where}: {text}", place))
+            faults.append(finding("FMI010", f"{where}: {text}", place))
     return faults + (_alias_faults(root, types) if version == "2" else [])
 
 
@@ -60,7 +60,7 @@ def manifest_faults(name: str, root: Any) -> list[str]:
     ]
     if not missing:
         return []
-    return [found("FMI021", f"{name}: lacks {', '.join(missing)}", (name, root.sourceline or 0))]
+    return [finding("FMI021", f"{name}: lacks {', '.join(missing)}", (name, root.sourceline or 0))]
 
 
 def _range_faults(value: Any, declared: Any) -> list[str]:
@@ -115,7 +115,7 @@ def _alias_faults(root: Any, types: Mapping[str, Any]) -> list[str]:
 
         def fault(text: str, names: str = names, reference: str = reference, line: int = line) -> None:
             text = f"{DESCRIPTION}, line {line}: {names} share value reference {reference}: {text}"
-            faults.append(found("FMI011", text, (DESCRIPTION, line)))
+            faults.append(finding("FMI011", text, (DESCRIPTION, line)))
 
         constant = [item.get("variability") == "constant" for item, _ in aliases]
         starts = [value.get("start") for _, value in aliases if value.get("start") is not None]
@@ -141,7 +141,7 @@ def build_faults(root: Any, build: Any, names: Collection[str]) -> Findings:
     if build is not None:
         version = build.get("fmiVersion") or "none"
         if not version.startswith("3."):
-            return Findings([found("FMI002", f"{BUILD}: fmiVersion is {version!r}; expected 3.0", build)])
+            return Findings([finding("FMI002", f"{BUILD}: fmiVersion is {version!r}; expected 3.0", build)])
         faults = schema_faults(build, "fmi3/fmi3BuildDescription.xsd", BUILD)
         if faults:
             return Findings(faults)
@@ -158,8 +158,8 @@ def build_faults(root: Any, build: Any, names: Collection[str]) -> Findings:
     stripped = not any(name.startswith("sources/") and name != BUILD for name in names)
     if stripped and any(name.startswith("binaries/") for name in names):
         text += "; it has none, so it can be run by its binaries only"
-        return Findings(notes=[found("FMI014", text, (where, 0))])
-    return Findings([found("FMI014", text, (where, 0))])
+        return Findings(notes=[finding("FMI014", text, (where, 0))])
+    return Findings([finding("FMI014", text, (where, 0))])
 
 
 def terminal_faults(terminals: Any, root: Any) -> list[str]:
@@ -167,7 +167,7 @@ def terminal_faults(terminals: Any, root: Any) -> list[str]:
     known = {item.get("name") for item, _ in variables_of(root)}
     known |= {alias.get("name") for item, _ in variables_of(root) for alias in item.iterfind("Alias")}
     return [
-        found(
+        finding(
             "FMI015",
             f"{TERMINALS}, line {item.sourceline}: {item.tag}: {DESCRIPTION} has no variable {item.get(attribute)!r}",
             (TERMINALS, item.sourceline),

@@ -18,11 +18,11 @@ from vdfmu.engine.inspect.findings import Findings
 from vdfmu.engine.inspect.fmi import BUILD, TERMINALS, build_faults, manifest_faults, terminal_faults, variable_faults
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.parse import parse_xml
-from vdfmu.engine.rules import breach, found, reworded
+from vdfmu.engine.rules import breach, finding, reworded
 
 _VERSION = re.compile(r"[12]\.0|3\.0(\.\d+)?")
 """FMI 1.0 and 2.0 fix the text of fmiVersion; FMI 3.0 leaves a third number open."""
-NOT_RUN = found("RUN006", "not run: code of a file with problems is not run; mend them first")
+NOT_RUN = finding("RUN006", "not run: code of a file with problems is not run; mend them first")
 _XML_FOLDERS = ("terminalsAndIcons/", "sources/", "extra/")
 
 
@@ -137,7 +137,7 @@ def _experiment(description: Any) -> list[str]:
     problems: list[str] = []
 
     def fault(text: str) -> None:
-        problems.append(found("FMI016", f"{DESCRIPTION}: DefaultExperiment: {text}", (DESCRIPTION, 0)))
+        problems.append(finding("FMI016", f"{DESCRIPTION}: DefaultExperiment: {text}", (DESCRIPTION, 0)))
 
     times: dict[str, float] = {}
     for name in ("startTime", "stopTime", "stepSize"):
@@ -161,7 +161,8 @@ def _read(path: Path, label: str, findings: Findings, outer: Archive | None) -> 
     """Read what an FMU holds; XML that must not be parsed is reported and skipped."""
     with Archive(path, label, outer) as archive:
         findings.notes += [
-            found("PKG007", f"entry {name!r} occurs more than once, with the same content") for name in archive.doubled
+            finding("PKG007", f"entry {name!r} occurs more than once, with the same content")
+            for name in archive.doubled
         ]
         if DESCRIPTION not in archive:
             hint = "; it is a package of SSP, name it .ssp" if "SystemStructure.ssd" in archive else ""
@@ -205,4 +206,4 @@ def _binaries(unit: _FmuContents, description: Any, kinds: list[str], findings: 
         here_too = [f"binaries/{folder}/{library}" for folder in here if f"binaries/{folder}/{library}" in names]
         if not here_too:
             findings.problem("FMI017", f"binaries/{here[0]} has no {library}, as the model identifier asks for")
-        findings.problems += [found("FMI018", unit.misbuilt[name]) for name in here_too if name in unit.misbuilt]
+        findings.problems += [finding("FMI018", unit.misbuilt[name]) for name in here_too if name in unit.misbuilt]

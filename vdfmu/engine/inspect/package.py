@@ -18,7 +18,7 @@ from vdfmu.engine.package.archive import Archive, is_inside
 from vdfmu.engine.package.parse import parse_xml, version_of
 from vdfmu.engine.package.read import DEFAULT, read_system, variants
 from vdfmu.engine.plan.check import check_system
-from vdfmu.engine.rules import Finding, found
+from vdfmu.engine.rules import Finding, finding
 
 
 def check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str | None]:
@@ -31,14 +31,14 @@ def check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str | 
     try:
         with Archive(path, path.name) as archive:
             findings.notes += [
-                found("PKG007", f"entry {name!r} occurs more than once, with the same content")
+                finding("PKG007", f"entry {name!r} occurs more than once, with the same content")
                 for name in archive.doubled
             ]
             names = variants(archive)
             if DEFAULT not in names:
                 has = f"; it has {', '.join(names)}" if names else ""
                 has += "; it is an FMU, name it .fmu" if "modelDescription.xml" in archive else ""
-                return Findings([found("SSP001", f"{path.name}: the package has no {DEFAULT!r}{has}")]), None
+                return Findings([finding("SSP001", f"{path.name}: the package has no {DEFAULT!r}{has}")]), None
             for name in names:
                 heads[name], broken = _head(archive, path.name, name)
                 findings.add(broken, "" if name == DEFAULT else name)
@@ -113,7 +113,7 @@ def _same_names(heads: Mapping[str, Any]) -> list[Finding]:
         users.setdefault("" if root is None else root.get("name") or "", []).append(file)
     text = "have the same name, {!r}, by which tools let users choose"
     return [
-        found("SSP006", f"{' and '.join(files)}: {text.format(name)}")
+        finding("SSP006", f"{' and '.join(files)}: {text.format(name)}")
         for name, files in users.items()
         if name and len(files) > 1
     ]
@@ -129,11 +129,11 @@ def _head(archive: Archive, label: str, name: str) -> tuple[Any, Findings]:
     notes: list[str] = []
     if version and version not in SSP_FORMATS:
         text = f"the SSD states version {version!r}; it was checked as SSP {version_of(root)}"
-        notes.append(found("SSP005", text, root))
+        notes.append(finding("SSP005", text, root))
     for element in root.iter():
         icon = element.get("iconSource")
         member = posixpath.normpath(unquote(icon)) if icon else ""
         if is_inside(member) and member not in archive:
             owner = element.getparent().get("name") or "the system"
-            notes.append(found("SSP008", f"{owner}: icon: the package has no {icon!r}", element))
+            notes.append(finding("SSP008", f"{owner}: icon: the package has no {icon!r}", element))
     return root, Findings(notes=notes)

@@ -23,7 +23,7 @@ from vdfmu.base.errors import SspError
 from vdfmu.engine.inspect.findings import Findings
 from vdfmu.engine.inspect.said import Said
 from vdfmu.engine.package.parse import parse_xml
-from vdfmu.engine.rules import found
+from vdfmu.engine.rules import finding
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref/"
 MANIFEST = f"{FOLDER}fmi-ls-manifest.xml"
@@ -63,7 +63,7 @@ def compare(path: Path) -> Findings:
     with zipfile.ZipFile(path) as archive:
         tables, missing = _tables(archive)
         text = f"not compared: {MANIFEST} names it, and the FMU does not have it"
-        findings.notes += [found("RUN004", f"{posixpath.basename(name)}: {text}") for name in missing]
+        findings.notes += [finding("RUN004", f"{posixpath.basename(name)}: {text}") for name in missing]
         for name in tables:
             short, said = posixpath.basename(name), Said()
             try:
@@ -78,7 +78,7 @@ def compare(path: Path) -> Findings:
                     else _simulated(path, description, expected, signals, said)
                 )
                 findings.problems += [
-                    found("RUN003", f"{short}: {problem}") for problem in _differences(expected, results)
+                    finding("RUN003", f"{short}: {problem}") for problem in _differences(expected, results)
                 ]
                 findings.compared.append(short)
             except _NotComparedError as reason:
@@ -129,7 +129,7 @@ def _results_of(
     table = read_table(archive.read(name).decode("utf-8-sig"), skip)
     short = posixpath.basename(name)
     findings.notes += [
-        found("RUN004", f"{short}: {', '.join(columns)}: not compared: {why}") for why, columns in left.items()
+        finding("RUN004", f"{short}: {', '.join(columns)}: not compared: {why}") for why, columns in left.items()
     ]
     if not table.columns:
         raise _NotComparedError("it has no column that can be")

@@ -29,7 +29,7 @@ from vdfmu.engine.inspect.said import Said
 from vdfmu.engine.package.limits import package_limit, unpack_limit
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import System
-from vdfmu.engine.rules import Finding, found
+from vdfmu.engine.rules import Finding, finding
 
 STEPS = 10
 SECONDS = 60.0
@@ -72,7 +72,7 @@ def run_apart(
                 task,
             )
         except OSError as error:
-            return Findings([found("RUN001", f"{task} could not be tried: {error}")])
+            return Findings([finding("RUN001", f"{task} could not be tried: {error}")])
         noted = Path(folder, _PHASE)
         phase = noted.read_text(encoding="utf-8") if noted.is_file() else "the start of the process"
         answer = Path(folder, _ANSWER)
@@ -120,7 +120,7 @@ def _encoded(findings: Findings, whole: bool) -> dict[str, Any]:
 def _decoded(values: Any) -> Findings:
     """Return the findings of :func:`_encoded`; ValueError, TypeError or KeyError for anything else."""
     problems, notes = (
-        [found(rule, text, (str(file), int(line))) for rule, text, file, line in values[key]]
+        [finding(rule, text, (str(file), int(line))) for rule, text, file, line in values[key]]
         for key in ("problems", "notes")
     )
     return Findings([*problems], [*notes], [str(name) for name in values["compared"]], bool(values["ran"]))
@@ -149,7 +149,7 @@ def _run_unit(path: Path, phase: Callable[..., None]) -> Findings:
     said = Said()
     description = fmpy.read_model_description(str(path), validate=False)
     if description.coSimulation is None and description.modelExchange is None:
-        return Findings(notes=[found("RUN006", "not run: it has neither co-simulation nor model exchange")])
+        return Findings(notes=[finding("RUN006", "not run: it has neither co-simulation nor model exchange")])
     experiment = description.defaultExperiment
     start = float(experiment.startTime) if experiment and experiment.startTime else 0.0
     step = float(experiment.stepSize) if experiment and experiment.stepSize else 1e-3
@@ -168,11 +168,11 @@ def _run_unit(path: Path, phase: Callable[..., None]) -> Findings:
     except Exception as error:  # whatever a foreign unit does, it is reported
         if isinstance(error, OSError) and error.errno in _FULL:
             raise
-        return Findings([found("RUN001", f"{STEPS} steps of {step:g} s failed: {said.with_error(error)}")])
+        return Findings([finding("RUN001", f"{STEPS} steps of {step:g} s failed: {said.with_error(error)}")])
     said.stay()
     if said.messages:
         given = f"{STEPS} steps of {step:g} s gave"
-        return Findings([found("RUN001", f"{given}: {message}") for message in said.messages])
+        return Findings([finding("RUN001", f"{given}: {message}") for message in said.messages])
     findings = Findings()
     kind = description.coSimulation or description.modelExchange
     if kind is not None and kind.canBeInstantiatedOnlyOncePerProcess:
@@ -195,7 +195,7 @@ def _not_finite(results: npt.NDArray[Any]) -> list[str]:
         bad = np.argwhere(~np.isfinite(rows)) if rows.dtype.kind == "f" else np.empty((0, 2), int)
         for row, column in bad[:1]:
             text = f"{name} is {rows[row, column]} at t = {results['time'][row]:.9g} s, inputs at their start values; "
-            notes.append(found("RUN005", f"{text}a co-simulation that reads or records it ends there"))
+            notes.append(finding("RUN005", f"{text}a co-simulation that reads or records it ends there"))
     return notes
 
 
@@ -228,7 +228,7 @@ def _run_system(path: Path, deadline: float) -> Findings:
     except (VdfmuError, OSError) as error:
         if isinstance(error, OSError) and error.errno in _FULL:
             raise
-        return Findings([found("RUN001", f"{count} steps of {step:g} s failed: {error}")])
+        return Findings([finding("RUN001", f"{count} steps of {step:g} s failed: {error}")])
     return Findings()
 
 

@@ -14,7 +14,7 @@ from urllib.parse import unquote, urlsplit
 from vdfmu.base.errors import SspError, UsageError, disk_error
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.engine.package import limits
-from vdfmu.engine.rules import Finding, breach, found
+from vdfmu.engine.rules import Finding, breach, finding
 
 INSIDE = "!/"
 """Between the name of a package inside a package and the name of a member of it."""
@@ -74,7 +74,7 @@ class Archive:
         problems: list[Finding] = []
 
         def fault(rule: str, text: str) -> None:
-            problems.append(found(rule, f"{self.label}: {text}"))
+            problems.append(finding(rule, f"{self.label}: {text}"))
 
         members: dict[str, zipfile.ZipInfo] = {}
         folded: dict[str, str] = {}

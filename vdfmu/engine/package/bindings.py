@@ -13,7 +13,7 @@ from vdfmu.engine.package.elements import Node, Scope, read_boolean, read_shape,
 from vdfmu.engine.package.parse import NAMESPACES, validate
 from vdfmu.engine.package.system import BoundParameter, Hop, Shape, UnitFactor, Value
 from vdfmu.engine.package.wiring import Key, Wiring, show, show_shape
-from vdfmu.engine.rules import Finding, Place, breach, found, place_of
+from vdfmu.engine.rules import Finding, Place, breach, finding, place_of
 
 _SSV = f"{{{NAMESPACES['ssv']}}}"
 SET_TYPE = "application/x-ssp-parameter-set"
@@ -113,7 +113,7 @@ class Bindings:
                 if not places:
                     text = f"{node.label or 'the system'}: parameter {entry.name!r} ({entry.origin}) "
                     text += "matches no element or connector"
-                    self.unmatched.append(found("SSP052", text, entry.place))
+                    self.unmatched.append(finding("SSP052", text, entry.place))
 
     def _pass_on(self, key: Key, bound: _Bound) -> None:
         """Give the value of a connector of a system to all variables that it feeds."""
@@ -122,7 +122,7 @@ class Bindings:
         where = f"{bound.node.label or 'the system'}: parameter {key[1]!r} ({bound.entry.origin})"
         if not self._passes_on(key):
             text = f"{where}: has no effect, {show(key)} is of kind {connector.kind} and has the value of its source"
-            self.notes.append(found("SSP057", text, bound.entry.place))
+            self.notes.append(finding("SSP057", text, bound.entry.place))
             return
         for above in self.wiring.above(key):
             if self._passes_on(above):
@@ -133,14 +133,14 @@ class Bindings:
         for sink, hops, indices in self.wiring.reach(key):
             if any(indices):
                 text = f"{where}: is set, and {show(sink)} takes or gives a part of it; set {show(sink)} itself"
-                self.fatal.append(found("SSP054", text, bound.entry.place))
+                self.fatal.append(finding("SSP054", text, bound.entry.place))
             fed = True
             if sink in self._bound:
                 self._overruled(sink, self._bound[sink], key)
             self._store(sink, bound, (first, *hops))
         if not fed:
             text = f"{where}: has no effect, nothing of a component is connected to {show(key)}"
-            self.notes.append(found("SSP057", text, bound.entry.place))
+            self.notes.append(finding("SSP057", text, bound.entry.place))
 
     def _passes_on(self, key: Key) -> bool:
         """Whether a connector of a system has a value for what it feeds; outputs get theirs from inside."""
@@ -153,7 +153,7 @@ class Bindings:
         if bound.level <= winner.level:
             text = f"{bound.node.label or 'the system'}: parameter {key[1]!r} ({bound.entry.origin}): has no effect, "
             text += f"{show(key)} is connected to {show(source)} and takes its value ({winner.entry.origin})"
-            self.notes.append(found("SSP057", text, bound.entry.place))
+            self.notes.append(finding("SSP057", text, bound.entry.place))
 
     def _store(self, key: Key, bound: _Bound, hops: tuple[Hop, ...]) -> None:
         self._values.setdefault(key[0], {})[key[1]] = self._parameter(key, bound, hops)
@@ -232,12 +232,12 @@ class Bindings:
         for target, names in sources.items():
             if len(names) > 1:
                 text = f"the mapping has several entries for target {target!r}, from {', '.join(names)}; keep one"
-                self.fatal.append(found("SSP051", f"{where}: {text}", mapping))
+                self.fatal.append(finding("SSP051", f"{where}: {text}", mapping))
         for item in items:
             entry = by_name.get(item.get("source"))
             if entry is None:
                 text = f"{where}: the mapping's source {item.get('source')!r} is not in the parameter set"
-                self.unmatched.append(found("SSP052", text, item))
+                self.unmatched.append(finding("SSP052", text, item))
                 continue
             transformation = read_transformation(item, f"{where}: {entry.name!r}")
             hop = Hop(transformation, read_boolean(item.get("suppressUnitConversion")))
@@ -253,11 +253,11 @@ class Bindings:
             kind, origin = typed.tag[len(_SSV) :], f"{label}: {name}"
             if kind == "Binary" and not SSP_FORMATS[scope.version].binary_parameters:
                 text = f"{scope.label}: {origin}: binary parameters are not part of FMI 2.0"
-                self.fatal.append(found("SSP054", text, item))
+                self.fatal.append(finding("SSP054", text, item))
                 continue
             if name in entries:
                 text = f"{scope.label}: {origin}: occurs twice in the parameter set"
-                self.fatal.append(found("SSP051", text, item))
+                self.fatal.append(finding("SSP051", text, item))
             shape, text = read_shape(item), typed.get("value")
             texts = [value.get("value") for value in typed.iterfind("ssv:Value", NAMESPACES)]
             if not texts:
@@ -267,7 +267,7 @@ class Bindings:
             count = math.prod(size or 0 for size in shape)
             if None not in shape and len(values) != count:
                 text = f"{scope.label}: {origin}: {len(values)} value(s) for {show_shape(shape)}"
-                self.fatal.append(found("SSP054", text, item))
+                self.fatal.append(finding("SSP054", text, item))
             unit = typed.get("unit")
             entries[name] = _BoundValue(
                 prefix + name, tuple(values) if shape or not values else values[0], kind,

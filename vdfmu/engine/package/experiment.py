@@ -8,7 +8,7 @@ from typing import Any
 
 from vdfmu.engine.algorithms import ALGORITHMS, choice, is_continuous
 from vdfmu.engine.package.parse import NAMESPACES
-from vdfmu.engine.rules import found
+from vdfmu.engine.rules import finding
 
 EXPERIMENT_TYPE = "org.vdfmu.experiment"
 OSP_TYPE = "com.opensimulationplatform"
@@ -88,7 +88,7 @@ class _NumberReader:
         self._element = element
 
     def fault(self, text: str) -> None:
-        self.problems.append(found("SSP010", f"{self.place}: {text}", self._element))
+        self.problems.append(finding("SSP010", f"{self.place}: {text}", self._element))
 
     def number(
         self, element: Any, key: str, what: str, above: float = -math.inf, below: float = math.inf

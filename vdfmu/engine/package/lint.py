@@ -7,7 +7,7 @@ from typing import Any
 
 from vdfmu.engine.package.elements import Document, read_units
 from vdfmu.engine.package.parse import NAMESPACES
-from vdfmu.engine.rules import Finding, found
+from vdfmu.engine.rules import Finding, finding
 
 _INLINE = {"ssv": "ParameterSet", "ssb": "SignalDictionary"}
 _USERS = {"ssd": "Connector", "ssv": "Parameter", "ssb": "DictionaryEntry"}
@@ -20,7 +20,7 @@ def file_faults(documents: Iterable[Document]) -> list[Finding]:
     for kind, root, where in documents:
         encoding = root.getroottree().docinfo.encoding or "UTF-8"
         if encoding.upper() not in ("UTF-8", "UTF8", "ASCII", "US-ASCII"):
-            faults.append(found("SSP004", f"{where}: is encoded in {encoding}; SSP has UTF-8 only", root))
+            faults.append(finding("SSP004", f"{where}: is encoded in {encoding}; SSP has UTF-8 only", root))
         if kind == "ssm":
             continue
         units = read_units(_each(root, kind, "Units"))
@@ -44,7 +44,7 @@ def _unit_faults(kind: str, root: Any, units: set[str], where: str) -> Iterator[
         for name, unit in read_units([item]).items():
             if not unit.usable:
                 text = f"{where}: unit {name!r}: factor {unit.factor:g} and offset {unit.offset:g}; "
-                yield found("SSP022", f"{text}expected finite numbers, and a factor other than 0", item)
+                yield finding("SSP022", f"{text}expected finite numbers, and a factor other than 0", item)
     users: dict[str, list[Any]] = {}
     for item in root.iter(f"{{{NAMESPACES[kind]}}}{_USERS[kind]}"):
         for value in item:
@@ -54,7 +54,7 @@ def _unit_faults(kind: str, root: Any, units: set[str], where: str) -> Iterator[
     for unit, items in users.items():
         more = f" and {len(items) - 1} more" if items[1:] else ""
         text = f"{where}: unit {unit!r} of {_name(items[0])}{more} is not defined; define it in {kind}:Units"
-        yield found("SSP022", text, items[0])
+        yield finding("SSP022", text, items[0])
 
 
 def _name(item: Any) -> str:
@@ -74,5 +74,5 @@ def _twice_faults(root: Any, where: str) -> Iterator[Finding]:
             name = str(item.get("name"))
             if name in seen:
                 text = f"{where}, line {item.sourceline}: two connectors are named {_name(item)}; "
-                yield found("SSP018", f"{text}names of connectors of one element must differ", item)
+                yield finding("SSP018", f"{text}names of connectors of one element must differ", item)
             seen.add(name)

@@ -11,7 +11,7 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml sh
 
 from vdfmu.base.errors import SspError
 from vdfmu.base.standards import SSP_1, SSP_FORMATS
-from vdfmu.engine.rules import breach, found
+from vdfmu.engine.rules import breach, finding
 
 _FILES = {
     "ssc": "SystemStructureCommon",
@@ -87,7 +87,7 @@ def validate(root: Any, kind: str, where: str, version: str = SSP_1.name) -> Non
     else:
         wrong = [] if schema.validate(root) else [(entry.line, entry.message) for entry in schema.error_log]
     if wrong:
-        raise SspError([found("SSP003", f"{where}, line {n}: {text}", (where, n)) for n, text in wrong])
+        raise SspError([finding("SSP003", f"{where}, line {n}: {text}", (where, n)) for n, text in wrong])
 
 
 def parse_ssp_xml(data: bytes, kind: str, where: str, version: str | None = SSP_1.name) -> Any:

@@ -17,7 +17,7 @@ from vdfmu.engine.package.parse import NAMESPACES, version_of
 from vdfmu.engine.package.system import Component, System
 from vdfmu.engine.package.tree import TreeReader
 from vdfmu.engine.package.wiring import Wiring
-from vdfmu.engine.rules import breach, found, place_of
+from vdfmu.engine.rules import breach, finding, place_of
 
 DEFAULT = "SystemStructure.ssd"
 """The SSD that a package must have."""
@@ -97,7 +97,7 @@ def _flattened(root: Any, scope: Scope, path: Path) -> tuple[System, list[str]]:
     connections = tuple(wiring.flatten())
     notes = [*wiring.notes, *bindings.notes]
     if parse.schema_of("ssd", scope.version) is None:
-        notes.insert(0, found("SSP009", _NO_SCHEMA))
+        notes.insert(0, finding("SSP009", _NO_SCHEMA))
     system = System(
         path=path,
         name=root.get("name"),

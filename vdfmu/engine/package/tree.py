@@ -14,7 +14,7 @@ from vdfmu.engine.package.elements import Node, Scope, read_connector, read_conn
 from vdfmu.engine.package.experiment import read_step
 from vdfmu.engine.package.parse import NAMESPACES, version_of
 from vdfmu.engine.package.system import Connector
-from vdfmu.engine.rules import breach, found
+from vdfmu.engine.rules import breach, finding
 
 FMU_TYPE = "application/x-fmu-sharedlibrary"
 PACKAGE_TYPE = "application/x-ssp-package"
@@ -41,14 +41,14 @@ class TreeReader:
         self._count = 0
 
     def _fault(self, rule: str, text: str, at: Any) -> None:
-        self.problems.append(found(rule, text, at))
+        self.problems.append(finding(rule, text, at))
 
     def system(self, element: Any, scope: Scope, parent: Node | None, name: str = "") -> Node:
         """Read a system with everything below it."""
         path = () if parent is None else (*parent.path, name)
         if len(path) > limits.DEPTH_LIMIT:
             text = f"{scope.label}: {'.'.join(path[:3])}...: more than {limits.DEPTH_LIMIT} systems inside each other; "
-            raise LimitError(found("SSP016", f"{text}that is the limit (DEPTH_LIMIT). Join some of them", element))
+            raise LimitError(finding("SSP016", f"{text}that is the limit (DEPTH_LIMIT). Join some of them", element))
         node = Node(path, "system", read_connectors(element, scope), element, scope)
         self._dictionaries(node, element, parent)
         for child in element.iterfind("ssd:Elements/*", NAMESPACES):
@@ -59,7 +59,7 @@ class TreeReader:
                     "that components refer to; that is the limit (ELEMENT_LIMIT). Look for systems that "
                     "refer to one another many times, or split the system"
                 )
-                raise LimitError(found("SSP016", text, child))
+                raise LimitError(finding("SSP016", text, child))
             child_name = child.get("name")
             if child_name in node.children:
                 self._fault("SSP017", f"{scope.label}: two elements are named {node.dotted(child_name)!r}", child)

@@ -11,7 +11,7 @@ from vdfmu.base.standards import SSP_FORMATS
 from vdfmu.engine.package.elements import Node, read_boolean, read_transformation
 from vdfmu.engine.package.parse import NAMESPACES
 from vdfmu.engine.package.system import Connection, Connector, Hop, Index, Shape, UnitFactor
-from vdfmu.engine.rules import found, place_of
+from vdfmu.engine.rules import finding, place_of
 
 Key = tuple[tuple[str, ...], str]
 Indices = tuple[Index, Index]
@@ -90,7 +90,7 @@ class Wiring:
         self.names[node.path] = name
         if name != node.label:
             text = f"several components have the dotted name {node.label}: {' / '.join(node.path)} is called {name}"
-            self.notes.append(found("SSP021", f"{text} here", node.element))
+            self.notes.append(finding("SSP021", f"{text} here", node.element))
 
     def _connect(self, node: Node, item: Any) -> None:
         # some tools write startElement="" for a connector of the system itself
@@ -98,7 +98,7 @@ class Wiring:
         text = " -> ".join(".".join(p for p in (*node.path, *pair) if p) for pair in names)
 
         def fault(rule: str, what: str) -> None:
-            self.problems.append(found(rule, f"connection {text}: {what}", item))
+            self.problems.append(finding(rule, f"connection {text}: {what}", item))
 
         ends: list[tuple[str, Node, Connector, Index]] = []
         for end, (element, name) in zip(("start", "end"), names, strict=True):
@@ -171,7 +171,7 @@ class Wiring:
                     yield sink, (*hops, hop), joined
                 elif sink in seen:
                     text = f"{show(sink)} is connected to itself through system connectors"
-                    self.problems.append(found("SSP037", text, hop.place))
+                    self.problems.append(finding("SSP037", text, hop.place))
                 else:
                     stack.append((sink, (*hops, hop), seen | {sink}, joined))
 

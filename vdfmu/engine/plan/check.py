@@ -17,7 +17,7 @@ from vdfmu.engine.plan.inputs import InputTable
 from vdfmu.engine.plan.link import SOURCE, Port
 from vdfmu.engine.plan.overrides import overrides
 from vdfmu.engine.plan.schedule import choose_schedule
-from vdfmu.engine.rules import found
+from vdfmu.engine.rules import finding
 
 
 def check_system(
@@ -80,19 +80,19 @@ def check_system(
     fixed = {link.end: link.start for link in links if not link.stepped}
     for name, values in starts.items():
         notes = _fed(name, values, fixed, "the value of the parameter set")
-        checker.notes += [found("SSP057", note) for note in notes]
+        checker.notes += [finding("SSP057", note) for note in notes]
     sources = known if feed is None else {**known, SOURCE: feed.description}
     algorithm, schedule, loops, notes = choose_schedule(sources, links, algorithm)
     if feed is not None:
         blocks = tuple(block for block in schedule.blocks if SOURCE not in block)
         schedule = replace(schedule, units=tuple(u for u in schedule.units if u != SOURCE), blocks=blocks)
-    checker.problems += [found("SSP039", loop) for loop in loops]
-    checker.notes += [found("SSP039", note) for note in notes]
+    checker.problems += [finding("SSP039", loop) for loop in loops]
+    checker.notes += [finding("SSP039", note) for note in notes]
     for loop in dict.fromkeys(schedule.initial.loops):
-        checker.notes.append(found("SSP039", f"algebraic loop during initialization, solved: {loop}"))
+        checker.notes.append(finding("SSP039", f"algebraic loop during initialization, solved: {loop}"))
     problems, notes = check_abilities(known, links, schedule, algorithm, repeats)
-    checker.problems += [found("RUN007", problem) for problem in problems]
-    checker.notes += [found("RUN007", note) for note in notes]
+    checker.problems += [finding("RUN007", problem) for problem in problems]
+    checker.notes += [finding("RUN007", note) for note in notes]
     if checker.problems:
         error = SspError(list(dict.fromkeys(checker.problems)))
         error.notes = checker.notes

@@ -25,7 +25,7 @@ from vdfmu.engine.package.wiring import fits, show_shape
 from vdfmu.engine.plan.conversion import Conversion, MisfitError, Value, as_type, compose
 from vdfmu.engine.plan.link import Link, Port
 from vdfmu.engine.plan.overrides import Starts, why_not
-from vdfmu.engine.rules import Finding, found, within
+from vdfmu.engine.rules import Finding, finding, within
 
 _PAIRS = {("output", "input"), ("calculatedParameter", "parameter"), ("calculatedParameter", "input")}
 
@@ -58,7 +58,7 @@ class Checker:
         """Read the FMUs and check the connectors against their variables."""
         if not self.system.components:
             text = f"{self.system.path.name}: the system has no components"
-            self.problems.append(found("SSP023", text))
+            self.problems.append(finding("SSP023", text))
         read: dict[Any, Description | None] = {}
         with Archive(self.system.path, self.system.path.name) as archive:
             for component in self.system.components:
@@ -72,7 +72,7 @@ class Checker:
                     for connector in component.connectors.values():
                         for rule, text in self._connector(connector, description):
                             text = f"{component.name}.{connector.name}: {text}"
-                            self.problems.append(found(rule, text, connector.place))
+                            self.problems.append(finding(rule, text, connector.place))
         self._same_names()
         users: dict[str, list[str]] = {}
         for name, description in self.descriptions.items():
@@ -81,7 +81,7 @@ class Checker:
         for source, names in users.items():
             if len(names) > 1:
                 text = f"{', '.join(names)}: {source} can be instantiated only once per process"
-                self.problems.append(found("SSP046", text))
+                self.problems.append(finding("SSP046", text))
 
     def _inspect(
         self, archive: Archive, component: Component, sizes: dict[str, Value], read: dict[Any, Description | None]
@@ -119,7 +119,7 @@ class Checker:
                     if outer is not None and ".".join((*parts[i:], variable)) in outer.variables:
                         text = f"{full}: two variables have this name, of {'.'.join(parts[:i])} and of {name}; "
                         text += "rename a component to tell them apart"
-                        self.notes.append(found("SSP021", text))
+                        self.notes.append(finding("SSP021", text))
 
     def _connector(self, connector: Connector, description: Description) -> Iterator[tuple[str, str]]:
         """Yield the rules that a connector breaks, compared with the variable of its name."""
@@ -180,7 +180,7 @@ class Checker:
                 continue
 
             def fault(rule: str, text: str, connection: Connection = connection) -> None:
-                self.problems.append(found(rule, f"connection {connection}: {text}", connection.hops[-1].place))
+                self.problems.append(finding(rule, f"connection {connection}: {text}", connection.hops[-1].place))
 
             types = [source.declared, *(h.type for h in connection.hops[:-1] if h.type), sink.declared]
             if len({type_of(name) for name in types}) > 1:
@@ -227,7 +227,7 @@ class Checker:
                     continue  # the master ticks it
                 if (name, variable.name) not in fed:
                     text = f"{name}.{variable.name}: input is not connected and keeps its start value"
-                    report.append(found("SSP038", text))
+                    report.append(finding("SSP038", text))
 
     def start_values(self) -> Starts:
         """Check the bound parameters and convert them to the units of the FMUs."""
@@ -243,7 +243,7 @@ class Checker:
                     if not any(self._exists(*place) for place in parameter.elsewhere):
                         text = f"{where}: {description.source} has no such variable"
                         text += close_to(parameter.name, description.names)
-                        self._unmatched(found("SSP052", text, parameter.place))
+                        self._unmatched(finding("SSP052", text, parameter.place))
                     continue
                 values = parameter.value if isinstance(parameter.value, tuple) else (parameter.value,)
                 faults = [("SSP053", why_not(elements[0]))] if not elements[0].settable else []
@@ -259,7 +259,7 @@ class Checker:
                     except MisfitError as error:
                         faults.append((_OF_VALUE[error.what], str(error)))
                 for rule, text in dict.fromkeys(faults):
-                    self.problems.append(found(rule, f"{where}: {text}", parameter.place))
+                    self.problems.append(finding(rule, f"{where}: {text}", parameter.place))
         return starts
 
     def _exists(self, component: str, name: str) -> bool:

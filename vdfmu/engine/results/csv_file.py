@@ -132,7 +132,7 @@ def _numbers(array: Floats) -> bytes:
     try:
         core = _core()
         core.write_body_array(core.open_write_stream(stream, core.header(comment="", symmetry="general"), 1, -1), array)
-    except (AttributeError, ImportError, TypeError):  # a scipy whose parts are others
+    except (AttributeError, ImportError, RuntimeError, TypeError, ValueError):  # a scipy whose parts are others
         from scipy.io import mmwrite
 
         stream = io.BytesIO()

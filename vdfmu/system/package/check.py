@@ -16,7 +16,7 @@ from vdfmu.compiler.unit.load import CodeNotRunError, load_units, reading_only
 from vdfmu.engine.inspect.findings import Findings, one_line
 from vdfmu.engine.inspect.inspection import Report
 from vdfmu.engine.inspect.trial import run_apart, serve
-from vdfmu.engine.rules import Finding, found
+from vdfmu.engine.rules import Finding, finding
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario.check import model_notes
 from vdfmu.system.scenario.load import load_scenario, load_system
@@ -51,7 +51,7 @@ def inspect_source(path: Path, robot: str, run: bool = True, say: Callable[[str]
             text = f"{code.file} is code and was not run (--no-run): its syntax was read, not what it declares"
             if code.file != path:
                 text += f"; of {path.name}, what depends on that was not checked"
-            findings.notes.append(found("RUN006", text, (str(path), 0)))
+            findings.notes.append(finding("RUN006", text, (str(path), 0)))
     return Report(
         *(list(dict.fromkeys(map(one_line, texts))) for texts in (findings.problems, findings.notes)),
         ran=findings.ran, file=str(path), kind=kind,
@@ -62,7 +62,7 @@ def _findings(rule: str, lines: Iterable[str], path: Path) -> list[Finding]:
     """Return lines as findings, with the line of the file where they name it."""
     pattern = re.compile(rf"^{re.escape(str(path))}, line (\d+)")
     places = ((text, pattern.match(text)) for text in lines)
-    return [found(rule, text, (str(path), int(place[1]) if place else 0)) for text, place in places]
+    return [finding(rule, text, (str(path), int(place[1]) if place else 0)) for text, place in places]
 
 
 def _run(words: str, path: Path, *_: Any) -> Findings:

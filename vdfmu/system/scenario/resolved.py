@@ -10,7 +10,7 @@ from vdfmu.arm.units import find_unit
 from vdfmu.arm.units.plant import Plant
 from vdfmu.base.errors import UsageError
 from vdfmu.base.measure import measure
-from vdfmu.base.once import once
+from vdfmu.base.once import cached_per_command
 from vdfmu.base.text import nearest
 from vdfmu.compiler.unit.declaration import Input, Output
 from vdfmu.compiler.unit.interface import Interface, interface_of
@@ -117,7 +117,7 @@ class ResolvedSystem:
             )
 
 
-@once
+@cached_per_command
 def resolve(system: SystemFile, robot: Robot | None) -> ResolvedSystem:
     """Return the components of a system for a robot, which are found once in a job."""
     return ResolvedSystem(system, robot)

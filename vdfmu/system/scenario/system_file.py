@@ -12,7 +12,7 @@ from typing import Any, cast
 from vdfmu.arm.robot.load import load_robot
 from vdfmu.arm.robot.robot import ENDS, Robot
 from vdfmu.base.errors import ModelError, UsageError
-from vdfmu.base.once import once
+from vdfmu.base.once import cached_per_command
 from vdfmu.base.text import nearest
 from vdfmu.base.toml_file import locate
 from vdfmu.base.toml_tables import Problems, Table, shown
@@ -47,7 +47,7 @@ class Part:
         return Path(named) if not isinstance(self.unit, type) and named.lower().endswith(".fmu") else None
 
 
-@once
+@cached_per_command
 def _with_ends(robot: Robot, ends: tuple[str, ...]) -> Robot:
     return dataclasses.replace(robot, **dict.fromkeys(ends, True))
 
