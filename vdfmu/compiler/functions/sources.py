@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from functools import lru_cache
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
@@ -16,7 +16,7 @@ _IMPORT = re.compile(r"^ *(?:from vdfmu([\w.]*) import (\([^)]*\)|.*)|import vdf
 _NAME = re.compile(r"\w+")
 
 
-@lru_cache
+@cache
 def source_digest(*roots: str) -> str:
     """Digest of modules of vdfmu with all that they import of it, and of CasADi's version.
 
@@ -45,7 +45,7 @@ def imported(*roots: str) -> list[str]:
     return sorted(found)
 
 
-@lru_cache
+@cache
 def _files() -> dict[str, Path]:
     """Return the name of each module, ``arm`` or ``arm.kernel``, to its file."""
     paths = {file.relative_to(PACKAGE).with_suffix("").parts: file for file in PACKAGE.rglob("*.py")}
@@ -53,7 +53,7 @@ def _files() -> dict[str, Path]:
     return {name: file for name, file in named.items() if name}
 
 
-@lru_cache
+@cache
 def _source(name: str) -> tuple[str, frozenset[str]]:
     """Return the digest of a module, and the names that it imports, some of which are not modules."""
     content = _files()[name].read_bytes().replace(b"\r\n", b"\n")
