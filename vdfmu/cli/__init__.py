@@ -6,6 +6,7 @@ SIGHUP.
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -23,6 +24,7 @@ def main() -> None:
     """Entry point: signals end the command from here on, while its modules are imported too. Python ends with it."""
     command_begins()
     os.environ.update(ONE_THREAD | os.environ)
+    gc.set_threshold(20_000, 5, 5)  # modules and pictures are many objects: 700 would search them again and again
     short = ""
     try:
         _require_named_folder()
