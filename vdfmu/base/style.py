@@ -48,6 +48,7 @@ _RC: dict[str, Any] = {
     "axes.labelsize": 10.0,
     "axes.titlelocation": "left",
     "axes.titleweight": "bold",
+    "axes.titley": 1.0,  # else matplotlib measures all that a title might lie on
     "axes.edgecolor": _GREY,
     "axes.linewidth": 0.8,
     "axes.grid": True,
@@ -148,7 +149,9 @@ def dress(axes: Axes, title: str, quantity: str, unit: str, time: Floats | None 
 
 
 def label_time(panels: Sequence[Axes], columns: int) -> None:
-    """Write "Time [s]" below the lowest panel of each column; panels come row by row."""
+    """Write times and "Time [s]" below the lowest panel of each column only; panels come row by row."""
+    for axes in panels[:-columns]:
+        axes.tick_params(labelbottom=False)
     for axes in panels[-columns:]:
         axes.set_xlabel("Time [s]")
 
