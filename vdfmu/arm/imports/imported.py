@@ -60,6 +60,10 @@ def robot_from_urdf(
     density : float [kg/m3], optional
         Density of the boxes, cylinders and spheres of bodies without mass or inertia.
 
+    Returns
+    -------
+    Robot
+
     Raises
     ------
     ModelError
@@ -75,6 +79,10 @@ def robot_from_mjcf(path: Path_, base: str | None = None, tip: str | None = None
     ----------
     path, base, tip, drives
         See :func:`robot_from_urdf`, with its errors.
+
+    Returns
+    -------
+    Robot
     """
     return import_robot(path, base, tip, drives, kind="mujoco").robot
 

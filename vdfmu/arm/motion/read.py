@@ -51,6 +51,10 @@ def load_motion(path: str | os.PathLike[str], robot: Robot) -> Motion:
         samples.
     robot : Robot
 
+    Returns
+    -------
+    Motion
+
     Raises
     ------
     ModelError

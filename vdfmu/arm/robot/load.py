@@ -22,6 +22,10 @@ def load_robot(path_or_name: str | os.PathLike[str]) -> Robot:
     path_or_name : str or path
         A value with a path separator, one that ends in ``.toml`` and the name of an existing file are paths.
 
+    Returns
+    -------
+    Robot
+
     Raises
     ------
     UsageError

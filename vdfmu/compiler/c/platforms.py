@@ -60,7 +60,7 @@ _C = (
     "bcmp calloc free malloc memccpy memchr memcmp memmove mempcpy memset realloc snprintf stpcpy strcat strchr strcmp "
     "strcpy strcspn strlen strncat strncmp strncpy strnlen strpbrk strrchr strspn strstr strtod vsnprintf"
 )
-"""What the C of units calls, and what the compiler may make of it."""
+"""What the C of units, and of benchmarks, calls, and what the compiler may make of it."""
 # fmt: off
 PLATFORMS = {
     p.name: p
@@ -69,13 +69,13 @@ PLATFORMS = {
             "x86_64-linux", "x86_64-linux-gnu.2.17", "linux64", ".so", _X86,
             libraries={
                 "libm.so.6": {"GLIBC_2.2.5": _MATH},
-                "libc.so.6": {"GLIBC_2.2.5": _C, "GLIBC_2.14": "memcpy"},
+                "libc.so.6": {"GLIBC_2.2.5": _C, "GLIBC_2.14": "memcpy", "GLIBC_2.17": "clock_gettime"},
                 "ld-linux-x86-64.so.2": {"GLIBC_2.3": "__tls_get_addr"},  # memory that each thread has of its own
             },
         ),
         Platform(
             "aarch64-linux", "aarch64-linux-gnu.2.17", "aarch64-linux", ".so",
-            libraries={"libm.so.6": {"GLIBC_2.17": _MATH}, "libc.so.6": {"GLIBC_2.17": f"{_C} memcpy"}},
+            libraries={"libm.so.6": {"GLIBC_2.17": _MATH}, "libc.so.6": {"GLIBC_2.17": f"{_C} memcpy clock_gettime"}},
         ),
         Platform("x86_64-windows", "x86_64-windows-gnu", "win64", ".dll", _X86),
         Platform("x86_64-darwin", "x86_64-macos.11.0", "darwin64", ".dylib", _X86),

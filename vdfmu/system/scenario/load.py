@@ -33,6 +33,10 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
         Robot instead of the one that the file names, or of none where a component takes it; a str as for `load_robot`.
         The paper's numbers are left out where it has other numbers than the file's.
 
+    Returns
+    -------
+    Scenario
+
     Raises
     ------
     UsageError
