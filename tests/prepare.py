@@ -6,7 +6,10 @@ Run as ``python tests/prepare.py``; what it makes stays in the cache, where the 
 from vdfmu.compiler.c import PLATFORMS
 from vdfmu.compiler.c.compile import Compilation, compile_libraries
 
-SOURCE = b'#include <math.h>\n#include <stdio.h>\nint prepare(double x) { return printf("%g", sin(x)); }\n'
+SOURCE = (
+    b"#include <math.h>\n#include <stdio.h>\n"
+    b'int prepare(char *text, double x) { return snprintf(text, 20, "%g", sin(x)); }\n'
+)
 
 if __name__ == "__main__":
     compile_libraries([Compilation("prepare", {"prepare.c": SOURCE}, platform) for platform in PLATFORMS])
