@@ -41,10 +41,10 @@ _SINGLY = "-fno-slp-vectorize"
 run time; but a solver's step works on arrays, and takes up to 8 % less with two numbers at a time, of the same bits."""
 _STEP = re.compile(r"kernel_\w+_step(_avx2)?\.c")
 """File of a solver's step, without the long functions that it calls."""
-_QUICKLY = ("-O0", "-fno-sanitize=undefined", "-fno-stack-protector")
-"""For derivatives of more text than this, which importers call rarely: to optimise them takes eight times as long."""
 _DERIVATIVES = re.compile(r"kernel_\w+_forward_reverse\.c")
 _MUCH_TEXT = 300_000
+"""Bytes of derivatives from which they are not optimised, which takes eight times as long: they are called rarely."""
+_QUICKLY = ("-O0", "-fno-sanitize=undefined", "-fno-stack-protector")
 _INCLUDE = re.compile(rb'^\s*#\s*include\s*["<]([^">]+)[">]', re.MULTILINE)
 
 
@@ -113,7 +113,15 @@ class Compilation:
     @cached_property
     def objects(self) -> dict[str, str]:
         """C file to the key of its object."""
-        return {name: self._key("object", self._needed(name)) for name in sorted(self.sources) if name.endswith(".c")}
+        names = sorted(name for name in self.sources if name.endswith(".c"))
+        return {name: self._key(f"object {' '.join(self.flags_of(name))}", self._needed(name)) for name in names}
+
+    def flags_of(self, name: str) -> list[str]:
+        """Return the flags that a C file is compiled with."""
+        chosen = () if _STEP.fullmatch(name) else (_SINGLY,)
+        if _DERIVATIVES.fullmatch(name) and len(self.sources[name]) > _MUCH_TEXT:
+            chosen += _QUICKLY
+        return [*_FLAGS, *chosen, *self.target.flags, *self.flags]
 
     def _needed(self, name: str) -> dict[str, bytes]:
         """Return a file and those of the sources that it includes, by way of others too."""
@@ -129,11 +137,10 @@ class Compilation:
     @cached_property
     def key(self) -> str:
         """Key of the library."""
-        return self._key(f"library {' '.join(self.exported)}", self.sources)
+        return self._key(f"library {' '.join([*self.exported, *self.objects.values()])}", self.sources)
 
     def _key(self, kind: str, files: Mapping[str, bytes]) -> str:
-        flags = _FLAGS, _SINGLY, _STEP.pattern, _QUICKLY, _DERIVATIVES.pattern, _MUCH_TEXT, self.flags
-        digest = sha256(repr((kind, compiler_version(), self.target, flags)).encode())
+        digest = sha256(repr((kind, compiler_version(), self.target, self.flags)).encode())
         for name, text in sorted(files.items()):
             digest.update(f"\n{name} {len(text)}\n".encode())
             digest.update(text)
@@ -266,10 +273,7 @@ class _Workshop:
 
     def _object(self, job: Compilation, place: Path, name: str, key: str) -> None:
         file = f"{PurePosixPath(name).stem}.o"
-        flags = _FLAGS if _STEP.fullmatch(name) else (*_FLAGS, _SINGLY)
-        if _DERIVATIVES.fullmatch(name) and len(job.sources[name]) > _MUCH_TEXT:
-            flags = (*flags, *_QUICKLY)
-        self._run(job, place, name, ["-c", *flags, *job.target.flags, *job.flags, "-o", file, name])
+        self._run(job, place, name, ["-c", *job.flags_of(name), "-o", file, name])
         store(cache_folder() / "native" / key, (place / file).read_bytes())
 
     def _link(self, job: Compilation, place: Path, objects: Mapping[str, Path]) -> bytes:
