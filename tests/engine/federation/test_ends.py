@@ -77,6 +77,33 @@ def test_one_that_cannot_join_ends_those_that_would_wait_for_it():
     assert info.value is refused
 
 
+def test_one_that_ends_after_its_answer_is_the_reason_not_those_that_it_ends():
+    reason = CosimError("federate b", "exchange", 0.4, "its process ended (SIGKILL)")
+
+    class Cut:
+        waits = False
+
+        def take(self):
+            run._ended("b")
+            raise CosimError("federate a", "exchange", 0.4, "its process ended (SIGKILL)")
+
+        def cut(self, late):
+            assert not late
+
+    class Ended(Cut):
+        def take(self):
+            """Answer the last request."""
+
+        def lost(self):
+            return reason
+
+    run = Federated.__new__(Federated)
+    run._federates, run._first, run._lock = {"a": Cut(), "b": Ended()}, None, threading.Lock()
+    with pytest.raises(CosimError) as info:
+        run._take()
+    assert info.value is reason
+
+
 @pytest.mark.heavy
 @pytest.mark.parametrize("victim", [0, 1])
 def test_a_federate_that_is_killed_ends_the_run_with_its_name_and_the_rows(package, federates, victim):

@@ -193,7 +193,10 @@ class Federated:
             for name in self._federates:
                 take(name)
         if failures:
-            raise failures.get(self._first or "") or next(iter(failures.values()))
+            first = self._first
+            if first is not None and first not in failures:  # it had answered before it ended
+                failures[first] = self._federates[first].lost()
+            raise failures.get(first or "") or next(iter(failures.values()))
 
     def _ended(self, name: str) -> None:
         """End the others, which would wait for a federate that has ended. Any thread may call it; the first counts."""
