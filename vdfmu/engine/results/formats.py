@@ -48,7 +48,19 @@ def _parquet() -> Format:
     return Format(needed, write_parquet, read_parquet)
 
 
-FORMATS: dict[str, Callable[[], Format]] = {".csv": _csv, ".parquet": _parquet}
+def _mat() -> Format:
+    from vdfmu.engine.results.mat_file import read_mat, write_mat
+
+    return Format(lambda: None, write_mat, read_mat)
+
+
+def _mcap() -> Format:
+    from vdfmu.engine.results.mcap_file import needed, read_mcap, write_mcap
+
+    return Format(needed, write_mcap, read_mcap)
+
+
+FORMATS: dict[str, Callable[[], Format]] = {".csv": _csv, ".parquet": _parquet, ".mat": _mat, ".mcap": _mcap}
 """Formats by suffix; where a folder has several, the last is read. Each is imported when used."""
 
 
@@ -71,4 +83,4 @@ def result_files() -> tuple[str, ...]:
 def choice_of_formats() -> str:
     """Return what may be asked for, in words."""
     names = [suffix[1:] for suffix in FORMATS]
-    return f"{', '.join(names)}, or {','.join(names)} for {'both' if len(names) == 2 else 'all'}"
+    return f"{', '.join(names)}, or {','.join(names)} for all"

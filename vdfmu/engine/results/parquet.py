@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import replacing
 from vdfmu.base.json_text import to_json
-from vdfmu.engine.results.recorded import KINDS, Recorded, Signal, copies_in, no_rows, with_copies
+from vdfmu.engine.results.recorded import Recorded, Signal, from_arrays, grouped, missing, no_rows
 
 _GROUP = 2**16
 """Rows that are compressed at a time: the part of a long run held in memory."""
@@ -31,10 +31,7 @@ def needed() -> tuple[ModuleType, ModuleType]:
         import pyarrow
         import pyarrow.parquet
     except ImportError as error:
-        raise UsageError(
-            f"Parquet needs the package pyarrow, which cannot be imported: {error}. Install it with "
-            "'pip install vdfmu[parquet]'. The results of a run can be CSV, which needs no package: --format csv."
-        ) from None
+        raise missing("Parquet", "pyarrow", "parquet", error) from None
     return pyarrow, pyarrow.parquet
 
 
@@ -79,21 +76,12 @@ def read_parquet(path: Path) -> Recorded:
             f"{path}: expected 'time' as the first column, and columns of float64, int32 and bool without gaps; "
             f"got {', '.join(f'{name!r}' for name in wrong or table.schema.names[:1])}"
         )
-    signals: list[Signal] = []
-    chosen: dict[str, list[NDArray[Any]]] = {kind: [] for kind in KINDS}
-    for field in list(table.schema)[1:]:
-        kind = kinds[field.type]
-        unit = (field.metadata or {}).get(b"unit", b"").decode()
-        signals.append(Signal(field.name, kind, unit, len(chosen[kind])))
-        chosen[kind].append(table[field.name].to_numpy())
-    empty = np.empty((table.num_rows, 0))
-    data = {
-        kind: np.column_stack([empty, *columns]).astype(np.float64 if kind == "real" else np.int32)
-        for kind, columns in chosen.items()
-    }
     try:
         summary = json.loads((table.schema.metadata or {}).get(_KEY, b"{}"))
     except (ValueError, RecursionError):  # not ours
         summary = {}
-    signals, data = with_copies(signals, data, copies_in(summary))
-    return Recorded(table["time"].to_numpy(), signals, data, summary)
+    signals = [
+        Signal(f.name, kinds[f.type], (f.metadata or {}).get(b"unit", b"").decode(), 0) for f in list(table.schema)[1:]
+    ]
+    arrays = [np.column_stack([table[s.name].to_numpy() for s in each]) for each in grouped(signals).values()]
+    return from_arrays(table["time"].to_numpy(), signals, arrays, summary)

@@ -177,6 +177,60 @@ class Recorded:
                     array.base.madvise(mmap.MADV_DONTNEED)
 
 
+def grouped(signals: Sequence[Signal]) -> dict[tuple[str, str], list[Signal]]:
+    """Return the signals of each array, by its name and kind: those whose names differ in their indices."""
+    found: dict[tuple[str, str], list[Signal]] = {}
+    for signal in signals:
+        match = _ELEMENT.fullmatch(signal.name)
+        found.setdefault((match[1] if match else signal.name, signal.kind), []).append(signal)
+    return found
+
+
+def from_arrays(time: Floats, signals: Sequence[Signal], arrays: Sequence[NDArray[Any]], summary: Any) -> Recorded:
+    """Return results of signals and an array (m, n) for each of `grouped`, with the copies that the summary names."""
+    columns = {
+        signal.name: array[:, i]
+        for members, array in zip(grouped(signals).values(), arrays, strict=True)
+        for i, signal in enumerate(members)
+    }
+    placed: list[Signal] = []
+    chosen: dict[str, list[NDArray[Any]]] = {kind: [] for kind in KINDS}
+    for signal in signals:
+        placed.append(signal._replace(column=len(chosen[signal.kind])))
+        chosen[signal.kind].append(columns[signal.name])
+    empty = np.empty((len(time), 0))
+    data = {
+        kind: np.column_stack([empty, *each]).astype(np.float64 if kind == "real" else np.int32)
+        for kind, each in chosen.items()
+    }
+    placed, data = with_copies(placed, data, copies_in(summary))
+    return Recorded(time, placed, data, summary)
+
+
+def legal_names(names: Sequence[str], taken: Sequence[str], most: int, *, ros: bool = False) -> list[str]:
+    """Return a name for each that is legal in MATLAB, of at most `most` letters, or in ROS; each differs."""
+    used, found = {name.lower() for name in taken}, list[str]()
+    for name in names:
+        legal = re.sub(r"[^A-Za-z0-9]+" if ros else r"[^A-Za-z0-9_]", "_", name)
+        legal = re.sub(r"_+", "_", legal.lower()).strip("_") if ros else legal
+        legal = (legal if re.match("[A-Za-z]", legal) else f"x{legal}")[: most - 4]
+        k, base = 1, legal
+        while legal.lower() in used:
+            k += 1
+            legal = f"{base}_{k}"
+        used.add(legal.lower())
+        found.append(legal)
+    return found
+
+
+def missing(what: str, package: str, extra: str, error: ImportError) -> UsageError:
+    """Return the error of a format whose package is not installed."""
+    return UsageError(
+        f"{what} needs the package {package}, which cannot be imported: {error}. Install it with "
+        f"'pip install vdfmu[{extra}]'. The results of a run can be CSV, which needs no package: --format csv."
+    )
+
+
 def copies_of(signals: Sequence[Signal]) -> dict[str, dict[str, str]]:
     """Return copies by the rows that they are late: signal to the one that it copies, as ``summary.json`` has them."""
     found: dict[str, dict[str, str]] = {}

@@ -1,0 +1,115 @@
+"""Results as a MATLAB file of version 5: an array for each signal or group, under a name that is legal in MATLAB.
+
+``time`` (m, 1) in s, ``plant_q`` (m, n) of the signals ``plant.q[1]`` to ``[n]``; ``units`` has a field for each.
+The text ``vdfmu``, for ``jsondecode``, has the names, kinds and units of the signals, and the summary with the copies.
+"""
+
+from __future__ import annotations
+
+import json
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.base.files import write_whole
+from vdfmu.base.json_text import to_json
+from vdfmu.engine.results.recorded import Recorded, Signal, from_arrays, grouped, legal_names, missing
+
+_HEAD = b"MATLAB 5.0 MAT-file, written by vdfmu"
+"""Takes the place of a head with the time of the day, so that the same run has the same bytes."""
+_MOST = 2**31 - 2**10
+"""Bytes of an array: the format has 32 bits for its size."""
+_LONGEST = 63
+"""Letters of a name in MATLAB."""
+_TAKEN = (
+    "time", "units", "vdfmu", "break", "case", "catch", "classdef", "continue", "else", "elseif", "end", "for",
+    "function", "global", "if", "otherwise", "parfor", "persistent", "return", "spmd", "switch", "try", "while",
+)  # fmt: skip
+
+
+def write_mat(results: Recorded, path: Path) -> None:
+    """Write the signals that copy no other, their units, and the summary; see `Results.write`."""
+    from scipy.io import savemat
+
+    signals = [s for s in results.signals if not s.of]
+    groups = grouped(signals)
+    names = legal_names([name for name, _ in groups], _TAKEN, _LONGEST)
+    content: dict[str, Any] = {"time": results.time[:, None], "units": {"time": "s"}}
+    for name, ((_, kind), members) in zip(names, groups.items(), strict=True):
+        array = results.data[kind][:, [s.column for s in members]]
+        if array.nbytes > _MOST:
+            raise VdfmuError(
+                f"{path}: {name}: expected at most 2 GB, as MATLAB's version 5 has it, got {array.nbytes / 1e9:.3g} GB."
+                " Write Parquet, which MATLAB reads by parquetread: --format parquet."
+            )
+        content[name] = array.astype(bool) if kind == "boolean" else array
+        units = list(dict.fromkeys(s.unit for s in members))
+        content["units"][name] = units[0] if len(units) == 1 else np.array([s.unit for s in members], object)
+    facts = {"signals": [(s.name, s.kind, s.unit) for s in signals], "summary": results.summary}
+    content["vdfmu"] = json.dumps(json.loads(to_json(facts)))  # letters beyond ASCII as \u, which every reader has
+    stream = BytesIO()
+    savemat(stream, content, long_field_names=True)
+    write_whole(path, [_HEAD.ljust(116), stream.getvalue()[116:]])
+
+
+def read_mat(path: Path) -> Recorded:
+    """Read what `write_mat` wrote; see `Results.read`."""
+    found = mat_variables(path)
+    try:
+        facts = json.loads(str(found["vdfmu"]))
+        signals = [Signal(name, kind, unit, 0) for name, kind, unit in facts["signals"]]
+    except (KeyError, TypeError, ValueError):
+        raise UsageError(
+            f"{path}: expected results that vdfmu wrote, with the variable vdfmu; there are {', '.join(found)}."
+        ) from None
+    groups = grouped(signals)
+    names = legal_names([name for name, _ in groups], _TAKEN, _LONGEST)
+    try:
+        arrays = [found[name].reshape(-1, len(each)) for name, each in zip(names, groups.values(), strict=True)]
+        return from_arrays(found["time"].reshape(-1), signals, arrays, facts["summary"])
+    except (KeyError, ValueError) as error:
+        raise UsageError(f"{path}: expected an array for each signal of the variable vdfmu: {error}.") from None
+
+
+def mat_variables(path: Path) -> dict[str, Any]:
+    """Return the variables of a MATLAB file of any version, with those in structs as ``rec.position``."""
+    from scipy.io import loadmat
+
+    found: dict[str, Any] = {}
+
+    def add(name: str, value: Any) -> None:
+        if hasattr(value, "keys"):  # a group of HDF5
+            members = {field: value[field] for field in value}
+        else:
+            members = {field: getattr(value, field) for field in getattr(value, "_fieldnames", ())}
+        for field, member in members.items():
+            add(f"{name}.{field}" if name else field, member)
+        if not members:
+            found[name] = value[()].T if hasattr(value, "dims") else value
+
+    try:
+        with open(path, "rb") as file:
+            try:
+                for name, value in loadmat(file, squeeze_me=True, struct_as_record=False).items():
+                    if not str(name).startswith("_"):
+                        add(str(name), value)
+            except NotImplementedError:  # version 7.3
+                with _hdf5().File(file, "r") as tree:
+                    add("", tree)
+    except UsageError:
+        raise
+    except Exception as error:  # scipy has a dozen kinds for a file that is damaged
+        why = getattr(error, "strerror", None) or error
+        raise UsageError(f"{path}: expected a MATLAB file, got what cannot be read: {why}") from None
+    return {name: value for name, value in found.items() if not name.startswith("#")}
+
+
+def _hdf5() -> Any:
+    try:
+        import h5py
+    except ImportError as error:
+        raise missing("a MATLAB file of version 7.3", "h5py", "matlab", error) from None
+    return h5py

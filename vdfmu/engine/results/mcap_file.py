@@ -1,0 +1,116 @@
+"""Results as MCAP, which Foxglove and PlotJuggler plot: a topic for each unit, a message for each communication point.
+
+Messages are those of ROS 2 (CDR), and the file has their definitions: ``time`` in s and an array for each group of
+signals, with its unit behind it: ``float64[2] q  # rad``. Their time is in ns after that of the first row. Names are
+those of ROS, in small letters. The metadata record ``vdfmu`` has the signals' own, and the summary with the copies.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vdfmu.base.errors import UsageError
+from vdfmu.base.files import replacing
+from vdfmu.base.json_text import to_json
+from vdfmu.engine.results.recorded import Recorded, Signal, from_arrays, grouped, legal_names, missing, no_rows
+
+_HEAD = b"\0\1\0\0"
+"""Of a message: CDR, low bytes first."""
+_TYPES = {"real": ("float64", "<f8"), "integer": ("int32", "<i4"), "boolean": ("bool", "u1")}
+_BLOCK = 4096
+
+
+def needed() -> tuple[ModuleType, ModuleType, ModuleType]:
+    """Return mcap's reader and writer, and the decoder of ROS 2; UsageError if one is not installed."""
+    try:
+        from mcap import reader, writer
+        from mcap_ros2 import decoder
+    except ImportError as error:
+        raise missing("MCAP", "mcap-ros2-support", "mcap", error) from None
+    return reader, writer, decoder
+
+
+def _topics(signals: list[Signal]) -> Iterator[tuple[str, str, str, np.dtype[Any], list[tuple[str, list[Signal]]]]]:
+    """Yield component, topic, definition, layout of a message, and its fields with their signals."""
+    groups = grouped(signals)
+    components = list(dict.fromkeys(name.partition(".")[0] for name, _ in groups)) or ["time"]
+    for component, topic in zip(components, legal_names(components, (), 200, ros=True), strict=True):
+        own = [(key, each) for key, each in groups.items() if key[0].partition(".")[0] == component]
+        own.sort(key=lambda item: ("real", "integer", "boolean").index(item[0][1]))  # so that no gaps align them
+        names = legal_names([key[0].partition(".")[2] or "value" for key, _ in own], ("time",), 200, ros=True)
+        lines, layout = ["float64 time  # s"], [("head", "V4"), ("time", "<f8")]
+        for name, ((_, kind), each) in zip(names, own, strict=True):
+            units = ", ".join(dict.fromkeys(s.unit for s in each))
+            lines.append(f"{_TYPES[kind][0]}[{len(each)}] {name}  # {units}")
+            layout.append((name, f"({len(each)},){_TYPES[kind][1]}"))
+        yield component, topic, "\n".join(lines), np.dtype(layout), list(zip(names, (e for _, e in own), strict=True))
+
+
+def write_mcap(results: Recorded, path: Path) -> None:
+    """Write the signals that copy no other, and the summary; see `Results.write`."""
+    mcap = needed()[1]
+    signals = [s for s in results.signals if not s.of]
+    topics = list(_topics(signals))
+    facts = {"signals": [(s.name, s.kind, s.unit) for s in signals], "summary": results.summary}
+    try:
+        with replacing(path) as file:
+            writer = mcap.Writer(file)
+            writer.start("ros2", "vdfmu")
+            channels: list[int] = []
+            for _, topic, text, _, _ in topics:
+                kind = f"vdfmu/msg/{topic.title().replace('_', '')}"
+                schema = writer.register_schema(kind, "ros2msg", text.encode())
+                channels.append(writer.register_channel(f"/{topic}", "cdr", schema))
+            for block in results.blocks(_BLOCK):
+                stamps = np.rint((block.time - results.time[0]) * 1e9).astype(np.int64).tolist()
+                messages = [_messages(block, layout, fields) for _, _, _, layout, fields in topics]
+                for stamp, *row in zip(stamps, *messages, strict=True):
+                    for channel, message in zip(channels, row, strict=True):
+                        writer.add_message(channel, stamp, message, stamp)
+            writer.add_metadata("vdfmu", {"json": to_json(facts)})
+            writer.finish()
+    except OSError as error:
+        raise no_rows(path, error) from None
+
+
+def _messages(block: Recorded, layout: np.dtype[Any], fields: list[tuple[str, list[Signal]]]) -> list[bytes]:
+    rows = np.zeros(len(block), layout)
+    rows["head"], rows["time"] = _HEAD, block.time
+    for name, members in fields:
+        rows[name] = block.data[members[0].kind][:, [s.column for s in members]]
+    text, size = rows.tobytes(), layout.itemsize
+    return [text[i : i + size] for i in range(0, len(text), size)]
+
+
+def read_mcap(path: Path) -> Recorded:
+    """Read what `write_mcap` wrote; see `Results.read`."""
+    mcap = needed()[0]
+    try:
+        with open(path, "rb") as file:
+            reader = mcap.make_reader(file)
+            text = next((each.metadata["json"] for each in reader.iter_metadata() if each.name == "vdfmu"), None)
+            if text is None:
+                raise UsageError(f"{path}: expected results that vdfmu wrote, with the metadata vdfmu; there is none.")
+            texts: dict[str, list[bytes]] = {}
+            for _, channel, message in reader.iter_messages():
+                texts.setdefault(channel.topic, []).append(message.data)
+    except UsageError:
+        raise
+    except Exception as error:  # mcap has many kinds for a file that is damaged
+        raise UsageError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
+    facts = json.loads(text)
+    signals = [Signal(name, kind, unit, 0) for name, kind, unit in facts["signals"]]
+    time, arrays = np.empty(0), dict[str, NDArray[Any]]()
+    for _, topic, _, layout, fields in _topics(signals):
+        rows = np.frombuffer(b"".join(texts.get(f"/{topic}", [])), layout)
+        time = rows["time"]
+        arrays |= {members[0].name: rows[name] for name, members in fields}
+    ordered = [arrays[members[0].name] for members in grouped(signals).values()]
+    return from_arrays(np.array(time), signals, ordered, facts["summary"])
