@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 
 def identify(
     log: Annotated[
-        Path,
-        typer.Argument(help="results.csv or .parquet of a run, a CSV of any tool, or a .mat of the KUKA data set."),
+        Path, typer.Argument(help="Results of a run, CSV of any tool, Parquet, a MATLAB file, or MCAP of ROS 2.")
     ],
     robot: Annotated[
         str, typer.Option("--robot", help="Robot to start from: kinematics, ratios, and what is not identified.")
@@ -28,9 +27,11 @@ def identify(
         typer.Option(
             "--column",
             metavar="WHAT=NAME",
-            help="Columns of a CSV: kappa, theta, tau, tau_link or q = NAME with {} for the joint. Repeatable.",
+            help="Columns: kappa, theta, tau, tau_link or q = NAME with {} for the joint; a unit may follow, with a "
+            "factor, 'tau=I{} [-1.81 N.m]'. Repeatable.",
         ),
     ] = None,
+    time: Annotated[str, typer.Option(metavar="NAME", help="Column of the times, with its unit: 'stamp [us]'.")] = "",
     band: Annotated[float | None, typer.Option(help="Band of the equations in Hz; default from the motion.")] = None,
     truth: Annotated[str | None, typer.Option(help="Robot with the true values, to compare.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of torques and residuals to draw.")] = None,
@@ -47,7 +48,9 @@ def identify(
     arm = load_robot(robot)
     true = load_robot(truth) if truth is not None else None
     targets = {path: target_file(path, "", overwrite) for path in (plot, out) if path is not None}
-    found = estimate(read_log(log, arm, read_settings(column, "--column", "WHAT=NAME, such as q=q_{}")), arm, band=band)
+    rows = read_log(log, arm, read_settings(column, "--column", "WHAT=NAME, such as q=q_{}"), time=time)
+    say_notes(rows.notes)
+    found = estimate(rows, arm, band=band)
     _print(found, arm.joint_labels, None if true is None else found.of(true))
     say_notes([f"not identified, kept: {name}: {why}" for name, why in found.held.items()])
     say_notes(found.advice)

@@ -1,11 +1,12 @@
-"""Logs of a motion: files of this project, CSV of any tool with a mapping of columns, and public data sets."""
+"""Logs of a motion: files of this project and of any tool, with a mapping of columns, and a public data set."""
 
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,27 +14,36 @@ from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.measure import WIDE_ANGLE
-from vdfmu.engine.plan.inputs import read_inputs
-from vdfmu.engine.results.formats import suffix_of
-from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.mat_file import mat_variables
+from vdfmu.study.identify.faults import check_motion, check_torques, even_times, unwrapped
+from vdfmu.study.identify.log_files import LogColumn, read_columns, split_unit
 
 _KNOWN = {
-    "kappa": ("plant.kappa[{}]", "kappa[{}]"),
+    "kappa": ("plant.kappa[{}]", "kappa[{}]", "/joint_states.position[{}]"),
     "theta": ("theta[{}]",),
     "q": ("plant.q[{}]", "q[{}]"),
     "tau": ("controller.tau[{}]", "plant.tau[{}]", "tau[{}]"),
-    "tau_link": ("tau_link[{}]",),
+    "tau_link": ("tau_link[{}]", "/joint_states.effort[{}]"),
 }
 """Quantities taken from a log, to its columns; {} is the joint, from 1."""
+_KUKA = (
+    {"kappa": "rec.act_pos_mot_deg[{}] [deg]", "q": "rec.act_pos_se_deg[{}] [deg]", "tau": "rec.act_torque_abs_nm[{}]"},
+    {"kappa": "q_mot_meas[{}] [deg]", "q": "q_se_meas[{}] [deg]", "tau_link": "tau_meas[{}]"},
+    {"kappa": "y_train[{}] [deg]", "tau_link": "u_train[{}]"},
+)
+"""Forms of the public files of the KUKA KR300 R2500: a record, one of the later data set, and one of its training."""
+_START = (0.0, -90.0, 90.0, 0.0, 0.0, 0.0)
+"""Pose [deg], counted as KUKA does, in which a record of the first form starts and its positions are zero."""
 _FACTORS = {
-    "": 1.0, "rad": 1.0, "deg": np.pi / 180.0, "m": 1.0, "mm": 1e-3, "N.m": 1.0, "Nm": 1.0, "N m": 1.0, "N": 1.0,
-    "mN.m": 1e-3,
-}  # fmt: skip
-_KIND = {"rad": "angle", "deg": "angle", "m": "length", "mm": "length", "N": "force"}
+    "angle": {"rad": 1.0, "deg": np.pi / 180.0, "degrees": np.pi / 180.0, "mrad": 1e-3, "rev": 2.0 * np.pi},
+    "length": {"m": 1.0, "mm": 1e-3},
+    "torque": {"N.m": 1.0, "Nm": 1.0, "N m": 1.0, "mN.m": 1e-3, "kN.m": 1e3},
+    "force": {"N": 1.0, "kN": 1e3},
+}
+_UNIT = re.compile(r"([+-]?[\d.]+(?:[eE][+-]?\d+)?)?\s*(.*)")
+"""A factor, if there is one, and a unit."""
 _FEWEST = 500
 """Rows of a log."""
-_UNEVEN = 0.01
-"""Largest difference of a time step from the middle one, as a share; more is a gap."""
 
 
 class Log(NamedTuple):
@@ -46,7 +56,9 @@ class Log(NamedTuple):
     tau: Floats
     """Motor torques [N.m], motor-side."""
     q: Floats | None
-    """Link positions [rad or m], if they are measured."""
+    """Link positions [rad or m], if any are measured; NaN in all rows of a joint without an encoder behind its gear."""
+    notes: tuple[str, ...] = ()
+    """What was assumed and corrected."""
 
     @property
     def step(self) -> float:
@@ -54,134 +66,132 @@ class Log(NamedTuple):
         return float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
 
 
-def read_log(path: str | os.PathLike[str], robot: Robot, columns: Mapping[str, str] | None = None) -> Log:
+def read_log(
+    path: str | os.PathLike[str], robot: Robot, columns: Mapping[str, str] | None = None, *, time: str = ""
+) -> Log:
     """Read a log.
 
     Parameters
     ----------
     path : path
-        ``results.csv`` or ``results.parquet`` of a run; a CSV of any tool, with a column ``time`` in s and units in
-        brackets, ``q[1] [deg]``, without which angles must go over less than 4 pi; or a ``.mat`` of the KUKA KR300
-        R2500 data set (Weigand et al. 2022), a recording or the file for forward identification.
+        Results of a run in any form; a CSV of any tool, Parquet, a MATLAB file, or MCAP with messages of ROS 2 or JSON,
+        with units in brackets, ``q[1] [deg]``, without which angles must go over less than 4 pi. The forms of the KUKA
+        KR300 R2500 files (Weigand et al. 2020, 2022) need no `columns`.
     robot : Robot
-        Its number of joints and ratios count.
+        Its joints, ratios and limits count; its inertias where torques are compared with the motion.
     columns : mapping, optional
         ``kappa``, rotors divided by ell, or ``theta``, motors; ``tau``, motor-side, or ``tau_link``, times ell; and
         ``q``, links: to the name of a column with ``{}`` for the joint, from 1 or by its name in the robot file, such
-        as ``axis{}_pos``, or ``{}`` alone for columns headed by the names.
+        as ``axis{}_pos``, or ``{}`` alone for columns headed by the names; a unit may follow, with a factor:
+        ``current_{} [-1.81 N.m]``. Joints without a column of ``q`` have no encoder behind their gears.
+    time : str, optional
+        Column of the times, with its unit: ``stamp [us]``; by default one called ``time``, ``t`` or so.
 
     Raises
     ------
     UsageError
-        For a log that cannot be read, is not finite, has gaps, or is too short; with all problems.
+        For a log that cannot be read, is not finite, has gaps, columns in another order, another sign or unit, or is
+        too short; with all problems.
     """
     path = Path(path)
-    columns = columns or {}
-    if wrong := [name for name in columns if name not in _KNOWN]:
+    given = dict(columns or {})
+    if wrong := [name for name in given if name not in _KNOWN]:
         raise UsageError(f"columns: {', '.join(wrong)}: expected some of {', '.join(_KNOWN)}.")
-    if wrong := [f"{what}={name}" for what, name in columns.items() if "{}" not in name and robot.n > 1]:
+    if wrong := [f"{what}={name}" for what, name in given.items() if "{}" not in name and robot.n > 1]:
         raise UsageError(f"columns: {', '.join(wrong)}: expected a name with {{}} for the joint.")
-    is_matlab = path.suffix.lower() == ".mat"
-    t, found = _kuka(path, robot.n) if is_matlab else _table(path, robot, columns)
-    for given, wanted in (("theta", "kappa"), ("tau_link", "tau")):
-        if given in found:
-            found[wanted] = found.pop(given) / robot.ell
-    _check(path, t, found)
-    return Log(str(path), t, found["kappa"], found["tau"], found.get("q"))
-
-
-def _table(path: Path, robot: Robot, columns: Mapping[str, str]) -> tuple[Floats, dict[str, Floats]]:
-    if suffix_of(path) != ".csv":
-        results = Results.read(path)
-        t, units = results.time, results.units
-        names, values = list(results), {name: results[name] for name in results}
-    else:
-        (table,) = read_inputs(path)
-        t, names = table.t, list(table.names)
-        units, values = (dict(zip(names, each, strict=True)) for each in (table.units, table.values.T))
-    found: dict[str, Floats] = {}
+    notes: list[str] = []
     problems: list[str] = []
+    table = read_columns(path, time, notes)
+    form = next((form for form in _KUKA if all(split_unit(n)[0].format(1) in table for n in form.values())), {})
+    if form:
+        notes.append(f"KUKA KR300: {', '.join(f'{what} is {name}' for what, name in form.items())}")
+        if (there := sum(name.startswith(form["kappa"].partition("{")[0]) for name in table)) != robot.n:
+            raise UsageError(f"{path}: expected a robot of {there} joints, got one of {robot.n}.")
+    found = _chosen(table, robot, {**form, **given}, notes, problems)
+    if not problems:
+        t, arrays = even_times(found, _FEWEST, notes, problems)
+        for motor, wanted in (("theta", "kappa"), ("tau_link", "tau")):
+            if motor in arrays:
+                arrays[wanted] = arrays.pop(motor) / robot.ell
+        if form is _KUKA[0] and not problems:
+            for name in ("kappa", "q"):
+                arrays[name] += np.deg2rad(_START)
+            ratios = np.ravel(mat_variables(path).get("para.u", robot.ell))
+            if not np.allclose(ratios, robot.ell, rtol=1e-3):
+                notes.append(
+                    f"KUKA KR300: the ratios of the file are {', '.join(f'{x:.6g}' for x in ratios)}, those of "
+                    f"{robot.name} {', '.join(f'{x:.6g}' for x in robot.ell)}: torques are multiplied with the latter"
+                )
+            notes.append(
+                "KUKA KR300: a record counts positions from its start; "
+                f"{', '.join(f'{x:g}' for x in _START)} deg are added, as ref_dyn.phi_r_m_all over the ratios has there"
+            )
+        if not problems:
+            check_motion(arrays, robot, notes, problems)
+        if not problems:
+            check_torques(t, arrays, robot, notes)
+            q = arrays.get("q")
+            none = q is None or not np.isfinite(q).any()
+            return Log(str(path), t, arrays["kappa"], arrays["tau"], None if none else q, tuple(notes))
+    raise UsageError("\n".join(f"{path}: {problem}." for problem in problems))
+
+
+def _chosen(
+    table: Mapping[str, LogColumn], robot: Robot, columns: Mapping[str, str], notes: list[str], problems: list[str]
+) -> dict[str, list[LogColumn | None]]:
+    """Return the columns of each quantity, in SI units and without turns that were cut off; None without encoder."""
+    found: dict[str, list[LogColumn | None]] = {}
+    joints = [[str(i + 1) for i in range(robot.n)], *([robot.joint_names] if all(robot.joint_names) else [])]
     for what, patterns in _KNOWN.items():
-        chosen = [columns[what]] if what in columns else patterns
-        joints = [[str(i + 1) for i in range(robot.n)], *([robot.joint_names] if all(robot.joint_names) else [])]
-        some = [[p.replace("{}", joint) for joint in each] for each in joints if each for p in chosen]
-        own = next((each for each in some if all(name in values for name in each)), None)
+        chosen = [split_unit(columns[what])] if what in columns else [(pattern, "") for pattern in patterns]
+        some = [([p.replace("{}", joint) for joint in each], unit) for each in joints if each for p, unit in chosen]
+        enough = any if what == "q" else all
+        own, unit = next(((own, unit) for own, unit in some if enough(name in table for name in own)), (None, ""))
         if own is None:
             if what in columns:
-                problems.append(f"{what}: expected columns {', '.join(some[0])}; there are {', '.join(names)}")
+                problems.append(f"{what}: expected columns {', '.join(some[0][0])}; there are {', '.join(table)}")
             continue
-        factors = []
-        for name, kind in zip(own, robot.joint_types, strict=True):
-            unit = units.get(name, "")
-            angle = what == "theta" or kind == "revolute"
-            wanted = "angle" if angle else "length"
-            if what in ("tau", "tau_link"):
-                wanted = "force" if what == "tau_link" and not angle else "torque"
-            if unit not in _FACTORS or (unit and _KIND.get(unit, "torque") != wanted):
-                fitting = [u for u in _FACTORS if u and _KIND.get(u, "torque") == wanted]
-                problems.append(f"{name}: expected the unit {' or '.join(fitting)}, got {unit!r}")
-            span = float(np.ptp(values[name])) if len(t) else 0.0
-            if not unit and kind == "revolute" and what in ("kappa", "q") and span > WIDE_ANGLE:
-                problems.append(
-                    f"{name}: expected a unit in its heading, {name} [deg] or [rad], for values that go over "
-                    f"{span:.4g}, which looks like degrees; got none"
-                )
-            factors.append(_FACTORS.get(unit, 1.0))
-        found[what] = np.column_stack([values[name] for name in own]) * factors
+        if "/joint_states" in own[0]:
+            notes.append(f"{what} is {own[0]} and so on: as ROS has it, behind the gears; else say --column")
+        if lacks := [name for name in own if name not in table]:
+            notes.append(f"q: {', '.join(lacks)} not there: these joints have no encoder behind their gears")
+        found[what] = [
+            _converted(what, name, table[name], unit, robot, i, notes, problems)
+            if name in table and not (what == "q" and np.isnan(table[name].values).all())
+            else None
+            for i, name in enumerate(own)
+        ]
     for group in (("kappa", "theta"), ("tau", "tau_link")):
         if not problems and not any(name in found for name in group):
             looked = [p.format(1) for name in group for p in _KNOWN[name]]
             problems.append(
                 f"expected {' or '.join(looked)} and so on for {robot.n} joints; there are "
-                f"{', '.join(names)}. Name them by --column {group[0]}=NAME{{}}"
+                f"{', '.join(table)}. Name them by --column {group[0]}=NAME{{}}"
             )
-    if problems:
-        raise UsageError("\n".join(f"{path}: {problem}." for problem in problems))
-    return t, found
+    return found
 
 
-def _kuka(path: Path, n: int) -> tuple[Floats, dict[str, Floats]]:
-    """Read the KUKA KR300 R2500 data set: arrays (6, m), angles in degrees, torques in N.m."""
-    from scipy.io import loadmat
-
-    try:
-        data: dict[str, Any] = loadmat(path)
-    except (OSError, ValueError, NotImplementedError) as error:
-        raise UsageError(f"{path}: expected a MATLAB file, got what cannot be read: {error}.") from None
-    forms = (
-        ("time", {"kappa": "q_mot_meas", "q": "q_se_meas", "tau_link": "tau_meas"}),
-        ("time_train", {"kappa": "y_train", "tau_link": "u_train"}),
-    )
-    for time, names in forms:
-        if all(name in data for name in (time, *names.values())):
-            found = {what: np.array(data[name], np.float64).T for what, name in names.items()}
-            for what in found.keys() - {"tau_link"}:
-                found[what] = np.deg2rad(found[what])
-            if any(each.shape[1:] != (n,) for each in found.values()):
-                raise UsageError(f"{path}: expected a robot of {found['kappa'].shape[1]} joints, got one of {n}.")
-            return np.array(data[time], np.float64).ravel(), found
-    known = " or ".join(", ".join((time, *names.values())) for time, names in forms)
-    raise UsageError(f"{path}: expected {known}; there are {', '.join(k for k in data if k[0] != '_')}.")
-
-
-def _check(path: Path, t: Floats, found: Mapping[str, Floats]) -> None:
-    problems = [f"{len(t)} rows: expected at least {_FEWEST}"] if len(t) < _FEWEST else []
-    if any(len(each) != len(t) for each in found.values()):
-        problems.append("expected as many rows of all signals as times")
-    elif not np.isfinite(t).all():
-        problems.append("time: expected finite numbers")
-    for what, each in found.items():
-        bad = np.argwhere(~np.isfinite(each))
-        if len(bad):
-            problems.append(f"{what}[{bad[0, 1] + 1}], row {bad[0, 0] + 1}: expected a finite number")
-    if len(t) > 2:
-        steps = np.diff(t)
-        middle = float(np.median(steps))
-        far = np.flatnonzero(~(np.abs(steps - middle) <= _UNEVEN * middle))
-        if far.size:
-            problems.append(
-                f"expected even times, a row every {middle:g} s; from {t[far[0]]:g} s to {t[far[0] + 1]:g} s there is "
-                f"a gap, and {far.size - 1} more. Cut the log there, or resample it"
-            )
-    if problems:
-        raise UsageError("\n".join(f"{path}: {problem}." for problem in problems))
+def _converted(
+    what: str, name: str, column: LogColumn, given: str, robot: Robot, i: int, notes: list[str], problems: list[str]
+) -> LogColumn:
+    turns = what == "theta" or robot.joint_types[i] == "revolute"
+    kind = "angle" if turns else "length"
+    if what in ("tau", "tau_link"):
+        kind = "force" if what == "tau_link" and not turns else "torque"
+    match = _UNIT.fullmatch(given or column.unit)
+    factor, unit = (match[1] or "1", match[2]) if match else ("1", given)
+    if unit and unit not in _FACTORS[kind]:
+        problems.append(f"{name}: expected the unit {' or '.join(_FACTORS[kind])}, got {unit!r}")
+        return column
+    span = float(np.ptp(column.values)) if len(column.values) else 0.0
+    if not given and not unit and robot.joint_types[i] == "revolute" and what in ("kappa", "q") and span > WIDE_ANGLE:
+        problems.append(
+            f"{name}: expected a unit in its heading, {name} [deg] or [rad], for values that go over "
+            f"{span:.4g}, which looks like degrees; got none"
+        )
+    values = column.values * (float(factor) * _FACTORS[kind].get(unit, 1.0))
+    if kind == "angle":
+        values = unwrapped(
+            name, values, (2.0 * np.pi,) if what != "kappa" else (2.0 * np.pi, 2.0 * np.pi / robot.ell[i]), notes
+        )
+    return column._replace(values=values)

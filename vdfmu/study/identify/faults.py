@@ -1,0 +1,256 @@
+"""Faults of logs: clocks, gaps, turns that were cut off, columns in another order, other signs and units.
+
+What is certain to be wrong is a problem, what can be put right is put right and noted, and what the torques alone make
+likely is noted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.optimize import linear_sum_assignment
+
+from vdfmu.arm.robot import Robot
+from vdfmu.base.arrays import Floats
+from vdfmu.study.identify.log_files import LogColumn
+from vdfmu.study.identify.regressor import body_parameters, regressor
+
+_UNEVEN = 0.01
+"""Largest difference of a time step from the middle one, as a share, of rows that are taken as they are."""
+_POWER = 0.999
+_BRIDGED = (384.0 * 1e-4) ** 0.25 / (2.0 * np.pi)
+"""Periods of the fastest motion over which a cubic spline is within 1e-4 of its amplitude: (omega g)^4 / 384."""
+_ROUGHER = 1.2
+_ALIKE, _OFF = 0.1, 0.05
+_FEWER = 0.25
+"""Share of the power that a torque leaves with its own joint, below which it fits another one better."""
+
+
+def unwrapped(name: str, values: Floats, periods: Sequence[float], notes: list[str]) -> Floats:
+    """Return angles [rad] without jumps by a period.
+
+    There are such if steps of more than half a period become less than a quarter by it.
+    """
+    for period in periods:
+        jumps = np.flatnonzero(np.abs(np.diff(values)) > 0.5 * period)
+        whole: Floats = np.unwrap(values, period=period) if jumps.size else values
+        if jumps.size and np.abs(np.diff(whole)).max() < 0.25 * period:
+            notes.append(
+                f"{name}: wrapped {jumps.size} times, first in row {jumps[0] + 2}: joined at jumps of {period:.6g} rad"
+            )
+            return whole
+    return values
+
+
+def even_times(
+    found: Mapping[str, Sequence[LogColumn | None]], fewest: int, notes: list[str], problems: list[str]
+) -> tuple[Floats, dict[str, Floats]]:
+    """Return even times (m,) and the quantities (m, n) at them, by cubic splines where the log's differ."""
+    columns = {f"{what}[{i + 1}]": c for what, each in found.items() for i, c in enumerate(each) if c is not None}
+    first = next(iter(columns))
+    t = columns[first].t
+    if len(t) < fewest:
+        problems.append(f"{len(t)} rows: expected at least {fewest}")
+    for name, column in columns.items():
+        back = np.flatnonzero(~(np.diff(column.t) > 0.0))
+        if back.size and (column.t is not t or name == first):
+            i = int(back[0])
+            problems.append(
+                f"{name}, row {i + 2}: time: expected a finite number, more than the {column.t[i]:.9g} s of the row "
+                f"before, got {column.t[i + 1]:.9g} s, and {back.size - 1} more. Sort the log, or cut it there"
+            )
+        _check_values(name, column.t, column.values, problems)
+    if problems:
+        return t, {}
+    step = float(np.median(np.diff(t)))
+    if step >= 1.0:
+        problems.append(f"expected a row every few ms, got one every {step:g} s: give the unit, --time 'time [ms]'")
+        return t, {}
+    apart = any(column.t is not t and not np.array_equal(column.t, t) for column in columns.values())
+    if apart or np.any(np.abs(np.diff(t) - step) > _UNEVEN * step):
+        _check_gaps(columns, step, problems)
+        if problems:
+            return t, {}
+        taken = {id(column.t): _true_times(column.t, columns, notes, problems) for column in columns.values()}
+        low, high = max(each[0] for each in taken.values()), min(each[-1] for each in taken.values())
+        t = low + step * np.arange(int((high - low) / step * (1.0 + 1e-12)) + 1)
+        notes.append(
+            f"{'columns have times of their own' if apart else 'times are uneven'}, steps of "
+            f"{1e3 * min(np.diff(c.t).min() for c in columns.values()):.4g} to "
+            f"{1e3 * max(np.diff(c.t).max() for c in columns.values()):.4g} ms: taken every {1e3 * step:.6g} ms, by "
+            "cubic splines"
+        )
+        columns = {
+            name: column._replace(values=CubicSpline(taken[id(column.t)], column.values)(t))
+            for name, column in columns.items()
+        }
+    none = np.full(len(t), np.nan)
+    return t, {
+        what: np.column_stack(
+            [columns[f"{what}[{i + 1}]"].values if c is not None else none for i, c in enumerate(each)]
+        )
+        for what, each in found.items()
+    }
+
+
+def _check_values(name: str, t: Floats, values: Floats, problems: list[str]) -> None:
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        i = int(bad[0])
+        problems.append(
+            f"{name}, row {i + 1}, {t[i]:g} s: expected a finite number, got {values[i]}, and {bad.size - 1} more. Cut "
+            "the log there, or name another column"
+        )
+
+
+def _check_gaps(columns: Mapping[str, LogColumn], step: float, problems: list[str]) -> None:
+    """Note gaps over which a spline would not follow the motion."""
+    rates = [np.diff(c.values) for name, c in columns.items() if name[:5] in ("kappa", "theta")]
+    fastest = max(_fastest(rate) / len(rate) for rate in rates) / step
+    most = _BRIDGED / fastest
+    for name, column in {id(c.t): (name, c) for name, c in columns.items()}.values():
+        far = np.flatnonzero(np.diff(column.t) > max(most, 1.5 * step))
+        if far.size:
+            i = int(far[0])
+            problems.append(
+                f"{name}, row {i + 1}: expected a row every {step:g} s; from {column.t[i]:g} s to "
+                f"{column.t[i + 1]:g} s there is a gap, and {far.size - 1} more. Over {most:.3g} s at most a motion of "
+                f"{fastest:.3g} Hz can be followed: cut the log there"
+            )
+
+
+def _fastest(rate: Floats) -> int:
+    """Return the periods in a log below which nearly all power of a velocity is."""
+    power = np.cumsum(np.abs(np.fft.rfft(rate)) ** 2)
+    return max(int(np.searchsorted(power, _POWER * power[-1])), 1)
+
+
+def _true_times(t: Floats, columns: Mapping[str, LogColumn], notes: list[str], problems: list[str]) -> Floats:
+    """Return times, or those of the even rows from which they jitter: at which positions are less rough."""
+    steps = np.diff(t)
+    count = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(steps / np.median(steps)), 1.0))])
+    slope, start = np.polyfit(count, t, 1)
+    even = start + slope * count
+    most = float(np.abs(t - even).max())
+    own = [c.values for name, c in columns.items() if c.t is t and name[:3] != "tau"]
+    if not own or np.array_equal(t, even):
+        return t
+    rough, smooth = (sum(_roughness(at, x) for x in own) for at in (t, even))
+    if rough <= _ROUGHER * smooth:
+        return t
+    if most > 0.5 * slope:
+        problems.append(
+            f"the clock jitters by up to {1e3 * most:.3g} ms, and the motion is smoother without: expected less than "
+            f"half of the {1e3 * slope:.3g} ms from row to row. Log the time of the sample, not of its arrival"
+        )
+    notes.append(
+        f"the clock jitters by up to {1e3 * most:.3g} ms, but the motion is {rough / max(smooth, 1e-300):.2g} times as "
+        f"smooth with a row every {1e3 * slope:.6g} ms: these times are taken"
+    )
+    return even
+
+
+def _roughness(t: Floats, x: Floats) -> float:
+    """Root mean square of what a cubic through the two neighbours on both sides leaves of samples, by their span."""
+    near = [t[k : len(t) - 4 + k] for k in (0, 1, 3, 4)]
+    middle, left = t[2:-2], x[2:-2].copy()
+    for k, a in zip((0, 1, 3, 4), near, strict=True):
+        weight = np.prod([(middle - b) / (a - b) for b in near if b is not a], axis=0)
+        left -= weight * x[k : len(x) - 4 + k]
+    return float(np.sqrt(np.mean(left**2)) / max(np.ptp(x), 1e-300))
+
+
+def check_motion(arrays: Mapping[str, Floats], robot: Robot, notes: list[str], problems: list[str]) -> None:
+    """Compare links with rotors, and both with the limits of the robot; joints without encoder become NaN."""
+    kappa, q, tau = arrays["kappa"], arrays.get("q"), arrays["tau"]
+    moved = np.ptp(kappa, axis=0) > 0.0
+    for i in np.flatnonzero(np.ptp(tau, axis=0) == 0.0):
+        problems.append(f"tau[{i + 1}]: expected a measured torque, got {tau[0, i]:g} N.m in all rows")
+    for name, each in (("kappa", kappa), ("q", q)) if robot.limits else ():
+        for i in range(robot.n if each is not None else 0):
+            low, high, stops = each[:, i].min(), each[:, i].max(), (robot.q_min[i], robot.q_max[i])  # pyright: ignore
+            if high - low > 1.05 * (stops[1] - stops[0]):
+                problems.append(
+                    f"{name}[{i + 1}]: expected less than {stops[1] - stops[0]:.4g} from end to end, as the robot's "
+                    f"stops are, got {high - low:.4g}: are these degrees? Give the unit, --column '{name}=NAME [deg]'"
+                )
+    if q is None:
+        return
+    for i in np.flatnonzero(moved & (np.ptp(q, axis=0) == 0.0)):
+        notes.append(f"q[{i + 1}] is {q[0, i]:g} in all rows, while the rotor moves: taken as without encoder")
+        q[:, i] = np.nan
+    both = np.flatnonzero(np.isfinite(q).all(axis=0) & moved)
+    stride = max(1, len(q) // 1000)
+    rates = {name: np.diff(each[::stride][:, both], axis=0) for name, each in (("q", q), ("kappa", kappa))}
+    size = {name: np.sqrt((each**2).mean(axis=0)) for name, each in rates.items()}
+    alike = (rates["q"].T @ rates["kappa"]) / len(rates["q"]) / np.outer(size["q"], size["kappa"])
+    best = linear_sum_assignment(-np.abs(alike))[1] if len(both) else []
+    for a, (i, b) in enumerate(zip(both, best, strict=True)):
+        own, other = abs(alike[a, a]), abs(alike[a, b])
+        if a != b and other > 0.9 and 1.0 - other < _FEWER * (1.0 - own):
+            problems.append(
+                f"q[{i + 1}] moves with kappa[{both[b] + 1}], correlation {alike[a, b]:.3f}, and not with "
+                f"kappa[{i + 1}], {alike[a, a]:.3f}: columns have another order. Name them, --column q=NAME{{}}"
+            )
+            continue
+        slope = float(alike[a, a] * size["q"][a] / size["kappa"][a])
+        causes = {
+            -1.0: "a sign differs: --column 'q=NAME{} [-1 rad]'",
+            np.pi / 180.0: "the rotor's look like degrees: --column 'kappa=NAME{} [deg]'",
+            180.0 / np.pi: "the links' look like degrees: --column 'q=NAME{} [deg]'",
+            1.0
+            / robot.ell[i]: "the rotor's look like those of the motor, not divided by the ratio: --column theta=NAME{}",
+            robot.ell[i]: "the links' look like those of the motor",
+        }
+        cause = next(
+            (text for k, text in causes.items() if abs(slope / k - 1.0) < _ALIKE and abs(k - 1.0) > _ALIKE), ""
+        )
+        if cause and own > 0.9:
+            problems.append(f"q[{i + 1}] moves {slope:.4g} times as far as kappa[{i + 1}], expected 1: {cause}")
+        elif abs(slope - 1.0) > _OFF:
+            notes.append(f"q[{i + 1}] moves {slope:.3f} times as far as kappa[{i + 1}]: check the ratio")
+
+
+def check_torques(t: Floats, arrays: Mapping[str, Floats], robot: Robot, notes: list[str]) -> None:
+    """Note torques that fit another joint, do the work of a friction that drives, or look like those of the other side.
+
+    By five terms for each joint: constant, acceleration, velocity, its sign, and the torque of the robot file's links.
+    """
+    h, n = float(t[1] - t[0]), robot.n
+    moved = np.flatnonzero(np.ptp(arrays["kappa"], axis=0) > 0.0)
+    fastest = max(_fastest(np.diff(arrays["kappa"][:, i])) for i in moved) / (h * len(t)) if len(moved) else 0.0
+    width = max(1, min(int(0.05 / (fastest * h)), len(t) // 200)) if fastest else 1
+    m = len(t) // width
+    kappa, tau = (arrays[name][: m * width].reshape(m, width, n).mean(axis=1) for name in ("kappa", "tau"))
+    tau = tau * robot.ell
+    v = np.gradient(kappa, h * width, axis=0)
+    a = np.gradient(v, h * width, axis=0)
+    links = regressor(robot, kappa, v, a, v, a).links @ body_parameters(robot)
+    model = links + robot.I_m * robot.ell * a
+    left, power = np.ones((n, n)), np.zeros(n)
+    for j in moved:
+        X = np.column_stack([np.ones(m), a[:, j], v[:, j], np.tanh(v[:, j] / (0.05 * v[:, j].std())), links[:, j]])
+        X = X / np.maximum(np.abs(X).max(axis=0), 1e-300)
+        c: Any = np.linalg.lstsq(X, tau, rcond=None)[0]
+        left[:, j] = ((tau - X @ c) ** 2).mean(axis=0) / np.maximum(tau.var(axis=0), 1e-300)
+        power[j] = ((X[:, 2:4] @ c[2:4, j]) * v[:, j]).mean() / max(tau[:, j].std() * v[:, j].std(), 1e-300)
+    best = linear_sum_assignment(np.log(left[np.ix_(moved, moved)] + 1e-9))[1] if len(moved) else []
+    for i, j in zip(moved, moved[best], strict=True):
+        if left[i, j] < _FEWER * left[i, i]:
+            notes.append(
+                f"tau[{i + 1}] fits joint {j + 1}, whose motion leaves {100 * left[i, j] ** 0.5:.0f} % of it, better "
+                f"than its own, {100 * left[i, i] ** 0.5:.0f} %: check the order of the columns"
+            )
+        elif power[i] < -_ALIKE:
+            notes.append(
+                f"tau[{i + 1}]: its friction would drive the joint: check the sign, --column 'tau=NAME [-1 N.m]'"
+            )
+    ratio = np.sqrt((tau[:, moved] ** 2).mean(axis=0) / np.maximum((model[:, moved] ** 2).mean(axis=0), 1e-300))
+    ratio = np.maximum(ratio, 1e-300)
+    for power_of, way in ((1.0, "link-side: --column tau_link=NAME{}"), (-1.0, "motor-side: --column tau=NAME{}")):
+        off = np.log(ratio) - power_of * np.log(robot.ell[moved])
+        if len(moved) and robot.ell[moved].min() > 10.0 and abs(float(np.median(off))) < np.log(3.0):
+            notes.append(f"torques are {np.median(ratio):.3g} times those of the robot file's model: they look {way}")

@@ -1,0 +1,197 @@
+"""Columns of the files that logs come in: CSV of any tool, MATLAB, Parquet, MCAP, and results of a run in any form."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError
+from vdfmu.engine.results import mcap_file, parquet
+from vdfmu.engine.results.mat_file import mat_variables
+from vdfmu.engine.results.results import Results
+
+_HEADING = re.compile(r"(.*?)(?:\s+[\[(](.+)[\])])?\s*")
+"""A name, and a unit in brackets behind a space."""
+_TIME = re.compile(r"(?:.*\.)?(?:t|time|stamp|timestamp)(?:_\w+)?", re.IGNORECASE)
+_SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+
+class LogColumn(NamedTuple):
+    """Values at times [s], and their unit; empty if the file has none."""
+
+    t: Floats
+    values: Floats
+    unit: str
+
+
+def split_unit(heading: str) -> tuple[str, str]:
+    """Return the name and the unit of a heading such as ``q_1 [deg]``."""
+    match = _HEADING.fullmatch(heading)
+    return (match[1], match[2] or "") if match else (heading, "")
+
+
+def read_columns(path: Path, time: str, notes: list[str]) -> dict[str, LogColumn]:
+    """Return the columns of a file, of which `time` names that of the times; what was assumed is noted."""
+    suffix = path.suffix.lower()
+    if suffix == ".mcap":
+        return _mcap(path, notes)
+    found = {".mat": _mat, ".parquet": _parquet}.get(suffix, _csv)(path)
+    if isinstance(found, Results):
+        return _of_results(found)
+    name, unit = split_unit(time)
+    name = name or next((each for each in found if _TIME.fullmatch(each)), "")
+    if name not in found:
+        raise UsageError(
+            f"{path}: expected a column {name or 'time'}; there are {', '.join(found)}. Name it by --time."
+        )
+    stamps, own = found[name]
+    unit = unit or own or (match[1] if (match := re.fullmatch(r".*_(m?s|us|ns)", name)) else "")
+    if unit not in _SECONDS:
+        raise UsageError(
+            f"{path}: {name}: expected the unit s, ms, us or ns, got {unit!r}. Give it: --time '{name} [s]'."
+        )
+    whole = stamps.dtype.kind in "iu"  # times since 1970 in ns have more digits than a float
+    t = np.asarray(stamps - stamps[0] if whole and len(stamps) else stamps, float).reshape(-1) * _SECONDS[unit]
+    if name != "time":
+        notes.append(f"times are those of {name}, in {unit or 's'}")
+    return {
+        each: LogColumn(t, np.asarray(values, float).reshape(-1), unit)
+        for each, (values, unit) in found.items()
+        if each != name and np.size(values) == len(t)
+    }
+
+
+def _of_results(found: Results) -> dict[str, LogColumn]:
+    return {name: LogColumn(found.time, np.asarray(found[name], float), found.units[name]) for name in found}
+
+
+_Found = Mapping[str, tuple[Any, str]]
+
+
+def _csv(path: Path) -> Results | _Found:
+    try:
+        lines = path.read_text("utf-8-sig").splitlines()
+        delimiter = max(";\t,", key=lines[0].count) if lines else ","
+        rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter) if any(row)]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        why = getattr(error, "strerror", None) or error
+        raise UsageError(f"{path}: expected a CSV file, got what cannot be read: {why}") from None
+    if len(rows) > 1 and rows[0][0] == "time" and rows[1][0] == "s":
+        return Results.read(path)
+    headings = [split_unit(cell) for cell in rows[0]] if rows else []
+    if len(rows) > 1 and all(np.isnan(_number(cell, delimiter)) for cell in rows[1]):  # a line of units
+        headings = [(name, unit) for (name, _), unit in zip(headings, rows.pop(1), strict=False)]
+    names = [name for name, _ in headings]
+    if problems := [
+        *(f"{name}: more than one column has this name" for name in sorted({n for n in names if names.count(n) > 1})),
+        *(f"row {i}: expected {len(names)} cells, got {len(row)}" for i, row in enumerate(rows[1:], 1)
+          if len(row) != len(names)),
+    ]:  # fmt: skip
+        raise UsageError("\n".join(f"{path}: {problem}." for problem in problems[:8]))
+    columns = zip(*rows[1:], strict=True) if len(rows) > 1 else ((),) * len(names)
+    return {
+        name: (np.array([_number(cell, delimiter) for cell in column]), unit)
+        for (name, unit), column in zip(headings, columns, strict=True)
+    }
+
+
+def _number(cell: str, delimiter: str) -> float:
+    try:
+        return float(cell if delimiter == "," else cell.replace(",", "."))
+    except ValueError:
+        return np.nan
+
+
+def _mat(path: Path) -> Results | _Found:
+    variables = mat_variables(path)
+    if "vdfmu" in variables:
+        return Results.read(path)
+    found: dict[str, tuple[Any, str]] = {}
+    for name, value in variables.items():
+        array = np.squeeze(np.asarray(value))
+        if array.dtype.kind not in "fiub" or array.ndim > 2:
+            continue
+        if array.ndim < 2:
+            found[name] = np.atleast_1d(array), ""
+        else:  # of MATLAB's arrays, some have a row for each time, some a column
+            for i, each in enumerate(array if array.shape[0] < array.shape[1] else array.T, 1):
+                found[f"{name}[{i}]"] = each, ""
+    return found
+
+
+def _parquet(path: Path) -> Results | _Found:
+    pyarrow, reader = parquet.needed()
+    try:
+        table = reader.ParquetFile(path).read(use_threads=False)
+    except (OSError, pyarrow.ArrowException) as error:
+        raise UsageError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
+    if b"vdfmu" in (table.schema.metadata or {}):
+        return Results.read(path)
+    found: dict[str, tuple[Any, str]] = {}
+    for field in table.schema:
+        name, unit = split_unit(field.name)
+        values = table[field.name].to_numpy()
+        if values.dtype.kind == "M":
+            values, unit = values.astype("datetime64[ns]").astype(np.int64), "ns"
+        if values.dtype.kind in "fiub":
+            found[name] = values, (field.metadata or {}).get(b"unit", unit.encode()).decode()
+    return found
+
+
+def _mcap(path: Path, notes: list[str]) -> dict[str, LogColumn]:
+    """Read messages of ROS 2 and JSON by their header's time, if they have one, else by the log's."""
+    reader, _, decoder = mcap_file.needed()
+    factory = decoder.DecoderFactory()
+    rows: dict[str, list[tuple[int, float]]] = {}
+    unread: dict[str, str] = {}
+    try:
+        with open(path, "rb") as file:
+            opened = reader.make_reader(file)
+            if any(each.name == "vdfmu" for each in opened.iter_metadata()):
+                return _of_results(Results.read(path))
+            for schema, channel, message in opened.iter_messages():
+                decode: Callable[[bytes], Any] | None = factory.decoder_for(channel.message_encoding, schema)
+                if channel.message_encoding == "json":
+                    decode = json.loads
+                if decode is None:
+                    unread[channel.topic] = channel.message_encoding
+                    continue
+                fields = dict(_fields("", decode(message.data)))
+                stamp = 10**9 * int(fields.get("header.stamp.sec", 0))
+                stamp += int(fields.get("header.stamp.nanosec", fields.get("header.stamp.nsec", 0)))
+                for name, value in fields.items():
+                    rows.setdefault(f"{channel.topic}.{name}", []).append((stamp or message.log_time, value))
+    except UsageError:
+        raise
+    except Exception as error:  # mcap has many kinds for a file that is damaged
+        raise UsageError(f"{path}: expected an MCAP file, got what cannot be read: {error}") from None
+    notes += [f"{topic}: not read, its encoding is {encoding}" for topic, encoding in unread.items()]
+    first = min((each[0][0] for each in rows.values()), default=0)
+    times: dict[bytes, Floats] = {}
+    found: dict[str, LogColumn] = {}
+    for name, each in rows.items():
+        t = np.array([stamp - first for stamp, _ in each]) * 1e-9
+        found[name] = LogColumn(times.setdefault(t.tobytes(), t), np.array([value for _, value in each], float), "")
+    return found
+
+
+def _fields(name: str, value: Any, labels: Any = ()) -> Iterator[tuple[str, float]]:
+    """Yield the numbers in a message: elements of arrays by the names that it has for them, else from 1."""
+    members = value if isinstance(value, Mapping) else getattr(value, "__dict__", {})
+    if members:
+        labels = members.get("name", ())
+        for key, member in members.items():
+            yield from _fields(f"{name}.{key}" if name else str(key), member, labels)
+    elif isinstance(value, (int, float)):
+        yield name, value
+    elif hasattr(value, "__len__") and not isinstance(value, (str, bytes)):
+        named = labels if len(labels) == len(value) and not isinstance(labels, str) else range(1, len(value) + 1)
+        for label, each in zip(named, value, strict=True):
+            yield from _fields(f"{name}[{label}]", each)
