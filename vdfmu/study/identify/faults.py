@@ -48,50 +48,53 @@ def unwrapped(name: str, values: Floats, periods: Sequence[float], notes: list[s
 def even_times(
     found: Mapping[str, Sequence[LogColumn | None]], fewest: int, notes: list[str], problems: list[str]
 ) -> tuple[Floats, dict[str, Floats]]:
-    """Return even times (m,) and the quantities (m, n) at them, by cubic splines where the log's differ."""
+    """Return even times (m,) and the quantities (m, n) at them, by cubic splines where the log's differ.
+
+    With problems the quantities are as they are logged, and none if they differ in length.
+    """
     columns = {f"{what}[{i + 1}]": c for what, each in found.items() for i, c in enumerate(each) if c is not None}
-    first = next(iter(columns))
-    t = columns[first].t
+    clocks: dict[int, tuple[str, LogColumn]] = {}
+    for name, column in columns.items():
+        clocks.setdefault(id(column.t), (name, column))
+        _check_values(name, column.t, column.values, problems)
+    t = next(iter(clocks.values()))[1].t
     if len(t) < fewest:
         problems.append(f"{len(t)} rows: expected at least {fewest}")
-    for name, column in columns.items():
+    whole = len(problems)
+    for name, column in clocks.values():
         back = np.flatnonzero(~(np.diff(column.t) > 0.0))
-        if back.size and (column.t is not t or name == first):
+        if back.size:
             i = int(back[0])
             problems.append(
                 f"{name}, row {i + 2}: time: expected a finite number, more than the {column.t[i]:.9g} s of the row "
                 f"before, got {column.t[i + 1]:.9g} s, and {back.size - 1} more. Sort the log, or cut it there"
             )
-        _check_values(name, column.t, column.values, problems)
-    if problems:
-        return t, {}
-    step = float(np.median(np.diff(t)))
+    step = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
     if step >= 1.0:
         problems.append(f"expected a row every few ms, got one every {step:g} s: give the unit, --time 'time [ms]'")
-        return t, {}
-    apart = any(column.t is not t and not np.array_equal(column.t, t) for column in columns.values())
-    if apart or np.any(np.abs(np.diff(t) - step) > _UNEVEN * step):
-        _check_gaps(columns, step, problems)
-        if problems:
-            return t, {}
-        taken = {id(column.t): _true_times(column.t, columns, notes, problems) for column in columns.values()}
-        low, high = max(each[0] for each in taken.values()), min(each[-1] for each in taken.values())
+    apart = any(not np.array_equal(column.t, t) for _, column in clocks.values())
+    uneven = apart or bool(np.any(np.abs(np.diff(t) - step) > _UNEVEN * step))
+    if uneven and len(problems) == whole and min(len(c.t) for c in columns.values()) >= fewest:
+        _check_gaps(columns, clocks, step, problems)
+    if uneven and not problems:
+        true = {key: _true_times(column.t, columns, notes, problems) for key, (_, column) in clocks.items()}
+        steps = np.concatenate([np.diff(column.t) for _, column in clocks.values()])
+        step = float(np.median(np.diff(true[id(t)])))
+        low, high = max(each[0] for each in true.values()), min(each[-1] for each in true.values())
         t = low + step * np.arange(int((high - low) / step * (1.0 + 1e-12)) + 1)
         notes.append(
-            f"{'columns have times of their own' if apart else 'times are uneven'}, steps of "
-            f"{1e3 * min(np.diff(c.t).min() for c in columns.values()):.4g} to "
-            f"{1e3 * max(np.diff(c.t).max() for c in columns.values()):.4g} ms: taken every {1e3 * step:.6g} ms, by "
-            "cubic splines"
+            f"{'columns have times of their own' if apart else 'times are uneven'}, steps of {1e3 * steps.min():.4g} "
+            f"to {1e3 * steps.max():.4g} ms: taken every {1e3 * step:.6g} ms, by cubic splines"
         )
         columns = {
-            name: column._replace(values=CubicSpline(taken[id(column.t)], column.values)(t))
+            name: LogColumn(t, CubicSpline(true[id(column.t)], column.values)(t), "")
             for name, column in columns.items()
         }
-    none = np.full(len(t), np.nan)
+    if any(len(column.values) != len(t) for column in columns.values()):
+        return t, {}
+    none = LogColumn(t, np.full(len(t), np.nan), "")
     return t, {
-        what: np.column_stack(
-            [columns[f"{what}[{i + 1}]"].values if c is not None else none for i, c in enumerate(each)]
-        )
+        what: np.column_stack([columns.get(f"{what}[{i + 1}]", none).values for i in range(len(each))])
         for what, each in found.items()
     }
 
@@ -106,25 +109,30 @@ def _check_values(name: str, t: Floats, values: Floats, problems: list[str]) -> 
         )
 
 
-def _check_gaps(columns: Mapping[str, LogColumn], step: float, problems: list[str]) -> None:
+def _check_gaps(
+    columns: Mapping[str, LogColumn], clocks: Mapping[int, tuple[str, LogColumn]], step: float, problems: list[str]
+) -> None:
     """Note gaps over which a spline would not follow the motion."""
-    rates = [np.diff(c.values) for name, c in columns.items() if name[:5] in ("kappa", "theta")]
+    rates = [np.diff(c.values) / np.diff(c.t) for name, c in columns.items() if name[:5] in ("kappa", "theta")]
     fastest = max(_fastest(rate) / len(rate) for rate in rates) / step
-    most = _BRIDGED / fastest
-    for name, column in {id(c.t): (name, c) for name, c in columns.items()}.values():
-        far = np.flatnonzero(np.diff(column.t) > max(most, 1.5 * step))
+    for name, column in clocks.values():
+        far = np.flatnonzero(np.diff(column.t) > max(_BRIDGED / fastest, 1.5 * step))
         if far.size:
             i = int(far[0])
             problems.append(
-                f"{name}, row {i + 1}: expected a row every {step:g} s; from {column.t[i]:g} s to "
-                f"{column.t[i + 1]:g} s there is a gap, and {far.size - 1} more. Over {most:.3g} s at most a motion of "
-                f"{fastest:.3g} Hz can be followed: cut the log there"
+                f"{name}, row {i + 1}: expected a row every {step:.4g} s; from {column.t[i]:g} s to "
+                f"{column.t[i + 1]:g} s there is a gap, and {far.size - 1} more. A motion of {fastest:.3g} Hz can be "
+                f"followed over {_BRIDGED / fastest:.3g} s: cut the log there"
             )
 
 
 def _fastest(rate: Floats) -> int:
-    """Return the periods in a log below which nearly all power of a velocity is."""
-    power = np.cumsum(np.abs(np.fft.rfft(rate)) ** 2)
+    """Return the periods in a log below which 99.9 % of a velocity's power is, without noise of positions."""
+    power = np.abs(np.fft.rfft(rate * np.hanning(len(rate)))) ** 2  # a log may begin and end while the arm moves
+    noise = np.sin(np.pi * np.arange(len(power)) / len(rate)) ** 2  # of differences of white noise
+    top = slice(len(power) // 2, None)  # where no motion is
+    power[power < 10.0 * noise * np.median(power[top] / noise[top])] = 0.0
+    power = np.cumsum(power)
     return max(int(np.searchsorted(power, _POWER * power[-1])), 1)
 
 
@@ -166,7 +174,7 @@ def _roughness(t: Floats, x: Floats) -> float:
 def check_motion(arrays: Mapping[str, Floats], robot: Robot, notes: list[str], problems: list[str]) -> None:
     """Compare links with rotors, and both with the limits of the robot; joints without encoder become NaN."""
     kappa, q, tau = arrays["kappa"], arrays.get("q"), arrays["tau"]
-    moved = np.ptp(kappa, axis=0) > 0.0
+    moved = np.ptp(kappa, axis=0) != 0.0
     for i in np.flatnonzero(np.ptp(tau, axis=0) == 0.0):
         problems.append(f"tau[{i + 1}]: expected a measured torque, got {tau[0, i]:g} N.m in all rows")
     for name, each in (("kappa", kappa), ("q", q)) if robot.limits else ():
@@ -182,12 +190,13 @@ def check_motion(arrays: Mapping[str, Floats], robot: Robot, notes: list[str], p
     for i in np.flatnonzero(moved & (np.ptp(q, axis=0) == 0.0)):
         notes.append(f"q[{i + 1}] is {q[0, i]:g} in all rows, while the rotor moves: taken as without encoder")
         q[:, i] = np.nan
-    both = np.flatnonzero(np.isfinite(q).all(axis=0) & moved)
+    both = np.flatnonzero(np.isfinite(q).any(axis=0) & moved)
     stride = max(1, len(q) // 1000)
-    rates = {name: np.diff(each[::stride][:, both], axis=0) for name, each in (("q", q), ("kappa", kappa))}
+    rows = np.flatnonzero(np.isfinite(q[:, both]).all(axis=1) & np.isfinite(kappa).all(axis=1))[::stride]
+    rates = {name: np.diff(each[rows][:, both], axis=0) for name, each in (("q", q), ("kappa", kappa))}
     size = {name: np.sqrt((each**2).mean(axis=0)) for name, each in rates.items()}
     alike = (rates["q"].T @ rates["kappa"]) / len(rates["q"]) / np.outer(size["q"], size["kappa"])
-    best = linear_sum_assignment(-np.abs(alike))[1] if len(both) else []
+    best = linear_sum_assignment(-np.abs(np.nan_to_num(alike)))[1] if len(both) else []
     for a, (i, b) in enumerate(zip(both, best, strict=True)):
         own, other = abs(alike[a, a]), abs(alike[a, b])
         if a != b and other > 0.9 and 1.0 - other < _FEWER * (1.0 - own):

@@ -113,20 +113,9 @@ def read_log(
         for motor, wanted in (("theta", "kappa"), ("tau_link", "tau")):
             if motor in arrays:
                 arrays[wanted] = arrays.pop(motor) / robot.ell
-        if form is _KUKA[0] and not problems:
-            for name in ("kappa", "q"):
-                arrays[name] += np.deg2rad(_START)
-            ratios = np.ravel(mat_variables(path).get("para.u", robot.ell))
-            if not np.allclose(ratios, robot.ell, rtol=1e-3):
-                notes.append(
-                    f"KUKA KR300: the ratios of the file are {', '.join(f'{x:.6g}' for x in ratios)}, those of "
-                    f"{robot.name} {', '.join(f'{x:.6g}' for x in robot.ell)}: torques are multiplied with the latter"
-                )
-            notes.append(
-                "KUKA KR300: a record counts positions from its start; "
-                f"{', '.join(f'{x:g}' for x in _START)} deg are added, as ref_dyn.phi_r_m_all over the ratios has there"
-            )
-        if not problems:
+        if form is _KUKA[0] and arrays:
+            _shift(path, arrays, robot, notes)
+        if arrays:
             check_motion(arrays, robot, notes, problems)
         if not problems:
             check_torques(t, arrays, robot, notes)
@@ -134,6 +123,22 @@ def read_log(
             none = q is None or not np.isfinite(q).any()
             return Log(str(path), t, arrays["kappa"], arrays["tau"], None if none else q, tuple(notes))
     raise UsageError("\n".join(f"{path}: {problem}." for problem in problems))
+
+
+def _shift(path: Path, arrays: dict[str, Floats], robot: Robot, notes: list[str]) -> None:
+    """Count the positions of a record of the KUKA KR300 as KUKA does, and compare its ratios with the robot's."""
+    ratios = np.ravel(mat_variables(path).get("para.u", robot.ell))
+    if not np.allclose(ratios, robot.ell, rtol=1e-3):
+        notes.append(
+            f"KUKA KR300: the ratios of the file are {', '.join(f'{x:.6g}' for x in ratios)}, those of "
+            f"{robot.name} {', '.join(f'{x:.6g}' for x in robot.ell)}: torques are multiplied with the latter"
+        )
+    for name in ("kappa", "q"):
+        arrays[name] += np.deg2rad(_START)
+    notes.append(
+        "KUKA KR300: a record counts positions from its start; "
+        f"{', '.join(f'{x:g}' for x in _START)} deg are added, as ref_dyn.phi_r_m_all over the ratios has there"
+    )
 
 
 def _chosen(
@@ -153,12 +158,11 @@ def _chosen(
             continue
         if "/joint_states" in own[0]:
             notes.append(f"{what} is {own[0]} and so on: as ROS has it, behind the gears; else say --column")
-        if lacks := [name for name in own if name not in table]:
-            notes.append(f"q: {', '.join(lacks)} not there: these joints have no encoder behind their gears")
+        there = [name for name in own if name in table and not (what == "q" and np.isnan(table[name].values).all())]
+        if lacks := [name for name in own if name not in there]:
+            notes.append(f"{', '.join(lacks)}: not there, or without numbers: taken as without encoder behind the gear")
         found[what] = [
-            _converted(what, name, table[name], unit, robot, i, notes, problems)
-            if name in table and not (what == "q" and np.isnan(table[name].values).all())
-            else None
+            _converted(what, name, table[name], unit, robot, i, notes, problems) if name in there else None
             for i, name in enumerate(own)
         ]
     for group in (("kappa", "theta"), ("tau", "tau_link")):
@@ -187,7 +191,7 @@ def _converted(
     if not given and not unit and robot.joint_types[i] == "revolute" and what in ("kappa", "q") and span > WIDE_ANGLE:
         problems.append(
             f"{name}: expected a unit in its heading, {name} [deg] or [rad], for values that go over "
-            f"{span:.4g}, which looks like degrees; got none"
+            f"{span:.4g}, which looks like degrees, or like a motor's that is to be named theta; got none"
         )
     values = column.values * (float(factor) * _FACTORS[kind].get(unit, 1.0))
     if kind == "angle":
