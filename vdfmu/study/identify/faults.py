@@ -24,24 +24,26 @@ _POWER = 0.999
 _BRIDGED = (384.0 * 1e-4) ** 0.25 / (2.0 * np.pi)
 """Periods of the fastest motion over which a cubic spline is within 1e-4 of its amplitude: (omega g)^4 / 384."""
 _ROUGHER = 1.2
+_CERTAIN = 0.4
+"""Share of a turn from row to row below which its sense is certain."""
 _ALIKE, _OFF = 0.1, 0.05
 _FEWER = 0.25
 """Share of the power that a torque leaves with its own joint, below which it fits another one better."""
 
 
-def unwrapped(name: str, values: Floats, periods: Sequence[float], notes: list[str]) -> Floats:
-    """Return angles [rad] without jumps by a period.
-
-    There are such if steps of more than half a period become less than a quarter by it.
-    """
+def unwrapped(name: str, values: Floats, periods: Sequence[float], notes: list[str], problems: list[str]) -> Floats:
+    """Return angles [rad] without jumps by a period: there are such if all lie in one and steps go over half of it."""
     for period in periods:
         jumps = np.flatnonzero(np.abs(np.diff(values)) > 0.5 * period)
-        whole: Floats = np.unwrap(values, period=period) if jumps.size else values
-        if jumps.size and np.abs(np.diff(whole)).max() < 0.25 * period:
-            notes.append(
-                f"{name}: wrapped {jumps.size} times, first in row {jumps[0] + 2}: joined at jumps of {period:.6g} rad"
-            )
-            return whole
+        if not jumps.size or np.ptp(values) > 1.001 * period:
+            continue
+        whole: Floats = np.unwrap(values, period=period)
+        text = f"{name}: wrapped {jumps.size} times, first in row {jumps[0] + 2}"
+        if np.abs(np.diff(whole)).max() > _CERTAIN * period:
+            problems.append(f"{text}: expected less than {_CERTAIN} turns from row to row. Log more rows, or the turns")
+        else:
+            notes.append(f"{text}: joined at jumps of {period:.6g} rad")
+        return whole
     return values
 
 
@@ -70,6 +72,8 @@ def even_times(
                 f"before, got {column.t[i + 1]:.9g} s, and {back.size - 1} more. Sort the log, or cut it there"
             )
     step = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
+    if len(t) > 1 and step < 0.5 * (t[-1] - t[0]) / (len(t) - 1):  # rows that came in bursts
+        step = float(t[-1] - t[0]) / (len(t) - 1)
     if step >= 1.0:
         problems.append(f"expected a row every few ms, got one every {step:g} s: give the unit, --time 'time [ms]'")
     apart = any(not np.array_equal(column.t, t) for _, column in clocks.values())
@@ -84,7 +88,8 @@ def even_times(
         t = low + step * np.arange(int((high - low) / step * (1.0 + 1e-12)) + 1)
         notes.append(
             f"{'columns have times of their own' if apart else 'times are uneven'}, steps of {1e3 * steps.min():.4g} "
-            f"to {1e3 * steps.max():.4g} ms: taken every {1e3 * step:.6g} ms, by cubic splines"
+            f"to {1e3 * steps.max():.4g} ms, {np.count_nonzero(steps > 1.5 * step)} gaps: taken every "
+            f"{1e3 * step:.6g} ms, by cubic splines"
         )
         columns = {
             name: LogColumn(t, CubicSpline(true[id(column.t)], column.values)(t), "")
@@ -113,8 +118,9 @@ def _check_gaps(
     columns: Mapping[str, LogColumn], clocks: Mapping[int, tuple[str, LogColumn]], step: float, problems: list[str]
 ) -> None:
     """Note gaps over which a spline would not follow the motion."""
-    rates = [np.diff(c.values) / np.diff(c.t) for name, c in columns.items() if name[:5] in ("kappa", "theta")]
-    fastest = max(_fastest(rate) / len(rate) for rate in rates) / step
+    moving = [c for name, c in columns.items() if name[:5] in ("kappa", "theta")]
+    rates = [(np.diff(c.values), np.diff(c.values) / np.diff(c.t)) for c in moving]  # by rows, as a clock may jitter
+    fastest = max(min(map(_fastest, each)) / len(each[0]) for each in rates) / step
     for name, column in clocks.values():
         far = np.flatnonzero(np.diff(column.t) > max(_BRIDGED / fastest, 1.5 * step))
         if far.size:
@@ -138,25 +144,27 @@ def _fastest(rate: Floats) -> int:
 
 def _true_times(t: Floats, columns: Mapping[str, LogColumn], notes: list[str], problems: list[str]) -> Floats:
     """Return times, or those of the even rows from which they jitter: at which positions are less rough."""
-    steps = np.diff(t)
-    count = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(steps / np.median(steps)), 1.0))])
-    slope, start = np.polyfit(count, t, 1)
-    even = start + slope * count
-    most = float(np.abs(t - even).max())
     own = [c.values for name, c in columns.items() if c.t is t and name[:3] != "tau"]
-    if not own or np.array_equal(t, even):
+    if not own:
         return t
-    rough, smooth = (sum(_roughness(at, x) for x in own) for at in (t, even))
+    rough = sum(_roughness(t, x) for x in own)
+    found: list[tuple[float, float, float, Floats]] = []
+    for shortest in (np.median(np.diff(t)), np.inf):  # with rows that are missing, and without
+        count = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(np.diff(t) / shortest), 1.0))])
+        slope, start = np.polyfit(count, t, 1)
+        even: Floats = start + slope * count
+        found.append((sum(_roughness(even, x) for x in own), slope, float(np.abs(t - even).max()), even))
+    smooth, step, most, even = min(found, key=lambda each: each[0])
     if rough <= _ROUGHER * smooth:
         return t
-    if most > 0.5 * slope:
+    if most > 0.5 * step:
         problems.append(
             f"the clock jitters by up to {1e3 * most:.3g} ms, and the motion is smoother without: expected less than "
-            f"half of the {1e3 * slope:.3g} ms from row to row. Log the time of the sample, not of its arrival"
+            f"half of the {1e3 * step:.3g} ms from row to row. Log the time of the sample, not of its arrival"
         )
     notes.append(
         f"the clock jitters by up to {1e3 * most:.3g} ms, but the motion is {rough / max(smooth, 1e-300):.2g} times as "
-        f"smooth with a row every {1e3 * slope:.6g} ms: these times are taken"
+        f"smooth with a row every {1e3 * step:.6g} ms: these times are taken"
     )
     return even
 
@@ -176,7 +184,7 @@ def check_motion(arrays: Mapping[str, Floats], robot: Robot, notes: list[str], p
     kappa, q, tau = arrays["kappa"], arrays.get("q"), arrays["tau"]
     moved = np.ptp(kappa, axis=0) != 0.0
     for i in np.flatnonzero(np.ptp(tau, axis=0) == 0.0):
-        problems.append(f"tau[{i + 1}]: expected a measured torque, got {tau[0, i]:g} N.m in all rows")
+        problems.append(f"tau[{i + 1}]: expected a measured torque, got {tau[0, i] + 0.0:g} N.m in all rows")
     for name, each in (("kappa", kappa), ("q", q)) if robot.limits else ():
         for i in range(robot.n if each is not None else 0):
             low, high, stops = each[:, i].min(), each[:, i].max(), (robot.q_min[i], robot.q_max[i])  # pyright: ignore
@@ -188,7 +196,7 @@ def check_motion(arrays: Mapping[str, Floats], robot: Robot, notes: list[str], p
     if q is None:
         return
     for i in np.flatnonzero(moved & (np.ptp(q, axis=0) == 0.0)):
-        notes.append(f"q[{i + 1}] is {q[0, i]:g} in all rows, while the rotor moves: taken as without encoder")
+        notes.append(f"q[{i + 1}] is {q[0, i] + 0.0:g} in all rows, while the rotor moves: taken as without encoder")
         q[:, i] = np.nan
     both = np.flatnonzero(np.isfinite(q).any(axis=0) & moved)
     stride = max(1, len(q) // 1000)
@@ -253,7 +261,7 @@ def check_torques(t: Floats, arrays: Mapping[str, Floats], robot: Robot, notes: 
                 f"tau[{i + 1}] fits joint {j + 1}, whose motion leaves {100 * left[i, j] ** 0.5:.0f} % of it, better "
                 f"than its own, {100 * left[i, i] ** 0.5:.0f} %: check the order of the columns"
             )
-        elif power[i] < -_ALIKE:
+        elif power[i] < -max(0.01, 5.0 * (left[i, i] / m) ** 0.5):  # five deviations of what is left
             notes.append(
                 f"tau[{i + 1}]: its friction would drive the joint: check the sign, --column 'tau=NAME [-1 N.m]'"
             )

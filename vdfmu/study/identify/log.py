@@ -34,6 +34,8 @@ _KUKA = (
 """Forms of the public files of the KUKA KR300 R2500: a record, one of the later data set, and one of its training."""
 _START = (0.0, -90.0, 90.0, 0.0, 0.0, 0.0)
 """Pose [deg], counted as KUKA does, in which a record of the first form starts and its positions are zero."""
+_GIVES_WAY = 5.0
+"""Difference [deg] from it that the file's feedforward may have: it lets axis 5 give way by 2.9."""
 _FACTORS = {
     "angle": {"rad": 1.0, "deg": np.pi / 180.0, "degrees": np.pi / 180.0, "mrad": 1e-3, "rev": 2.0 * np.pi},
     "length": {"m": 1.0, "mm": 1e-3},
@@ -114,7 +116,7 @@ def read_log(
             if motor in arrays:
                 arrays[wanted] = arrays.pop(motor) / robot.ell
         if form is _KUKA[0] and arrays:
-            _shift(path, arrays, robot, notes)
+            _shift(path, arrays, robot, notes, problems)
         if arrays:
             check_motion(arrays, robot, notes, problems)
         if not problems:
@@ -125,20 +127,23 @@ def read_log(
     raise UsageError("\n".join(f"{path}: {problem}." for problem in problems))
 
 
-def _shift(path: Path, arrays: dict[str, Floats], robot: Robot, notes: list[str]) -> None:
+def _shift(path: Path, arrays: dict[str, Floats], robot: Robot, notes: list[str], problems: list[str]) -> None:
     """Count the positions of a record of the KUKA KR300 as KUKA does, and compare its ratios with the robot's."""
-    ratios = np.ravel(mat_variables(path).get("para.u", robot.ell))
+    variables = mat_variables(path)
+    ratios = np.ravel(variables.get("para.u", robot.ell))
     if not np.allclose(ratios, robot.ell, rtol=1e-3):
         notes.append(
             f"KUKA KR300: the ratios of the file are {', '.join(f'{x:.6g}' for x in ratios)}, those of "
             f"{robot.name} {', '.join(f'{x:.6g}' for x in robot.ell)}: torques are multiplied with the latter"
         )
+    start = ", ".join(f"{x:g}" for x in _START)
+    motors = np.rad2deg(np.atleast_2d(variables.get("ref_dyn.phi_r_m_all", np.deg2rad(_START) * ratios))[0] / ratios)
+    if np.abs(motors - _START).max() > _GIVES_WAY:
+        there = ", ".join(f"{x:.3g}" for x in motors)
+        problems.append(f"ref_dyn.phi_r_m_all: expected a start at {start} deg over the ratios, got {there} deg")
     for name in ("kappa", "q"):
         arrays[name] += np.deg2rad(_START)
-    notes.append(
-        "KUKA KR300: a record counts positions from its start; "
-        f"{', '.join(f'{x:g}' for x in _START)} deg are added, as ref_dyn.phi_r_m_all over the ratios has there"
-    )
+    notes.append(f"KUKA KR300: a record counts positions from its start, at {start} deg, which are added")
 
 
 def _chosen(
@@ -195,7 +200,7 @@ def _converted(
         )
     values = column.values * (float(factor) * _FACTORS[kind].get(unit, 1.0))
     if kind == "angle":
-        values = unwrapped(
-            name, values, (2.0 * np.pi,) if what != "kappa" else (2.0 * np.pi, 2.0 * np.pi / robot.ell[i]), notes
-        )
+        turn = 2.0 * np.pi
+        periods = (turn, turn / robot.ell[i]) if what == "kappa" else (turn,)
+        values = unwrapped(name, values, periods, notes, problems)
     return column._replace(values=values)

@@ -173,7 +173,10 @@ def _mcap(path: Path, notes: list[str]) -> dict[str, LogColumn]:
     except Exception as error:  # mcap has many kinds for a file that is damaged
         raise UsageError(f"{path}: expected an MCAP file, got what cannot be read: {error}") from None
     notes += [f"{topic}: not read, its encoding is {encoding}" for topic, encoding in unread.items()]
-    first = min((each[0][0] for each in rows.values()), default=0)
+    if not rows:
+        got = ", ".join(f"{topic} in {encoding}" for topic, encoding in unread.items()) or "none"
+        raise UsageError(f"{path}: expected messages of ROS 2 (cdr, ros2msg) or json, got {got}.")
+    first = min(each[0][0] for each in rows.values())
     times: dict[bytes, Floats] = {}
     found: dict[str, LogColumn] = {}
     for name, each in rows.items():
@@ -184,7 +187,7 @@ def _mcap(path: Path, notes: list[str]) -> dict[str, LogColumn]:
 
 def _fields(name: str, value: Any, labels: Any = ()) -> Iterator[tuple[str, float]]:
     """Yield the numbers in a message: elements of arrays by the names that it has for them, else from 1."""
-    members = value if isinstance(value, Mapping) else getattr(value, "__dict__", {})
+    members = value if isinstance(value, Mapping) else {k: getattr(value, k) for k in getattr(value, "__slots__", ())}
     if members:
         labels = members.get("name", ())
         for key, member in members.items():
