@@ -153,12 +153,12 @@ class RowOptions(RecordOptions, total=False):
     stream: Annotated[Path | Sequence[Path] | None, Option(
         "CSV file to which the rows go as they come, in the form of `Results.write`, at least every two seconds.",
         "Path or two of them", "An input with the values of another signal, or its values a row before, is left out: "
-        "`copies` of the summary names both. With the suffix ``.parquet`` a Parquet file, which is written when the "
+        "`copies` of the summary names both. With another suffix of ``formats`` such a file, which is written when the "
         "run ends, by an error too, but not if the process is killed; see `Results.write`. The results are read from "
         "disk then, where they take as much room again while they are in use; memory does not grow with the number "
         "of rows, except for their times.", flag=None)]
     about: Annotated[Mapping[str, Any] | None, Option(
-        "Facts with which the summary begins, also in a Parquet file.", "mapping", flag=None)]
+        "Facts with which the summary begins, also in files that have their own.", "mapping", flag=None)]
 
 
 class SimulateOptions(RowOptions, SimulatorOptions, total=False):

@@ -358,7 +358,8 @@ def test_a_record_of_the_kuka_kr300_counts_from_its_start(tmp_path):
     assert np.isnan(log.q[:, 3:]).all()
     np.testing.assert_array_equal(log.tau, tau.T)  # motor-side, as it is
     said = "\n".join(log.notes)
-    for part in ("kappa is rec.act_pos_mot_deg[{}] [deg]", "from its start, at 0, -90, 90, 0, 0, 0 deg, which are added",
+    for part in ("kappa is rec.act_pos_mot_deg[{}] [deg]",
+                 "from its start, at 0, -90, 90, 0, 0, 0 deg, which are added",
                  "the ratios of the file are 256.9, 267.4", "q[4] is 0 in all rows"):  # fmt: skip
         assert part in said
     motors = np.deg2rad([0, -80, 90, 0, 0, 0]) * robot.ell

@@ -240,17 +240,18 @@ class Results(Recorded):
         return plot(self, names, over or {}, path)
 
     def write(self, path: str | Path) -> None:
-        """Write a file of results in the format of its suffix: Parquet of ``.parquet``, else CSV.
+        """Write a file of results in the format of its suffix: those of ``--format``, else CSV.
 
         The first line of CSV has the names, the second the units (``integer`` and ``boolean`` for these kinds), then
         follows a line a communication point. Numbers have the shortest form that reads back to the same bits. The file
-        appears under its name only when it is complete. A Parquet file has the same bits in a third of the room, the
-        units and the summary as metadata, and no signal that copies another; see `vdfmu.engine.results.parquet`.
+        appears under its name only when it is complete. Parquet, MATLAB and MCAP files have the same bits in a third of
+        the room, the units and the summary, and no signal that copies another; see `vdfmu.engine.results.parquet`,
+        `mat_file` and `mcap_file`.
 
         Raises
         ------
         UsageError
-            Parquet needs the package pyarrow, ``pip install vdfmu[parquet]``.
+            A package is missing: ``pip install vdfmu[parquet]`` or ``vdfmu[mcap]``.
         VdfmuError
             The file cannot be written.
         """
@@ -260,12 +261,12 @@ class Results(Recorded):
     def read(cls, path: str | Path) -> Results:
         """Read what `write` or a run wrote, with the copies of signals in the file.
 
-        A Parquet file has its summary too; the summary of a CSV file is the ``summary.json`` next to it.
+        Other files than CSV have their summary too; that of a CSV file is the ``summary.json`` next to it.
 
         Raises
         ------
         UsageError
-            The file is missing or of another form, or pyarrow is.
+            The file is missing or of another form, or a package is missing.
         """
         found = format_of(Path(path)).read(Path(path))
         return cls(found.time, found.signals, found.data, found.summary)
