@@ -220,7 +220,7 @@ def test_joints_without_an_encoder_behind_the_gear_have_nan(robot, data, tmp_pat
     for name, given in (
         ("not there", {k: v for k, v in columns.items() if k != "q[2]"}),
         ("not there", {**columns, "q[2]": np.full(M, np.nan)}),
-        ("q[2] is 0.25 in all rows", {**columns, "q[2]": np.full(M, 0.25)}),
+        ("q[2]: the same in all rows", {**columns, "q[2]": np.full(M, 0.25)}),
     ):
         log = read_log(write(tmp_path / "log.csv", given), robot)
         np.testing.assert_array_equal(np.isfinite(log.q).all(axis=0), [True, False])
@@ -304,6 +304,12 @@ def test_faults_of_columns_are_refused_with_their_way_out(robot, data, tmp_path)
     assert any("q[1] moves 0.9" in note for note in read_log(write(path, table(data, q=0.9 * q)), robot).notes)
 
 
+def test_joints_that_move_alike_are_not_taken_for_each_other(robot, data, tmp_path):
+    kappa, q, tau = data
+    columns = table((kappa[:, [0, 0]], q[:, [0, 0]] * [1, 1.001], tau[:, [0, 0]]))
+    assert read_log(write(tmp_path / "log.csv", columns), robot).notes == ()
+
+
 def test_all_faults_are_named_at_once(robot, data, tmp_path):
     kappa, q, tau = data
     q = q[:, ::-1].copy()
@@ -360,7 +366,7 @@ def test_a_record_of_the_kuka_kr300_counts_from_its_start(tmp_path):
     said = "\n".join(log.notes)
     for part in ("kappa is rec.act_pos_mot_deg[{}] [deg]",
                  "from its start, at 0, -90, 90, 0, 0, 0 deg, which are added",
-                 "the ratios of the file are 256.9, 267.4", "q[4] is 0 in all rows"):  # fmt: skip
+                 "the ratios of the file are 256.9, 267.4", "q[4], q[5], q[6]: the same in all rows"):  # fmt: skip
         assert part in said
     motors = np.deg2rad([0, -80, 90, 0, 0, 0]) * robot.ell
     scipy.io.savemat(path, {"rec": rec, "ref_dyn": {"phi_r_m_all": np.tile(motors, (600, 1))}})

@@ -27,6 +27,10 @@ _ROUGHER = 1.2
 _CERTAIN = 0.4
 """Share of a turn from row to row below which its sense is certain."""
 _ALIKE, _OFF = 0.1, 0.05
+_FOLLOWS = 0.95
+"""Correlation of a link's steps with its rotor's below which it does not follow it. Joints may move alike."""
+_DEVIATIONS = 10.0
+"""Standard deviations of white noise within which work is not certain: five, where four rows in a row are alike."""
 _FEWER = 0.25
 """Share of the power that a torque leaves with its own joint, below which it fits another one better."""
 
@@ -195,9 +199,10 @@ def check_motion(arrays: Mapping[str, Floats], robot: Robot, notes: list[str], p
                 )
     if q is None:
         return
-    for i in np.flatnonzero(moved & (np.ptp(q, axis=0) == 0.0)):
-        notes.append(f"q[{i + 1}] is {q[0, i] + 0.0:g} in all rows, while the rotor moves: taken as without encoder")
-        q[:, i] = np.nan
+    if (still := np.flatnonzero(moved & (np.ptp(q, axis=0) == 0.0))).size:
+        named = ", ".join(f"q[{i + 1}]" for i in still)
+        notes.append(f"{named}: the same in all rows, while the rotors move: taken as without encoder behind the gear")
+        q[:, still] = np.nan
     both = np.flatnonzero(np.isfinite(q).any(axis=0) & moved)
     stride = max(1, len(q) // 1000)
     rows = np.flatnonzero(np.isfinite(q[:, both]).all(axis=1) & np.isfinite(kappa).all(axis=1))[::stride]
@@ -207,7 +212,7 @@ def check_motion(arrays: Mapping[str, Floats], robot: Robot, notes: list[str], p
     best = linear_sum_assignment(-np.abs(np.nan_to_num(alike)))[1] if len(both) else []
     for a, (i, b) in enumerate(zip(both, best, strict=True)):
         own, other = abs(alike[a, a]), abs(alike[a, b])
-        if a != b and other > 0.9 and 1.0 - other < _FEWER * (1.0 - own):
+        if own < _FOLLOWS < other and a != b:
             problems.append(
                 f"q[{i + 1}] moves with kappa[{both[b] + 1}], correlation {alike[a, b]:.3f}, and not with "
                 f"kappa[{i + 1}], {alike[a, a]:.3f}: columns have another order. Name them, --column q=NAME{{}}"
@@ -225,7 +230,7 @@ def check_motion(arrays: Mapping[str, Floats], robot: Robot, notes: list[str], p
         cause = next(
             (text for k, text in causes.items() if abs(slope / k - 1.0) < _ALIKE and abs(k - 1.0) > _ALIKE), ""
         )
-        if cause and own > 0.9:
+        if cause and own > _FOLLOWS:
             problems.append(f"q[{i + 1}] moves {slope:.4g} times as far as kappa[{i + 1}], expected 1: {cause}")
         elif abs(slope - 1.0) > _OFF:
             notes.append(f"q[{i + 1}] moves {slope:.3f} times as far as kappa[{i + 1}]: check the ratio")
@@ -247,13 +252,16 @@ def check_torques(t: Floats, arrays: Mapping[str, Floats], robot: Robot, notes: 
     a = np.gradient(v, h * width, axis=0)
     links = regressor(robot, kappa, v, a, v, a).links @ body_parameters(robot)
     model = links + robot.I_m * robot.ell * a
-    left, power = np.ones((n, n)), np.zeros(n)
+    left, drives = np.ones((n, n)), np.zeros(n, bool)
     for j in moved:
         X = np.column_stack([np.ones(m), a[:, j], v[:, j], np.tanh(v[:, j] / (0.05 * v[:, j].std())), links[:, j]])
         X = X / np.maximum(np.abs(X).max(axis=0), 1e-300)
         c: Any = np.linalg.lstsq(X, tau, rcond=None)[0]
-        left[:, j] = ((tau - X @ c) ** 2).mean(axis=0) / np.maximum(tau.var(axis=0), 1e-300)
-        power[j] = ((X[:, 2:4] @ c[2:4, j]) * v[:, j]).mean() / max(tau[:, j].std() * v[:, j].std(), 1e-300)
+        rest = ((tau - X @ c) ** 2).mean(axis=0)
+        left[:, j] = rest / np.maximum(tau.var(axis=0), 1e-300)
+        weight = (X[:, 2:4] * v[:, j, None]).mean(axis=0)  # the work of friction is weight @ c[2:4]
+        deviation = np.sqrt(rest[j] * weight @ np.linalg.pinv(X.T @ X)[2:4, 2:4] @ weight)
+        drives[j] = weight @ c[2:4, j] < -_DEVIATIONS * deviation and tau[:, j] @ v[:, j] < 0.0
     best = linear_sum_assignment(np.log(left[np.ix_(moved, moved)] + 1e-9))[1] if len(moved) else []
     for i, j in zip(moved, moved[best], strict=True):
         if left[i, j] < _FEWER * left[i, i]:
@@ -261,13 +269,16 @@ def check_torques(t: Floats, arrays: Mapping[str, Floats], robot: Robot, notes: 
                 f"tau[{i + 1}] fits joint {j + 1}, whose motion leaves {100 * left[i, j] ** 0.5:.0f} % of it, better "
                 f"than its own, {100 * left[i, i] ** 0.5:.0f} %: check the order of the columns"
             )
-        elif power[i] < -max(0.01, 5.0 * (left[i, i] / m) ** 0.5):  # five deviations of what is left
+        elif drives[i]:
             notes.append(
                 f"tau[{i + 1}]: its friction would drive the joint: check the sign, --column 'tau=NAME [-1 N.m]'"
             )
     ratio = np.sqrt((tau[:, moved] ** 2).mean(axis=0) / np.maximum((model[:, moved] ** 2).mean(axis=0), 1e-300))
     ratio = np.maximum(ratio, 1e-300)
-    for power_of, way in ((1.0, "link-side: --column tau_link=NAME{}"), (-1.0, "motor-side: --column tau=NAME{}")):
+    for power_of, way in ((1.0, "tau_link=NAME{} if they are link-side"), (-1.0, "tau=NAME{} if they are motor-side")):
         off = np.log(ratio) - power_of * np.log(robot.ell[moved])
         if len(moved) and robot.ell[moved].min() > 10.0 and abs(float(np.median(off))) < np.log(3.0):
-            notes.append(f"torques are {np.median(ratio):.3g} times those of the robot file's model: they look {way}")
+            notes.append(
+                f"torques are {np.median(ratio):.3g} times those of the robot file's model: check its masses, or say "
+                f"--column {way}"
+            )
