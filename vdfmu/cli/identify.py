@@ -28,7 +28,7 @@ def identify(
             "--column",
             metavar="WHAT=NAME",
             help="Columns: kappa, theta, tau, tau_link or q = NAME with {} for the joint; a unit may follow, with a "
-            "factor, 'tau=I{} [-1.81 N.m]'. Repeatable.",
+            "factor, 'tau=I{} [-1.81 N.m]'; q[2]=NAME for one joint. Repeatable.",
         ),
     ] = None,
     time: Annotated[str, typer.Option(metavar="NAME", help="Column of the times, with its unit: 'stamp [us]'.")] = "",

@@ -139,7 +139,7 @@ def test_the_command_writes_a_robot_that_says_where_it_is_from(clean, robot, gue
     (tmp_path / "guess.toml").write_text(robot_text(guess, "a guess"))
     log = noisy(clean, robot, 2)
     columns = np.column_stack([log.t, np.rad2deg(log.kappa), log.q, log.tau * robot.ell])
-    names = "time,m_1 [deg],m_2 [deg],q[1] [rad],q[2] [rad],tau_link[1] [N.m],tau_link[2] [N.m]"
+    names = "stamp,m_1 [deg],m_2 [deg],q[1] [rad],q[2] [rad],tau_link[1] [N.m],tau_link[2] [N.m]"
     np.savetxt("log.csv", columns, delimiter=",", header=names, comments="", fmt="%.12g")
     said = CliRunner().invoke(
         app,
@@ -148,6 +148,7 @@ def test_the_command_writes_a_robot_that_says_where_it_is_from(clean, robot, gue
     )  # fmt: skip
     assert said.exit_code == 0, said.exception
     assert (tmp_path / "found.png").read_bytes().startswith(b"\x89PNG")
+    assert "note: times are those of stamp, in s" in said.output
     found = identify(log, guess)
     assert all(f"{v:.5g}" in said.output for v in found.values[:2])
     made = vdfmu.load_robot(tmp_path / "found.toml")

@@ -310,6 +310,19 @@ def test_joints_that_move_alike_are_not_taken_for_each_other(robot, data, tmp_pa
     assert read_log(write(tmp_path / "log.csv", columns), robot).notes == ()
 
 
+def test_the_way_out_is_one(robot, data, tmp_path):
+    """Columns of single joints by name, with a sign; and what is named goes before what has a known name."""
+    kappa, q, tau = data
+    columns = table((kappa, q[:, ::-1] * [1, -1], tau * [1, -1])) | {"x_1": tau[:, 0], "x_2": tau[:, 1]}
+    path = write(tmp_path / "log.csv", columns)
+    given = {"q[1]": "q[2] [-1 rad]", "q[2]": "q[1]", "tau[2]": "tau[2] [-1 N.m]"}
+    same(read_log(path, robot, given), data)
+    log = read_log(path, robot, {**given, "tau_link": "x_{}"})
+    np.testing.assert_array_equal(log.tau, tau / robot.ell)
+    with pytest.raises(UsageError, match=r"columns: q\[3\]: expected some of kappa"):
+        read_log(path, robot, {"q[3]": "x_1"})
+
+
 def test_all_faults_are_named_at_once(robot, data, tmp_path):
     kappa, q, tau = data
     q = q[:, ::-1].copy()
@@ -339,7 +352,10 @@ def test_torques_that_fit_otherwise_are_noted(robot, data, tmp_path):
     path = tmp_path / "log.csv"
     for other, notes in (
         (tau[:, ::-1], ["tau[1] fits joint 2, whose motion leaves", "tau[2] fits joint 1, whose motion leaves"]),
-        (tau * [-1, 1], ["tau[1]: its friction would drive the joint: check the sign, --column 'tau=NAME [-1 N.m]'"]),
+        (
+            tau * [-1, 1],
+            ["tau[1]: its friction would drive the joint: check the sign, --column 'tau[1]=NAME [-1 N.m]'"],
+        ),
         (tau * robot.ell, ["torques are "]),
     ):
         found = read_log(write(path, table(data, tau=other)), robot).notes

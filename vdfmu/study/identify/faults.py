@@ -215,23 +215,27 @@ def check_motion(arrays: Mapping[str, Floats], robot: Robot, notes: list[str], p
         if own < _FOLLOWS < other and a != b:
             problems.append(
                 f"q[{i + 1}] moves with kappa[{both[b] + 1}], correlation {alike[a, b]:.3f}, and not with "
-                f"kappa[{i + 1}], {alike[a, a]:.3f}: columns have another order. Name them, --column q=NAME{{}}"
+                f"kappa[{i + 1}], {alike[a, a]:.3f}: columns have another order. Name them, --column 'q[{i + 1}]=NAME'"
             )
             continue
         slope = float(alike[a, a] * size["q"][a] / size["kappa"][a])
         causes = {
-            -1.0: "a sign differs: --column 'q=NAME{} [-1 rad]'",
-            np.pi / 180.0: "the rotor's look like degrees: --column 'kappa=NAME{} [deg]'",
-            180.0 / np.pi: "the links' look like degrees: --column 'q=NAME{} [deg]'",
+            -1.0: "a sign differs: --column 'q[{j}]=NAME [-1 rad]'",
+            np.pi / 180.0: "the rotor's look like degrees: --column 'kappa[{j}]=NAME [deg]'",
+            180.0 / np.pi: "the links' look like degrees: --column 'q[{j}]=NAME [deg]'",
             1.0
-            / robot.ell[i]: "the rotor's look like those of the motor, not divided by the ratio: --column theta=NAME{}",
+            / robot.ell[
+                i
+            ]: "the rotor's look like those of the motor, not divided by the ratio: --column theta=NAME{{}}",
             robot.ell[i]: "the links' look like those of the motor",
         }
         cause = next(
             (text for k, text in causes.items() if abs(slope / k - 1.0) < _ALIKE and abs(k - 1.0) > _ALIKE), ""
         )
         if cause and own > _FOLLOWS:
-            problems.append(f"q[{i + 1}] moves {slope:.4g} times as far as kappa[{i + 1}], expected 1: {cause}")
+            problems.append(
+                f"q[{i + 1}] moves {slope:.4g} times as far as kappa[{i + 1}], expected 1: {cause.format(j=i + 1)}"
+            )
         elif abs(slope - 1.0) > _OFF:
             notes.append(f"q[{i + 1}] moves {slope:.3f} times as far as kappa[{i + 1}]: check the ratio")
 
@@ -271,7 +275,8 @@ def check_torques(t: Floats, arrays: Mapping[str, Floats], robot: Robot, notes: 
             )
         elif drives[i]:
             notes.append(
-                f"tau[{i + 1}]: its friction would drive the joint: check the sign, --column 'tau=NAME [-1 N.m]'"
+                f"tau[{i + 1}]: its friction would drive the joint: check the sign, "
+                f"--column 'tau[{i + 1}]=NAME [-1 N.m]'"
             )
     ratio = np.sqrt((tau[:, moved] ** 2).mean(axis=0) / np.maximum((model[:, moved] ** 2).mean(axis=0), 1e-300))
     ratio = np.maximum(ratio, 1e-300)

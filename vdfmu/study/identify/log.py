@@ -26,6 +26,8 @@ _KNOWN = {
     "tau_link": ("tau_link[{}]", "/joint_states.effort[{}]"),
 }
 """Quantities taken from a log, to its columns; {} is the joint, from 1."""
+_OTHER = {"kappa": "theta", "theta": "kappa", "tau": "tau_link", "tau_link": "tau"}
+"""A quantity that is not looked for where the other of its side of the gear is named."""
 _KUKA = (
     {"kappa": "rec.act_pos_mot_deg[{}] [deg]", "q": "rec.act_pos_se_deg[{}] [deg]", "tau": "rec.act_torque_abs_nm[{}]"},
     {"kappa": "q_mot_meas[{}] [deg]", "q": "q_se_meas[{}] [deg]", "tau_link": "tau_meas[{}]"},
@@ -85,7 +87,8 @@ def read_log(
         ``kappa``, rotors divided by ell, or ``theta``, motors; ``tau``, motor-side, or ``tau_link``, times ell; and
         ``q``, links: to the name of a column with ``{}`` for the joint, from 1 or by its name in the robot file, such
         as ``axis{}_pos``, or ``{}`` alone for columns headed by the names; a unit may follow, with a factor:
-        ``current_{} [-1.81 N.m]``. Joints without a column of ``q`` have no encoder behind their gears.
+        ``current_{} [-1.81 N.m]``. ``q[2]`` and so on name the column of one joint. Joints without a column of ``q``
+        have no encoder behind their gears.
     time : str, optional
         Column of the times, with its unit: ``stamp [us]``; by default one called ``time``, ``t`` or so.
 
@@ -97,25 +100,31 @@ def read_log(
     """
     path = Path(path)
     given = dict(columns or {})
-    if wrong := [name for name in given if name not in _KNOWN]:
+    known = {*_KNOWN, *(f"{what}[{i + 1}]" for what in _KNOWN for i in range(robot.n))}
+    if wrong := [name for name in given if name not in known]:
         raise UsageError(f"columns: {', '.join(wrong)}: expected some of {', '.join(_KNOWN)}.")
-    if wrong := [f"{what}={name}" for what, name in given.items() if "{}" not in name and robot.n > 1]:
+    if wrong := [
+        f"{what}={name}" for what, name in given.items() if what in _KNOWN and "{}" not in name and robot.n > 1
+    ]:
         raise UsageError(f"columns: {', '.join(wrong)}: expected a name with {{}} for the joint.")
     notes: list[str] = []
     problems: list[str] = []
     table = read_columns(path, time, notes)
+    record = all(split_unit(name)[0].format(1) in table for name in _KUKA[0].values())
     form = next((form for form in _KUKA if all(split_unit(n)[0].format(1) in table for n in form.values())), {})
     if form:
         notes.append(f"KUKA KR300: {', '.join(f'{what} is {name}' for what, name in form.items())}")
         if (there := sum(name.startswith(form["kappa"].partition("{")[0]) for name in table)) != robot.n:
             raise UsageError(f"{path}: expected a robot of {there} joints, got one of {robot.n}.")
+    named = {what.partition("[")[0] for what in given}
+    form = {what: name for what, name in form.items() if _OTHER.get(what) not in named}
     found = _chosen(table, robot, {**form, **given}, notes, problems)
     if not problems:
         t, arrays = even_times(found, _FEWEST, notes, problems)
         for motor, wanted in (("theta", "kappa"), ("tau_link", "tau")):
             if motor in arrays:
                 arrays[wanted] = arrays.pop(motor) / robot.ell
-        if form is _KUKA[0] and arrays:
+        if record and arrays:
             _shift(path, arrays, robot, notes, problems)
         if arrays:
             check_motion(arrays, robot, notes, problems)
@@ -151,24 +160,38 @@ def _chosen(
 ) -> dict[str, list[LogColumn | None]]:
     """Return the columns of each quantity, in SI units and without turns that were cut off; None without encoder."""
     found: dict[str, list[LogColumn | None]] = {}
-    joints = [[str(i + 1) for i in range(robot.n)], *([robot.joint_names] if all(robot.joint_names) else [])]
+    joints = [
+        [str(i + 1) for i in range(robot.n)],
+        *([robot.joint_names] if robot.joint_names and all(robot.joint_names) else []),
+    ]
+    named = {what.partition("[")[0] for what in columns}
     for what, patterns in _KNOWN.items():
-        chosen = [split_unit(columns[what])] if what in columns else [(pattern, "") for pattern in patterns]
-        some = [([p.replace("{}", joint) for joint in each], unit) for each in joints if each for p, unit in chosen]
-        enough = any if what == "q" else all
-        own, unit = next(((own, unit) for own, unit in some if enough(name in table for name in own)), (None, ""))
-        if own is None:
-            if what in columns:
-                problems.append(f"{what}: expected columns {', '.join(some[0][0])}; there are {', '.join(table)}")
+        if what not in named and _OTHER.get(what) in named:
             continue
-        if "/joint_states" in own[0]:
-            notes.append(f"{what} is {own[0]} and so on: as ROS has it, behind the gears; else say --column")
-        there = [name for name in own if name in table and not (what == "q" and np.isnan(table[name].values).all())]
-        if lacks := [name for name in own if name not in there]:
+        chosen = [split_unit(columns[what])] if what in columns else [(pattern, "") for pattern in patterns]
+        some = [
+            [
+                split_unit(columns[f"{what}[{i}]"]) if f"{what}[{i}]" in columns else (p.replace("{}", joint), unit)
+                for i, joint in enumerate(each, 1)
+            ]
+            for each in joints
+            for p, unit in chosen
+        ]
+        enough = any if what == "q" else all
+        own = next((own for own in some if enough(name in table for name, _ in own)), None)
+        if own is None:
+            if what in named:
+                wanted = ", ".join(name for name, _ in some[0])
+                problems.append(f"{what}: expected columns {wanted}; there are {', '.join(table)}")
+            continue
+        if "/joint_states" in own[0][0]:
+            notes.append(f"{what} is {own[0][0]} and so on: as ROS has it, behind the gears; else say --column")
+        there = [name for name, _ in own if name in table and not (what == "q" and np.isnan(table[name].values).all())]
+        if lacks := [name for name, _ in own if name not in there]:
             notes.append(f"{', '.join(lacks)}: not there, or without numbers: taken as without encoder behind the gear")
         found[what] = [
             _converted(what, name, table[name], unit, robot, i, notes, problems) if name in there else None
-            for i, name in enumerate(own)
+            for i, (name, unit) in enumerate(own)
         ]
     for group in (("kappa", "theta"), ("tau", "tau_link")):
         if not problems and not any(name in found for name in group):
