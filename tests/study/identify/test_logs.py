@@ -283,12 +283,12 @@ def test_faults_of_columns_are_refused_with_their_way_out(robot, data, tmp_path)
     for other, message in (
         ({"q": q[:, ::-1]}, r"q\[1\] moves with kappa\[2\], correlation 1.000.*\n.*q\[2\] moves with kappa\[1\]"),
         ({"q": q * [1, -1]}, r"q\[2\] moves -1 times as far as kappa\[2\], expected 1: a sign differs: --column"),
-        ({"q": np.rad2deg(q * 0.05), "kappa": kappa * 0.05}, r"q\[1\] moves 57.\d+ .* the links' look like degrees"),
+        ({"q": np.rad2deg(q * 0.05), "kappa": kappa * 0.05}, r"q\[1\] moves 57.\d+ .* the link's look like degrees"),
         (
             {"q": q * 0.05, "kappa": np.rad2deg(kappa * 0.05)},
             r"q\[1\] moves 0.0174\d* .* the rotor's look like degrees",
         ),
-        ({"kappa": kappa * robot.ell * 0.02, "q": q * 0.02}, "the rotor's look like those of the motor, .* theta"),
+        ({"kappa": kappa * robot.ell * 0.02, "q": q * 0.02}, "the rotor's look like the motor's, .* theta"),
         ({"tau": tau * [1, 0]}, r"tau\[2\]: expected a measured torque, got 0 N.m in all rows"),
     ):
         with pytest.raises(UsageError, match=message):

@@ -21,16 +21,21 @@ from vdfmu.study.identify.regressor import body_parameters, regressor
 _UNEVEN = 0.01
 """Largest difference of a time step from the middle one, as a share, of rows that are taken as they are."""
 _POWER = 0.999
+"""Share of a velocity's power that counts."""
 _BRIDGED = (384.0 * 1e-4) ** 0.25 / (2.0 * np.pi)
 """Periods of the fastest motion over which a cubic spline is within 1e-4 of its amplitude: (omega g)^4 / 384."""
 _ROUGHER = 1.2
+"""Times as rough as on even rows, beyond which positions show that a clock is wrong."""
 _CERTAIN = 0.4
 """Share of a turn from row to row below which its sense is certain."""
 _ALIKE, _OFF = 0.1, 0.05
+"""Difference from a ratio within which it is taken for one, and beyond which it is noted."""
 _FOLLOWS = 0.95
 """Correlation of a link's steps with its rotor's below which it does not follow it. Joints may move alike."""
 _DEVIATIONS = 10.0
 """Standard deviations of white noise within which work is not certain: five, where four rows in a row are alike."""
+_ROWS = 1000
+"""Rows, at most, at which torques are compared with the motion."""
 _FEWER = 0.25
 """Share of the power that a torque leaves with its own joint, below which it fits another one better."""
 
@@ -187,16 +192,19 @@ def check_motion(arrays: Mapping[str, Floats], robot: Robot, notes: list[str], p
     """Compare links with rotors, and both with the limits of the robot; joints without encoder become NaN."""
     kappa, q, tau = arrays["kappa"], arrays.get("q"), arrays["tau"]
     moved = np.ptp(kappa, axis=0) != 0.0
-    for i in np.flatnonzero(np.ptp(tau, axis=0) == 0.0):
-        problems.append(f"tau[{i + 1}]: expected a measured torque, got {tau[0, i] + 0.0:g} N.m in all rows")
-    for name, each in (("kappa", kappa), ("q", q)) if robot.limits else ():
-        for i in range(robot.n if each is not None else 0):
-            low, high, stops = each[:, i].min(), each[:, i].max(), (robot.q_min[i], robot.q_max[i])  # pyright: ignore
-            if high - low > 1.05 * (stops[1] - stops[0]):
-                problems.append(
-                    f"{name}[{i + 1}]: expected less than {stops[1] - stops[0]:.4g} from end to end, as the robot's "
-                    f"stops are, got {high - low:.4g}: are these degrees? Give the unit, --column '{name}=NAME [deg]'"
-                )
+    problems += [
+        f"tau[{i + 1}]: expected a measured torque, got {tau[0, i] + 0.0:g} N.m in all rows"
+        for i in np.flatnonzero(np.ptp(tau, axis=0) == 0.0)
+    ]
+    for name in ("kappa", "q") if robot.limits else ():
+        most = np.asarray(robot.q_max) - np.asarray(robot.q_min)
+        span = np.ptp(arrays.get(name, kappa), axis=0)
+        problems += [
+            f"{name}[{i + 1}]: expected less than {most[i]:.4g} from end to end, as the robot's stops are, got "
+            f"{span[i]:.4g}: are these degrees? Give the unit, --column '{name}[{i + 1}]=NAME [deg]'"
+            for i in np.flatnonzero(span > 1.05 * most)
+            if name in arrays
+        ]
     if q is None:
         return
     if (still := np.flatnonzero(moved & (np.ptp(q, axis=0) == 0.0))).size:
@@ -211,7 +219,7 @@ def check_motion(arrays: Mapping[str, Floats], robot: Robot, notes: list[str], p
     alike = (rates["q"].T @ rates["kappa"]) / len(rates["q"]) / np.outer(size["q"], size["kappa"])
     best = linear_sum_assignment(-np.abs(np.nan_to_num(alike)))[1] if len(both) else []
     for a, (i, b) in enumerate(zip(both, best, strict=True)):
-        own, other = abs(alike[a, a]), abs(alike[a, b])
+        own, other, ell = abs(alike[a, a]), abs(alike[a, b]), robot.ell[i]
         if own < _FOLLOWS < other and a != b:
             problems.append(
                 f"q[{i + 1}] moves with kappa[{both[b] + 1}], correlation {alike[a, b]:.3f}, and not with "
@@ -220,22 +228,15 @@ def check_motion(arrays: Mapping[str, Floats], robot: Robot, notes: list[str], p
             continue
         slope = float(alike[a, a] * size["q"][a] / size["kappa"][a])
         causes = {
-            -1.0: "a sign differs: --column 'q[{j}]=NAME [-1 rad]'",
-            np.pi / 180.0: "the rotor's look like degrees: --column 'kappa[{j}]=NAME [deg]'",
-            180.0 / np.pi: "the links' look like degrees: --column 'q[{j}]=NAME [deg]'",
-            1.0
-            / robot.ell[
-                i
-            ]: "the rotor's look like those of the motor, not divided by the ratio: --column theta=NAME{{}}",
-            robot.ell[i]: "the links' look like those of the motor",
+            -1.0: f"a sign differs: --column 'q[{i + 1}]=NAME [-1 rad]'",
+            np.pi / 180.0: f"the rotor's look like degrees: --column 'kappa[{i + 1}]=NAME [deg]'",
+            180.0 / np.pi: f"the link's look like degrees: --column 'q[{i + 1}]=NAME [deg]'",
+            1.0 / ell: "the rotor's look like the motor's, not divided by the ratio: --column theta=NAME{}",
+            ell: "the link's look like the motor's",
         }
-        cause = next(
-            (text for k, text in causes.items() if abs(slope / k - 1.0) < _ALIKE and abs(k - 1.0) > _ALIKE), ""
-        )
-        if cause and own > _FOLLOWS:
-            problems.append(
-                f"q[{i + 1}] moves {slope:.4g} times as far as kappa[{i + 1}], expected 1: {cause.format(j=i + 1)}"
-            )
+        fitting = [text for k, text in causes.items() if abs(slope / k - 1.0) < _ALIKE < abs(k - 1.0)]
+        if fitting and own > _FOLLOWS:
+            problems.append(f"q[{i + 1}] moves {slope:.4g} times as far as kappa[{i + 1}], expected 1: {fitting[0]}")
         elif abs(slope - 1.0) > _OFF:
             notes.append(f"q[{i + 1}] moves {slope:.3f} times as far as kappa[{i + 1}]: check the ratio")
 
@@ -254,11 +255,12 @@ def check_torques(t: Floats, arrays: Mapping[str, Floats], robot: Robot, notes: 
     tau = tau * robot.ell
     v = np.gradient(kappa, h * width, axis=0)
     a = np.gradient(v, h * width, axis=0)
+    kappa, tau, v, a = (each[:: -(-m // _ROWS)] for each in (kappa, tau, v, a))
     links = regressor(robot, kappa, v, a, v, a).links @ body_parameters(robot)
     model = links + robot.I_m * robot.ell * a
     left, drives = np.ones((n, n)), np.zeros(n, bool)
     for j in moved:
-        X = np.column_stack([np.ones(m), a[:, j], v[:, j], np.tanh(v[:, j] / (0.05 * v[:, j].std())), links[:, j]])
+        X = np.column_stack([np.ones(len(a)), a[:, j], v[:, j], np.tanh(v[:, j] / (0.05 * v[:, j].std())), links[:, j]])
         X = X / np.maximum(np.abs(X).max(axis=0), 1e-300)
         c: Any = np.linalg.lstsq(X, tau, rcond=None)[0]
         rest = ((tau - X @ c) ** 2).mean(axis=0)
@@ -278,12 +280,15 @@ def check_torques(t: Floats, arrays: Mapping[str, Floats], robot: Robot, notes: 
                 f"tau[{i + 1}]: its friction would drive the joint: check the sign, "
                 f"--column 'tau[{i + 1}]=NAME [-1 N.m]'"
             )
+    if not len(moved) or robot.ell[moved].min() <= 10.0:
+        return
     ratio = np.sqrt((tau[:, moved] ** 2).mean(axis=0) / np.maximum((model[:, moved] ** 2).mean(axis=0), 1e-300))
-    ratio = np.maximum(ratio, 1e-300)
-    for power_of, way in ((1.0, "tau_link=NAME{} if they are link-side"), (-1.0, "tau=NAME{} if they are motor-side")):
-        off = np.log(ratio) - power_of * np.log(robot.ell[moved])
-        if len(moved) and robot.ell[moved].min() > 10.0 and abs(float(np.median(off))) < np.log(3.0):
+    for sides, way in (
+        (ratio / robot.ell[moved], "tau_link=NAME{} if"),
+        (ratio * robot.ell[moved], "tau=NAME{} unless"),
+    ):
+        if 1.0 / 3.0 < np.median(sides) < 3.0:
             notes.append(
                 f"torques are {np.median(ratio):.3g} times those of the robot file's model: check its masses, or say "
-                f"--column {way}"
+                f"--column {way} they are link-side"
             )
