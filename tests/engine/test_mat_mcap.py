@@ -37,6 +37,8 @@ def results() -> Results:
         Signal("end", "real", "N.m", 2),
         Signal("a.K_p__", "integer", "", 0),
         Signal("a.on", "boolean", "", 0),
+        Signal("b_1.x", "real", "m", 0),
+        Signal("b1.x", "boolean", "", 0),
         Signal("c.q", "real", "rad", 3, of="a.q[1]"),
     ]
     data = {"real": real, "integer": numbers, "boolean": numbers[:, :1] % 2}
@@ -78,7 +80,7 @@ def test_names_are_legal_in_matlab_and_units_are_kept(results, tmp_path):
     results.write(tmp_path / "r.mat")
     found = scipy.io.loadmat(tmp_path / "r.mat", squeeze_me=True, struct_as_record=False)
     names = [name for name in found if not name.startswith("__")]
-    assert names == ["time", "units", "a_q", "a_q_2", "b____", "end_2", "a_K_p__", "a_on", "vdfmu"]
+    assert names == ["time", "units", "a_q", "a_q_2", "b____", "end_2", "a_K_p__", "a_on", "b_1_x", "b1_x", "vdfmu"]
     assert all(re.fullmatch(r"[A-Za-z]\w{0,62}", name, re.ASCII) for name in names)
     np.testing.assert_array_equal(found["a_q"][:, 0], results["a.q[1]"])
     np.testing.assert_array_equal(found["time"], results.time)
@@ -96,12 +98,14 @@ def test_other_readers_have_the_numbers_of_the_mcap_file(results, tmp_path):
     results.write(path)
     with open(path, "rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        kinds = [s.name for s in reader.get_summary().schemas.values()]
+        assert kinds == [f"vdfmu/msg/{name}" for name in ("A", "B", "End", "B1", "B1X")]
         definition = next(s.data.decode() for s in reader.get_summary().schemas.values() if s.name == "vdfmu/msg/A")
         assert "float64[2] q  # rad, m\nint32[1] q_2  # \n" in definition
         decoded = [(m.log_time, d) for _, c, m, d in reader.iter_decoded_messages() if c.topic == "/a"]
     assert [stamp for stamp, _ in decoded[:3]] == [0, 1_000_000, 2_000_000]
     with AnyReader([path]) as reader:
-        assert {c.topic for c in reader.connections} == {"/a", "/b", "/end"}
+        assert {c.topic for c in reader.connections} == {"/a", "/b", "/end", "/b_1", "/b1"}
         one = [c for c in reader.connections if c.topic == "/a"]
         others = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(one)]
     for mine in ([d for _, d in decoded], others):

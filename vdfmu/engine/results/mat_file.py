@@ -7,16 +7,15 @@ The text ``vdfmu``, for ``jsondecode``, has the names, kinds and units of the si
 from __future__ import annotations
 
 import json
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vdfmu.base.errors import UsageError, VdfmuError
-from vdfmu.base.files import write_whole
+from vdfmu.base.files import replacing
 from vdfmu.base.json_text import to_json
-from vdfmu.engine.results.recorded import Recorded, Signal, from_arrays, grouped, legal_names, missing
+from vdfmu.engine.results.recorded import Recorded, Signal, from_arrays, grouped, legal_names, missing, no_rows
 
 _HEAD = b"MATLAB 5.0 MAT-file, written by vdfmu"
 """Takes the place of a head with the time of the day, so that the same run has the same bytes."""
@@ -50,9 +49,13 @@ def write_mat(results: Recorded, path: Path) -> None:
         content["units"][name] = units[0] if len(units) == 1 else np.array([s.unit for s in members], object)
     facts = {"signals": [(s.name, s.kind, s.unit) for s in signals], "summary": results.summary}
     content["vdfmu"] = json.dumps(json.loads(to_json(facts)))  # letters beyond ASCII as \u, which every reader has
-    stream = BytesIO()
-    savemat(stream, content, long_field_names=True)
-    write_whole(path, [_HEAD.ljust(116), stream.getvalue()[116:]])
+    try:
+        with replacing(path) as file:
+            savemat(file, content, long_field_names=True)
+            file.seek(0)
+            file.write(_HEAD.ljust(116))
+    except OSError as error:
+        raise no_rows(path, error) from None
 
 
 def read_mat(path: Path) -> Recorded:

@@ -64,9 +64,11 @@ def write_mcap(results: Recorded, path: Path) -> None:
             writer = mcap.Writer(file)
             writer.start("ros2", "vdfmu")
             channels: list[int] = []
+            kinds: list[str] = []
             for _, topic, text, _, _ in topics:
-                kind = f"vdfmu/msg/{topic.title().replace('_', '')}"
-                schema = writer.register_schema(kind, "ros2msg", text.encode())
+                kinds.append(topic.title().replace("_", ""))
+                kinds[-1] += "X" * kinds[:-1].count(kinds[-1])  # a_1 and a1
+                schema = writer.register_schema(f"vdfmu/msg/{kinds[-1]}", "ros2msg", text.encode())
                 channels.append(writer.register_channel(f"/{topic}", "cdr", schema))
             for block in results.blocks(_BLOCK):
                 stamps = np.rint((block.time - results.time[0]) * 1e9).astype(np.int64).tolist()

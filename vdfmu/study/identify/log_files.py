@@ -19,7 +19,7 @@ from vdfmu.engine.results.results import Results
 
 _HEADING = re.compile(r"(.*?)(?:\s+[\[(](.+)[\])])?\s*")
 """A name, and a unit in brackets behind a space."""
-_TIME = re.compile(r"(?:.*\.)?(?:t|time|stamp|timestamp)(?:_\w+)?", re.IGNORECASE)
+_TIME = re.compile(r"(?:.*\.)?(?:t|(?:time|stamp|timestamp)(?:_\w+)?)", re.IGNORECASE)
 _SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
