@@ -31,7 +31,9 @@ def identify(
             "factor, 'tau=I{} [-1.81 N.m]'; q[2]=NAME for one joint. Repeatable.",
         ),
     ] = None,
-    time: Annotated[str, typer.Option(metavar="NAME", help="Column of the times, with its unit: 'stamp [us]'.")] = "",
+    time: Annotated[
+        str, typer.Option(metavar="NAME", help="Column of the times; s, ms, us or ns may follow in brackets.")
+    ] = "",
     band: Annotated[float | None, typer.Option(help="Band of the equations in Hz; default from the motion.")] = None,
     truth: Annotated[str | None, typer.Option(help="Robot with the true values, to compare.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of torques and residuals to draw.")] = None,

@@ -98,6 +98,16 @@ def test_a_csv_of_another_tool(robot, data, tmp_path):
         read_log(tmp_path / "log.csv", robot, {**columns, "tau": "A{}"})
 
 
+def test_joints_that_a_tool_counts_from_0(robot, data, tmp_path):
+    """Columns between spaces, as RTDE of a UR has them."""
+    columns = {f"{name}_{i}": each[:, i] for name, each in zip(("p", "q", "i"), data, strict=True) for i in (0, 1)}
+    path = tmp_path / "log.csv"
+    np.savetxt(path, np.column_stack([T, *columns.values()]), header=" ".join(["time", *columns]), comments="")
+    log = read_log(path, robot, {"kappa": "p_{}", "q": "q_{}", "tau": "i_{}"})
+    same(log, data)
+    assert log.notes[1] == "q: joint 1 is q_0: counted from 0" and len(log.notes) == 3
+
+
 def test_matlab_files_of_both_versions(robot, data, tmp_path):
     """Version 5 by scipy, with a row for each joint in a struct; version 7.3 by h5py, as MATLAB writes it."""
     kappa, q, tau = data

@@ -85,8 +85,8 @@ def read_log(
         Its joints, ratios and limits count; its inertias where torques are compared with the motion.
     columns : mapping, optional
         ``kappa``, rotors divided by ell, or ``theta``, motors; ``tau``, motor-side, or ``tau_link``, times ell; and
-        ``q``, links: to the name of a column with ``{}`` for the joint, from 1 or by its name in the robot file, such
-        as ``axis{}_pos``, or ``{}`` alone for columns headed by the names; a unit may follow, with a factor:
+        ``q``, links: to the name of a column with ``{}`` for the joint, from 1 or 0 or by its name in the robot file,
+        such as ``axis{}_pos``, or ``{}`` alone for columns headed by the names; a unit may follow, with a factor:
         ``current_{} [-1.81 N.m]``. ``q[2]`` and so on name the column of one joint. Joints without a column of ``q``
         have no encoder behind their gears.
     time : str, optional
@@ -160,10 +160,8 @@ def _chosen(
 ) -> dict[str, list[LogColumn | None]]:
     """Return the columns of each quantity, in SI units and without turns that were cut off; None without encoder."""
     found: dict[str, list[LogColumn | None]] = {}
-    joints = [
-        [str(i + 1) for i in range(robot.n)],
-        *([robot.joint_names] if robot.joint_names and all(robot.joint_names) else []),
-    ]
+    counted = [[str(i + first) for i in range(robot.n)] for first in (1, 0)]
+    joints = [counted[0], *([robot.joint_names] if all(robot.joint_names) and robot.joint_names else []), counted[1]]
     named = {what.partition("[")[0] for what in columns}
     for what, patterns in _KNOWN.items():
         if what not in named and _OTHER.get(what) in named:
@@ -177,13 +175,14 @@ def _chosen(
             for each in joints
             for p, unit in chosen
         ]
-        enough = any if what == "q" else all
-        own = next((own for own in some if enough(name in table for name, _ in own)), None)
-        if own is None:
+        own = max(some, key=lambda each: sum(name in table for name, _ in each))
+        if not (any if what == "q" else all)(name in table for name, _ in own):
             if what in named:
                 wanted = ", ".join(name for name, _ in some[0])
                 problems.append(f"{what}: expected columns {wanted}; there are {', '.join(table)}")
             continue
+        if own[0][0] == chosen[0][0].replace("{}", "0"):
+            notes.append(f"{what}: joint 1 is {own[0][0]}: counted from 0")
         if "/joint_states" in own[0][0]:
             notes.append(f"{what} is {own[0][0]} and so on: as ROS has it, behind the gears; else say --column")
         there = [name for name, _ in own if name in table and not (what == "q" and np.isnan(table[name].values).all())]

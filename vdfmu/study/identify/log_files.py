@@ -79,6 +79,7 @@ def _csv(path: Path) -> Results | _Found:
     try:
         lines = path.read_text("utf-8-sig").splitlines()
         delimiter = max(";\t,", key=lines[0].count) if lines else ","
+        delimiter = delimiter if lines and delimiter in lines[0] else " "
         rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter) if any(row)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         why = getattr(error, "strerror", None) or error
