@@ -128,6 +128,16 @@ def test_files_of_another_form_and_damaged_ones_are_named(results, tmp_path, for
         Results.read(tmp_path / f"none.{form}")
 
 
+def test_a_byte_that_changed_in_an_mcap_file_is_found(results, tmp_path):
+    path = tmp_path / "r.mcap"
+    results.write(path)
+    text = bytearray(path.read_bytes())
+    for place in range(500, len(text) // 2, 5000):
+        path.write_bytes(text[:place] + bytes([text[place] ^ 1]) + text[place + 1 :])
+        with pytest.raises(UsageError, match="cannot read"):
+            Results.read(path)
+
+
 def test_a_matlab_file_of_another_tool_is_no_file_of_results(tmp_path):
     scipy.io.savemat(tmp_path / "r.mat", {"x": np.arange(3.0)})
     with pytest.raises(UsageError, match="expected results that vdfmu wrote, with the variable vdfmu; there are x"):

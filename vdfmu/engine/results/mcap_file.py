@@ -94,25 +94,25 @@ def _messages(block: Recorded, layout: np.dtype[Any], fields: list[tuple[str, li
 def read_mcap(path: Path) -> Recorded:
     """Read what `write_mcap` wrote; see `Results.read`."""
     mcap = needed()[0]
+    texts: dict[str, list[bytes]] = {}
     try:
         with open(path, "rb") as file:
-            reader = mcap.make_reader(file)
+            reader = mcap.make_reader(file, validate_crcs=True)
             text = next((each.metadata["json"] for each in reader.iter_metadata() if each.name == "vdfmu"), None)
             if text is None:
                 raise UsageError(f"{path}: expected results that vdfmu wrote, with the metadata vdfmu; there is none.")
-            texts: dict[str, list[bytes]] = {}
             for _, channel, message in reader.iter_messages():
                 texts.setdefault(channel.topic, []).append(message.data)
+        facts = json.loads(text)
+        signals = [Signal(name, kind, unit, 0) for name, kind, unit in facts["signals"]]
+        time, arrays = np.empty(0), dict[str, NDArray[Any]]()
+        for _, topic, _, layout, fields in _topics(signals):
+            rows = np.frombuffer(b"".join(texts.get(f"/{topic}", [])), layout)
+            time = rows["time"]
+            arrays |= {members[0].name: rows[name] for name, members in fields}
+        ordered = [arrays[members[0].name] for members in grouped(signals).values()]
+        return from_arrays(np.array(time), signals, ordered, facts["summary"])
     except UsageError:
         raise
     except Exception as error:  # mcap has many kinds for a file that is damaged
         raise UsageError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
-    facts = json.loads(text)
-    signals = [Signal(name, kind, unit, 0) for name, kind, unit in facts["signals"]]
-    time, arrays = np.empty(0), dict[str, NDArray[Any]]()
-    for _, topic, _, layout, fields in _topics(signals):
-        rows = np.frombuffer(b"".join(texts.get(f"/{topic}", [])), layout)
-        time = rows["time"]
-        arrays |= {members[0].name: rows[name] for name, members in fields}
-    ordered = [arrays[members[0].name] for members in grouped(signals).values()]
-    return from_arrays(np.array(time), signals, ordered, facts["summary"])

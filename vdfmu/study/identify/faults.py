@@ -15,6 +15,7 @@ from scipy.optimize import linear_sum_assignment
 
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
+from vdfmu.base.measure import LARGEST_NUMBER
 from vdfmu.study.identify.log_files import LogColumn
 from vdfmu.study.identify.regressor import body_parameters, regressor
 
@@ -114,7 +115,7 @@ def even_times(
 
 
 def _check_values(name: str, t: Floats, values: Floats, problems: list[str]) -> None:
-    bad = np.flatnonzero(~np.isfinite(values))
+    bad = np.flatnonzero(~(np.abs(values) < LARGEST_NUMBER))
     if bad.size:
         i = int(bad[0])
         problems.append(

@@ -154,7 +154,7 @@ def _mcap(path: Path, notes: list[str]) -> dict[str, LogColumn]:
     unread: dict[str, str] = {}
     try:
         with open(path, "rb") as file:
-            opened = reader.make_reader(file)
+            opened = reader.make_reader(file, validate_crcs=True)
             if any(each.name == "vdfmu" for each in opened.iter_metadata()):
                 return _of_results(Results.read(path))
             for schema, channel, message in opened.iter_messages():
