@@ -37,8 +37,8 @@ def needed() -> tuple[ModuleType, ModuleType, ModuleType]:
     return reader, writer, decoder
 
 
-def _topics(signals: list[Signal]) -> Iterator[tuple[str, str, str, np.dtype[Any], list[tuple[str, list[Signal]]]]]:
-    """Yield component, topic, definition, layout of a message, and its fields with their signals."""
+def _topics(signals: list[Signal]) -> Iterator[tuple[str, str, np.dtype[Any], list[tuple[str, list[Signal]]]]]:
+    """Yield topic, definition, layout of a message, and its fields with their signals."""
     groups = grouped(signals)
     components = list(dict.fromkeys(name.partition(".")[0] for name, _ in groups)) or ["time"]
     for component, topic in zip(components, legal_names(components, (), 200, ros=True), strict=True):
@@ -50,7 +50,7 @@ def _topics(signals: list[Signal]) -> Iterator[tuple[str, str, str, np.dtype[Any
             units = ", ".join(dict.fromkeys(s.unit for s in each))
             lines.append(f"{_TYPES[kind][0]}[{len(each)}] {name}  # {units}")
             layout.append((name, f"({len(each)},){_TYPES[kind][1]}"))
-        yield component, topic, "\n".join(lines), np.dtype(layout), list(zip(names, (e for _, e in own), strict=True))
+        yield topic, "\n".join(lines), np.dtype(layout), list(zip(names, (e for _, e in own), strict=True))
 
 
 def write_mcap(results: Recorded, path: Path) -> None:
@@ -65,14 +65,14 @@ def write_mcap(results: Recorded, path: Path) -> None:
             writer.start("ros2", "vdfmu")
             channels: list[int] = []
             kinds: list[str] = []
-            for _, topic, text, _, _ in topics:
+            for topic, text, _, _ in topics:
                 kinds.append(topic.title().replace("_", ""))
                 kinds[-1] += "X" * kinds[:-1].count(kinds[-1])  # a_1 and a1
                 schema = writer.register_schema(f"vdfmu/msg/{kinds[-1]}", "ros2msg", text.encode())
                 channels.append(writer.register_channel(f"/{topic}", "cdr", schema))
             for block in results.blocks(_BLOCK):
                 stamps = np.rint((block.time - results.time[0]) * 1e9).astype(np.int64).tolist()
-                messages = [_messages(block, layout, fields) for _, _, _, layout, fields in topics]
+                messages = [_messages(block, layout, fields) for _, _, layout, fields in topics]
                 for stamp, *row in zip(stamps, *messages, strict=True):
                     for channel, message in zip(channels, row, strict=True):
                         writer.add_message(channel, stamp, message, stamp)
@@ -106,7 +106,7 @@ def read_mcap(path: Path) -> Recorded:
         facts = json.loads(text)
         signals = [Signal(name, kind, unit, 0) for name, kind, unit in facts["signals"]]
         time, arrays = np.empty(0), dict[str, NDArray[Any]]()
-        for _, topic, _, layout, fields in _topics(signals):
+        for topic, _, layout, fields in _topics(signals):
             rows = np.frombuffer(b"".join(texts.get(f"/{topic}", [])), layout)
             time = rows["time"]
             arrays |= {members[0].name: rows[name] for name, members in fields}
