@@ -149,6 +149,14 @@ def test_wrong_usage_ends_with_code_2_and_the_way_out(tmp_path, arguments, words
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.parametrize("name", ["missing.fmu", "missing.ssp", "missing.ssd"])
+def test_check_says_that_it_runs_code_only_of_a_file_that_there_is(tmp_path, name):
+    done = vdfmu("check", name, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: ")
+    assert "runs code" not in done.stderr
+
+
 @pytest.mark.heavy
 def test_a_broken_robot_file_reports_every_problem_at_once(tmp_path):
     import vdfmu as package

@@ -48,7 +48,7 @@ def vdfmu(*arguments: str, **environment: str) -> subprocess.CompletedProcess[st
 def test_an_input_that_cannot_be_used_is_named(arguments: tuple[str, ...]) -> None:
     done = vdfmu(*arguments)
     assert done.returncode == 2, done.stderr[-500:]
-    assert done.stderr.splitlines()[-1].startswith("error: ")  # check says before that it runs code
+    assert done.stderr.splitlines()[-1].startswith("error: ")
     assert "Traceback" not in done.stderr
     assert "output cannot be written" not in done.stderr
 

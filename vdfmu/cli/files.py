@@ -189,8 +189,6 @@ def check(
         say_notes([f"runs code of {what} in a process of its own; --no-run reads only"])
 
     source = file.suffix.lower() in (".toml", ".py")
-    if not (no_run or source):
-        say_runs(f"{file}, unless reading finds problems,")
     try:
         with package_limit(unpack_limit):
             if source:
@@ -198,7 +196,7 @@ def check(
 
                 report = inspect_source(file, robot, run=not no_run, say=say_runs)
             else:
-                report = inspect_file(file, run=not no_run)
+                report = inspect_file(file, run=not no_run, say=say_runs)
     except StorageError as error:
         fail(error, 2)
     if as_json:

@@ -24,7 +24,7 @@ def functions_of(robot):
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("robot", [repeated_link(20), load_robot("snake_24dof")], ids=lambda robot: robot.name)
+@pytest.mark.parametrize("robot", [repeated_link(14), load_robot("snake_24dof")], ids=lambda robot: robot.name)
 def test_the_functions_of_long_arms_keep_their_bits(robot, tmp_path):
     for name, function in functions_of(robot).items():
         folder = tmp_path / name
@@ -40,9 +40,9 @@ def test_the_functions_of_long_arms_keep_their_bits(robot, tmp_path):
 
 @pytest.mark.heavy
 def test_their_text_does_not_grow_with_the_joints():
-    short, long = functions_of(repeated_link(20)), functions_of(repeated_link(30))
+    short, long = functions_of(repeated_link(14)), functions_of(repeated_link(20))
     for name in short:
-        few, many = find_loops(short[name], 20), find_loops(long[name], 30)
+        few, many = find_loops(short[name], 14), find_loops(long[name], 20)
         assert len(c_loops(many)) < 1.1 * len(c_loops(few)), name
 
 

@@ -6,6 +6,7 @@ import html
 import os
 import posixpath
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -58,7 +59,9 @@ def check_file(path: str | os.PathLike[str], run: bool = True) -> list[str]:
     return inspect_file(path, run).problems
 
 
-def inspect_file(path: str | os.PathLike[str], run: bool = True) -> Report:
+def inspect_file(
+    path: str | os.PathLike[str], run: bool = True, say: Callable[[str], None] = lambda text: None
+) -> Report:
     """Check an FMU, an SSP or an SSD, by the ending of its name.
 
     Parameters
@@ -68,6 +71,8 @@ def inspect_file(path: str | os.PathLike[str], run: bool = True) -> Report:
     run : bool, optional
         Whether to make ten steps of the unit or system and to compare an FMU with the reference results that it
         may carry (FMI-LS-REF). That runs the units' code, in a process of its own.
+    say : callable, optional
+        Called with the file, which can be read, before its code may run.
 
     Raises
     ------
@@ -79,6 +84,8 @@ def inspect_file(path: str | os.PathLike[str], run: bool = True) -> Report:
     path = Path(path)
     suffix = path.suffix.lower()
     _require(path, suffix)
+    if run:
+        say(f"{path}, unless reading finds problems,")
     try:
         return _inspect(path, suffix, run)
     except OSError as error:
