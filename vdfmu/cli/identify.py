@@ -80,7 +80,7 @@ def _print(found: Identified, labels: list[str], true: list[float] | None) -> No
     from rich.table import Column, Table
 
     table = Table(
-        Column("parameter", no_wrap=True),
+        "parameter",
         Column("value", no_wrap=True),
         "95 %",
         "unit",

@@ -125,6 +125,22 @@ def test_without_link_positions_the_springs_are_kept_and_said(clean, robot):
 
 
 @pytest.mark.heavy
+def test_a_joint_without_link_positions_is_beside_one_with(clean, robot):
+    q = clean.q.copy()
+    q[:, 1] = np.nan
+    found = identify(clean._replace(q=q), robot)
+    assert {"I_m[2]", "K_f0[2]", "K_w0[2]"} <= set(found.held) and "joint 2," in found.advice[0]
+    assert not found.deformation_error[:, 1].any() and np.isfinite(found.deviation).all()
+    true = dict(zip(found.names, found.of(robot), strict=True))
+    values = dict(zip(found.names, found.values, strict=True))
+    # as without link positions at all; what both encoders see of joint 1 is as in the log without noise
+    for name in ("f_c[1]", "f_s[2]", "mx2", "Izz2", "Izz1 + 0.25 m2", "I_m[1]"):
+        assert values[name] == pytest.approx(true[name], rel=0.01), name
+    assert found.stiffness[0] == pytest.approx(true_stiffness(robot, found)[0], rel=0.01)
+    assert values["K_f0[2]"] == robot.K_f0[1]
+
+
+@pytest.mark.heavy
 def test_what_a_motion_cannot_tell_is_kept_with_the_way_out(clean, guess):
     found = identify(clean, guess)
     assert {"c_f[2]"} <= set(found.held)

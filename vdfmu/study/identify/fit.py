@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from scipy.signal import butter, sosfiltfilt
 
 from vdfmu.arm.equations.harmonic_drive import deformation, kinematic_error
@@ -74,7 +75,9 @@ class Identified:
     torque_error: Floats
     """(k, n) [N.m or N]: Measured torques, link-side, filtered, and the rest that the model does not explain."""
     deformation_error: Floats | None
-    """(k, n) [rad or m]."""
+    """(k, n) [rad or m]; 0 for a joint whose link is not measured."""
+    seen: npt.NDArray[np.bool_]
+    """(n,): Joints whose links are measured."""
     base: BaseParameters
 
     def interval(self, factor: float = 1.96) -> tuple[Floats, Floats]:
@@ -98,10 +101,11 @@ class Identified:
             "order of the columns"
             for i in np.flatnonzero(left > _LEFT**2 * whole)
         ]
-        if self.deformation_error is None:
+        if unseen := _numbers(~self.seen):
             notes.append(
-                "the log has no positions of links, so stiffnesses are those of the robot file, by which links are "
-                "placed: log them by encoders behind the gears, or with the rotors' by a camera or tracker"
+                f"the log has no positions of links of joint {unseen}, so stiffnesses are those of the robot file, by "
+                "which links are placed: log them by encoders behind the gears, or with the rotors' by a camera or "
+                "tracker"
             )
         return notes
 
@@ -119,7 +123,7 @@ def identify(log: Log, robot: Robot, *, band: float | None = None) -> Identified
     moved = np.ptp(log.kappa, axis=0)
     if still := _numbers(moved < _STILL):
         raise UsageError(f"{log.where}: joint {still} did not move: nothing can be told of it. Log a motion of all.")
-    if log.q is not None and (apart := _numbers(np.ptp(log.kappa - log.q, axis=0) > _APART * moved)):
+    if log.q is not None and (apart := _numbers(np.ptp(np.nan_to_num(log.kappa - log.q), axis=0) > _APART * moved)):
         raise UsageError(
             f"{log.where}: joint {apart}: expected rotors, divided by the ratio, and links to move alike, to what the "
             "springs give way. Check units, ratios, signs and order of the columns kappa and q."
@@ -134,7 +138,7 @@ def identify(log: Log, robot: Robot, *, band: float | None = None) -> Identified
         tuple(problem.names), tuple(problem.units), x[:shown], deviation[:shown], problem.start[:shown], held,
         level, stiffness, np.sqrt(np.einsum("ij,jk,ik->i", slopes, covariance, slopes)),
         float(x[problem.places["delay"]][0]), band, t[rows], problem.tau, errors[0],
-        errors[1] if len(errors) > 1 else None, problem.base,
+        errors[1] if len(errors) > 1 else None, problem.seen, problem.base,
     )  # fmt: skip
 
 
@@ -169,21 +173,23 @@ def _prepare(log: Log, robot: Robot, band: float | None) -> tuple[Identification
     kappa_dot = _slope(kappa, h)
     kappa_ddot = _slope(kappa_dot, h)
     error = kinematic_error(robot, kappa)
-    if log.q is not None:
-        q = np.asarray(sosfiltfilt(wide, log.q, axis=0), dtype=float)
-    else:  # the links by the springs of the robot file, unless they are fast
+    seen: Any = np.zeros(robot.n, bool) if log.q is None else np.isfinite(log.q).all(axis=0)
+    q = np.zeros_like(kappa)
+    if not seen.all():  # links by the springs of the robot file, unless they are fast
         rigid = regressor(robot, kappa, kappa_dot, kappa_ddot, kappa_dot, kappa_ddot)
         tau_s = rigid.links @ body_parameters(robot) + rigid.rotors @ (robot.I_m * robot.ell)
         q = kappa - error - deformation(robot, tau_s)
+    measured: Any = q if log.q is None else np.where(seen, log.q, 0.0)
+    q = np.where(seen, sosfiltfilt(wide, measured, axis=0), q)
     q_dot = _slope(q, h)
     parts = regressor(robot, q, q_dot, _slope(q_dot, h), kappa_dot, kappa_ddot)
     base = base_parameters(robot)
     tau = log.tau * robot.ell
-    stretch = None if log.q is None else filtered(log.kappa - log.q - error)
+    stretch = filtered(log.kappa - measured - error) if seen.any() else None
     problem = IdentificationProblem(
         robot, base, filtered(parts.links[:, :, base.columns]), filtered(parts.rotors),
         filtered(kappa_ddot + parts.carried), filtered(tau), _slope(sosfiltfilt(narrow, tau, axis=0), h)[rows], stretch,
-        kappa_dot, filtered,
+        seen, kappa_dot, filtered,
     )  # fmt: skip
     return problem, rows, log.t, band
 

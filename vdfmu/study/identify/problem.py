@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 
 from vdfmu.arm.equations.harmonic_drive import deformation, deformation_derivative
 from vdfmu.arm.robot import Robot
@@ -30,6 +31,8 @@ class IdentificationProblem:
     tau: Floats
     tau_dot: Floats
     stretch: Floats | None
+    seen: npt.NDArray[np.bool_]
+    """(n,): Joints whose links are measured, and that have the second equation."""
     velocity: Floats
     narrow: Callable[[Floats], Floats]
     start: Floats = field(default_factory=lambda: np.zeros(0))
@@ -70,7 +73,7 @@ class IdentificationProblem:
         torque = self.tau + late - J * self.acceleration - self.narrow(dry + x[at["f_v"]] * v) - tau_s
         if self.stretch is None:
             return [torque]
-        return [torque, self.stretch - deformation(self._robot(x), tau_s) - x[at["offset"]]]
+        return [torque, self.seen * (self.stretch - deformation(self._robot(x), tau_s) - x[at["offset"]])]
 
     def jacobian(self, x: Floats) -> list[Floats]:
         """Return the derivatives (k, n, p) of the residuals by all parameters."""
@@ -98,7 +101,7 @@ class IdentificationProblem:
             ends = [deformation(springs.with_parameters(**{name: here * f}), tau_s) for f in (1.0 + 1e-5, 1.0 - 1e-5)]
             stretch[:, each, at[name].start + each] = -(ends[0] - ends[1]) / (2e-5 * here)
         stretch[:, each, at["offset"].start + each] = -1.0
-        return [torque, stretch]
+        return [torque, self.seen[:, None] * stretch]
 
     def stiffness(self, x: Floats) -> tuple[Floats, Floats, Floats]:
         """Root mean square of the spring torques, secant stiffness there, (n,) each, and its slopes (n, p)."""

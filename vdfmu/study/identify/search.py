@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
-from vdfmu.study.identify.problem import IdentificationProblem
+from vdfmu.study.identify.problem import SPRINGS, IdentificationProblem
 
 _UNKNOWN = 0.1
 """Standard deviation, relative, from which a parameter is not identified."""
@@ -50,13 +50,15 @@ class _Search:
             problem.names[i]: "0 in the robot file, where the search would start; give a value"
             for i in np.flatnonzero(~self.free)
         }
-        if problem.stretch is None:
-            rotors = range(problem.places["I_m"].start, problem.places["I_m"].stop)
-            self.free[rotors] = False
-            why = (
-                "without positions of links it cannot be told from their inertia; log them by encoders behind the gears"
-            )
-            self.held |= {problem.names[i]: why for i in rotors}
+        unseen = np.flatnonzero(~problem.seen)
+        for name in ("I_m", *SPRINGS, "offset"):
+            if name in problem.places and (name != "offset" or problem.stretch is not None):
+                self.free[problem.places[name].start + unseen] = False
+        why = "without positions of links it cannot be told from their inertia; log them by encoders behind the gears"
+        self.held |= {problem.names[i]: why for i in problem.places["I_m"].start + unseen}
+        if problem.stretch is not None:
+            why = "the log has no positions of its link; log them by encoders behind the gears"
+            self.held |= {problem.names[problem.places[name].start + i]: why for name in SPRINGS for i in unseen}
         each = zip(problem.errors(self.x), problem.jacobian(self.x), strict=True)
         self.weights = [self._noise(error, slope) for error, slope in each]
 
@@ -68,7 +70,7 @@ class _Search:
         """Return the noise of an equation by joint: the remainder of the linear problem at the start."""
         slopes = np.moveaxis(slope[:, :, self.free] * self.scale(self.x), 1, 0)
         left = [e - s @ np.linalg.lstsq(s, e, rcond=None)[0] for e, s in zip(error.T, slopes, strict=True)]
-        return np.sqrt(np.mean(np.square(left), axis=1))
+        return _level(np.transpose(left))
 
     def _slopes(self, x: Floats) -> Floats:
         each = zip(self.problem.jacobian(x), self.weights, strict=True)
@@ -95,7 +97,7 @@ class _Search:
         start, jac = np.zeros(int(self.free.sum())), cast(Any, slopes)
         found: Any = least_squares(residual, start, jac, method="lm", xtol=1e-6, ftol=1e-9, max_nfev=_STEPS)
         self.x = whole(found.x)
-        self.weights = [np.sqrt(np.mean(e**2, axis=0)) for e in self.problem.errors(self.x)]
+        self.weights = [_level(e) for e in self.problem.errors(self.x)]
 
     def covariance(self) -> Floats:
         """Covariance of the search's variables."""
@@ -125,6 +127,12 @@ class _Search:
             f"{correlation[partner]:+.2f}; {_way_out(name)}"
         )
         return int(places[worst])
+
+
+def _level(error: Floats) -> Floats:
+    """Return the root mean square by joint, 1 for one without the equation, whose rows are 0."""
+    level = np.sqrt(np.mean(error**2, axis=0))
+    return np.where(level > 0.0, level, 1.0)
 
 
 def _sizes(problem: IdentificationProblem) -> Floats:
