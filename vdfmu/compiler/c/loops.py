@@ -32,16 +32,17 @@ def find_loops(function: ca.Function, joints: int) -> Loops | None:
         return None
     trace = Trace(function)
     best: Loops | None = None
+    most = _WORTH * len(trace.operations)
     for period in _PERIODS:
         if joints >= _LONG + 2 * (period - 1):
-            layouts = (find_series(trace, joints, period, trace.digests(depth)) for depth in _DEPTHS)
+            layouts = (find_series(trace, joints, period, trace.digests(depth), most) for depth in _DEPTHS)
             found = (Loops(layout) for layout in layouts if layout is not None)
             loops = next((one for one in found if one.complete), None)
-            if loops and (best is None or loops.lines < best.lines):
-                best = loops
-            if best and best.lines < _GOOD * len(trace.operations) / joints:
+            if loops and loops.lines < most:
+                best, most = loops, loops.lines
+            if most < _GOOD * len(trace.operations) / joints:
                 break
-    return best if best and best.lines < _WORTH * len(trace.operations) else None
+    return best
 
 
 class Operand(NamedTuple):

@@ -8,6 +8,7 @@ What has no counterpart is a series of one.
 
 from __future__ import annotations
 
+import math
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -59,8 +60,8 @@ class Layout:
         return self.series[read].first + ahead - self.series[reader].first
 
 
-def find_series(trace: Trace, joints: int, period: int, alike: Sequence[int]) -> Layout | None:
-    """Return the series of a trace; None where they do not run in one direction.
+def find_series(trace: Trace, joints: int, period: int, alike: Sequence[int], most: float = math.inf) -> Layout | None:
+    """Return the series of a trace; None where they do not run in one direction, or are as many as `most`.
 
     Parameters
     ----------
@@ -72,6 +73,8 @@ def find_series(trace: Trace, joints: int, period: int, alike: Sequence[int]) ->
         Number of each operation; counterparts have the same.
     """
     layout = _grouped(trace, Counterparts(trace, joints, period, alike).after)
+    if len(layout.series) >= most:
+        return None
     _number(layout, joints, period)
     return layout if _order(layout) else None
 
