@@ -17,9 +17,8 @@ demo: $(VENV)/demo  ## run the paper's tracking simulation (Section IV-B)
 test: $(VENV)/test  ## run the tests, except for the heavy ones: some minutes
 	$(BIN)/python -m pytest -n 2 -m "not heavy" $(PYTEST_ARGS)
 
-# In one session, whose tests share kernels and FMUs.
-test-all: $(VENV)/test $(VENV)/platforms  ## run the heavy ones too: all platforms, emulators, sanitizers, C++ templates, installs
-	$(BIN)/python -m pytest -n 3 $(PYTEST_ARGS)
+test-all: test $(VENV)/platforms  ## run the heavy ones too: all platforms, emulators, sanitizers, C++ templates, installs
+	$(BIN)/python -m pytest -n 3 -m heavy $(PYTEST_ARGS)
 
 hostile: $(VENV)/test  ## try thousands of hostile inputs, print what came of them: minutes
 	$(BIN)/python -m tests.hostile --write docs/robustness.md
