@@ -102,7 +102,7 @@ def _print(found: Identified, labels: list[str], true: list[float] | None) -> No
     drives = Table("joint", "torque left", "of", "deformation left", "stiffness", "95 %", box=None)
     for i in range(found.torque.shape[1]):
         left = [float((each[:, i] ** 2).mean() ** 0.5) for each in (found.torque_error, found.torque)]
-        bent = found.deformation_error
+        bent = found.deformation_error if found.seen[i] else None
         drives.add_row(
             labels[i], f"{left[0]:.3g}", f"{left[1]:.3g}",
             "" if bent is None else f"{float((bent[:, i] ** 2).mean() ** 0.5):.3g}",
