@@ -50,6 +50,13 @@ def test_a_component_that_fails_in_its_initialization_does_not_leave_the_others_
         vdfmu.federate(package, split, step=STEP, parameters={"f.mode": 3})
 
 
+def run_of(federates: dict[str, object]) -> Federated:
+    """Return a run of stand-ins for the processes of its federates."""
+    run = Federated.__new__(Federated)
+    run._federates, run._first, run._lock = federates, None, threading.Lock()
+    return run
+
+
 def test_one_that_cannot_join_ends_those_that_would_wait_for_it():
     refused = CosimError("federate b", "exchange", 0.0, "there is no broker")
 
@@ -70,8 +77,7 @@ def test_one_that_cannot_join_ends_those_that_would_wait_for_it():
         def take(self):
             raise refused
 
-    run = Federated.__new__(Federated)
-    run._federates, run._first, run._lock = {"a": Waiting(), "b": Refused()}, None, threading.Lock()
+    run = run_of({"a": Waiting(), "b": Refused()})
     with pytest.raises(CosimError) as info:
         run._take(joining=True)
     assert info.value is refused
@@ -97,8 +103,7 @@ def test_one_that_ends_after_its_answer_is_the_reason_not_those_that_it_ends():
         def lost(self):
             return reason
 
-    run = Federated.__new__(Federated)
-    run._federates, run._first, run._lock = {"a": Cut(), "b": Ended()}, None, threading.Lock()
+    run = run_of({"a": Cut(), "b": Ended()})
     with pytest.raises(CosimError) as info:
         run._take()
     assert info.value is reason

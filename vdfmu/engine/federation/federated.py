@@ -193,10 +193,8 @@ class Federated:
             for name in self._federates:
                 take(name)
         if failures:
-            first = self._first
-            if first is not None and first not in failures:  # it had answered before it ended
-                failures[first] = self._federates[first].lost()
-            raise failures.get(first or "") or next(iter(failures.values()))
+            first = self._first or next(iter(failures))
+            raise failures.get(first) or self._federates[first].lost()  # which had answered before it ended
 
     def _ended(self, name: str) -> None:
         """End the others, which would wait for a federate that has ended. Any thread may call it; the first counts."""
