@@ -8,6 +8,9 @@ import zipfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+import numpy as np
+
+from vdfmu.base.arrays import Floats
 from vdfmu.engine.results.results import Results
 
 
@@ -31,6 +34,14 @@ def edited(
         members[member], count = re.subn(pattern, text, members[member], flags=re.DOTALL)
         assert count, pattern
     return zipped(members | dict(add or {}))
+
+
+def hard_numbers(m: int, reals: int, integers: int) -> tuple[Floats, np.ndarray]:
+    """Return (m, reals) floats of all sizes, the first rows with those that have no digits, and (m, integers) int32."""
+    rng = np.random.default_rng(7)
+    real = rng.standard_normal((m, reals)) * 10.0 ** rng.integers(-300, 300, (m, reals))
+    real[:2, :2] = [[np.nan, -np.inf], [-0.0, 5e-324]]
+    return real, rng.integers(-(2**31), 2**31 - 1, (m, integers), dtype=np.int32)
 
 
 def assert_same_bits(some: Results, others: Results) -> None:

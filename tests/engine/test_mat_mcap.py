@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
-from tests.engine.files import assert_same_bits
+from tests.engine.files import assert_same_bits, hard_numbers
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.engine.run import Results, Signal
 from vdfmu.engine.simulate import run_system
@@ -25,10 +25,9 @@ FORMS = ("mat", "mcap")
 @pytest.fixture
 def results() -> Results:
     """Return signals of all kinds, with values and names that formats may spoil, and a copy."""
-    rng, m = np.random.default_rng(7), 1300
-    real = rng.standard_normal((m, 4)) * 10.0 ** rng.integers(-300, 300, (m, 4))
-    real[0], real[1] = [np.nan, -np.inf, 1.0, 2.0], [-0.0, 5e-324, np.inf, 3.0]
-    numbers = rng.integers(-(2**31), 2**31 - 1, (m, 2), dtype=np.int32)
+    m = 1300
+    real, numbers = hard_numbers(m, 4, 2)
+    real[1, 2] = np.inf
     signals = [
         Signal("a.q[1]", "real", "rad", 3),
         Signal("a.q[2]", "real", "m", 1),
@@ -59,7 +58,7 @@ def test_numbers_of_all_kinds_read_back_to_the_same_bits(results, tmp_path, form
     assert path.read_bytes() == text
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", [*FORMS, "parquet"])
 def test_results_without_rows_or_signals_read_back(tmp_path, form):
     empty = Results(np.empty(0), [Signal("a", "real", "m", 0)], {"real": np.empty((0, 1))})
     bare = Results(np.arange(3.0), [], {"real": np.empty((3, 0))})

@@ -15,7 +15,7 @@ import pyarrow.parquet
 import pytest
 
 import vdfmu
-from tests.engine.files import assert_same_bits
+from tests.engine.files import assert_same_bits, hard_numbers
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.engine.run import Results, Signal
 from vdfmu.engine.simulate import run_system
@@ -28,10 +28,8 @@ def package(arm_package) -> Path:
 
 def test_numbers_of_all_kinds_read_back_to_the_same_bits(tmp_path, monkeypatch):
     monkeypatch.setattr("vdfmu.engine.results.parquet._GROUP", 400)
-    rng, m = np.random.default_rng(7), 1300  # more than two blocks of lines
-    real = rng.standard_normal((m, 2)) * 10.0 ** rng.integers(-300, 300, (m, 2))
-    real[0], real[1] = [np.nan, -np.inf], [-0.0, 5e-324]
-    numbers = rng.integers(-(2**31), 2**31 - 1, (m, 1), dtype=np.int32)
+    m = 1300  # more than two blocks of lines
+    real, numbers = hard_numbers(m, 2, 1)
     signals = [
         Signal("a.q[1]", "real", "rad", 1),
         Signal('b"\u00e4,\n', "real", "", 0),
@@ -45,14 +43,6 @@ def test_numbers_of_all_kinds_read_back_to_the_same_bits(tmp_path, monkeypatch):
         assert_same_bits(Results.read(tmp_path / name), results)
     assert pa.parquet.ParquetFile(tmp_path / "r.parquet").num_row_groups == 4
     assert Results.read(tmp_path / "r.parquet").summary == {"limit": "inf"}
-
-
-def test_results_without_rows_or_signals_read_back(tmp_path):
-    empty = Results(np.empty(0), [Signal("a", "real", "m", 0)], {"real": np.empty((0, 1))})
-    bare = Results(np.arange(3.0), [], {"real": np.empty((3, 0))})
-    for results in (empty, bare):
-        results.write(tmp_path / "r.parquet")
-        assert_same_bits(Results.read(tmp_path / "r.parquet"), results)
 
 
 def test_a_run_writes_both_forms_alike_and_says_in_parquet_what_it_was(package, tmp_path):

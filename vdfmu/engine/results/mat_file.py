@@ -14,8 +14,16 @@ import numpy as np
 
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import replacing
-from vdfmu.base.json_text import to_json
-from vdfmu.engine.results.recorded import Recorded, Signal, from_arrays, grouped, legal_names, missing, no_rows
+from vdfmu.engine.results.recorded import (
+    Recorded,
+    from_arrays,
+    from_facts,
+    grouped,
+    legal_names,
+    missing,
+    no_rows,
+    to_facts,
+)
 
 _HEAD = b"MATLAB 5.0 MAT-file, written by vdfmu"
 """Takes the place of a head with the time of the day, so that the same run has the same bytes."""
@@ -33,7 +41,7 @@ def write_mat(results: Recorded, path: Path) -> None:
     """Write the signals that copy no other, their units, and the summary; see `Results.write`."""
     from scipy.io import savemat
 
-    signals = [s for s in results.signals if not s.of]
+    signals, facts = to_facts(results)
     groups = grouped(signals)
     names = legal_names([name for name, _ in groups], _TAKEN, _LONGEST)
     content: dict[str, Any] = {"time": results.time[:, None], "units": {"time": "s"}}
@@ -47,8 +55,7 @@ def write_mat(results: Recorded, path: Path) -> None:
         content[name] = array.astype(bool) if kind == "boolean" else array
         units = list(dict.fromkeys(s.unit for s in members))
         content["units"][name] = units[0] if len(units) == 1 else np.array([s.unit for s in members], object)
-    facts = {"signals": [(s.name, s.kind, s.unit) for s in signals], "summary": results.summary}
-    content["vdfmu"] = json.dumps(json.loads(to_json(facts)))  # letters beyond ASCII as \u, which every reader has
+    content["vdfmu"] = json.dumps(json.loads(facts))  # letters beyond ASCII as \u, which every reader has
     try:
         with replacing(path) as file:
             savemat(file, content, long_field_names=True)
@@ -62,8 +69,7 @@ def read_mat(path: Path) -> Recorded:
     """Read what `write_mat` wrote; see `Results.read`."""
     found = mat_variables(path)
     try:
-        facts = json.loads(str(found["vdfmu"]))
-        signals = [Signal(name, kind, unit, 0) for name, kind, unit in facts["signals"]]
+        signals, summary = from_facts(str(found["vdfmu"]))
     except (KeyError, TypeError, ValueError):
         raise UsageError(
             f"{path}: expected results that vdfmu wrote, with the variable vdfmu; there are {', '.join(found)}."
@@ -72,7 +78,7 @@ def read_mat(path: Path) -> Recorded:
     names = legal_names([name for name, _ in groups], _TAKEN, _LONGEST)
     try:
         arrays = [found[name].reshape(-1, len(each)) for name, each in zip(names, groups.values(), strict=True)]
-        return from_arrays(found["time"].reshape(-1), signals, arrays, facts["summary"])
+        return from_arrays(found["time"].reshape(-1), signals, arrays, summary)
     except (KeyError, ValueError) as error:
         raise UsageError(f"{path}: expected an array for each signal of the variable vdfmu: {error}.") from None
 

@@ -7,7 +7,6 @@ those of ROS, in small letters. The metadata record ``vdfmu`` has the signals' o
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -18,8 +17,17 @@ from numpy.typing import NDArray
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import replacing
-from vdfmu.base.json_text import to_json
-from vdfmu.engine.results.recorded import Recorded, Signal, from_arrays, grouped, legal_names, missing, no_rows
+from vdfmu.engine.results.recorded import (
+    Recorded,
+    Signal,
+    from_arrays,
+    from_facts,
+    grouped,
+    legal_names,
+    missing,
+    no_rows,
+    to_facts,
+)
 
 _HEAD = b"\0\1\0\0"
 """Of a message: CDR, low bytes first."""
@@ -56,9 +64,8 @@ def _topics(signals: list[Signal]) -> Iterator[tuple[str, str, np.dtype[Any], li
 def write_mcap(results: Recorded, path: Path) -> None:
     """Write the signals that copy no other, and the summary; see `Results.write`."""
     mcap = needed()[1]
-    signals = [s for s in results.signals if not s.of]
+    signals, facts = to_facts(results)
     topics = list(_topics(signals))
-    facts = {"signals": [(s.name, s.kind, s.unit) for s in signals], "summary": results.summary}
     try:
         with replacing(path) as file:
             writer = mcap.Writer(file)
@@ -76,7 +83,7 @@ def write_mcap(results: Recorded, path: Path) -> None:
                 for stamp, *row in zip(stamps, *messages, strict=True):
                     for channel, message in zip(channels, row, strict=True):
                         writer.add_message(channel, stamp, message, stamp)
-            writer.add_metadata("vdfmu", {"json": to_json(facts)})
+            writer.add_metadata("vdfmu", {"json": facts})
             writer.finish()
     except OSError as error:
         raise no_rows(path, error) from None
@@ -103,15 +110,14 @@ def read_mcap(path: Path) -> Recorded:
                 raise UsageError(f"{path}: expected results that vdfmu wrote, with the metadata vdfmu; there is none.")
             for _, channel, message in reader.iter_messages():
                 texts.setdefault(channel.topic, []).append(message.data)
-        facts = json.loads(text)
-        signals = [Signal(name, kind, unit, 0) for name, kind, unit in facts["signals"]]
+        signals, summary = from_facts(text)
         time, arrays = np.empty(0), dict[str, NDArray[Any]]()
         for topic, _, layout, fields in _topics(signals):
             rows = np.frombuffer(b"".join(texts.get(f"/{topic}", [])), layout)
             time = rows["time"]
             arrays |= {members[0].name: rows[name] for name, members in fields}
         ordered = [arrays[members[0].name] for members in grouped(signals).values()]
-        return from_arrays(np.array(time), signals, ordered, facts["summary"])
+        return from_arrays(np.array(time), signals, ordered, summary)
     except UsageError:
         raise
     except Exception as error:  # mcap has many kinds for a file that is damaged

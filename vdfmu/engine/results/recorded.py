@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import mmap
 import re
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.base.json_text import to_json
 from vdfmu.base.text import close_to
 
 KINDS = ("real", "integer", "boolean")
@@ -205,6 +207,18 @@ def from_arrays(time: Floats, signals: Sequence[Signal], arrays: Sequence[NDArra
     }
     placed, data = with_copies(placed, data, copies_in(summary))
     return Recorded(time, placed, data, summary)
+
+
+def to_facts(results: Recorded) -> tuple[list[Signal], str]:
+    """Return the signals that copy no other, and JSON of their names, kinds and units and of the summary."""
+    signals = [s for s in results.signals if not s.of]
+    return signals, to_json({"signals": [(s.name, s.kind, s.unit) for s in signals], "summary": results.summary})
+
+
+def from_facts(text: str) -> tuple[list[Signal], Any]:
+    """Return the signals, without places, and the summary of `to_facts`; KeyError, TypeError, ValueError for others."""
+    facts = json.loads(text)
+    return [Signal(name, kind, unit, 0) for name, kind, unit in facts["signals"]], facts["summary"]
 
 
 def legal_names(names: Sequence[str], taken: Sequence[str], most: int, *, ros: bool = False) -> list[str]:
