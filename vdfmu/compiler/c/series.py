@@ -71,6 +71,8 @@ def find_series(trace: Trace, joints: int, period: int, alike: Sequence[int], mo
         Joints from one member to the next.
     alike : sequence of int
         Number of each operation; counterparts have the same.
+    most : float
+        Lines of the best layout so far: another has at least one for each of its series.
     """
     layout = _grouped(trace, Counterparts(trace, joints, period, alike).after)
     if len(layout.series) >= most:

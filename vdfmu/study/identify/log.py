@@ -110,8 +110,8 @@ def read_log(
     notes: list[str] = []
     problems: list[str] = []
     table = read_columns(path, time, notes)
-    record = all(split_unit(name)[0].format(1) in table for name in _KUKA[0].values())
     form = next((form for form in _KUKA if all(split_unit(n)[0].format(1) in table for n in form.values())), {})
+    record = form is _KUKA[0]
     if form:
         notes.append(f"KUKA KR300: {', '.join(f'{what} is {name}' for what, name in form.items())}")
         if (there := sum(name.startswith(form["kappa"].partition("{")[0]) for name in table)) != robot.n:

@@ -51,14 +51,15 @@ class _Search:
             for i in np.flatnonzero(~self.free)
         }
         unseen = np.flatnonzero(~problem.seen)
-        for name in ("I_m", *SPRINGS, "offset"):
-            if name in problem.places and (name != "offset" or problem.stretch is not None):
-                self.free[problem.places[name].start + unseen] = False
-        why = "without positions of links it cannot be told from their inertia; log them by encoders behind the gears"
-        self.held |= {problem.names[i]: why for i in problem.places["I_m"].start + unseen}
+        way = "log them by encoders behind the gears"
+        reasons = {"I_m": f"without positions of links it cannot be told from their inertia; {way}"}
         if problem.stretch is not None:
-            why = "the log has no positions of its link; log them by encoders behind the gears"
-            self.held |= {problem.names[problem.places[name].start + i]: why for name in SPRINGS for i in unseen}
+            reasons |= dict.fromkeys(SPRINGS, f"the log has no positions of its link; {way}")
+            self.free[problem.places["offset"].start + unseen] = False
+        for name, why in reasons.items():
+            places = problem.places[name].start + unseen
+            self.free[places] = False
+            self.held |= {problem.names[i]: why for i in places}
         each = zip(problem.errors(self.x), problem.jacobian(self.x), strict=True)
         self.weights = [self._noise(error, slope) for error, slope in each]
 
