@@ -8,132 +8,165 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from vdfmu.base.arrays import Floats
-from vdfmu.base.errors import UsageError
 from vdfmu.study.identify.problem import SPRINGS, IdentificationProblem
 
-_UNKNOWN = 0.1
-"""Standard deviation, relative, from which a parameter is not identified."""
+_UNKNOWN = 0.7
+"""Standard deviation, over the one that it has without the log, above which a parameter is the robot file's."""
+_KNOWN = {
+    "I_m": 0.2, "f_c": 1.0, "f_s": 0.5, "v_s": 1.0, "f_v": 1.0, "K_f0": 0.5, "c_f": 1.0, "K_w0": 0.5, "c_w": 1.0,
+    "F_0": 0.2,
+}  # fmt: skip
+"""Standard deviations of the robot file's values, as a share; of static friction, of its ratio to Coulomb's."""
 _ROUNDS = 3
 """Rounds of weights."""
 _STEPS = 30
 """Steps of the search in each."""
+_LAGS = 1.5
+"""Rows by which residuals are alike, over the third root of their number."""
 
 
-def solve(problem: IdentificationProblem) -> tuple[Floats, Floats, dict[str, str]]:
-    """Return all parameters, their covariance, and the parameters that are held."""
-    search = _Search(problem)
-    while True:
-        before, place = search.x, search.hold()
-        if place is None:
-            for _ in range(_ROUNDS):
-                search.fit()
-            place = search.hold()
-            if place is None:
-                scale = search.scale(search.x)
-                whole = np.zeros((len(before), len(before)))
-                whole[np.ix_(search.free, search.free)] = search.covariance() * np.outer(scale, scale)
-                return search.x, whole, search.held
-        search.x = before.copy()
-        search.x[place], search.free[place] = problem.start[place], False
+def solve(problem: IdentificationProblem, prior: Floats | None) -> tuple[Floats, Floats, dict[str, str]]:
+    """Return all parameters, their covariance, and why some are the robot file's.
+
+    `prior` is the covariance of the base parameters of the robot file, None if nothing is known of them.
+    """
+    search = _Search(problem, prior)
+    for _ in range(_ROUNDS):
+        search.fit()
+    covariance = search.covariance()
+    ways = search.ways(search.x)
+    return search.x, ways @ covariance @ ways.T, search.held | search.told_little(covariance)
 
 
 class _Search:
     """Gauss-Newton in logarithms of drives and springs, which are positive, and in parts of the sizes of all else."""
 
-    def __init__(self, problem: IdentificationProblem) -> None:
+    def __init__(self, problem: IdentificationProblem, prior: Floats | None) -> None:
         self.problem, self.x, self.sizes = problem, problem.start.copy(), _sizes(problem)
         self.count = problem.places["links"].start
         """Parameters in logarithms, which come first."""
+        self.root = np.zeros((len(self.x), len(self.x)))
+        """By which variables of the search are off the robot file's, in standard deviations."""
+        for name, share in _KNOWN.items():
+            for k in range(*problem.places.get(name, slice(0)).indices(len(self.x))):
+                self.root[k, k] = 1.0 / share
+        if prior is not None:
+            links = problem.places["links"]
+            self.root[links, links] = np.linalg.inv(np.linalg.cholesky(prior)) * self.sizes[links]
+        self.mix = np.eye(len(self.x))
+        """Static friction goes with Coulomb's, so that of a log without slow motions the ratio is kept."""
+        f_s, f_c = problem.places["f_s"], problem.places["f_c"]
+        self.mix[f_s, f_c] = np.eye(problem.robot.n)
         self.free: Any = np.ones(len(self.x), bool)
         self.free[: self.count] = self.x[: self.count] > 0.0
+        self.free[problem.places["F_0"]] = problem.start[problem.places["F_0"]] > 0.0
         self.held = {
             problem.names[i]: "0 in the robot file, where the search would start; give a value"
-            for i in np.flatnonzero(~self.free)
+            for i in np.flatnonzero(~self.free[: self.count])
         }
         unseen = np.flatnonzero(~problem.seen)
+        for name in ("delay_q", "offset"):
+            self.free[problem.places[name].start + unseen] = False
         way = "log them by encoders behind the gears"
         reasons = {"I_m": f"without positions of links it cannot be told from their inertia; {way}"}
         if problem.stretch is not None:
             reasons |= dict.fromkeys(SPRINGS, f"the log has no positions of its link; {way}")
-            self.free[problem.places["offset"].start + unseen] = False
         for name, why in reasons.items():
             places = problem.places[name].start + unseen
             self.free[places] = False
             self.held |= {problem.names[i]: why for i in places}
         each = zip(problem.errors(self.x), problem.jacobian(self.x), strict=True)
         self.weights = [self._noise(error, slope) for error, slope in each]
+        self.moved = np.zeros(int(self.free.sum()))
 
-    def scale(self, x: Floats) -> Floats:
-        """Return the effect of a change by 1 of the search's variables: for positive parameters their value."""
-        return np.concatenate([x[: self.count], self.sizes[self.count :]])[self.free]
+    def ways(self, x: Floats) -> Floats:
+        """Return what the variables of the search change of all parameters, (p, free)."""
+        return np.concatenate([x[: self.count], self.sizes[self.count :]])[:, None] * self.mix[:, self.free]
 
     def _noise(self, error: Floats, slope: Floats) -> Floats:
         """Return the noise of an equation by joint: the remainder of the linear problem at the start."""
-        slopes = np.moveaxis(slope[:, :, self.free] * self.scale(self.x), 1, 0)
+        slopes = np.moveaxis(slope @ self.ways(self.x), 1, 0)
         left = [e - s @ np.linalg.lstsq(s, e, rcond=None)[0] for e, s in zip(error.T, slopes, strict=True)]
         return _level(np.transpose(left))
 
-    def _slopes(self, x: Floats) -> Floats:
+    def _slopes(self, x: Floats) -> list[Floats]:
+        """Derivatives (k, n, free) of the weighted residuals of each equation by the variables of the search."""
         each = zip(self.problem.jacobian(x), self.weights, strict=True)
-        rows = [(e / np.reshape(w, (-1, 1))).reshape(-1, len(x))[:, self.free] for e, w in each]
-        return np.concatenate(rows) * self.scale(x)
+        return [(e / w[:, None]) @ self.ways(x) for e, w in each]
 
     def fit(self) -> None:
         """Go to the least squares with the weights, and take new ones from what is left there."""
         x, count = self.x, self.count
 
         def whole(part: Floats) -> Floats:
-            full = np.zeros(len(x))
-            full[self.free] = part
+            full = self.mix[:, self.free] @ part
             positive = x[:count] * np.exp(np.clip(full[:count], -5.0, 5.0))
             return np.concatenate([positive, x[count:] + self.sizes[count:] * full[count:]])
 
         def residual(part: Floats) -> Floats:
             each = zip(self.problem.errors(whole(part)), self.weights, strict=True)
-            return np.concatenate([(e / w).ravel() for e, w in each])
+            return np.concatenate([*((e / w).ravel() for e, w in each), self.root[:, self.free] @ (self.moved + part)])
 
         def slopes(part: Floats) -> Floats:
-            return self._slopes(whole(part))
+            now = whole(part)
+            rows = [each.reshape(-1, part.size) for each in self._slopes(now)]
+            return np.concatenate([*rows, self.root[:, self.free]])
 
         start, jac = np.zeros(int(self.free.sum())), cast(Any, slopes)
         found: Any = least_squares(residual, start, jac, method="lm", xtol=1e-6, ftol=1e-9, max_nfev=_STEPS)
-        self.x = whole(found.x)
+        self.x, self.moved = whole(found.x), self.moved + found.x
         self.weights = [_level(e) for e in self.problem.errors(self.x)]
 
     def covariance(self) -> Floats:
-        """Covariance of the search's variables."""
-        slopes = self._slopes(self.x)
+        """Covariance of the search's variables, of residuals that are alike from row to row (Newey and West 1987)."""
+        x, root = self.x, self.root[:, self.free]
+        slopes = self._slopes(x)
+        errors = [e / w for e, w in zip(self.problem.errors(x), self.weights, strict=True)]
+        rows = np.concatenate([each.reshape(-1, root.shape[1]) for each in slopes])
         V: Any
-        _, S, V = np.linalg.svd(np.linalg.qr(slopes, mode="r"))
+        _, S, V = np.linalg.svd(np.linalg.qr(np.concatenate([rows, root]), mode="r"))
         inverse = V.T / np.maximum(S, 1e-12 * S[0])
-        return inverse @ inverse.T * (len(slopes) / max(1, len(slopes) - slopes.shape[1]))
+        inverse = inverse @ inverse.T
+        pulls = np.sum([np.einsum("kn,knp->kp", e, s) for e, s in zip(errors, slopes, strict=True)], axis=0)
+        within = _long_run(pulls) * (len(rows) / max(1, len(rows) - rows.shape[1])) + root.T @ root
+        return inverse @ within @ inverse
 
-    def hold(self) -> int | None:
-        """Return the place of the least known parameter, if it is known too little, and note why."""
-        problem, covariance = self.problem, self.covariance()
+    def told_little(self, covariance: Floats) -> dict[str, str]:
+        """Drives and springs that are the robot file's rather than the log's: what they are confused with."""
+        problem, notes = self.problem, dict[str, str]()
         spread, places = np.sqrt(np.diag(covariance)), np.flatnonzero(self.free)
-        shown = places < problem.shown
-        if not shown.any():
-            raise UsageError("identify: the log tells no parameter; check units, signs and order of its columns.")
-        worst = int(np.argmax(np.where(shown, spread, 0.0)))
-        if spread[worst] < _UNKNOWN:
-            return None
-        correlation = np.where(shown, covariance[worst] / (spread * spread[worst]), 0.0)
-        correlation[worst] = 0.0
-        partner = int(np.argmax(np.abs(correlation)))
-        name = problem.names[places[worst]]
-        share = f"{100 * spread[worst]:.0f} %" if spread[worst] < 10.0 else "more than ten times"
-        self.held[name] = (
-            f"its standard deviation is {share} of its size, its correlation with {problem.names[places[partner]]} "
-            f"{correlation[partner]:+.2f}; {_way_out(name)}"
-        )
-        return int(places[worst])
+        for k, place in enumerate(places[places < self.count]):
+            name = problem.names[place]
+            before = _KNOWN[name.partition("[")[0]]
+            if spread[k] > _UNKNOWN * before:
+                correlation = covariance[k] / (spread * spread[k])
+                correlation[k] = 0.0
+                partner = int(np.argmax(np.abs(correlation)))
+                notes[name] = (
+                    f"of {100 * before:.0f} % by which it may be off the robot file's, {100 * spread[k]:.0f} % are left, "
+                    f"its correlation with {problem.names[places[partner]]} {correlation[partner]:+.2f}; {_way_out(name)}"
+                )
+        return notes
 
 
 def _level(error: Floats) -> Floats:
-    """Return the root mean square by joint, 1 for one without the equation, whose rows are 0."""
-    level = np.sqrt(np.mean(error**2, axis=0))
+    """Return the noise of the residuals of an equation by joint, 1 for one without the equation, whose rows are 0.
+
+    It is their root mean square, times the factor by which a mean of them is less known than of independent ones.
+    """
+    level = np.sqrt([_long_run(column[:, None])[0, 0] / len(error) for column in error.T])
+    level = np.maximum(level, np.sqrt(np.mean(error**2, axis=0)))
     return np.where(level > 0.0, level, 1.0)
+
+
+def _long_run(pulls: Floats) -> Floats:
+    """Covariance (p, p) of the sum of rows (k, p) that are alike from one to the next, by weights of Bartlett."""
+    lags = int(np.ceil(_LAGS * len(pulls) ** (1.0 / 3.0)))
+    total = pulls.T @ pulls
+    for lag in range(1, min(lags, len(pulls) - 1) + 1):
+        shifted = (1.0 - lag / (lags + 1.0)) * pulls[lag:].T @ pulls[:-lag]
+        total += shifted + shifted.T
+    return total
 
 
 def _sizes(problem: IdentificationProblem) -> Floats:
@@ -142,7 +175,10 @@ def _sizes(problem: IdentificationProblem) -> Floats:
     for i in range(links.start, links.stop):
         same = [j for j in range(links.start, links.stop) if problem.units[j] == problem.units[i]]
         sizes[i] = max(np.abs(problem.start[same]).max(), 1e-9)
-    sizes[problem.places["delay"]], sizes[problem.places["offset"]] = 1e-3, 1e-4
+    for name, size in (("tau_0", 0.1), ("delay_tau", 1e-3), ("delay_q", 1e-3), ("offset", 1e-4)):
+        sizes[problem.places[name]] = size
+    F_0 = problem.places["F_0"]
+    sizes[F_0] = np.maximum(problem.start[F_0], 1.0)
     return sizes
 
 
