@@ -68,7 +68,7 @@ def _energy(robot: Any, i: int, q: Any) -> Any:
 
 
 def _of_joints(law: Any, robot: Any, q: Any) -> np.ndarray:
-    return np.array([0.0 if is_zero(robot.F_cb[i]) else law(robot, i, q[i]) for i in range(robot.n)])
+    return np.array([0.0 * q[i] if is_zero(robot.F_cb[i]) else law(robot, i, q[i]) for i in range(robot.n)])
 
 
 def counterbalance_torque(robot: Any, q: Any) -> np.ndarray:

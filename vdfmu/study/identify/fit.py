@@ -55,6 +55,8 @@ class Identified:
     """(m,): Estimates, standard deviations, and values of the robot file."""
     held: Mapping[str, str]
     """Parameters that are not identified and keep their values: why, and the way out."""
+    weak: Mapping[str, str]
+    """Drives and springs that are near the robot file's value since the log tells little of them, with the way out."""
     torque_level: Floats
     """(n,) [N.m or N]: Root mean square of the spring torques."""
     stiffness: Floats
@@ -146,13 +148,15 @@ def identify(log: Log, robot: Robot, *, band: float | None = None, prior: float 
         raise UsageError(f"prior: expected a share above 0, or inf if nothing is known of the links, got {prior:g}.")
     problem, t, band, lag = rows_of(log, robot, band)
     known = prior_covariance(robot, problem.base, prior) if np.isfinite(prior) else None
-    x, covariance, held = solve(problem, known)
-    errors, shown, deviation = problem.errors(x), problem.shown, np.sqrt(np.diag(covariance))
+    estimate = solve(problem, known)
+    x, shown = estimate.x, problem.shown
+    errors, deviation = problem.errors(x), np.sqrt(np.diag(estimate.covariance))
     level, stiffness, slopes = problem.stiffness(x)
     return Identified(
-        tuple(problem.names[:shown]), tuple(problem.units[:shown]), x[:shown], deviation[:shown],
-        problem.start[:shown], held, level, stiffness, np.sqrt(np.einsum("ij,jk,ik->i", slopes, covariance, slopes)),
-        x, lag, band, t, problem.tau, errors[0], errors[1] if len(errors) > 1 else None, problem.seen, problem.base,
+        tuple(problem.names[k] for k in shown), tuple(problem.units[k] for k in shown), x[shown], deviation[shown],
+        problem.start[shown], estimate.held, estimate.weak, level, stiffness,
+        np.sqrt(np.einsum("ij,jk,ik->i", slopes, estimate.covariance, slopes)), x, lag, band, t, problem.tau, errors[0],
+        errors[1] if len(errors) > 1 else None, problem.seen, problem.base,
     )  # fmt: skip
 
 

@@ -32,7 +32,7 @@ class IdentificationProblem:
     tau: Floats
     tau_dot: Floats
     balance: Floats
-    """(k, n): Torques of counterbalances at the links, of a force of 1 N at rest."""
+    """(k, n): Spring torques that a counterbalance of 1 N asks for."""
     stretch: Floats | None
     seen: npt.NDArray[np.bool_]
     """(n,): Joints whose links are measured, and that have the second equation."""
@@ -51,12 +51,16 @@ class IdentificationProblem:
         for name in (*DRIVES, *springs):
             self._place(name, [PARAMETERS[name].unit(kind) for kind in robot.joint_types], getattr(robot, name))
         self._place("links", self.base.units, self.base.matrix @ body_parameters(robot), self.base.names)
-        self._place("F_0", ["N"] * robot.n, getattr(robot,"F_0", np.where(np.arange(robot.n)==1,27.2e3,0)) if robot.n==6 else np.zeros(robot.n))
+        if robot.counterbalance:
+            self._place("F_cb", ["N"] * robot.n, robot.F_cb)
         self._place("tau_0", ["N.m"] * robot.n)
-        self._place("delay_q", ["s"] * robot.n)
         self._place("delay_tau", ["s"], names=["delay_tau"])
-        self.shown = len(self.names)
-        self._place("offset", ["rad"] * robot.n)
+        if self.stretch is not None:
+            self._place("delay_q", ["s"] * robot.n)
+        unseen = {f"delay_q[{i + 1}]" for i in np.flatnonzero(~self.seen)}
+        self.shown = [k for k, name in enumerate(self.names) if name not in unseen]
+        if self.stretch is not None:
+            self._place("offset", [PARAMETERS["theta_err_amplitude"].unit(kind) for kind in robot.joint_types])
 
     def _place(self, name: str, units: Sequence[str], start: Any = 0.0, names: Sequence[str] = ()) -> None:
         begin = len(self.names)
@@ -88,7 +92,8 @@ class IdentificationProblem:
         by_spring = np.zeros((*self.tau.shape, len(x)))
         by_spring[:, :, at["links"]] = self.Y
         by_spring[:, :, at["I_m"]] = self.R * robot.ell
-        by_spring[:, each, at["F_0"].start + each] = self.balance
+        if "F_cb" in at:
+            by_spring[:, each, at["F_cb"].start + each] = self.balance
         torque = -by_spring
         torque[:, each, at["I_m"].start + each] -= robot.ell * self.acceleration
         for name, slope in (
@@ -132,7 +137,8 @@ class IdentificationProblem:
 
     def _springs(self, x: Floats) -> Floats:
         at = self.places
-        return self.Y @ x[at["links"]] + self.R @ (x[at["I_m"]] * self.robot.ell) + self.balance * x[at["F_0"]]
+        tau_s = self.Y @ x[at["links"]] + self.R @ (x[at["I_m"]] * self.robot.ell)
+        return tau_s + self.balance * x[at["F_cb"]] if "F_cb" in at else tau_s
 
     def _robot(self, x: Floats) -> Robot:
         return self.robot.with_parameters(**{n: x[self.places[n]] for n in SPRINGS if n in self.places})

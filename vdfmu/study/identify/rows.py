@@ -8,6 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
+from vdfmu.arm.drive.counterbalance import counterbalance_torque
 from vdfmu.arm.equations.harmonic_drive import deformation, kinematic_error
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
@@ -20,7 +21,8 @@ from vdfmu.study.identify.regressor import body_parameters, regressor
 
 _POWER, _BANDS = 0.999, 3.0
 """The band of the second filter: times the frequency below which this part of the velocities' power is."""
-_WIDE = 20.0
+_WIDE = 60.0
+"""The band of the first: times the second's. Friction follows speeds above the band into it, so it is wide."""
 _ORDER = 4
 _TRIM = 3.0
 """Ends of the log that are left out, in periods of the band: transients of the filters."""
@@ -83,21 +85,14 @@ def rows_of(log: Log, robot: Robot, band: float | None, lag: Floats | None = Non
     q_dot = _slope(q, h)
     parts = regressor(robot, q, q_dot, _slope(q_dot, h), kappa_dot, kappa_ddot)
     base = base_parameters(robot)
+    unit = robot.with_parameters(F_cb=np.sign(robot.F_cb)) if robot.counterbalance else robot
+    balance = filtered(-counterbalance_torque(unit, q.T).T) if robot.counterbalance else np.zeros((count, robot.n))
     problem = IdentificationProblem(
         robot, base, filtered(parts.links[:, :, base.columns]), filtered(parts.rotors),
         filtered(kappa_ddot + parts.carried), filtered(tau), _slope(sosfiltfilt(narrow, tau, axis=0), h)[rows],
-        filtered(counterbalance(robot, q)), stretch, seen, speed, kappa_dot, filtered,
+        balance, stretch, seen, speed, kappa_dot, filtered,
     )  # fmt: skip
     return Rows(problem, log.t[rows], band, lag)
-
-
-def counterbalance(robot,q):
-    out=np.zeros_like(q)
-    if robot.n==6:
-        D,k,L=.8,.2,.575; d=q[:,1]+np.deg2rad(95)
-        l=np.sqrt(D*D+k*k-2*D*k*np.cos(d)); dl=l-(D-k)
-        out[:,1]=D*k*np.sin(d)/l/(1-dl/L)
-    return out
 
 
 def _lag(stretch: Floats, speed: Floats, tau: Floats) -> Floats:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -14,19 +14,32 @@ _UNKNOWN = 0.7
 """Standard deviation, over the one that it has without the log, above which a parameter is the robot file's."""
 _KNOWN = {
     "I_m": 0.2, "f_c": 1.0, "f_s": 0.5, "v_s": 1.0, "f_v": 1.0, "K_f0": 0.5, "c_f": 1.0, "K_w0": 0.5, "c_w": 1.0,
-    "F_0": 0.2,
+    "F_cb": 0.2,
 }  # fmt: skip
 """Standard deviations of the robot file's values, as a share; of static friction, of its ratio to Coulomb's."""
 _ROUNDS = 3
 """Rounds of weights."""
 _STEPS = 30
 """Steps of the search in each."""
+_ALIKE = 0.3
+"""Part of the power of velocities by which a motion may differ from its repetition."""
 _LAGS = 1.5
 """Rows by which residuals are alike, over the third root of their number."""
 
 
-def solve(problem: IdentificationProblem, prior: Floats | None) -> tuple[Floats, Floats, dict[str, str]]:
-    """Return all parameters, their covariance, and why some are the robot file's.
+class Estimate(NamedTuple):
+    """Result of a search."""
+
+    x: Floats
+    covariance: Floats
+    held: dict[str, str]
+    """Parameters that keep the robot file's values, and why."""
+    weak: dict[str, str]
+    """Drives and springs of which the log tells little, and why."""
+
+
+def solve(problem: IdentificationProblem, prior: Floats | None) -> Estimate:
+    """Return all parameters.
 
     `prior` is the covariance of the base parameters of the robot file, None if nothing is known of them.
     """
@@ -34,8 +47,7 @@ def solve(problem: IdentificationProblem, prior: Floats | None) -> tuple[Floats,
     for _ in range(_ROUNDS):
         search.fit()
     covariance = search.covariance()
-    ways = search.ways(search.x)
-    return search.x, ways @ covariance @ ways.T, search.held | search.told_little(covariance)
+    return Estimate(search.x, covariance, search.held, search.weak(covariance))
 
 
 class _Search:
@@ -43,6 +55,7 @@ class _Search:
 
     def __init__(self, problem: IdentificationProblem, prior: Floats | None) -> None:
         self.problem, self.x, self.sizes = problem, problem.start.copy(), _sizes(problem)
+        self.period = _period(problem.speed)
         self.count = problem.places["links"].start
         """Parameters in logarithms, which come first."""
         self.root = np.zeros((len(self.x), len(self.x)))
@@ -59,18 +72,19 @@ class _Search:
         self.mix[f_s, f_c] = np.eye(problem.robot.n)
         self.free: Any = np.ones(len(self.x), bool)
         self.free[: self.count] = self.x[: self.count] > 0.0
-        self.free[problem.places["F_0"]] = problem.start[problem.places["F_0"]] > 0.0
+        if "F_cb" in problem.places:
+            self.free[problem.places["F_cb"]] = problem.robot.F_cb > 0.0
         self.held = {
             problem.names[i]: "0 in the robot file, where the search would start; give a value"
             for i in np.flatnonzero(~self.free[: self.count])
         }
         unseen = np.flatnonzero(~problem.seen)
-        for name in ("delay_q", "offset"):
-            self.free[problem.places[name].start + unseen] = False
         way = "log them by encoders behind the gears"
         reasons = {"I_m": f"without positions of links it cannot be told from their inertia; {way}"}
         if problem.stretch is not None:
             reasons |= dict.fromkeys(SPRINGS, f"the log has no positions of its link; {way}")
+            for name in ("delay_q", "offset"):
+                self.free[problem.places[name].start + unseen] = False
         for name, why in reasons.items():
             places = problem.places[name].start + unseen
             self.free[places] = False
@@ -87,7 +101,7 @@ class _Search:
         """Return the noise of an equation by joint: the remainder of the linear problem at the start."""
         slopes = np.moveaxis(slope @ self.ways(self.x), 1, 0)
         left = [e - s @ np.linalg.lstsq(s, e, rcond=None)[0] for e, s in zip(error.T, slopes, strict=True)]
-        return _level(np.transpose(left))
+        return _level(np.transpose(left), self.period)
 
     def _slopes(self, x: Floats) -> list[Floats]:
         """Derivatives (k, n, free) of the weighted residuals of each equation by the variables of the search."""
@@ -115,10 +129,13 @@ class _Search:
         start, jac = np.zeros(int(self.free.sum())), cast(Any, slopes)
         found: Any = least_squares(residual, start, jac, method="lm", xtol=1e-6, ftol=1e-9, max_nfev=_STEPS)
         self.x, self.moved = whole(found.x), self.moved + found.x
-        self.weights = [_level(e) for e in self.problem.errors(self.x)]
+        self.weights = [_level(e, self.period) for e in self.problem.errors(self.x)]
 
     def covariance(self) -> Floats:
-        """Covariance of the search's variables, of residuals that are alike from row to row (Newey and West 1987)."""
+        """Covariance of all parameters, for residuals that are alike from row to row (Newey and West 1987).
+
+        Deviations are at least those of independent residuals.
+        """
         x, root = self.x, self.root[:, self.free]
         slopes = self._slopes(x)
         errors = [e / w for e, w in zip(self.problem.errors(x), self.weights, strict=True)]
@@ -128,45 +145,63 @@ class _Search:
         inverse = V.T / np.maximum(S, 1e-12 * S[0])
         inverse = inverse @ inverse.T
         pulls = np.sum([np.einsum("kn,knp->kp", e, s) for e, s in zip(errors, slopes, strict=True)], axis=0)
-        within = _long_run(pulls) * (len(rows) / max(1, len(rows) - rows.shape[1])) + root.T @ root
-        return inverse @ within @ inverse
+        ways, spare = self.ways(x) @ inverse, len(rows) / max(1, len(rows) - rows.shape[1])
+        alike = ways @ (spare * _long_run(pulls, self.period) + root.T @ root) @ ways.T
+        independent = spare * np.einsum("pi,pi->p", ways, self.ways(x))
+        more = np.sqrt(np.maximum(1.0, independent / np.maximum(np.diag(alike), 1e-300)))
+        return alike * np.outer(more, more)
 
-    def told_little(self, covariance: Floats) -> dict[str, str]:
-        """Drives and springs that are the robot file's rather than the log's: what they are confused with."""
-        problem, notes = self.problem, dict[str, str]()
-        spread, places = np.sqrt(np.diag(covariance)), np.flatnonzero(self.free)
-        for k, place in enumerate(places[places < self.count]):
-            name = problem.names[place]
-            before = _KNOWN[name.partition("[")[0]]
-            if spread[k] > _UNKNOWN * before:
-                correlation = covariance[k] / (spread * spread[k])
+    def weak(self, covariance: Floats) -> dict[str, str]:
+        """Drives and springs of which the log tells little: what they are confused with, and the way out."""
+        names, notes = self.problem.names, dict[str, str]()
+        deviation = np.sqrt(np.diag(covariance))
+        for k in np.flatnonzero(self.free[: self.count]):
+            before = _KNOWN[names[k].partition("[")[0]]
+            if deviation[k] > _UNKNOWN * before * self.x[k]:
+                correlation = covariance[k] / (np.maximum(deviation, 1e-300) * deviation[k])
                 correlation[k] = 0.0
                 partner = int(np.argmax(np.abs(correlation)))
-                notes[name] = (
-                    f"of {100 * before:.0f} % by which it may be off the robot file's, {100 * spread[k]:.0f} % are left, "
-                    f"its correlation with {problem.names[places[partner]]} {correlation[partner]:+.2f}; {_way_out(name)}"
+                notes[names[k]] = (
+                    f"its standard deviation is {100 * deviation[k] / self.x[k]:.0f} % of its size, after {100 * before:.0f} % "
+                    f"without the log; its correlation with {names[partner]} {correlation[partner]:+.2f}; {_way_out(names[k])}"
                 )
         return notes
 
 
-def _level(error: Floats) -> Floats:
+def _level(error: Floats, period: float) -> Floats:
     """Return the noise of the residuals of an equation by joint, 1 for one without the equation, whose rows are 0.
 
     It is their root mean square, times the factor by which a mean of them is less known than of independent ones.
     """
-    level = np.sqrt([_long_run(column[:, None])[0, 0] / len(error) for column in error.T])
+    level = np.sqrt([_long_run(column[:, None], period)[0, 0] / len(error) for column in error.T])
     level = np.maximum(level, np.sqrt(np.mean(error**2, axis=0)))
     return np.where(level > 0.0, level, 1.0)
 
 
-def _long_run(pulls: Floats) -> Floats:
-    """Covariance (p, p) of the sum of rows (k, p) that are alike from one to the next, by weights of Bartlett."""
-    lags = int(np.ceil(_LAGS * len(pulls) ** (1.0 / 3.0)))
-    total = pulls.T @ pulls
-    for lag in range(1, min(lags, len(pulls) - 1) + 1):
-        shifted = (1.0 - lag / (lags + 1.0)) * pulls[lag:].T @ pulls[:-lag]
+def _long_run(pulls: Floats, period: float) -> Floats:
+    """Covariance (p, p) of the sum of rows (k, p) that are alike from one to the next, by weights of Bartlett.
+
+    Rows at the same place of a motion that repeats itself are taken as one: what the model lacks is the same there.
+    """
+    folded = np.zeros((min(int(period) + 1, len(pulls)), pulls.shape[1]))
+    np.add.at(folded, (np.arange(len(pulls)) % period).astype(int), pulls)
+    lags = int(np.ceil(_LAGS * len(folded) ** (1.0 / 3.0)))
+    total = folded.T @ folded
+    for lag in range(1, min(lags, len(folded) - 1) + 1):
+        shifted = (1.0 - lag / (lags + 1.0)) * folded[lag:].T @ folded[:-lag]
         total += shifted + shifted.T
     return total
+
+
+def _period(speed: Floats) -> float:
+    """Return the rows (k, n) after which a motion repeats itself, k if it does not."""
+    k = len(speed)
+    off = np.array([np.mean((speed[lag:] - speed[:-lag]) ** 2) for lag in range(1, k // 2 + 1)]) / np.mean(speed**2)
+    for i in range(1, len(off) - 1):
+        if off[i] < _ALIKE and off[i] <= min(off[i - 1], off[i + 1]):
+            bend = off[i - 1] - 2.0 * off[i] + off[i + 1]
+            return i + 1.0 + 0.5 * (off[i - 1] - off[i + 1]) / max(bend, 1e-300)
+    return float(k)
 
 
 def _sizes(problem: IdentificationProblem) -> Floats:
@@ -176,9 +211,7 @@ def _sizes(problem: IdentificationProblem) -> Floats:
         same = [j for j in range(links.start, links.stop) if problem.units[j] == problem.units[i]]
         sizes[i] = max(np.abs(problem.start[same]).max(), 1e-9)
     for name, size in (("tau_0", 0.1), ("delay_tau", 1e-3), ("delay_q", 1e-3), ("offset", 1e-4)):
-        sizes[problem.places[name]] = size
-    F_0 = problem.places["F_0"]
-    sizes[F_0] = np.maximum(problem.start[F_0], 1.0)
+        sizes[problem.places.get(name, slice(0))] = size
     return sizes
 
 
