@@ -35,8 +35,23 @@ def identify(
         str, typer.Option(metavar="NAME", help="Column of the times; s, ms, us or ns may follow in brackets.")
     ] = "",
     band: Annotated[float | None, typer.Option(help="Band of the equations in Hz; default from the motion.")] = None,
+    prior: Annotated[
+        float,
+        typer.Option(
+            metavar="SHARE",
+            help="How far masses, moments of inertia and, of radii of gyration, centres of mass of the robot may be off; "
+            "inf if nothing is known of them.",
+        ),
+    ] = 0.2,
+    other: Annotated[
+        Path | None, typer.Option("--score", metavar="LOG", help="Another log, to see what is left of it; same columns.")
+    ] = None,
     truth: Annotated[str | None, typer.Option(help="Robot with the true values, to compare.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of torques and residuals to draw.")] = None,
+    residuals: Annotated[
+        Path | None,
+        typer.Option(help="Picture of what is left, of the other log if there is one: over speed, load, position, in time."),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Robot file to write, with the identified values.")
     ] = None,
@@ -49,13 +64,19 @@ def identify(
 
     arm = load_robot(robot)
     true = load_robot(truth) if truth is not None else None
-    targets = {path: target_file(path, "", overwrite) for path in (plot, out) if path is not None}
-    rows = read_log(log, arm, read_settings(column, "--column", "WHAT=NAME, such as q=q_{}"), time=time)
+    targets = {
+        path: target_file(path, "", overwrite) for path in (plot, residuals, out) if path is not None
+    }
+    columns = read_settings(column, "--column", "WHAT=NAME, such as q=q_{}")
+    rows = read_log(log, arm, columns, time=time)
     say_notes(rows.notes)
-    found = estimate(rows, arm, band=band)
+    found = estimate(rows, arm, band=band, prior=prior)
     _print(found, arm.joint_labels, None if true is None else found.of(true))
-    say_notes([f"not identified, kept: {name}: {why}" for name, why in found.held.items()])
+    say_notes([f"kept: {name}: {why}" for name, why in found.held.items()])
+    say_notes([f"hardly told by the log: {name}: {why}" for name, why in found.weak.items()])
     say_notes(found.advice)
+    mark = score(found, arm, rows, rows if other is None else read_log(other, arm, columns, time=time))
+    _print_score((other or log).name, mark, arm)
     if plot is not None:
         from vdfmu.base.style import save
         from vdfmu.study.report.drawings import draw_torques

@@ -33,14 +33,17 @@ def identified_robot(found: Identified, robot: Robot, where: str) -> tuple[Robot
     values = dict(zip(found.names, found.values, strict=True))
     sources, arrays, notes = dict(robot.sources), dict[str, Any](), list[str]()
     text = f"Identified from {where}"
-    for name in (*DRIVES, *SPRINGS):
+    deviation = dict(zip(found.names, found.deviation, strict=True))
+    for name in (*DRIVES, *SPRINGS, "F_cb"):
         own = [f"{name}[{i + 1}]" for i in range(robot.n)]
         if own[0] not in values:
             continue
         arrays[name] = np.array([values[each] for each in own])
         for i, each in enumerate(own):
-            if each not in found.held:
-                sources[PARAMETERS[name].path.replace("joints", f"joints[{i + 1}]", 1)] = text
+            if each not in found.held and deviation[each] > 0.0:
+                path = PARAMETERS[name].path.replace("joints", f"joints[{i + 1}]", 1)
+                told = f"{text}, +- {1.96 * deviation[each]:.2g} (95 %)"
+                sources[path] = f"{told}, near {sources.get(path, 'the robot file')}" if each in found.weak else told
     made = robot.with_parameters(**arrays)
     links = _links(found, robot)
     if robot.payload:
@@ -66,8 +69,7 @@ def _links(found: Identified, robot: Robot) -> dict[str, Floats]:
     sizes = np.maximum(table, _SMALL * np.maximum(kinds, _SMALL)).ravel()
     together = np.repeat(np.eye(robot.n), 10, axis=0) * phi[:, None]
     ways = np.hstack([_OWN * np.diag(sizes), together])
-    base = np.array(found.values[len(found.names) - len(found.base.names) :])
-    steps: Any = np.linalg.lstsq(found.base.matrix @ ways, base - found.base.matrix @ phi, rcond=None)[0]
+    steps: Any = np.linalg.lstsq(found.base.matrix @ ways, found.values[found.links] - found.base.matrix @ phi, rcond=None)[0]
     m, x, y, z, *I = (phi + ways @ steps).reshape(-1, 10).T
     c = np.stack([x, y, z], axis=1) / m[:, None]
     rows = [[I[0], I[1], I[3]], [I[1], I[2], I[4]], [I[3], I[4], I[5]]]

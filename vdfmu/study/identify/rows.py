@@ -85,12 +85,17 @@ def rows_of(log: Log, robot: Robot, band: float | None, lag: Floats | None = Non
     q_dot = _slope(q, h)
     parts = regressor(robot, q, q_dot, _slope(q_dot, h), kappa_dot, kappa_ddot)
     base = base_parameters(robot)
-    unit = robot.with_parameters(F_cb=np.sign(robot.F_cb)) if robot.counterbalance else robot
-    balance = filtered(-counterbalance_torque(unit, q.T).T) if robot.counterbalance else np.zeros((count, robot.n))
+    balance, still = np.zeros_like(q), np.zeros_like(q)
+    if robot.counterbalance:
+        unit = robot.with_parameters(F_cb=np.sign(robot.F_cb))
+        balance = -counterbalance_torque(unit, q.T).T
+    weight = regressor(robot, q, still, still, still, still).links @ body_parameters(robot)
+    if robot.counterbalance:
+        weight += balance * robot.F_cb
     problem = IdentificationProblem(
         robot, base, filtered(parts.links[:, :, base.columns]), filtered(parts.rotors),
         filtered(kappa_ddot + parts.carried), filtered(tau), _slope(sosfiltfilt(narrow, tau, axis=0), h)[rows],
-        balance, stretch, seen, speed, kappa_dot, filtered,
+        filtered(balance), filtered(weight), stretch, seen, speed, kappa_dot, filtered,
     )  # fmt: skip
     return Rows(problem, log.t[rows], band, lag)
 
