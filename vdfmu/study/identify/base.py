@@ -52,10 +52,10 @@ def base_parameters(robot: Robot) -> BaseParameters:
     return BaseParameters(columns, matrix, names, units)
 
 
-def prior_covariance(robot: Robot, base: BaseParameters, share: float) -> Floats:
-    """Covariance of base parameters (p, p) if masses, centres of mass and moments of inertia are off by a share.
+def link_errors(robot: Robot, share: float) -> Floats:
+    """Changes (10 n, 10 n) of inertial parameters, one a column, by one standard deviation of a robot file.
 
-    A centre of mass is off by that share of the link's radius of gyration.
+    Masses and moments of inertia are off by a share, centres of mass by that share of the link's radius of gyration.
     """
     ways = np.zeros((10 * robot.n, 10 * robot.n))
     here = body_parameters(robot)
@@ -75,8 +75,7 @@ def prior_covariance(robot: Robot, base: BaseParameters, share: float) -> Floats
             moment = np.zeros((3, 3))
             moment[a, b] = moment[b, a] = size[a, b]
             change(k, i, inertia=robot.inertia + one[:, None, None] * moment)
-    ways = base.matrix @ ways
-    return ways @ ways.T
+    return ways
 
 
 def _combination(row: Floats, parameters: list[str]) -> str:

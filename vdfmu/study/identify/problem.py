@@ -38,6 +38,8 @@ class IdentificationProblem:
     stretch: Floats | None
     seen: npt.NDArray[np.bool_]
     """(n,): Joints whose links are measured, and that have the second equation."""
+    position: Floats
+    """(k, n): Filtered positions of links."""
     speed: Floats
     """(k, n): Filtered velocities of rotors, by which encoders that are late lie behind."""
     velocity: Floats
@@ -59,8 +61,9 @@ class IdentificationProblem:
         self._place("delay_tau", ["s"], names=["delay_tau"])
         if self.stretch is not None:
             self._place("delay_q", ["s"] * robot.n)
-        unseen = {f"delay_q[{i + 1}]" for i in np.flatnonzero(~self.seen)}
-        self.shown = [k for k, name in enumerate(self.names) if name not in unseen]
+        none = {"delay_q": ~self.seen, "F_cb": self.start[self.places.get("F_cb", slice(0))] == 0.0}
+        unused = {f"{name}[{i + 1}]" for name, joints in none.items() for i in np.flatnonzero(joints)}
+        self.shown = [k for k, name in enumerate(self.names) if name not in unused]
         if self.stretch is not None:
             self._place("offset", [PARAMETERS["theta_err_amplitude"].unit(kind) for kind in robot.joint_types])
 
@@ -77,7 +80,7 @@ class IdentificationProblem:
         J = x[at["I_m"]] * robot.ell
         sign, share, v = self._dry(x)
         dry = (x[at["f_c"]] + (x[at["f_s"]] - x[at["f_c"]]) * share) * sign
-        tau_s = self._springs(x)
+        tau_s = self.spring_torques(x)
         torque = self.tau - robot.ell * x[at["tau_0"]] + x[at["delay_tau"]] * self.tau_dot - tau_s
         torque -= J * self.acceleration + self.narrow(dry + x[at["f_v"]] * v)
         if self.stretch is None:
@@ -107,7 +110,7 @@ class IdentificationProblem:
         torque[:, each, at["tau_0"].start + each] = -robot.ell
         if self.stretch is None:
             return [torque]
-        springs, tau_s = self._robot(x), self._springs(x)
+        springs, tau_s = self._robot(x), self.spring_torques(x)
         stretch = -np.asarray(deformation_derivative(springs, tau_s), dtype=float)[:, :, None] * by_spring
         for name in SPRINGS:
             here = getattr(springs, name)
@@ -119,7 +122,7 @@ class IdentificationProblem:
 
     def stiffness(self, x: Floats) -> tuple[Floats, Floats, Floats]:
         """Root mean square of the spring torques, secant stiffness there, (n,) each, and its slopes (n, p)."""
-        torque = np.sqrt(np.mean(self._springs(x) ** 2, axis=0))
+        torque = np.sqrt(np.mean(self.spring_torques(x) ** 2, axis=0))
         slopes = np.zeros((self.robot.n, len(x)))
 
         def secant(x: Floats) -> Floats:
@@ -137,7 +140,8 @@ class IdentificationProblem:
         v = self.velocity
         return np.tanh(v / self.robot.eps), np.exp(-((v / x[self.places["v_s"]]) ** 2)), v
 
-    def _springs(self, x: Floats) -> Floats:
+    def spring_torques(self, x: Floats) -> Floats:
+        """Torques of the drives in the rows, link-side, (k, n) [N.m or N]."""
         at = self.places
         tau_s = self.Y @ x[at["links"]] + self.R @ (x[at["I_m"]] * self.robot.ell)
         return tau_s + self.balance * x[at["F_cb"]] if "F_cb" in at else tau_s

@@ -95,7 +95,7 @@ def rows_of(log: Log, robot: Robot, band: float | None, lag: Floats | None = Non
     problem = IdentificationProblem(
         robot, base, filtered(parts.links[:, :, base.columns]), filtered(parts.rotors),
         filtered(kappa_ddot + parts.carried), filtered(tau), _slope(sosfiltfilt(narrow, tau, axis=0), h)[rows],
-        filtered(balance), filtered(weight), stretch, seen, speed, kappa_dot, filtered,
+        filtered(balance), filtered(weight), stretch, seen, filtered(q), speed, kappa_dot, filtered,
     )  # fmt: skip
     return Rows(problem, log.t[rows], band, lag)
 

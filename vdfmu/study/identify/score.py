@@ -35,7 +35,10 @@ class Score(NamedTuple):
     """
     rows: Rows
     torque_error: Floats
-    """(k, n)."""
+    deformation_error: Floats
+    """(k, n): What is left in the rows."""
+    load: Floats
+    """(k, n): Spring torques of the model [N.m or N]."""
 
 
 def score(found: Identified, robot: Robot, fitted: Log, log: Log) -> Score:
@@ -60,7 +63,8 @@ def score(found: Identified, robot: Robot, fitted: Log, log: Log) -> Score:
     bent, error = bent - bent.mean(axis=0), error - error.mean(axis=0)
     return Score(
         _rms(tau), _rms(left), np.abs(left).max(axis=0), rigid,
-        _rms(bent), _rms(error), np.abs(error).max(axis=0), rows, left,
+        _rms(bent), _rms(error), np.abs(error).max(axis=0), rows, left, error,
+        rows.problem.spring_torques(found.x),
     )  # fmt: skip
 
 

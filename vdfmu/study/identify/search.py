@@ -44,8 +44,11 @@ def solve(problem: IdentificationProblem, prior: Floats | None) -> Estimate:
     `prior` is the covariance of the base parameters of the robot file, None if nothing is known of them.
     """
     search = _Search(problem, prior)
-    for _ in range(_ROUNDS):
-        search.fit()
+    while True:
+        for _ in range(_ROUNDS):
+            search.fit()
+        if not search.flatten():
+            break
     covariance = search.covariance()
     return Estimate(search.x, covariance, search.held, search.weak(covariance))
 
@@ -91,7 +94,7 @@ class _Search:
             self.held |= {problem.names[i]: why for i in places}
         each = zip(problem.errors(self.x), problem.jacobian(self.x), strict=True)
         self.weights = [self._noise(error, slope) for error, slope in each]
-        self.moved = np.zeros(int(self.free.sum()))
+        self.moved = np.zeros(len(self.x))
 
     def ways(self, x: Floats) -> Floats:
         """Return what the variables of the search change of all parameters, (p, free)."""
@@ -110,7 +113,7 @@ class _Search:
 
     def fit(self) -> None:
         """Go to the least squares with the weights, and take new ones from what is left there."""
-        x, count = self.x, self.count
+        x, count, root = self.x, self.count, self.root[:, self.free]
 
         def whole(part: Floats) -> Floats:
             full = self.mix[:, self.free] @ part
@@ -119,17 +122,30 @@ class _Search:
 
         def residual(part: Floats) -> Floats:
             each = zip(self.problem.errors(whole(part)), self.weights, strict=True)
-            return np.concatenate([*((e / w).ravel() for e, w in each), self.root[:, self.free] @ (self.moved + part)])
+            return np.concatenate([*((e / w).ravel() for e, w in each), self.root @ self.moved + root @ part])
 
         def slopes(part: Floats) -> Floats:
             now = whole(part)
             rows = [each.reshape(-1, part.size) for each in self._slopes(now)]
-            return np.concatenate([*rows, self.root[:, self.free]])
+            return np.concatenate([*rows, root])
 
         start, jac = np.zeros(int(self.free.sum())), cast(Any, slopes)
         found: Any = least_squares(residual, start, jac, method="lm", xtol=1e-6, ftol=1e-9, max_nfev=_STEPS)
-        self.x, self.moved = whole(found.x), self.moved + found.x
+        self.x = whole(found.x)
+        self.moved[self.free] += found.x
         self.weights = [_level(e, self.period) for e in self.problem.errors(self.x)]
+
+    def flatten(self) -> bool:
+        """Hold static friction of joints at Coulomb's where it would be less, and tell whether there are new ones."""
+        at, n = self.problem.places, self.problem.robot.n
+        less = [i for i in range(n) if self.free[at["f_s"].start + i] and self.x[at["f_s"]][i] < self.x[at["f_c"]][i]]
+        for i in less:
+            for name in ("f_s", "v_s"):
+                place = at[name].start + i
+                self.free[place], self.moved[place] = False, 0.0
+                self.held[self.problem.names[place]] = "in this log friction does not fall with speed, so f_s is f_c"
+            self.x[at["f_s"].start + i], self.x[at["v_s"].start + i] = self.x[at["f_c"]][i], self.problem.start[at["v_s"]][i]
+        return bool(less)
 
     def covariance(self) -> Floats:
         """Covariance of all parameters, for residuals that are alike from row to row (Newey and West 1987).
