@@ -42,18 +42,21 @@ def identify(
         float,
         typer.Option(
             metavar="SHARE",
-            help="How far masses, moments of inertia and, of radii of gyration, centres of mass of the robot may be off; "
-            "inf if nothing is known of them.",
+            help="How far the robot file's links may be off: masses, moments of inertia, and centres of mass as a "
+            "share of the radius of gyration; inf if nothing is known of them.",
         ),
     ] = 0.2,
     other: Annotated[
-        Path | None, typer.Option("--score", metavar="LOG", help="Another log, to see what is left of it; same columns.")
+        Path | None,
+        typer.Option("--score", metavar="LOG", help="Another log with the same columns: what the model leaves of it."),
     ] = None,
     truth: Annotated[str | None, typer.Option(help="Robot with the true values, to compare.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of torques and residuals to draw.")] = None,
     residuals: Annotated[
         Path | None,
-        typer.Option(help="Picture of what is left, of the other log if there is one: over speed, load, position, in time."),
+        typer.Option(
+            help="Picture of what is left, of the other log if there is one: over speed, load, position, in time."
+        ),
     ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Robot file to write, with the identified values.")
@@ -67,9 +70,7 @@ def identify(
 
     arm = load_robot(robot)
     true = load_robot(truth) if truth is not None else None
-    targets = {
-        path: target_file(path, "", overwrite) for path in (plot, residuals, out) if path is not None
-    }
+    targets = {path: target_file(path, "", overwrite) for path in (plot, residuals, out) if path is not None}
     columns = read_settings(column, "--column", "WHAT=NAME, such as q=q_{}")
     rows = read_log(log, arm, columns, time=time)
     say_notes(rows.notes)
@@ -159,12 +160,15 @@ def _print_score(name: str, score: Score, labels: list[str]) -> None:
     from rich.table import Table
 
     table = Table(
-        "joint", "torque", "left", "%", "most", "5 terms", "deformation", "left", "most", box=None, title_justify="left",
+        "joint", "torque", "left", "%", "most", "5 terms", "deformation", "left", "most",
+        box=None, title_justify="left",
         title=f"{name}: root mean squares and most of what is left; % left by five terms of a rigid model",
     )  # fmt: skip
 
     def cells(values: Sequence[Floats], i: int) -> list[str]:
-        return ["" if each[i] != each[i] else f"{each[i]:.4g}" if each[i] > 1.0 else f"{each[i]:.3g}" for each in values]
+        return [
+            "" if each[i] != each[i] else f"{each[i]:.4g}" if each[i] > 1.0 else f"{each[i]:.3g}" for each in values
+        ]
 
     for i, label in enumerate(labels):
         share, rigid = (100.0 * each[i] / score.torque[i] for each in (score.torque_left, score.rigid_left))

@@ -148,7 +148,8 @@ def identify(log: Log, robot: Robot, *, band: float | None = None, prior: float 
         raise UsageError(f"prior: expected a share above 0, or inf if nothing is known of the links, got {prior:g}.")
     problem, t, band, lag = rows_of(log, robot, band)
     errors = problem.base.matrix @ link_errors(robot, prior) if np.isfinite(prior) else None
-    estimate = solve(problem, None if errors is None else errors @ errors.T)
+    narrower = rows_of(log, robot, band, lag, share=0.5).problem
+    estimate = solve(problem, None if errors is None else errors @ errors.T, narrower)
     x, shown = estimate.x, problem.shown
     errors, deviation = problem.errors(x), np.sqrt(np.diag(estimate.covariance))
     level, stiffness, slopes = problem.stiffness(x)
@@ -163,5 +164,3 @@ def identify(log: Log, robot: Robot, *, band: float | None = None, prior: float 
 def _numbers(chosen: Any) -> str:
     """Return the numbers of joints."""
     return ", ".join(str(i + 1) for i in np.flatnonzero(chosen))
-
-

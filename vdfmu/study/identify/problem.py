@@ -26,6 +26,8 @@ class IdentificationProblem:
 
     robot: Robot
     base: BaseParameters
+    step: float
+    """Time between the samples of the log [s]."""
     Y: Floats
     R: Floats
     acceleration: Floats
@@ -33,8 +35,6 @@ class IdentificationProblem:
     tau_dot: Floats
     balance: Floats
     """(k, n): Spring torques that a counterbalance of 1 N asks for."""
-    weight: Floats
-    """(k, n): Torques that hold the arm of the robot file at rest."""
     stretch: Floats | None
     seen: npt.NDArray[np.bool_]
     """(n,): Joints whose links are measured, and that have the second equation."""

@@ -31,6 +31,7 @@ _FEWEST = 50
 _ENOUGH = 100
 """Rows for which the band is widened, if the log is short."""
 
+
 class Rows(NamedTuple):
     """Rows of a log, and the problem that they are."""
 
@@ -42,8 +43,14 @@ class Rows(NamedTuple):
     lag: Floats
     """(n,): Delay of the encoders of links that was taken out beforehand [s]."""
 
-def rows_of(log: Log, robot: Robot, band: float | None, lag: Floats | None = None, fewest: int = _FEWEST) -> Rows:
-    """Return the rows of a log. The delay of encoders of links is estimated, if it is not given."""
+
+def rows_of(
+    log: Log, robot: Robot, band: float | None, lag: Floats | None = None, fewest: int = _FEWEST, share: float = 1.0
+) -> Rows:
+    """Return the rows of a log. The delay of encoders of links is estimated, if it is not given.
+
+    `share` narrows the band of the first filter.
+    """
     h = log.step
     if band is None:
         last = max(fastest(column) for column in np.diff(log.kappa, axis=0).T)
@@ -59,13 +66,13 @@ def rows_of(log: Log, robot: Robot, band: float | None, lag: Floats | None = Non
             f"{log.where}: expected a log of at least {(fewest * stride + 2 * trim) * h:.3g} s for the band of "
             f"{band:.3g} Hz, got {log.t[-1] - log.t[0]:.3g} s."
         )
-    wide, narrow = (butter(_ORDER, f, fs=1.0 / h, output="sos") for f in (min(_WIDE * band, 0.4 / h), band))
+    first, narrow = (butter(_ORDER, f, fs=1.0 / h, output="sos") for f in (min(_WIDE * band, 0.4 / h) * share, band))
 
     def filtered(signal: Floats) -> Floats:
         return sosfiltfilt(narrow, signal, axis=0)[rows]
 
     tau = log.tau * robot.ell
-    kappa = np.asarray(sosfiltfilt(wide, log.kappa, axis=0), dtype=float)
+    kappa = np.asarray(sosfiltfilt(first, log.kappa, axis=0), dtype=float)
     kappa_dot = _slope(kappa, h)
     kappa_ddot = _slope(kappa_dot, h)
     error = kinematic_error(robot, kappa)
@@ -80,24 +87,26 @@ def rows_of(log: Log, robot: Robot, band: float | None, lag: Floats | None = Non
     stretch = filtered(log.kappa - measured - error) if seen.any() else None
     if lag is None:
         lag = np.zeros(robot.n) if stretch is None else _lag(stretch, speed, filtered(tau))
-    late = CubicSpline(log.t, sosfiltfilt(wide, measured, axis=0), axis=0)
-    q = np.where(seen, np.stack([late(log.t + lag[i])[:, i] for i in range(robot.n)], axis=1), q)
+    smooth = sosfiltfilt(first, measured, axis=0)
+    for i in np.flatnonzero(seen):
+        q[:, i] = CubicSpline(log.t, smooth[:, i])(log.t + lag[i])
     q_dot = _slope(q, h)
     parts = regressor(robot, q, q_dot, _slope(q_dot, h), kappa_dot, kappa_ddot)
     base = base_parameters(robot)
-    balance, still = np.zeros_like(q), np.zeros_like(q)
-    if robot.counterbalance:
-        unit = robot.with_parameters(F_cb=np.sign(robot.F_cb))
-        balance = -counterbalance_torque(unit, q.T).T
-    weight = regressor(robot, q, still, still, still, still).links @ body_parameters(robot)
-    if robot.counterbalance:
-        weight += balance * robot.F_cb
+    balance = filtered(counterbalance_hold(robot, q))
     problem = IdentificationProblem(
-        robot, base, filtered(parts.links[:, :, base.columns]), filtered(parts.rotors),
+        robot, base, h, filtered(parts.links[:, :, base.columns]), filtered(parts.rotors),
         filtered(kappa_ddot + parts.carried), filtered(tau), _slope(sosfiltfilt(narrow, tau, axis=0), h)[rows],
-        filtered(balance), filtered(weight), stretch, seen, filtered(q), speed, kappa_dot, filtered,
+        balance, stretch, seen, filtered(q), speed, kappa_dot, filtered,
     )  # fmt: skip
     return Rows(problem, log.t[rows], band, lag)
+
+
+def counterbalance_hold(robot: Robot, q: Floats) -> Floats:
+    """Spring torques (m, n) that counterbalances of 1 N ask for at positions (m, n)."""
+    if not robot.counterbalance:
+        return np.zeros_like(q)
+    return -counterbalance_torque(robot.with_parameters(F_cb=np.sign(robot.F_cb)), q.T).T
 
 
 def _lag(stretch: Floats, speed: Floats, tau: Floats) -> Floats:

@@ -10,7 +10,7 @@ from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.study.identify.fit import Identified
 from vdfmu.study.identify.log import Log
-from vdfmu.study.identify.regressor import body_parameters
+from vdfmu.study.identify.regressor import body_parameters, regressor
 from vdfmu.study.identify.rows import Rows, rows_of
 
 _FEWEST = 10
@@ -75,8 +75,11 @@ def _rms(values: Floats) -> Any:
 def _terms(rows: Rows, robot: Robot) -> list[Floats]:
     """Five terms of the torque of each joint (k, 5)."""
     p = rows.problem
-    sign = p.narrow(np.tanh(p.velocity / robot.eps))
+    sign, still = p.narrow(np.tanh(p.velocity / robot.eps)), np.zeros_like(p.position)
+    weight = regressor(robot, p.position, still, still, still, still).links @ body_parameters(robot)
+    if robot.counterbalance:
+        weight = weight + p.balance * robot.F_cb
     return [
-        np.stack([np.ones(len(p.tau)), p.acceleration[:, i], p.speed[:, i], sign[:, i], p.weight[:, i]], axis=1)
+        np.stack([np.ones(len(p.tau)), p.acceleration[:, i], p.speed[:, i], sign[:, i], weight[:, i]], axis=1)
         for i in range(robot.n)
     ]

@@ -1,4 +1,9 @@
-"""The least squares of an identification: weights, parameters unknown from the log, covariance."""
+"""The least squares of an identification: weights, what is known without the log, covariance.
+
+A log of some seconds does not tell all parameters, and its residuals are no white noise: what the model lacks lasts.
+So the robot file's values count as observations with the errors that such files have, residuals are weighted as
+their long-run variance asks (Newey and West 1987), and so are the intervals.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +19,10 @@ _UNKNOWN = 0.7
 """Standard deviation, over the one that it has without the log, above which a parameter is the robot file's."""
 _KNOWN = {
     "I_m": 0.2, "f_c": 1.0, "f_s": 0.5, "v_s": 1.0, "f_v": 1.0, "K_f0": 0.5, "c_f": 1.0, "K_w0": 0.5, "c_w": 1.0,
-    "F_cb": 0.2,
+    "F_cb": 0.2, "delay_tau": 1.0, "delay_q": 1.0,
 }  # fmt: skip
-"""Standard deviations of the robot file's values, as a share; of static friction, of its ratio to Coulomb's."""
+"""Standard deviations without the log, as a share of the robot file's value; of static friction, of its ratio to
+Coulomb's, of delays, as a share of a step of the log."""
 _ROUNDS = 3
 """Rounds of weights."""
 _STEPS = 30
@@ -38,10 +44,11 @@ class Estimate(NamedTuple):
     """Drives and springs of which the log tells little, and why."""
 
 
-def solve(problem: IdentificationProblem, prior: Floats | None) -> Estimate:
+def solve(problem: IdentificationProblem, prior: Floats | None, narrower: IdentificationProblem) -> Estimate:
     """Return all parameters.
 
-    `prior` is the covariance of the base parameters of the robot file, None if nothing is known of them.
+    `prior` is the covariance of the base parameters of the robot file, None if nothing is known of them. `narrower` are
+    the same rows with half the band of the first filter: what they change of parameters is part of their deviations.
     """
     search = _Search(problem, prior)
     while True:
@@ -49,7 +56,7 @@ def solve(problem: IdentificationProblem, prior: Floats | None) -> Estimate:
             search.fit()
         if not search.flatten():
             break
-    covariance = search.covariance()
+    covariance = search.covariance(narrower)
     return Estimate(search.x, covariance, search.held, search.weak(covariance))
 
 
@@ -107,7 +114,7 @@ class _Search:
         return _level(np.transpose(left), self.period)
 
     def _slopes(self, x: Floats) -> list[Floats]:
-        """Derivatives (k, n, free) of the weighted residuals of each equation by the variables of the search."""
+        """Return derivatives (k, n, free) of weighted residuals of each equation by the variables of the search."""
         each = zip(self.problem.jacobian(x), self.weights, strict=True)
         return [(e / w[:, None]) @ self.ways(x) for e, w in each]
 
@@ -144,10 +151,11 @@ class _Search:
                 place = at[name].start + i
                 self.free[place], self.moved[place] = False, 0.0
                 self.held[self.problem.names[place]] = "in this log friction does not fall with speed, so f_s is f_c"
-            self.x[at["f_s"].start + i], self.x[at["v_s"].start + i] = self.x[at["f_c"]][i], self.problem.start[at["v_s"]][i]
+            self.x[at["f_s"].start + i] = self.x[at["f_c"].start + i]
+            self.x[at["v_s"].start + i] = self.problem.start[at["v_s"].start + i]
         return bool(less)
 
-    def covariance(self) -> Floats:
+    def covariance(self, narrower: IdentificationProblem) -> Floats:
         """Covariance of all parameters, for residuals that are alike from row to row (Newey and West 1987).
 
         Deviations are at least those of independent residuals.
@@ -165,7 +173,9 @@ class _Search:
         alike = ways @ (spare * _long_run(pulls, self.period) + root.T @ root) @ ways.T
         independent = spare * np.einsum("pi,pi->p", ways, self.ways(x))
         more = np.sqrt(np.maximum(1.0, independent / np.maximum(np.diag(alike), 1e-300)))
-        return alike * np.outer(more, more)
+        each = zip(narrower.errors(x), self.problem.errors(x), self.weights, slopes, strict=True)
+        shift = ways @ np.sum([np.einsum("kn,knp->p", (a - b) / w, s) for a, b, w, s in each], axis=0)
+        return alike * np.outer(more, more) + np.outer(shift, shift)
 
     def weak(self, covariance: Floats) -> dict[str, str]:
         """Drives and springs of which the log tells little: what they are confused with, and the way out."""
@@ -178,8 +188,9 @@ class _Search:
                 correlation[k] = 0.0
                 partner = int(np.argmax(np.abs(correlation)))
                 notes[names[k]] = (
-                    f"its standard deviation is {100 * deviation[k] / self.x[k]:.0f} % of its size, after {100 * before:.0f} % "
-                    f"without the log; its correlation with {names[partner]} {correlation[partner]:+.2f}; {_way_out(names[k])}"
+                    f"its standard deviation is {100 * deviation[k] / self.x[k]:.0f} % of its size, without the log "
+                    f"{100 * before:.0f} %, its correlation with {names[partner]} {correlation[partner]:+.2f}; "
+                    f"{_way_out(names[k])}"
                 )
         return notes
 
@@ -221,12 +232,12 @@ def _period(speed: Floats) -> float:
 
 
 def _sizes(problem: IdentificationProblem) -> Floats:
-    """Sizes of parameters: for links the largest of the same unit, for a delay 1 ms, for an offset 1e-4."""
+    """Sizes of parameters: of links the largest of the same unit, of delays a step of the log."""
     sizes, links = np.abs(problem.start), problem.places["links"]
     for i in range(links.start, links.stop):
         same = [j for j in range(links.start, links.stop) if problem.units[j] == problem.units[i]]
         sizes[i] = max(np.abs(problem.start[same]).max(), 1e-9)
-    for name, size in (("tau_0", 0.1), ("delay_tau", 1e-3), ("delay_q", 1e-3), ("offset", 1e-4)):
+    for name, size in (("tau_0", 0.1), ("delay_tau", problem.step), ("delay_q", problem.step), ("offset", 1e-4)):
         sizes[problem.places.get(name, slice(0))] = size
     return sizes
 

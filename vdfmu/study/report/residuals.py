@@ -22,8 +22,8 @@ def draw_residuals(title: str, score: Score, robot: Robot) -> Figure:
     """
     problem, t = score.rows.problem, score.rows.t
     rows = [(i, "torque", score.torque_error[:, i]) for i in range(robot.n)]
-    rows += [(i, "deformation", 1e6 * score.deformation_error[:, i]) for i in np.flatnonzero(problem.seen)]
-    words = "Measured minus model, in the band of the estimation. A model that lacks nothing leaves clouds without shape."
+    rows += [(i, "deformation", 1e6 * score.deformation_error[:, i]) for i in range(robot.n) if problem.seen[i]]
+    words = "Measured minus model, in the band of the estimation. Where the model lacks nothing, clouds have no shape."
     figure = style.new_figure(title, words, width=14.0, height=1.7 * len(rows) + 1.0)
     for k, (i, what, left) in enumerate(rows):
         turns = robot.joint_types[i] == "revolute"
@@ -59,14 +59,14 @@ def draw_residuals(title: str, score: Score, robot: Robot) -> Figure:
 
 
 def _spectrum(t: Floats, left: Floats) -> tuple[Floats, Floats]:
-    """Frequencies and shares of the power, smoothed over three."""
+    """Return frequencies and shares of the power, smoothed over three."""
     power = np.abs(np.fft.rfft((left - left.mean()) * np.hanning(len(left)))) ** 2
     power = np.convolve(power / max(power.sum(), 1e-300), np.ones(3) / 3.0, mode="same")
     return np.fft.rfftfreq(len(left), t[1] - t[0])[1:], power[1:]
 
 
 def _alike(t: Floats, left: Floats) -> tuple[Floats, Floats, float]:
-    """Times between rows, correlations, and the bound for independent rows."""
+    """Return times between rows, correlations, and the bound for independent rows."""
     free = left - left.mean()
     lags = np.arange(len(free) // 4)
     alike = np.array([free[lag:] @ free[: len(free) - lag] for lag in lags]) / max(free @ free, 1e-300)
