@@ -1,4 +1,4 @@
-"""vdfmu beside what others published: ``python -m benchmarks.measured --modelica FOLDER --panda FOLDER --ur10e FOLDER``.
+"""vdfmu beside what others published: ``python -m benchmarks.measured --modelica A --panda B --ur10e C``.
 
 The folders are checkouts of public repositories, named in docs/measured.md; nothing of them is shipped. The results of
 Modelica tools are compared here with runs of vdfmu, the logs of robots in `benchmarks.measured_logs`.
@@ -93,9 +93,10 @@ def lossy_gears(report: Report, folder: Path) -> None:
     )  # fmt: skip
     for model, dry, viscous in (("LossyGearDemo1", 0.0, 0.0), ("LossyGearDemo2", 0.5, 0.5)):
         theirs = published(folder, f"Rotational.Examples.{model}")
-        t, mode = theirs["time"], theirs["gear.mode"]
-        changes = t[1:][(np.diff(mode) != 0.0) & (t[1:] > 0.0)]
-        first, last = np.ceil(changes[1 if mode[1] == 0.0 else 0] / STEP) * STEP, np.floor(changes[-1] / STEP) * STEP
+        t = theirs["time"]
+        back = np.diff((theirs["gear.mode"] < 0.0).astype(int))
+        first, last = t[1:][back < 0][0], t[1:][back > 0][-1]
+        first, last = np.ceil(first / STEP) * STEP, np.floor(last / STEP) * STEP
         stretches = [(1.0, "all", 0.0, t[-1]), (0.5, "all", 0.0, t[-1]), (0.5, "driven back", 0.0, first),
                      (1.0, "stuck, driving, stuck", first, last), (0.5, "driven back", last, t[-1])]  # fmt: skip
         for mu, stretch, begin, end in stretches:
@@ -114,7 +115,7 @@ def lossy_gears(report: Report, folder: Path) -> None:
 
 
 def one_axis(report: Report, folder: Path) -> None:
-    """RobotR3.OneAxis: path, cascaded controller, motor with its circuit, elastic gear with friction, and an inertia."""
+    """RobotR3.OneAxis: path, cascaded controller, motor with its circuit, elastic gear with friction, inertia."""
     theirs = published(folder, "MultiBody.Examples.Systems.RobotR3.OneAxis")
     ell = 210.0
     robot = one_joint(ell=ell, J=0.0013, inertia=1.14**2 * 15.0, K=8.0 * ell**2, dry=0.5, viscous=0.1 / 130.0)
@@ -125,9 +126,8 @@ def one_axis(report: Report, folder: Path) -> None:
     }
     found = simulated(robot, sections, 1.5, 1e-4)
     inside = found.time <= theirs["time"][-1]
-    table = Table(
-        "one_axis", "One axis of a robot beside Modelica's RobotR3.OneAxis", [("signal", "s"), ("unit", "s"), *DIFFERENCE]
-    )
+    title = "One axis of a robot beside Modelica's RobotR3.OneAxis"
+    table = Table("one_axis", title, [("signal", "s"), ("unit", "s"), *DIFFERENCE])
     for ours, unit, name in (
         (found["plant.q"], "rad", "axis.initializeFlange.phi_flange"),
         (found["plant.q_dot"], "rad/s", "axis.initializeFlange.w_flange"),

@@ -22,7 +22,7 @@ from vdfmu.study.identify.fit import identify
 from vdfmu.study.identify.log import Log, read_log
 from vdfmu.study.identify.regressor import body_parameters, regressor
 
-BAND = 3.0
+BAND = 4.0
 """Band of the equations [Hz]; the motions have frequencies of up to 0.7 Hz."""
 
 
@@ -150,7 +150,7 @@ def ur10e(report: Report, folder: Path) -> None:
 
     robot = vdfmu.robot_from_urdf(folder / "URe" / "urdf" / "ur10e.urdf", base="base_link", tip="wrist_3_link")
     effort = 0.03 * np.array([330.0, 330.0, 150.0, 54.0, 54.0, 54.0])
-    robot = robot.with_parameters(f_c=effort, f_s=1.2 * effort, f_v=effort, v_s=np.full(6, 0.1))  # 0 in the file
+    robot = robot.with_parameters(f_c=effort, f_s=effort, f_v=effort, v_s=np.full(6, 0.1))  # 0 in the file
     gains = given("drvGains")
 
     def motion(name: str) -> Log:
