@@ -42,10 +42,10 @@ def test_csv_has_the_same_bytes_with_any_kinds_and_any_scipy(results, monkeypatc
     mixed = csv_file.csv_lines(time, [*signals, results.signals[2]], real, slice(None))
     assert rows == "".join(line.rpartition(",")[0] + "\n" for line in mixed.splitlines())
 
-    def none() -> None:
-        raise ImportError
+    def none(name: str) -> None:
+        raise ImportError(name)
 
-    monkeypatch.setattr(csv_file, "_core", none)
+    monkeypatch.setattr(csv_file, "scipy_part", none)
     assert csv_file.csv_lines(time, signals, real, slice(None)) == rows
 
 

@@ -47,8 +47,7 @@ def listening(*signals: int) -> Generator[None]:
     try:
         yield
     finally:
-        for number, before in taken:
-            signal.signal(number, before)
+        _give_back(taken)
 
 
 def _listen(*signals: int) -> list[tuple[int, Any]]:
@@ -61,6 +60,11 @@ def _listen(*signals: int) -> list[tuple[int, Any]]:
                 signal.signal(number, _stop)
                 taken.append((number, before))
     return taken
+
+
+def _give_back(taken: list[tuple[int, Any]]) -> None:
+    for number, before in taken:
+        signal.signal(number, before)
 
 
 def command_begins() -> None:
@@ -134,10 +138,10 @@ class InterruptGuard:
     def __init__(self) -> None:
         self.number = 0
         """The signal that is held back; 0 if none is."""
-        self._listening = listening(signal.SIGINT)
+        self._taken: list[tuple[int, Any]] = []
 
     def __enter__(self) -> InterruptGuard:
-        self._listening.__enter__()
+        self._taken = [] if _command else _listen(signal.SIGINT)  # a command has taken it
         if threading.current_thread() is threading.main_thread():
             _guards.append(self)
         return self
@@ -150,6 +154,6 @@ class InterruptGuard:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if self in _guards:
             _guards.remove(self)
-        self._listening.__exit__(None, None, None)
+        _give_back(self._taken)
         if kind is None:
             self.refuse()

@@ -6,9 +6,11 @@ import signal
 
 import numpy as np
 import pytest
+import scipy.integrate
 
 import vdfmu
 from vdfmu.base.errors import VdfmuError
+from vdfmu.base.scipy_parts import scipy_part
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference import compiled, solution
 from vdfmu.system.reference.reference import reference, reference_blocks
@@ -47,6 +49,18 @@ def solved(monkeypatch):
 
         monkeypatch.setattr(kind, "solve", solve)
     return found
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_solvers_are_those_that_scipy_shows(name, monkeypatch, tmp_path):
+    """Its packages are not imported whole; a scipy whose modules have other names gives the same bits."""
+    use(tmp_path / "one", monkeypatch)
+    one = reference(name, described(), step=0.001, stop=0.1)
+    use(tmp_path / "other", monkeypatch)
+    monkeypatch.setattr(solution, "scipy_part", lambda name: scipy_part(f"{name}_of_another_version"))
+    other = reference(name, described(), step=0.001, stop=0.1)
+    assert all(np.array_equal(one[group], other[group]) for group in one.signals)
+    assert scipy_part("scipy.integrate._ode").ode is scipy.integrate.ode
 
 
 @pytest.mark.parametrize("name", ["tracking", "planar_tracking", "slider_tracking", "two_arms"])

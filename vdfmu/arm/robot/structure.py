@@ -80,12 +80,12 @@ def _replace(robot: R, listed: Sequence[Entry], new: Sequence[Any], dtype: Any) 
 _ENDS = 3
 """Joints at each end that may be unlike the others in a robot of which shorter ones are the same."""
 
-_MANY = 48
-"""Least number of joints for which three shorter robots are traced in less time than the robot itself."""
+_MANY = 1.1
+"""Joints by those of the shorter robots together from which these are traced in less time than the robot itself."""
 
 
 def shorter_robots(robot: Any) -> list[Any]:
-    """Return three robots without joints of the middle, where these repeat after one, two or four; else none.
+    """Return two robots without joints of the middle, where these repeat after one, two or four; else none.
 
     The traced functions of a long robot follow from theirs.
     """
@@ -105,8 +105,8 @@ def shorter_robots(robot: Any) -> list[Any]:
         return []
     step, least = (2, 14) if period == 1 else (4, 20)  # signs may alternate
     first = least + (n - least) % step
-    sizes = [first, first + step, first + 2 * step]
-    if n < max(_MANY, sizes[-1] + 2 * step):
+    sizes = [first, first + step]
+    if n < max(_MANY * sum(sizes), sizes[-1] + 3 * step):
         return []
     found: list[Any] = []
     for m in sizes:

@@ -22,14 +22,15 @@ def grown(shorter: Mapping[int, Mapping[str, str]], joints: int) -> dict[str, st
     Parameters
     ----------
     shorter : mapping of int to mapping
-        At least three smaller numbers of joints to the files there. Two decide how each number grows, others check it.
+        At least two smaller numbers of joints to the files there. Two decide how each number grows, others check it.
     joints : int
         Whole steps more, of which the first two are apart.
 
     Returns
     -------
     dict or None
-        None where the texts differ in more than numbers, or a number does not grow evenly.
+        None where the texts differ in more than numbers, a number does not grow evenly, or one that is times an index
+        grows: places in a matrix of joints, which others that grow with the square may follow.
     """
     counts, (first, *others) = list(shorter), shorter.values()
     if any(other.keys() != first.keys() for other in others):
@@ -47,6 +48,8 @@ def _grown(texts: list[str], counts: list[int], joints: int) -> str | None:
     if (steps % 1.0).any():  # joints repeat after some
         return None
     growth = numbers[1] - numbers[0]
+    if any(words[2 * k + 2].startswith(" * i") for k in np.flatnonzero(growth)):
+        return None
     if not np.array_equal(numbers, numbers[0] + np.outer(steps[:-1], growth)):
         return None
     for k in np.flatnonzero(growth):

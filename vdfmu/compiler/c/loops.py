@@ -35,11 +35,14 @@ def find_loops(function: ca.Function, joints: int) -> Loops | None:
     most = _WORTH * len(trace.operations)
     for period in _PERIODS:
         if joints >= _LONG + 2 * (period - 1):
-            layouts = (find_series(trace, joints, period, trace.digests(depth), most) for depth in _DEPTHS)
-            found = (Loops(layout) for layout in layouts if layout is not None)
-            loops = next((one for one in found if one.complete), None)
-            if loops and loops.lines < most:
-                best, most = loops, loops.lines
+            for depth in _DEPTHS:
+                layout = find_series(trace, joints, period, trace.digests(depth), most)
+                if layout is None:  # deeper ones have more series
+                    break
+                if layout.ordered and (loops := Loops(layout)).complete:
+                    if loops.lines < most:
+                        best, most = loops, loops.lines
+                    break
             if most < _GOOD * len(trace.operations) / joints:
                 break
     return best

@@ -30,9 +30,15 @@ def c_table(function: ca.Function) -> str:
     words: list[int] = []
     cases: dict[str, int] = {}  # statement of an operation to its number in the table
     constants: dict[str, int] = {}
+    statements: dict[int, str] = {}  # of each operation, except calls
     size = 1
     for k in range(function.n_instructions()):
-        operation, statement = function.instruction_id(k), _statement(function, k)
+        operation = function.instruction_id(k)
+        statement = statements.get(operation)
+        if statement is None:
+            statement = _statement(function, k, operation)
+            if operation != ca.OP_CALL:
+                statements[operation] = statement
         read, places = function.instruction_input(k), function.instruction_output(k)
         rows = [(places[0], read)]
         if operation == ca.OP_CONST:
@@ -46,11 +52,12 @@ def c_table(function: ca.Function) -> str:
         for target, operands in rows:
             if operation != ca.OP_OUTPUT:
                 size = max(size, target + 1)
-            if max(target, *operands, 0) >> _FIELD:
-                raise KernelError(f"{function.name()}: more than {2**_FIELD} values at a time have no table.")
-            word = cases.setdefault(statement, len(cases)) | target << 7
-            for place, operand in enumerate(operands):
-                word |= operand << 7 + _FIELD * (place + 1)
+            word, shift = cases.setdefault(statement, len(cases)), 7
+            for number in (target, *operands):
+                if number >> _FIELD:
+                    raise KernelError(f"{function.name()}: more than {2**_FIELD} values at a time have no table.")
+                word |= number << shift
+                shift += _FIELD
             words.append(word)
     name, mask = function.name(), f"0x{2**_FIELD - 1:x}u"
     given = ", ".join(function.name_in())
@@ -82,9 +89,8 @@ static const uint64_t {name}_table[] = {{
 """
 
 
-def _statement(function: ca.Function, k: int) -> str:
+def _statement(function: ca.Function, k: int, operation: int) -> str:
     """Return the C statement of an instruction: ``w[t]`` of the operands ``a`` and ``b``."""
-    operation = function.instruction_id(k)
     if operation == ca.OP_CONST:
         return f"w[t] = {function.name()}_constants[a];"
     if operation == ca.OP_INPUT:

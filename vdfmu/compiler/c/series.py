@@ -54,6 +54,8 @@ class Layout:
     trace: Trace
     series: list[Series]
     places: dict[int, tuple[int, int]]
+    ordered: bool = False
+    """Whether each series has a pass; series that use each other may have no common direction."""
 
     def offset(self, reader: int, read: int, ahead: int) -> int:
         """Index of what is read less the index of the reader, for an entry of `reads`."""
@@ -61,7 +63,7 @@ class Layout:
 
 
 def find_series(trace: Trace, joints: int, period: int, alike: Sequence[int], most: float = math.inf) -> Layout | None:
-    """Return the series of a trace; None where they do not run in one direction, or are as many as `most`.
+    """Return the series of a trace; None where they are as many as `most`.
 
     Parameters
     ----------
@@ -78,7 +80,8 @@ def find_series(trace: Trace, joints: int, period: int, alike: Sequence[int], mo
     if len(layout.series) >= most:
         return None
     _number(layout, joints, period)
-    return layout if _order(layout) else None
+    layout.ordered = _order(layout)
+    return layout
 
 
 def _grouped(trace: Trace, after: dict[int, int]) -> Layout:

@@ -26,7 +26,7 @@ FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 INTERVALS = 20
 """Intervals of the experiment: the inputs are constant in each, and the results have a row for its end."""
 _MOST_SOLVED = 1280
-"""Product of intervals and continuous states, whose solution takes seconds; with more states the results end sooner."""
+"""Product of intervals and continuous states, or joints, which takes seconds; with more the results end sooner."""
 _NAMESPACE = "http://fmi-standard.org/fmi-ls-manifest"
 _DIGITS = "%.12g"
 """Relative tolerance: rounding of the last digits differs from one machine to the next."""
@@ -82,7 +82,7 @@ def reference_results(interface: Interface) -> dict[str, dict[str, list[list[flo
 
 def _intervals(interface: Interface) -> int:
     states = interface.states.stop - interface.states.start
-    return max(1, min(INTERVALS, _MOST_SOLVED // max(states, 1)))
+    return max(1, min(INTERVALS, _MOST_SOLVED // max(states, interface.joints, 1)))
 
 
 def _time(interface: Interface, k: int) -> float:

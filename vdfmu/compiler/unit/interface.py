@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -185,11 +186,16 @@ class Interface:
     def shorter(self) -> tuple[Interface, ...]:
         """The unit for shorter machines, which say what it calculates for this long one; none for most.
 
-        Only units of the package are known to calculate the same for each joint.
+        Only units of the package are known to calculate the same for each joint, those whose variables grow evenly.
         """
-        if self.robot is None or not is_shipped(self.unit):
+        robots = self.robot.shorter() if self.robot is not None and is_shipped(self.unit) else ()
+        if not robots:
             return ()
-        return tuple(interface_of(self.unit, robot) for robot in self.robot.shorter())
+        found = tuple(interface_of(self.unit, robot) for robot in robots)
+        sizes = [Counter(v.group for v in one.memory) for one in (*found, self)]
+        joints = np.diff([one.joints for one in (*found, self)])
+        grows = (np.diff([size[group] for size in sizes]) / joints for group in sizes[-1])
+        return found if all(np.ptp(growth) == 0.0 for growth in grows) else ()
 
     @property
     def has_states(self) -> bool:

@@ -14,7 +14,7 @@ further inputs of x and y.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,6 +31,8 @@ from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.interface import jacobian_of
 from vdfmu.engine.masters.multirate import periods
 from vdfmu.engine.package.system import System
+from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.link import Port
 from vdfmu.engine.run.simulator import Simulator
 
 Places = npt.NDArray[np.intp]
@@ -267,13 +269,15 @@ def linear_system(
 class Linearisation:
     """Linearises components in this process where they are; see :func:`linear_system`.
 
+    With `loops`, for the loops alone: the derivatives by inputs on none of them may be left 0.
+
     Raises
     ------
     UsageError
         For components without derivatives.
     """
 
-    def __init__(self, components: Components, step: float) -> None:
+    def __init__(self, components: Components, step: float, loops: bool = False) -> None:
         checked = components.checked
         blind = [name for name, each in checked.descriptions.items() if not (each.derives_unknowns or each.exchange)]
         if blind:
@@ -281,7 +285,8 @@ class Linearisation:
                 f"{', '.join(blind)}: expected FMUs with directional derivatives, or for model exchange, whose "
                 "derivatives are differenced. Export them so; of the FMUs of this project the native ones have them."
             )
-        self._parts = [_Linearised(name, instance) for name, instance in components.instances.items()]
+        known = _on_loops(checked) if loops else None
+        self._parts = [_Linearised(name, instance, known) for name, instance in components.instances.items()]
         self._sizes = n, m, p, s = [sum(len(part.groups[kind]) for part in self._parts) for kind in range(4)]
         self._known = np.zeros((n + p + s, n + m + s))  # the matrices without what the components give
         begins = np.zeros(4, np.intp)
@@ -316,9 +321,8 @@ class Linearisation:
         """Linearise at a time [s]. Without `values`, states, inputs and outputs have the value 0."""
         M, notes, (n, m, p, _) = self._known.copy(), list(self._notes), self._sizes
         for part in self._parts:
-            J = part.jacobian(time)
-            notes += part.notes(J)
-            M[np.ix_(*part.places)] = J
+            M[np.ix_(*part.places)] = part.jacobian(time)
+            notes += part.notes()
         x, u, y, s = (
             np.array([float(part.instance.get(v)) for part in self._parts for v in part.groups[kind]])
             if values
@@ -335,13 +339,24 @@ class Linearisation:
         return LinearSystem(parts, samples=samples, **self._facts)
 
 
+def _on_loops(checked: Checked) -> set[Port]:
+    """Return the inputs that lie on a loop of components."""
+    names = [*checked.sources]
+    acts = np.zeros((len(names),) * 2, bool)  # of columns on rows
+    for link in checked.links:
+        acts[names.index(link.end[0]), names.index(link.start[0])] = True
+    while (more := acts @ acts > acts).any():
+        acts |= more
+    return {link.end for link in checked.links if acts[names.index(link.start[0]), names.index(link.end[0])]}
+
+
 class _Linearised:
     """A component: its states, inputs, outputs with the sampled ones, sampled states; and its matrices."""
 
     places: tuple[Places, Places]
     """Rows and columns of its Jacobian in the matrices of all."""
 
-    def __init__(self, name: str, instance: Instance) -> None:
+    def __init__(self, name: str, instance: Instance, looped: Container[Port] | None) -> None:
         description = instance.description
         known = description.variables.values()
         sampled = [v for v in description.sampled if v.type == "Real" and not description.exchange]
@@ -351,21 +366,30 @@ class _Linearised:
         )
         first = {(v.reference, v.index): v for v in reversed([*known])}
         states = [first[x, i] for x, _, length in description.states for i in range(length)]
-        self.name, self.instance = name, instance
+        self.name, self.instance, self.acts = name, instance, False
         if description.derives_unknowns:
-            exact = jacobian_of(instance, [*inputs, *sampled], [*outputs, *sampled])
-            self.jacobian: Callable[[float], Floats] = lambda time: exact()
+            knowns, unknowns = [*inputs, *sampled], [*outputs, *sampled]
+            some = [i for i, v in enumerate(knowns) if v in sampled or looped is None or (name, v.name) in looped]
+            whole, part = (jacobian_of(instance, knowns, unknowns, each) for each in (None, some))
+            self._ways: list[Callable[[float], Floats]] = [lambda _: part(), lambda _: whole()]
         else:
             assert instance.integrator is not None
             differences, states = instance.integrator.differences, states[: instance.sizes()[0]]
-            self.jacobian = lambda time: differences(time, inputs, outputs)
+            self._ways = [lambda time: differences(time, inputs, outputs)] * 2
         self.groups = states, inputs, [*outputs, *sampled], sampled
 
-    def notes(self, J: Floats) -> Iterator[str]:
-        """Yield notes on its Jacobian."""
+    def jacobian(self, time: float) -> Floats:
+        """Return its Jacobian: the first one by all inputs, for the notes, then by those on loops."""
+        J = self._ways[-1](time)
+        self.acts = self.acts or bool(J.any())
+        del self._ways[1:]
+        return J
+
+    def notes(self) -> Iterator[str]:
+        """Yield notes on its Jacobians so far."""
         if not self.instance.description.derives_unknowns:
             yield f"without directional derivatives, by differences: {self.name}"
-        if not self.groups[0] and self.groups[1] and not J.any():
+        if not self.groups[0] and self.groups[1] and not self.acts:
             yield f"without declared states, and no output depends on an input directly: {self.name}"
 
     def names(self, variables: Sequence[FmuVariable]) -> list[str]:

@@ -289,7 +289,7 @@ class Poses:
             return
         try:
             if self._linearisation is None:
-                self._linearisation = Linearisation(components, step)
+                self._linearisation = Linearisation(components, step, loops=True)
             found = self._linearisation.at(time, values=False)
             found = replace(found, parts=of_positions(found.parts))
             self.lacking = "; ".join(found.parts.notes)

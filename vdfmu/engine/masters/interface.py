@@ -69,11 +69,12 @@ def _sensitivity(unit: CoupledUnit, coupled: Coupled, h: float) -> Callable[[Flo
 
 
 def jacobian_of(
-    instance: Instance, inputs: Sequence[FmuVariable], outputs: Sequence[FmuVariable]
+    instance: Instance, inputs: Sequence[FmuVariable], outputs: Sequence[FmuVariable], some: Sequence[int] | None = None
 ) -> Callable[[], Floats]:
     """Return what calculates the derivatives of the declared states' rates and of outputs, by states and by inputs.
 
-    From the directional derivatives of the component where it is then: [[A, B], [C, D]].
+    From the directional derivatives of the component where it is then: [[A, B], [C, D]]. With `some`, the places of
+    inputs, the derivatives by the others are left 0.
     """
     states = instance.description.states
     n = sum(length for *_, length in states)
@@ -91,7 +92,16 @@ def jacobian_of(
     size = sum(length for _, length in finals)
     knowns = [reference for reference, _ in begins]
     unknowns = [reference for reference, _ in finals]
-    seeds = np.eye(sum(length for _, length in begins))
     rows, columns = places(outputs, finals[len(states) :]), places(inputs, begins[len(states) :])
-    chosen = np.ix_(rows, columns)
-    return lambda: instance.differentiate(unknowns, size, knowns, seeds).T[chosen]
+    chosen = [*range(n), *(n + i for i in (range(len(inputs)) if some is None else some))]
+    seeds = np.eye(sum(length for _, length in begins))[[columns[i] for i in chosen]]
+    all_at_once = np.random.default_rng(0).uniform(1.0, 2.0, (1, len(chosen))) @ seeds
+
+    def calculate() -> Floats:
+        jacobian = np.zeros((len(rows), len(columns)))
+        # one direction tells whether any matters: a mode of a component may read none of its inputs
+        if instance.differentiate(unknowns, size, knowns, all_at_once).any():
+            jacobian[:, chosen] = instance.differentiate(unknowns, size, knowns, seeds).T[rows]
+        return jacobian
+
+    return calculate

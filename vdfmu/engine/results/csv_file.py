@@ -5,22 +5,18 @@ from __future__ import annotations
 import csv
 import io
 import json
-import sys
 from collections.abc import Mapping, Sequence
-from functools import cache
-from importlib.machinery import PathFinder
-from importlib.util import module_from_spec
 from itertools import chain
 from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import write_whole
+from vdfmu.base.scipy_parts import scipy_part
 from vdfmu.engine.results.recorded import KINDS, Recorded, Signal, copies_in, with_copies
 
 _BLOCK = 512
@@ -130,7 +126,7 @@ def _numbers(array: Floats) -> bytes:
     """
     stream = io.BytesIO()
     try:
-        core = _core()
+        core = scipy_part("scipy.io._fast_matrix_market._fmm_core")
         core.write_body_array(core.open_write_stream(stream, core.header(comment="", symmetry="general"), 1, -1), array)
     except (AttributeError, ImportError, RuntimeError, TypeError, ValueError):  # a scipy whose parts are others
         from scipy.io import mmwrite
@@ -138,14 +134,3 @@ def _numbers(array: Floats) -> bytes:
         stream = io.BytesIO()
         mmwrite(stream, array, symmetry="general")
     return stream.getvalue().split(b"\n", 3)[-1]  # below its head
-
-
-@cache
-def _core() -> Any:
-    name = "scipy.io._fast_matrix_market._fmm_core"
-    spec: Any = PathFinder.find_spec(name, [str(Path(path, "io", "_fast_matrix_market")) for path in scipy.__path__])
-    core = sys.modules.get(name) or module_from_spec(spec)
-    if name not in sys.modules:
-        spec.loader.exec_module(core)
-        sys.modules[name] = core  # it cannot be loaded twice
-    return core

@@ -138,7 +138,8 @@ def _check_gaps(
             problems.append(
                 f"{name}, row {i + 1}: expected a row every {step:.4g} s; from {column.t[i]:g} s to "
                 f"{column.t[i + 1]:g} s there is a gap, and {far.size - 1} more. A motion of {highest:.3g} Hz can be "
-                f"followed over {_BRIDGED / highest:.3g} s: cut the log there"
+                f"followed over {_BRIDGED / highest:.3g} s: cut the log there, or, if its clock jitters, take "
+                "means of some rows"
             )
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.interrupt import InterruptGuard
+from vdfmu.base.scipy_parts import scipy_part
 from vdfmu.compiler.unit.scipy_solver import samples, switchings
 from vdfmu.system.reference.compiled import CompiledRun, builtin
 from vdfmu.system.reference.wired import Action, Carry, Evaluate, Run, TimeSetter, WiredUnits
@@ -103,9 +104,7 @@ class _Mover:
         steps = min(max(len(self._times) - 1, 1), _PARTS)  # the start is there too
         self._times.clear()
         if steps not in self._solvers:
-            from scipy.integrate import ode  # takes a third of a second to import
-
-            solver = ode(self._rate.function)
+            solver = scipy_part("scipy.integrate._ode").ode(self._rate.function)
             solver.set_integrator("dop853", **_SHORT, nsteps=_MOST_STEPS, first_step=duration / steps)
             solver.set_solout(self._times.__setitem__)
             self._solvers[steps] = solver
@@ -288,15 +287,17 @@ def _solved(rate: _RightHandSide | None, begin: float, end: float, x: Floats, po
     """Return scipy's solution at points between two times [s], and at the end, one a row; without a rate, x."""
     if rate is None:
         return np.tile(x, (len(points) + 1, 1))
+    times = np.concatenate([[begin], np.minimum(points, end), [end]])
+    options: Any = {"full_output": 1, "tcrit": [end], "hmax": _LONGEST, "mxstep": _MOST_STEPS, "tfirst": 1, **_LONG}
+    with suppress(TypeError, ValueError):  # a scipy whose parts are others
+        states, _, state = scipy_part("scipy.integrate._odepack").odeint(rate.function, x, times, **options)
+        if state == 2 and np.isfinite(states[-1]).all():
+            return states[1:]
     from scipy.integrate import odeint
 
-    times = np.concatenate([[begin], np.minimum(points, end), [end]])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        states, info = odeint(
-            rate.function, x, times, tfirst=True, tcrit=[end], hmax=_LONGEST, mxstep=_MOST_STEPS, full_output=True,
-            **_LONG,
-        )  # fmt: skip
+        states, info = odeint(rate.function, x, times, **options)
     if info["message"] != "Integration successful." or not np.isfinite(states[-1]).all():
         raise VdfmuError(f"The continuous reference failed after t = {begin:.9g} s: {info['message']}")
     return states[1:]

@@ -1,0 +1,197 @@
+"""Logs of real arms that others published, identified as rigid arms, and scored on motions that were not fitted."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.signal import butter, sosfiltfilt
+
+import vdfmu
+from benchmarks.report import Report, Table
+from vdfmu.arm.equations.friction import stribeck_friction
+from vdfmu.arm.robot import Robot
+from vdfmu.base.arrays import Floats
+from vdfmu.study.identify.fit import identify
+from vdfmu.study.identify.log import Log, read_log
+from vdfmu.study.identify.regressor import body_parameters, regressor
+
+BAND = 4.0
+"""Band of the equations [Hz]; the motions have frequencies of up to 0.7 Hz."""
+
+
+class Model(NamedTuple):
+    """What predicts the torques of a motion: an arm, and parameters of the links that it may not have as bodies."""
+
+    robot: Robot
+    """Ratios, rotors, and friction unless there is another law."""
+    columns: Any
+    links: Floats
+    """Columns of the regressor, and the parameters of these."""
+    friction: Callable[[Robot, Floats], Floats] = stribeck_friction
+    offset: Any = 0.0
+    """(n,) [N m], link-side: what the torques are too large by."""
+    delay: float = 0.0
+    """Delay of torques after positions [s]."""
+
+
+def rigid(robot: Robot, **more: Any) -> Model:
+    """Model of an arm as it is in its file."""
+    return Model(robot, slice(None), body_parameters(robot), **more)
+
+
+def fitted(log: Log, robot: Robot) -> Model:
+    """Model identified from a log."""
+    found = identify(log, robot, band=BAND)
+    value = dict(zip(found.names, found.values, strict=True))
+    names = ("I_m", "f_c", "f_s", "v_s", "f_v")
+    drives = {name: np.array([value[f"{name}[{i + 1}]"] for i in range(robot.n)]) for name in names}
+    offset = robot.ell * [value.get(f"tau_0[{i + 1}]", 0.0) for i in range(robot.n)]  # torque sensors, if estimated
+    links = np.array([value[name] for name in found.base.names])
+    return Model(robot.with_parameters(**drives), found.base.columns, links, offset=offset, delay=found.delay)
+
+
+def torques(model: Model, log: Log) -> tuple[Floats, Floats, Floats]:
+    """Torques measured and what the model leaves of them, link-side (m, n), and the columns of a load (m, n, 10)."""
+    robot, h, t = model.robot, log.step, log.t
+    wide, narrow = (butter(4, f, fs=1.0 / h, output="sos") for f in (min(20.0 * BAND, 0.4 / h), BAND))
+    trim = int(3.0 / BAND / h)  # transients of the filter
+
+    def filtered(signal: Floats) -> Floats:
+        return np.asarray(sosfiltfilt(narrow, signal, axis=0))[trim:-trim]
+
+    motion = CubicSpline(t, sosfiltfilt(wide, log.kappa, axis=0))
+    q, v, a = motion(t), motion(t, 1), motion(t, 2)
+    parts = regressor(robot, q, v, a, v, a)
+    J = robot.I_m * robot.ell
+    predicted = parts.links[:, :, model.columns] @ model.links + parts.rotors @ J + J * (a + parts.carried)
+    predicted = predicted + model.friction(robot, v) + model.offset
+    measured = np.stack([np.interp(t + model.delay, t, column) for column in (log.tau * robot.ell).T], axis=1)
+    return filtered(measured), filtered(measured - predicted), filtered(parts.links[:, :, -10:])
+
+
+def percent(left: Floats, measured: Floats) -> list[float]:
+    """Root mean square of what is left, in % of the torque's, by joint."""
+    return (100.0 * np.sqrt((left**2).mean(axis=0) / (measured**2).mean(axis=0))).tolist()
+
+
+def as_log(robot: Robot, t: Floats, q: Floats, tau: Floats, factors: Floats) -> Log:
+    """Log of positions (m, n) and of torques, link-side, or currents, by the reader of ``vdfmu identify``."""
+    joints = [str(i + 1) for i in range(robot.n)]
+    head = ",".join(["time", *(f"q{i}" for i in joints), *(f"tau{i}" for i in joints)])
+    columns = {"kappa": "q{} [rad]", **{f"tau_link[{i}]": f"tau{i} [{factors[int(i) - 1]} N.m]" for i in joints}}
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "log.csv")
+        np.savetxt(path, np.column_stack([t, q, tau]), delimiter=",", header=head, comments="")
+        return read_log(path, robot, columns)
+
+
+def _table(name: str, title: str, n: int, *more: tuple[str, str]) -> Table:
+    joints = [(f"joint {i + 1}", ".1f") for i in range(n)]
+    return Table(name, f"{title}: torque left [%]", [("model", "s"), ("motion", "s"), *joints, *more])
+
+
+def panda(report: Report, folder: Path) -> None:
+    """Panda of Gaz and others 2019, 21 s at nearly 1 kHz: fitted on a part of the period, scored on another."""
+    robot = vdfmu.load_robot("panda_7dof")
+    place = folder / "matlab" / "data" / "Exciting_Traj" / "Trajectory_1" / "rbt_log"
+    each = [np.loadtxt(place / f"exciting_traj_{name}.txt") for name in ("time", "positions", "torques")]
+    rows = len(each[0]) // 5 * 5  # means of 5 rows: their times and positions jitter by up to 8 ms
+    t, q, tau = (x.reshape(len(each[0]), -1)[:rows].reshape(rows // 5, 5, -1).mean(axis=1) for x in each)
+    text = (folder / "cpp" / "panda_dyn_model_example" / "include" / "franka_model.h").read_text(encoding="utf-8")
+    phi = np.array(re.findall(r"FI_\d\d = ([-\d.e]+);", text), dtype=float).reshape(3, robot.n)
+
+    def sigmoid(robot: Robot, v: Floats) -> Floats:
+        return phi[0] / (1.0 + np.exp(-phi[1] * (v + phi[2]))) - phi[0] / (1.0 + np.exp(-phi[1] * phi[2]))
+
+    def part(begin: float, end: float) -> Log:
+        inside = (t[:, 0] >= begin) & (t[:, 0] <= end)
+        return as_log(robot, t[inside, 0], q[inside], tau[inside], np.ones(robot.n))
+
+    table = _table("panda", "Panda", robot.n, ("all", ".2f"))
+    whole, begun, rest = part(0.0, 21.0), part(0.0, 9.0), part(9.0, 13.4)
+    theirs = rigid(robot.with_parameters(I_m=np.full(robot.n, 1e-9)), friction=sigmoid)
+    for model, name, log, motion in (
+        (fitted(whole, robot), "fitted to 0 to 21 s", whole, "0 to 21 s"),
+        (theirs, "the authors' links and friction", whole, "0 to 21 s"),
+        (one := fitted(begun, robot), "fitted to 0 to 9 s", begun, "0 to 9 s"),
+        (one, "fitted to 0 to 9 s", rest, "9 to 13.4 s, not fitted"),
+        (theirs, "the authors' links and friction", rest, "9 to 13.4 s"),
+    ):
+        measured, left, _ = torques(model, log)
+        all_joints = 100.0 * float(np.linalg.norm(left) / np.linalg.norm(measured))
+        table.add(name, motion, *percent(left, measured), all_joints)
+    report.show(table)
+
+
+UR10E = {
+    "12 harmonics, 30 s": ("identification_data/ur-20_02_10-30sec_12harm.csv", 635, 3510),
+    "10 points": ("validation_data/ur-20_01_17-ptp_10_points.csv", 700, 4200),
+    "8 harmonics, 20 s": ("identification_data/ur-20_02_05-20sec_8harm.csv", 320, 2310),
+    "14 harmonics": ("identification_data/ur-20_02_19_14harm50sec.csv", 195, 4966),
+    "14 harmonics, load": ("identification_data/ur-20_02_19_14harm50secLoad.csv", 308, 5071),
+    "31 January, load": ("identification_data/ur-20_01_31-load.csv", 346, 2618),
+}
+"""Motions: file and rows, from 1; of all but the last these are those of the authors' scripts."""
+
+
+def ur10e(report: Report, folder: Path) -> None:
+    """UR10e of Mamedov and Mikhel 2020, with and without a load of 2.805 kg, currents times their drive gains."""
+    text = (folder / "UR10E_parameters.txt").read_text(encoding="utf-8")
+
+    def given(name: str) -> Floats:
+        return np.array(re.findall(rf"{name} = \[([^\]]*)\]", text)[0].split(), dtype=float)
+
+    robot = vdfmu.robot_from_urdf(folder / "URe" / "urdf" / "ur10e.urdf", base="base_link", tip="wrist_3_link")
+    effort = 0.03 * np.array([330.0, 330.0, 150.0, 54.0, 54.0, 54.0])
+    robot = robot.with_parameters(f_c=effort, f_s=effort, f_v=effort, v_s=np.full(6, 0.1))  # 0 in the file
+    gains = given("drvGains")
+
+    def motion(name: str) -> Log:
+        file, begin, end = UR10E[name]
+        lines = (folder / "dataset_ur10e" / file).read_text(encoding="utf-8").splitlines()[begin - 1 : end]
+        rows = np.array([line.split(",")[:19] for line in lines], dtype=float)
+        return as_log(robot, rows[:, 0], rows[:, 1:7], rows[:, 13:19], gains)
+
+    logs = {name: motion(name) for name in UR10E}
+    model, theirs = fitted(logs["12 harmonics, 30 s"], robot), _authors(robot, given)
+    table = _table("ur10e", "UR10e", 6)
+    for name in list(UR10E)[:4]:
+        for who, one in (("fitted to 12 harmonics", model), ("the authors' parameters", theirs)):
+            measured, left, _ = torques(one, logs[name])
+            table.add(who, name, *percent(left, measured))
+    report.show(table)
+
+    table = _table("ur10e_load", "UR10e with a load of 2.805 kg", 6)
+    bare = fitted(logs["14 harmonics"], robot)
+    noise = np.sqrt((torques(bare, logs["14 harmonics"])[1] ** 2).mean(axis=0))[:, None]
+    _, left, columns = torques(bare, logs["14 harmonics, load"])
+    load: Any = np.linalg.lstsq((columns / noise).reshape(-1, 10), (left / noise[:, 0]).ravel(), rcond=None)[0]
+    for name in ("14 harmonics, load", "31 January, load"):
+        measured, left, columns = torques(bare, logs[name])
+        table.add("arm fitted to 14 harmonics", name, *percent(left, measured))
+        table.add("and a load fitted to 14 harmonics, load", name, *percent(left - columns @ load, measured))
+    place = ", ".join(f"{x:.3f}" for x in load[1:4] / load[0])
+    table.notes.append(f"The load: {load[0]:.2f} kg, centre of mass {place} m in the frame of the last link.")
+    report.show(table)
+
+
+def _authors(robot: Robot, given: Callable[[str], Floats]) -> Model:
+    """Model of the authors: inertias about the origins of the URDF's frames, whose axes are y where ours are z."""
+    bodies, friction = given("pi_rgd").reshape(6, 10), given("pi_frcn").reshape(6, 3)
+    about_y = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    centroids, inertias = np.zeros((6, 3)), np.zeros((6, 3, 3))
+    for i, (xx, xy, xz, yy, yz, zz, *first, m) in enumerate(bodies):
+        turn, c = np.eye(3) if i in (0, 4) else about_y, np.array(first) / m
+        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - m * (c @ c * np.eye(3) - np.outer(c, c))
+        centroids[i], inertias[i] = turn.T @ c, turn.T @ inertia @ turn
+    drives = {"I_m": given("pi_drvs") / robot.ell, "f_v": friction[:, 0], "f_c": friction[:, 1], "f_s": friction[:, 1]}
+    links = {"mass": bodies[:, 9], "centroid": centroids, "inertia": inertias}
+    arm = replace(robot, rotor_coupling=False).with_parameters(**links, **drives)
+    return rigid(arm, offset=friction[:, 2])
