@@ -40,48 +40,36 @@ class CounterbalanceRows:
 
 
 def stroke(robot: Any, i: int, q: Any) -> tuple[Any, Any]:
-    """Stroke ``dl = rho - (D - r)`` of the cylinder of joint i from dead centre, and its derivative by q.
+    """Stroke ``dl = rho - (D - r)`` [m] of the cylinder of joint i from dead centre at `q` [rad], and its slope.
 
     ``rho = sqrt(D^2 + r^2 - 2 D r cos(q + delta))`` is the distance of pivot and crank.
-
-    Parameters
-    ----------
-    q : float or array [rad], position of the joint
-
-    Returns
-    -------
-    dl [m], dl' [m/rad], as q
     """
     D, r, angle = robot.D_cb[i], robot.r_cb[i], q + robot.delta_cb[i]
     rho = np.sqrt(D * D + r * r - 2.0 * D * r * np.cos(angle))
     return rho - (D - r), D * r * np.sin(angle) / rho
 
 
-def _torque(robot: Any, i: int, q: Any) -> Any:
+def _gas(robot: Any, i: int, q: Any) -> tuple[Any, Any]:
+    """Torque and energy of joint i; zeros without a cylinder."""
+    if is_zero(robot.F_cb[i]):
+        return 0.0 * q, 0.0 * q
     dl, slope = stroke(robot, i, q)
-    return -robot.F_cb[i] * slope / (1.0 - dl / robot.L_cb[i])
-
-
-def _energy(robot: Any, i: int, q: Any) -> Any:
-    dl, _ = stroke(robot, i, q)
-    return -robot.F_cb[i] * robot.L_cb[i] * np.log1p(-dl / robot.L_cb[i])
-
-
-def _of_joints(law: Any, robot: Any, q: Any) -> np.ndarray:
-    return np.array([0.0 if is_zero(robot.F_cb[i]) else law(robot, i, q[i]) for i in range(robot.n)])
+    share = dl / robot.L_cb[i]
+    return -robot.F_cb[i] * slope / (1.0 - share), -robot.F_cb[i] * robot.L_cb[i] * np.log1p(-share)
 
 
 def counterbalance_torque(robot: Any, q: Any) -> np.ndarray:
     """Torque on the links, ``-F dl'`` with the force ``F = F_0 / (1 - dl / L)`` of a gas of constant temperature.
 
-    It turns the crank towards dead centre, where it is 0: (n,) [N m], link-side. `q` : (n,) [rad].
+    It turns the crank towards dead centre, where it is 0. As `q` [rad], (n,) or (n, m) for many states: [N m],
+    link-side.
     """
-    return _of_joints(_torque, robot, q)
+    return np.array([_gas(robot, i, q[i])[0] for i in range(robot.n)])
 
 
 def counterbalance_energy(robot: Any, q: Any) -> np.ndarray:
-    """Energy of the gas, ``-F_0 L ln(1 - dl / L)``, 0 at dead centre: (n,) [J]. `q` : (n,) [rad]."""
-    return _of_joints(_energy, robot, q)
+    """Energy of the gas, ``-F_0 L ln(1 - dl / L)``, 0 at dead centre. As `q` [rad]: [J]."""
+    return np.array([_gas(robot, i, q[i])[1] for i in range(robot.n)])
 
 
 COUNTERBALANCE = DriveOption(

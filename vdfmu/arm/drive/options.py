@@ -16,7 +16,9 @@ from vdfmu.arm.drive.option import DriveOption
 from vdfmu.arm.drive.thermal import THERMAL, ThermalRows
 from vdfmu.arm.drive.winding import WINDING, WindingRows
 
-OptionName = Literal["limits", "hysteresis", "load_loss", "backlash", "bristles", "winding", "thermal", "counterbalance"]
+OptionName = Literal[
+    "limits", "hysteresis", "load_loss", "backlash", "bristles", "winding", "thermal", "counterbalance"
+]
 
 OPTIONS: dict[OptionName, DriveOption] = {
     "limits": LIMITS,

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.drive.options import OPTIONS, OptionName
+from vdfmu.arm.drive.option import DriveOption
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.toml_tables import FloatArray, Problems, shown
 
@@ -79,12 +79,12 @@ def check_friction(problems: Problems, key: str, f_c: float, f_s: float) -> None
         )
 
 
-def check_option(problems: Problems, key: str, option: OptionName, joint: Mapping[str, Any]) -> None:
+def check_option(problems: Problems, key: str, option: DriveOption, joint: Mapping[str, Any]) -> None:
     """Note parameters of an option that a joint, field of `Robot` to its value, cannot have."""
-    for name in OPTIONS[option].revolute_only:
+    for name in option.revolute_only:
         if joint["type"] == "prismatic" and joint[name] != 0.0:
             problems.add(f"{key}.{name}", "0 at a prismatic joint", f"{joint[name]:g}", "Its law is that of a turn.")
-    for condition in OPTIONS[option].conditions:
+    for condition in option.conditions:
         whole, value = PARAMETERS[condition.name].part_of, joint[condition.name]
         bound = condition.value(SimpleNamespace(**joint))
         if value <= bound and (not whole or joint[whole] != 0.0):

@@ -7,6 +7,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from vdfmu.arm.drive.options import OPTIONS
 from vdfmu.arm.robot.catalogue import NAMED, completed
 from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, PARAMETERS, Row, Section, read_only, section
 from vdfmu.arm.robot.physical import check_drive, check_friction, check_inertia, check_option, check_rotation
@@ -131,8 +132,9 @@ def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
         joint |= section_numbers(table.table(part, _keys(part)), part, kind)
     check_drive(problems, f"{path}.drive", joint["ell"], joint["theta_err_amplitude"])
     check_friction(problems, f"{path}.friction", joint["f_c"], joint["f_s"])
-    for option in (option for option in JOINT_OPTIONS if options[option]):
-        check_option(problems, f"{path}.{option}", option, joint)
+    for option in JOINT_OPTIONS:
+        if options[option]:
+            check_option(problems, f"{path}.{option}", OPTIONS[option], joint)
     return joint
 
 

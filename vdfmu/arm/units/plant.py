@@ -79,13 +79,13 @@ class Plant(Unit):
 
     A robot with rotor_coupling has rotors as bodies that turn with the links, (4), (7), (11). Drives and motors may
     have options, some with states of their own: hysteresis (tau_h), friction that holds at rest (tau_z), a winding with
-    its current loop (i_m), a temperature (T_j), load-dependent loss,
-    backlash; or a counterbalance, a gas spring between two links, whose torque adds to the right of (9).
+    its current loop (i_m), a temperature (T_j), load-dependent loss, backlash; or a counterbalance, a gas spring
+    between two links, whose torque adds to the right of (9).
 
     The springs start with the torque that holds the arm under F_e unless equilibrium is false. Outputs depend on the
     state alone. Friction is regularised by tanh(v / eps), so the equations are smooth and there are no events; sticking
-    is a creep slower than eps. Energies: E_kin of links and rotors, E_pot of gravity, E_spring of drives, stops
-    and counterbalances.
+    is a creep slower than eps. Energies: E_kin of links and rotors, E_pot of gravity, E_spring of drives, stops and
+    counterbalances.
 
     A robot with moving_base stands on a frame {S} whose motion is an input; the wrench of the base on the arm depends
     on its acceleration A_S, and so does the acceleration A_O of the tool of a robot with coupled_tool on its load::
