@@ -180,6 +180,7 @@ OPTIONS: dict[str, dict[str, float]] = {
     "bristles": {"sigma_0": 2e4, "sigma_1": 50.0},
     "winding": {"k_t": 0.1, "R_w": 0.5, "L_w": 1e-3, "U_max": 48.0, "i_max": 20.0, "w_i": 3e3},
     "thermal": {"T_ref": 293.15, "T_v": 20.0, "T_amb": 300.0, "C_th": 500.0, "G_th": 2.0},
+    "counterbalance": {"F_cb": 200.0, "D_cb": 0.3, "r_cb": 0.1, "delta_cb": 0.4, "L_cb": 0.25},
 }
 """What drives may have beside the paper's, each by itself a table of a robot file."""
 

@@ -40,7 +40,7 @@ def with_everything(robot: Robot) -> Robot:
     every = dict.fromkeys((*OPTIONAL, *ENDS), True)
     return dataclasses.replace(robot, friction="split", **every).with_parameters(
         theta_err_amplitude=1e-6, tool_offset=[0.1, 0.2, 0.3], offset=0.1, centroid=0.1, inertia=robot.inertia + 1e-5,
-        gravity=[1.0, 2.0, 9.0], payload_inertia=np.eye(3) + 0.1, full_speed=0.5,
+        gravity=[1.0, 2.0, 9.0], payload_inertia=np.eye(3) + 0.1, full_speed=0.5, F_cb=1.0,
     )  # fmt: skip
 
 

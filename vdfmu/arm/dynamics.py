@@ -54,6 +54,8 @@ def inverse_dynamics(
 ) -> Floats:
     """Joint torques of the rigid arm for a given motion, Eq. (29)-(31) and (44)-(47), without friction.
 
+    What [joints.counterbalance] gives is taken off: it is what the drives must give.
+
     Parameters
     ----------
     robot : Robot
@@ -92,7 +94,7 @@ def forward_dynamics(
     robot : Robot
     q, q_dot : (n,) or (m, n) [rad or m, and per s]
         One state or a batch of m; a single row goes with a batch of the others.
-    tau : (n,) or (m, n) [N m or N], link-side
+    tau : (n,) or (m, n) [N m or N], link-side, of the drives; counterbalances add theirs
     F_e : (6,) or (m, 6) [N, N m], optional
         Wrench that the arm exerts on its surroundings, in {O}.
 
@@ -104,7 +106,7 @@ def forward_dynamics(
 
 
 def gravity_torque(robot: Robot, q: npt.ArrayLike) -> Floats:
-    """Joint torques that hold the rigid arm at rest against gravity, Eq. (44)-(47) with (62).
+    """Joint torques that hold the rigid arm at rest against gravity, beside counterbalances, Eq. (44)-(47) with (62).
 
     Parameters
     ----------

@@ -224,7 +224,7 @@ def test_virtual_power_flows_at_cutting_points_cancel(chain, draw):
         wanted = link_motion(chain, state.q, other.q_dot, other.q_ddot)
         F = np.subtract(link_forces(chain, wanted, other.F_e), link_forces(chain, motion, state.F_e))
         V = np.subtract(wanted.V_B, motion.V_B)
-        tau, rate = joint_torques(chain, list(F)), other.q_dot - state.q_dot
+        tau, rate = joint_torques(chain, state.q, list(F)), other.q_dot - state.q_dot
         F_star = [F[i] - motion.U_AB[i + 1] @ F[i + 1] for i in range(chain.n - 1)]
         F_star.append(F[-1] - tool_transform(chain) @ (other.F_e - state.F_e))
         V_O = tool_transform(chain).T @ V[-1]

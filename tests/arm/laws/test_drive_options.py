@@ -31,7 +31,7 @@ from vdfmu.compiler.c.functions import c_texts
 from vdfmu.compiler.scalar.jet import derivative, jets
 
 EPS = np.finfo(float).eps
-OPTIONS = ("hysteresis", "load_loss", "backlash", "bristles", "winding", "thermal")
+OPTIONS = ("hysteresis", "load_loss", "backlash", "bristles", "winding", "thermal", "counterbalance")
 K, F = 5e3, 3.0  # stiffness [N m/rad] and limit [N m] of Dahl's element
 
 

@@ -14,7 +14,7 @@ from vdfmu.system.reference.reference import reference
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import system_values
 
-OPTIONS = ("hysteresis", "load_loss", "backlash", "bristles", "winding", "thermal")
+OPTIONS = ("hysteresis", "load_loss", "backlash", "bristles", "winding", "thermal", "counterbalance")
 STOP = 0.1
 SETTINGS = {"plant.tolerance": 1e-9, "trajectory.T": 0.5}
 MORE = {"hysteresis": "tau_h", "bristles": "tau_z", "winding": "i_m", "thermal": "T_j"}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from vdfmu.arm.drive.option import Array, DriveOption, row
+from vdfmu.arm.drive.option import Array, Condition, DriveOption, row
 from vdfmu.base.measure import POSITIVE
 from vdfmu.compiler.scalar.generic import clip
 
@@ -105,6 +105,7 @@ def motor_rectangle(robot: Any, most: Any) -> tuple[Any, Any]:
 
 LIMITS = DriveOption(
     stop_torque=stop_torque,
-    stop_energy=stop_energy,
+    link_energy=stop_energy,
+    conditions=(Condition("q_max", "q_min", lambda robot: robot.q_min, "The joint moves between them."),),
     motor=lambda tau, robot, kappa_dot, own: motor_torque(robot, tau, kappa_dot),
 )

@@ -33,6 +33,17 @@ class OptionState(NamedTuple):
     """Whether it changes over minutes, so that vibrations know nothing of it."""
 
 
+class Condition(NamedTuple):
+    """Condition ``name > bound`` on parameters of a joint; not asked where what `name` is a part of is 0."""
+
+    name: str
+    bound: str
+    """Its text, such as ``2*r_cb``."""
+    value: Hook
+    """(robot): its values, (n,)."""
+    way_out: str
+
+
 class JointMotion(NamedTuple):
     """Quantities that the rates of states may depend on, each (n,)."""
 
@@ -69,6 +80,11 @@ class DriveOption:
     dry_parameters: tuple[str, ...] = ()
     """Parameters of dry friction: 0, or as small as they may be, in an arm without."""
 
+    conditions: tuple[Condition, ...] = ()
+    """Conditions on its parameters."""
+    revolute_only: tuple[str, ...] = ()
+    """Parameters that must be 0 at prismatic joints."""
+
     deformation: Hook = _nothing
     """(robot, tau_s): deformation in series with the spring [rad or m], link-side."""
     compliance: Hook = _nothing
@@ -81,9 +97,11 @@ class DriveOption:
     energy: Hook = _nothing
     """(robot, own): energy that the state stands for [J]."""
     stop_torque: Hook = _nothing
-    """(robot, q, q_dot): torque on the link alone [N m or N], link-side."""
-    stop_energy: Hook = _nothing
-    """(robot, q): its energy [J]."""
+    """(robot, q, q_dot): torque of end stops on the link alone [N m or N], link-side; no motion is planned there."""
+    link_torque: Hook = _nothing
+    """(robot, q): torque on the link alone that every motion meets, as gravity's [N m or N], link-side."""
+    link_energy: Hook = _nothing
+    """(robot, q): energy of both [J]."""
 
     mesh_friction: Hook = _nothing
     """(robot, kappa_dot, load): friction on the rotor [N m], motor-side, of a drive that carries a load, link-side."""

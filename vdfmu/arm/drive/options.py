@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from vdfmu.arm.drive.backlash import BACKLASH, BacklashRows
 from vdfmu.arm.drive.bristles import BRISTLES, BristlesRows
+from vdfmu.arm.drive.counterbalance import COUNTERBALANCE, CounterbalanceRows
 from vdfmu.arm.drive.hysteresis import HYSTERESIS, HysteresisRows
 from vdfmu.arm.drive.limits import LIMITS, LimitsRows
 from vdfmu.arm.drive.load_loss import LOAD_LOSS, LoadLossRows
@@ -15,7 +16,9 @@ from vdfmu.arm.drive.option import DriveOption
 from vdfmu.arm.drive.thermal import THERMAL, ThermalRows
 from vdfmu.arm.drive.winding import WINDING, WindingRows
 
-OptionName = Literal["limits", "hysteresis", "load_loss", "backlash", "bristles", "winding", "thermal"]
+OptionName = Literal[
+    "limits", "hysteresis", "load_loss", "backlash", "bristles", "winding", "thermal", "counterbalance"
+]
 
 OPTIONS: dict[OptionName, DriveOption] = {
     "limits": LIMITS,
@@ -25,17 +28,25 @@ OPTIONS: dict[OptionName, DriveOption] = {
     "bristles": BRISTLES,
     "winding": WINDING,
     "thermal": THERMAL,
+    "counterbalance": COUNTERBALANCE,
 }
 """Name of the flag of a robot, and of its table, to the option, in the order in which sums go over them."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class OptionRows(ThermalRows, WindingRows, BristlesRows, BacklashRows, LoadLossRows, HysteresisRows, LimitsRows):
+class OptionRows(
+    CounterbalanceRows, ThermalRows, WindingRows, BristlesRows, BacklashRows, LoadLossRows, HysteresisRows, LimitsRows
+):
     """Parameters of all options, and flags that say which a robot has; the fields of the last base come first."""
 
 
 OPTION_STATES = {option.state.name: name for name, option in OPTIONS.items() if option.state}
 """State to the option of the robot that has it."""
+
+
+def link_torques(robot: Any, q: Any) -> Any:
+    """Torque of options on the links alone that every motion meets: (n,) [N m or N], link-side; 0 without."""
+    return sum(option.link_torque(robot, q) for option, _ in options_of(robot))
 
 
 def options_of(robot: Any, states: Mapping[str, Any] | None = None) -> list[tuple[DriveOption, Any]]:

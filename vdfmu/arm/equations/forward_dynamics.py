@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vdfmu.arm.drive.options import link_torques
 from vdfmu.arm.equations.flexible_joint import rotor_force, rotor_transform, rotor_velocity
 from vdfmu.arm.equations.inverse_dynamics import gravity_in_links, inverse_dynamics
 from vdfmu.arm.equations.kinematics import joint_placements, tool_transform
@@ -78,6 +79,7 @@ def _articulated(
     p_A[-1] = p_A[-1] + U_O @ (ends.M_e @ point_acceleration(V_O, np.zeros(6)))
 
     # pass 2, end effector to base: eliminate q_ddot_i, hand the rest to the previous link
+    tau = tau + link_torques(robot, q)
     M_z: list[np.ndarray] = [np.zeros(6)] * n
     d: list[Any] = [None] * n
     u: list[Any] = [None] * n
@@ -116,7 +118,7 @@ def forward_dynamics(
     Parameters
     ----------
     q, q_dot : (n,) [rad or m, per s]
-    tau : (n,) [N m or N], link-side
+    tau : (n,) [N m or N], link-side, without counterbalances
     F_e : (6,) [N, N m] wrench on the surroundings in {O}; with a load ``ends.M_e`` that at ``A_O = 0``
     rotors : Rotors, optional
         Rotors whose reaction on the links counts, Eq. (11). It holds no acceleration, because the torque about the

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vdfmu.arm.drive.options import link_torques
 from vdfmu.arm.equations.flexible_joint import rotor_forces, rotor_transform
 from vdfmu.arm.equations.kinematics import joint_transforms, tool_transform
 from vdfmu.arm.equations.rigid_body import link_body, net_force
@@ -97,9 +98,10 @@ def link_forces(
     return F_B
 
 
-def joint_torques(robot: Any, F_B: list[np.ndarray]) -> np.ndarray:
-    """Component of every F_B along its joint axis, ``z.T @ F_B``: (n,) [N m or N], link-side."""
-    return np.array([joint_axis(joint_type) @ F for joint_type, F in zip(robot.joint_types, F_B, strict=True)])
+def joint_torques(robot: Any, q: np.ndarray, F_B: list[np.ndarray]) -> np.ndarray:
+    """Component of every F_B along its joint axis, ``z.T @ F_B``, less counterbalances: (n,) [N m or N], link-side."""
+    along = np.array([joint_axis(joint_type) @ F for joint_type, F in zip(robot.joint_types, F_B, strict=True)])
+    return along - link_torques(robot, q)
 
 
 def inverse_dynamics(
@@ -124,8 +126,8 @@ def inverse_dynamics(
 
     Returns
     -------
-    tau : (n,) [N m or N], link-side, without friction
+    tau : (n,) [N m or N], link-side, without friction: what drives must give beside counterbalances
     """
     motion = link_motion(robot, q, q_dot, q_ddot, base=base)
     F_Dk = None if rotors is None else rotor_forces(robot, motion, *rotors)
-    return joint_torques(robot, link_forces(robot, motion, F_e, F_Dk))
+    return joint_torques(robot, q, link_forces(robot, motion, F_e, F_Dk))

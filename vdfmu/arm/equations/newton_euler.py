@@ -1,8 +1,8 @@
 """The classic Newton-Euler recursion in 3-vectors, which the paper compares with in section IV-A.
 
 Written from the text-book recursion (Luh, Walker and Paul 1980), not from the paper's 6-vectors: of
-:mod:`vdfmu.arm.equations.inverse_dynamics` it shares only what a link with a payload weighs, so that agreement of the
-two means something.
+:mod:`vdfmu.arm.equations.inverse_dynamics` it shares only what a link with a payload weighs and the torque of
+counterbalances, so that agreement of the two means something.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.arm.drive.options import link_torques
 from vdfmu.arm.equations.rigid_body import link_body
 from vdfmu.compiler.scalar.generic import zeros
 
@@ -72,4 +73,4 @@ def newton_euler(
         m = m + moments[i] + _cross(centres[i], forces[i])
         f = f + forces[i]
         tau[i] = f[2] if robot.joint_types[i] == "prismatic" else m[2]
-    return tau
+    return tau - link_torques(robot, q)

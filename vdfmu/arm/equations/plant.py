@@ -182,7 +182,7 @@ def balance(
     F_e = F_e + ends.M_e @ tool_acceleration(robot, motion.V_B[-1], motion.V_B_dot[-1])
     V_D = rotor_velocities(robot, motion.V_B, state.kappa_dot, ends.base.V_S)  # (4)
     F_Dk = [rotor_force(robot, i, V_D[i], tau_k[i]) for i in range(robot.n)]  # (7), (10)
-    torques = joint_torques(robot, link_forces(robot, motion, F_e, F_Dk))  # (11), (44)-(47)
+    torques = joint_torques(robot, state.q, link_forces(robot, motion, F_e, F_Dk))  # (11), (44)-(47)
     return tau_l - torques, rotor_acceleration(robot, tau_k, motion)
 
 
@@ -230,7 +230,7 @@ def plant_outputs(robot: Any, x: np.ndarray, base: BasePose = _AT_ORIGIN) -> Out
     for option, own in options_of(robot, states):
         E_spring = E_spring + np.sum(option.energy(robot, own))
     for option, _ in options_of(robot):
-        E_spring = E_spring + np.sum(option.stop_energy(robot, q))
+        E_spring = E_spring + np.sum(option.link_energy(robot, q))
     return Outputs(rotor_position(robot, q, tau_s), p_O, R_O, E_kin, E_pot, E_spring)
 
 

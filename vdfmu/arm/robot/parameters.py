@@ -18,7 +18,7 @@ from vdfmu.arm.drive.options import OPTIONS, OptionName, OptionRows
 from vdfmu.base.measure import LARGEST_NUMBER, POSITIVE, unit_of
 
 Section = Literal["robot", "payload", "joint", "link", "drive", "friction"] | OptionName
-Fold = Literal["never", "always", "zeros", "inertia", "lumped friction", "no kinematic error"]
+Fold = Literal["never", "always", "zeros", "inertia", "lumped friction"]
 
 JOINT_OPTIONS: tuple[OptionName, ...] = tuple(OPTIONS)
 """Tables that all joints of a robot have or none."""
@@ -63,7 +63,9 @@ class Row:
     fold : str
         Which entries are constants of the functions and no parameters at run time, so that they cost nothing: "never"
         any, "always" all, "zeros", of an "inertia" the zeros off the diagonal and what symmetry gives, all in an arm
-        with "lumped friction", those of joints with "no kinematic error".
+        with "lumped friction".
+    part_of : str
+        Parameter of the joint without which, where it is 0, this one counts for nothing and is a constant too.
     hint : str
         Way out of a problem with it; else the text.
     given : str
@@ -83,6 +85,7 @@ class Row:
     default: Any = None
     shape: tuple[int, ...] = ()
     fold: Fold = "never"
+    part_of: str = ""
     hint: str = ""
     given: str = ""
     scaled_as: str = ""
@@ -127,6 +130,8 @@ class Row:
         """Whether an entry of this robot's array is a parameter at run time."""
         if self.section in OPTIONAL and not getattr(robot, self.section):
             return False
+        if self.part_of and not getattr(robot, self.part_of)[index]:
+            return False
         array = getattr(robot, self.name)
         match self.fold:
             case "zeros":
@@ -136,8 +141,6 @@ class Row:
                 return bool((j == k and array.any()) or (j < k and array[index] != 0.0))
             case "lumped friction":
                 return robot.friction == "split"
-            case "no kinematic error":
-                return bool(robot.theta_err_amplitude[index] != 0.0)
             case _:
                 return self.fold == "never"
 
@@ -223,9 +226,10 @@ class Parameters(OptionRows, ArmParameters):
     # fmt: off
     theta_err_amplitude: Array = row(
         "drive", "position", "amplitude of the kinematic error, link-side, Eq. {}", "(3)", 1.0, 0.0, default=0.0,
-        fold="no kinematic error", hint="Give 0 for none; shift the phase by pi for a sign.")
+        fold="zeros", hint="Give 0 for none; shift the phase by pi for a sign.")
     theta_err_phase: Array = row(
-        "drive", "rad", "phase of the kinematic error, Eq. {}", "(3)", 1e6, default=0.0, fold="no kinematic error")
+        "drive", "rad", "phase of the kinematic error, Eq. {}", "(3)", 1e6, default=0.0,
+        part_of="theta_err_amplitude")
     # fmt: on
 
 

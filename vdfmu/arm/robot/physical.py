@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 
+from vdfmu.arm.drive.option import DriveOption
+from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.toml_tables import FloatArray, Problems, shown
 
 # Entries of a rotation are at most 1, so ten printed digits leave R R^T - E below 1e-9.
@@ -73,7 +79,14 @@ def check_friction(problems: Problems, key: str, f_c: float, f_s: float) -> None
         )
 
 
-def check_stops(problems: Problems, key: str, q_min: float, q_max: float) -> None:
-    """Note a lower end stop that is not below the upper one."""
-    if q_min >= q_max:
-        problems.add(f"{key}.q_max", f"q_max > q_min = {q_min:g}", f"{q_max:g}", "The joint moves between them.")
+def check_option(problems: Problems, key: str, option: DriveOption, joint: Mapping[str, Any]) -> None:
+    """Note parameters of an option that a joint, field of `Robot` to its value, cannot have."""
+    for name in option.revolute_only:
+        if joint["type"] == "prismatic" and joint[name] != 0.0:
+            problems.add(f"{key}.{name}", "0 at a prismatic joint", f"{joint[name]:g}", "Its law is that of a turn.")
+    for condition in option.conditions:
+        whole, value = PARAMETERS[condition.name].part_of, joint[condition.name]
+        bound = condition.value(SimpleNamespace(**joint))
+        if value <= bound and (not whole or joint[whole] != 0.0):
+            text = condition.bound if condition.bound == "0" else f"{condition.bound} = {bound:g}"
+            problems.add(f"{key}.{condition.name}", f"{condition.name} > {text}", f"{value:g}", condition.way_out)

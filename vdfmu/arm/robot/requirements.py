@@ -6,10 +6,13 @@ evaluate them.
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
 
+from vdfmu.arm.drive.option import Condition
+from vdfmu.arm.drive.options import options_of
 from vdfmu.arm.robot.physical import CONTRACTION_LIMIT, INERTIA_TOLERANCE
 from vdfmu.arm.robot.structure import parameters
 from vdfmu.compiler.scalar.generic import minimum
@@ -28,17 +31,27 @@ def requirements(robot: Any) -> list[Requirement]:
         f_c, f_s = Entry("f_c", (i,)), Entry("f_s", (i,))
         amplitude, ell = Entry("theta_err_amplitude", (i,)), Entry("ell", (i,))
         found.append(Requirement("f_s >= f_c", (f_s, f_c), lambda arm, at: arm.f_s[at.index] - arm.f_c[at.index]))
-        if robot.limits:
-            stops = Entry("q_min", (i,)), Entry("q_max", (i,))
-            found.append(
-                Requirement("q_max > q_min", stops, lambda arm, at: arm.q_max[at.index] - arm.q_min[at.index] - STRICT)
-            )
+        found += [
+            _of_option(condition, i)
+            for option, _ in options_of(robot)
+            for condition in option.conditions
+            if Entry(condition.name, (i,)) in listed
+        ]
         if amplitude in listed:
             text = f"2*ell*theta_err_amplitude < {CONTRACTION_LIMIT:g}"
             found.append(Requirement(text, (ell, amplitude), _kinematic_error))
         found += _of_inertia(inertia)
     payload = tuple(p for p in listed if p.field == "payload_inertia")
     return found + (_of_inertia(payload) if payload else [])
+
+
+def _of_option(condition: Condition, i: int) -> Requirement:
+    names = [condition.name, *re.findall(r"[A-Za-z]\w*", condition.bound)]
+    return Requirement(
+        f"{condition.name} > {condition.bound}",
+        tuple(Entry(name, (i,)) for name in names),
+        lambda arm, at: getattr(arm, at.field)[at.index] - condition.value(arm)[at.index] - STRICT,
+    )
 
 
 def _of_inertia(inertia: tuple[Entry, ...]) -> list[Requirement]:

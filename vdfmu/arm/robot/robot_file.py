@@ -7,9 +7,10 @@ from typing import Any, cast
 
 import numpy as np
 
+from vdfmu.arm.drive.options import OPTIONS
 from vdfmu.arm.robot.catalogue import NAMED, completed
 from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, PARAMETERS, Row, Section, read_only, section
-from vdfmu.arm.robot.physical import check_drive, check_friction, check_inertia, check_rotation, check_stops
+from vdfmu.arm.robot.physical import check_drive, check_friction, check_inertia, check_option, check_rotation
 from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES, Robot, joint_free, robot_argument
 from vdfmu.arm.robot.visual import read_visuals
 from vdfmu.base.measure import POSITIVE
@@ -131,8 +132,9 @@ def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
         joint |= section_numbers(table.table(part, _keys(part)), part, kind)
     check_drive(problems, f"{path}.drive", joint["ell"], joint["theta_err_amplitude"])
     check_friction(problems, f"{path}.friction", joint["f_c"], joint["f_s"])
-    if options["limits"]:
-        check_stops(problems, f"{path}.limits", joint["q_min"], joint["q_max"])
+    for option in JOINT_OPTIONS:
+        if options[option]:
+            check_option(problems, f"{path}.{option}", OPTIONS[option], joint)
     return joint
 
 

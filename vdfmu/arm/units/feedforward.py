@@ -31,7 +31,8 @@ class Feedforward(Unit):
         tau_m       = tau_t + k_vkappa (kappa_dot_r - kappa_dot) + xi_m + I_m kappa_r_ddot       (27), (56)
 
     ID is the inverse dynamics of the links, (29)-(47) and (59)-(62); D the deformation of a drive and theta_err its
-    kinematic error, (2)-(3); xi_l and xi_m friction on link and rotor, (54)-(55).
+    kinematic error, (2)-(3); xi_l and xi_m friction on link and rotor, (54)-(55). What counterbalances give is taken
+    off ID and off z' F_B,r.
 
     For a robot with moving_base the motion of the base is an input, the derivatives of its acceleration A_S taken as 0.
     """

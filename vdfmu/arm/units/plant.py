@@ -79,11 +79,13 @@ class Plant(Unit):
 
     A robot with rotor_coupling has rotors as bodies that turn with the links, (4), (7), (11). Drives and motors may
     have options, some with states of their own: hysteresis (tau_h), friction that holds at rest (tau_z), a winding with
-    its current loop (i_m), a temperature (T_j), load-dependent loss, backlash.
+    its current loop (i_m), a temperature (T_j), load-dependent loss, backlash; or a counterbalance, a gas spring
+    between two links, whose torque adds to the right of (9).
 
     The springs start with the torque that holds the arm under F_e unless equilibrium is false. Outputs depend on the
     state alone. Friction is regularised by tanh(v / eps), so the equations are smooth and there are no events; sticking
-    is a creep slower than eps. Energies: E_kin of links and rotors, E_pot of gravity, E_spring of drives and stops.
+    is a creep slower than eps. Energies: E_kin of links and rotors, E_pot of gravity, E_spring of drives, stops and
+    counterbalances.
 
     A robot with moving_base stands on a frame {S} whose motion is an input; the wrench of the base on the arm depends
     on its acceleration A_S, and so does the acceleration A_O of the tool of a robot with coupled_tool on its load::
@@ -114,7 +116,7 @@ class Plant(Unit):
     R_O = Output("1", (3, 3), "Rotation matrix of the end effector in {I}")
     E_kin = Output("J", text="Kinetic energy of links and rotors")
     E_pot = Output("J", text="Potential energy of gravity")
-    E_spring = Output("J", text="Elastic energy of drives and end stops")
+    E_spring = Output("J", text="Elastic energy of drives, end stops and counterbalances")
     V_O = Output(
         *VELOCITY,
         six("Velocity of the end effector in {O}", "Angular velocity of the end effector in {O}"),
