@@ -16,7 +16,7 @@ with warnings.catch_warnings():  # it opens its font in a way that Python 3.11 c
 
 _FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
 _TAG = re.compile(r"\\tag\{(.*?)\}")
-_SYMBOL = re.compile(r'<symbol id="(.*?)".*?</symbol>', re.DOTALL)
+_SYMBOL = re.compile(r'<symbol id="([^"]*)"(?:[^>]*/>|.*?</symbol>)', re.DOTALL)
 _SIZE = 17  # px of a formula's letters, beside text of 16 px
 
 

@@ -88,6 +88,5 @@ def check_option(problems: Problems, key: str, option: DriveOption, joint: Mappi
         whole, value = PARAMETERS[condition.name].part_of, joint[condition.name]
         bound = condition.value(SimpleNamespace(**joint))
         if value <= bound and (not whole or joint[whole] != 0.0):
-            bounded = condition.bound + (f" = {bound:g}" if bound else "")
-            expected = f"{condition.name} > {bounded}"
-            problems.add(f"{key}.{condition.name}", expected, f"{value:g}", condition.way_out)
+            text = condition.bound if condition.bound == "0" else f"{condition.bound} = {bound:g}"
+            problems.add(f"{key}.{condition.name}", f"{condition.name} > {text}", f"{value:g}", condition.way_out)
