@@ -126,10 +126,13 @@ def test_intervals_cover_the_truth(loop, robot, guess, request):
     # 50 x 29 intervals; those of one log are correlated: as 300 independent ones, 0.95 has a deviation of 0.013, of
     # which three are allowed
     assert np.mean(list(shares.values())) > 0.91, shares
-    # of one parameter 50: the deviation is 0.031, three of them; inertias, friction and stiffnesses
+    # of one parameter 50: the deviation is 0.031, three of them; of springs, into whose shape the steps of encoders go
+    # where a joint turns back, with half as many that are independent
     for name in shares:
-        if name[:3] in ("I_m", "f_c", "f_v", "K_f", "K_w") or name in found.base.names:
+        if name[:3] in ("I_m", "f_c", "f_v") or name in found.base.names:
             assert shares[name] > 0.85, (name, shares[name])
+        if name[:2] == "K_":
+            assert shares[name] > 0.8, (name, shares[name])
 
 
 @pytest.mark.heavy
@@ -300,7 +303,10 @@ def test_wrong_logs_are_named(tmp_path, robot, clean):
         (lambda: read_log(path, robot, {"q": "{x}{}"}), "q: expected columns {x}1, {x}2"),
         (lambda: identify(Log("log", t, still, none, None), robot), "joint 2 did not move"),
         (lambda: identify(Log("log", t, alike, none, still), robot), "log: joint 2: expected rotors, .* move alike"),
-        (lambda: identify(Log("log", t, alike, none, None), robot), "expected a log of at least .* s for the band of"),
+        (
+            lambda: identify(Log("log", t, alike, none, None), robot, band=0.3),
+            "expected a log of at least .* s for the band of",
+        ),
         *((lambda band=b: identify(clean, robot, band=band), "band: expected more than 0 Hz") for b in (0, -1, np.nan)),
         (
             lambda: identify(clean, dataclasses.replace(robot, friction="split")),

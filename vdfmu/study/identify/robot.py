@@ -30,7 +30,7 @@ def identified_robot(found: Identified, robot: Robot, where: str) -> tuple[Robot
     sources, arrays, notes = dict(robot.sources), dict[str, Any](), list[str]()
     text = f"Identified from {where}"
     deviation = dict(zip(found.names, found.deviation, strict=True))
-    for name in (*DRIVES, *SPRINGS, "F_cb"):
+    for name in (*DRIVES, *SPRINGS, *(["F_cb"] if robot.counterbalance else [])):
         own = [f"{name}[{i + 1}]" for i in range(robot.n)]
         arrays[name] = np.array([values.get(each, here) for each, here in zip(own, getattr(robot, name), strict=True)])
         for i, each in enumerate(own):
