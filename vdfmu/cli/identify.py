@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,7 +13,9 @@ from vdfmu.cli.robots import OverwriteOption, target_file
 from vdfmu.cli.terminal import console, say, say_notes
 
 if TYPE_CHECKING:
+    from vdfmu.base.arrays import Floats
     from vdfmu.study.identify.fit import Identified
+    from vdfmu.study.identify.score import Score
 
 
 def identify(
@@ -35,8 +38,26 @@ def identify(
         str, typer.Option(metavar="NAME", help="Column of the times; s, ms, us or ns may follow in brackets.")
     ] = "",
     band: Annotated[float | None, typer.Option(help="Band of the equations in Hz; default from the motion.")] = None,
+    prior: Annotated[
+        float,
+        typer.Option(
+            metavar="SHARE",
+            help="How far the robot file's links may be off: masses, moments of inertia, and centres of mass as a "
+            "share of the radius of gyration; inf if nothing is known of them.",
+        ),
+    ] = 0.2,
+    other: Annotated[
+        Path | None,
+        typer.Option("--score", metavar="LOG", help="Another log with the same columns: what the model leaves of it."),
+    ] = None,
     truth: Annotated[str | None, typer.Option(help="Robot with the true values, to compare.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of torques and residuals to draw.")] = None,
+    residuals: Annotated[
+        Path | None,
+        typer.Option(
+            help="Picture of what is left, of the other log if there is one: over speed, load, position, in time."
+        ),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Robot file to write, with the identified values.")
     ] = None,
@@ -49,13 +70,26 @@ def identify(
 
     arm = load_robot(robot)
     true = load_robot(truth) if truth is not None else None
-    targets = {path: target_file(path, "", overwrite) for path in (plot, out) if path is not None}
-    rows = read_log(log, arm, read_settings(column, "--column", "WHAT=NAME, such as q=q_{}"), time=time)
+    targets = {path: target_file(path, "", overwrite) for path in (plot, residuals, out) if path is not None}
+    columns = read_settings(column, "--column", "WHAT=NAME, such as q=q_{}")
+    rows = read_log(log, arm, columns, time=time)
     say_notes(rows.notes)
-    found = estimate(rows, arm, band=band)
+    found = estimate(rows, arm, band=band, prior=prior)
     _print(found, arm.joint_labels, None if true is None else found.of(true))
-    say_notes([f"not identified, kept: {name}: {why}" for name, why in found.held.items()])
+    say_notes([
+        f"not identified, kept: {', '.join(k for k, v in found.held.items() if v == why)}: {why}"
+        for why in dict.fromkeys(found.held.values())
+    ])  # fmt: skip
+    say_notes([f"hardly told by the log: {name}: {why}" for name, why in found.weak.items()])
     say_notes(found.advice)
+    scored = None
+    if other is not None:
+        from vdfmu.study.identify.score import score
+
+        second = read_log(other, arm, columns, time=time)
+        say_notes(second.notes)
+        scored = score(found, arm, rows, second)
+        _print_score(other.name, scored, arm.joint_labels)
     if plot is not None:
         from vdfmu.base.style import save
         from vdfmu.study.report.drawings import draw_torques
@@ -64,6 +98,15 @@ def identify(
         units = tuple("N" if kind == "prismatic" else "N.m" for kind in arm.joint_types)
         save(draw_torques(title, found.t, found.torque, found.torque_error, units), targets[plot])
         say(f"{plot}: torques, and what the model leaves of them")
+    if residuals is not None:
+        from vdfmu.base.style import save
+        from vdfmu.study.identify.score import score
+        from vdfmu.study.report.residuals import draw_residuals
+
+        left = scored or score(found, arm, rows, rows)
+        title = f"What {arm.name}, identified from {log.name}, leaves of {(other or log).name}"
+        save(draw_residuals(title, left, arm), targets[residuals])
+        say(f"{residuals}: what is left of torques and deformations")
     if out is not None:
         from vdfmu.base.files import write_whole
         from vdfmu.study.identify.robot import identified_robot, robot_text
@@ -93,20 +136,44 @@ def _print(found: Identified, labels: list[str], true: list[float] | None) -> No
     rows = list(zip(found.names, found.values, found.deviation, found.units, found.nominal, strict=True))
     for i, (name, value, deviation, unit, nominal) in enumerate(rows):
         kept = name in found.held
-        cells = [name, f"{value:.5g}", "kept" if kept else f"+- {1.96 * deviation:.2g}", unit, f"{nominal:.5g}"]
+        width = "kept" if kept else f"+- {1.96 * deviation:.2g}"
+        cells = [name, f"{value:.5g}", f"{width} weak" if name in found.weak else width, unit, f"{nominal:.5g}"]
         if true:
             error = f"{100.0 * (value / true[i] - 1.0):+.2f} %" if true[i] and not kept else ""
             cells += [f"{true[i]:.5g}", error]
         table.add_row(*cells)
     console.print(table)
-    drives = Table("joint", "torque left", "of", "deformation left", "stiffness", "95 %", box=None)
+    drives = Table("joint", "torque left", "of", "%", "deformation left", "stiffness", "95 %", box=None)
     for i in range(found.torque.shape[1]):
-        left = [float((each[:, i] ** 2).mean() ** 0.5) for each in (found.torque_error, found.torque)]
+        left, whole = (float((each[:, i] ** 2).mean() ** 0.5) for each in (found.torque_error, found.torque))
         bent = found.deformation_error if found.seen[i] else None
         drives.add_row(
-            labels[i], f"{left[0]:.3g}", f"{left[1]:.3g}",
+            labels[i], f"{left:.3g}", f"{whole:.3g}", f"{100 * left / whole:.1f}",
             "" if bent is None else f"{float((bent[:, i] ** 2).mean() ** 0.5):.3g}",
             "" if bent is None else f"{found.stiffness[i]:.6g}",
             "" if bent is None else f"+- {1.96 * found.stiffness_deviation[i]:.2g}",
         )  # fmt: skip
     console.print(drives)
+
+
+def _print_score(name: str, score: Score, labels: list[str]) -> None:
+    from rich.table import Table
+
+    table = Table(
+        "joint", "torque", "left", "%", "most", "5 terms", "deformation", "left", "most",
+        box=None, title_justify="left",
+        title=f"{name}: root mean squares and most of what is left; % left by five terms of a rigid model",
+    )  # fmt: skip
+
+    def cells(values: Sequence[Floats], i: int) -> list[str]:
+        return [
+            "" if each[i] != each[i] else f"{each[i]:.4g}" if each[i] > 1.0 else f"{each[i]:.3g}" for each in values
+        ]
+
+    for i, label in enumerate(labels):
+        share, rigid = (100.0 * each[i] / score.torque[i] for each in (score.torque_left, score.rigid_left))
+        table.add_row(
+            label, *cells([score.torque, score.torque_left], i), f"{share:.1f}", *cells([score.torque_most], i),
+            f"{rigid:.1f}", *cells([score.deformation, score.deformation_left, score.deformation_most], i),
+        )  # fmt: skip
+    console.print(table)

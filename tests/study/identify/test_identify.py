@@ -91,24 +91,63 @@ def test_a_log_without_noise_leaves_what_the_method_does(clean, robot, guess):
     found = identify(clean, guess)
     true = np.array(found.of(robot))
     ratio = np.array([v / t if t else 1.0 for v, t in zip(found.values, true, strict=True)])
-    kept = np.array([name in found.held or name[:2] in ("c_", "K_") for name in found.names])
+    own = np.array([name[:3] in ("I_m", "f_c", "f_s", "f_v", "v_s") for name in found.names])
+    own[found.links] = True
     # filters and held torques distort friction at its reversals: a half of the per cent that noise may take
-    np.testing.assert_allclose(ratio[~kept], 1.0, atol=0.005)
+    np.testing.assert_allclose(ratio[own], 1.0, atol=0.005)
+
+
+@pytest.fixture(scope="module")
+def sticking(tmp_path_factory, robot):
+    """Return the log of a loop whose feedforward knows no friction: it sticks and slips, above any band."""
+    out = tmp_path_factory.mktemp("run")
+    sines = motion.multisine([-1.2, 0.4], 1.2, [1, 2, 5, 9], period=15.0, periods=2, phases="random")
+    weak = {"controller.K_p": [150.0, 50.0], "controller.K_v": [4.0, 2.0]}
+    vdfmu.run(
+        "planar_tracking", units={"trajectory": sines.unit()}, stop=60.0, reference=False, out=out, overwrite=True,
+        settings={"feedforward.f_c": 0.0, "feedforward.f_s": 0.0, **weak},
+    )  # fmt: skip
+    return read_log(out / "results.csv", robot)
 
 
 @pytest.mark.heavy
-def test_intervals_cover_the_truth(clean, robot, guess):
-    """Of 5 logs with other noise, 95 % intervals of all but the split of a stiffness in two springs."""
-    inside: list[bool] = []
-    for seed in range(5):
-        found = identify(noisy(clean, robot, 100 + seed), guess)
+@pytest.mark.parametrize("loop", ["clean", "sticking"])
+def test_intervals_cover_the_truth(loop, robot, guess, request):
+    """Of 50 logs each with other noise and other zeros of the encoders, 95 % intervals of all parameters."""
+    log = request.getfixturevalue(loop)
+    inside: dict[str, list[bool]] = {}
+    for seed in range(50):
+        found = identify(noisy(log, robot, 100 + seed), guess)
         low, high = found.interval()
         for name, t, a, b in zip(found.names, found.of(robot), low, high, strict=True):
-            if name not in found.held and name[:2] not in ("K_", "c_"):
-                inside.append(a <= t <= b)
-    # 5 x 16 intervals, those of one log correlated: as 40 independent ones, 0.95 has a deviation of 0.035; the method's
-    # own error, half a deviation of the noise, takes it to 0.92
-    assert np.mean(inside) > 0.83, np.mean(inside)
+            t = 0.5e-3 if name == "delay_tau" else t  # a torque holds over a step of 1 ms
+            inside.setdefault(name, []).append(a <= t <= b)
+    shares = {name: float(np.mean(each)) for name, each in inside.items()}
+    # 50 x 29 intervals; those of one log are correlated: as 300 independent ones, 0.95 has a deviation of 0.013, of
+    # which three are allowed
+    assert np.mean(list(shares.values())) > 0.91, shares
+    # of one parameter 50: the deviation is 0.031, three of them; of springs, into whose shape the steps of encoders go
+    # where a joint turns back, with half as many that are independent
+    for name in shares:
+        if name[:3] in ("I_m", "f_c", "f_v") or name in found.base.names:
+            assert shares[name] > 0.85, (name, shares[name])
+        if name[:2] == "K_":
+            assert shares[name] > 0.8, (name, shares[name])
+
+
+@pytest.mark.heavy
+def test_faults_of_sensors_are_found(clean, robot):
+    """Encoders behind the gears that are late, and torques with an offset, are told with their intervals."""
+    late, offset = np.array([1.5e-3, 0.7e-3]), np.array([0.02, -0.01])
+    q = np.stack([np.interp(clean.t - late[i], clean.t, clean.q[:, i]) for i in range(2)], axis=1)
+    found = identify(noisy(clean._replace(q=q, tau=clean.tau + offset), robot, 3), robot)
+    values = dict(zip(found.names, zip(found.values, found.deviation, strict=True), strict=True))
+    for i in range(2):
+        for name, true in ((f"delay_q[{i + 1}]", late[i]), (f"tau_0[{i + 1}]", offset[i])):
+            value, deviation = values[name]
+            assert abs(value - true) < 4.0 * deviation, name  # beyond that 1 of 16,000 times
+            assert deviation < 0.02 * abs(true), name
+    np.testing.assert_allclose(found.stiffness, true_stiffness(robot, found), rtol=0.01)
 
 
 @pytest.mark.heavy
@@ -141,12 +180,13 @@ def test_a_joint_without_link_positions_is_beside_one_with(clean, robot):
 
 
 @pytest.mark.heavy
-def test_what_a_motion_cannot_tell_is_kept_with_the_way_out(clean, guess):
-    found = identify(clean, guess)
-    assert {"c_f[2]"} <= set(found.held)
+def test_what_a_motion_cannot_tell_is_near_the_robot_file_with_the_way_out(clean, robot, guess):
+    found = identify(noisy(clean, robot, 1), guess)
+    assert {"c_f[2]"} <= set(found.weak) and not found.held
     place = found.names.index("c_f[2]")
-    assert found.values[place] == guess.c_f[1] and found.deviation[place] == 0.0
-    assert "log larger torques" in found.held["c_f[2]"] and "correlation with K_" in found.held["c_f[2]"]
+    # the robot file may be off by 100 %, of which this log leaves at least 70
+    assert found.deviation[place] > 0.7 * found.values[place] and abs(found.values[place] / guess.c_f[1] - 1.0) < 0.7
+    assert "log larger torques" in found.weak["c_f[2]"] and "correlation with " in found.weak["c_f[2]"]
 
 
 @pytest.mark.heavy
@@ -169,10 +209,10 @@ def test_the_command_writes_a_robot_that_says_where_it_is_from(clean, robot, gue
     assert all(f"{v:.5g}" in said.output for v in found.values[:2])
     made = vdfmu.load_robot(tmp_path / "found.toml")
     np.testing.assert_allclose(made.I_m, found.values[:2], rtol=1e-6)
-    assert made.source_of("joints[1].drive.I_m") == "Identified from log.csv"
+    assert made.source_of("joints[1].drive.I_m").startswith("Identified from log.csv, +- ")
     assert made.source_of("joints[1].drive.ell") == robot.source_of("joints[1].drive.ell")
     # the links that it writes have the base parameters
-    wanted = found.values[-len(found.base.names) :]
+    wanted = found.values[found.links]
     np.testing.assert_allclose(found.base.matrix @ body_parameters(made), wanted, atol=1e-6)
     again, notes = identified_robot(found, guess, "log")
     assert not notes and np.all(np.linalg.eigvalsh(again.inertia) > 0)
@@ -263,7 +303,10 @@ def test_wrong_logs_are_named(tmp_path, robot, clean):
         (lambda: read_log(path, robot, {"q": "{x}{}"}), "q: expected columns {x}1, {x}2"),
         (lambda: identify(Log("log", t, still, none, None), robot), "joint 2 did not move"),
         (lambda: identify(Log("log", t, alike, none, still), robot), "log: joint 2: expected rotors, .* move alike"),
-        (lambda: identify(Log("log", t, alike, none, None), robot), "expected a log of at least .* s for the band of"),
+        (
+            lambda: identify(Log("log", t, alike, none, None), robot, band=0.3),
+            "expected a log of at least .* s for the band of",
+        ),
         *((lambda band=b: identify(clean, robot, band=band), "band: expected more than 0 Hz") for b in (0, -1, np.nan)),
         (
             lambda: identify(clean, dataclasses.replace(robot, friction="split")),

@@ -8,7 +8,7 @@ import numpy as np
 
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
-from vdfmu.study.identify.regressor import BODY, regressor
+from vdfmu.study.identify.regressor import BODY, PAIRS, body_parameters, regressor
 
 _STATES = 100
 """States from which the columns are made: ten times as many rows as columns for ten joints."""
@@ -50,6 +50,32 @@ def base_parameters(robot: Robot) -> BaseParameters:
     kinds = ("kg", "kg.m", "kg.m2")
     units = tuple(kinds[min(2, (k % 10 + 2) // 3)] for k in columns)
     return BaseParameters(columns, matrix, names, units)
+
+
+def link_errors(robot: Robot, share: float) -> Floats:
+    """Return changes (10 n, 10 n) of inertial parameters, one a column, by a standard deviation of a robot file.
+
+    Masses and moments of inertia are off by a share, centres of mass by that share of the link's radius of gyration.
+    """
+    ways = np.zeros((10 * robot.n, 10 * robot.n))
+    here = body_parameters(robot)
+
+    def change(k: int, i: int, **parameters: Floats) -> None:
+        ways[:, 10 * i + k] = body_parameters(robot.with_parameters(**parameters)) - here
+
+    for i in range(robot.n):
+        mass, inertia = robot.mass[i], robot.inertia[i]
+        one = np.eye(robot.n)[i]
+        change(0, i, mass=robot.mass + share * mass * one)
+        for j in range(3):
+            reach = share * np.sqrt(np.trace(inertia) / (2.0 * mass))
+            change(1 + j, i, centroid=robot.centroid + reach * np.outer(one, np.eye(3)[j]))
+        size = share * np.sqrt(np.outer(np.diag(inertia), np.diag(inertia)))
+        for k, (a, b) in enumerate(PAIRS, 4):
+            moment = np.zeros((3, 3))
+            moment[a, b] = moment[b, a] = size[a, b]
+            change(k, i, inertia=robot.inertia + one[:, None, None] * moment)
+    return ways
 
 
 def _combination(row: Floats, parameters: list[str]) -> str:

@@ -130,20 +130,20 @@ def _check_gaps(
     """Note gaps over which a spline would not follow the motion."""
     moving = [c for name, c in columns.items() if name[:5] in ("kappa", "theta")]
     rates = [(np.diff(c.values), np.diff(c.values) / np.diff(c.t)) for c in moving]  # by rows, as a clock may jitter
-    fastest = max(min(map(_fastest, each)) / len(each[0]) for each in rates) / step
+    highest = max(min(map(fastest, each)) / len(each[0]) for each in rates) / step
     for name, column in clocks.values():
-        far = np.flatnonzero(np.diff(column.t) > max(_BRIDGED / fastest, 1.5 * step))
+        far = np.flatnonzero(np.diff(column.t) > max(_BRIDGED / highest, 1.5 * step))
         if far.size:
             i = int(far[0])
             problems.append(
                 f"{name}, row {i + 1}: expected a row every {step:.4g} s; from {column.t[i]:g} s to "
-                f"{column.t[i + 1]:g} s there is a gap, and {far.size - 1} more. A motion of {fastest:.3g} Hz can be "
-                f"followed over {_BRIDGED / fastest:.3g} s: cut the log there, or, if its clock jitters, take "
+                f"{column.t[i + 1]:g} s there is a gap, and {far.size - 1} more. A motion of {highest:.3g} Hz can be "
+                f"followed over {_BRIDGED / highest:.3g} s: cut the log there, or, if its clock jitters, take "
                 "means of some rows"
             )
 
 
-def _fastest(rate: Floats) -> int:
+def fastest(rate: Floats) -> int:
     """Return the periods in a log below which 99.9 % of a velocity's power is, without noise of positions."""
     power = np.abs(np.fft.rfft(rate * np.hanning(len(rate)))) ** 2  # a log may begin and end while the arm moves
     noise = np.sin(np.pi * np.arange(len(power)) / len(rate)) ** 2  # of differences of white noise
@@ -250,8 +250,8 @@ def check_torques(t: Floats, arrays: Mapping[str, Floats], robot: Robot, notes: 
     """
     h, n = float(t[1] - t[0]), robot.n
     moved = np.flatnonzero(np.ptp(arrays["kappa"], axis=0) > 0.0)
-    fastest = max(_fastest(np.diff(arrays["kappa"][:, i])) for i in moved) / (h * len(t)) if len(moved) else 0.0
-    width = max(1, min(int(0.05 / (fastest * h)), len(t) // 200)) if fastest else 1
+    highest = max(fastest(np.diff(arrays["kappa"][:, i])) for i in moved) / (h * len(t)) if len(moved) else 0.0
+    width = max(1, min(int(0.05 / (highest * h)), len(t) // 200)) if highest else 1
     m = len(t) // width
     kappa, tau = (arrays[name][: m * width].reshape(m, width, n).mean(axis=1) for name in ("kappa", "tau"))
     tau = tau * robot.ell

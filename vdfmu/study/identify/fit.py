@@ -21,24 +21,19 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import butter, sosfiltfilt
 
-from vdfmu.arm.equations.harmonic_drive import deformation, kinematic_error
 from vdfmu.arm.robot import Robot
+from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
-from vdfmu.study.identify.base import BaseParameters, base_parameters
+from vdfmu.study.identify.base import BaseParameters, link_errors
 from vdfmu.study.identify.log import Log
-from vdfmu.study.identify.problem import IdentificationProblem
-from vdfmu.study.identify.regressor import body_parameters, regressor
+from vdfmu.study.identify.regressor import body_parameters
+from vdfmu.study.identify.rows import rows_of
 from vdfmu.study.identify.search import solve
 
-_POWER, _BANDS = 0.999, 3.0
-"""The band of the second filter: times the frequency below which this part of the velocities' power is."""
-_WIDE = 20.0
-_ORDER = 4
-_TRIM = 3.0
-"""Ends of the log that are left out, in periods of the band: transients of the filters."""
+PRIOR = 0.2
+"""Share by which masses, moments of inertia and, of radii of gyration, centres of mass of a robot file may be off."""
 _STILL = 1e-4
 """Range of a joint [rad or m] below which it did not move."""
 _APART = 0.5
@@ -60,13 +55,17 @@ class Identified:
     """(m,): Estimates, standard deviations, and values of the robot file."""
     held: Mapping[str, str]
     """Parameters that are not identified and keep their values: why, and the way out."""
+    weak: Mapping[str, str]
+    """Drives and springs that are near the robot file's value since the log tells little of them, with the way out."""
     torque_level: Floats
     """(n,) [N.m or N]: Root mean square of the spring torques."""
     stiffness: Floats
     stiffness_deviation: Floats
     """(n,) [N.m/rad or N/m]: Springs, link-side: torque by deformation at that torque."""
-    delay: float
-    """Delay of torques after positions [s]."""
+    x: Floats
+    """All parameters, also the constants between encoders."""
+    lag: Floats
+    """(n,): Delays of encoders of links for which positions were corrected [s]."""
     band: float
     """[Hz]."""
     t: Floats
@@ -84,13 +83,26 @@ class Identified:
         """Return the ends of the confidence intervals, 95 % by default."""
         return self.values - factor * self.deviation, self.values + factor * self.deviation
 
+    @property
+    def links(self) -> slice:
+        """Places of the base parameters."""
+        first = self.names.index(self.base.names[0])
+        return slice(first, first + len(self.base.names))
+
+    @property
+    def delay(self) -> float:
+        """Delay of torques after positions [s]."""
+        return float(self.values[self.names.index("delay_tau")])
+
     def of(self, robot: Robot) -> list[float]:
-        """Return the values that another robot has for the parameters, in the same order."""
-        n = len(self.names) - len(self.base.names)
-        drives = [
-            float(getattr(robot, name)[int(i[:-1]) - 1]) for name, _, i in (v.partition("[") for v in self.names[:n])
-        ]
-        return [*drives, *(self.base.matrix @ body_parameters(robot)).tolist()]
+        """Return the values that another robot has for the parameters, in the same order; 0 for those of sensors."""
+        values = np.zeros(len(self.names))
+        values[self.links] = self.base.matrix @ body_parameters(robot)
+        for k, name in enumerate(self.names):
+            quantity, _, joint = name.partition("[")
+            if quantity in PARAMETERS:
+                values[k] = getattr(robot, quantity)[int(joint[:-1]) - 1]
+        return values.tolist()
 
     @property
     def advice(self) -> list[str]:
@@ -110,13 +122,15 @@ class Identified:
         return notes
 
 
-def identify(log: Log, robot: Robot, *, band: float | None = None) -> Identified:
-    """Estimate drives, friction, springs and base parameters from a log.
+def identify(log: Log, robot: Robot, *, band: float | None = None, prior: float = PRIOR) -> Identified:
+    """Estimate drives, friction, springs, base parameters and faults of sensors from a log.
 
     The robot has kinematics, ratios, width of the friction's sign and kinematic error; its values are the start, and
     parameters that are not identified keep them. The band [Hz] of the equations is by default three times the frequency
-    below which 99.9 % of the velocities' power lie. UsageError for joints that did not move, or whose rotor and link
-    did not move alike; a log that is too short for the band, or tells nothing; the split arrangement of friction.
+    below which 99.9 % of the velocities' power lie, or wider if the log is short. `prior` is the share by which masses,
+    moments of inertia and, of radii of gyration, centres of mass of the robot file may be off; infinity if nothing is
+    known. UsageError for joints that did not move, or whose rotor and link did not move alike; a log that is too short
+    for the band, or tells nothing; the split arrangement of friction.
     """
     if robot.friction != "lumped":
         raise UsageError(f"{robot.name}: expected friction in the lumped arrangement, got {robot.friction}.")
@@ -130,14 +144,19 @@ def identify(log: Log, robot: Robot, *, band: float | None = None) -> Identified
         )
     if band is not None and not band > 0.0:
         raise UsageError(f"band: expected more than 0 Hz, got {band:g} Hz.")
-    problem, rows, t, band = _prepare(log, robot, band)
-    x, covariance, held = solve(problem)
-    errors, shown, deviation = problem.errors(x), problem.shown, np.sqrt(np.diag(covariance))
+    if not prior > 0.0:
+        raise UsageError(f"prior: expected a share above 0, or inf if nothing is known of the links, got {prior:g}.")
+    problem, t, band, lag = rows_of(log, robot, band)
+    errors = problem.base.matrix @ link_errors(robot, prior) if np.isfinite(prior) else None
+    narrower = rows_of(log, robot, band, lag, share=0.5).problem
+    estimate = solve(problem, None if errors is None else errors @ errors.T, narrower)
+    x, shown = estimate.x, problem.shown
+    errors, deviation = problem.errors(x), np.sqrt(np.diag(estimate.covariance))
     level, stiffness, slopes = problem.stiffness(x)
     return Identified(
-        tuple(problem.names), tuple(problem.units), x[:shown], deviation[:shown], problem.start[:shown], held,
-        level, stiffness, np.sqrt(np.einsum("ij,jk,ik->i", slopes, covariance, slopes)),
-        float(x[problem.places["delay"]][0]), band, t[rows], problem.tau, errors[0],
+        tuple(problem.names[k] for k in shown), tuple(problem.units[k] for k in shown), x[shown], deviation[shown],
+        problem.start[shown], estimate.held, estimate.weak, level, stiffness,
+        np.sqrt(np.einsum("ij,jk,ik->i", slopes, estimate.covariance, slopes)), x, lag, band, t, problem.tau, errors[0],
         errors[1] if len(errors) > 1 else None, problem.seen, problem.base,
     )  # fmt: skip
 
@@ -145,57 +164,3 @@ def identify(log: Log, robot: Robot, *, band: float | None = None) -> Identified
 def _numbers(chosen: Any) -> str:
     """Return the numbers of joints."""
     return ", ".join(str(i + 1) for i in np.flatnonzero(chosen))
-
-
-def _prepare(log: Log, robot: Robot, band: float | None) -> tuple[IdentificationProblem, slice, Floats, float]:
-    h = log.step
-    if band is None:
-        power = np.abs(np.fft.rfft(np.diff(log.kappa, axis=0), axis=0)) ** 2
-        share = np.cumsum(power, axis=0) / power.sum(axis=0)
-        last = max(int(np.searchsorted(column, _POWER)) for column in share.T)
-        band = _BANDS * last / (h * (len(log.t) - 1))
-    band = min(band, 0.1 / h)
-    trim = int(np.ceil(_TRIM / band / h))
-    stride = max(1, int(0.5 / band / h))
-    rows = slice(trim, len(log.t) - trim, stride)
-    count = len(range(*rows.indices(len(log.t))))
-    if count < 50:
-        raise UsageError(
-            f"{log.where}: expected a log of at least {(50 * stride + 2 * trim) * h:.3g} s for the band of "
-            f"{band:.3g} Hz, got {log.t[-1] - log.t[0]:.3g} s."
-        )
-    wide, narrow = (butter(_ORDER, f, fs=1.0 / h, output="sos") for f in (min(_WIDE * band, 0.4 / h), band))
-
-    def filtered(signal: Floats) -> Floats:
-        return sosfiltfilt(narrow, signal, axis=0)[rows]
-
-    kappa = np.asarray(sosfiltfilt(wide, log.kappa, axis=0), dtype=float)
-    kappa_dot = _slope(kappa, h)
-    kappa_ddot = _slope(kappa_dot, h)
-    error = kinematic_error(robot, kappa)
-    seen: Any = np.zeros(robot.n, bool) if log.q is None else np.isfinite(log.q).all(axis=0)
-    q = np.zeros_like(kappa)
-    if not seen.all():  # links by the springs of the robot file, unless they are fast
-        rigid = regressor(robot, kappa, kappa_dot, kappa_ddot, kappa_dot, kappa_ddot)
-        tau_s = rigid.links @ body_parameters(robot) + rigid.rotors @ (robot.I_m * robot.ell)
-        q = kappa - error - deformation(robot, tau_s)
-    measured: Any = q if log.q is None else np.where(seen, log.q, 0.0)
-    q = np.where(seen, sosfiltfilt(wide, measured, axis=0), q)
-    q_dot = _slope(q, h)
-    parts = regressor(robot, q, q_dot, _slope(q_dot, h), kappa_dot, kappa_ddot)
-    base = base_parameters(robot)
-    tau = log.tau * robot.ell
-    stretch = filtered(log.kappa - measured - error) if seen.any() else None
-    problem = IdentificationProblem(
-        robot, base, filtered(parts.links[:, :, base.columns]), filtered(parts.rotors),
-        filtered(kappa_ddot + parts.carried), filtered(tau), _slope(sosfiltfilt(narrow, tau, axis=0), h)[rows], stretch,
-        seen, kappa_dot, filtered,
-    )  # fmt: skip
-    return problem, rows, log.t, band
-
-
-def _slope(signal: Floats, h: float) -> Floats:
-    """Differentiate by central differences of fourth order, at the ends of second."""
-    found = np.gradient(signal, h, axis=0)
-    found[2:-2] = (8.0 * (signal[3:-1] - signal[1:-3]) - (signal[4:] - signal[:-4])) / (12.0 * h)
-    return found

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -25,14 +26,22 @@ class IdentificationProblem:
 
     robot: Robot
     base: BaseParameters
+    step: float
+    """Time between the samples of the log [s]."""
     Y: Floats
     R: Floats
     acceleration: Floats
     tau: Floats
     tau_dot: Floats
+    balance: Floats
+    """(k, n): Spring torques that a counterbalance of 1 N asks for."""
     stretch: Floats | None
     seen: npt.NDArray[np.bool_]
     """(n,): Joints whose links are measured, and that have the second equation."""
+    position: Floats
+    """(k, n): Filtered positions of links."""
+    speed: Floats
+    """(k, n): Filtered velocities of rotors, by which encoders that are late lie behind."""
     velocity: Floats
     narrow: Callable[[Floats], Floats]
     start: Floats = field(default_factory=lambda: np.zeros(0))
@@ -41,26 +50,29 @@ class IdentificationProblem:
     places: dict[str, slice] = field(default_factory=dict[str, slice])
 
     def __post_init__(self) -> None:
-        robot, values = self.robot, []
-        for name in (*DRIVES, *(SPRINGS if self.stretch is not None else ())):
-            self._place(name, robot.n)
-            values.append(getattr(robot, name))
-            for i, kind in enumerate(robot.joint_types):
-                self.names.append(f"{name}[{i + 1}]")
-                self.units.append(PARAMETERS[name].unit(kind))
-        self._place("links", len(self.base.names))
-        self.names += self.base.names
-        self.units += self.base.units
-        values.append(self.base.matrix @ body_parameters(robot))
-        self.shown = len(self.names)
-        self._place("delay", 1)
-        self._place("offset", robot.n if self.stretch is not None else 0)
-        values.append(np.zeros(1 + self.places["offset"].stop - self.places["offset"].start))
-        self.start = np.concatenate(values).astype(float)
+        robot = self.robot
+        springs = SPRINGS if self.stretch is not None else ()
+        for name in (*DRIVES, *springs):
+            self._place(name, [PARAMETERS[name].unit(kind) for kind in robot.joint_types], getattr(robot, name))
+        self._place("links", self.base.units, self.base.matrix @ body_parameters(robot), self.base.names)
+        if robot.counterbalance:
+            self._place("F_cb", ["N"] * robot.n, robot.F_cb)
+        self._place("tau_0", ["N.m"] * robot.n)
+        self._place("delay_tau", ["s"], names=["delay_tau"])
+        if self.stretch is not None:
+            self._place("delay_q", ["s"] * robot.n)
+        none = {"delay_q": ~self.seen, "F_cb": self.start[self.places.get("F_cb", slice(0))] == 0.0}
+        unused = {f"{name}[{i + 1}]" for name, joints in none.items() for i in np.flatnonzero(joints)}
+        self.shown = [k for k, name in enumerate(self.names) if name not in unused]
+        if self.stretch is not None:
+            self._place("offset", [PARAMETERS["theta_err_amplitude"].unit(kind) for kind in robot.joint_types])
 
-    def _place(self, name: str, count: int) -> None:
-        begin = max((each.stop for each in self.places.values()), default=0)
-        self.places[name] = slice(begin, begin + count)
+    def _place(self, name: str, units: Sequence[str], start: Any = 0.0, names: Sequence[str] = ()) -> None:
+        begin = len(self.names)
+        self.places[name] = slice(begin, begin + len(units))
+        self.names += names or [f"{name}[{i + 1}]" for i in range(len(units))]
+        self.units += units
+        self.start = np.concatenate([self.start, np.broadcast_to(np.asarray(start, dtype=float), len(units))])
 
     def errors(self, x: Floats) -> list[Floats]:
         """Residuals (k, n) of torques, link-side, and of deformations."""
@@ -68,12 +80,13 @@ class IdentificationProblem:
         J = x[at["I_m"]] * robot.ell
         sign, share, v = self._dry(x)
         dry = (x[at["f_c"]] + (x[at["f_s"]] - x[at["f_c"]]) * share) * sign
-        tau_s = self._springs(x)
-        late = x[at["delay"]] * self.tau_dot
-        torque = self.tau + late - J * self.acceleration - self.narrow(dry + x[at["f_v"]] * v) - tau_s
+        tau_s = self.spring_torques(x)
+        torque = self.tau - robot.ell * x[at["tau_0"]] + x[at["delay_tau"]] * self.tau_dot - tau_s
+        torque -= J * self.acceleration + self.narrow(dry + x[at["f_v"]] * v)
         if self.stretch is None:
             return [torque]
-        return [torque, self.seen * (self.stretch - deformation(self._robot(x), tau_s) - x[at["offset"]])]
+        late = x[at["delay_q"]] * self.speed + x[at["offset"]]
+        return [torque, self.seen * (self.stretch - deformation(self._robot(x), tau_s) - late)]
 
     def jacobian(self, x: Floats) -> list[Floats]:
         """Return the derivatives (k, n, p) of the residuals by all parameters."""
@@ -84,6 +97,8 @@ class IdentificationProblem:
         by_spring = np.zeros((*self.tau.shape, len(x)))
         by_spring[:, :, at["links"]] = self.Y
         by_spring[:, :, at["I_m"]] = self.R * robot.ell
+        if "F_cb" in at:
+            by_spring[:, each, at["F_cb"].start + each] = self.balance
         torque = -by_spring
         torque[:, each, at["I_m"].start + each] -= robot.ell * self.acceleration
         for name, slope in (
@@ -91,21 +106,23 @@ class IdentificationProblem:
             ("v_s", step * share * sign * 2.0 * v**2 / x[at["v_s"]] ** 3),
         ):  # fmt: skip
             torque[:, each, at[name].start + each] = -self.narrow(slope)
-        torque[:, :, at["delay"].start] = self.tau_dot
+        torque[:, :, at["delay_tau"].start] = self.tau_dot
+        torque[:, each, at["tau_0"].start + each] = -robot.ell
         if self.stretch is None:
             return [torque]
-        springs, tau_s = self._robot(x), self._springs(x)
+        springs, tau_s = self._robot(x), self.spring_torques(x)
         stretch = -np.asarray(deformation_derivative(springs, tau_s), dtype=float)[:, :, None] * by_spring
         for name in SPRINGS:
             here = getattr(springs, name)
             ends = [deformation(springs.with_parameters(**{name: here * f}), tau_s) for f in (1.0 + 1e-5, 1.0 - 1e-5)]
             stretch[:, each, at[name].start + each] = -(ends[0] - ends[1]) / (2e-5 * here)
         stretch[:, each, at["offset"].start + each] = -1.0
+        stretch[:, each, at["delay_q"].start + each] = -self.speed
         return [torque, self.seen[:, None] * stretch]
 
     def stiffness(self, x: Floats) -> tuple[Floats, Floats, Floats]:
         """Root mean square of the spring torques, secant stiffness there, (n,) each, and its slopes (n, p)."""
-        torque = np.sqrt(np.mean(self._springs(x) ** 2, axis=0))
+        torque = np.sqrt(np.mean(self.spring_torques(x) ** 2, axis=0))
         slopes = np.zeros((self.robot.n, len(x)))
 
         def secant(x: Floats) -> Floats:
@@ -123,8 +140,11 @@ class IdentificationProblem:
         v = self.velocity
         return np.tanh(v / self.robot.eps), np.exp(-((v / x[self.places["v_s"]]) ** 2)), v
 
-    def _springs(self, x: Floats) -> Floats:
-        return self.Y @ x[self.places["links"]] + self.R @ (x[self.places["I_m"]] * self.robot.ell)
+    def spring_torques(self, x: Floats) -> Floats:
+        """Torques of the drives in the rows, link-side, (k, n) [N.m or N]."""
+        at = self.places
+        tau_s = self.Y @ x[at["links"]] + self.R @ (x[at["I_m"]] * self.robot.ell)
+        return tau_s + self.balance * x[at["F_cb"]] if "F_cb" in at else tau_s
 
     def _robot(self, x: Floats) -> Robot:
         return self.robot.with_parameters(**{n: x[self.places[n]] for n in SPRINGS if n in self.places})

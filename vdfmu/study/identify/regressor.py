@@ -15,7 +15,8 @@ from vdfmu.base.arrays import Floats
 
 BODY = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 """Parameters of a body."""
-_PAIRS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+PAIRS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+"""Rows and columns of its moments of inertia."""
 
 
 class Regressor(NamedTuple):
@@ -36,7 +37,7 @@ def body_parameters(robot: Any) -> Floats:
     for i in range(robot.n):
         m, c, inertia = link_body(robot, i)
         about_origin = inertia + m * (c @ c * np.eye(3) - np.outer(c, c))
-        found += [m, *(m * c), *(about_origin[i, j] for i, j in _PAIRS)]
+        found += [m, *(m * c), *(about_origin[i, j] for i, j in PAIRS)]
     return np.array(found, dtype=float)
 
 
@@ -95,7 +96,7 @@ def _body(a: Floats, w: Floats, dw: Floats) -> Floats:
     W[:, :3, 0] = a
     W[:, :3, 1:4] = S
     W[:, 3:, 1:4] = -_skew(a)
-    for k, (i, j) in enumerate(_PAIRS, 4):
+    for k, (i, j) in enumerate(PAIRS, 4):
         unit = np.zeros((3, 3))
         unit[i, j] = unit[j, i] = 1.0
         W[:, 3:, k] = dw @ unit + np.cross(w, w @ unit)

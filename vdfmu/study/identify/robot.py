@@ -13,14 +13,10 @@ from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import ModelError
 from vdfmu.base.toml_text import toml_text
+from vdfmu.study.identify.base import link_errors
 from vdfmu.study.identify.fit import Identified
 from vdfmu.study.identify.problem import DRIVES, SPRINGS
 from vdfmu.study.identify.regressor import body_parameters
-
-_SMALL = 1e-3
-"""Size of a parameter that is 0, as a share of the largest of its kind in the link."""
-_OWN = 0.1
-"""How much easier all parameters of a link change by the same factor than each by itself."""
 
 
 def identified_robot(found: Identified, robot: Robot, where: str) -> tuple[Robot, list[str]]:
@@ -33,14 +29,15 @@ def identified_robot(found: Identified, robot: Robot, where: str) -> tuple[Robot
     values = dict(zip(found.names, found.values, strict=True))
     sources, arrays, notes = dict(robot.sources), dict[str, Any](), list[str]()
     text = f"Identified from {where}"
-    for name in (*DRIVES, *SPRINGS):
+    deviation = dict(zip(found.names, found.deviation, strict=True))
+    for name in (*DRIVES, *SPRINGS, *(["F_cb"] if robot.counterbalance else [])):
         own = [f"{name}[{i + 1}]" for i in range(robot.n)]
-        if own[0] not in values:
-            continue
-        arrays[name] = np.array([values[each] for each in own])
+        arrays[name] = np.array([values.get(each, here) for each, here in zip(own, getattr(robot, name), strict=True)])
         for i, each in enumerate(own):
-            if each not in found.held:
-                sources[PARAMETERS[name].path.replace("joints", f"joints[{i + 1}]", 1)] = text
+            if each not in found.held and deviation.get(each, 0.0) > 0.0:
+                path = PARAMETERS[name].path.replace("joints", f"joints[{i + 1}]", 1)
+                told = f"{text}, +- {1.96 * deviation[each]:.2g} (95 %)"
+                sources[path] = f"{told}, near {sources.get(path, 'the robot file')}" if each in found.weak else told
     made = robot.with_parameters(**arrays)
     links = _links(found, robot)
     if robot.payload:
@@ -59,15 +56,9 @@ def identified_robot(found: Identified, robot: Robot, where: str) -> tuple[Robot
 
 def _links(found: Identified, robot: Robot) -> dict[str, Floats]:
     """Mass, centre of mass and inertia of the links, with the base parameters and nearest to the robot file."""
-    phi = body_parameters(robot)
-    table = np.abs(phi).reshape(-1, 10)
-    first, second = (table[:, part].max(axis=1, keepdims=True) for part in (slice(1, 4), slice(4, 10)))
-    kinds = np.hstack([table[:, [0]], first.repeat(3, axis=1), second.repeat(6, axis=1)])
-    sizes = np.maximum(table, _SMALL * np.maximum(kinds, _SMALL)).ravel()
-    together = np.repeat(np.eye(robot.n), 10, axis=0) * phi[:, None]
-    ways = np.hstack([_OWN * np.diag(sizes), together])
-    base = np.array(found.values[len(found.names) - len(found.base.names) :])
-    steps: Any = np.linalg.lstsq(found.base.matrix @ ways, base - found.base.matrix @ phi, rcond=None)[0]
+    phi, ways = body_parameters(robot), link_errors(robot, 1.0)
+    base, matrix = found.values[found.links], found.base.matrix
+    steps: Any = np.linalg.lstsq(matrix @ ways, base - matrix @ phi, rcond=None)[0]
     m, x, y, z, *I = (phi + ways @ steps).reshape(-1, 10).T
     c = np.stack([x, y, z], axis=1) / m[:, None]
     rows = [[I[0], I[1], I[3]], [I[1], I[2], I[4]], [I[3], I[4], I[5]]]

@@ -1,148 +1,244 @@
-"""The least squares of an identification: weights, parameters unknown from the log, covariance."""
+"""The least squares of an identification: weights, what is known without the log, covariance.
+
+A log of some seconds does not tell all parameters, and its residuals are no white noise: what the model lacks lasts.
+So the robot file's values count as observations with the errors that such files have, residuals are weighted as
+their long-run variance asks (Newey and West 1987), and so are the intervals.
+"""
 
 from __future__ import annotations
 
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from vdfmu.base.arrays import Floats
-from vdfmu.base.errors import UsageError
 from vdfmu.study.identify.problem import SPRINGS, IdentificationProblem
 
-_UNKNOWN = 0.1
-"""Standard deviation, relative, from which a parameter is not identified."""
+_UNKNOWN = 0.7
+"""Standard deviation, over the one that it has without the log, above which a parameter is the robot file's."""
+_KNOWN = {
+    "I_m": 0.2, "f_c": 1.0, "f_s": 0.5, "v_s": 1.0, "f_v": 1.0, "K_f0": 0.5, "c_f": 1.0, "K_w0": 0.5, "c_w": 1.0,
+    "F_cb": 0.2, "delay_tau": 1.0, "delay_q": 1.0,
+}  # fmt: skip
+"""Standard deviations without the log, as a share of the robot file's value; of static friction, of its ratio to
+Coulomb's, of delays, as a share of a step of the log."""
 _ROUNDS = 3
 """Rounds of weights."""
 _STEPS = 30
 """Steps of the search in each."""
+_ALIKE = 0.3
+"""Part of the power of velocities by which a motion may differ from its repetition."""
+_LAGS = 1.5
+"""Rows by which residuals are alike, over the third root of their number."""
 
 
-def solve(problem: IdentificationProblem) -> tuple[Floats, Floats, dict[str, str]]:
-    """Return all parameters, their covariance, and the parameters that are held."""
-    search = _Search(problem)
+class Estimate(NamedTuple):
+    """Result of a search."""
+
+    x: Floats
+    covariance: Floats
+    held: dict[str, str]
+    """Parameters that keep the robot file's values, and why."""
+    weak: dict[str, str]
+    """Drives and springs of which the log tells little, and why."""
+
+
+def solve(problem: IdentificationProblem, prior: Floats | None, narrower: IdentificationProblem) -> Estimate:
+    """Return all parameters.
+
+    `prior` is the covariance of the base parameters of the robot file, None if nothing is known of them. `narrower` are
+    the same rows with half the band of the first filter: what they change of parameters is part of their deviations.
+    """
+    search = _Search(problem, prior)
     while True:
-        before, place = search.x, search.hold()
-        if place is None:
-            for _ in range(_ROUNDS):
-                search.fit()
-            place = search.hold()
-            if place is None:
-                scale = search.scale(search.x)
-                whole = np.zeros((len(before), len(before)))
-                whole[np.ix_(search.free, search.free)] = search.covariance() * np.outer(scale, scale)
-                return search.x, whole, search.held
-        search.x = before.copy()
-        search.x[place], search.free[place] = problem.start[place], False
+        for _ in range(_ROUNDS):
+            search.fit()
+        if not search.flatten():
+            break
+    covariance = search.covariance(narrower)
+    return Estimate(search.x, covariance, search.held, search.weak(covariance))
 
 
 class _Search:
     """Gauss-Newton in logarithms of drives and springs, which are positive, and in parts of the sizes of all else."""
 
-    def __init__(self, problem: IdentificationProblem) -> None:
+    def __init__(self, problem: IdentificationProblem, prior: Floats | None) -> None:
         self.problem, self.x, self.sizes = problem, problem.start.copy(), _sizes(problem)
+        self.period = _period(problem.speed)
         self.count = problem.places["links"].start
         """Parameters in logarithms, which come first."""
+        self.root = np.zeros((len(self.x), len(self.x)))
+        """By which variables of the search are off the robot file's, in standard deviations."""
+        for name, share in _KNOWN.items():
+            for k in range(*problem.places.get(name, slice(0)).indices(len(self.x))):
+                self.root[k, k] = 1.0 / share
+        if prior is not None:
+            links = problem.places["links"]
+            self.root[links, links] = np.linalg.inv(np.linalg.cholesky(prior)) * self.sizes[links]
+        self.mix = np.eye(len(self.x))
+        """Static friction goes with Coulomb's, so that of a log without slow motions the ratio is kept."""
+        f_s, f_c = problem.places["f_s"], problem.places["f_c"]
+        self.mix[f_s, f_c] = np.eye(problem.robot.n)
         self.free: Any = np.ones(len(self.x), bool)
         self.free[: self.count] = self.x[: self.count] > 0.0
+        if "F_cb" in problem.places:
+            self.free[problem.places["F_cb"]] = problem.robot.F_cb > 0.0
         self.held = {
             problem.names[i]: "0 in the robot file, where the search would start; give a value"
-            for i in np.flatnonzero(~self.free)
+            for i in np.flatnonzero(~self.free[: self.count])
         }
         unseen = np.flatnonzero(~problem.seen)
         way = "log them by encoders behind the gears"
         reasons = {"I_m": f"without positions of links it cannot be told from their inertia; {way}"}
         if problem.stretch is not None:
             reasons |= dict.fromkeys(SPRINGS, f"the log has no positions of its link; {way}")
-            self.free[problem.places["offset"].start + unseen] = False
+            for name in ("delay_q", "offset"):
+                self.free[problem.places[name].start + unseen] = False
         for name, why in reasons.items():
             places = problem.places[name].start + unseen
             self.free[places] = False
             self.held |= {problem.names[i]: why for i in places}
         each = zip(problem.errors(self.x), problem.jacobian(self.x), strict=True)
         self.weights = [self._noise(error, slope) for error, slope in each]
+        self.moved = np.zeros(len(self.x))
 
-    def scale(self, x: Floats) -> Floats:
-        """Return the effect of a change by 1 of the search's variables: for positive parameters their value."""
-        return np.concatenate([x[: self.count], self.sizes[self.count :]])[self.free]
+    def ways(self, x: Floats) -> Floats:
+        """Return what the variables of the search change of all parameters, (p, free)."""
+        return np.concatenate([x[: self.count], self.sizes[self.count :]])[:, None] * self.mix[:, self.free]
 
     def _noise(self, error: Floats, slope: Floats) -> Floats:
         """Return the noise of an equation by joint: the remainder of the linear problem at the start."""
-        slopes = np.moveaxis(slope[:, :, self.free] * self.scale(self.x), 1, 0)
+        slopes = np.moveaxis(slope @ self.ways(self.x), 1, 0)
         left = [e - s @ np.linalg.lstsq(s, e, rcond=None)[0] for e, s in zip(error.T, slopes, strict=True)]
-        return _level(np.transpose(left))
+        return _level(np.transpose(left), self.period)
 
-    def _slopes(self, x: Floats) -> Floats:
+    def _slopes(self, x: Floats) -> list[Floats]:
+        """Return derivatives (k, n, free) of weighted residuals of each equation by the variables of the search."""
         each = zip(self.problem.jacobian(x), self.weights, strict=True)
-        rows = [(e / np.reshape(w, (-1, 1))).reshape(-1, len(x))[:, self.free] for e, w in each]
-        return np.concatenate(rows) * self.scale(x)
+        return [(e / w[:, None]) @ self.ways(x) for e, w in each]
 
     def fit(self) -> None:
         """Go to the least squares with the weights, and take new ones from what is left there."""
-        x, count = self.x, self.count
+        x, count, root = self.x, self.count, self.root[:, self.free]
 
         def whole(part: Floats) -> Floats:
-            full = np.zeros(len(x))
-            full[self.free] = part
+            full = self.mix[:, self.free] @ part
             positive = x[:count] * np.exp(np.clip(full[:count], -5.0, 5.0))
             return np.concatenate([positive, x[count:] + self.sizes[count:] * full[count:]])
 
         def residual(part: Floats) -> Floats:
             each = zip(self.problem.errors(whole(part)), self.weights, strict=True)
-            return np.concatenate([(e / w).ravel() for e, w in each])
+            return np.concatenate([*((e / w).ravel() for e, w in each), self.root @ self.moved + root @ part])
 
         def slopes(part: Floats) -> Floats:
-            return self._slopes(whole(part))
+            now = whole(part)
+            rows = [each.reshape(-1, part.size) for each in self._slopes(now)]
+            return np.concatenate([*rows, root])
 
         start, jac = np.zeros(int(self.free.sum())), cast(Any, slopes)
         found: Any = least_squares(residual, start, jac, method="lm", xtol=1e-6, ftol=1e-9, max_nfev=_STEPS)
         self.x = whole(found.x)
-        self.weights = [_level(e) for e in self.problem.errors(self.x)]
+        self.moved[self.free] += found.x
+        self.weights = [_level(e, self.period) for e in self.problem.errors(self.x)]
 
-    def covariance(self) -> Floats:
-        """Covariance of the search's variables."""
-        slopes = self._slopes(self.x)
+    def flatten(self) -> bool:
+        """Hold static friction of joints at Coulomb's where it would be less, and tell whether there are new ones."""
+        at, n = self.problem.places, self.problem.robot.n
+        less = [i for i in range(n) if self.free[at["f_s"].start + i] and self.x[at["f_s"]][i] < self.x[at["f_c"]][i]]
+        for i in less:
+            for name in ("f_s", "v_s"):
+                place = at[name].start + i
+                self.free[place], self.moved[place] = False, 0.0
+                self.held[self.problem.names[place]] = "in this log friction does not fall with speed, so f_s is f_c"
+            self.x[at["f_s"].start + i] = self.x[at["f_c"].start + i]
+            self.x[at["v_s"].start + i] = self.problem.start[at["v_s"].start + i]
+        return bool(less)
+
+    def covariance(self, narrower: IdentificationProblem) -> Floats:
+        """Covariance of all parameters, for residuals that are alike from row to row (Newey and West 1987).
+
+        Deviations are at least those of independent residuals.
+        """
+        x, root = self.x, self.root[:, self.free]
+        slopes = self._slopes(x)
+        errors = [e / w for e, w in zip(self.problem.errors(x), self.weights, strict=True)]
+        rows = np.concatenate([each.reshape(-1, root.shape[1]) for each in slopes])
         V: Any
-        _, S, V = np.linalg.svd(np.linalg.qr(slopes, mode="r"))
+        _, S, V = np.linalg.svd(np.linalg.qr(np.concatenate([rows, root]), mode="r"))
         inverse = V.T / np.maximum(S, 1e-12 * S[0])
-        return inverse @ inverse.T * (len(slopes) / max(1, len(slopes) - slopes.shape[1]))
+        inverse = inverse @ inverse.T
+        pulls = np.sum([np.einsum("kn,knp->kp", e, s) for e, s in zip(errors, slopes, strict=True)], axis=0)
+        ways, spare = self.ways(x) @ inverse, len(rows) / max(1, len(rows) - rows.shape[1])
+        alike = ways @ (spare * _long_run(pulls, self.period) + root.T @ root) @ ways.T
+        independent = spare * np.einsum("pi,pi->p", ways, self.ways(x))
+        more = np.sqrt(np.maximum(1.0, independent / np.maximum(np.diag(alike), 1e-300)))
+        each = zip(narrower.errors(x), self.problem.errors(x), self.weights, slopes, strict=True)
+        shift = ways @ np.sum([np.einsum("kn,knp->p", (a - b) / w, s) for a, b, w, s in each], axis=0)
+        return alike * np.outer(more, more) + np.outer(shift, shift)
 
-    def hold(self) -> int | None:
-        """Return the place of the least known parameter, if it is known too little, and note why."""
-        problem, covariance = self.problem, self.covariance()
-        spread, places = np.sqrt(np.diag(covariance)), np.flatnonzero(self.free)
-        shown = places < problem.shown
-        if not shown.any():
-            raise UsageError("identify: the log tells no parameter; check units, signs and order of its columns.")
-        worst = int(np.argmax(np.where(shown, spread, 0.0)))
-        if spread[worst] < _UNKNOWN:
-            return None
-        correlation = np.where(shown, covariance[worst] / (spread * spread[worst]), 0.0)
-        correlation[worst] = 0.0
-        partner = int(np.argmax(np.abs(correlation)))
-        name = problem.names[places[worst]]
-        share = f"{100 * spread[worst]:.0f} %" if spread[worst] < 10.0 else "more than ten times"
-        self.held[name] = (
-            f"its standard deviation is {share} of its size, its correlation with {problem.names[places[partner]]} "
-            f"{correlation[partner]:+.2f}; {_way_out(name)}"
-        )
-        return int(places[worst])
+    def weak(self, covariance: Floats) -> dict[str, str]:
+        """Drives and springs of which the log tells little: what they are confused with, and the way out."""
+        names, notes = self.problem.names, dict[str, str]()
+        deviation = np.sqrt(np.diag(covariance))
+        for k in np.flatnonzero(self.free[: self.count]):
+            before = _KNOWN[names[k].partition("[")[0]]
+            if deviation[k] > _UNKNOWN * before * self.x[k]:
+                correlation = covariance[k] / (np.maximum(deviation, 1e-300) * deviation[k])
+                correlation[k] = 0.0
+                partner = int(np.argmax(np.abs(correlation)))
+                notes[names[k]] = (
+                    f"its standard deviation is {100 * deviation[k] / self.x[k]:.0f} % of its size, without the log "
+                    f"{100 * before:.0f} %, its correlation with {names[partner]} {correlation[partner]:+.2f}; "
+                    f"{_way_out(names[k])}"
+                )
+        return notes
 
 
-def _level(error: Floats) -> Floats:
-    """Return the root mean square by joint, 1 for one without the equation, whose rows are 0."""
-    level = np.sqrt(np.mean(error**2, axis=0))
+def _level(error: Floats, period: float) -> Floats:
+    """Return the noise of the residuals of an equation by joint, 1 for one without the equation, whose rows are 0.
+
+    It is their root mean square, times the factor by which a mean of them is less known than of independent ones.
+    """
+    level = np.sqrt([_long_run(column[:, None], period)[0, 0] / len(error) for column in error.T])
+    level = np.maximum(level, np.sqrt(np.mean(error**2, axis=0)))
     return np.where(level > 0.0, level, 1.0)
 
 
+def _long_run(pulls: Floats, period: float) -> Floats:
+    """Covariance (p, p) of the sum of rows (k, p) that are alike from one to the next, by weights of Bartlett.
+
+    Rows at the same place of a motion that repeats itself are taken as one: what the model lacks is the same there.
+    """
+    folded = np.zeros((min(int(period) + 1, len(pulls)), pulls.shape[1]))
+    np.add.at(folded, (np.arange(len(pulls)) % period).astype(int), pulls)
+    lags = int(np.ceil(_LAGS * len(folded) ** (1.0 / 3.0)))
+    total = folded.T @ folded
+    for lag in range(1, min(lags, len(folded) - 1) + 1):
+        shifted = (1.0 - lag / (lags + 1.0)) * folded[lag:].T @ folded[:-lag]
+        total += shifted + shifted.T
+    return total
+
+
+def _period(speed: Floats) -> float:
+    """Return the rows (k, n) after which a motion repeats itself, k if it does not."""
+    k = len(speed)
+    off = np.array([np.mean((speed[lag:] - speed[:-lag]) ** 2) for lag in range(1, k // 2 + 1)]) / np.mean(speed**2)
+    for i in range(1, len(off) - 1):
+        if off[i] < _ALIKE and off[i] <= min(off[i - 1], off[i + 1]):
+            bend = off[i - 1] - 2.0 * off[i] + off[i + 1]
+            return i + 1.0 + 0.5 * (off[i - 1] - off[i + 1]) / max(bend, 1e-300)
+    return float(k)
+
+
 def _sizes(problem: IdentificationProblem) -> Floats:
-    """Sizes of parameters: for links the largest of the same unit, for a delay 1 ms, for an offset 1e-4."""
+    """Sizes of parameters: of links the largest of the same unit, of delays a step of the log."""
     sizes, links = np.abs(problem.start), problem.places["links"]
     for i in range(links.start, links.stop):
         same = [j for j in range(links.start, links.stop) if problem.units[j] == problem.units[i]]
         sizes[i] = max(np.abs(problem.start[same]).max(), 1e-9)
-    sizes[problem.places["delay"]], sizes[problem.places["offset"]] = 1e-3, 1e-4
+    for name, size in (("tau_0", 0.1), ("delay_tau", problem.step), ("delay_q", problem.step), ("offset", 1e-4)):
+        sizes[problem.places.get(name, slice(0))] = size
     return sizes
 
 

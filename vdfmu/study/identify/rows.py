@@ -1,0 +1,123 @@
+"""The rows of an identification: a log, filtered, differentiated and thinned."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.signal import butter, sosfiltfilt
+
+from vdfmu.arm.drive.counterbalance import counterbalance_torque
+from vdfmu.arm.equations.harmonic_drive import deformation, kinematic_error
+from vdfmu.arm.robot import Robot
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError
+from vdfmu.study.identify.base import base_parameters
+from vdfmu.study.identify.faults import fastest
+from vdfmu.study.identify.log import Log
+from vdfmu.study.identify.problem import IdentificationProblem
+from vdfmu.study.identify.regressor import body_parameters, regressor
+
+_POWER, _BANDS = 0.999, 3.0
+"""The band of the second filter: times the frequency below which this part of the velocities' power is."""
+_WIDE = 60.0
+"""The band of the first: times the second's. Friction follows speeds above the band into it, so it is wide."""
+_ORDER = 4
+_TRIM = 3.0
+"""Ends of the log that are left out, in periods of the band: transients of the filters."""
+_FEWEST = 50
+"""Rows of an identification."""
+_ENOUGH = 100
+"""Rows for which the band is widened, if the log is short."""
+
+
+class Rows(NamedTuple):
+    """Rows of a log, and the problem that they are."""
+
+    problem: IdentificationProblem
+    t: Floats
+    """Times of the rows (k,) [s]."""
+    band: float
+    """[Hz]."""
+    lag: Floats
+    """(n,): Delay of the encoders of links that was taken out beforehand [s]."""
+
+
+def rows_of(
+    log: Log, robot: Robot, band: float | None, lag: Floats | None = None, fewest: int = _FEWEST, share: float = 1.0
+) -> Rows:
+    """Return the rows of a log. The delay of encoders of links is estimated, if it is not given.
+
+    `share` narrows the band of the first filter.
+    """
+    h = log.step
+    if band is None:
+        last = max(fastest(column) for column in np.diff(log.kappa, axis=0).T)
+        whole = h * (len(log.t) - 1)
+        band = max(_BANDS * last, 0.5 * _ENOUGH + 2.0 * _TRIM) / whole
+    band = min(band, 0.1 / h)
+    trim = int(np.ceil(_TRIM / band / h))
+    stride = max(1, int(0.5 / band / h))
+    rows = slice(trim, len(log.t) - trim, stride)
+    count = len(range(*rows.indices(len(log.t))))
+    if count < fewest:
+        raise UsageError(
+            f"{log.where}: expected a log of at least {(fewest * stride + 2 * trim) * h:.3g} s for the band of "
+            f"{band:.3g} Hz, got {log.t[-1] - log.t[0]:.3g} s."
+        )
+    first, narrow = (butter(_ORDER, f, fs=1.0 / h, output="sos") for f in (min(_WIDE * band, 0.4 / h) * share, band))
+
+    def filtered(signal: Floats) -> Floats:
+        return sosfiltfilt(narrow, signal, axis=0)[rows]
+
+    tau = log.tau * robot.ell
+    kappa = np.asarray(sosfiltfilt(first, log.kappa, axis=0), dtype=float)
+    kappa_dot = _slope(kappa, h)
+    kappa_ddot = _slope(kappa_dot, h)
+    error = kinematic_error(robot, kappa)
+    seen: Any = np.zeros(robot.n, bool) if log.q is None else np.isfinite(log.q).all(axis=0)
+    q = np.zeros_like(kappa)
+    if not seen.all():  # links by the springs of the robot file, unless they are fast
+        rigid = regressor(robot, kappa, kappa_dot, kappa_ddot, kappa_dot, kappa_ddot)
+        tau_s = rigid.links @ body_parameters(robot) + rigid.rotors @ (robot.I_m * robot.ell)
+        q = kappa - error - deformation(robot, tau_s)
+    measured: Any = q if log.q is None else np.where(seen, log.q, 0.0)
+    speed = filtered(kappa_dot)
+    stretch = filtered(log.kappa - measured - error) if seen.any() else None
+    if lag is None:
+        lag = np.zeros(robot.n) if stretch is None else _lag(stretch, speed, filtered(tau))
+    smooth = sosfiltfilt(first, measured, axis=0)
+    for i in np.flatnonzero(seen):
+        q[:, i] = CubicSpline(log.t, smooth[:, i])(log.t + lag[i])
+    q_dot = _slope(q, h)
+    parts = regressor(robot, q, q_dot, _slope(q_dot, h), kappa_dot, kappa_ddot)
+    base = base_parameters(robot)
+    balance = filtered(counterbalance_hold(robot, q))
+    problem = IdentificationProblem(
+        robot, base, h, filtered(parts.links[:, :, base.columns]), filtered(parts.rotors),
+        filtered(kappa_ddot + parts.carried), filtered(tau), _slope(sosfiltfilt(narrow, tau, axis=0), h)[rows],
+        balance, stretch, seen, filtered(q), speed, kappa_dot, filtered,
+    )  # fmt: skip
+    return Rows(problem, log.t[rows], band, lag)
+
+
+def counterbalance_hold(robot: Robot, q: Floats) -> Floats:
+    """Spring torques (m, n) that counterbalances of 1 N ask for at positions (m, n)."""
+    if not robot.counterbalance:
+        return np.zeros_like(q)
+    return -counterbalance_torque(robot.with_parameters(F_cb=np.sign(robot.F_cb)), q.T).T
+
+
+def _lag(stretch: Floats, speed: Floats, tau: Floats) -> Floats:
+    """Return by how much encoders of links are late [s], of springs that give way to the torques of motors."""
+    one = np.ones(len(tau))
+    each = zip(stretch.T, speed.T, tau.T, strict=True)
+    return np.array([np.linalg.lstsq(np.stack([v, one, t], axis=1), s, rcond=None)[0][0] for s, v, t in each])
+
+
+def _slope(signal: Floats, h: float) -> Floats:
+    """Differentiate by central differences of fourth order, at the ends of second."""
+    found = np.gradient(signal, h, axis=0)
+    found[2:-2] = (8.0 * (signal[3:-1] - signal[1:-3]) - (signal[4:] - signal[:-4])) / (12.0 * h)
+    return found
