@@ -15,7 +15,7 @@ from vdfmu.cli.terminal import console, say, say_notes
 if TYPE_CHECKING:
     from vdfmu.base.arrays import Floats
     from vdfmu.study.identify.fit import Identified
-    from vdfmu.study.identify.score import Score
+    from vdfmu.study.identify.score import LogScore
 
 
 def identify(
@@ -156,7 +156,7 @@ def _print(found: Identified, labels: list[str], true: list[float] | None) -> No
     console.print(drives)
 
 
-def _print_score(name: str, score: Score, labels: list[str]) -> None:
+def _print_score(name: str, score: LogScore, labels: list[str]) -> None:
     from rich.table import Table
 
     table = Table(

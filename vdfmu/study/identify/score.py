@@ -17,7 +17,7 @@ _FEWEST = 10
 """Rows of a log to be scored."""
 
 
-class Score(NamedTuple):
+class LogScore(NamedTuple):
     """Errors by joint, each (n,), of torques link-side [N.m or N] and of deformations [rad or m]."""
 
     torque: Floats
@@ -41,8 +41,8 @@ class Score(NamedTuple):
     """(k, n): Spring torques of the model [N.m or N]."""
 
 
-def score(found: Identified, robot: Robot, fitted: Log, log: Log) -> Score:
-    """Score on a log the parameters that were identified on another, in the same band.
+def score(found: Identified, robot: Robot, fitted: Log, log: Log) -> LogScore:
+    """LogScore on a log the parameters that were identified on another, in the same band.
 
     A constant between the encoders is the log's own: incremental encoders count from where they start.
     """
@@ -61,7 +61,7 @@ def score(found: Identified, robot: Robot, fitted: Log, log: Log) -> Score:
         bent[:, seen] = (rows.problem.stretch - found.x[rows.problem.places["delay_q"]] * rows.problem.speed)[:, seen]
         error[:, seen] = errors[1][:, seen]
     bent, error = bent - bent.mean(axis=0), error - error.mean(axis=0)
-    return Score(
+    return LogScore(
         _rms(tau), _rms(left), np.abs(left).max(axis=0), rigid,
         _rms(bent), _rms(error), np.abs(error).max(axis=0), rows, left, error,
         rows.problem.spring_torques(found.x),

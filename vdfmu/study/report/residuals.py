@@ -8,13 +8,13 @@ from matplotlib.figure import Figure
 from vdfmu.arm.robot import Robot
 from vdfmu.base import style
 from vdfmu.base.arrays import Floats
-from vdfmu.study.identify.score import Score
+from vdfmu.study.identify.score import LogScore
 
 _ACROSS = ("speed", "load", "position", "spectrum", "autocorrelation")
 
 
 @style.styled
-def draw_residuals(title: str, score: Score, robot: Robot) -> Figure:
+def draw_residuals(title: str, score: LogScore, robot: Robot) -> Figure:
     """Draw residuals of torques, then of deformations, a row a joint.
 
     Over the rotor's speed, the load of the drive and the position, the share of their power by frequency, and how alike
