@@ -42,7 +42,7 @@ class LogScore(NamedTuple):
 
 
 def score(found: Identified, robot: Robot, fitted: Log, log: Log) -> LogScore:
-    """LogScore on a log the parameters that were identified on another, in the same band.
+    """Score on a log the parameters that were identified on another, in the same band.
 
     A constant between the encoders is the log's own: incremental encoders count from where they start.
     """
