@@ -15,12 +15,14 @@ from pathlib import Path
 from typing import Any, ParamSpec
 
 import matplotlib.style
+import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import ScalarFormatter
+from PIL import Image
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
@@ -234,8 +236,11 @@ def save(figure: Figure, path: Path) -> Path:
 
 
 def _png(figure: Figure, stream: io.BytesIO) -> None:
-    # not by savefig, which draws all twice, for the layout first
-    FigureCanvasAgg(figure).print_png(stream, metadata={"Software": None}, pil_kwargs={"compress_level": 3})
+    # not by savefig, which draws all twice, for the layout first; without transparency, of which there is none
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    image = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
+    image.save(stream, "png", compress_level=3, dpi=(figure.dpi, figure.dpi))
 
 
 def _svg(figure: Figure, stream: io.BytesIO) -> None:

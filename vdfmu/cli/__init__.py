@@ -6,6 +6,7 @@ SIGHUP.
 
 from __future__ import annotations
 
+import atexit
 import gc
 import os
 import signal
@@ -25,6 +26,7 @@ def main() -> None:
     command_begins()
     os.environ.update(ONE_THREAD | os.environ)
     gc.set_threshold(20_000, 5, 5)  # modules and pictures are many objects: 700 would search them again and again
+    atexit.register(gc.freeze)  # Python would search them for circles when it ends, only to free memory
     short = ""
     try:
         _require_named_folder()

@@ -302,6 +302,7 @@ def test_each_link_says_why_the_libraries_to_link_with_are_not_there(
         raise FmuError("no room")
 
     monkeypatch.setattr(_Workshop, "_run", refuse)
+    monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
     workshop = _Workshop(str(tmp_path))
     for _ in range(2):  # links run side by side, and any of them may be the first whose error is told
         with pytest.raises(FmuError, match="no room"):

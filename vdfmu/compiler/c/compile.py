@@ -302,12 +302,19 @@ class _Workshop:
                 if (folder / file).exists():
                     continue
                 names = [name for functions in versions.values() for name in functions.split()]
-                (folder / "names.s").write_text("".join(f".globl {n}\n.type {n}, %function\n{n}:\n" for n in names))
-                (folder / "versions").write_text(
-                    "".join(f"{v} {{ {f.replace(' ', '; ')}; }};\n" for v, f in versions.items())
-                )
-                flags = ["-shared", "-nostdlib", f"-Wl,-soname,{file}", "-Wl,--version-script=versions"]
+                sources = {
+                    "names.s": "".join(f".globl {n}\n.type {n}, %function\n{n}:\n" for n in names).encode(),
+                    "versions": "".join(f"{v} {{ {f.replace(' ', '; ')}; }};\n" for v, f in versions.items()).encode(),
+                }
+                flags = ("-shared", "-nostdlib", f"-Wl,-soname,{file}", "-Wl,--version-script=versions")
+                kept = cache_folder() / "native" / Compilation(file, sources, job.platform, flags).key
+                if (stored := load(kept)) is not None:
+                    (folder / file).write_bytes(stored)
+                    continue
+                for name, text in sources.items():
+                    (folder / name).write_bytes(text)
                 self._run(job, folder, file, [*flags, "-o", file, "names.s"])
+                store(kept, (folder / file).read_bytes())
         return ["-nostdlib", "-Wl,--as-needed,-z,defs", *(str(folder / file) for file in job.target.libraries)]
 
     def _run(self, job: Compilation, place: Path, what: str, arguments: Sequence[str]) -> None:

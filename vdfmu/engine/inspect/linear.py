@@ -285,8 +285,8 @@ class Linearisation:
                 f"{', '.join(blind)}: expected FMUs with directional derivatives, or for model exchange, whose "
                 "derivatives are differenced. Export them so; of the FMUs of this project the native ones have them."
             )
-        known = _on_loops(checked) if loops else None
-        self._parts = [_Linearised(name, instance, known) for name, instance in components.instances.items()]
+        looped = _on_loops(checked) if loops else None
+        self._parts = [_Linearised(name, instance, looped) for name, instance in components.instances.items()]
         self._sizes = n, m, p, s = [sum(len(part.groups[kind]) for part in self._parts) for kind in range(4)]
         self._known = np.zeros((n + p + s, n + m + s))  # the matrices without what the components give
         begins = np.zeros(4, np.intp)
@@ -375,7 +375,7 @@ class _Linearised:
         else:
             assert instance.integrator is not None
             differences, states = instance.integrator.differences, states[: instance.sizes()[0]]
-            self._ways = [lambda time: differences(time, inputs, outputs)] * 2
+            self._ways = [lambda time: differences(time, inputs, outputs)]
         self.groups = states, inputs, [*outputs, *sampled], sampled
 
     def jacobian(self, time: float) -> Floats:
