@@ -130,7 +130,7 @@ class Counterparts:
         pairs = [pair for pair in pairs if not self._is_further_apart(pair)]
         middle = len(pairs) // 2
         risen = Counter[int]()
-        for argument, one, other in self._inputs_below(pairs[middle : middle + max(1, len(pairs) // 8)]):
+        for argument, one, other in self._inputs_below(pairs[middle : middle + 20], _LOOK):
             risen[argument] += int(np.sign(other - one))
         return pairs if sum(map(np.sign, risen.values())) >= 0 else [(b, a) for a, b in pairs]
 

@@ -2,7 +2,8 @@
 
 Text and compiled code do not grow with the number of joints. The function's values are the same bits as those of the
 trace: each operation runs once, with its operands. The derivatives need no trace of their own: `forward` calculates
-each operation's change beside its value; `reverse` keeps the values, then runs the loops backwards.
+each operation's change beside its value; `reverse` keeps the values, then runs the loops backwards. The text is
+indented by one blank a level: most of its lines are three levels deep.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ class _Text:
     """Beginning of the names of what the results are: of values nothing, of changes `d`."""
     memories: tuple[str, ...] = ("w",)
     whole = False
-    """Whether the memory has all values."""
+    """Whether the memory has all values, which then have no names."""
 
     def __init__(self, loops: Loops) -> None:
         self.loops, self.series = loops, loops.series
@@ -59,7 +60,7 @@ class _Text:
 
     def _body(self, parts: dict[str, list[str]]) -> list[str]:
         """Return the lines of the function, and put those of the functions that it calls into `parts`."""
-        body = [line for segment in self.loops.before for line in self._statements(segment, "const double ")]
+        body = [line for segment in self.loops.before for line in self._statements(segment, "double ")]
         for turn, found in self.loops.passes.items():
             parts[f"{self._name_of_all}_pass_{turn}"] = list(self._loop(turn, found))
         return [*body, *self._calls(parts)]
@@ -80,14 +81,14 @@ class _Text:
         yield from self._head(found, turn % 2 == 0)
         kinds = {"": self._needed} | ({self.kind: self._moving} if self.kind else {})
         shared = [self._name(k, kind) for kind, used in kinds.items() for k in sorted(found.shared & used)]
-        if shared:
-            yield f"    double {', '.join(f'{name} = 0.0' for name in shared)};"
+        if shared and not self.whole:
+            yield f" double {', '.join(f'{name} = 0.0' for name in shared)};"
         for span, segments in found.blocks:
             yield self._guard(found, span)
             for segment in segments:
-                declared = "" if segment.series in found.shared else "const double "
-                yield from (f"        {line}" for line in self._statements(segment, declared))
-            yield "    }"
+                declared = "" if segment.series in found.shared else "double "
+                yield from (f"  {line}" for line in self._statements(segment, declared))
+            yield " }"
         yield "}"
 
     def _head(self, found: Pass, up: bool) -> Iterator[str]:
@@ -96,14 +97,14 @@ class _Text:
             (found.low, found.high, "<=", "i++") if up else (found.high, found.low, ">=", "i--")
         )
         yield f"for (int i = {first}; i {ahead} {last}; {change}) {{"
-        yield f"    const int r = {_affine(self._width, -self._width * self._base)};"
-        yield "    (void)r;"
+        yield f" const int r = {_affine(self._width, -self._width * self._base)};"
+        yield " (void)r;"
 
     def _guard(self, found: Pass, span: tuple[int, int]) -> str:
         begin, end = span
         limits = [f"i >= {begin}"] * (begin > found.low) + [f"i <= {end}"] * (end < found.high)
         condition = f"i == {begin}" if begin == end else " && ".join(limits)
-        return f"    if ({condition}) {{" if limits else "    {"
+        return f" if ({condition}) {{" if limits else " {"
 
     def _choose(self) -> None:
         """Choose what a derivative calculates: the series that results change with, and the values in their slopes."""
@@ -168,6 +169,9 @@ class _Text:
 
     def _set(self, kind: str, segment: Segment, value: str, declared: str) -> Iterator[str]:
         name, place = self._name(segment.series, kind), self._place(segment.series)
+        if self.whole:
+            yield f"{kind}w[{place}] = {value};"
+            return
         yield f"{declared}{name} = {value};"
         if place is not None:
             yield f"{kind}w[{place}] = {name};"
@@ -192,16 +196,16 @@ class _Text:
                 element = _affine(store.slope, store.base - store.slope * (first + store.begin))
                 yield guard, self.made[store.result], element
 
-    def _operands(self, segment: Segment, kept: bool = False) -> list[str]:
-        """Return the values that a segment reads; those of series from the memory if `kept`."""
-        return [self._operand(segment, operand, "", kept) for operand in segment.operands]
+    def _operands(self, segment: Segment) -> list[str]:
+        """Return the values that a segment reads."""
+        return [self._operand(segment, operand) for operand in segment.operands]
 
-    def _operand(self, segment: Segment, operand: Operand, kind: str, kept: bool) -> str:
+    def _operand(self, segment: Segment, operand: Operand, kind: str = "") -> str:
         if operand.number:
             return f"({operand.number})" if operand.number.startswith("-") else operand.number
         if operand.argument >= 0:
             return f"{self._prefix if kind else ''}{self._element(segment, operand)}"
-        if not kept and self.loops.is_local(segment, operand):
+        if not self.whole and self.loops.is_local(segment, operand):
             return self._name(operand.series, kind)
         return self._kept(segment, operand, kind)
 
@@ -231,7 +235,7 @@ class _Forward(_Text):
         values, terms = self._operands(segment), ""
         for operand, slope in _sloping(self.loops, segment):
             sign, factor = _factor(slope.format(*values))
-            terms += f" {sign} {factor}{self._operand(segment, operand, 'd', False)}"
+            terms += f" {sign} {factor}{self._operand(segment, operand, 'd')}"
         return terms.removeprefix(" + ").strip() or "0.0"
 
 
@@ -263,8 +267,8 @@ class _Reverse(_Text):
         for span, segments in reversed(found.blocks):
             yield self._guard(found, span)
             for segment in reversed(segments):
-                yield from (f"        {line}" for line in self._adjoint(segment))
-            yield "    }"
+                yield from (f"  {line}" for line in self._adjoint(segment))
+            yield " }"
         yield "}"
 
     def _adjoint(self, segment: Segment) -> Iterator[str]:
@@ -272,10 +276,9 @@ class _Reverse(_Text):
         sloping = _sloping(self.loops, segment)
         if segment.series not in self._moving or not sloping:
             return
-        name, values = self._name(segment.series, "b"), self._operands(segment, kept=True)
-        elements = list(self._elements(segment))
-        yield f"{'' if elements else 'const '}double {name} = bw[{self._place(segment.series)}];"
-        for guard, result, element in elements:
+        name, values = self._name(segment.series, "b"), self._operands(segment)
+        yield f"double {name} = bw[{self._place(segment.series)}];"
+        for guard, result, element in self._elements(segment):
             yield f"{guard}{name} += bar_{result}[{element}];"
         for operand, slope in sloping:
             place = (
@@ -310,7 +313,7 @@ def _factor(slope: str) -> tuple[str, str]:
 
 
 def _block(prototype: str, lines: list[str]) -> str:
-    return "\n".join([prototype, "{", *(f"    {line}" for line in lines), "}\n"])
+    return "\n".join([prototype, "{", *(f" {line}" for line in lines), "}\n"])
 
 
 def _affine(slope: int, constant: int) -> str:

@@ -18,8 +18,8 @@ import numpy as np
 
 from vdfmu.compiler.c.counterparts import Counterparts, Trace
 
-_ROUNDS = 200
-"""Changes of the indices after which series that use each other are taken to have no common direction."""
+_MOVES = 4
+"""Lengths of the longest series by which an index may move for series that use each other to go one way."""
 
 BEFORE = -1
 """Pass of what needs no loop and comes before all."""
@@ -229,20 +229,23 @@ def _choose_index(layout: Layout, k: int, turn: int, wanted: list[int]) -> None:
 
 def _direction(layout: Layout, part: list[int], inside: set[int]) -> int | None:
     """Return 1 if series that read each other run up, -1 for down, None for neither, and move their indices to that."""
-    series = layout.series
-    edges = [(k, r, ahead) for k in part for r in series[k].reads if r in inside for ahead in series[k].reads[r]]
+    series, places = layout.series, {k: i for i, k in enumerate(part)}
+    read_inside = ((k, r) for k in part for r in series[k].reads if r in inside)
+    edges = [(places[k], places[r], ahead) for k, r in read_inside for ahead in series[k].reads[r]]
+    reader, read, ahead = np.array(edges).T
+    first = np.array([series[k].first for k in part])
     for direction in (1, -1):
-        if all(layout.offset(*edge) * direction <= 0 for edge in edges):
+        if (direction * (first[read] + ahead - first[reader]) <= 0).all():
             return direction
+    most = _MOVES * max(len(series[k].members) for k in part)
     for direction in (1, -1):
-        first = {k: series[k].first for k in part}
-        for _ in range(_ROUNDS):
-            late = any((first[r] + ahead - first[k]) * direction > 0 for k, r, ahead in edges)
-            if not late:
-                for k in part:
-                    series[k].first = first[k]
+        moved = first.copy()
+        while np.abs(moved - first).max() <= most:
+            late = moved.copy()
+            (np.maximum if direction == 1 else np.minimum).at(late, reader, moved[read] + ahead)
+            if np.array_equal(late, moved):
+                for k, index in zip(part, moved.tolist(), strict=True):
+                    series[k].first = index
                 return direction
-            for k, r, ahead in edges:
-                step = (first[r] + ahead - first[k]) * direction
-                first[k] += max(step, 0) * direction
+            moved = late
     return None

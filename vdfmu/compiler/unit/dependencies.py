@@ -114,8 +114,8 @@ class LongPattern(Sequence[npt.NDArray[np.bool_]]):
     def __getitem__(self, position: Any) -> Any:
         """Row of a position."""
         own = self._joint[position]
-        others = np.where(self._joint < 0, max(own, 0), self._joint)
-        own = np.where(own < 0, others, own)
+        others = np.append(np.arange(self._n), max(own, 0))  # the last is what joint -1 takes
+        own = others if own < 0 else own
         low, high = np.minimum(own, others), np.maximum(own, others)
         left = self._n - self._m
         gaps: list[Any] = []
@@ -125,7 +125,8 @@ class LongPattern(Sequence[npt.NDArray[np.bool_]]):
             left = left - out
         first, second = gaps[0], gaps[0] + gaps[1]
         here, there = np.where(own <= others, (first, second), (second, first))
-        return self._pattern[self._at[self._kind[position], here], self._at[self._kind, there]]
+        rows = self._at[self._kind[position], here]
+        return self._pattern[rows[self._joint], self._at[self._kind, there[self._joint]]]
 
 
 def _places(interface: Any, other: Any) -> tuple[list[tuple[Any, ...]], npt.NDArray[np.intp]]:
