@@ -48,7 +48,10 @@ def main(path, name):
     record = loadmat(path, squeeze_me=True, struct_as_record=False)
     time = np.asarray(record["rec"].time_cont, dtype=float)
     ratios = record["para"].u
-    found = {"kappa_dot_d": record["ref_dyn"].phi_r_m_all_d1 / ratios, "tau_ff": np.array(record["tau_ff_all"].T, float)}
+    found = {
+        "kappa_dot_d": record["ref_dyn"].phi_r_m_all_d1 / ratios,
+        "tau_ff": np.array(record["tau_ff_all"].T, float),
+    }
     rows = knots(np.hstack([found[key] / right for key, right in RIGHT.items()]), 1.0)
     units = {"kappa_dot_d": " [rad/s]", "tau_ff": " [N.m]"}
     columns = {(f"controller.{key}[{{}}]", units[key]): value[rows] for key, value in found.items()}

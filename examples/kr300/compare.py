@@ -4,9 +4,9 @@
     python examples/kr300/compare.py results/no_integrator controller.f_n=0
 
 Of the record A, to which the robot and three times of its controller were fitted, and of B, to which nothing was.
-The records in Parquet need pyarrow. Taken out of them are what `vdfmu identify` finds in A, constants of the torques and
-the delay of the encoders behind the gears, and the constant between the encoders of each axis, which count from where
-they start. Axes 4 to 6 have no encoders behind their gears: the position is that of the motor.
+The records in Parquet need pyarrow. Taken out of them are constants of the torques and the delay of the encoders behind
+the gears, as `vdfmu identify` finds them in A, and the constant between the encoders of each axis, which count from
+where they start. Axes 4 to 6 have no encoders behind their gears: the position is that of the motor.
 """
 
 import sys
@@ -46,7 +46,7 @@ def corrections(robot):
 
 
 def measured(name, robot, run, constants, delays):
-    """Return a record as results with the variables of a run, at the times of the record, and the run at these times."""
+    """Return times of a record, and the signals of the run, and of the record, at these."""
     log = read_log(HERE / f"{name}.parquet", robot)
     rows = np.searchsorted(run.time, log.t - 1e-9)
     here = {key: run[key][rows] for key in ("trajectory.q_d", "plant.q", "plant.kappa", "controller.tau")}

@@ -52,7 +52,7 @@ def test_dynamics_agree_with_pinocchio(
 
 @pytest.mark.parametrize("name", [*robot_names(), "general"])
 def test_numpy_equations_agree_with_pinocchio(name, general, draw, pinocchio_model, pinocchio_force):
-    """Of every shipped arm and of the general chain; a counterbalance, which Pinocchio has not, is added to its torques."""
+    """Of every shipped arm and of the general chain; a counterbalance, which Pinocchio does not have, is added."""
     robot = general if name == "general" else load_robot(name)
     model = pinocchio_model(robot)
     data = model.createData()
