@@ -3,7 +3,7 @@
     python examples/kr300/compare.py
     python examples/kr300/compare.py results/no_integrator controller.f_n=0
 
-Of the record A, to which the robot and three times of its controller were fitted, and of B, to which nothing was.
+Of the record A, to which the robot and times of its controller were fitted, and of B, to which no number was.
 The records in Parquet need pyarrow. Taken out of them are constants of the torques and the delay of the encoders behind
 the gears, as `vdfmu identify` finds them in A, and the constant between the encoders of each axis, which count from
 where they start. Axes 4 to 6 have no encoders behind their gears: the position is that of the motor.
