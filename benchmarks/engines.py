@@ -65,8 +65,8 @@ def study(robot: Robot, stop: float, rounds: int, say: Callable[[str], None]) ->
     return found
 
 
-def mujoco_model(robot: Robot, K: np.ndarray | None = None) -> Any:
-    """Return the same links in MuJoCo, rigid, or with springs and rotors.
+def mujoco_spec(robot: Robot, K: np.ndarray | None = None) -> Any:
+    """Return the same links for MuJoCo, rigid, or with springs and rotors.
 
     Then every link has two hinges on one axis: the rotor's, with the rotor's inertia as armature and its friction, and
     the spring's. Their angles add up to the link's, and the kinetic energy is that of the plant.
@@ -82,20 +82,20 @@ def mujoco_model(robot: Robot, K: np.ndarray | None = None) -> Any:
         mujoco.mju_mat2Quat(quaternion, np.array(robot.rotation[i]).ravel())
         I_B = np.array(robot.inertia[i])
         body = body.add_body(
-            pos=robot.offset[i], quat=quaternion, mass=float(robot.mass[i]), ipos=robot.centroid[i],
+            name=f"body{i}", pos=robot.offset[i], quat=quaternion, mass=float(robot.mass[i]), ipos=robot.centroid[i],
             fullinertia=[*np.diag(I_B), I_B[0, 1], I_B[0, 2], I_B[1, 2]], explicitinertial=True,
         )  # fmt: skip
         if K is not None:
             J = float(robot.I_m[i] * robot.ell[i])
             body.add_joint(name=f"rotor{i}", armature=J, damping=float(robot.f_v[i]), **hinge)
         body.add_joint(name=f"link{i}", stiffness=0.0 if K is None else float(K[i]), **hinge)
-    return spec.compile()
+    return spec
 
 
 def mujoco_motion(robot: Robot, K: np.ndarray, times: np.ndarray, integrator: str) -> Motion:
     """Fall in MuJoCo at fixed steps."""
     mujoco: Any = import_module("mujoco")
-    model = mujoco_model(robot, K)
+    model = mujoco_spec(robot, K).compile()
     model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
     start = np.asarray(equilibrium_torque(robot, np.zeros(robot.n)), dtype=float) / K
 
@@ -113,7 +113,7 @@ def mujoco_motion(robot: Robot, K: np.ndarray, times: np.ndarray, integrator: st
 
 
 def drake_motion(robot: Robot, K: np.ndarray, times: np.ndarray, integrator: str) -> Motion:
-    """Fall in Drake under error control: joints as in :func:`mujoco_model`, with a body of no mass between them."""
+    """Fall in Drake under error control: joints as in :func:`mujoco_spec`, with a body of no mass between them."""
     tree, mathematics, analysis, plants = (
         import_module(f"pydrake.{name}") for name in ("multibody.tree", "math", "systems.analysis", "multibody.plant")
     )

@@ -25,7 +25,7 @@ from fmpy.fmi2 import FMU2Slave
 from matplotlib.ticker import LogLocator, ScalarFormatter
 
 from benchmarks.chains import random_motion, repeated_link
-from benchmarks.engines import mujoco_model
+from benchmarks.engines import mujoco_spec
 from benchmarks.report import Report, Table
 from benchmarks.timing import Case, measure
 from vdfmu.arm.equations.plant import equilibrium_torque
@@ -169,7 +169,7 @@ def _others(robot: Robot, rounds: int) -> dict[str, float]:
 def _mujoco(robot: Robot, q: np.ndarray, q_dot: np.ndarray) -> Case:
     """One step of MuJoCo's integrator `implicit` from a state of the same rigid links."""
     mujoco: Any = import_module("mujoco")
-    model = mujoco_model(robot)
+    model = mujoco_spec(robot).compile()
     model.opt.timestep, model.opt.integrator = _STEP, mujoco.mjtIntegrator.mjINT_IMPLICIT
     data = mujoco.MjData(model)
 
