@@ -21,6 +21,7 @@ Writer = Callable[[str, dict[str, Any]], Path]
 def test_shipped_names() -> None:
     assert robot_names() == [
         "iiwa_7dof",
+        "kr300_6dof",
         "kr_6dof",
         "manipulator_6dof",
         "panda_7dof",
@@ -33,6 +34,7 @@ def test_shipped_names() -> None:
     ]
     assert scenario_names() == [
         "estimation",
+        "kr300",
         "planar_tracking",
         "screw",
         "slider_tracking",
@@ -57,7 +59,9 @@ def test_shipped_scenario_is_named_like_its_file(name: str) -> None:
 
 
 def test_unknown_name_lists_the_shipped_ones() -> None:
-    with pytest.raises(UsageError, match=r"no robot \'planar\': .* There are: iiwa_7dof, kr_6dof, manipulator_6dof"):
+    with pytest.raises(
+        UsageError, match=r"no robot \'planar\': .* There are: iiwa_7dof, kr300_6dof, kr_6dof, manipulator_6dof"
+    ):
         load_robot("planar")
     with pytest.raises(UsageError, match=r'no scenario \'trackin\': .* Did you mean "tracking"\?'):
         load_scenario("trackin")

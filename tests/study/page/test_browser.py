@@ -205,6 +205,24 @@ def test_several_runs_are_drawn_over_each_other(run, browser, tmp_path):
     assert browser.run("report.charts[1].plot.series.filter(s => s.show).length") == 7
 
 
+def test_the_arm_of_another_run_stands_beside_that_of_a_run(run, browser, tmp_path):
+    one = read_run(run)
+    show(browser, write_report([one, one._replace(name="other")], tmp_path / "comparison.html"))
+    arms = "report.player.scene.puppets.length"
+    words = "[...document.querySelectorAll('.canvas .name')].map(e => e.textContent)"
+    assert browser.run(arms) == 2
+    assert browser.run(words) == [run.name, "other"]
+    assert browser.run("document.querySelector('.readout caption').textContent").endswith("; below: other")
+    assert browser.run("document.querySelectorAll('.readout output.second').length") == len(one.summary["arm"]["types"])
+    find = "const s = document.querySelectorAll('.bar .choice select')[k]; s.value = value;"
+    choose = "((k, value) => { " + find + " s.dispatchEvent(new Event('change')); })"
+    browser.run(f"{choose}(1, -1)")
+    assert (browser.run(arms), browser.run(words)) == (1, [])
+    browser.run(f"{choose}(0, 1)")
+    browser.run(f"{choose}(1, 0)")
+    assert (browser.run(arms), browser.run(words)) == (2, ["other", run.name])
+
+
 def test_a_page_of_a_package_has_no_arm_and_no_figures(run, browser, tmp_path):
     run_system(run / "system.ssp", stop=0.1, out=tmp_path)
     show(browser, write_report([read_run(tmp_path)], tmp_path / "report.html"))

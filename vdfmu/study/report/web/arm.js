@@ -190,7 +190,7 @@ export class Scene3D {
       other.root.traverse(({ geometry, material }) => { geometry?.dispose(); material?.dispose(); });
     }
     this.names?.forEach((name) => name.remove());
-    this.names = run ? ["recorded", run.name].map((words) => make("span", { class: "name" }, words)) : [];
+    this.names = run ? [run.result ? "recorded" : this.run.name, run.name].map((words) => make("span", { class: "name" }, words)) : [];
     this.host.append(...this.names);
     if (change) this.aim();
     this.layer();
@@ -290,7 +290,7 @@ export class Scene3D {
   /** Largest absolute value of each joint over the runs that are shown. */
   peaks() {
     const [first, ...more] = this.puppets.flatMap(({ motion }) => (motion[this.quantity] ? [motion.peaks(this.quantity)] : []));
-    return more.reduce((most, peaks) => most.map((v, i) => Math.max(v, peaks[i])), first ?? []);
+    return more.reduce((most, peaks) => most.map((v, i) => Math.max(v, peaks[i] ?? 0)), first ?? []);
   }
 
   draw() {

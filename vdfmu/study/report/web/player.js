@@ -45,13 +45,16 @@ export class Player {
     const quantities = Object.keys(UNITS).filter((name) => this.motion[name]);
     this.scene.quantity = quantities[0];
     const powers = [0, 1, 2, 3, 4, 5].map((p) => [10 ** p, p ? `× 10${raised(p)}` : "as it is"]);
+    this.other = shown.length === 2 ? shown[1] : null;
+    const others = choice("Beside it", [[-1, "none"], ...shown.map((run, k) => [k, run.name])], (k) => { this.scene.beside(null); this.other = shown[k] ?? null; this.setRun(this.scene.run); });
+    others.querySelector("select").value = shown.indexOf(this.other);
     const picker = choice("Run", shown.map((run, k) => [k, run.name]), (k) => { this.play(false); this.setRun(shown[k]); });
     view.addEventListener("run", () => { picker.querySelector("select").value = shown.indexOf(view.run); this.setRun(view.run); });
     const layer = (words, name) => toggle(words, true, (on) => this.scene.layer({ [name]: on }), { class: "chip" });
     return [
       make("div", { class: "transport" }, this.button, this.slider, this.clock),
       make("div", { class: "bar" },
-        ...(shown.length > 1 ? [picker] : []),
+        ...(shown.length > 1 ? [picker, others] : []),
         ...(quantities.length ? [choice("Colour", quantities.map((name) => [name, UNITS[name].words]), (name) => { this.scene.quantity = name; this.show(); })] : []),
         choice("Speed", [[1, "1"], [0.1, "0.1"], [0.3, "0.3"], [3, "3"], [10, "10"]], (speed) => { this.speed = Number(speed); }),
         ...(this.motion.error ? [choice("Errors drawn", powers, (factor) => { this.scene.magnify = Number(factor); this.show(); })] : []),
@@ -67,7 +70,8 @@ export class Player {
       this.scene.beside(null);
       this.scene.load(run);
     }
-    this.scene.beside(simulated.of === run && simulated.result.time.length ? simulated : null);
+    const other = simulated.of === run && simulated.result.time.length ? simulated : this.other;
+    this.scene.beside(other === run ? null : other ?? null);
     this.slider.max = this.motion.time.length - 1;
     this.rows = run.arm.types.map((type, i) => {
       const cells = this.scene.puppets.map((_, k) => ({ fill: make("i", { class: k ? "second" : "" }), value: make("output", { class: k ? "second" : "" }) }));
@@ -88,12 +92,12 @@ export class Player {
     this.clock.textContent = `${t.toFixed(time.at(-1) < 1 ? 3 : 2)} s`;
     const name = this.scene.quantity;
     if (!this.motion[name]) return;
-    const all = this.scene.puppets.map(({ motion }) => motion.at(name, t)), peaks = this.scene.peaks();
-    this.heading.textContent = `${UNITS[name].words}; bars: share of the joint's largest${all.length > 1 ? "; below: simulated" : ""}`;
+    const all = this.scene.puppets.map(({ motion }) => (motion[name] ? motion.at(name, t) : [])), peaks = this.scene.peaks();
+    this.heading.textContent = `${UNITS[name].words}; bars: share of the joint's largest${all.length > 1 ? `; below: ${this.scene.second.name}` : ""}`;
     this.rows.forEach(({ type, cells }, i) => cells.forEach(({ fill, value }, k) => {
-      const [factor, unit] = UNITS[name][type], now = all[k][i], share = Math.min(1, Math.abs(now) / (peaks[i] || 1));
+      const [factor, unit] = UNITS[name][type], now = all[k][i] ?? NaN, share = Math.min(1, Math.abs(now) / (peaks[i] || 1));
       fill.style.cssText = `width:${50 * share}%;${now < 0 ? "right" : "left"}:50%;background:var(--${now < 0 ? "negative" : "positive"})`;
-      value.textContent = `${text(factor * now, 3)} ${unit}`;
+      value.textContent = Number.isNaN(now) ? "" : `${text(factor * now, 3)} ${unit}`;
     }));
   }
 

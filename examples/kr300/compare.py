@@ -1,0 +1,152 @@
+"""The KR 300 compared with its records: tables, figures and pages with measured and simulated curves, and both arms.
+
+    python examples/kr300/compare.py
+    python examples/kr300/compare.py results/no_integrator controller.f_n=0
+
+Of the record A, to which the robot and times of its controller were fitted, and of B, to which no number was.
+The records in Parquet need pyarrow. Taken out of them are constants of the torques and the delay of the encoders behind
+the gears, as `vdfmu identify` finds them in A, and the constant between the encoders of each axis, which count from
+where they start. Axes 4 to 6 have no encoders behind their gears: the position is that of the motor.
+"""
+
+import sys
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+import vdfmu
+from vdfmu import Results
+from vdfmu.base.option import read_settings
+from vdfmu.engine.results.recorded import Signal
+from vdfmu.study.identify.fit import identify
+from vdfmu.study.identify.log import read_log
+from vdfmu.study.report.page import ShownRun, write_report
+
+HERE = Path(__file__).parent
+MOVES = 0.02
+"""Speed [rad/s] of the reference from which on an axis moves."""
+FILE_LAW = {"controller.f_n": 0.0, "controller.T": 1e-4, "controller.T_q": 0.0, "controller.K_p": 572.958}
+"""The law of the public repository."""
+
+
+def simulated(name, robot, **options):
+    """Run the scenario with the reference and the commands of a record."""
+    trajectory = vdfmu.load_motion(HERE / f"{name}_reference.csv", robot).unit()
+    inputs = HERE / f"{name}_command.csv"
+    return vdfmu.run("kr300", inputs=inputs, units={"trajectory": trajectory}, reference=False, **options)
+
+
+def corrections(robot):
+    """Return constants of the torques (6,) [N.m] and delays of the encoders behind the gears (6,) [s], found in A."""
+    found = identify(read_log(HERE / "a.parquet", robot), vdfmu.load_robot(HERE / "nominal.toml"))
+    values = dict(zip(found.names, found.values, strict=True))
+    return [[values.get(f"{name}[{i}]", 0.0) for i in range(1, 7)] for name in ("tau_0", "delay_q")]
+
+
+def measured(name, robot, run, constants, delays):
+    """Return times of a record, and the signals of the run, and of the record, at these."""
+    log = read_log(HERE / f"{name}.parquet", robot)
+    rows = np.searchsorted(run.time, log.t - 1e-9)
+    here = {key: run[key][rows] for key in ("trajectory.q_d", "plant.q", "plant.kappa", "controller.tau")}
+    late = np.stack([np.interp(log.t + d, log.t, q) for d, q in zip(delays, log.q.T, strict=True)], axis=1)
+    seen = np.isfinite(log.q).all(axis=0)
+    q = np.where(seen, late, log.kappa)
+    here["plant.q"] = np.where(seen, here["plant.q"], here["plant.kappa"])
+    between = np.mean(log.kappa - q - here["plant.kappa"] + here["plant.q"], axis=0)
+    there = {
+        "trajectory.q_d": here["trajectory.q_d"],
+        "plant.q": q,
+        "plant.kappa": log.kappa - np.where(seen, between, 0.0),
+        "controller.tau": log.tau - constants,
+    }
+    return log.t, here, there
+
+
+def results_of(time, signals, summary):
+    """Return results with signals (m, 6)."""
+    units = {"controller.tau": "N.m"}
+    listed = [(f"{key}[{i}]", units.get(key, "rad")) for key in signals for i in range(1, 7)]
+    rows = [Signal(name, "real", unit, column) for column, (name, unit) in enumerate(listed)]
+    return Results(time, rows, {"real": np.hstack(list(signals.values()))}, summary)
+
+
+def rms(values):
+    """Return root mean squares of columns."""
+    return np.sqrt(np.mean(values**2, axis=0))
+
+
+def errors(here, there):
+    """Return tracking errors, torques and deflections: simulated and measured (m, 6)."""
+    found = []
+    for signals in (here, there):
+        track = signals["trajectory.q_d"] - signals["plant.q"]
+        found.append((track, signals["controller.tau"], signals["plant.kappa"] - signals["plant.q"]))
+    return list(zip(*found, strict=True))
+
+
+def table(name, here, there, file_law):
+    """Print what is measured, predicted and left of each axis; of torques also where it moves, below 20 Hz."""
+    (e, e_there), (tau, tau_there), (bent, bent_there) = errors(here, there)
+    by_file = here["trajectory.q_d"] - file_law
+    slow = sosfiltfilt(butter(4, 20.0, fs=250.0, output="sos"), tau_there - tau, axis=0)
+    moves = np.abs(np.gradient(here["trajectory.q_d"], 0.004, axis=0)) > MOVES
+    print(f"{name}      tracking error, RMS [mrad]              torque, RMS [N.m]         deflection [urad]")
+    print("axis  measured predicted  left %  file's law  measured  left %  moving   measured   left")
+    for i in range(6):
+        line = f"{i + 1:4}{1e3 * rms(e_there)[i]:10.3f}{1e3 * rms(e)[i]:10.3f}"
+        line += f"{100 * rms(e - e_there)[i] / rms(e_there)[i]:8.1f}{1e3 * rms(by_file)[i]:12.3f}"
+        line += f"{rms(tau_there)[i]:10.2f}{100 * rms(tau - tau_there)[i] / rms(tau_there)[i]:8.1f}"
+        line += f"{100 * rms(slow[moves[:, i], i]) / rms(tau_there[moves[:, i], i]):8.1f}"
+        if i < 3:
+            about = bent_there - bent_there.mean(axis=0)
+            line += f"{1e6 * rms(about)[i]:11.0f}{1e6 * rms(bent - bent_there)[i]:7.0f}"
+        print(line)
+
+
+def draw(path, name, time, here, there):
+    """Draw tracking errors, torques and deflections, measured and simulated."""
+    rows = (("tracking error [mrad]", 1e3), ("torque [N.m]", 1.0), ("deflection [µrad]", 1e6))
+    figure, axes = plt.subplots(3, 6, figsize=(17, 8), sharex=True)
+    for row, (words, factor), (one, other) in zip(axes, rows, errors(here, there), strict=True):
+        row[0].set_ylabel(words)
+        for i, panel in enumerate(row):
+            if factor == 1e6 and i > 2:
+                panel.remove()
+                continue
+            panel.plot(time, factor * other[:, i], lw=0.6, color="#d55e00", label="measured")
+            panel.plot(time, factor * one[:, i], lw=1.2, color="#0072b2", label="simulated")
+            panel.grid(alpha=0.3)
+    for i, panel in enumerate(axes[0]):
+        panel.set_title(f"axis {i + 1}", fontsize=10)
+    axes[0, 0].legend(fontsize=8)
+    figure.suptitle(f"KUKA KR 300, record {name}")
+    figure.tight_layout()
+    figure.savefig(path, dpi=80)
+
+
+def main(folder="results", *changes):
+    """Compare both records; `changes`: controller.f_n=0 and so on."""
+    settings = read_settings(changes, "changes", "UNIT.PARAMETER=VALUE")
+    robot = vdfmu.load_robot("kr300_6dof")
+    constants, delays = corrections(robot)
+    folder = Path(folder)
+    for name in ("a", "b"):
+        run = simulated(name, robot, out=folder / f"kr300_{name}", overwrite=True, settings=settings)
+        other = simulated(name, robot, out=False, settings=FILE_LAW)
+        time, here, there = measured(name, robot, run, constants, delays)
+        _, file_law, _ = measured(name, robot, other, constants, delays)
+        table(name.upper(), here, there, file_law["plant.q"])
+        draw(folder / f"kr300_{name}.png", name.upper(), time, here, there)
+        facts = {key: run.summary[key] for key in ("robot", "joints", "arm", "vdfmu")}
+        shown = [
+            ShownRun("simulated", run, run.summary | {"scenario": "simulated"}, folder / f"kr300_{name}/system.ssp"),
+            ShownRun("measured", results_of(time, there, {}), facts, Path()),
+        ]
+        write_report(shown, folder / f"kr300_{name}.html")
+    print(f"Written to {folder}: kr300_a.html, kr300_a.png, kr300_b.html, kr300_b.png")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

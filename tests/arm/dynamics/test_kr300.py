@@ -1,0 +1,99 @@
+"""The KR 300 of a public record, examples/kr300: its controller, and what is said of it beside its records."""
+
+import re
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vdfmu.arm.robot import load_robot
+from vdfmu.arm.units import find_unit
+from vdfmu.arm.units.plant import Plant
+from vdfmu.system.scenario import load_scenario
+
+ROOT = Path(__file__).parents[3]
+FOLDER = ROOT / "examples" / "kr300"
+GIVEN = ("K_v", "K_p", "f_n", "T", "T_q", "q_0")
+
+
+def cascade(robot, **more):
+    values = load_scenario("kr300").sections["controller"]
+    unit = find_unit(FOLDER / "cascade.py")(robot, **{name: values[name] for name in GIVEN} | more)
+    unit.start()
+    return unit
+
+
+def test_the_controller_holds_the_arm_at_the_start() -> None:
+    robot = load_robot("kr300_6dof")
+    unit = cascade(robot)
+    unit.q_d, unit.q = unit.q_0, unit.q_0
+    unit.outputs()
+    unit.derivatives()
+    plant = Plant(robot, q_0=unit.q_0, tau=unit.tau)
+    plant.start()
+    plant.outputs()
+    plant.derivatives()
+    for rate in (unit.w_dot, unit.z_dot):
+        np.testing.assert_array_equal(rate, 0.0)
+    # Rounding of 4000 N.m, over the smallest inertia of a link about its axis, 1.6 kg.m2.
+    np.testing.assert_allclose(plant.der_q_dot, 0.0, atol=100 * 2.0**-52 * 4000.0)
+
+
+def test_without_integrator_filter_and_delay_it_is_the_law_of_the_file() -> None:
+    robot, random = load_robot("kr300_6dof"), np.random.default_rng(3)
+    unit = cascade(robot, f_n=0.0, T_q=0.0)
+    start = unit.z.copy()
+    signals = {name: random.uniform(-1.0, 1.0, 6) for name in ("q_d", "kappa_dot_d", "tau_ff", "q", "kappa_dot")}
+    for name, value in signals.items():
+        setattr(unit, name, value)
+    unit.w = np.zeros(6)
+    unit.derivatives()
+    unit.w = unit.T * unit.w_dot  # where the filter comes to rest
+    unit.derivatives()
+    unit.outputs()
+    np.testing.assert_array_equal(unit.z_dot, 0.0)
+    # ident_functions/nonlinear_differential_model.m
+    law = (
+        signals["tau_ff"]
+        + unit.K_v * (signals["kappa_dot_d"] - signals["kappa_dot"])
+        + unit.K_p * (signals["q_d"] - signals["q"])
+    )
+    # Some ten roundings of torques of up to 4000 N.m.
+    np.testing.assert_allclose(unit.tau - start, law, rtol=0, atol=10 * 2.0**-52 * 4000.0)
+
+
+def test_gains_are_those_of_the_file() -> None:
+    """K_vel [As], k_T [N.m/A], K_pos of `para` in its records, and create_traj_for_robot/Robot_reference_dynamics.m."""
+    values, robot = load_scenario("kr300").sections["controller"], load_robot("kr300_6dof")
+    K_vel, k_T = np.repeat([20.0, 1.8], 3), np.array([1.81, 1.89, 1.89, 1.41, 1.41, 1.41])
+    K_v = robot.ell * K_vel * k_T / (360.0 * np.sqrt(2.0)) * 360.0 / 2.0 / np.pi
+    np.testing.assert_allclose(values["K_v"], K_v, rtol=1e-6)  # the digits in the file
+    np.testing.assert_allclose(values["K_p"][:3], 10.0 * 360.0 / 2.0 / np.pi, rtol=1e-6)
+
+
+def numbers(text: str) -> list[list[str]]:
+    return [line.split() for line in text.splitlines() if re.match(r" {3}[1-6] ", line)]
+
+
+@pytest.mark.heavy
+def test_tables_are_those_of_the_documentation(tmp_path, capsys) -> None:
+    runpy.run_path(str(FOLDER / "compare.py"))["main"](tmp_path)
+    found = numbers(capsys.readouterr().out)
+    said = numbers((ROOT / "docs" / "measured.md").read_text(encoding="utf-8"))
+    assert len(said) == len(found) == 12
+    for here, there in zip(found, said, strict=True):
+        assert len(here) == len(there)
+        for one, other in zip(here, there, strict=True):
+            digit = 10.0 ** -len(other.partition(".")[2])
+            # A unit of the last digit; and 1e-2 of it: where the least squares of the constants end, 1e-8 of their sum.
+            assert abs(float(one) - float(other)) <= 1.01 * digit + 1e-2 * abs(float(other)), (here, there)
+    for name in ("a", "b"):
+        assert (tmp_path / f"kr300_{name}.html").stat().st_size > 1e6
+        assert (tmp_path / f"kr300_{name}.png").stat().st_size > 1e4
+
+
+def test_the_tables_predict_tracking_errors_of_both_records_within_three_per_cent() -> None:
+    for axis in numbers((ROOT / "docs" / "measured.md").read_text(encoding="utf-8")):
+        measured, predicted = float(axis[1]), float(axis[2])
+        assert abs(predicted / measured - 1.0) < 0.03, axis
