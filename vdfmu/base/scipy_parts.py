@@ -15,14 +15,13 @@ import scipy
 def scipy_part(name: str) -> Any:
     """Return a module of scipy by its full name; its package, whole, for a scipy that has no such module."""
     package = name.rpartition(".")[0]
-    if package not in sys.modules:
-        sys.modules[package] = stand_in = ModuleType(package)
-        stand_in.__path__ = [str(Path(path, *package.split(".")[1:])) for path in scipy.__path__]
-        try:
-            with suppress(ImportError):
-                return import_module(name)
-        finally:
+    stand_in = ModuleType(package)
+    stand_in.__path__ = [str(Path(path, *package.split(".")[1:])) for path in scipy.__path__]
+    sys.modules.setdefault(package, stand_in)
+    try:
+        with suppress(ImportError):
+            return import_module(name)
+    finally:
+        if sys.modules[package] is stand_in:
             del sys.modules[package]
-    with suppress(ImportError):
-        return import_module(name)
     return import_module(package)

@@ -159,7 +159,7 @@ def test_without_link_positions_the_springs_are_kept_and_said(clean, robot):
     assert "log them by encoders behind the gears" in found.advice[0]
     true = dict(zip(found.names, found.of(robot), strict=True))
     values = dict(zip(found.names, found.values, strict=True))
-    assert {"I_m[1]", "I_m[2]"} <= set(found.held) and "told from their inertia" in found.held["I_m[1]"]
+    assert not found.held
     # links lie by the springs of the robot file, quasi-static: of their accelerations a per cent of the deformation's
     for name in ("f_c[1]", "f_s[2]", "mx2", "Izz2", "Izz1 + 0.25 m2"):
         assert values[name] == pytest.approx(true[name], rel=0.01), name
@@ -170,7 +170,7 @@ def test_a_joint_without_link_positions_is_beside_one_with(clean, robot):
     q = clean.q.copy()
     q[:, 1] = np.nan
     found = identify(clean._replace(q=q), robot)
-    assert {"I_m[2]", "K_f0[2]", "K_w0[2]"} <= set(found.held) and "joint 2," in found.advice[0]
+    assert {"K_f0[2]", "K_w0[2]"} <= set(found.held) and "joint 2," in found.advice[0]
     assert not found.deformation_error[:, 1].any() and np.isfinite(found.deviation).all()
     true = dict(zip(found.names, found.of(robot), strict=True))
     values = dict(zip(found.names, found.values, strict=True))

@@ -23,6 +23,8 @@ _KNOWN = {
 }  # fmt: skip
 """Standard deviations without the log, as a share of the robot file's value; of static friction, of its ratio to
 Coulomb's, of delays, as a share of a step of the log."""
+_ASSUMED = 0.5
+"""The same of a rotor inertia whose source in the robot file begins with "Assumed"."""
 _ROUNDS = 3
 """Rounds of weights."""
 _STEPS = 30
@@ -73,6 +75,10 @@ class _Search:
         for name, share in _KNOWN.items():
             for k in range(*problem.places.get(name, slice(0)).indices(len(self.x))):
                 self.root[k, k] = 1.0 / share
+        inertia = problem.places["I_m"].start
+        for i in range(problem.robot.n):
+            if (problem.robot.source_of(f"joints[{i + 1}].drive.I_m") or "").startswith("Assumed"):
+                self.root[inertia + i, inertia + i] = 1.0 / _ASSUMED
         if prior is not None:
             links = problem.places["links"]
             self.root[links, links] = np.linalg.inv(np.linalg.cholesky(prior)) * self.sizes[links]
@@ -90,15 +96,12 @@ class _Search:
         }
         unseen = np.flatnonzero(~problem.seen)
         way = "log them by encoders behind the gears"
-        reasons = {"I_m": f"without positions of links it cannot be told from their inertia; {way}"}
         if problem.stretch is not None:
-            reasons |= dict.fromkeys(SPRINGS, f"the log has no positions of its link; {way}")
-            for name in ("delay_q", "offset"):
-                self.free[problem.places[name].start + unseen] = False
-        for name, why in reasons.items():
-            places = problem.places[name].start + unseen
-            self.free[places] = False
-            self.held |= {problem.names[i]: why for i in places}
+            for name in (*SPRINGS, "delay_q", "offset"):
+                places = problem.places[name].start + unseen
+                self.free[places] = False
+                if name in SPRINGS:
+                    self.held |= {problem.names[i]: f"the log has no positions of its link; {way}" for i in places}
         each = zip(problem.errors(self.x), problem.jacobian(self.x), strict=True)
         self.weights = [self._noise(error, slope) for error, slope in each]
         self.moved = np.zeros(len(self.x))
@@ -182,7 +185,7 @@ class _Search:
         names, notes = self.problem.names, dict[str, str]()
         deviation = np.sqrt(np.diag(covariance))
         for k in np.flatnonzero(self.free[: self.count]):
-            before = _KNOWN[names[k].partition("[")[0]]
+            before = 1.0 / self.root[k, k]
             if deviation[k] > _UNKNOWN * before * self.x[k]:
                 correlation = covariance[k] / (np.maximum(deviation, 1e-300) * deviation[k])
                 correlation[k] = 0.0
