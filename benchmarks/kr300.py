@@ -22,7 +22,7 @@ from vdfmu.study.identify.fit import PRIOR, identify
 from vdfmu.study.identify.log import Log, read_log
 from vdfmu.study.identify.regressor import body_parameters, regressor
 from vdfmu.study.identify.rows import Rows
-from vdfmu.study.identify.score import Score, score
+from vdfmu.study.identify.score import LogScore, score
 
 TITLE = "A measured arm: the KR 300, identified in several ways"
 COUNTERBALANCES = ("no counterbalance", "a spring for it", "its law given")
@@ -88,7 +88,7 @@ def run(report: Report, quick: bool = False) -> None:
 def study(robot: Robot, fitted: Log, other: Log, say: Callable[[str], None], iterations: int) -> list[Fit]:
     """Fit each model to one log; MuJoCo's toolbox in so many iterations at most."""
     fits: list[Fit] = []
-    scores: list[Score] = []
+    scores: list[LogScore] = []
     for text, prior in ((f"robot file within {100 * PRIOR:.0f} %", PRIOR), ("links unknown", np.inf)):
         began = processor_time()
         found = identify(fitted, robot, prior=prior)
