@@ -49,6 +49,7 @@ description = {description}
 robot = {written}
 stop = {stop!r}
 step = {step!r}
+tolerance = 1e-8  # of the solver in the plant: gains are high, and errors in tables of three digits are small
 
 [trajectory]
 q_start = {start}
