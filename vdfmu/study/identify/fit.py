@@ -26,7 +26,7 @@ from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
-from vdfmu.study.identify.base import BaseParameters, link_errors
+from vdfmu.study.identify.base import BaseParameters, link_covariance
 from vdfmu.study.identify.log import Log
 from vdfmu.study.identify.regressor import body_parameters
 from vdfmu.study.identify.rows import rows_of
@@ -147,9 +147,8 @@ def identify(log: Log, robot: Robot, *, band: float | None = None, prior: float 
     if not prior > 0.0:
         raise UsageError(f"prior: expected a share above 0, or inf if nothing is known of the links, got {prior:g}.")
     problem, t, band, lag = rows_of(log, robot, band)
-    errors = problem.base.matrix @ link_errors(robot, prior) if np.isfinite(prior) else None
     narrower = rows_of(log, robot, band, lag, share=0.5).problem
-    estimate = solve(problem, None if errors is None else errors @ errors.T, narrower)
+    estimate = solve(problem, link_covariance(robot, problem.base, prior), narrower)
     x, shown = estimate.x, problem.shown
     errors, deviation = problem.errors(x), np.sqrt(np.diag(estimate.covariance))
     level, stiffness, slopes = problem.stiffness(x)
