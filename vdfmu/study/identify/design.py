@@ -27,13 +27,13 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.progress import counted
 from vdfmu.base.toml_text import toml_text
 from vdfmu.study.identify.base import link_covariance
-from vdfmu.study.identify.fit import PRIOR, Identified, identify
+from vdfmu.study.identify.fit import PRIOR, Identified, check_settings, identify
 from vdfmu.study.identify.log import Log
 from vdfmu.study.identify.regressor import body_parameters, regressor
 from vdfmu.study.identify.rows import counterbalance_hold, rows_of, slope
 from vdfmu.study.identify.search import expected_deviations
 
-_HIGHEST, _PERIODS, _SEEDS = (0.5, 1.0, 2.0), (1, 3), 4
+_HIGHEST, _PERIODS, _SEEDS = (0.25, 0.5, 1.0, 2.0), (1, 3), 4
 """Highest frequencies [Hz], whole periods and seeds of the candidates."""
 _LINES = 5
 """Frequencies of each, from one a period to the highest, by equal ratios."""
@@ -47,8 +47,8 @@ _OFF = 0.4
 """Share of the range by which poses of candidates lie off the middle."""
 _SHRINK = 8
 """Times that a motion is made smaller until motors have its torques."""
-_COARSE = 20.0
-"""Samples in a period of the highest frequency by which candidates are compared."""
+_COARSE, _ROWS = 40.0, 1000.0
+"""Samples in a period of the highest frequency, and in all, at least, by which candidates are compared."""
 
 
 @dataclass(frozen=True)
@@ -77,12 +77,6 @@ class SensorNoise:
         ]
         if problems:
             raise UsageError("\n".join(problems))
-
-    def levels(self, log: Log, robot: Robot) -> list[Floats]:
-        """Return standard deviations (n,) of a sample of both equations: torques, link-side, and deformations."""
-        torque = self.noise * np.abs(log.tau).max(axis=0) * robot.ell
-        bit = _turns(robot) * 2.0**-self.bits
-        return [torque, bit / np.sqrt(12.0) * np.hypot(1.0, 1.0 / robot.ell)][: 1 + self.links]
 
     def measured(self, log: Log, robot: Robot) -> Log:
         """Return an exact log with this noise, always the same."""
@@ -147,14 +141,15 @@ def design(
         For arguments that do not fit, and for a robot whose motors cannot hold it at any of the poses.
     """
     sensors = sensors or SensorNoise()
+    check_settings(robot, band, prior)
     if not 0.0 < duration < np.inf:
         raise UsageError(f"duration: expected more than 0 s, got {duration:g} s.")
     middle, reach, speed, acceleration = _limits(robot)
     if start is not None:
         middle, reach = _about(robot, start, reach if not robot.limits else None)
-    ranked: list[tuple[float, dict[str, Any], Motion]] = []
+    candidates: list[tuple[dict[str, Any], Motion, Log]] = []
     cases = list(product(_HIGHEST, _PERIODS, range(_SEEDS)))
-    for highest, periods, seed in counted("candidates", cases, len(cases)):
+    for highest, periods, seed in counted("motions", cases, len(cases)):
         period = duration / (periods + 2)
         lines = sorted({int(k) for k in np.rint(np.geomspace(1.0, max(1.0, highest * period), _LINES))})
         off = np.zeros(robot.n)
@@ -163,7 +158,7 @@ def design(
         one = multisine(0.0 * middle, 1.0, lines, period, periods=periods, phases="random", seed=seed)
         amplitude = reach - np.abs(off) if robot.limits else reach
         amplitude = np.min([amplitude, speed / one.peaks[0], acceleration / one.peaks[1]], axis=0)
-        fitted = _fitted(robot, one, middle + off, amplitude, max(sensors.step, 1.0 / (_COARSE * highest)))
+        fitted = _fitted(robot, one, middle + off, amplitude, max(sensors.step, min(1.0 / (_COARSE * highest), duration / _ROWS)))
         if fitted is None:
             continue
         amplitude, log = fitted
@@ -174,13 +169,18 @@ def design(
             check_motion(motion, robot)
         except UsageError:
             continue
-        ranked.append((_mean_deviation(robot, log, sensors, band, prior), table, motion))
-    if not ranked:
+        candidates.append((table, motion, log))
+    if not candidates:
         raise UsageError(
             f"{robot.name}: the motors do not have the torques of any motion about this pose. Choose another, or look "
             "at [joints.limits] of the robot file."
         )
-    _, table, motion = min(ranked, key=lambda each: each[0])
+    level = sensors.noise * np.max([np.abs(log.tau).max(axis=0) for _, _, log in candidates], axis=0)
+    deviations = [
+        _mean_deviation(robot, log, level, sensors, band, prior)
+        for _, _, log in counted("intervals", candidates, len(candidates))
+    ]
+    table, motion, _ = candidates[int(np.argmin(deviations))]
     expected = predict(robot, motion, sensors=sensors, band=band, prior=prior)
     notes = [f"a prediction, for {sensors}: what the model lacks of the arm makes intervals wider"]
     if not robot.limits:
@@ -188,6 +188,8 @@ def design(
             "the robot file has no limits, so joints move at most 1 rad or 0.2 m off the pose, at 1.5 rad/s or 0.5 m/s "
             "and 5 rad/s2 or 2 m/s2: give [joints.limits]"
         )
+    if left := len(cases) - len(candidates):
+        notes.append(f"{left} of {len(cases)} motions are left out, since the motors do not have their torques")
     notes.append("collisions are not checked: look at the motion before it is played")
     return Design(motion, table, expected, tuple(notes))
 
@@ -267,6 +269,8 @@ def _fitted(robot: Robot, one: Motion, pose: Floats, amplitude: Floats, step: fl
     q, *rates = one.at(t)[:3]
     for _ in range(_SHRINK):
         amplitude = np.floor(1e4 * amplitude) / 1e4
+        if not amplitude.all():
+            return None
         log = _log(robot, t, pose + amplitude * q, *(amplitude * rate for rate in rates))
         if not robot.limits:
             return amplitude, log
@@ -274,16 +278,23 @@ def _fitted(robot: Robot, one: Motion, pose: Floats, amplitude: Floats, step: fl
         taken = np.abs(log.tau) / np.maximum(_MARGIN * most, 1e-300)
         if (over := taken.max()) <= 1.0:
             return amplitude, log
-        held = taken[0].max()
+        if (held := taken[0].max()) >= 1.0:
+            return None
         amplitude = amplitude * max(0.5, 0.95 * (1.0 - held) / (over - held))
     return None
 
 
-def _mean_deviation(robot: Robot, log: Log, sensors: SensorNoise, band: float | None, prior: float) -> float:
-    """Mean logarithm of the standard deviations of drives, springs and links, from the equations at the truth."""
+def _mean_deviation(
+    robot: Robot, log: Log, torque: Floats, sensors: SensorNoise, band: float | None, prior: float
+) -> float:
+    """Mean logarithm of the standard deviations of drives, springs and links, from the equations at the truth.
+
+    `torque` is the noise (n,) of torques [N.m], motor-side.
+    """
     problem, _, band, _ = rows_of(log if sensors.links else log._replace(q=None), robot, band)
+    bent = _turns(robot) * 2.0**-sensors.bits / np.sqrt(12.0) * np.hypot(1.0, 1.0 / robot.ell)
     passed = np.sqrt(2.0 * band * sensors.step)  # of white noise through the filter
-    noise = [passed * level for level in sensors.levels(log, robot)]
+    noise = [passed * torque * robot.ell, passed * bent][: 1 + sensors.links]
     deviations = expected_deviations(problem, link_covariance(robot, problem.base, prior), noise)
     deviations = deviations[: problem.places["tau_0"].start]
     return float(np.log(deviations[deviations > 0.0]).mean())
