@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -82,8 +82,9 @@ class SensorNoise:
         """Return an exact log with this noise, always the same."""
         bit = _turns(robot) * 2.0**-self.bits
         noise = np.random.default_rng(0).normal(size=log.tau.shape) * self.noise * np.abs(log.tau).max(axis=0)
-        kappa, q = (np.round(each / size) * size for each, size in ((log.kappa, bit / robot.ell), (log.q, bit)))
-        return log._replace(kappa=kappa, tau=log.tau + noise, q=q if self.links else None)
+        kappa = np.round(log.kappa * robot.ell / bit) * bit / robot.ell
+        q = None if log.q is None or not self.links else np.round(log.q / bit) * bit
+        return log._replace(kappa=kappa, tau=log.tau + noise, q=q)
 
     def __str__(self) -> str:
         sides = "both sides of the gears" if self.links else "the motors"
@@ -107,6 +108,13 @@ class Design:
     def text(self, head: str) -> str:
         """Return the content of a motion file, under a comment."""
         return f"# {head}\n\n{toml_text({'motion': self.table})}"
+
+
+class _Candidate(NamedTuple):
+    table: dict[str, Any]
+    motion: Motion
+    log: Log
+    """Exact, with fewer rows."""
 
 
 def design(
@@ -144,44 +152,34 @@ def design(
     check_settings(robot, band, prior)
     if not 0.0 < duration < np.inf:
         raise UsageError(f"duration: expected more than 0 s, got {duration:g} s.")
-    middle, reach, speed, acceleration = _limits(robot)
-    if start is not None:
-        middle, reach = _about(robot, start, reach if not robot.limits else None)
-    candidates: list[tuple[dict[str, Any], Motion, Log]] = []
+    middle, reach, speed, acceleration = _limits(robot, start)
+    candidates: list[_Candidate] = []
     cases = list(product(_HIGHEST, _PERIODS, range(_SEEDS)))
     for highest, periods, seed in counted("motions", cases, len(cases)):
+        pose = middle
+        if start is None and seed:
+            pose = (middle + np.random.default_rng(seed).uniform(-_OFF, _OFF, robot.n) * reach).round(4)
+        span = reach - np.abs(pose - middle) if robot.limits else reach
         period = duration / (periods + 2)
         lines = sorted({int(k) for k in np.rint(np.geomspace(1.0, max(1.0, highest * period), _LINES))})
-        off = np.zeros(robot.n)
-        if start is None and seed:
-            off = np.random.default_rng(seed).uniform(-_OFF, _OFF, robot.n) * reach
-        one = multisine(0.0 * middle, 1.0, lines, period, periods=periods, phases="random", seed=seed)
-        amplitude = reach - np.abs(off) if robot.limits else reach
-        amplitude = np.min([amplitude, speed / one.peaks[0], acceleration / one.peaks[1]], axis=0)
-        fitted = _fitted(robot, one, middle + off, amplitude, max(sensors.step, min(1.0 / (_COARSE * highest), duration / _ROWS)))
-        if fitted is None:
-            continue
-        amplitude, log = fitted
-        table = {"kind": "multisine", "start": (middle + off).round(4).tolist(), "amplitude": amplitude.tolist()}
-        table |= {"lines": lines, "period": period, "periods": periods, "phases": "random", "seed": seed}
-        motion = multisine(**{k: v for k, v in table.items() if k != "kind"})
-        try:
-            check_motion(motion, robot)
-        except UsageError:
-            continue
-        candidates.append((table, motion, log))
+        table = {"kind": "multisine", "start": pose.tolist(), "amplitude": [], "lines": lines, "period": period}
+        table |= {"periods": periods, "phases": "random", "seed": seed}
+        one = multisine(0.0 * pose, 1.0, lines, period, periods=periods, phases="random", seed=seed)
+        amplitude = np.min([span, speed / one.peaks[0], acceleration / one.peaks[1]], axis=0)
+        step = max(sensors.step, min(1.0 / (_COARSE * highest), duration / _ROWS))
+        candidates += _fitted(robot, table, one, amplitude, step)
     if not candidates:
         raise UsageError(
             f"{robot.name}: the motors do not have the torques of any motion about this pose. Choose another, or look "
             "at [joints.limits] of the robot file."
         )
-    level = sensors.noise * np.max([np.abs(log.tau).max(axis=0) for _, _, log in candidates], axis=0)
+    level = sensors.noise * np.max([np.abs(each.log.tau).max(axis=0) for each in candidates], axis=0)
     deviations = [
-        _mean_deviation(robot, log, level, sensors, band, prior)
-        for _, _, log in counted("intervals", candidates, len(candidates))
+        _mean_deviation(robot, each.log, level, sensors, band, prior)
+        for each in counted("intervals", candidates, len(candidates))
     ]
-    table, motion, _ = candidates[int(np.argmin(deviations))]
-    expected = predict(robot, motion, sensors=sensors, band=band, prior=prior)
+    best = candidates[int(np.argmin(deviations))]
+    expected = predict(robot, best.motion, sensors=sensors, band=band, prior=prior)
     notes = [f"a prediction, for {sensors}: what the model lacks of the arm makes intervals wider"]
     if not robot.limits:
         notes.append(
@@ -191,16 +189,11 @@ def design(
     if left := len(cases) - len(candidates):
         notes.append(f"{left} of {len(cases)} motions are left out, since the motors do not have their torques")
     notes.append("collisions are not checked: look at the motion before it is played")
-    return Design(motion, table, expected, tuple(notes))
+    return Design(best.motion, best.table, expected, tuple(notes))
 
 
 def predict(
-    robot: Robot,
-    motion: Motion,
-    *,
-    sensors: SensorNoise | None = None,
-    band: float | None = None,
-    prior: float = PRIOR,
+    robot: Robot, motion: Motion, *, sensors: SensorNoise | None = None, band: float | None = None, prior: float = PRIOR
 ) -> Identified:
     """Return what an identification would find of a motion, with its deviations; see :func:`design`."""
     sensors = sensors or SensorNoise()
@@ -214,74 +207,68 @@ def exact_log(robot: Robot, motion: Motion, step: float) -> Log:
     In the rotors' reaction on the links each rotor turns as its link does, see
     :func:`~vdfmu.arm.equations.feedforward.desired_drive_motion`.
     """
-    t = step * np.arange(int(motion.duration / step * (1.0 + 1e-12)) + 1)
-    return _log(robot, t, *motion.at(t)[:3])
-
-
-def _log(robot: Robot, t: Floats, q: Floats, q_dot: Floats, q_ddot: Floats) -> Log:
+    t: Floats = step * np.arange(int(motion.duration / step * (1.0 + 1e-12)) + 1.0)
+    q, q_dot, q_ddot, *_ = motion.at(t)
     parts = regressor(robot, q, q_dot, q_ddot, q_dot, q_ddot)
     tau_s = parts.links @ body_parameters(robot) + parts.rotors @ (robot.I_m * robot.ell)
     tau_s = tau_s + counterbalance_hold(robot, q) * np.abs(robot.F_cb)
     kappa = rotor_position(robot, q, tau_s)
-    kappa_dot = slope(kappa, t[1])
+    kappa_dot = slope(kappa, step)
     _, xi_m = joint_friction(robot, q_dot, kappa_dot, tau_s)
-    tau = robot.I_m * (slope(kappa_dot, t[1]) + parts.carried) + tau_s / robot.ell + xi_m
+    tau = robot.I_m * (slope(kappa_dot, step) + parts.carried) + tau_s / robot.ell + xi_m
     return Log(robot.name, t, kappa, tau, q)
 
 
 def _turns(robot: Robot) -> Floats:
+    """Return what an encoder divides, (n,): a turn [rad], or a metre."""
     return np.where([kind == "prismatic" for kind in robot.joint_types], 1.0, 2.0 * np.pi)
 
 
-def _limits(robot: Robot) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return the middle pose, and amplitudes, speeds and accelerations of each joint, (n,)."""
-    if not robot.limits:
-        reach, speed, acceleration = np.array([_DEFAULTS[kind] for kind in robot.joint_types]).T
-        return np.zeros(robot.n), reach, speed, acceleration
-    middle = 0.5 * (robot.q_min + robot.q_max)
-    speed, _ = motor_rectangle(robot, robot.kappa_dot_max)
-    return *_about(robot, middle, None), _MARGIN * speed, np.full(robot.n, np.inf)
-
-
-def _about(robot: Robot, start: npt.ArrayLike, reach: Floats | None) -> tuple[Floats, Floats]:
-    """Return a pose and amplitudes about it, (n,) each; UsageError for a pose that is none, or beyond end stops."""
-    pose = np.asarray(start, dtype=float)
+def _limits(robot: Robot, start: npt.ArrayLike | None) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return a pose, and amplitudes about it, speeds and accelerations of each joint, (n,) each."""
+    low, high = (robot.q_min, robot.q_max) if robot.limits else (np.zeros(robot.n),) * 2
+    pose = np.asarray(0.5 * (low + high) if start is None else start, dtype=float)
     if pose.shape != (robot.n,) or not np.isfinite(pose).all():
         raise UsageError(f"start: expected a position for each of the {robot.n} joints of {robot.name}, got {start}.")
-    if reach is None:
-        reach = _MARGIN * np.minimum(pose - robot.q_min, robot.q_max - pose)
-        if (beyond := np.flatnonzero(reach <= 0.0)).size:
-            i = int(beyond[0])
-            raise UsageError(
-                f"start: joint {robot.joint_labels[i]}: expected a position between its end stops, {robot.q_min[i]:g} "
-                f"and {robot.q_max[i]:g}, got {pose[i]:g}."
-            )
-        reach = np.where(_turns(robot) > 1.0, np.minimum(reach, _FAR), reach)
-    return pose, reach
+    if not robot.limits:
+        reach, speed, acceleration = np.array([_DEFAULTS[kind] for kind in robot.joint_types]).T
+        return pose, reach, speed, acceleration
+    for i in np.flatnonzero((pose <= low) | (pose >= high)):
+        raise UsageError(
+            f"start: joint {robot.joint_labels[i]}: expected a position between its end stops, {low[i]:g} and "
+            f"{high[i]:g}, got {pose[i]:g}."
+        )
+    reach = np.minimum(_MARGIN * np.minimum(pose - low, high - pose), np.where(_turns(robot) > 1.0, _FAR, np.inf))
+    speed, _ = motor_rectangle(robot, robot.kappa_dot_max)
+    return pose, reach, _MARGIN * speed, np.full(robot.n, np.inf)
 
 
-def _fitted(robot: Robot, one: Motion, pose: Floats, amplitude: Floats, step: float) -> tuple[Floats, Log] | None:
-    """Return amplitudes (n,) for whose motion the motors have the torques, and its log; None if there are none.
+def _fitted(robot: Robot, table: dict[str, Any], one: Motion, amplitude: Floats, step: float) -> list[_Candidate]:
+    """Return the candidate with such amplitudes (n,), or smaller ones if motors ask for it, or none.
 
     `one` has an amplitude of 1 about 0. What holds the pose stays as it is, the rest goes with the amplitudes.
     """
-    t = step * np.arange(int(one.duration / step) + 1)
-    q, *rates = one.at(t)[:3]
     for _ in range(_SHRINK):
         amplitude = np.floor(1e4 * amplitude) / 1e4
-        if not amplitude.all():
-            return None
-        log = _log(robot, t, pose + amplitude * q, *(amplitude * rate for rate in rates))
-        if not robot.limits:
-            return amplitude, log
-        most = np.abs(motor_torque(robot, np.copysign(robot.tau_stall, log.tau), slope(log.kappa, step)))
-        taken = np.abs(log.tau) / np.maximum(_MARGIN * most, 1e-300)
-        if (over := taken.max()) <= 1.0:
-            return amplitude, log
-        if (held := taken[0].max()) >= 1.0:
-            return None
+        coefficients = one.coefficients * amplitude
+        coefficients[:, 0] += table["start"]
+        motion = Motion(one.knots, coefficients)
+        log = exact_log(robot, motion, step)
+        held = over = 0.0
+        if robot.limits:
+            most = motor_torque(robot, np.copysign(robot.tau_stall, log.tau), slope(log.kappa, step))
+            taken = np.abs(log.tau) / np.maximum(_MARGIN * np.abs(most), 1e-300)
+            held, over = taken[0].max(), taken.max()
+        if not amplitude.all() or held >= 1.0:
+            return []
+        if over <= 1.0:
+            try:
+                check_motion(motion, robot)
+            except UsageError:
+                return []
+            return [_Candidate({**table, "amplitude": amplitude.tolist()}, motion, log)]
         amplitude = amplitude * max(0.5, 0.95 * (1.0 - held) / (over - held))
-    return None
+    return []
 
 
 def _mean_deviation(

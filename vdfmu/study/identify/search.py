@@ -72,9 +72,7 @@ def expected_deviations(problem: IdentificationProblem, prior: Floats | None, no
 class _Search:
     """Gauss-Newton in logarithms of drives and springs, which are positive, and in parts of the sizes of all else."""
 
-    def __init__(
-        self, problem: IdentificationProblem, prior: Floats | None, noise: list[Floats] | None = None
-    ) -> None:
+    def __init__(self, problem: IdentificationProblem, prior: Floats | None, noise: list[Floats] | None = None) -> None:
         self.problem, self.x, self.sizes = problem, problem.start.copy(), _sizes(problem)
         self.period = _period(problem.speed)
         self.count = problem.places["links"].start
