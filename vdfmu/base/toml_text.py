@@ -19,6 +19,8 @@ def toml_value(value: Any, rounding: float = 0.0) -> str:
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False)
     if isinstance(value, (list, tuple, np.ndarray)):
+        if (whole := np.asarray(value)).dtype.kind == "i":
+            return str(whole.tolist())
         array = np.asarray(value, dtype=float)
         clean = np.where(np.abs(array) <= rounding * np.abs(array).max(initial=0.0), 0.0, array)
         return f"[{', '.join(toml_value(entry, rounding) for entry in clean)}]"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 def identify(
     log: Annotated[
-        Path, typer.Argument(help="Results of a run, CSV of any tool, Parquet, a MATLAB file, or MCAP of ROS 2.")
-    ],
+        Path | None, typer.Argument(help="Results of a run, CSV of any tool, Parquet, a MATLAB file, or MCAP of ROS 2.")
+    ] = None,
     robot: Annotated[
-        str, typer.Option("--robot", help="Robot to start from: kinematics, ratios, and what is not identified.")
-    ],
+        str | None, typer.Option("--robot", help="Robot to start from: kinematics, ratios, and what is not identified.")
+    ] = None,
     column: Annotated[
         list[str] | None,
         typer.Option(
@@ -59,15 +59,57 @@ def identify(
         ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Robot file to write, with the identified values.")
+        Path | None,
+        typer.Option("--out", "-o", help="Robot file to write, with the identified values; with --design the motion."),
     ] = None,
     overwrite: OverwriteOption = False,
+    design: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ROBOT",
+            help="Instead of a log: choose the motion that determines the parameters of this robot best, and predict "
+            "how wide the intervals will be.",
+        ),
+    ] = None,
+    duration: Annotated[float | None, typer.Option(help="With --design: s of the motion; default 60.")] = None,
+    start: Annotated[
+        str | None,
+        typer.Option(help="With --design: pose about which joints move, '0.3 -0.5'; default several about the middle."),
+    ] = None,
+    step: Annotated[
+        float | None, typer.Option(help="With --design: s from row to row of the log; default 0.002.")
+    ] = None,
+    bits: Annotated[int | None, typer.Option(help="With --design: bits of the encoders; default 17.")] = None,
+    noise: Annotated[
+        float | None,
+        typer.Option(metavar="SHARE", help="With --design: noise of torques over the largest; default 0.005."),
+    ] = None,
+    no_links: Annotated[bool, typer.Option("--no-links", help="With --design: no encoders behind the gears.")] = False,
 ) -> None:
     """Estimate drives, friction, springs and base parameters of an arm from a log of its motion."""
     from vdfmu.arm.robot import load_robot
+    from vdfmu.base.errors import UsageError
     from vdfmu.study.identify.fit import identify as estimate
     from vdfmu.study.identify.log import read_log
 
+    of_log = {"--robot": robot, "--column": column, "--time": time, "--score": other, "--truth": truth, "--plot": plot,
+              "--residuals": residuals}  # fmt: skip
+    of_design = {"--duration": duration, "--start": start, "--step": step, "--bits": bits, "--noise": noise,
+                 "--no-links": no_links or None}  # fmt: skip
+    if (log is None) == (design is None):
+        got = "neither" if log is None else "both"
+        raise UsageError(f"identify: expected a log, or --design ROBOT for a motion to log, got {got}.")
+    unfit = of_design if design is None else of_log
+    if wrong := [name for name, value in unfit.items() if value not in (None, "", [])]:
+        way = "goes with --design" if design is None else "goes with a log"
+        raise UsageError("\n".join(f"identify: {name} {way}." for name in wrong))
+    if design is not None:
+        sensors = {"step": step, "bits": bits, "noise": noise, "links": not no_links}
+        _design(design, duration, start, sensors, band, prior, out, overwrite)
+        return
+    assert log is not None
+    if robot is None:
+        raise UsageError("identify: expected --robot ROBOT, from which the identification starts.")
     arm = load_robot(robot)
     true = load_robot(truth) if truth is not None else None
     targets = {path: target_file(path, "", overwrite) for path in (plot, residuals, out) if path is not None}
@@ -76,12 +118,6 @@ def identify(
     say_notes(rows.notes)
     found = estimate(rows, arm, band=band, prior=prior)
     _print(found, arm.joint_labels, None if true is None else found.of(true))
-    say_notes([
-        f"not identified, kept: {', '.join(k for k, v in found.held.items() if v == why)}: {why}"
-        for why in dict.fromkeys(found.held.values())
-    ])  # fmt: skip
-    say_notes([f"hardly told by the log: {name}: {why}" for name, why in found.weak.items()])
-    say_notes(found.advice)
     scored = None
     if other is not None:
         from vdfmu.study.identify.score import score
@@ -119,6 +155,32 @@ def identify(
         say(f"{out}: {arm.name} with the identified values")
 
 
+def _design(
+    robot: str, duration: float | None, start: str | None, sensors: dict[str, Any], band: float | None, prior: float,
+    out: Path | None, overwrite: bool,
+) -> None:  # fmt: skip
+    """Choose a motion, write it, and print what to expect of it."""
+    from vdfmu.arm.robot import load_robot
+    from vdfmu.base.files import write_whole
+    from vdfmu.cli.modes import read_pose
+    from vdfmu.study.identify.design import SensorNoise, design
+
+    arm = load_robot(robot)
+    target = None if out is None else target_file(out, "", overwrite)
+    noise = SensorNoise(**{name: value for name, value in sensors.items() if value is not None})
+    length = {} if duration is None else {"duration": duration}
+    pose = None if start is None else read_pose("--start", start)
+    found = design(arm, **length, start=pose, sensors=noise, band=band, prior=prior)
+    say_notes(found.notes)
+    _print(found.expected, arm.joint_labels, None)
+    text = found.text(f"Motion to identify {arm.name}, {found.motion.duration:g} s, chosen by vdfmu identify --design.")
+    if target is None:
+        say(f"\n{text}")
+    else:
+        write_whole(target, [text.encode()])
+        say(f"{target}: the motion, {found.motion.duration:g} s")
+
+
 def _print(found: Identified, labels: list[str], true: list[float] | None) -> None:
     from rich.table import Column, Table
 
@@ -154,6 +216,12 @@ def _print(found: Identified, labels: list[str], true: list[float] | None) -> No
             "" if bent is None else f"+- {1.96 * found.stiffness_deviation[i]:.2g}",
         )  # fmt: skip
     console.print(drives)
+    say_notes([
+        f"not identified, kept: {', '.join(k for k, v in found.held.items() if v == why)}: {why}"
+        for why in dict.fromkeys(found.held.values())
+    ])  # fmt: skip
+    say_notes([f"hardly told by the log: {name}: {why}" for name, why in found.weak.items()])
+    say_notes(found.advice)
 
 
 def _print_score(name: str, score: LogScore, labels: list[str]) -> None:

@@ -69,16 +69,21 @@ def modes(
 
 
 def _pose(robot: Robot, text: str | None) -> list[float]:
-    from vdfmu.base.errors import UsageError
-
     if text is None:
         from vdfmu.study.analysis.modes import middle_pose
 
         return middle_pose(robot)
+    return read_pose("--pose", text)
+
+
+def read_pose(option: str, text: str) -> list[float]:
+    """Return the numbers of an option; UsageError for other words."""
+    from vdfmu.base.errors import UsageError
+
     try:
         return [float(number) for number in text.replace(",", " ").split()]
     except ValueError:
-        raise UsageError(f"--pose {text}: expected numbers, such as '0.3 -0.5'.") from None
+        raise UsageError(f"{option} {text}: expected numbers, such as '0.3 -0.5'.") from None
 
 
 def _print(motors: str, q: list[float], found: Modes) -> None:

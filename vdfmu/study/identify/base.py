@@ -78,6 +78,12 @@ def link_errors(robot: Robot, share: float) -> Floats:
     return ways
 
 
+def link_covariance(robot: Robot, base: BaseParameters, share: float) -> Floats | None:
+    """Return the covariance (p, p) of the base parameters of a robot file, None for an infinite share."""
+    errors = base.matrix @ link_errors(robot, share) if np.isfinite(share) else None
+    return None if errors is None else errors @ errors.T
+
+
 def _combination(row: Floats, parameters: list[str]) -> str:
     """Name of a base parameter: ``Izz1 + 0.25 m2 - my2``."""
     text = ""

@@ -26,7 +26,7 @@ from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
-from vdfmu.study.identify.base import BaseParameters, link_errors
+from vdfmu.study.identify.base import BaseParameters, link_covariance
 from vdfmu.study.identify.log import Log
 from vdfmu.study.identify.regressor import body_parameters
 from vdfmu.study.identify.rows import rows_of
@@ -132,8 +132,7 @@ def identify(log: Log, robot: Robot, *, band: float | None = None, prior: float 
     known. UsageError for joints that did not move, or whose rotor and link did not move alike; a log that is too short
     for the band, or tells nothing; the split arrangement of friction.
     """
-    if robot.friction != "lumped":
-        raise UsageError(f"{robot.name}: expected friction in the lumped arrangement, got {robot.friction}.")
+    check_settings(robot, band, prior)
     moved = np.ptp(log.kappa, axis=0)
     if still := _numbers(moved < _STILL):
         raise UsageError(f"{log.where}: joint {still} did not move: nothing can be told of it. Log a motion of all.")
@@ -142,14 +141,9 @@ def identify(log: Log, robot: Robot, *, band: float | None = None, prior: float 
             f"{log.where}: joint {apart}: expected rotors, divided by the ratio, and links to move alike, to what the "
             "springs give way. Check units, ratios, signs and order of the columns kappa and q."
         )
-    if band is not None and not band > 0.0:
-        raise UsageError(f"band: expected more than 0 Hz, got {band:g} Hz.")
-    if not prior > 0.0:
-        raise UsageError(f"prior: expected a share above 0, or inf if nothing is known of the links, got {prior:g}.")
     problem, t, band, lag = rows_of(log, robot, band)
-    errors = problem.base.matrix @ link_errors(robot, prior) if np.isfinite(prior) else None
     narrower = rows_of(log, robot, band, lag, share=0.5).problem
-    estimate = solve(problem, None if errors is None else errors @ errors.T, narrower)
+    estimate = solve(problem, link_covariance(robot, problem.base, prior), narrower)
     x, shown = estimate.x, problem.shown
     errors, deviation = problem.errors(x), np.sqrt(np.diag(estimate.covariance))
     level, stiffness, slopes = problem.stiffness(x)
@@ -159,6 +153,16 @@ def identify(log: Log, robot: Robot, *, band: float | None = None, prior: float 
         np.sqrt(np.einsum("ij,jk,ik->i", slopes, estimate.covariance, slopes)), x, lag, band, t, problem.tau, errors[0],
         errors[1] if len(errors) > 1 else None, problem.seen, problem.base,
     )  # fmt: skip
+
+
+def check_settings(robot: Robot, band: float | None, prior: float) -> None:
+    """Raise UsageError for settings of an identification that are out of range, or a robot with split friction."""
+    if robot.friction != "lumped":
+        raise UsageError(f"{robot.name}: expected friction in the lumped arrangement, got {robot.friction}.")
+    if band is not None and not band > 0.0:
+        raise UsageError(f"band: expected more than 0 Hz, got {band:g} Hz.")
+    if not prior > 0.0:
+        raise UsageError(f"prior: expected a share above 0, or inf if nothing is known of the links, got {prior:g}.")
 
 
 def _numbers(chosen: Any) -> str:

@@ -73,8 +73,8 @@ def rows_of(
 
     tau = log.tau * robot.ell
     kappa = np.asarray(sosfiltfilt(first, log.kappa, axis=0), dtype=float)
-    kappa_dot = _slope(kappa, h)
-    kappa_ddot = _slope(kappa_dot, h)
+    kappa_dot = slope(kappa, h)
+    kappa_ddot = slope(kappa_dot, h)
     error = kinematic_error(robot, kappa)
     seen: Any = np.zeros(robot.n, bool) if log.q is None else np.isfinite(log.q).all(axis=0)
     q = np.zeros_like(kappa)
@@ -90,13 +90,13 @@ def rows_of(
     smooth = sosfiltfilt(first, measured, axis=0)
     for i in np.flatnonzero(seen):
         q[:, i] = CubicSpline(log.t, smooth[:, i])(log.t + lag[i])
-    q_dot = _slope(q, h)
-    parts = regressor(robot, q, q_dot, _slope(q_dot, h), kappa_dot, kappa_ddot)
+    q_dot = slope(q, h)
+    parts = regressor(robot, q, q_dot, slope(q_dot, h), kappa_dot, kappa_ddot)
     base = base_parameters(robot)
     balance = filtered(counterbalance_hold(robot, q))
     problem = IdentificationProblem(
         robot, base, h, filtered(parts.links[:, :, base.columns]), filtered(parts.rotors),
-        filtered(kappa_ddot + parts.carried), filtered(tau), _slope(sosfiltfilt(narrow, tau, axis=0), h)[rows],
+        filtered(kappa_ddot + parts.carried), filtered(tau), slope(sosfiltfilt(narrow, tau, axis=0), h)[rows],
         balance, stretch, seen, filtered(q), speed, kappa_dot, filtered,
     )  # fmt: skip
     return Rows(problem, log.t[rows], band, lag)
@@ -116,7 +116,7 @@ def _lag(stretch: Floats, speed: Floats, tau: Floats) -> Floats:
     return np.array([np.linalg.lstsq(np.stack([v, one, t], axis=1), s, rcond=None)[0][0] for s, v, t in each])
 
 
-def _slope(signal: Floats, h: float) -> Floats:
+def slope(signal: Floats, h: float) -> Floats:
     """Differentiate by central differences of fourth order, at the ends of second."""
     found = np.gradient(signal, h, axis=0)
     found[2:-2] = (8.0 * (signal[3:-1] - signal[1:-3]) - (signal[4:] - signal[:-4])) / (12.0 * h)

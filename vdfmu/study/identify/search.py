@@ -62,10 +62,19 @@ def solve(problem: IdentificationProblem, prior: Floats | None, narrower: Identi
     return Estimate(search.x, covariance, search.held, search.weak(covariance))
 
 
+def expected_deviations(problem: IdentificationProblem, prior: Floats | None, noise: list[Floats]) -> Floats:
+    """Return standard deviations (p,) of all parameters at the robot file's values, 0 of those that are held.
+
+    `noise` are the standard deviations (n,) of the rows of each equation, which are taken as independent.
+    """
+    search = _Search(problem, prior, noise)
+    return np.linalg.norm(search.ways(search.x) @ search.inverse(search.slopes(search.x)), axis=1)
+
+
 class _Search:
     """Gauss-Newton in logarithms of drives and springs, which are positive, and in parts of the sizes of all else."""
 
-    def __init__(self, problem: IdentificationProblem, prior: Floats | None) -> None:
+    def __init__(self, problem: IdentificationProblem, prior: Floats | None, noise: list[Floats] | None = None) -> None:
         self.problem, self.x, self.sizes = problem, problem.start.copy(), _sizes(problem)
         self.period = _period(problem.speed)
         self.count = problem.places["links"].start
@@ -102,8 +111,10 @@ class _Search:
                 self.free[places] = False
                 if name in SPRINGS:
                     self.held |= {problem.names[i]: f"the log has no positions of its link; {way}" for i in places}
-        each = zip(problem.errors(self.x), problem.jacobian(self.x), strict=True)
-        self.weights = [self._noise(error, slope) for error, slope in each]
+        if noise is None:
+            each = zip(problem.errors(self.x), problem.jacobian(self.x), strict=True)
+            noise = [self._noise(error, slope) for error, slope in each]
+        self.weights = noise
         self.moved = np.zeros(len(self.x))
 
     def ways(self, x: Floats) -> Floats:
@@ -116,7 +127,7 @@ class _Search:
         left = [e - s @ np.linalg.lstsq(s, e, rcond=None)[0] for e, s in zip(error.T, slopes, strict=True)]
         return _level(np.transpose(left), self.period)
 
-    def _slopes(self, x: Floats) -> list[Floats]:
+    def slopes(self, x: Floats) -> list[Floats]:
         """Return derivatives (k, n, free) of weighted residuals of each equation by the variables of the search."""
         each = zip(self.problem.jacobian(x), self.weights, strict=True)
         return [(e / w[:, None]) @ self.ways(x) for e, w in each]
@@ -136,7 +147,7 @@ class _Search:
 
         def slopes(part: Floats) -> Floats:
             now = whole(part)
-            rows = [each.reshape(-1, part.size) for each in self._slopes(now)]
+            rows = [each.reshape(-1, part.size) for each in self.slopes(now)]
             return np.concatenate([*rows, root])
 
         start, jac = np.zeros(int(self.free.sum())), cast(Any, slopes)
@@ -158,21 +169,27 @@ class _Search:
             self.x[at["v_s"].start + i] = self.problem.start[at["v_s"].start + i]
         return bool(less)
 
+    def inverse(self, slopes: list[Floats]) -> Floats:
+        """Return a root (free, free) of the covariance of the variables of the search, for independent residuals."""
+        root = self.root[:, self.free]
+        rows = [each.reshape(-1, root.shape[1]) for each in slopes]
+        V: Any
+        _, S, V = np.linalg.svd(np.linalg.qr(np.concatenate([*rows, root]), mode="r"))
+        return V.T / np.maximum(S, 1e-12 * S[0])
+
     def covariance(self, narrower: IdentificationProblem) -> Floats:
         """Covariance of all parameters, for residuals that are alike from row to row (Newey and West 1987).
 
         Deviations are at least those of independent residuals.
         """
         x, root = self.x, self.root[:, self.free]
-        slopes = self._slopes(x)
+        slopes = self.slopes(x)
         errors = [e / w for e, w in zip(self.problem.errors(x), self.weights, strict=True)]
-        rows = np.concatenate([each.reshape(-1, root.shape[1]) for each in slopes])
-        V: Any
-        _, S, V = np.linalg.svd(np.linalg.qr(np.concatenate([rows, root]), mode="r"))
-        inverse = V.T / np.maximum(S, 1e-12 * S[0])
+        rows = sum(each.shape[0] * each.shape[1] for each in slopes)
+        inverse = self.inverse(slopes)
         inverse = inverse @ inverse.T
         pulls = np.sum([np.einsum("kn,knp->kp", e, s) for e, s in zip(errors, slopes, strict=True)], axis=0)
-        ways, spare = self.ways(x) @ inverse, len(rows) / max(1, len(rows) - rows.shape[1])
+        ways, spare = self.ways(x) @ inverse, rows / max(1, rows - root.shape[1])
         alike = ways @ (spare * _long_run(pulls, self.period) + root.T @ root) @ ways.T
         independent = spare * np.einsum("pi,pi->p", ways, self.ways(x))
         more = np.sqrt(np.maximum(1.0, independent / np.maximum(np.diag(alike), 1e-300)))
