@@ -1,0 +1,1 @@
+"""Observers and filters for what a robot measures, one unit a file."""
