@@ -84,8 +84,8 @@ def test_the_momentum_observer_sees_nothing_in_free_motion_and_the_wrench_else(n
             errors.append(np.abs(found["r"][-1] - (vdfmu.jacobian(robot, q(t)).T @ wrench)).max())
     free, pressed = errors[::2], errors[1::2]
     scale = np.abs(tau_s(0.1, F_e)).max()
-    # Trapezoids, h^2 / 12 of the second derivative of torques that change with some 5 rad/s: 1e-5 of them at 2 ms, where
-    # friction does not turn; a quarter at half of the period.
+    # Trapezoids, h^2 / 12 of the second derivative of torques that change with some 5 rad/s: 1e-5 of them at 2 ms,
+    # where friction does not turn; a quarter at half of the period.
     assert free[0] < 1e-4 * scale
     assert free[0] / free[1] == pytest.approx(4.0, rel=0.3)
     # behind the lag: w / K_o = 1 % of the change of the Jacobian, which moves by 0.2 w rad/s

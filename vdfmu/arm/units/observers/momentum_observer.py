@@ -35,8 +35,8 @@ class MomentumObserver(Unit):
         p_dot = tau_s - xi_l + C' q_dot - G - tau_ext             tau_ext = J_q' F_e
         r     = K_o [integral (tau_s - xi_l + C' q_dot - G - r) dt - p + p(0)]
 
-    so that r_dot = K_o (tau_ext - r): r is the torque of the wrench F_e of the arm on its surroundings, by joint, behind
-    a lag of 1 / K_o. The sampled form integrates by trapezoids, and is exact where tau_ext is constant in a sample::
+    so that r_dot = K_o (tau_ext - r): r is the torque of the wrench F_e of the arm on its surroundings, by joint,
+    behind a lag of 1 / K_o. The sampled form integrates by trapezoids; it is exact where tau_ext is constant::
 
         r <- a r + (1 - a) [mean of (tau_s - xi_l + C' q_dot - G) - (p - p_before) / period]       a = exp(-K_o period)
 

@@ -33,7 +33,7 @@ class NotchFilter(Unit):
     held = Sampled("N.m", JOINTS, "torque until the next sample")
 
     def requirements(self) -> dict[str, tuple[str, float]]:
-        """The notch is below half of the sampling frequency."""
+        """Require a notch below half of the sampling frequency."""
         return {"f": ("less than half of 1 / period, for every joint", np.prod(0.5 / self.period > self.f) - 0.5)}
 
     def update(self) -> None:
