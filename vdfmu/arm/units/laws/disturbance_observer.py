@@ -19,7 +19,7 @@ class DisturbanceObserverPD(Unit):
         tau = tau_m + [K_p (q_d - q) + K_v (kappa_dot_d - kappa_dot)] / ell + d_hat       limited to -tau_max .. tau_max
 
     d [N.m, motor-side] is estimated by the filter Q = 1 / (T_Q s + 1), from the torque after the limit and the change
-    of the velocity e = kappa_dot_d - kappa_dot over a sample. That is exact where tau - tau_m and d are constant in it::
+    of the velocity e = kappa_dot_d - kappa_dot over a sample. That is exact where tau - tau_m and d are constant::
 
         d_hat <- a d_hat + (1 - a) [tau - tau_m + I_m (e - e_before) / period]         a = exp(-period / T_Q)
 
