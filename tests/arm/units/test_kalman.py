@@ -93,3 +93,55 @@ def test_errors_under_noise_have_the_variance_of_the_riccati_equation(pendulum, 
     known = np.sqrt(2.0 / len(errors) * (1.0 + slowest**2) / (1.0 - slowest**2))
     assert known < 0.15
     np.testing.assert_allclose(np.var(errors, axis=0), np.diag(P), rtol=3.0 * known)
+
+
+SYSTEM = """name = "filtered"
+description = "An arm whose links are known from encoders of motors, in the loop"
+[units]
+trajectory = "trajectory"
+feedforward = "feedforward"
+controller = "controller"
+plant = "plant"
+filter = "kalman_filter"
+[connections]
+"trajectory.q_d" = ["feedforward.q_d", "controller.q_d"]
+"trajectory.q_d_dot" = ["feedforward.q_d_dot", "controller.q_d_dot"]
+"trajectory.q_d_ddot" = ["feedforward.q_d_ddot"]
+"trajectory.q_d_dddot" = ["feedforward.q_d_dddot"]
+"trajectory.q_d_ddddot" = ["feedforward.q_d_ddddot"]
+"feedforward.tau_m" = ["controller.tau_m"]
+"feedforward.kappa_dot_d" = ["controller.kappa_dot_d"]
+"controller.tau" = ["plant.tau", "filter.tau"]
+"plant.kappa" = ["filter.kappa"]
+"filter.q_hat" = ["controller.q"]
+"filter.kappa_dot_hat" = ["controller.kappa_dot"]
+"""
+SCENARIO = """name = "filtered"
+description = "The planar arm"
+system = "filtered.toml"
+robot = "planar_2dof"
+stop = 2.0
+step = 0.001
+tolerance = 1e-7
+[trajectory]
+q_start = [-1.0, 0.0]
+q_end = [-0.5, 0.7]
+T = 2.0
+[controller]
+K_p = [1500.0, 500.0]
+K_v = [40.0, 20.0]
+[filter]
+q_pose = [-0.75, 0.35]
+"""
+
+
+@pytest.mark.heavy
+def test_links_are_known_in_the_loop(tmp_path):
+    (tmp_path / "filtered.toml").write_text(SYSTEM)
+    (tmp_path / "scenario.toml").write_text(SCENARIO)
+    results = vdfmu.run(tmp_path / "scenario.toml", reference=False, out=False)
+    wound = np.abs(results["plant.kappa"] - results["plant.q"]).max()
+    error = np.abs(results["filter.q_hat"] - results["plant.q"]).max()
+    # 0.19 of 0.86 mrad: the pose is 0.35 rad away, and friction is not in the model
+    assert error < 0.3 * wound
+    assert np.abs(results["trajectory.q_d"] - results["plant.q"]).max() < 2.0 * error  # as good as what is measured

@@ -1,1 +1,1 @@
-"""Control laws for the joints of an arm, one unit a file; each may stand in the place of the controller."""
+"""Control laws, one file each: units that can stand instead of the controller of a system."""

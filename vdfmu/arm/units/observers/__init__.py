@@ -1,1 +1,1 @@
-"""Observers and filters for what a robot measures, one unit a file."""
+"""Observers and filters, one file each: units for what a robot measures or its motors are asked for."""
