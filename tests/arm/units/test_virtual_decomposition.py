@@ -122,7 +122,7 @@ def follow(law, true, desired, stop, start):
         law.q, law.q_dot, law.kappa_dot = x[0], x[1], x[1]
         rows.append((x[0], x[1], np.copy(law.phi), np.copy(law.theta)))
         law.update()
-        torque = law.held * true.ell
+        torque = law.tau * true.ell
         k_1 = rate(x, torque)
         k_2 = rate(x + 0.5 * h * k_1, torque)
         k_3 = rate(x + 0.5 * h * k_2, torque)

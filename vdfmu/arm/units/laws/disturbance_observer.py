@@ -6,7 +6,7 @@ import numpy as np
 
 from vdfmu.arm.equations.pd import pd_control
 from vdfmu.arm.units._signals import DESIRED, gain, small_motion
-from vdfmu.compiler.unit import JOINTS, Input, Output, Parameter, RobotParameters, Sampled, Terminal, Unit, clip
+from vdfmu.compiler.unit import JOINTS, Input, Parameter, RobotParameters, Sampled, Terminal, Unit, clip
 from vdfmu.compiler.unit.variable import NO_LIMIT
 
 
@@ -33,14 +33,13 @@ class DisturbanceObserverPD(Unit):
     kappa_dot_d = Input("velocity", JOINTS, "desired velocity of the rotor divided by ell")
     kappa_dot = Input("velocity", JOINTS, "velocity of the rotor divided by ell")
     tau_m = Input("N.m", JOINTS, "feedforward torque, motor-side")
-    tau = Output("N.m", JOINTS, "motor torque, motor-side")
     K_p = gain("stiffness", "proportional gain, link-side, Eq. (58)", 1000.0)
     K_v = gain("damping", "derivative gain, link-side, Eq. (58)", 20.0)
     tau_max = gain("N.m", "limit of the motor torque, motor-side", NO_LIMIT)
     T_Q = Parameter("s", JOINTS, "time constant of the estimate", start=0.05, minimum=1e-6, tunable=True)
     period = Parameter("s", text="time between samples", start=1e-3, minimum=1e-6)
     d_hat = Sampled("N.m", JOINTS, "estimated disturbance, motor-side")
-    held = Sampled("N.m", JOINTS, "motor torque until the next sample, motor-side")
+    tau = Sampled("N.m", JOINTS, "motor torque, motor-side")
     added = Sampled("N.m", JOINTS, "motor torque less the feedforward's since the last sample, motor-side")
     e_before = Sampled("velocity", JOINTS, "error of the rotor's velocity at the last sample")
     robot = RobotParameters("ell", "I_m")
@@ -56,16 +55,12 @@ class DisturbanceObserverPD(Unit):
         a = np.exp(-self.period / self.T_Q)
         seen = self.added + self.robot.I_m * (e - self.e_before) / self.period
         self.d_hat = clip(a * self.d_hat + (1.0 - a) * seen, -self.tau_max, self.tau_max)
-        self.held, _ = pd_control(
+        self.tau, _ = pd_control(
             self.K_p, self.K_v, self.robot.ell, self.tau_max, self.q_d, self.kappa_dot_d, self.q, self.kappa_dot,
             self.tau_m + self.d_hat,
         )  # fmt: skip
-        self.added = self.held - self.tau_m
+        self.added = self.tau - self.tau_m
         self.e_before = e
-
-    def outputs(self) -> None:
-        """Torque of the last sample."""
-        self.tau = self.held
 
     def experiment(self) -> None:
         """Follow a small motion nearly."""

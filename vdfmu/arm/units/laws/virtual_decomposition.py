@@ -7,7 +7,7 @@ import numpy as np
 from vdfmu.arm.equations.feedforward import adaptive_torques
 from vdfmu.arm.units._signals import DESIRED, base_motion, base_of, gain, small_motion
 from vdfmu.arm.units.laws._adaptation import natural, parameter_scales, projected, start_joints, start_parameters
-from vdfmu.compiler.unit import JOINTS, Choice, Input, Output, Parameter, RobotParameters, Sampled, Terminal, Unit, clip
+from vdfmu.compiler.unit import JOINTS, Choice, Input, Parameter, RobotParameters, Sampled, Terminal, Unit, clip
 from vdfmu.compiler.unit.variable import NO_LIMIT
 
 
@@ -42,7 +42,6 @@ class VirtualDecompositionControl(Unit):
     q_dot = Input("velocity", JOINTS, "velocity of the link")
     kappa_dot = Input("velocity", JOINTS, "velocity of the rotor divided by ell")
     R_S, V_S, A_S = base_motion()
-    tau = Output("N.m", JOINTS, "motor torque, motor-side")
     Lambda = gain("1/s", "gain of the required velocity, Eq. (12)", 10.0)
     K_V = gain("1", "gain K_B of the link in SI units, times the unit matrix, Eq. (50)", 0.01)
     k_q = gain("damping", "gain of the link velocity, link-side, Eq. (26)", 0.0)
@@ -58,7 +57,7 @@ class VirtualDecompositionControl(Unit):
     theta_0 = Parameter("1", (JOINTS, 3), "start of J, b, f of the joint, link-side, in SI units", start=start_joints)
     phi = Sampled("1", (JOINTS, 10), "estimated parameter of the body, in SI units")
     theta = Sampled("1", (JOINTS, 3), "estimated J, b, f of the joint, link-side, in SI units")
-    held = Sampled("N.m", JOINTS, "motor torque until the next sample, motor-side")
+    tau = Sampled("N.m", JOINTS, "motor torque, motor-side")
     robot = RobotParameters()
     terminals = (
         Terminal("desired", "left", tuple(DESIRED)[:3], "Desired motion of the joints"),
@@ -76,17 +75,13 @@ class VirtualDecompositionControl(Unit):
         e = q_dot_r - self.q_dot
         tau_r = tau_q + np.sum(Y * self.theta, axis=1) + self.k_q * e
         asked = tau_r / robot.ell + self.k_vkappa * (q_dot_r - self.kappa_dot)
-        self.held = clip(asked, -self.tau_max, self.tau_max)
+        self.tau = clip(asked, -self.tau_max, self.tau_max)
         free = self.period * np.prod(np.abs(asked) <= self.tau_max)
         if self.adaptation == "natural":
             self.phi = np.array([natural(self.phi[i], s[i], free * self.gamma) for i in range(self.n)])
         else:
             self.phi = projected(self.phi, s, free * self.gamma, self.scale, self.phi_0, self.span)
         self.theta = projected(self.theta, Y * e[:, None], free * self.gamma_j, self.theta_0, self.theta_0, self.span)
-
-    def outputs(self) -> None:
-        """Torque of the last sample."""
-        self.tau = self.held
 
     def experiment(self) -> None:
         """Follow a small motion nearly."""

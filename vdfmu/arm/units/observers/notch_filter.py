@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vdfmu.compiler.unit import JOINTS, Input, Output, Parameter, Sampled, Unit
+from vdfmu.compiler.unit import JOINTS, Input, Parameter, Sampled, Unit
 
 
 class NotchFilter(Unit):
@@ -23,14 +23,13 @@ class NotchFilter(Unit):
     """
 
     u = Input("N.m", JOINTS, "torque before the filter, motor-side")
-    y = Output("N.m", JOINTS, "torque behind the filter, motor-side")
     f = Parameter("Hz", JOINTS, "frequency of the notch", start=20.0, minimum=1e-3)
     zeta_n = Parameter("1", JOINTS, "damping of the zeros", start=0.05, minimum=0.0)
     zeta_d = Parameter("1", JOINTS, "damping of the poles", start=0.7, minimum=1e-3)
     period = Parameter("s", text="time between samples", start=1e-3, minimum=1e-6)
     z_1 = Sampled("N.m", JOINTS, "first state of the filter")
     z_2 = Sampled("N.m", JOINTS, "second state of the filter")
-    held = Sampled("N.m", JOINTS, "torque until the next sample")
+    y = Sampled("N.m", JOINTS, "torque behind the filter, motor-side")
 
     def requirements(self) -> dict[str, tuple[str, float]]:
         """Require a notch below half of the sampling frequency."""
@@ -44,10 +43,6 @@ class NotchFilter(Unit):
         b_1 = 2.0 * (t * t - 1.0) / a_0  # the coefficient of the poles too
         b_2 = (1.0 - 2.0 * self.zeta_n * t + t * t) / a_0
         a_2 = (1.0 - 2.0 * self.zeta_d * t + t * t) / a_0
-        self.held = b_0 * self.u + self.z_1
-        self.z_1 = b_1 * (self.u - self.held) + self.z_2
-        self.z_2 = b_2 * self.u - a_2 * self.held
-
-    def outputs(self) -> None:
-        """Torque of the last sample."""
-        self.y = self.held
+        self.y = b_0 * self.u + self.z_1
+        self.z_1 = b_1 * (self.u - self.y) + self.z_2
+        self.z_2 = b_2 * self.u - a_2 * self.y
