@@ -55,9 +55,10 @@ def test_the_momentum_observer_of_one_joint_is_a_lag_of_first_order(one_joint):
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("name", ["manipulator_6dof", "slider_3dof", "general"])
-def test_the_momentum_observer_sees_nothing_in_free_motion_and_the_wrench_else(name, general):
-    robot = general if name == "general" else vdfmu.load_robot(name)
+@pytest.mark.parametrize("name", ["manipulator_6dof", "slider_3dof", "general", "counterbalance"])
+def test_the_momentum_observer_sees_nothing_in_free_motion_and_the_wrench_else(name, general, with_options):
+    others = {"general": general, "counterbalance": with_options("counterbalance")}
+    robot = others.get(name) or vdfmu.load_robot(name)
     n, F_e, w = robot.n, np.array([5.0, -3.0, 4.0, 0.3, -0.2, 0.1]), 2.0
 
     phase, middle = 0.7 * np.arange(n), 0.4 + 0.1 * np.arange(n)

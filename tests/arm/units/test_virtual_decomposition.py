@@ -160,6 +160,19 @@ def lyapunov(law, true, q, q_dot, phi, theta, t):
     return energy + 0.5 * np.sum(((theta[:, 0] - true.I_m * true.ell) / J) ** 2) / law.gamma_j
 
 
+@pytest.mark.parametrize("adaptation", NAMES)
+def test_nothing_adapts_while_a_motor_is_at_its_limit(planar, adaptation):
+    law = find_unit("virtual_decomposition")(planar, adaptation=adaptation, q_d=[0.5, 0.0], q_dot=[0.1, 0.2])
+    for tau_max, adapts in ((1e3, True), (0.01, False)):
+        law.tau_max = tau_max
+        law.start()
+        law.update()
+        assert np.abs(law.tau).max() <= tau_max
+        # the inertia goes to the pseudo-inertia and back: some roundings
+        assert np.allclose(law.phi, law.phi_0, rtol=8 * EPS, atol=8 * EPS) != adapts
+        assert np.array_equal(law.theta, law.theta_0) != adapts
+
+
 @pytest.mark.heavy
 @pytest.mark.parametrize("adaptation", NAMES)
 def test_the_lyapunov_function_falls_from_sample_to_sample(planar, adaptation):
