@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.arm.equations.friction import linear_friction
 from vdfmu.arm.equations.rigid_body import PAIRS, body_parameters
 from vdfmu.compiler.scalar.generic import clip, zeros
 
@@ -17,7 +18,7 @@ def start_parameters(robot: Any) -> np.ndarray:
 
 def start_joints(robot: Any) -> np.ndarray:
     """Inertia of the rotors, viscous and dry friction, link-side: (n, 3)."""
-    return np.stack([robot.I_m * robot.ell, robot.f_v, robot.f_c], axis=1)
+    return np.hstack([(robot.I_m * robot.ell)[:, None], linear_friction(robot)])
 
 
 def parameter_scales(robot: Any) -> np.ndarray:

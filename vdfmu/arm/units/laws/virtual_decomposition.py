@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from vdfmu.arm.equations.feedforward import adaptive_torques
+from vdfmu.arm.equations.friction import friction_regressor
 from vdfmu.arm.units._signals import DESIRED, base_motion, base_of, gain, small_motion
 from vdfmu.arm.units.laws._adaptation import natural, parameter_scales, projected, start_joints, start_parameters
 from vdfmu.compiler.unit import JOINTS, Choice, Input, Parameter, RobotParameters, Sampled, Terminal, Unit, clip
@@ -71,7 +72,7 @@ class VirtualDecompositionControl(Unit):
         q_dot_r = self.q_d_dot + self.Lambda * (self.q_d - self.q)
         q_ddot_r = self.q_d_ddot + self.Lambda * (self.q_d_dot - self.q_dot)
         tau_q, s = adaptive_torques(robot, self.phi, self.K_V, self.q, self.q_dot, q_dot_r, q_ddot_r, base_of(self))
-        Y = np.stack([q_ddot_r, q_dot_r, np.tanh(self.q_d_dot / robot.eps)], axis=1)
+        Y = np.concatenate([q_ddot_r[:, None], friction_regressor(robot, q_dot_r, self.q_d_dot)], axis=1)
         e = q_dot_r - self.q_dot
         tau_r = tau_q + np.sum(Y * self.theta, axis=1) + self.k_q * e
         asked = tau_r / robot.ell + self.k_vkappa * (q_dot_r - self.kappa_dot)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu.arm.equations.flexible_joint import rotor_position
+from vdfmu.arm.equations.friction import linear_friction
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.arm.equations.mapping import joint_space_mass_matrix
@@ -24,11 +25,12 @@ def model(period: Any, q_pose: Any, robot: Any) -> Any:
     """Each joint over a period about a pose, (n, 4, 6): of state, motor torque and torque on the link, both held."""
     zero, links = np.zeros(robot.n), np.diag(joint_space_mass_matrix(robot, q_pose))
     stiffness = 1.0 / deformation_derivative(robot, rest(q_pose, robot)[:, 1] * robot.ell)
-    viscous = robot.f_v if robot.friction == "lumped" else zero
+    viscous = linear_friction(robot)[:, 0]
+    on_rotor = viscous * float(robot.friction == "lumped")
     found = []
     for i, (M, J, K, ell) in enumerate(zip(links, robot.I_m * robot.ell, stiffness, robot.ell, strict=True)):
         turned = inverse_dynamics(robot, jets(q_pose, np.eye(robot.n)[i], zero), zero, zero)
-        K_g, b, b_q = derivative(turned, 1)[i], viscous[i], robot.f_v[i] - viscous[i]
+        K_g, b, b_q = derivative(turned, 1)[i], on_rotor[i], viscous[i] - on_rotor[i]
         rates = np.zeros((6, 6))
         rates[:4] = [
             [0.0, 1.0, 0.0, 0.0, 0.0, 0.0],
