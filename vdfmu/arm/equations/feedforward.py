@@ -25,7 +25,7 @@ from vdfmu.arm.equations.inverse_dynamics import (
     link_motion,
 )
 from vdfmu.arm.equations.kinematics import joint_transforms, tool_transform
-from vdfmu.arm.equations.rigid_body import coriolis_matrix, gravity_force, link_body, mass_matrix
+from vdfmu.arm.equations.rigid_body import body_regressor, coriolis_matrix, gravity_force, link_body, mass_matrix
 from vdfmu.arm.equations.spatial import cross_motion, joint_axis, skew
 from vdfmu.arm.equations.trajectory import Desired
 from vdfmu.arm.world.attachment import AT_REST, NO_WRENCH, Base
@@ -157,6 +157,32 @@ def required_motion(
     )
 
 
+class LinkVelocities(NamedTuple):
+    """Velocities of links, those required, and the derivatives of these: n times (6,) each, in {B_i}."""
+
+    V_B: list[np.ndarray]
+    V_B_r: list[np.ndarray]
+    V_B_r_dot: list[np.ndarray]
+
+
+def link_velocities(
+    robot: Any, U_AB: list[np.ndarray], q_dot: np.ndarray, q_dot_r: Any, q_ddot_r: Any, base: Base = AT_REST
+) -> LinkVelocities:
+    """Return measured and required velocities of the links from those of the joints, Eq. (29)-(31), (48)-(49)."""
+    found = LinkVelocities([], [], [])
+    V_A, V_A_r, V_A_r_dot = base.V_S, base.V_S, base.V_S_dot
+    for i in range(robot.n):
+        z = joint_axis(robot.joint_types[i])
+        V_A = z * q_dot[i] + U_AB[i].T @ V_A  # (29)-(31)
+        V_A_r = z * q_dot_r[i] + U_AB[i].T @ V_A_r  # (48)-(49), (14)
+        # the derivative of (49): U depends on the measured position, so its rate on the measured velocity
+        turned = cross_motion(V_A_r) @ (z * q_dot[i])
+        V_A_r_dot = z * q_ddot_r[i] + U_AB[i].T @ V_A_r_dot + turned
+        for listed, V in zip(found, (V_A, V_A_r, V_A_r_dot), strict=True):
+            listed.append(V)
+    return found
+
+
 def required_net_forces(
     robot: Any,
     gains: FeedbackGains,
@@ -181,18 +207,9 @@ def required_net_forces(
     F_D_r_star : n times (6,) [N, N m] in {D_i}
     """
     g_B = gravity_in_links(robot, U_AB, base)
-    V_B: list[np.ndarray] = []
-    V_B_r: list[np.ndarray] = []
-    V_B_r_dot: list[np.ndarray] = []
+    V_B, V_B_r, V_B_r_dot = link_velocities(robot, U_AB, q_dot, required.q_dot_r, required.q_ddot_r, base)
     F_B_r_star: list[np.ndarray] = []
     for i in range(robot.n):
-        z = joint_axis(robot.joint_types[i])
-        V_A, V_A_r, V_A_r_dot = (V_B[-1], V_B_r[-1], V_B_r_dot[-1]) if i > 0 else (base.V_S, base.V_S, base.V_S_dot)
-        V_B.append(z * q_dot[i] + U_AB[i].T @ V_A)  # (29)-(31)
-        V_B_r.append(z * required.q_dot_r[i] + U_AB[i].T @ V_A_r)  # (48)-(49), (14)
-        # the derivative of (49): U depends on the measured position, so its rate on the measured velocity
-        turned = cross_motion(V_B_r[i]) @ (z * q_dot[i])
-        V_B_r_dot.append(z * required.q_ddot_r[i] + U_AB[i].T @ V_A_r_dot + turned)
         body = link_body(robot, i)
         F_B_r_star.append(
             mass_matrix(*body) @ V_B_r_dot[i]
@@ -296,3 +313,37 @@ def feedforward_vdc(
     tau_q, tau_kr = joint_torques(robot, q, F_B_r), axial_torques(F_D_r_star)
     tau_t, tau_m = drive_torques(robot, gains, required, tau_q, tau_kr, friction, q_dot, kappa_dot)
     return FeedforwardTorques(tau_m, robot.ell * tau_t, drive.kappa_dot)
+
+
+def adaptive_torques(
+    robot: Any, phi: np.ndarray, K_V: Any, q: np.ndarray, q_dot: np.ndarray, q_dot_r: Any, q_ddot_r: Any,
+    base: Base = AT_REST,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Return the axis components of the required forces (50)-(53) for estimated bodies, and what drives the estimates.
+
+    As :func:`required_net_forces` and :func:`required_forces`, with ``M V_r_dot + C V_r + G = Y_B phi`` of
+    :func:`~vdfmu.arm.equations.rigid_body.body_regressor`, without a wrench of the tool and the rotors' part.
+
+    Parameters
+    ----------
+    phi : (n, 10) estimated parameters of the bodies
+    K_V : (n,) gain of (50), in SI units
+    q, q_dot : (n,) measured
+    q_dot_r, q_ddot_r : (n,) required velocity (12), and its derivative
+
+    Returns
+    -------
+    tau_q : (n,) [N m or N], link-side
+    s : (n, 10) ``Y_B.T (V_B_r - V_B)``
+    """
+    U_AB = joint_transforms(robot, q)
+    g_B = gravity_in_links(robot, U_AB, base)
+    V_B, V_B_r, V_B_r_dot = link_velocities(robot, U_AB, q_dot, q_dot_r, q_ddot_r, base)
+    s: list[np.ndarray] = []
+    F_B_r_star: list[np.ndarray] = []
+    for i in range(robot.n):
+        Y_B, e_B = body_regressor(V_B[i], V_B_r[i], V_B_r_dot[i], g_B[i]), V_B_r[i] - V_B[i]
+        s.append(Y_B.T @ e_B)
+        F_B_r_star.append(Y_B @ phi[i] + K_V[i] * e_B)
+    F_B_r = required_forces(robot, U_AB, F_B_r_star, [np.zeros(6)] * robot.n)
+    return joint_torques(robot, q, F_B_r), np.array(s)

@@ -38,6 +38,16 @@ def stribeck_friction(robot: Any, velocity: Any, states: States | None = None) -
     return dry + f_v * velocity
 
 
+def linear_friction(robot: Any) -> Any:
+    """Viscous and dry friction f_v and f_c, in which (54) is linear without Stribeck's effect: (n, 2), link-side."""
+    return np.stack([robot.f_v, robot.f_c], axis=1)
+
+
+def friction_regressor(robot: Any, velocity: Any, direction: Any) -> Any:
+    """Return Y, (n, 2), of the friction ``sum(Y * linear_friction, axis=1)`` at `velocity`, dry as of `direction`."""
+    return np.stack([velocity, np.tanh(direction / robot.eps)], axis=1)
+
+
 def coulomb_friction(robot: Any, kappa_dot: Any) -> Any:
     """Coulomb friction of the rotor, Eq. (55): (n,) [N m], motor-side.
 

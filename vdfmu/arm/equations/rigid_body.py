@@ -9,6 +9,11 @@ import numpy as np
 from vdfmu.arm.equations.spatial import skew
 from vdfmu.compiler.scalar.generic import zeros
 
+BODY = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+"""Ten parameters of a body in which (59) is linear: mass, first moments, and the inertia about the origin of {B}."""
+PAIRS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+"""Rows and columns of its moments of inertia."""
+
 
 def link_body(robot: Any, i: int) -> tuple[Any, np.ndarray, np.ndarray]:
     """Return mass [kg], centre of mass (3,) [m] and inertia (3, 3) [kg m2] of link `i`, from 0, in {B_i}.
@@ -107,3 +112,43 @@ def net_force(
     """
     M_B = mass_matrix(m_B, r_B, I_B)
     return M_B @ V_B_dot + coriolis_force(m_B, r_B, I_B, V_B) + gravity_force(m_B, r_B, g_B)
+
+
+def body_parameters(robot: Any) -> np.ndarray:
+    """Return the parameters :data:`BODY` of all links, (10 n,), a payload with the last."""
+    found: list[float] = []
+    for i in range(robot.n):
+        m, c, inertia = link_body(robot, i)
+        about_origin = inertia + m * (c @ c * np.eye(3) - np.outer(c, c))
+        found += [m, *(m * c), *(about_origin[i, j] for i, j in PAIRS)]
+    return np.array(found, dtype=float)
+
+
+def body_regressor(V_B: np.ndarray, V_B_r: np.ndarray, V_B_r_dot: np.ndarray, g_B: np.ndarray) -> np.ndarray:
+    """Return Y_B with ``Y_B @ phi = M_B V_B_r_dot + C V_B_r + G_B``, phi the parameters :data:`BODY`.
+
+    Deviation: C of (61) is not linear in ten parameters; virtual decomposition control takes 13. The C here is, with
+    ``-(I_o omega) x`` in the lower right, ``-m omega x r x`` and its opposite beside it: it is skew-symmetric too, and
+    ``C V_B`` is that of (61).
+
+    Parameters
+    ----------
+    V_B : (6,) [m/s, rad/s] velocity of {B} in {B}
+    V_B_r, V_B_r_dot : (6,) [m/s, rad/s, and per s] required velocity, and its derivative
+    g_B : (3,) [m/s2] see :func:`gravity_force`
+
+    Returns
+    -------
+    Y_B : (6, 10)
+    """
+    omega_cross, omega_r_cross = skew(V_B[3:]), skew(V_B_r[3:])
+    a = V_B_r_dot[:3] + omega_cross @ V_B_r[:3] + g_B
+    Y_B = zeros((6, 10), V_B, V_B_r, V_B_r_dot, g_B)
+    Y_B[:3, 0] = a
+    Y_B[:3, 1:4] = skew(V_B_r_dot[3:]) + omega_cross @ omega_r_cross
+    Y_B[3:, 1:4] = -skew(a)
+    for k, (i, j) in enumerate(PAIRS, 4):
+        part = np.zeros((3, 3))
+        part[i, j] = part[j, i] = 1.0
+        Y_B[3:, k] = part @ V_B_r_dot[3:] + omega_r_cross @ (part @ V_B[3:])
+    return Y_B

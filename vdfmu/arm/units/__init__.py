@@ -1,4 +1,7 @@
-"""The units of the package, one file each. Users write theirs the same way."""
+"""The units of the package, one file each. Users write theirs the same way.
+
+Beside those of the shipped systems there are control laws in `laws` and observers in `observers`.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ import os
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
-from pkgutil import iter_modules
+from pkgutil import walk_packages
 
 from vdfmu.base.errors import UsageError
 from vdfmu.compiler.unit.load import load_units
@@ -16,15 +19,17 @@ __all__ = ["find_unit", "package_units", "shipped_units"]
 
 
 def shipped_units() -> dict[str, type[Unit]]:
-    """Return the units of an arm by name, without those of what is around it, which need no robot."""
-    return {name: unit for name, unit in package_units().items() if unit.needs_robot()}
+    """Return the units of an arm in the shipped systems by name, without those around it, which need no robot."""
+    units = package_units().items()
+    return {name: unit for name, unit in units if unit.needs_robot() and unit.__module__ == f"{__name__}.{name}"}
 
 
 @lru_cache
 def package_units() -> dict[str, type[Unit]]:
     """Return the units by name, which is that of their file."""
-    names = sorted(module.name for module in iter_modules(__path__) if not module.name.startswith("_"))
-    modules = {name: import_module(f"{__name__}.{name}") for name in names}
+    paths = sorted(module.name for module in walk_packages(__path__, f"{__name__}.") if not module.ispkg)
+    named = {path.rpartition(".")[2]: path for path in paths}
+    modules = {name: import_module(path) for name, path in named.items() if not name.startswith("_")}
     return {
         name: unit
         for name, module in modules.items()

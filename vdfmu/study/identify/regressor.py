@@ -10,13 +10,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.arm.equations.rigid_body import link_body
+from vdfmu.arm.equations.rigid_body import BODY as BODY
+from vdfmu.arm.equations.rigid_body import PAIRS
+from vdfmu.arm.equations.rigid_body import body_parameters as body_parameters
 from vdfmu.base.arrays import Floats
-
-BODY = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-"""Parameters of a body."""
-PAIRS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
-"""Rows and columns of its moments of inertia."""
 
 
 class Regressor(NamedTuple):
@@ -29,16 +26,6 @@ class Regressor(NamedTuple):
     rotation."""
     carried: Floats
     """(m, n) [rad/s2]: acceleration that adds to kappa_ddot in the rotor's torque ``J (kappa_ddot + carried)``."""
-
-
-def body_parameters(robot: Any) -> Floats:
-    """Inertial parameters of all links, (10 n,), a payload with the last."""
-    found: list[float] = []
-    for i in range(robot.n):
-        m, c, inertia = link_body(robot, i)
-        about_origin = inertia + m * (c @ c * np.eye(3) - np.outer(c, c))
-        found += [m, *(m * c), *(about_origin[i, j] for i, j in PAIRS)]
-    return np.array(found, dtype=float)
 
 
 def regressor(robot: Any, q: Floats, q_dot: Floats, q_ddot: Floats, kappa_dot: Floats, kappa_ddot: Floats) -> Regressor:

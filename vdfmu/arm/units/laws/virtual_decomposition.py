@@ -1,0 +1,94 @@
+"""The unit VirtualDecompositionControl: the paper's control with parameters that it adapts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vdfmu.arm.equations.feedforward import adaptive_torques
+from vdfmu.arm.equations.friction import friction_regressor
+from vdfmu.arm.units._signals import DESIRED, base_motion, base_of, gain, small_motion
+from vdfmu.arm.units.laws._adaptation import natural, parameter_scales, projected, start_joints, start_parameters
+from vdfmu.compiler.unit import JOINTS, Choice, Input, Parameter, RobotParameters, Sampled, Terminal, Unit, clip
+from vdfmu.compiler.unit.variable import NO_LIMIT
+
+
+class VirtualDecompositionControl(Unit):
+    """Virtual decomposition control with adaptation, Eq. (12)-(27), (48)-(53), sampled.
+
+    The paper's control with estimated parameters: phi of each body, ten in number (mass, first moments, inertia about
+    the origin of its frame), and J, b, f of each joint, link-side: inertia of the rotor, viscous and dry friction. All
+    start as the robot has them::
+
+        q_dot_r = q_d_dot + Lambda (q_d - q)                                     required velocity, (12)
+        F*_B,r  = Y_B phi + K_V (V_B,r - V_B)                                    required net forces, (50)
+        tau_r   = z' F_B,r + J q_ddot_r + b q_dot_r + f tanh(q_d_dot / eps) + k_q (q_dot_r - q_dot)      (51)-(53), (26)
+        tau     = tau_r / ell + k_vkappa (q_dot_r - kappa_dot)                   (27), limited to -tau_max .. tau_max
+
+    With s = Y_B' (V_B,r - V_B) for bodies, and the same for joints, the estimates follow::
+
+        phi <- phi + period gamma scale^2 s,  limited to phi_0 +- span scale     adaptation 0: projection (Zhu 2010)
+        P   <- P + period gamma P S P                                            adaptation 1: natural (Lee et al. 2018)
+
+    P is the pseudo-inertia of a body: with the natural law the estimate stays that of a body that can exist. Joints
+    have the first law always. The virtual power flows (V_B,r - V_B)' (F_B,r - F_B) of two bodies at the cutting point
+    between them cancel, so what is left of the arm's Lyapunov function falls by K_V, k_q, where joints are stiff. Here
+    they are not: k_vkappa damps the rotors, and Lambda stays below the first mode. While a motor is at its limit,
+    nothing adapts. The rotors' reaction (11) and the winding of springs are left out: they are for adaptation to find.
+    """
+
+    q_d = Input(*DESIRED["q_d"])
+    q_d_dot = Input(*DESIRED["q_d_dot"])
+    q_d_ddot = Input(*DESIRED["q_d_ddot"])
+    q = Input("position", JOINTS, "position of the link")
+    q_dot = Input("velocity", JOINTS, "velocity of the link")
+    kappa_dot = Input("velocity", JOINTS, "velocity of the rotor divided by ell")
+    R_S, V_S, A_S = base_motion()
+    Lambda = gain("1/s", "gain of the required velocity, Eq. (12)", 10.0)
+    K_V = gain("1", "gain K_B of the link in SI units, times the unit matrix, Eq. (50)", 0.01)
+    k_q = gain("damping", "gain of the link velocity, link-side, Eq. (26)", 0.0)
+    k_vkappa = gain("damping_m", "gain of the rotor velocity, motor-side, Eq. (27)", 0.3)
+    tau_max = gain("N.m", "limit of the motor torque, motor-side", NO_LIMIT)
+    adaptation = Choice("projection", "natural", text="Law of the bodies; 0: gradient with projection, 1: natural")
+    gamma = Parameter("1/J", text="Gain of the adaptation of bodies; 0: none", start=1.0, minimum=0.0, tunable=True)
+    gamma_j = Parameter("1/J", text="Gain of the adaptation of joints; 0: none", start=1.0, minimum=0.0, tunable=True)
+    span = Parameter("1", text="Half of the range of an estimate, by its scale", start=0.5, minimum=0.0)
+    scale = Parameter("1", (JOINTS, 10), "scale of the parameters", start=parameter_scales, minimum=0.0)
+    period = Parameter("s", text="time between samples", start=1e-3, minimum=1e-6)
+    phi_0 = Parameter("1", (JOINTS, 10), "start of the parameters of the body, in SI units", start=start_parameters)
+    theta_0 = Parameter("1", (JOINTS, 3), "start of J, b, f of the joint, link-side, in SI units", start=start_joints)
+    phi = Sampled("1", (JOINTS, 10), "estimated parameter of the body, in SI units")
+    theta = Sampled("1", (JOINTS, 3), "estimated J, b, f of the joint, link-side, in SI units")
+    tau = Sampled("N.m", JOINTS, "motor torque, motor-side")
+    robot = RobotParameters()
+    terminals = (
+        Terminal("desired", "left", tuple(DESIRED)[:3], "Desired motion of the joints"),
+        Terminal("joints", "right", ("tau", "q", "q_dot", "kappa_dot"), "Motor torques and motion of the joints"),
+        Terminal("base", "top", ("R_S", "V_S", "A_S"), "Motion of the base"),
+    )
+
+    def update(self) -> None:
+        """Torque of the estimates so far, and the next estimates."""
+        robot = self.robot
+        q_dot_r = self.q_d_dot + self.Lambda * (self.q_d - self.q)
+        q_ddot_r = self.q_d_ddot + self.Lambda * (self.q_d_dot - self.q_dot)
+        tau_q, s = adaptive_torques(robot, self.phi, self.K_V, self.q, self.q_dot, q_dot_r, q_ddot_r, base_of(self))
+        Y = np.concatenate([q_ddot_r[:, None], friction_regressor(robot, q_dot_r, self.q_d_dot)], axis=1)
+        e = q_dot_r - self.q_dot
+        tau_r = tau_q + np.sum(Y * self.theta, axis=1) + self.k_q * e
+        asked = tau_r / robot.ell + self.k_vkappa * (q_dot_r - self.kappa_dot)
+        self.tau = clip(asked, -self.tau_max, self.tau_max)
+        free = self.period * np.prod(np.abs(asked) <= self.tau_max)
+        if self.adaptation == "natural":
+            self.phi = np.array([natural(self.phi[i], s[i], free * self.gamma) for i in range(self.n)])
+        else:
+            self.phi = projected(self.phi, s, free * self.gamma, self.scale, self.phi_0, self.span)
+        self.theta = projected(self.theta, Y * e[:, None], free * self.gamma_j, self.theta_0, self.theta_0, self.span)
+
+    def experiment(self) -> None:
+        """Follow a small motion nearly."""
+        t, phase = self.t, 0.4 * np.arange(self.n)
+        motion = small_motion(t, self.n, self.experiment_stop)
+        self.q_d, self.q_d_dot, self.q_d_ddot = motion[:3]
+        self.q = motion.q_d - 1e-4 * np.cos(t + phase)
+        self.q_dot = motion.q_d_dot + 1e-3 * np.sin(t + phase)
+        self.kappa_dot = motion.q_d_dot + 1e-3 * np.cos(t + phase)
