@@ -27,13 +27,20 @@ class StateGains(NamedTuple):
 
 
 def state_gains(
-    robot: Robot, q: npt.ArrayLike, error: npt.ArrayLike, torque: npt.ArrayLike, step: float = 1e-3
+    robot: Robot,
+    q: npt.ArrayLike,
+    *,
+    error: npt.ArrayLike,
+    rate: npt.ArrayLike,
+    torque: npt.ArrayLike,
+    step: float = 1e-3,
 ) -> StateGains:
-    """Gains that minimise the sum over all samples of ``|(q_d - q) / error|^2 + |tau / torque|^2``.
+    """Gains that minimise the sum over all samples of ``|e / error|^2 + |kappa_dot / rate|^2 + |tau / torque|^2``.
 
-    The arm is linearised at rest at a pose, without dry friction, and its motor torques tau are held over a step, with
-    no further delay. Bryson's rule gives weights: errors and torques that are equally bad. What is optimal at the pose
-    need not be stable elsewhere; the verdict of a run has the loop's margins along the motion.
+    e is the error of the links. The arm is linearised at rest at a pose, without dry friction, and its motor torques
+    tau are held over a step, with no further delay. By Bryson's rule the three arguments are what is equally bad. What
+    is optimal at a pose need not be stable elsewhere: a small `rate` damps the rotors by their own velocity, which is
+    (`vdfmu.study.analysis.margins`; the verdict of a run has the margins along its motion).
 
     Parameters
     ----------
@@ -43,6 +50,8 @@ def state_gains(
         Positions of the joints.
     error : (n,) or float [rad or m]
         Errors of the links.
+    rate : (n,) or float [rad/s or m/s]
+        Velocities of the rotors, divided by ell.
     torque : (n,) or float [N m], motor-side
         Torques of the motors, in addition to those that hold the arm.
     step : float [s]
@@ -55,8 +64,8 @@ def state_gains(
     from scipy.linalg import solve_discrete_are
 
     n = robot_argument(robot).n
-    wrong = [name for name, x in (("error", error), ("torque", torque), ("step", step)) if not np.all(np.array(x) > 0)]
-    if wrong:
+    given = {"error": error, "rate": rate, "torque": torque, "step": step}
+    if wrong := [name for name, x in given.items() if not (np.asarray(x) > 0.0).all()]:
         raise UsageError(f"state_gains: {', '.join(wrong)}: expected numbers above 0.")
     arm = linearize(robot, at=q)
     fast = fast_states(arm.states, dry=False)
@@ -67,8 +76,8 @@ def state_gains(
     T = arm.C[np.ix_(rows, fast)]  # from states with the springs' torques to those with the rotors' positions
     A = T @ np.linalg.solve(T.T, arm.A[np.ix_(fast, fast)].T).T
     F, G = held(Linear(A, T @ arm.B[fast, :n]), step)
-    Q, R = np.zeros(4 * n), np.diag(np.broadcast_to(1.0 / np.square(torque), n))
-    Q[:n] = 1.0 / np.square(error)
-    P = solve_discrete_are(F, G, np.diag(Q), R)
+    weights = [np.broadcast_to(1.0 / np.square(x), n) for x in (error, np.inf, np.inf, rate)]  # as _FED_BACK
+    Q, R = np.diag(np.concatenate(weights)), np.diag(np.broadcast_to(1.0 / np.square(torque), n))
+    P = solve_discrete_are(F, G, Q, R)
     K = np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F)
     return StateGains(*np.hsplit(robot.ell[:, None] * K, 4))
