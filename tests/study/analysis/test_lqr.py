@@ -28,7 +28,7 @@ def test_poles_of_one_joint_are_those_of_the_symmetric_root_locus():
     for i, weight in ((0, error), (3, rate)):
         b = np.poly(F - G @ np.eye(4)[i : i + 1]) - a  # numerator of state i
         locus = np.polyadd(locus, (torque / weight) ** 2 * np.polymul(b, b[::-1]))
-    # each pole makes locus 0, of terms whose roundings, 1e-16 of the largest, are 1e-8 where the double pole at 1 splits
+    # each pole makes locus 0, of terms that cancel: the roundings of poly(), 1e-16 times some 1e6 / (z - 1)^2
     size = np.polyval(np.abs(locus), np.abs(poles))
     assert (np.abs(np.polyval(locus, poles)) <= 1e-9 * size).all()
     assert (np.abs(poles) < 1.0).all() and np.unique(np.round(poles, 6)).size == 4

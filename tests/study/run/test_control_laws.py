@@ -7,11 +7,14 @@ of a joint. A step of delta makes at most twice that in a loop of second order. 
 
 from __future__ import annotations
 
+from typing import Any
+
 import fmpy
 import numpy as np
 import pytest
 
 import vdfmu
+from tests.compiler.unit.conftest import command
 from vdfmu.arm.equations.flexible_joint import rotor_position
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import find_unit
@@ -26,7 +29,7 @@ SHARE = {"planar_tracking": [0.5, 0.5], "tracking": [0.5, 0.5, 0.6, 0.9, 0.9, 1.
 K_V = {"planar_tracking": [20.0, 10.0], "tracking": [25.0, 25.0, 20.0, 20.0, 20.0, 20.0]}
 
 
-def gains_of(law: str, scenario: str) -> dict[str, np.ndarray]:
+def gains_of(law: str, scenario: str) -> dict[str, Any]:
     """Return what is set of the law, in addition to what the scenario has."""
     found = load_scenario(scenario)
     given = {name: np.array(found.sections["controller"][name]) for name in ("K_p", "K_v")}
@@ -37,11 +40,11 @@ def gains_of(law: str, scenario: str) -> dict[str, np.ndarray]:
     if law == "joint_torque":
         return given | {"K_v": np.array(K_V[scenario]), "share": np.array(SHARE[scenario])}
     if law == "computed_torque":
-        return {"K_v": given["K_v"], "k_p": np.array(400.0), "k_v": np.array(20.0)}
+        return {"k_p": 2500.0, "k_v": 100.0, "K_v": np.full(found.arm.n, 20.0)}
     return given
 
 
-def stiffness(law: str, robot: vdfmu.Robot, q: np.ndarray, gains: dict[str, np.ndarray]) -> np.ndarray:
+def stiffness(law: str, robot: vdfmu.Robot, q: np.ndarray, gains: dict[str, Any]) -> np.ndarray:
     """Torque, link-side, of a law for errors of positions of links and rotors together."""
     if law == "state_feedback":
         return gains["K_q"] + gains["K_kappa"]
@@ -50,7 +53,7 @@ def stiffness(law: str, robot: vdfmu.Robot, q: np.ndarray, gains: dict[str, np.n
     return np.diag(gains["K_p"] / gains.get("share", 1.0))
 
 
-def settings(gains: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def settings(gains: dict[str, Any]) -> dict[str, Any]:
     return {f"controller.{name}": value for name, value in gains.items()}
 
 
@@ -79,9 +82,8 @@ def test_an_arm_follows_as_well_as_the_law_can(law, scenario, tmp_path):
         delta = robot.ell * (tau_m[k] - unit.tau)
         largest = np.maximum(largest, np.abs(np.linalg.solve(stiffness(law, robot, q_d[k], gains), delta)))
     error = np.abs(results["trajectory.q_d"] - results["plant.q"]).max(axis=0)
-    print(law, scenario, error / largest)
     assert (error <= 2.0 * largest).all()
-    assert (error >= 0.1 * largest).any()  # it is what there is to see
+    assert (error >= 0.5 * largest).all()  # and it is what there is to see
 
 
 @pytest.mark.heavy
@@ -90,9 +92,7 @@ def test_an_arm_follows_as_well_as_the_law_can(law, scenario, tmp_path):
 def test_the_sampled_loop_is_stable_along_the_motion(law, scenario):
     """At the torque of a sample held over 1 ms; a third is the modulus margin of a damped loop. 2 1/s may grow."""
     loops = ArmLoops(
-        with_units(load_scenario(scenario), {"controller": law}),
-        settings(gains_of(law, scenario)),
-        growth=2.0,
+        with_units(load_scenario(scenario), {"controller": law}), settings(gains_of(law, scenario)), growth=2.0
     )
     assert (loops.margins(delay=0).modulus > 0.33).all()
 
@@ -125,10 +125,8 @@ def test_each_of_two_arms_joins_its_own_plant():
 @pytest.mark.heavy
 @pytest.mark.parametrize(("backend", "version"), [("python", "2.0"), ("native", "2.0"), ("native", "3.0")])
 def test_laws_are_fmus_of_both_versions(backend, version, tmp_path):
-    built = build_fmus(
-        vdfmu.load_robot("planar_2dof"), tmp_path, units=LAWS, backend=backend, fmi_version=version
-    )
+    built = build_fmus(vdfmu.load_robot("planar_2dof"), tmp_path, units=LAWS, backend=backend, fmi_version=version)
     for law, path in built.items():
         assert fmpy.read_model_description(str(path), validate=True).fmiVersion == version, law
-        report = vdfmu.check(path)
-        assert not report.problems, report
+        done = command("check", path)
+        assert done.exit_code == 0 and "no problems" in done.output, done.output

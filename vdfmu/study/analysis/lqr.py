@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -63,13 +63,14 @@ def state_gains(
     """
     from scipy.linalg import solve_discrete_are
 
-    n = robot_argument(robot).n
+    robot = robot_argument(robot)
+    n = robot.n
     given = {"error": error, "rate": rate, "torque": torque, "step": step}
     if wrong := [name for name, x in given.items() if not (np.asarray(x) > 0.0).all()]:
         raise UsageError(f"state_gains: {', '.join(wrong)}: expected numbers above 0.")
     arm = linearize(robot, at=q)
     fast = fast_states(arm.states, dry=False)
-    rows = [arm.outputs.index(f"{name}[{i + 1}]") for name in _FED_BACK for i in range(n)]
+    rows: Any = [arm.outputs.index(f"{name}[{i + 1}]") for name in _FED_BACK for i in range(n)]
     if len(fast) != len(rows):
         more = {arm.states[i].partition("[")[0] for i in fast} - {"q", "q_dot", "kappa_dot", "tau_s"}
         raise UsageError(f"state_gains: {robot.name}: expected no states that feedback lacks, got {', '.join(more)}.")

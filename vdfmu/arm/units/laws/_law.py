@@ -51,7 +51,7 @@ class Law(Unit):
 
     def rest(self) -> tuple[Any, Any]:
         """Spring torque [N m or N], link-side, and rotor position [rad or m] that hold the arm at q_d, each (n,)."""
-        base = Base(self.R_S) if self.of_robot.moving_base else AT_REST
+        base = Base(self.R_S) if self.robot.moving_base else AT_REST
         torque = equilibrium_torque(self.robot, self.q_d, base=base)
         return torque, rotor_position(self.robot, self.q_d, torque)
 

@@ -32,8 +32,8 @@ class ComputedTorque(Law):
     q = Input(*MEASURED["q"])
     q_dot = Input(*MEASURED["q_dot"])
     R_S, V_S, A_S = base_motion()
-    k_p = gain("1/s2", "stiffness of the error", 400.0)
-    k_v = gain("1/s", "damping of the error", 20.0)
+    k_p = gain("1/s2", "stiffness of the error", 2500.0)
+    k_v = gain("1/s", "damping of the error", 100.0)
     K_v = gain("damping", "gain of the rotor velocity, link-side", 20.0)
 
     def outputs(self) -> None:

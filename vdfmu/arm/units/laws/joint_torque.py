@@ -21,9 +21,9 @@ class JointTorque(PDGravity):
         s I_m kappa_ddot + s xi_m + tau_s / ell = u / ell
 
     At a constant q_d they are passive from -(tau_s - g) to kappa_dot, whatever the links do: with a passive arm and
-    surroundings the loop is stable. tau_s is the torque of the whole drive. Sampling bounds s from below: torque that is
-    held over a step comes late for the mode of link and rotor, at K_v / (s ell I_m) for the rotor; stiff springs before
-    light links, as of a wrist, bear an s near 1 alone, and none bears one below it with a sample of delay.
+    surroundings the loop is stable. tau_s is the torque of the whole drive. Sampling bounds s from below: the rotor's
+    gain is K_v / (s ell I_m) times the step, and a torque that is held comes late for the mode of a light link on a
+    stiff spring: a wrist bears an s near 1 alone. With a sample of delay no joint bears one much below it.
 
     Source: A. Albu-Schaeffer, C. Ott, G. Hirzinger, "A unified passivity-based control framework for position, torque
     and impedance control of flexible joint robots", International Journal of Robotics Research 26(1), 2007; without the
