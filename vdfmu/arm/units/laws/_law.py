@@ -25,7 +25,7 @@ MEASURED = {
 _TERMINALS = (
     Terminal("desired", "left", tuple(DESIRED), "Desired motion of the joints"),
     Terminal("joints", "right", ("tau", *MEASURED), "Motor torques and motion of the joints"),
-    Terminal("base", "bottom", ("R_S", "V_S", "A_S"), "Motion of the base"),
+    Terminal("base", "top", ("R_S", "V_S", "A_S"), "Motion of the base"),
 )
 
 
