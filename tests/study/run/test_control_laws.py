@@ -9,14 +9,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import fmpy
 import numpy as np
 import pytest
 
 import vdfmu
-from tests.compiler.unit.conftest import command
 from vdfmu.arm.equations.flexible_joint import rotor_position
-from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import find_unit
 from vdfmu.study.analysis.lqr import state_gains
 from vdfmu.study.analysis.margins import ArmLoops
@@ -120,13 +117,3 @@ def test_each_of_two_arms_joins_its_own_plant():
         (plant,) = plants
         assert f"{plant}.tau_s -> {part}.tau_s" in after.system.joined
     after.resolved.check_connections()
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize(("backend", "version"), [("python", "2.0"), ("native", "2.0"), ("native", "3.0")])
-def test_laws_are_fmus_of_both_versions(backend, version, tmp_path):
-    built = build_fmus(vdfmu.load_robot("planar_2dof"), tmp_path, units=LAWS, backend=backend, fmi_version=version)
-    for law, path in built.items():
-        assert fmpy.read_model_description(str(path), validate=True).fmiVersion == version, law
-        done = command("check", path)
-        assert done.exit_code == 0 and "no problems" in done.output, done.output
