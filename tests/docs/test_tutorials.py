@@ -107,7 +107,7 @@ def run_page(path):
             *PAGES,
             *(
                 ROOT / "docs" / f"{name}.md"
-                for name in ("modes", "identification", "world", "motions", "systems", "view", "observers")
+                for name in ("modes", "identification", "world", "motions", "systems", "view", "observers", "laws")
             ),
             ROOT / "docs" / "reference" / "units.md",
         )

@@ -56,8 +56,9 @@ class ScenarioOptions(RobotOptions, SpanOptions, CouplingOptions, InputOptions, 
     units: Annotated[Mapping[str, Any] | None, Option(
         "Unit instead of a component's: my_unit.py, my_units.py:Name, or an FMU of any tool.",
         "mapping of str to unit", "Also a class, or the name of a unit of the package. Values of the scenario that "
-        "it has no parameter for are left out, and connections to signals that it lacks, with a note in the log and "
-        "``left_out`` in the summary.", flag="--unit", metavar="COMPONENT=UNIT", typed=TEXTS,
+        "it has no parameter for are left out, and connections to signals that it lacks; inputs that the other did not "
+        "have are joined to outputs of their names, by terminals; with notes in the log, and ``left_out`` and "
+        "``joined`` in the summary.", flag="--unit", metavar="COMPONENT=UNIT", typed=TEXTS,
         read=partial( read_settings, option="--unit", form="COMPONENT=UNIT, such as controller=my_unit.py" ))]
 
 

@@ -1,4 +1,4 @@
-"""Observers and adaptive laws as FMUs: valid in each form, and the same numbers from C as from numpy."""
+"""Observers and control laws as FMUs: valid in each form, and the same numbers from C as from numpy."""
 
 import fmpy
 import numpy as np
@@ -8,7 +8,10 @@ from fmpy.validation import validate_fmu
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.engine.inspect.inspection import check_file
 
-UNITS = ["momentum_observer", "kalman_filter", "notch_filter", "disturbance_observer", "virtual_decomposition"]
+UNITS = [
+    "momentum_observer", "kalman_filter", "notch_filter", "disturbance_observer", "virtual_decomposition",
+    "pd_gravity", "joint_torque", "state_feedback", "computed_torque",
+]  # fmt: skip
 
 
 @pytest.mark.heavy

@@ -22,7 +22,7 @@ from vdfmu.system.scenario.values import system_values
 
 # name of the file, whether it needs a robot, model
 UNITS = [
-    ("computed_torque", True, "ComputedTorque"), ("spline", True, "Spline"), ("low_pass", False, "LowPass"),
+    ("friction_torque", True, "FrictionTorque"), ("spline", True, "Spline"), ("low_pass", False, "LowPass"),
     ("encoder", True, "Encoder"), ("wall", True, "Wall"),
 ]  # fmt: skip
 NAMES = [name for name, _, _ in UNITS]
@@ -112,7 +112,7 @@ def directional(path, inputs, outputs, direction, memory):
 
 
 CASES = [
-    ("computed_torque", ["q", "q_dot", "kappa_dot", "q_d", "q_d_dot", "q_d_ddot"], ["tau"], {}),
+    ("friction_torque", ["q", "q_dot", "kappa_dot", "q_d", "q_d_dot", "q_d_ddot"], ["tau"], {}),
     ("wall", ["q", "q_dot"], ["F_e", "depth"], {"distance": 0.1}),  # pushed: in the smooth part
     ("low_pass", ["u"], ["der(y)"], {}),  # the derivative of its state
 ]
@@ -201,10 +201,10 @@ def test_the_wall_pushes_and_never_pulls_and_gives_no_energy(example, planar):
 
 @pytest.mark.heavy
 def test_a_unit_in_place_of_one_of_the_system_in_a_word(examples):
-    """Connections to signals that it lacks are left out with a note; the references take it too."""
+    """Connections to signals that it lacks are left out with a note, inputs that are its own joined by terminals."""
     done = command(
         "run", "planar_tracking", "--stop", 0.2, "--out", "results",
-        "--unit", f"controller={examples / 'computed_torque.py'}",
+        "--unit", f"controller={examples / 'friction_torque.py'}",
     )  # fmt: skip
     assert done.exit_code == 0, done.output
     notes = " ".join(done.output.split())
@@ -217,6 +217,7 @@ def test_a_unit_in_place_of_one_of_the_system_in_a_word(examples):
         "feedforward.tau_m -> controller.tau_m",
         "feedforward.kappa_dot_d -> controller.kappa_dot_d",
     ]
+    assert summary["joined"] == ["trajectory.q_d_ddot -> controller.q_d_ddot"]
     # the plant at its tolerance 1e-7, as in every shipped scenario; 3e-10 is seen
     assert summary["reference"]["sampled"]["max_difference"]["plant.q"] <= 1e-7
 

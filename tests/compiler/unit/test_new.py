@@ -76,7 +76,7 @@ def test_the_examples_are_written_and_load(tmp_path, monkeypatch):
     assert done.exit_code == 0 and "vdfmu run mine" in done.output, done.output
     assert {part.unit.name for part in vdfmu.load_scenario("mine/scenario.toml").system.parts.values() if
             isinstance(part.unit, Path)} <= {file.name for file in Path("mine").iterdir()}  # fmt: skip
-    assert {"encoder.py", "computed_torque.py", "waypoints.csv"} <= {file.name for file in Path("mine").iterdir()}
+    assert {"encoder.py", "friction_torque.py", "waypoints.csv"} <= {file.name for file in Path("mine").iterdir()}
     Path("mine/wall.py").write_text("mine")
     with pytest.raises(UsageError, match="are there already, and not replaced"):
         copy_examples(Path("mine"))

@@ -25,7 +25,8 @@ def wave_generator_position(theta_c: Any, theta_f: Any, ell: Any) -> Any:
 
 def wave_generator_deformation(tau_w: Any, robot: Any) -> Any:
     """Link-side deformation of the wave generator, second term of (3), under motor-side `tau_w` [N m]."""
-    return sgn(tau_w) / (robot.c_w * robot.ell * robot.K_w0) * -np.expm1(-robot.c_w * abs(tau_w))
+    side = sgn(tau_w)  # times tau_w it is |tau_w|, with a slope at 0
+    return side / (robot.c_w * robot.ell * robot.K_w0) * -np.expm1(-robot.c_w * (side * tau_w))
 
 
 def kinematic_error(robot: Any, kappa: Any) -> Any:

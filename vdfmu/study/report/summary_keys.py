@@ -90,6 +90,7 @@ KEYS: Mapping[str, Key] = {
     "backend": Key(TEXT, "Kind of the FMUs."),
     "fmi": Key(TEXT, "Version of FMI of the FMUs."),
     "left_out": Key(_LINES, "Connections that a unit instead of the system's does not have."),
+    "joined": Key(_LINES, "Connections that a unit instead of the system's has in addition."),
     "arm": Key(_ARM, "Geometry of the arm, of which it is drawn."),
     "package": Key(TEXT, "The package that was run."),
     "system": Key(TEXT, "Name of the system."),

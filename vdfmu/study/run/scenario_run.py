@@ -79,6 +79,7 @@ RUN_OUTPUTS = (
 _VISIBLE = 1e-3
 """Share of the largest position error above which a difference to a reference shows in the tables of three digits."""
 _LEFT_OUT = "left out, since the unit instead of the system's has no such signal"
+_JOINED = "connected too, since the unit instead of the system's has such a signal, in a terminal of one name"
 _NUDGE = 1e-9
 """Relative change of the rotor inertias that must not show; below every tolerance that a scenario has."""
 
@@ -165,6 +166,8 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
     if log is not None:
         for connection in scenario.system.dropped:
             log(LogMessage("", 0.0, "note", "", f"{connection}: {_LEFT_OUT}"))
+        for connection in scenario.system.joined:
+            log(LogMessage("", 0.0, "note", "", f"{connection}: {_JOINED}"))
         for note in (*model_notes(scenario), *build_notes(scenario.robot, backend)):
             log(LogMessage("", 0.0, "note", "", f"{(scenario.robot or scenario).name}: {note}"))
     with place as made:
@@ -177,6 +180,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
             "fmi": fmi_version,
             "settings": text_settings,
             "left_out": list(scenario.system.dropped),
+            "joined": list(scenario.system.joined),
             **({} if robot is None else {"arm": arm_of(robot, values.get("plant", {}))}),
         }
         witness = Witness(system)

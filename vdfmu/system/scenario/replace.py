@@ -13,7 +13,7 @@ from vdfmu.arm.robot.parameters import read_only, section
 from vdfmu.arm.units._played import Played
 from vdfmu.base.errors import UsageError
 from vdfmu.compiler.unit.unit import Unit
-from vdfmu.system.scenario.resolved import resolve
+from vdfmu.system.scenario.resolved import ResolvedSystem, resolve
 from vdfmu.system.scenario.scenario import Scenario
 from vdfmu.system.scenario.system_file import SystemFile
 from vdfmu.system.scenario.values import section_values
@@ -40,6 +40,9 @@ def with_payload(scenario: Scenario, names: Iterable[str]) -> Scenario:
 
 def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:
     """Return the scenario with other units for some components, without the connections and values that these lack.
+
+    An input that the component's unit did not have is joined to the output of its name, if a terminal has both and the
+    component was connected to the output's.
 
     Raises
     ------
@@ -74,6 +77,9 @@ def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:
                 dropped.append(f"{source} -> {target}")
             else:
                 kept.setdefault(source, []).append(target)
+    joined = _joined(scenario, resolved, tables)
+    for source, target in joined:
+        kept.setdefault(source, []).append(target)
     written = section_values(scenario.resolved, scenario.sections)
     sections = dict(scenario.sections)
     for name, table in tables.items():
@@ -81,8 +87,39 @@ def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:
     for name, unit in resolved.units.items():
         sections = started(system, name, unit, sections)
     return dataclasses.replace(
-        scenario, system=dataclasses.replace(system, connections=kept, dropped=tuple(dropped)), sections=sections
+        scenario,
+        system=dataclasses.replace(
+            system, connections=kept, dropped=tuple(dropped), joined=tuple(" -> ".join(ends) for ends in joined)
+        ),
+        sections=sections,
     )
+
+
+def _joined(scenario: Scenario, resolved: ResolvedSystem, new: Iterable[str]) -> list[tuple[str, str]]:
+    """Return what joining terminals of one name connects to inputs of `new` components that they had not before."""
+    old, ends = scenario.resolved, scenario.system.connections.items()
+    linked = {
+        frozenset(end.partition(".")[0] for end in (source, target)) for source, targets in ends for target in targets
+    }
+    found: list[tuple[str, str]] = []
+    for name in (name for name in new if name in resolved.units and name in old.units):
+        for terminal in resolved.units[name].terminals:
+            for group in terminal.groups:
+                if not _has(resolved, name, group, "input") or _has(old, name, group, "input"):
+                    continue
+                sources = [
+                    f"{other}.{group}"
+                    for other, unit in resolved.units.items()
+                    if frozenset((name, other)) in linked and _has(resolved, other, group, "output")
+                    and any(t.name == terminal.name and group in t.groups for t in unit.terminals)
+                ]  # fmt: skip
+                if len(sources) == 1:
+                    found.append((sources[0], f"{name}.{group}"))
+    return found
+
+
+def _has(system: ResolvedSystem, component: str, group: str, causality: str) -> bool:
+    return any(v.group == group and v.causality == causality for v in system.tables[component])
 
 
 def started(

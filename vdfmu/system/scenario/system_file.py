@@ -67,6 +67,8 @@ class SystemFile:
     """Values that components share under names of their own: name of the parameter set, to component to group."""
     dropped: tuple[str, ...] = ()
     """Connections, ``output -> input``, that were left out for units instead of those of the file."""
+    joined: tuple[str, ...] = ()
+    """Connections, ``output -> input``, that units instead of those of the file have in addition."""
 
     @cached_property
     def fed(self) -> frozenset[str]:

@@ -1,0 +1,71 @@
+"""Gains of state feedback that are optimal: by the symmetric root locus of one joint, and for whole arms."""
+
+import numpy as np
+import pytest
+
+import vdfmu
+from tests.arm.units.test_laws import one_joint
+from tests.conftest import make_optional
+from vdfmu.base.errors import UsageError
+from vdfmu.base.state_space import Linear, held
+from vdfmu.study.analysis.lqr import state_gains
+
+STEP = 1e-3
+
+
+def test_poles_of_one_joint_are_those_of_the_symmetric_root_locus():
+    """The optimal loop's poles are the stable roots of 1 + sum of w_i G_i(1/z) G_i(z), whose G_i come from poly()."""
+    robot = one_joint()
+    K = 1.0 / (1.0 / robot.K_f0[0] + 1.0 / (robot.ell[0] ** 2 * robot.K_w0[0]))
+    M, J = vdfmu.mass_matrix(robot, np.zeros(1))[0, 0], (robot.ell * robot.I_m)[0]
+    A = np.array([[0, 1, 0, 0], [-K / M, 0, K / M, 0], [0, 0, 0, 1], [K / J, 0, -K / J, 0]])
+    F, G = held(Linear(A, np.array([[0.0], [0.0], [0.0], [1.0 / J]])), STEP)  # of ell tau
+    error, rate, torque = 2e-3, 0.05, 0.02 * robot.ell[0]
+    gains = state_gains(robot, [0.0], error=error, rate=rate, torque=0.02, step=STEP)
+    poles = np.linalg.eigvals(F - G @ np.hstack(gains))
+    a = np.poly(F)
+    locus = np.polymul(a, a[::-1])  # z^4 a(z) a(1/z)
+    for i, weight in ((0, error), (3, rate)):
+        b = np.poly(F - G @ np.eye(4)[i : i + 1]) - a  # numerator of state i
+        locus = np.polyadd(locus, (torque / weight) ** 2 * np.polymul(b, b[::-1]))
+    # each pole makes locus 0, of terms that cancel: the roundings of poly(), 1e-16 times some 1e6 / (z - 1)^2
+    size = np.polyval(np.abs(locus), np.abs(poles))
+    assert (np.abs(np.polyval(locus, poles)) <= 1e-9 * size).all()
+    assert (np.abs(poles) < 1.0).all() and np.unique(np.round(poles, 6)).size == 4
+
+
+@pytest.mark.parametrize("name", ["planar_2dof", "slider_3dof", "manipulator_6dof"])
+def test_no_other_gains_cost_less(name):
+    """The optimum is flat: the cost of gains that are off grows with the square of the distance, in any direction."""
+    from scipy.linalg import solve_discrete_lyapunov
+
+    robot, random = vdfmu.load_robot(name), np.random.default_rng(4)
+    n = robot.n
+    q = np.full(n, 0.3)
+    gains = np.hstack(state_gains(robot, q, error=1e-3, rate=0.02, torque=0.01, step=STEP)) / robot.ell[:, None]
+    arm = vdfmu.linearize(robot, q)
+    F, G = held(Linear(arm.A, arm.B[:, :n]), STEP)
+    rows = [arm.outputs.index(f"{x}[{i + 1}]") for x in ("q", "q_dot", "kappa", "kappa_dot") for i in range(n)]
+    C = arm.C[rows]
+    Q = C.T @ np.diag(np.repeat([1e6, 0.0, 0.0, 2500.0], n)) @ C
+
+    def cost(K):
+        closed = F - G @ K @ C
+        assert np.abs(np.linalg.eigvals(closed)).max() < 1.0
+        return np.trace(solve_discrete_lyapunov(closed.T, Q + 1e4 * (K @ C).T @ (K @ C)) @ np.linalg.inv(C.T @ C))
+
+    best = cost(gains)
+    for _ in range(5):
+        off = 1e-3 * random.normal(size=gains.shape) * np.abs(gains)
+        up, down = cost(gains + off) - best, cost(gains - off) - best
+        assert up > 0.0 and down > 0.0
+        # the third order of the cost, of relative steps of 1e-3 and gains that add up to some 10 of them
+        assert up == pytest.approx(down, rel=0.1)
+
+
+def test_what_has_no_optimum_is_said(planar):
+    with pytest.raises(UsageError, match=r"state_gains: rate, step: expected numbers above 0\."):
+        state_gains(planar, [0.0, 0.0], error=1e-3, rate=0.0, torque=0.01, step=0.0)
+    robot = make_optional("hysteresis")
+    with pytest.raises(UsageError, match=r"expected no states that feedback lacks, got tau_h\."):
+        state_gains(robot, [0.0, 0.0], error=1e-3, rate=0.02, torque=0.01)

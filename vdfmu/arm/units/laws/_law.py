@@ -1,0 +1,69 @@
+"""What control laws have in common: the desired motion, the motor torque and its limit, and how the arm rests."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vdfmu.arm.equations.flexible_joint import rotor_position
+from vdfmu.arm.equations.plant import equilibrium_torque
+from vdfmu.arm.units._signals import DESIRED, base_motion, gain, small_motion
+from vdfmu.arm.world.attachment import AT_REST, Base
+from vdfmu.compiler.scalar.generic import clip
+from vdfmu.compiler.unit import JOINTS, Input, Output, RobotParameters, Terminal, Unit
+from vdfmu.compiler.unit.variable import NO_LIMIT
+
+MEASURED = {
+    "q": ("position", JOINTS, "position of the link"),
+    "q_dot": ("velocity", JOINTS, "velocity of the link"),
+    "kappa": ("position", JOINTS, "position of the rotor divided by ell"),
+    "kappa_dot": ("velocity", JOINTS, "velocity of the rotor divided by ell"),
+    "tau_s": ("torque", JOINTS, "spring torque, link-side"),
+}
+"""Unit, shape and text of what a law may measure."""
+_TERMINALS = (
+    Terminal("desired", "left", tuple(DESIRED), "Desired motion of the joints"),
+    Terminal("joints", "right", ("tau", *MEASURED), "Motor torques and motion of the joints"),
+    Terminal("base", "top", ("R_S", "V_S", "A_S"), "Motion of the base"),
+)
+
+
+class Law(Unit):
+    """Base of control laws: each adds the measurements it needs, and hands its torque to :meth:`command`."""
+
+    q_d = Input(*DESIRED["q_d"])
+    q_d_dot = Input(*DESIRED["q_d_dot"])
+    kappa_dot = Input(*MEASURED["kappa_dot"])
+    R_S = base_motion()[0]
+    tau = Output("N.m", JOINTS, "motor torque, motor-side")
+    tau_max = gain("N.m", "limit of the motor torque, motor-side", NO_LIMIT)
+    robot = RobotParameters()
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        members = [(t, tuple(name for name in t.groups if name in cls.declared)) for t in _TERMINALS]
+        cls.terminals = tuple(Terminal(t.name, t.side, names, t.description) for t, names in members if names)
+
+    def command(self, torque: Any) -> None:
+        """Ask the motors for a torque (n,) [N m or N], link-side, as far as tau_max allows."""
+        self.tau = clip(torque / self.robot.ell, -self.tau_max, self.tau_max)
+
+    def rest(self) -> tuple[Any, Any]:
+        """Spring torque [N m or N], link-side, and rotor position [rad or m] that hold the arm at q_d, each (n,)."""
+        base = Base(self.R_S) if self.robot.moving_base else AT_REST
+        torque = equilibrium_torque(self.robot, self.q_d, base=base)
+        return torque, rotor_position(self.robot, self.q_d, torque)
+
+    def experiment(self) -> None:
+        """Follow a small motion nearly."""
+        phase = self.t + 0.4 * np.arange(self.n)
+        motion = small_motion(self.t, self.n, self.experiment_stop)
+        near = {
+            "q": motion.q_d - 1e-4 * np.cos(phase), "q_dot": motion.q_d_dot + 1e-3 * np.sin(phase),
+            "kappa": motion.q_d + 1e-3 * np.sin(phase), "kappa_dot": motion.q_d_dot + 1e-3 * np.cos(phase),
+            "tau_s": 0.1 * np.sin(phase),
+        }  # fmt: skip
+        for name, value in (motion._asdict() | near).items():
+            if name in self.declared:
+                setattr(self, name, value)

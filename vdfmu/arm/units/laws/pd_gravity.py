@@ -1,0 +1,40 @@
+"""The unit PDGravity: feedback of the rotors alone, with gravity at the desired position."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from vdfmu.arm.units._signals import gain
+from vdfmu.arm.units.laws._law import MEASURED, Law
+from vdfmu.compiler.unit import Input
+
+
+class PDGravity(Law):
+    """PD control of the rotors with compensation of gravity at the desired position.
+
+    ::
+
+        g       = ID(q_d, 0, 0)                          spring torques that hold the arm at q_d
+        kappa_d = q_d + D(g) + theta_err(kappa_d)        where the rotors are then
+        tau     = [g + K_p (kappa_d - kappa) + K_v (q_d_dot - kappa_dot)] / ell     limited to -tau_max .. tau_max
+
+    It measures the motors alone. At rest at q_d nothing is left over, since kappa_d has the springs' deflection; the
+    rest is globally stable where K_p and the springs are stiffer than the slope of gravity. Along a motion it knows
+    nothing of accelerations and friction: the error is about what torque these take, divided by K_p.
+
+    Source: P. Tomei, "A simple PD controller for robots with elastic joints", IEEE Transactions on Automatic Control
+    36(10), 1991; here with springs that stiffen, and with the desired velocity in the derivative term.
+    """
+
+    kappa = Input(*MEASURED["kappa"])
+    K_p = gain("stiffness", "gain of the rotor position, link-side", 1000.0)
+    K_v = gain("damping", "gain of the rotor velocity, link-side", 20.0)
+
+    def feedback(self) -> Any:
+        """Gravity and PD feedback of the rotors: (n,) [N m or N], link-side."""
+        gravity, kappa_d = self.rest()
+        return gravity + self.K_p * (kappa_d - self.kappa) + self.K_v * (self.q_d_dot - self.kappa_dot)
+
+    def outputs(self) -> None:
+        """Torque of the motors."""
+        self.command(self.feedback())
