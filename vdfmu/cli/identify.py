@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 
 from vdfmu.base.option import read_settings
@@ -13,9 +14,14 @@ from vdfmu.cli.robots import OverwriteOption, target_file
 from vdfmu.cli.terminal import console, say, say_notes
 
 if TYPE_CHECKING:
+    from vdfmu.arm.robot import Robot
     from vdfmu.base.arrays import Floats
     from vdfmu.study.identify.fit import Identified
     from vdfmu.study.identify.score import LogScore
+
+
+_CLOSE = 0.5
+"""Correlation from which a note names it."""
 
 
 def identify(
@@ -112,26 +118,32 @@ def identify(
         raise UsageError("identify: expected --robot ROBOT, from which the identification starts.")
     arm = load_robot(robot)
     true = load_robot(truth) if truth is not None else None
-    targets = {path: target_file(path, "", overwrite) for path in (plot, residuals, out) if path is not None}
+    wanted = [path for path in (plot, residuals, out) if path is not None]
+    targets = {path: target_file(path, "", overwrite) for path in wanted}
+    if len(targets) < len(wanted):
+        raise UsageError(f"identify: expected files of different names, got {', '.join(map(str, wanted))}.")
+    if true is not None and not _same_chain(arm, true):
+        raise UsageError(f"identify: --truth: expected a robot with the joints of {arm.name}, got {true.name}.")
     columns = read_settings(column, "--column", "WHAT=NAME, such as q=q_{}")
     rows = read_log(log, arm, columns, time=time)
     say_notes(rows.notes)
+    second = None
+    if other is not None:
+        second = read_log(other, arm, columns, time=time)
+        say_notes([f"{other.name}: {note}" for note in second.notes])
     found = estimate(rows, arm, band=band, prior=prior)
     _print(found, arm.joint_labels, None if true is None else found.of(true))
-    scored = None
-    if other is not None:
+    scored, units = None, tuple("N" if kind == "prismatic" else "N.m" for kind in arm.joint_types)
+    if other is not None and second is not None:
         from vdfmu.study.identify.score import score
 
-        second = read_log(other, arm, columns, time=time)
-        say_notes(second.notes)
         scored = score(found, arm, rows, second)
-        _print_score(other.name, scored, arm.joint_labels)
+        _print_score(other.name, scored, arm.joint_labels, units)
     if plot is not None:
         from vdfmu.base.style import save
         from vdfmu.study.report.drawings import draw_torques
 
         title = f"Identification of {arm.name} from {log.name}"
-        units = tuple("N" if kind == "prismatic" else "N.m" for kind in arm.joint_types)
         save(draw_torques(title, found.t, found.torque, found.torque_error, units), targets[plot])
         say(f"{plot}: torques, and what the model leaves of them")
     if residuals is not None:
@@ -194,7 +206,10 @@ def _print(found: Identified, labels: list[str], true: list[float] | None) -> No
         box=None,
     )
     table.title_justify = "left"
-    table.title = f"{len(found.t)} rows, band {found.band:.3g} Hz, torques {1e3 * found.delay:.2f} ms late"
+    late = 1.96 * found.deviation[found.names.index("delay_tau")]
+    table.title = (
+        f"{len(found.t)} rows, band {found.band:.3g} Hz, torques {1e3 * found.delay:.2f} +- {1e3 * late:.2g} ms late"
+    )
     rows = list(zip(found.names, found.values, found.deviation, found.units, found.nominal, strict=True))
     for i, (name, value, deviation, unit, nominal) in enumerate(rows):
         kept = name in found.held
@@ -220,17 +235,43 @@ def _print(found: Identified, labels: list[str], true: list[float] | None) -> No
         f"not identified, kept: {', '.join(k for k, v in found.held.items() if v == why)}: {why}"
         for why in dict.fromkeys(found.held.values())
     ])  # fmt: skip
-    say_notes([f"hardly told by the log: {name}: {why}" for name, why in found.weak.items()])
+    say_notes(_weak(found))
     say_notes(found.advice)
 
 
-def _print_score(name: str, score: LogScore, labels: list[str]) -> None:
+def _same_chain(one: Robot, other: Robot) -> bool:
+    return one.joint_types == other.joint_types and all(
+        np.array_equal(getattr(one, name), getattr(other, name)) for name in ("rotation", "offset", "ell")
+    )
+
+
+def _weak(found: Identified) -> list[str]:
+    """Return notes on what the log says little about, by the way out."""
+    by_advice: dict[str, list[str]] = {}
+    links = [name for name in found.weak if name in found.base.names]
+    for name, why in found.weak.items():
+        if name not in links:
+            more = f" (correlation with {why.partner} {why.correlation:+.2f})" if abs(why.correlation) > _CLOSE else ""
+            by_advice.setdefault(why.advice, []).append(name + more)
+    if links:
+        by_advice.setdefault(found.weak[links[0]].advice, []).append(
+            f"{len(links)} of {len(found.base.names)} base parameters of the links"
+        )
+    return [
+        f"weak, near the robot file's values, since the log says little about them: {', '.join(names)}; {advice}"
+        for advice, names in by_advice.items()
+    ]
+
+
+def _print_score(name: str, score: LogScore, labels: list[str], units: tuple[str, ...]) -> None:
     from rich.table import Table
 
+    unit = " or ".join(dict.fromkeys(units))
+    angle = " or ".join(dict.fromkeys("m" if each == "N" else "rad" for each in units))
     table = Table(
-        "joint", "torque", "left", "%", "most", "5 terms", "deformation", "left", "most",
-        box=None, title_justify="left",
-        title=f"{name}: root mean squares and most of what is left; % left by five terms of a rigid model",
+        "joint", f"torque\n{unit}", f"left\n{unit}", "left\n%", f"most\n{unit}", "5 terms\n%",
+        f"deform.\n{angle}", f"left\n{angle}", "left\n%", f"most\n{angle}", box=None, title_justify="left",
+        title=f"{name}, link-side: root mean squares and most of what is left; % left by five terms of a rigid model",
     )  # fmt: skip
 
     def cells(values: Sequence[Floats], i: int) -> list[str]:
@@ -240,8 +281,10 @@ def _print_score(name: str, score: LogScore, labels: list[str]) -> None:
 
     for i, label in enumerate(labels):
         share, rigid = (100.0 * each[i] / score.torque[i] for each in (score.torque_left, score.rigid_left))
+        bent = 100.0 * score.deformation_left[i] / score.deformation[i]
         table.add_row(
             label, *cells([score.torque, score.torque_left], i), f"{share:.1f}", *cells([score.torque_most], i),
-            f"{rigid:.1f}", *cells([score.deformation, score.deformation_left, score.deformation_most], i),
+            f"{rigid:.1f}", *cells([score.deformation, score.deformation_left], i),
+            "" if np.isnan(bent) else f"{bent:.0f}", *cells([score.deformation_most], i),
         )  # fmt: skip
     console.print(table)

@@ -88,7 +88,7 @@ def test_words_that_do_not_fit_are_named(robot):
     panda = vdfmu.load_robot("panda_7dof")
     for call, message in (
         (lambda: design(robot, start=[1.0]), "start: expected a position for each of the 2 joints of planar_2dof"),
-        (lambda: design(robot, duration=0.0), "duration: expected more than 0 s, got 0 s"),
+        (lambda: design(robot, duration=0.0), "duration: expected at least 5 s, got 0 s"),
         (lambda: design(robot, prior=-1.0), "prior: expected a share above 0"),
         (lambda: design(robot, band=-1.0), "band: expected more than 0 Hz"),
         (lambda: design(panda, start=np.zeros(7)), "start: joint .*4.*: expected a position between its end stops"),

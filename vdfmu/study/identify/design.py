@@ -47,6 +47,8 @@ _OFF = 0.4
 """Share of the range by which poses of candidates lie off the middle."""
 _SHRINK = 8
 """Times that a motion is made smaller until motors have its torques."""
+_SHORTEST = 5.0
+"""Duration of an experiment [s]: shorter ones tell little, whatever the motion."""
 _COARSE, _ROWS = 40.0, 1000.0
 """Samples in a period of the highest frequency, and in all, at least, by which candidates are compared."""
 
@@ -150,8 +152,8 @@ def design(
     """
     sensors = sensors or SensorNoise()
     check_settings(robot, band, prior)
-    if not 0.0 < duration < np.inf:
-        raise UsageError(f"duration: expected more than 0 s, got {duration:g} s.")
+    if not _SHORTEST <= duration < np.inf:
+        raise UsageError(f"duration: expected at least {_SHORTEST:g} s, got {duration:g} s.")
     middle, reach, speed, acceleration = _limits(robot, start)
     candidates: list[_Candidate] = []
     cases = list(product(_HIGHEST, _PERIODS, range(_SEEDS)))

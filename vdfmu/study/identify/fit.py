@@ -2,15 +2,15 @@
 
 For each joint there are two equations, link-side, with base parameters pi of the links and rotor inertias J = I_m ell:
 
-    ell tau - J (kappa_ddot + carried) - xi(kappa_dot) - tau_s = 0      rotor (7), (10)-(11), friction (54)
-    kappa - q - theta_err - D(tau_s) - offset = 0                       spring (2)-(3), where q is measured
-    tau_s = Y pi + R J                                                  links (44)-(47)
+    ell (tau - tau_0) - J (kappa_ddot + carried) - xi(kappa_dot) - tau_s = 0      rotor (7), (10)-(11), friction (54)
+    kappa - q - theta_err - D(tau_s) - offset - delay_q kappa_dot = 0             spring (2)-(3), where q is measured
+    tau_s = Y pi + R J + what a counterbalance asks for                           links (44)-(47)
 
-Positions go through a Butterworth filter, forward and backward, so without phase, and are differentiated by central
-differences of fourth order; then both equations through a second one, four times as narrow, which acts on both sides
-alike, and one row is kept for every sample of its band, so that the noise of rows is independent. Each equation of
-each joint is weighted by its own residual. Torques may be late: ``delay`` is a parameter, the same for all joints.
-Parameters that a log cannot determine, by the standard deviation from the Jacobian, keep the robot file's values.
+with tau later by ``delay_tau`` than positions. Positions go through a Butterworth filter, forward and backward, so
+without phase, and are differentiated by central differences of fourth order. Then both equations go through a second
+one, a sixtieth as wide, and one row is kept for every sample of its band. Friction and springs, whose laws are not
+linear, are worked out at all samples before it. The robot file counts as a measurement with errors; see
+:mod:`~vdfmu.study.identify.search` for it and for weights and intervals.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from vdfmu.study.identify.base import BaseParameters, link_covariance
 from vdfmu.study.identify.log import Log
 from vdfmu.study.identify.regressor import body_parameters
 from vdfmu.study.identify.rows import rows_of
-from vdfmu.study.identify.search import solve
+from vdfmu.study.identify.search import Weak, solve
 
 PRIOR = 0.2
 """Share by which masses, moments of inertia and, of radii of gyration, centres of mass of a robot file may be off."""
@@ -55,15 +55,15 @@ class Identified:
     """(m,): Estimates, standard deviations, and values of the robot file."""
     held: Mapping[str, str]
     """Parameters that are not identified and keep their values: why, and the way out."""
-    weak: Mapping[str, str]
-    """Drives and springs that are near the robot file's value since the log tells little of them, with the way out."""
+    weak: Mapping[str, Weak]
+    """Parameters that are near the robot file's value since the log tells little of them."""
     torque_level: Floats
     """(n,) [N.m or N]: Root mean square of the spring torques."""
     stiffness: Floats
     stiffness_deviation: Floats
     """(n,) [N.m/rad or N/m]: Springs, link-side: torque by deformation at that torque."""
     x: Floats
-    """All parameters, also the constants between encoders."""
+    """(p,): All parameters in SI units, also the constants between encoders."""
     lag: Floats
     """(n,): Delays of encoders of links for which positions were corrected [s]."""
     band: float
@@ -116,8 +116,8 @@ class Identified:
         if unseen := _numbers(~self.seen):
             notes.append(
                 f"the log has no positions of links of joint {unseen}, so stiffnesses are those of the robot file, by "
-                "which links are placed: log them by encoders behind the gears, or with the rotors' by a camera or "
-                "tracker"
+                "which links are placed, and whose errors are not in the intervals: log them by encoders behind the "
+                "gears, or with the rotors' by a camera or tracker"
             )
         return notes
 

@@ -126,7 +126,7 @@ def read_log(
                 arrays[wanted] = arrays.pop(motor) / robot.ell
         if record and arrays:
             _shift(path, arrays, robot, notes, problems)
-        if arrays:
+        if len(t) > 1:
             check_motion(arrays, robot, notes, problems)
         if not problems:
             check_torques(t, arrays, robot, notes)

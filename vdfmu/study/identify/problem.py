@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,17 @@ DRIVES = ("I_m", "f_c", "f_s", "v_s", "f_v")
 SPRINGS = ("K_f0", "c_f", "K_w0", "c_w")
 
 
+class TorqueParts(NamedTuple):
+    """Spring torques ``Y pi + R J + balance F_cb``, link-side, of m states."""
+
+    Y: Floats
+    """(m, n, p), by base parameters."""
+    R: Floats
+    """(m, n, n), by rotor inertias, link-side."""
+    balance: Floats
+    """(m, n): Torques that a counterbalance of 1 N asks for [m]."""
+
+
 @dataclass
 class IdentificationProblem:
     """The rows, and the parameters' places in one vector."""
@@ -28,14 +39,17 @@ class IdentificationProblem:
     base: BaseParameters
     step: float
     """Time between the samples of the log [s]."""
-    Y: Floats
-    R: Floats
+    torques: TorqueParts
+    """Of all m samples, for the springs, whose law is not linear."""
+    filtered: TorqueParts
+    """Of the k rows."""
     acceleration: Floats
+    """(k, n): of rotors, and of what carries them [rad/s2 or m/s2]."""
     tau: Floats
     tau_dot: Floats
-    balance: Floats
-    """(k, n): Spring torques that a counterbalance of 1 N asks for."""
+    """(k, n): Motor torques, link-side [N.m or N], and their rates."""
     stretch: Floats | None
+    """(k, n): kappa - q - theta_err as measured [rad or m]; None without encoders behind the gears."""
     seen: npt.NDArray[np.bool_]
     """(n,): Joints whose links are measured, and that have the second equation."""
     position: Floats
@@ -43,6 +57,7 @@ class IdentificationProblem:
     speed: Floats
     """(k, n): Filtered velocities of rotors, by which encoders that are late lie behind."""
     velocity: Floats
+    """(m, n): Velocities of rotors at all samples, for friction [rad/s or m/s]."""
     narrow: Callable[[Floats], Floats]
     start: Floats = field(default_factory=lambda: np.zeros(0))
     names: list[str] = field(default_factory=list[str])
@@ -86,19 +101,23 @@ class IdentificationProblem:
         if self.stretch is None:
             return [torque]
         late = x[at["delay_q"]] * self.speed + x[at["offset"]]
-        return [torque, self.seen * (self.stretch - deformation(self._robot(x), tau_s) - late)]
+        bent = self.narrow(deformation(self._robot(x), self._of_parts(self.torques, x)))
+        return [torque, self.seen * (self.stretch - bent - late)]
 
     def jacobian(self, x: Floats) -> list[Floats]:
-        """Return the derivatives (k, n, p) of the residuals by all parameters."""
+        """Return the derivatives (k, n, p) of the residuals by all parameters.
+
+        Of the compliance it takes the value at the filtered torque, which changes steps of the search, not its end.
+        """
         robot, at, n = self.robot, self.places, self.robot.n
         each = np.arange(n)
         sign, share, v = self._dry(x)
         step = x[at["f_s"]] - x[at["f_c"]]
         by_spring = np.zeros((*self.tau.shape, len(x)))
-        by_spring[:, :, at["links"]] = self.Y
-        by_spring[:, :, at["I_m"]] = self.R * robot.ell
+        by_spring[:, :, at["links"]] = self.filtered.Y
+        by_spring[:, :, at["I_m"]] = self.filtered.R * robot.ell
         if "F_cb" in at:
-            by_spring[:, each, at["F_cb"].start + each] = self.balance
+            by_spring[:, each, at["F_cb"].start + each] = self.filtered.balance
         torque = -by_spring
         torque[:, each, at["I_m"].start + each] -= robot.ell * self.acceleration
         for name, slope in (
@@ -110,12 +129,13 @@ class IdentificationProblem:
         torque[:, each, at["tau_0"].start + each] = -robot.ell
         if self.stretch is None:
             return [torque]
-        springs, tau_s = self._robot(x), self.spring_torques(x)
+        springs, tau_s, all_torques = self._robot(x), self.spring_torques(x), self._of_parts(self.torques, x)
         stretch = -np.asarray(deformation_derivative(springs, tau_s), dtype=float)[:, :, None] * by_spring
         for name in SPRINGS:
             here = getattr(springs, name)
-            ends = [deformation(springs.with_parameters(**{name: here * f}), tau_s) for f in (1.0 + 1e-5, 1.0 - 1e-5)]
-            stretch[:, each, at[name].start + each] = -(ends[0] - ends[1]) / (2e-5 * here)
+            ends = [springs.with_parameters(**{name: here * f}) for f in (1.0 + 1e-5, 1.0 - 1e-5)]
+            change = deformation(ends[0], all_torques) - deformation(ends[1], all_torques)
+            stretch[:, each, at[name].start + each] = -self.narrow(change) / (2e-5 * here)
         stretch[:, each, at["offset"].start + each] = -1.0
         stretch[:, each, at["delay_q"].start + each] = -self.speed
         return [torque, self.seen[:, None] * stretch]
@@ -142,9 +162,12 @@ class IdentificationProblem:
 
     def spring_torques(self, x: Floats) -> Floats:
         """Torques of the drives in the rows, link-side, (k, n) [N.m or N]."""
+        return self._of_parts(self.filtered, x)
+
+    def _of_parts(self, parts: TorqueParts, x: Floats) -> Floats:
         at = self.places
-        tau_s = self.Y @ x[at["links"]] + self.R @ (x[at["I_m"]] * self.robot.ell)
-        return tau_s + self.balance * x[at["F_cb"]] if "F_cb" in at else tau_s
+        tau_s = parts.Y @ x[at["links"]] + parts.R @ (x[at["I_m"]] * self.robot.ell)
+        return tau_s + parts.balance * x[at["F_cb"]] if "F_cb" in at else tau_s
 
     def _robot(self, x: Floats) -> Robot:
         return self.robot.with_parameters(**{n: x[self.places[n]] for n in SPRINGS if n in self.places})

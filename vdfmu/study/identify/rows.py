@@ -16,7 +16,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.study.identify.base import base_parameters
 from vdfmu.study.identify.faults import fastest
 from vdfmu.study.identify.log import Log
-from vdfmu.study.identify.problem import IdentificationProblem
+from vdfmu.study.identify.problem import IdentificationProblem, TorqueParts
 from vdfmu.study.identify.regressor import body_parameters, regressor
 
 _POWER, _BANDS = 0.999, 3.0
@@ -56,7 +56,9 @@ def rows_of(
         last = max(fastest(column) for column in np.diff(log.kappa, axis=0).T)
         whole = h * (len(log.t) - 1)
         band = max(_BANDS * last, 0.5 * _ENOUGH + 2.0 * _TRIM) / whole
-    band = min(band, 0.1 / h)
+        band = min(band, 0.1 / h)
+    elif band > 0.1 / h:
+        raise UsageError(f"band: expected at most a tenth of {log.where}'s rate, {0.1 / h:.4g} Hz, got {band:g} Hz.")
     trim = int(np.ceil(_TRIM / band / h))
     stride = max(1, int(0.5 / band / h))
     rows = slice(trim, len(log.t) - trim, stride)
@@ -93,11 +95,11 @@ def rows_of(
     q_dot = slope(q, h)
     parts = regressor(robot, q, q_dot, slope(q_dot, h), kappa_dot, kappa_ddot)
     base = base_parameters(robot)
-    balance = filtered(counterbalance_hold(robot, q))
+    torques = TorqueParts(parts.links[:, :, base.columns], parts.rotors, counterbalance_hold(robot, q))
     problem = IdentificationProblem(
-        robot, base, h, filtered(parts.links[:, :, base.columns]), filtered(parts.rotors),
-        filtered(kappa_ddot + parts.carried), filtered(tau), slope(sosfiltfilt(narrow, tau, axis=0), h)[rows],
-        balance, stretch, seen, filtered(q), speed, kappa_dot, filtered,
+        robot, base, h, torques, TorqueParts(*map(filtered, torques)), filtered(kappa_ddot + parts.carried),
+        filtered(tau), slope(sosfiltfilt(narrow, tau, axis=0), h)[rows], stretch, seen, filtered(q), speed, kappa_dot,
+        filtered,
     )  # fmt: skip
     return Rows(problem, log.t[rows], band, lag)
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError
 from vdfmu.study.identify.fit import Identified
 from vdfmu.study.identify.log import Log
 from vdfmu.study.identify.regressor import body_parameters, regressor
@@ -46,6 +47,9 @@ def score(found: Identified, robot: Robot, fitted: Log, log: Log) -> LogScore:
 
     A constant between the encoders is the log's own: incremental encoders count from where they start.
     """
+    if (log.q is None) != (fitted.q is None):
+        sides = ["without encoders behind the gears" if each.q is None else "with them" for each in (fitted, log)]
+        raise UsageError(f"{log.where}: expected a log {sides[0]}, as {fitted.where}, got one {sides[1]}.")
     rows = rows_of(log, robot, found.band, found.lag, _FEWEST)
     errors = rows.problem.errors(found.x)
     left, tau = errors[0], rows.problem.tau
@@ -78,7 +82,7 @@ def _terms(rows: Rows, robot: Robot) -> list[Floats]:
     sign, still = p.narrow(np.tanh(p.velocity / robot.eps)), np.zeros_like(p.position)
     weight = regressor(robot, p.position, still, still, still, still).links @ body_parameters(robot)
     if robot.counterbalance:
-        weight = weight + p.balance * robot.F_cb
+        weight = weight + p.filtered.balance * robot.F_cb
     return [
         np.stack([np.ones(len(p.tau)), p.acceleration[:, i], p.speed[:, i], sign[:, i], weight[:, i]], axis=1)
         for i in range(robot.n)

@@ -1,6 +1,6 @@
 """The least squares of an identification: weights, what is known without the log, covariance.
 
-A log of some seconds does not tell all parameters, and its residuals are no white noise: what the model lacks lasts.
+A log of some seconds does not tell all parameters, and its residuals are not white: what the model lacks lasts.
 So the robot file's values count as observations with the errors that such files have, residuals are weighted as
 their long-run variance asks (Newey and West 1987), and so are the intervals.
 """
@@ -25,7 +25,7 @@ _KNOWN = {
 Coulomb's, of delays, as a share of a step of the log."""
 _ASSUMED = 0.5
 """The same of a rotor inertia whose source in the robot file begins with "Assumed"."""
-_ROUNDS = 3
+_ROUNDS = 6
 """Rounds of weights."""
 _STEPS = 30
 """Steps of the search in each."""
@@ -35,6 +35,17 @@ _LAGS = 1.5
 """Rows by which residuals are alike, over the third root of their number."""
 
 
+class Weak(NamedTuple):
+    """Why a log tells little of a parameter."""
+
+    share: float
+    """Its standard deviation over the one without the log."""
+    partner: str
+    correlation: float
+    """The parameter that it is most correlated with, of those that are shown."""
+    advice: str
+
+
 class Estimate(NamedTuple):
     """Result of a search."""
 
@@ -42,8 +53,8 @@ class Estimate(NamedTuple):
     covariance: Floats
     held: dict[str, str]
     """Parameters that keep the robot file's values, and why."""
-    weak: dict[str, str]
-    """Drives and springs of which the log tells little, and why."""
+    weak: dict[str, Weak]
+    """Parameters of which the log tells little."""
 
 
 def solve(problem: IdentificationProblem, prior: Floats | None, narrower: IdentificationProblem) -> Estimate:
@@ -76,7 +87,7 @@ class _Search:
 
     def __init__(self, problem: IdentificationProblem, prior: Floats | None, noise: list[Floats] | None = None) -> None:
         self.problem, self.x, self.sizes = problem, problem.start.copy(), _sizes(problem)
-        self.period = _period(problem.speed)
+        self.prior, self.period = prior, _period(problem.speed)
         self.count = problem.places["links"].start
         """Parameters in logarithms, which come first."""
         self.root = np.zeros((len(self.x), len(self.x)))
@@ -99,6 +110,8 @@ class _Search:
         self.free[: self.count] = self.x[: self.count] > 0.0
         if "F_cb" in problem.places:
             self.free[problem.places["F_cb"]] = problem.robot.F_cb > 0.0
+        dry = problem.start[problem.places["f_s"]] + problem.start[problem.places["f_c"]] > 0.0
+        self.free[problem.places["v_s"]] &= dry
         self.held = {
             problem.names[i]: "0 in the robot file, where the search would start; give a value"
             for i in np.flatnonzero(~self.free[: self.count])
@@ -157,7 +170,7 @@ class _Search:
         self.weights = [_level(e, self.period) for e in self.problem.errors(self.x)]
 
     def flatten(self) -> bool:
-        """Hold static friction of joints at Coulomb's where it would be less, and tell whether there are new ones."""
+        """Hold static friction of joints at Coulomb's where it would be less, and return whether that changes any."""
         at, n = self.problem.places, self.problem.robot.n
         less = [i for i in range(n) if self.free[at["f_s"].start + i] and self.x[at["f_s"]][i] < self.x[at["f_c"]][i]]
         for i in less:
@@ -191,27 +204,31 @@ class _Search:
         pulls = np.sum([np.einsum("kn,knp->kp", e, s) for e, s in zip(errors, slopes, strict=True)], axis=0)
         ways, spare = self.ways(x) @ inverse, rows / max(1, rows - root.shape[1])
         alike = ways @ (spare * _long_run(pulls, self.period) + root.T @ root) @ ways.T
-        independent = spare * np.einsum("pi,pi->p", ways, self.ways(x))
+        known = np.sum((ways @ root.T) ** 2, axis=1)
+        independent = spare * np.einsum("pi,pi->p", ways, self.ways(x)) + (1.0 - spare) * known
         more = np.sqrt(np.maximum(1.0, independent / np.maximum(np.diag(alike), 1e-300)))
         each = zip(narrower.errors(x), self.problem.errors(x), self.weights, slopes, strict=True)
         shift = ways @ np.sum([np.einsum("kn,knp->p", (a - b) / w, s) for a, b, w, s in each], axis=0)
         return alike * np.outer(more, more) + np.outer(shift, shift)
 
-    def weak(self, covariance: Floats) -> dict[str, str]:
-        """Drives and springs of which the log tells little: what they are confused with, and the way out."""
-        names, notes = self.problem.names, dict[str, str]()
-        deviation = np.sqrt(np.diag(covariance))
-        for k in np.flatnonzero(self.free[: self.count]):
-            before = 1.0 / self.root[k, k]
-            if deviation[k] > _UNKNOWN * before * self.x[k]:
-                correlation = covariance[k] / (np.maximum(deviation, 1e-300) * deviation[k])
-                correlation[k] = 0.0
+    def weak(self, covariance: Floats) -> dict[str, Weak]:
+        """Return the parameters that the log hardly tells: what they are confused with, and the way out."""
+        names, places, shown = self.problem.names, self.problem.places, self.problem.shown
+        before = np.full(len(names), np.inf)
+        scale = np.concatenate([self.x[: self.count], self.sizes[self.count :]])
+        for name in _KNOWN:
+            each = places.get(name, slice(0))
+            before[each] = scale[each] / np.diag(self.root)[each]
+        if self.prior is not None:
+            before[places["links"]] = np.sqrt(np.diag(self.prior))
+        deviation, notes = np.sqrt(np.diag(covariance)), dict[str, Weak]()
+        for k in shown:
+            if self.free[k] and deviation[k] > _UNKNOWN * before[k]:
+                correlation = covariance[k, shown] / (np.maximum(deviation[shown], 1e-300) * deviation[k])
+                correlation[shown.index(k)] = 0.0
                 partner = int(np.argmax(np.abs(correlation)))
-                notes[names[k]] = (
-                    f"its standard deviation is {100 * deviation[k] / self.x[k]:.0f} % of its size, without the log "
-                    f"{100 * before:.0f} %, its correlation with {names[partner]} {correlation[partner]:+.2f}; "
-                    f"{_way_out(names[k])}"
-                )
+                share = float(deviation[k] / before[k])
+                notes[names[k]] = Weak(share, names[shown[partner]], float(correlation[partner]), _way_out(names[k]))
         return notes
 
 
@@ -271,4 +288,6 @@ def _way_out(name: str) -> str:
         "c_f": "log larger torques",
         "c_w": "log torques through 0",
         "K_w0": "log torques through 0",
+        "delay_tau": "log faster motions",
+        "delay_q": "log faster motions",
     }.get(name.split("[")[0], "log a motion that moves more joints, further")
