@@ -114,7 +114,8 @@ def sticking(tmp_path_factory, robot):
 @pytest.mark.parametrize("loop", ["clean", "sticking"])
 def test_intervals_cover_the_truth(loop, robot, guess, request):
     """Of 50 logs each with other noise and other zeros of the encoders, 95 % intervals of all parameters."""
-    log = request.getfixturevalue(loop)
+    whole = request.getfixturevalue(loop)
+    log = whole._replace(t=whole.t[::2], kappa=whole.kappa[::2], q=whole.q[::2], tau=whole.tau[::2])  # half of the time
     inside: dict[str, list[bool]] = {}
     for seed in range(50):
         found = identify(noisy(log, robot, 100 + seed), guess)
@@ -124,17 +125,9 @@ def test_intervals_cover_the_truth(loop, robot, guess, request):
             inside.setdefault(name, []).append(a <= t <= b)
     shares = {name: float(np.mean(each)) for name, each in inside.items()}
     # 50 x 29 intervals; those of one log are correlated: as 300 independent ones, 0.95 has a deviation of 0.013, of
-    # which three are allowed
+    # which three are allowed; of one parameter 50: the deviation is 0.031, three of them
     assert np.mean(list(shares.values())) > 0.91, shares
-    # of one parameter 50: the deviation is 0.031, three of them; of springs, into whose shape the steps of encoders go
-    # where a joint turns back, with half as many that are independent. What sticking leaves, which lasts less than a
-    # sample, is in no interval: a twentieth of a per cent of Izz1, a half of its interval, which takes 0.95 to 0.83
-    less = 0.85 if loop == "clean" else 0.7
-    for name in shares:
-        if name[:3] in ("I_m", "f_c", "f_v") or name in found.base.names:
-            assert shares[name] > less, (name, shares[name])
-        if name[:2] == "K_":
-            assert shares[name] > 0.8, (name, shares[name])
+    assert min(shares.values()) > 0.85, shares
 
 
 @pytest.mark.heavy
@@ -153,12 +146,12 @@ def test_intervals_cover_the_truth_where_torques_go_through_zero(tmp_path):
     assert values["I_m[1]"] == pytest.approx(true["I_m[1]"], rel=0.01)
     np.testing.assert_allclose(exact.stiffness, true_stiffness(slider, exact), rtol=0.005)
     inside: list[bool] = []
-    for seed in range(8):
+    for seed in range(6):
         found = identify(noisy(log, slider, seed), slider)
         low, high = found.interval()
         for name, a, b in zip(found.names, low, high, strict=True):
             inside.append(a <= (0.5e-3 if name == "delay_tau" else true[name]) <= b)
-    # 8 x 45 intervals, those of a log correlated: as 80 independent ones, 0.95 has a deviation of 0.025, three of them
+    # 6 x 45 intervals, those of a log correlated: as 60 independent ones, 0.95 has a deviation of 0.028, three of them
     assert np.mean(inside) > 0.87, np.mean(inside)
 
 

@@ -28,6 +28,8 @@ _TRIM = 3.0
 """Ends of the log that are left out, in periods of the band: transients of the filters."""
 _FEWEST = 50
 """Rows of an identification."""
+_ZEROS, _EVEN = 8, 0.05
+"""Zeros of encoders for which the errors of their steps are worked out, and how even steps are."""
 _ENOUGH = 100
 """Rows for which the band is widened, if the log is short."""
 
@@ -96,10 +98,11 @@ def rows_of(
     parts = regressor(robot, q, q_dot, slope(q_dot, h), kappa_dot, kappa_ddot)
     base = base_parameters(robot)
     torques = TorqueParts(parts.links[:, :, base.columns], parts.rotors, counterbalance_hold(robot, q))
+    steps = [] if stretch is None else [filtered(error) for error in _steps(measured, q)]
     problem = IdentificationProblem(
         robot, base, h, torques, TorqueParts(*map(filtered, torques)), filtered(kappa_ddot + parts.carried),
-        filtered(tau), slope(sosfiltfilt(narrow, tau, axis=0), h)[rows], stretch, seen, filtered(q), speed, kappa_dot,
-        filtered,
+        filtered(tau), slope(sosfiltfilt(narrow, tau, axis=0), h)[rows], stretch, steps, seen, filtered(q), speed,
+        kappa_dot, filtered,
     )  # fmt: skip
     return Rows(problem, log.t[rows], band, lag)
 
@@ -109,6 +112,18 @@ def counterbalance_hold(robot: Robot, q: Floats) -> Floats:
     if not robot.counterbalance:
         return np.zeros_like(q)
     return -counterbalance_torque(robot.with_parameters(F_cb=np.sign(robot.F_cb)), q.T).T
+
+
+def _steps(measured: Floats, q: Floats) -> list[Floats]:
+    """Errors (m, n) that encoders with the steps of the measured positions have along smooth ones, for other zeros."""
+    random, step = np.random.default_rng(0), np.zeros(q.shape[1])
+    for i, column in enumerate(measured.T):
+        apart = np.diff(np.unique(column))
+        if len(apart) and np.abs(apart / apart.min() - np.rint(apart / apart.min())).max() < _EVEN:
+            step[i] = apart.min()
+    zeros = random.uniform(size=(_ZEROS, 1, q.shape[1])) * step
+    safe = np.where(step > 0.0, step, 1.0)
+    return [np.where(step > 0.0, np.rint((q + zero) / safe) * safe - zero - q, 0.0) for zero in zeros]
 
 
 def _lag(stretch: Floats, speed: Floats, tau: Floats) -> Floats:

@@ -25,8 +25,8 @@ _KNOWN = {
 Coulomb's, of delays, as a share of a step of the log."""
 _ASSUMED = 0.5
 """The same of a rotor inertia whose source in the robot file begins with "Assumed"."""
-_ROUNDS = 6
-"""Rounds of weights."""
+_ROUNDS, _SETTLED = 6, 1e-3
+"""Rounds of weights, and change of the variables of the search below which they end: a tenth of a per cent."""
 _STEPS = 30
 """Steps of the search in each."""
 _ALIKE = 0.3
@@ -66,7 +66,8 @@ def solve(problem: IdentificationProblem, prior: Floats | None, narrower: Identi
     search = _Search(problem, prior)
     while True:
         for _ in range(_ROUNDS):
-            search.fit()
+            if search.fit() < _SETTLED:
+                break
         if not search.flatten():
             break
     covariance = search.covariance(narrower)
@@ -145,8 +146,8 @@ class _Search:
         each = zip(self.problem.jacobian(x), self.weights, strict=True)
         return [(e / w[:, None]) @ self.ways(x) for e, w in each]
 
-    def fit(self) -> None:
-        """Go to the least squares with the weights, and take new ones from what is left there."""
+    def fit(self) -> float:
+        """Go to the least squares with the weights, take new ones from what is left there, and return the change."""
         x, count, root = self.x, self.count, self.root[:, self.free]
 
         def whole(part: Floats) -> Floats:
@@ -168,6 +169,7 @@ class _Search:
         self.x = whole(found.x)
         self.moved[self.free] += found.x
         self.weights = [_level(e, self.period) for e in self.problem.errors(self.x)]
+        return float(np.abs(found.x).max(initial=0.0))
 
     def flatten(self) -> bool:
         """Hold static friction of joints at Coulomb's where it would be less, and return whether that changes any."""
@@ -193,7 +195,8 @@ class _Search:
     def covariance(self, narrower: IdentificationProblem) -> Floats:
         """Covariance of all parameters, for residuals that are alike from row to row (Newey and West 1987).
 
-        Deviations are at least those of independent residuals.
+        Deviations are at least those of independent residuals. Added are the changes by half the band of the first
+        filter, and by the steps of encoders, which pass the second where a joint turns back.
         """
         x, root = self.x, self.root[:, self.free]
         slopes = self.slopes(x)
@@ -209,7 +212,11 @@ class _Search:
         more = np.sqrt(np.maximum(1.0, independent / np.maximum(np.diag(alike), 1e-300)))
         each = zip(narrower.errors(x), self.problem.errors(x), self.weights, slopes, strict=True)
         shift = ways @ np.sum([np.einsum("kn,knp->p", (a - b) / w, s) for a, b, w, s in each], axis=0)
-        return alike * np.outer(more, more) + np.outer(shift, shift)
+        shifts = [shift]
+        for error in self.problem.steps:
+            pull = np.einsum("kn,knp->p", self.problem.seen * error / self.weights[1], slopes[1])
+            shifts.append(ways @ pull / np.sqrt(len(self.problem.steps)))
+        return alike * np.outer(more, more) + np.transpose(shifts) @ np.array(shifts)
 
     def weak(self, covariance: Floats) -> dict[str, Weak]:
         """Return the parameters that the log hardly tells: what they are confused with, and the way out."""
