@@ -211,11 +211,15 @@ class _Search:
         independent = spare * np.einsum("pi,pi->p", ways, self.ways(x)) + (1.0 - spare) * known
         more = np.sqrt(np.maximum(1.0, independent / np.maximum(np.diag(alike), 1e-300)))
         each = zip(narrower.errors(x), self.problem.errors(x), self.weights, slopes, strict=True)
-        shift = ways @ np.sum([np.einsum("kn,knp->p", (a - b) / w, s) for a, b, w, s in each], axis=0)
-        shifts = [shift]
+        changes = [(np.sum([np.einsum("kn,knp->p", (a - b) / w, s) for a, b, w, s in each], axis=0), 1.0)]
         for error in self.problem.steps:
             pull = np.einsum("kn,knp->p", self.problem.seen * error / self.weights[1], slopes[1])
-            shifts.append(ways @ pull / np.sqrt(len(self.problem.steps)))
+            changes.append((pull, len(self.problem.steps) ** -0.5))
+        shifts = []
+        for pull, share in changes:
+            change = inverse @ pull
+            change /= max(1.0, np.abs(root @ change).max())  # what is known beforehand holds a far change back
+            shifts.append(share * self.ways(x) @ change)
         return alike * np.outer(more, more) + np.transpose(shifts) @ np.array(shifts)
 
     def weak(self, covariance: Floats) -> dict[str, Weak]:
