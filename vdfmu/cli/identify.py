@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 
 from vdfmu.base.option import read_settings
@@ -240,6 +239,8 @@ def _print(found: Identified, labels: list[str], true: list[float] | None) -> No
 
 
 def _same_chain(one: Robot, other: Robot) -> bool:
+    import numpy as np
+
     return one.joint_types == other.joint_types and all(
         np.array_equal(getattr(one, name), getattr(other, name)) for name in ("rotation", "offset", "ell")
     )
@@ -264,6 +265,7 @@ def _weak(found: Identified) -> list[str]:
 
 
 def _print_score(name: str, score: LogScore, labels: list[str], units: tuple[str, ...]) -> None:
+    import numpy as np
     from rich.table import Table
 
     unit = " or ".join(dict.fromkeys(units))
