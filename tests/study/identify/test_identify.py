@@ -16,6 +16,7 @@ from vdfmu.study.identify.fit import identify
 from vdfmu.study.identify.log import Log, read_log
 from vdfmu.study.identify.regressor import body_parameters
 from vdfmu.study.identify.robot import identified_robot, robot_text
+from vdfmu.study.identify.score import score
 
 ENCODER = 2 * np.pi / 2**17
 PHYSICAL = ("I_m", "f_c", "f_s", "v_s", "f_v")
@@ -240,6 +241,21 @@ def test_the_command_writes_a_robot_that_says_where_it_is_from(clean, robot, gue
     np.testing.assert_allclose(found.base.matrix @ body_parameters(made), wanted, atol=1e-6)
     again, notes = identified_robot(found, guess, "log")
     assert not notes and np.all(np.linalg.eigvalsh(again.inertia) > 0)
+
+
+@pytest.mark.heavy
+def test_a_score_needs_the_encoders_of_the_fit(clean, robot):
+    bare = clean._replace(q=None, where="bare")
+    for one, other in ((clean, bare), (bare, clean)):
+        found = identify(one, robot)
+        with pytest.raises(
+            UsageError, match=r"expected a log with(out)? encoders behind the gears, as .*, got one with"
+        ):
+            score(found, robot, one, other)
+    own = score(identify(clean, robot), robot, clean, clean)
+    # the log that was fitted leaves what the fit left
+    np.testing.assert_allclose(own.torque_error, identify(clean, robot).torque_error, rtol=1e-9, atol=1e-12)
+    assert np.all(own.torque_left < 0.01 * own.torque) and np.all(own.rigid_left > own.torque_left)
 
 
 @pytest.mark.heavy

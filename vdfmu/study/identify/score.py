@@ -48,8 +48,11 @@ def score(found: Identified, robot: Robot, fitted: Log, log: Log) -> LogScore:
     A constant between the encoders is the log's own: incremental encoders count from where they start.
     """
     if (log.q is None) != (fitted.q is None):
-        sides = ["without encoders behind the gears" if each.q is None else "with them" for each in (fitted, log)]
-        raise UsageError(f"{log.where}: expected a log {sides[0]}, as {fitted.where}, got one {sides[1]}.")
+        sides = ["without" if each.q is None else "with" for each in (fitted, log)]
+        raise UsageError(
+            f"{log.where}: expected a log {sides[0]} encoders behind the gears, as {fitted.where}, got one {sides[1]} "
+            "them."
+        )
     rows = rows_of(log, robot, found.band, found.lag, _FEWEST)
     errors = rows.problem.errors(found.x)
     left, tau = errors[0], rows.problem.tau
