@@ -9,6 +9,7 @@ import numpy as np
 from vdfmu.arm.equations.trajectory import Desired, desired_motion
 from vdfmu.arm.world.attachment import AT_REST, Base, moving_base
 from vdfmu.compiler.unit import JOINTS, Input, Parameter
+from vdfmu.compiler.unit.variable import NO_LIMIT
 
 DESIRED = {
     "q_d": ("position", JOINTS, "desired position"),
@@ -19,6 +20,14 @@ DESIRED = {
 }
 """Unit, shape and text of the desired motion."""
 
+MEASURED = {
+    "q": ("position", JOINTS, "position of the link"),
+    "q_dot": ("velocity", JOINTS, "velocity of the link"),
+    "kappa": ("position", JOINTS, "position of the rotor divided by ell"),
+    "kappa_dot": ("velocity", JOINTS, "velocity of the rotor divided by ell"),
+    "tau_s": ("torque", JOINTS, "spring torque, link-side"),
+}
+"""Unit, shape and text of the motion and torque of joints that a plant has and others measure."""
 
 WRENCH = (3 * ("N",) + 3 * ("N.m",), 6)
 """Units and shape of a force and a moment."""
@@ -70,6 +79,11 @@ def tool_motion() -> tuple[Input, Input, Input]:
 def gain(unit: str, text: str, start: float) -> Parameter:
     """Tunable parameter of each joint, not below 0."""
     return Parameter(unit, JOINTS, text, start=start, minimum=0.0, tunable=True)
+
+
+def torque_limit() -> Parameter:
+    """Limit of the motor torques, by default none."""
+    return gain("N.m", "limit of the motor torque, motor-side", NO_LIMIT)
 
 
 def small_motion(t: float, n: int, stop: float) -> Desired:

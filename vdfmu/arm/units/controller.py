@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from vdfmu.arm.equations.pd import pd_control
-from vdfmu.arm.units._signals import DESIRED, gain, small_motion
+from vdfmu.arm.units._signals import DESIRED, MEASURED, gain, small_motion, torque_limit
 from vdfmu.compiler.unit import JOINTS, Choice, Input, Output, RobotParameters, Terminal, Unit
-from vdfmu.compiler.unit.variable import NO_LIMIT
 
 
 class PDController(Unit):
@@ -25,16 +24,16 @@ class PDController(Unit):
 
     q_d = Input(*DESIRED["q_d"])
     q_d_dot = Input(*DESIRED["q_d_dot"])
-    q = Input("position", JOINTS, "position of the link")
-    q_dot = Input("velocity", JOINTS, "velocity of the link")
-    kappa_dot = Input("velocity", JOINTS, "velocity of the rotor divided by ell")
+    q = Input(*MEASURED["q"])
+    q_dot = Input(*MEASURED["q_dot"])
+    kappa_dot = Input(*MEASURED["kappa_dot"])
     tau_m = Input("N.m", JOINTS, "feedforward torque, motor-side")
     kappa_dot_d = Input("velocity", JOINTS, "desired velocity of the rotor divided by ell")
     tau = Output("N.m", JOINTS, "motor torque, motor-side")
     tau_e = Output("torque", JOINTS, "feedback torque, link-side, Eq. (58)")
     K_p = gain("stiffness", "proportional gain, link-side, Eq. (58)", 1000.0)
     K_v = gain("damping", "derivative gain, link-side, Eq. (58)", 20.0)
-    tau_max = gain("N.m", "limit of the motor torque, motor-side", NO_LIMIT)
+    tau_max = torque_limit()
     velocity = Choice(
         "kappa_dot",
         "q_dot",

@@ -6,7 +6,7 @@ import numpy as np
 
 from vdfmu.arm.drive.torque_estimate import torque_estimates
 from vdfmu.arm.robot.parameters import SPRING_KEYS
-from vdfmu.arm.units._signals import small_motion
+from vdfmu.arm.units._signals import MEASURED, small_motion
 from vdfmu.compiler.unit import JOINTS, Input, Output, Parameter, RobotParameters, Terminal, Unit
 
 
@@ -23,8 +23,8 @@ class TorqueEstimator(Unit):
     itself.
     """
 
-    q = Input("position", JOINTS, "position of the link")
-    kappa = Input("position", JOINTS, "position of the rotor divided by ell")
+    q = Input(*MEASURED["q"])
+    kappa = Input(*MEASURED["kappa"])
     tau = Input("N.m", JOINTS, "motor torque, motor-side")
     tau_s_hat = Output("torque", JOINTS, "spring torque from the positions alone, link-side")
     tau_f_hat = Output("torque", JOINTS, "spring torque from the motor torque, link-side, Eq. (2)-(3) as printed")

@@ -6,7 +6,7 @@ import numpy as np
 
 from vdfmu.arm.equations.feedforward import FeedbackGains, feedforward_inverse, feedforward_vdc
 from vdfmu.arm.equations.trajectory import Desired
-from vdfmu.arm.units._signals import DESIRED, base_motion, base_of, gain, small_motion, wave_wrench, wrench
+from vdfmu.arm.units._signals import DESIRED, MEASURED, base_motion, base_of, gain, small_motion, wave_wrench, wrench
 from vdfmu.compiler.unit import JOINTS, Choice, Input, Output, RobotParameters, Terminal, Unit
 
 
@@ -42,13 +42,13 @@ class Feedforward(Unit):
     q_d_ddot = Input(*DESIRED["q_d_ddot"])
     q_d_dddot = Input(*DESIRED["q_d_dddot"])
     q_d_ddddot = Input(*DESIRED["q_d_ddddot"])
-    q = Input("position", JOINTS, "position of the link")
-    q_dot = Input("velocity", JOINTS, "velocity of the link")
-    kappa_dot = Input("velocity", JOINTS, "velocity of the rotor divided by ell")
+    q = Input(*MEASURED["q"])
+    q_dot = Input(*MEASURED["q_dot"])
+    kappa_dot = Input(*MEASURED["kappa_dot"])
     F_e_d = wrench("to be exerted on the surroundings")
     R_S, V_S, A_S = base_motion()
     tau_m = Output("N.m", JOINTS, "feedforward torque, motor-side")
-    tau_s = Output("torque", JOINTS, "spring torque, link-side")
+    tau_s = Output(*MEASURED["tau_s"])
     kappa_dot_d = Output("velocity", JOINTS, "desired velocity of the rotor divided by ell")
     mode = Choice("inverse", "vdc", text="0: inverse (exact inverse of the plant), 1: vdc (required velocities)")
     Lambda = gain("1/s", "gain of the required velocity, Eq. (12)", 1.0)

@@ -26,6 +26,7 @@ from vdfmu.arm.equations.plant import (
 from vdfmu.arm.units._signals import (
     ACCELERATION,
     MASS,
+    MEASURED,
     VELOCITY,
     WRENCH,
     base_motion,
@@ -101,17 +102,17 @@ class Plant(Unit):
     M_e = Input(*MASS, "Apparent mass matrix of the load at the end effector in {O}", when="coupled_tool")
     p_S = Input("m", 3, "Position of the base frame {S} in {I}, axis", when="moving_base")
     R_S, V_S, A_S = base_motion()
-    q = State("position", JOINTS, "position of the link")
-    q_dot = State("velocity", JOINTS, "velocity of the link")
-    kappa_dot = State("velocity", JOINTS, "velocity of the rotor divided by ell")
-    tau_s = State("torque", JOINTS, "spring torque, link-side")
+    q = State(*MEASURED["q"])
+    q_dot = State(*MEASURED["q_dot"])
+    kappa_dot = State(*MEASURED["kappa_dot"])
+    tau_s = State(*MEASURED["tau_s"])
     vars().update(_STATES)
     der_q = Derivative(q)
     der_q_dot = Derivative(q_dot)
     der_kappa_dot = Derivative(kappa_dot)
     der_tau_s = Derivative(tau_s)
     vars().update(_RATES)
-    kappa = Output("position", JOINTS, "position of the rotor divided by ell")
+    kappa = Output(*MEASURED["kappa"])
     p_O = Output("m", 3, "Position of the end effector in {I}, axis")
     R_O = Output("1", (3, 3), "Rotation matrix of the end effector in {I}")
     E_kin = Output("J", text="Kinetic energy of links and rotors")

@@ -8,20 +8,11 @@ import numpy as np
 
 from vdfmu.arm.equations.flexible_joint import rotor_position
 from vdfmu.arm.equations.plant import equilibrium_torque
-from vdfmu.arm.units._signals import DESIRED, base_motion, gain, small_motion
+from vdfmu.arm.units._signals import DESIRED, MEASURED, base_motion, small_motion, torque_limit
 from vdfmu.arm.world.attachment import AT_REST, Base
 from vdfmu.compiler.scalar.generic import clip
 from vdfmu.compiler.unit import JOINTS, Input, Output, RobotParameters, Terminal, Unit
-from vdfmu.compiler.unit.variable import NO_LIMIT
 
-MEASURED = {
-    "q": ("position", JOINTS, "position of the link"),
-    "q_dot": ("velocity", JOINTS, "velocity of the link"),
-    "kappa": ("position", JOINTS, "position of the rotor divided by ell"),
-    "kappa_dot": ("velocity", JOINTS, "velocity of the rotor divided by ell"),
-    "tau_s": ("torque", JOINTS, "spring torque, link-side"),
-}
-"""Unit, shape and text of what a law may measure."""
 _TERMINALS = (
     Terminal("desired", "left", tuple(DESIRED), "Desired motion of the joints"),
     Terminal("joints", "right", ("tau", *MEASURED), "Motor torques and motion of the joints"),
@@ -37,7 +28,7 @@ class Law(Unit):
     kappa_dot = Input(*MEASURED["kappa_dot"])
     R_S = base_motion()[0]
     tau = Output("N.m", JOINTS, "motor torque, motor-side")
-    tau_max = gain("N.m", "limit of the motor torque, motor-side", NO_LIMIT)
+    tau_max = torque_limit()
     robot = RobotParameters()
 
     def __init_subclass__(cls, **kwargs: Any) -> None:

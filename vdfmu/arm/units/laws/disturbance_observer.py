@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from vdfmu.arm.equations.pd import pd_control
-from vdfmu.arm.units._signals import DESIRED, gain, small_motion
+from vdfmu.arm.units._signals import DESIRED, MEASURED, gain, small_motion, torque_limit
 from vdfmu.compiler.unit import JOINTS, Input, Parameter, RobotParameters, Sampled, Terminal, Unit, clip
-from vdfmu.compiler.unit.variable import NO_LIMIT
 
 
 class DisturbanceObserverPD(Unit):
@@ -29,13 +28,13 @@ class DisturbanceObserverPD(Unit):
     """
 
     q_d = Input(*DESIRED["q_d"])
-    q = Input("position", JOINTS, "position of the link")
+    q = Input(*MEASURED["q"])
     kappa_dot_d = Input("velocity", JOINTS, "desired velocity of the rotor divided by ell")
-    kappa_dot = Input("velocity", JOINTS, "velocity of the rotor divided by ell")
+    kappa_dot = Input(*MEASURED["kappa_dot"])
     tau_m = Input("N.m", JOINTS, "feedforward torque, motor-side")
     K_p = gain("stiffness", "proportional gain, link-side, Eq. (58)", 1000.0)
     K_v = gain("damping", "derivative gain, link-side, Eq. (58)", 20.0)
-    tau_max = gain("N.m", "limit of the motor torque, motor-side", NO_LIMIT)
+    tau_max = torque_limit()
     T_Q = Parameter("s", JOINTS, "time constant of the estimate", start=0.05, minimum=1e-6, tunable=True)
     period = Parameter("s", text="time between samples", start=1e-3, minimum=1e-6)
     d_hat = Sampled("N.m", JOINTS, "estimated disturbance, motor-side")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vdfmu.arm.units.laws._law import MEASURED
+from vdfmu.arm.units._signals import MEASURED
 from vdfmu.arm.units.laws.pd_gravity import PDGravity
 from vdfmu.compiler.unit import JOINTS, Input, Parameter
 

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.units.laws._law import MEASURED, Law
+from vdfmu.arm.units._signals import MEASURED
+from vdfmu.arm.units.laws._law import Law
 from vdfmu.compiler.unit import JOINTS, Input, Parameter
 
 

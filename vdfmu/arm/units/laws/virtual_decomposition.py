@@ -6,10 +6,9 @@ import numpy as np
 
 from vdfmu.arm.equations.feedforward import adaptive_torques
 from vdfmu.arm.equations.friction import friction_regressor
-from vdfmu.arm.units._signals import DESIRED, base_motion, base_of, gain, small_motion
+from vdfmu.arm.units._signals import DESIRED, MEASURED, base_motion, base_of, gain, small_motion, torque_limit
 from vdfmu.arm.units.laws._adaptation import natural, parameter_scales, projected, start_joints, start_parameters
 from vdfmu.compiler.unit import JOINTS, Choice, Input, Parameter, RobotParameters, Sampled, Terminal, Unit, clip
-from vdfmu.compiler.unit.variable import NO_LIMIT
 
 
 class VirtualDecompositionControl(Unit):
@@ -39,15 +38,15 @@ class VirtualDecompositionControl(Unit):
     q_d = Input(*DESIRED["q_d"])
     q_d_dot = Input(*DESIRED["q_d_dot"])
     q_d_ddot = Input(*DESIRED["q_d_ddot"])
-    q = Input("position", JOINTS, "position of the link")
-    q_dot = Input("velocity", JOINTS, "velocity of the link")
-    kappa_dot = Input("velocity", JOINTS, "velocity of the rotor divided by ell")
+    q = Input(*MEASURED["q"])
+    q_dot = Input(*MEASURED["q_dot"])
+    kappa_dot = Input(*MEASURED["kappa_dot"])
     R_S, V_S, A_S = base_motion()
     Lambda = gain("1/s", "gain of the required velocity, Eq. (12)", 10.0)
     K_V = gain("1", "gain K_B of the link in SI units, times the unit matrix, Eq. (50)", 0.01)
     k_q = gain("damping", "gain of the link velocity, link-side, Eq. (26)", 0.0)
     k_vkappa = gain("damping_m", "gain of the rotor velocity, motor-side, Eq. (27)", 0.3)
-    tau_max = gain("N.m", "limit of the motor torque, motor-side", NO_LIMIT)
+    tau_max = torque_limit()
     adaptation = Choice("projection", "natural", text="Law of the bodies; 0: gradient with projection, 1: natural")
     gamma = Parameter("1/J", text="Gain of the adaptation of bodies; 0: none", start=1.0, minimum=0.0, tunable=True)
     gamma_j = Parameter("1/J", text="Gain of the adaptation of joints; 0: none", start=1.0, minimum=0.0, tunable=True)

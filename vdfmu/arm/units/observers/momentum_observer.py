@@ -11,7 +11,7 @@ from vdfmu.arm.drive.options import link_torques
 from vdfmu.arm.equations.friction import joint_friction
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.arm.equations.mapping import jacobian
-from vdfmu.arm.units._signals import WRENCH, six, small_motion
+from vdfmu.arm.units._signals import MEASURED, WRENCH, six, small_motion
 from vdfmu.compiler.scalar.jet import derivative, jets
 from vdfmu.compiler.unit import JOINTS, Input, Output, Parameter, RobotParameters, Sampled, Terminal, Unit, solve
 
@@ -45,10 +45,10 @@ class MomentumObserver(Unit):
     such as hysteresis, add to r.
     """
 
-    q = Input("position", JOINTS, "position of the link")
-    q_dot = Input("velocity", JOINTS, "velocity of the link")
-    kappa_dot = Input("velocity", JOINTS, "velocity of the rotor divided by ell")
-    tau_s = Input("torque", JOINTS, "spring torque, link-side")
+    q = Input(*MEASURED["q"])
+    q_dot = Input(*MEASURED["q_dot"])
+    kappa_dot = Input(*MEASURED["kappa_dot"])
+    tau_s = Input(*MEASURED["tau_s"])
     F_e_hat = Output(*WRENCH, six("Estimated force on the surroundings in {O}", "Estimated moment in {O}"))
     K_o = Parameter("1/s", JOINTS, "gain, the bandwidth of the estimate", start=100.0, minimum=1e-6, tunable=True)
     damping = Parameter("1", text="Damping of the least squares, in SI numbers", start=1e-4, minimum=1e-9)
