@@ -17,7 +17,7 @@ from vdfmu.arm.drive.counterbalance import counterbalance_torque
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.data import data_path
-from vdfmu.study.identify.base import base_parameters, link_errors
+from vdfmu.study.identify.base import base_parameters, link_covariance
 from vdfmu.study.identify.fit import PRIOR, identify
 from vdfmu.study.identify.log import Log, read_log
 from vdfmu.study.identify.regressor import body_parameters, regressor
@@ -118,9 +118,9 @@ def _regression(robot: Robot, motions: Sequence[Motion], method: str) -> Fit:
     drives = [robot.I_m * robot.ell, robot.f_c, robot.f_v, robot.F_cb, robot.ell]
     file = np.concatenate([base.matrix @ body_parameters(robot), *drives[:4], 0.0 * robot.ell])
     shares = (0.2, 1.0, 1.0, 0.2, 1.0)  # as vdfmu's; of the constant 1 N.m of the motor
-    links = base.matrix @ link_errors(robot, PRIOR)
     own = np.diag(np.concatenate([share * each for share, each in zip(shares, drives, strict=True)]))
-    errors: Any = block_diag(np.linalg.cholesky(links @ links.T), own)
+    known: Any = link_covariance(robot, base, PRIOR)
+    errors: Any = block_diag(np.linalg.cholesky(known), own)
     x, rank, weights = file, 0, np.ones(robot.n)
     for _ in range(1 if method == REGRESSIONS[0] else 2):
         A = (tables[0] * weights[:, None]).reshape(-1, len(x)) @ errors

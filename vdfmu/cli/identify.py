@@ -277,9 +277,7 @@ def _print_score(name: str, score: LogScore, labels: list[str], units: tuple[str
     )  # fmt: skip
 
     def cells(values: Sequence[Floats], i: int) -> list[str]:
-        return [
-            "" if each[i] != each[i] else f"{each[i]:.4g}" if each[i] > 1.0 else f"{each[i]:.3g}" for each in values
-        ]
+        return ["" if np.isnan(each[i]) else f"{each[i]:.4g}" if each[i] > 1.0 else f"{each[i]:.3g}" for each in values]
 
     for i, label in enumerate(labels):
         share, rigid = (100.0 * each[i] / score.torque[i] for each in (score.torque_left, score.rigid_left))

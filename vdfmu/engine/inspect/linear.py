@@ -345,9 +345,8 @@ def _on_loops(checked: Checked) -> set[Port]:
     acts = np.zeros((len(names),) * 2, bool)  # of columns on rows
     for link in checked.links:
         acts[names.index(link.end[0]), names.index(link.start[0])] = True
-    while (more := acts @ acts > acts).any():
-        acts |= more
-    return {link.end for link in checked.links if acts[names.index(link.start[0]), names.index(link.end[0])]}
+    reached = {name: _reached(acts, np.array([i])) for i, name in enumerate(names)}
+    return {link.end for link in checked.links if reached[link.end[0]][names.index(link.start[0])]}
 
 
 class _Linearised:

@@ -29,8 +29,8 @@ from vdfmu.base.toml_text import toml_text
 from vdfmu.study.identify.base import link_covariance
 from vdfmu.study.identify.fit import PRIOR, Identified, check_settings, identify
 from vdfmu.study.identify.log import Log
-from vdfmu.study.identify.regressor import body_parameters, regressor
-from vdfmu.study.identify.rows import counterbalance_hold, rows_of, slope
+from vdfmu.study.identify.regressor import regressor
+from vdfmu.study.identify.rows import file_torques, rows_of, slope
 from vdfmu.study.identify.search import expected_deviations
 
 _HIGHEST, _PERIODS, _SEEDS = (0.25, 0.5, 1.0, 2.0), (1, 3), 4
@@ -212,8 +212,7 @@ def exact_log(robot: Robot, motion: Motion, step: float) -> Log:
     t: Floats = step * np.arange(int(motion.duration / step * (1.0 + 1e-12)) + 1.0)
     q, q_dot, q_ddot, *_ = motion.at(t)
     parts = regressor(robot, q, q_dot, q_ddot, q_dot, q_ddot)
-    tau_s = parts.links @ body_parameters(robot) + parts.rotors @ (robot.I_m * robot.ell)
-    tau_s = tau_s + counterbalance_hold(robot, q) * np.abs(robot.F_cb)
+    tau_s = file_torques(robot, q, parts)
     kappa = rotor_position(robot, q, tau_s)
     kappa_dot = slope(kappa, step)
     _, xi_m = joint_friction(robot, q_dot, kappa_dot, tau_s)

@@ -50,8 +50,9 @@ class IdentificationProblem:
     """(k, n): Motor torques, link-side [N.m or N], and their rates."""
     stretch: Floats | None
     """(k, n): kappa - q - theta_err as measured [rad or m]; None without encoders behind the gears."""
-    steps: list[Floats]
-    """Errors (k, n) of the deformation that encoders of these steps may have, each for other zeros [rad or m]."""
+    steps: Callable[[], list[Floats]]
+    """Return errors (k, n) of the deformation by the steps of encoders behind the gears, each for other zeros
+    [rad or m]."""
     seen: npt.NDArray[np.bool_]
     """(n,): Joints whose links are measured, and that have the second equation."""
     position: Floats

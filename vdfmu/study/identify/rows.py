@@ -17,10 +17,10 @@ from vdfmu.study.identify.base import base_parameters
 from vdfmu.study.identify.faults import fastest
 from vdfmu.study.identify.log import Log
 from vdfmu.study.identify.problem import IdentificationProblem, TorqueParts
-from vdfmu.study.identify.regressor import body_parameters, regressor
+from vdfmu.study.identify.regressor import Regressor, body_parameters, regressor
 
-_POWER, _BANDS = 0.999, 3.0
-"""The band of the second filter: times the frequency below which this part of the velocities' power is."""
+_BANDS = 3.0
+"""The band of the second filter: times the frequency below which nearly all of the velocities' power is."""
 _WIDE = 60.0
 """The band of the first: times the second's. Friction follows speeds above the band into it, so it is wide."""
 _ORDER = 4
@@ -83,8 +83,7 @@ def rows_of(
     seen: Any = np.zeros(robot.n, bool) if log.q is None else np.isfinite(log.q).all(axis=0)
     q = np.zeros_like(kappa)
     if not seen.all():  # links by the springs of the robot file, unless they are fast
-        rigid = regressor(robot, kappa, kappa_dot, kappa_ddot, kappa_dot, kappa_ddot)
-        tau_s = rigid.links @ body_parameters(robot) + rigid.rotors @ (robot.I_m * robot.ell)
+        tau_s = file_torques(robot, kappa, regressor(robot, kappa, kappa_dot, kappa_ddot, kappa_dot, kappa_ddot))
         q = kappa - error - deformation(robot, tau_s)
     measured: Any = q if log.q is None else np.where(seen, log.q, 0.0)
     speed = filtered(kappa_dot)
@@ -98,10 +97,10 @@ def rows_of(
     parts = regressor(robot, q, q_dot, slope(q_dot, h), kappa_dot, kappa_ddot)
     base = base_parameters(robot)
     torques = TorqueParts(parts.links[:, :, base.columns], parts.rotors, counterbalance_hold(robot, q))
-    steps = [] if stretch is None else [filtered(error) for error in _steps(measured, q)]
     problem = IdentificationProblem(
         robot, base, h, torques, TorqueParts(*map(filtered, torques)), filtered(kappa_ddot + parts.carried),
-        filtered(tau), slope(sosfiltfilt(narrow, tau, axis=0), h)[rows], stretch, steps, seen, filtered(q), speed,
+        filtered(tau), slope(sosfiltfilt(narrow, tau, axis=0), h)[rows], stretch,
+        lambda: [filtered(error) for error in _steps(measured, q)], seen, filtered(q), speed,
         kappa_dot, filtered,
     )  # fmt: skip
     return Rows(problem, log.t[rows], band, lag)
@@ -112,6 +111,12 @@ def counterbalance_hold(robot: Robot, q: Floats) -> Floats:
     if not robot.counterbalance:
         return np.zeros_like(q)
     return -counterbalance_torque(robot.with_parameters(F_cb=np.sign(robot.F_cb)), q.T).T
+
+
+def file_torques(robot: Robot, q: Floats, parts: Regressor) -> Floats:
+    """Spring torques (m, n) that the robot file gives at positions (m, n), with its regressor there."""
+    links = parts.links @ body_parameters(robot) + parts.rotors @ (robot.I_m * robot.ell)
+    return links + counterbalance_hold(robot, q) * robot.F_cb
 
 
 def _steps(measured: Floats, q: Floats) -> list[Floats]:

@@ -11,8 +11,8 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.study.identify.fit import Identified
 from vdfmu.study.identify.log import Log
-from vdfmu.study.identify.regressor import body_parameters, regressor
-from vdfmu.study.identify.rows import Rows, rows_of
+from vdfmu.study.identify.regressor import regressor
+from vdfmu.study.identify.rows import Rows, file_torques, rows_of
 
 _FEWEST = 10
 """Rows of a log to be scored."""
@@ -56,7 +56,7 @@ def score(found: Identified, robot: Robot, fitted: Log, log: Log) -> LogScore:
     rows = rows_of(log, robot, found.band, found.lag, _FEWEST)
     errors = rows.problem.errors(found.x)
     left, tau = errors[0], rows.problem.tau
-    before = rows_of(fitted, robot, found.band, found.lag, _FEWEST)
+    before = rows if fitted is log else rows_of(fitted, robot, found.band, found.lag, _FEWEST)
     terms, own = _terms(rows, robot), _terms(before, robot)
     rigid = np.array([
         _rms(tau[:, i] - terms[i] @ np.linalg.lstsq(own[i], before.problem.tau[:, i], rcond=None)[0])
@@ -83,9 +83,7 @@ def _terms(rows: Rows, robot: Robot) -> list[Floats]:
     """Five terms of the torque of each joint (k, 5)."""
     p = rows.problem
     sign, still = p.narrow(np.tanh(p.velocity / robot.eps)), np.zeros_like(p.position)
-    weight = regressor(robot, p.position, still, still, still, still).links @ body_parameters(robot)
-    if robot.counterbalance:
-        weight = weight + p.filtered.balance * robot.F_cb
+    weight = file_torques(robot, p.position, regressor(robot, p.position, still, still, still, still))
     return [
         np.stack([np.ones(len(p.tau)), p.acceleration[:, i], p.speed[:, i], sign[:, i], weight[:, i]], axis=1)
         for i in range(robot.n)

@@ -212,9 +212,10 @@ class _Search:
         more = np.sqrt(np.maximum(1.0, independent / np.maximum(np.diag(alike), 1e-300)))
         each = zip(narrower.errors(x), self.problem.errors(x), self.weights, slopes, strict=True)
         changes = [(np.sum([np.einsum("kn,knp->p", (a - b) / w, s) for a, b, w, s in each], axis=0), 1.0)]
-        for error in self.problem.steps:
+        steps = [] if self.problem.stretch is None else self.problem.steps()
+        for error in steps:
             pull = np.einsum("kn,knp->p", self.problem.seen * error / self.weights[1], slopes[1])
-            changes.append((pull, len(self.problem.steps) ** -0.5))
+            changes.append((pull, len(steps) ** -0.5))
         shifts = []
         for pull, share in changes:
             change = inverse @ pull
