@@ -28,6 +28,7 @@ def build_fmus(
     backend: str | None = None,
     fmi_version: str = FMI_2.name,
     platforms: Sequence[str] | str | None = None,
+    sources: bool = True,
     progress: Shown = None,
 ) -> dict[str, Path]:
     """Build FMUs of units, each ``<Name>.fmu``.
@@ -54,6 +55,8 @@ def build_fmus(
         Python FMUs are of FMI 2.0.
     platforms : sequence of str, or "all", optional
         Platforms of native FMUs; default that of this machine.
+    sources : bool
+        Whether native FMUs carry their C, for platforms that they have no library of.
     progress : callable or bool, optional
         Called with stage, done, total; True shows bars, on the terminal or in the notebook.
 
@@ -78,5 +81,5 @@ def build_fmus(
     chosen = [one if isinstance(one, type) else find_unit(one) for one in units or shipped_units()]
     return build_units(
         robot, out_dir, chosen, start_values=start_values, backend=backend, fmi_version=fmi_version,
-        platforms=platforms,
+        platforms=platforms, sources=sources,
     )  # fmt: skip

@@ -52,6 +52,7 @@ def build(
             "machine's. Repeatable."
         ),
     ] = None,
+    sources: Annotated[bool, typer.Option(help="Carry the C of native FMUs in them.")] = True,
     settings: SetOption = None,
 ) -> None:
     """Build the FMUs of a scenario's system, with the scenario's values as start values, or the FMU of a unit."""
@@ -75,10 +76,11 @@ def build(
             backend=backend,
             fmi_version=fmi,
             platforms=platform,
+            sources=sources,
         )
     else:
         values = _values(chosen, backend, settings)
-        built = build_parts(chosen, out, values, backend=backend, fmi_version=fmi, platforms=platform)
+        built = build_parts(chosen, out, values, backend=backend, fmi_version=fmi, platforms=platform, sources=sources)
     for path in dict.fromkeys(built.values()):
         say(str(path))
 

@@ -1,4 +1,4 @@
-"""``vdfmu unit new`` and ``vdfmu unit examples``."""
+"""``vdfmu unit new``, ``vdfmu unit from`` and ``vdfmu unit examples``."""
 
 from __future__ import annotations
 
@@ -29,6 +29,27 @@ def new(
     path, test = new_unit(name, out)
     say(f"{path}: build it with 'vdfmu build {path}'")
     say(f"{test}: run it with 'python -m pytest {test}'")
+
+
+@app.command("from", epilog="Example: [bold]vdfmu unit from design.py:plant --name Plant[/bold]")
+def from_(
+    source: Annotated[
+        str,
+        typer.Argument(
+            help="model.mat or model.npz with A, B, C, D; function.casadi; table.csv; or design.py:NAME, an object: a "
+            "system of python-control or scipy.signal, or a CasADi function."
+        ),
+    ],
+    name: Annotated[str | None, typer.Option(help="Name of the unit; default that of the source.")] = None,
+    out: Annotated[Path | None, typer.Option(help="File to write; default after the name.")] = None,
+) -> None:
+    """Write the file of a unit of what is there: a linear system, a CasADi function, a table of data."""
+    from vdfmu.compiler.unit.wrap import unit_from
+
+    path, *beside = unit_from(source, name, out)
+    for file in beside:
+        say(str(file))
+    say(f"{path}: build it with 'vdfmu build {path}'")
 
 
 @app.command("examples", epilog="Example: [bold]vdfmu unit examples[/bold]")

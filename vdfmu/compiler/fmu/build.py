@@ -64,9 +64,10 @@ def build_units(
     backend: str | None = None,
     fmi_version: str = FMI_2.name,
     platforms: Sequence[str] | str | None = None,
+    sources: bool = True,
 ) -> dict[str, Path]:
     """Build FMUs of units, each ``<Name>.fmu``; see :func:`vdfmu.build_fmus`."""
-    if backend is None and (fmi_version != PYTHON_FMI.name or platforms is not None):
+    if backend is None and (fmi_version != PYTHON_FMI.name or platforms is not None or not sources):
         backend = "native"  # what only native FMUs have asks for them
     named = {unit_name(unit): unit for unit in units}
     backend = choose_backend(backend)
@@ -85,10 +86,13 @@ def build_units(
             robot if unit.needs_robot() else None,
             dict((start_values or {}).get(name, {})),
             *form_of(unit, backend, fmi_version),
+            sources=sources,
         )
         for name, unit in named.items()
     }
     for content in contents.values():
+        if content.backend == "python" and not sources:
+            raise UsageError(f"{content.model_name}: a Python FMU is its source. Build a native one to leave it out.")
         _check(content)
     for path in contents:  # all of them before the first is replaced
         regular_target(path)

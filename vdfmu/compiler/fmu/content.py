@@ -72,6 +72,8 @@ class Content:
     """Name and version of what made the FMU's libraries; empty: that of here."""
     made_by: Mapping[str, str] | None = None
     """Author, licence, copyright and version of the unit; None: see :func:`~vdfmu.compiler.fmu.about.about`."""
+    sources: bool = True
+    """Whether a native FMU carries its C."""
 
     def __post_init__(self) -> None:
         if not self.digest:
@@ -117,20 +119,24 @@ class Content:
 
     def to_json(self, **further: Any) -> str:
         """Text of the content file, with `further` entries."""
-        data = further | {
-            "unit": unit_name(self.unit),
-            "module": self.unit.__module__ if is_shipped(self.unit) else None,
-            "reader": None if self.robot is None else self.robot.reader,
-            "backend": self.backend,
-            "fmi_version": self.fmi_version,
-            "version": self.version,
-            "digest": self.digest,
-            "functions": self.interface.functions.digest,
-            "tool": self.tool,
-            "made_by": dict(self.made_by or {}),
-            "start_values": {name: float(value) for name, value in sorted(self.start_values.items())},
-            "robot": None if self.robot is None else self.robot.to_dict(looks=False),
-        }
+        data = (
+            further
+            | ({} if self.sources else {"sources": False})
+            | {
+                "unit": unit_name(self.unit),
+                "module": self.unit.__module__ if is_shipped(self.unit) else None,
+                "reader": None if self.robot is None else self.robot.reader,
+                "backend": self.backend,
+                "fmi_version": self.fmi_version,
+                "version": self.version,
+                "digest": self.digest,
+                "functions": self.interface.functions.digest,
+                "tool": self.tool,
+                "made_by": dict(self.made_by or {}),
+                "start_values": {name: float(value) for name, value in sorted(self.start_values.items())},
+                "robot": None if self.robot is None else self.robot.to_dict(looks=False),
+            }
+        )
         return json.dumps(data, indent=1, ensure_ascii=False) + "\n"
 
     @staticmethod

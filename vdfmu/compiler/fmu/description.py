@@ -56,7 +56,8 @@ def model_description(
     A native unit with continuous states also has model exchange. The time is not a variable; by the standard, every
     unknown is then taken to depend on it. `tool` is name and version of the generation tool; `about` has author,
     licence, copyright and version of the unit, as far as they are known. `sources` are the files of the folder
-    ``sources`` to compile; None for a Python FMU, which has neither states nor derivatives for the importer.
+    ``sources`` to compile, if it has one; None for a Python FMU, which has neither states nor derivatives for the
+    importer.
     """
     native = sources is not None
     root = root_element(interface, version, guid, tool, about)
@@ -192,9 +193,10 @@ def variable_attributes(name: str, reference: int, description: str, variable: V
 
 
 def _add_sources(parent: Element, sources: Sequence[str]) -> None:
-    files = SubElement(parent, "SourceFiles")
-    for name in sources:
-        SubElement(files, "File", {"name": name})
+    if sources:
+        files = SubElement(parent, "SourceFiles")
+        for name in sources:
+            SubElement(files, "File", {"name": name})
 
 
 def _add_unknowns(structure: Element, tag: str, unknowns: Sequence[int], dependencies: Sequence[Sequence[int]]) -> None:

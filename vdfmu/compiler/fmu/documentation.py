@@ -67,10 +67,11 @@ def _files(content: Content) -> str:
         return ""
     known = content.made_by or {}
     other = "" if content.interface.functions.shipped else " The C files that all units have are of vdfmu, MIT."
-    return f"""<h2>Files</h2>
-<ul>
+    sources = """
 <li><code>sources/</code>: all C files. <code>unit.c</code> holds tables and program of this unit,
-<code>kernel_*.c</code> its equations; the others are the same for all units.</li>
+<code>kernel_*.c</code> its equations; the others are the same for all units.</li>"""
+    return f"""<h2>Files</h2>
+<ul>{sources if content.sources else ""}
 <li><code>extra/org.fmi-standard.fmi-ls-ref/</code>: reference results,
 see <a href="fmi-ls-ref.txt">fmi-ls-ref.txt</a>.</li>
 <li><code>extra/vdfmu/vdfmu.json</code>: the robot, the start values and the versions that made the FMU.</li>

@@ -111,6 +111,8 @@ def _up_to_date(path: Path, content: Content, platforms: Sequence[str]) -> bool:
 def _members(content: Content, sources: Mapping[str, bytes], libraries: Mapping[str, bytes]) -> dict[str, bytes]:
     """Path to content of everything in the FMU."""
     fmi = content.fmi
+    if not content.sources:
+        sources = {}
     c_files = [name for name in sorted(sources) if name.endswith(".c")]
     interface, guid, tool = content.interface, content.guid, content.generation_tool
     about = content.made_by or {}
@@ -119,7 +121,7 @@ def _members(content: Content, sources: Mapping[str, bytes], libraries: Mapping[
         root = model_description_3(interface, guid, tool, about, fmi)
     else:
         root = model_description(interface, guid, tool, about, c_files, fmi)
-    if fmi.build_description:
+    if fmi.build_description and sources:
         definitions = {"DISABLE_PREFIX": "1"}
         build = build_description(c_files, definitions, content.model_name)
         members["sources/buildDescription.xml"] = document(build)
@@ -137,10 +139,11 @@ def _of_the_unit(content: Content) -> str:
     """Return the terms of a unit of a user's own, and which files are under those that follow."""
     if content.interface.functions.shipped:
         return ""
-    return (
-        f"The unit {content.model_name} (sources/unit.c and sources/kernel_*.c): {terms(content.made_by or {})}\n\n"
-        "All other files in sources/, and what binaries/ has of them, are of vdfmu:\n\n"
-    )
+    files, rest = "", "The other parts of binaries/"
+    if content.sources:
+        files = " (sources/unit.c and sources/kernel_*.c)"
+        rest = "All other files in sources/, and what binaries/ has of them,"
+    return f"The unit {content.model_name}{files}: {terms(content.made_by or {})}\n\n{rest} are of vdfmu:\n\n"
 
 
 @lru_cache

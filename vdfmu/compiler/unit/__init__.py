@@ -1,5 +1,6 @@
 """Units: their declaration, their variables for a robot, and their traced functions."""
 
+from vdfmu.compiler.scalar.casadi_call import casadi_call
 from vdfmu.compiler.scalar.generic import clip, cut, interpolate, lookup, maximum, minimum, sgn, where, zeros
 from vdfmu.compiler.scalar.matrices import expm, inv, solve
 from vdfmu.compiler.unit.declaration import (
@@ -19,6 +20,6 @@ from vdfmu.compiler.unit.unit import Unit
 
 __all__ = [
     "JOINTS", "Choice", "Derivative", "Input", "Output", "Parameter", "RobotParameters", "Sampled", "State", "Switch",
-    "Terminal", "Unit", "clip", "cut", "expm", "interpolate", "inv", "lookup", "maximum", "minimum", "sgn", "solve",
-    "where", "zeros",
+    "Terminal", "Unit", "casadi_call", "clip", "cut", "expm", "interpolate", "inv", "lookup", "maximum", "minimum",
+    "sgn", "solve", "where", "zeros",
 ]  # fmt: skip

@@ -107,6 +107,16 @@ def new_unit(name: str, out: Path | None = None) -> tuple[Path, Path]:
     StorageError
         If a file cannot be written.
     """
+    camel, path = class_and_file(name, out)
+    stem = path.stem
+    test = path.with_name(f"test_{stem}.py")
+    texts = {file: text.replace("NAME", camel).replace("FILE", stem) for file, text in ((path, _UNIT), (test, _TEST))}
+    write_new({file: text.encode() for file, text in texts.items()})
+    return path, test
+
+
+def class_and_file(name: str, out: Path | None) -> tuple[str, Path]:
+    """Return the name of a unit's class and its file; UsageError if there can be no such."""
     if not _FORMS.fullmatch(name):
         raise UsageError(
             f"name: expected CamelCase or snake_case of letters and digits, MyFilter or my_filter, got {name!r}."
@@ -120,10 +130,7 @@ def new_unit(name: str, out: Path | None = None) -> tuple[Path, Path]:
         raise UsageError(f"name: {camel} is a name of vdfmu.unit, which units need. Choose another.")
     if keyword.iskeyword(stem) or keyword.iskeyword(camel) or stem in {*sys.stdlib_module_names, "vdfmu"}:
         raise UsageError(f"{path}: {stem} is a name of Python's own, or of vdfmu. Choose another.")
-    test = path.with_name(f"test_{stem}.py")
-    texts = {file: text.replace("NAME", camel).replace("FILE", stem) for file, text in ((path, _UNIT), (test, _TEST))}
-    _write({file: text.encode() for file, text in texts.items()})
-    return path, test
+    return camel, path
 
 
 def copy_examples(folder: Path) -> list[Path]:
@@ -138,11 +145,11 @@ def copy_examples(folder: Path) -> list[Path]:
     """
     shipped = sorted(file for file in (data_path("examples") / "units").iterdir() if file.is_file())
     files = {folder / file.name: file.read_bytes() for file in shipped}
-    _write(files)
+    write_new(files)
     return list(files)
 
 
-def _write(files: Mapping[Path, bytes]) -> None:
+def write_new(files: Mapping[Path, bytes]) -> None:
     """Write new files into a folder, which is made."""
     if there := [str(file) for file in files if file.exists()]:
         verb = "is" if len(there) == 1 else "are"

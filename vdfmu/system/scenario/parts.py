@@ -27,6 +27,7 @@ def build_parts(
     backend: str | None = None,
     fmi_version: str = FMI_2.name,
     platforms: Sequence[str] | str | None = None,
+    sources: bool = True,
 ) -> dict[str, Path]:
     """Build the FMUs of the scenario's system, or take those that are there; component to its FMU.
 
@@ -47,6 +48,7 @@ def build_parts(
             backend=backend,
             fmi_version=fmi_version,
             platforms=platforms,
+            sources=sources,
         )
         found |= {name: built[unit_name(unit)] for name, unit in here.items()}
     return {name: found[name] for name in scenario.system.parts}
