@@ -59,6 +59,7 @@ for function, example in (
     (files.ssp, "vdfmu ssp two_joint --format 2.0 --out two_joint.ssp"),
     (files.reference, "vdfmu reference two_joint --out reference"),
     (files.check, "vdfmu check fmus/Plant.fmu"),
+    (files.verify, "vdfmu verify fmus/Plant.fmu"),
     (doctor.doctor, "vdfmu doctor"),
 ):
     app.command(epilog=f"Example: [bold]{example}[/bold]")(function)

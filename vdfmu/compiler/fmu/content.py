@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import uuid
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
 from functools import cached_property, lru_cache
 from hashlib import file_digest, sha256
 from importlib import import_module
@@ -26,7 +27,7 @@ from vdfmu.compiler.unit.load import load_units
 from vdfmu.compiler.unit.machine import Machine
 
 CONTENT_FILE = "vdfmu.json"
-_UNIT_FILE = "unit.py"
+UNIT_FILE = "unit.py"
 """Source of a unit that is not one of the package, in a Python FMU."""
 BACKENDS = ("python", "native")
 _DATA = {"python": ("python/*.py",), "native": ("c/*.[ch]", "icons/*")}
@@ -44,7 +45,7 @@ def installed_digest(backend: str = "python") -> str:
     return digest.hexdigest()
 
 
-def _tool(backend: str) -> str:
+def tool_of(backend: str) -> str:
     """Name and version of what makes the library of an FMU."""
     if backend == "python":
         return f"pythonfmu {version_of('pythonfmu')}"
@@ -79,7 +80,7 @@ class Content:
         if not self.digest:
             object.__setattr__(self, "digest", installed_digest(self.backend))
         if not self.tool:
-            object.__setattr__(self, "tool", _tool(self.backend))
+            object.__setattr__(self, "tool", tool_of(self.backend))
         if self.made_by is None:
             object.__setattr__(self, "made_by", about(self.unit))
 
@@ -148,26 +149,48 @@ class Content:
         FmuError
             If it cannot be used, or another vdfmu than the installed one built it.
         """
-        file = f"resources/{CONTENT_FILE}"
-        try:
+        source = resources / UNIT_FILE
+        with _using(f"resources/{CONTENT_FILE}"):
             data = json.loads((resources / CONTENT_FILE).read_text(encoding="utf-8"))
             name, version, digest = str(data["unit"]), str(data["version"]), str(data["digest"])
             _check_version(f"{model_name}.fmu", version, digest)
-            source = resources / _UNIT_FILE
-            unit = load_units(source).get(name) if source.is_file() else _named(f"{data['module']}:{model_name}")
+            own = load_units(source).get(name) if source.is_file() else None
+        return Content.of(data, own, f"resources/{CONTENT_FILE}", model_name)
+
+    @staticmethod
+    def of(data: Mapping[str, Any], unit: type[BaseUnit] | None, file: str, model_name: str) -> Content:
+        """Content of the text of a content file; `unit` is that of a user's own.
+
+        Raises
+        ------
+        FmuError
+            If it cannot be used; `file` is where it stands.
+        """
+        with _using(file):
+            name, digest = str(data["unit"]), str(data["digest"])
+            unit = unit if unit is not None else _named(f"{data['module']}:{model_name}")
             if unit is None or unit_name(unit) != name or unit.__name__ != model_name:
                 raise FmuError(f"{file} belongs to unit {name!r}, expected that of {model_name}.")
             robot = None if data["robot"] is None else _named(data["reader"])(data["robot"], file)
-            values, tool = dict(data["start_values"]), str(data["tool"])
-            made_by = {name: str(data["made_by"][name]) for name in ABOUT if name in data["made_by"]}
-            content = Content(unit, robot, values, version=version, digest=digest, tool=tool, made_by=made_by)
+            made_by = {key: str(data["made_by"][key]) for key in ABOUT if key in data["made_by"]}
+            content = Content(
+                unit, robot, dict(data["start_values"]), str(data["backend"]), str(data["fmi_version"]),
+                str(data["version"]), digest, str(data["tool"]), made_by, bool(data.get("sources", True)),
+            )  # fmt: skip
             _ = content.interface
-        except FmuError:
-            raise
-        except (OSError, LookupError, AttributeError, TypeError, ValueError, VdfmuError) as error:
-            what = str(error) if isinstance(error, VdfmuError) else f"{type(error).__name__}: {error}"
-            raise FmuError(f"{file} cannot be used: {what}. Build the FMU again.") from None
         return content
+
+
+@contextmanager
+def _using(file: str) -> Generator[None]:
+    """Turn what a content file causes into an FmuError."""
+    try:
+        yield
+    except FmuError:
+        raise
+    except (OSError, LookupError, AttributeError, TypeError, ValueError, VdfmuError) as error:
+        what = str(error) if isinstance(error, VdfmuError) else f"{type(error).__name__}: {error}"
+        raise FmuError(f"{file} cannot be used: {what}. Build the FMU again.") from None
 
 
 def _named(place: str) -> Any:
