@@ -28,6 +28,7 @@ class ComputedTorque(Law):
     section 8.5.2; the rotors' own velocity is added here.
     """
 
+    q_d_dot = Input(*DESIRED["q_d_dot"])
     q_d_ddot = Input(*DESIRED["q_d_ddot"])
     q = Input(*MEASURED["q"])
     q_dot = Input(*MEASURED["q_dot"])

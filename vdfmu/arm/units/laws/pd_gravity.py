@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 from vdfmu.arm.units._signals import MEASURED, gain
-from vdfmu.arm.units.laws._law import Law
+from vdfmu.arm.units.laws._law import GravityLaw
 from vdfmu.compiler.unit import Input
 
 
-class PDGravity(Law):
+class PDGravity(GravityLaw):
     """PD control of the rotors with compensation of gravity at the desired position.
 
     ::

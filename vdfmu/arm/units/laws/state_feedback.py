@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu.arm.units._signals import MEASURED
-from vdfmu.arm.units.laws._law import Law
+from vdfmu.arm.units.laws._law import GravityLaw
 from vdfmu.compiler.unit import JOINTS, Input, Parameter
 
 
@@ -16,7 +16,7 @@ def _matrix(unit: str, text: str, diagonal: float) -> Parameter:
     return Parameter(unit, (JOINTS, JOINTS), text, start=lambda robot: diagonal * np.eye(robot.n), tunable=True)
 
 
-class StateFeedback(Law):
+class StateFeedback(GravityLaw):
     """Feedback of the whole state of links and rotors, with gravity.
 
     ::

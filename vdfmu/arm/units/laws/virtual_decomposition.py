@@ -6,12 +6,13 @@ import numpy as np
 
 from vdfmu.arm.equations.feedforward import adaptive_torques
 from vdfmu.arm.equations.friction import friction_regressor
-from vdfmu.arm.units._signals import DESIRED, MEASURED, base_motion, base_of, gain, small_motion, torque_limit
+from vdfmu.arm.units._signals import DESIRED, MEASURED, base_motion, base_of, gain
 from vdfmu.arm.units.laws._adaptation import natural, parameter_scales, projected, start_joints, start_parameters
-from vdfmu.compiler.unit import JOINTS, Choice, Input, Parameter, RobotParameters, Sampled, Terminal, Unit, clip
+from vdfmu.arm.units.laws._law import TORQUE, Law
+from vdfmu.compiler.unit import JOINTS, Choice, Input, Parameter, Sampled, clip
 
 
-class VirtualDecompositionControl(Unit):
+class VirtualDecompositionControl(Law):
     """Virtual decomposition control with adaptation, Eq. (12)-(27), (48)-(53), sampled.
 
     The paper's control with estimated parameters: phi of each body, ten in number (mass, first moments, inertia about
@@ -35,18 +36,15 @@ class VirtualDecompositionControl(Unit):
     nothing adapts. The rotors' reaction (11) and the winding of springs are left out: they are for adaptation to find.
     """
 
-    q_d = Input(*DESIRED["q_d"])
     q_d_dot = Input(*DESIRED["q_d_dot"])
     q_d_ddot = Input(*DESIRED["q_d_ddot"])
     q = Input(*MEASURED["q"])
     q_dot = Input(*MEASURED["q_dot"])
-    kappa_dot = Input(*MEASURED["kappa_dot"])
     R_S, V_S, A_S = base_motion()
     Lambda = gain("1/s", "gain of the required velocity, Eq. (12)", 10.0)
     K_V = gain("1", "gain K_B of the link in SI units, times the unit matrix, Eq. (50)", 0.01)
     k_q = gain("damping", "gain of the link velocity, link-side, Eq. (26)", 0.0)
     k_vkappa = gain("damping_m", "gain of the rotor velocity, motor-side, Eq. (27)", 0.3)
-    tau_max = torque_limit()
     adaptation = Choice("projection", "natural", text="Law of the bodies; 0: gradient with projection, 1: natural")
     gamma = Parameter("1/J", text="Gain of the adaptation of bodies; 0: none", start=1.0, minimum=0.0, tunable=True)
     gamma_j = Parameter("1/J", text="Gain of the adaptation of joints; 0: none", start=1.0, minimum=0.0, tunable=True)
@@ -57,13 +55,7 @@ class VirtualDecompositionControl(Unit):
     theta_0 = Parameter("1", (JOINTS, 3), "start of J, b, f of the joint, link-side, in SI units", start=start_joints)
     phi = Sampled("1", (JOINTS, 10), "estimated parameter of the body, in SI units")
     theta = Sampled("1", (JOINTS, 3), "estimated J, b, f of the joint, link-side, in SI units")
-    tau = Sampled("N.m", JOINTS, "motor torque, motor-side")
-    robot = RobotParameters()
-    terminals = (
-        Terminal("desired", "left", tuple(DESIRED)[:3], "Desired motion of the joints"),
-        Terminal("joints", "right", ("tau", "q", "q_dot", "kappa_dot"), "Motor torques and motion of the joints"),
-        Terminal("base", "top", ("R_S", "V_S", "A_S"), "Motion of the base"),
-    )
+    tau = Sampled(*TORQUE)
 
     def update(self) -> None:
         """Torque of the estimates so far, and the next estimates."""
@@ -82,12 +74,3 @@ class VirtualDecompositionControl(Unit):
         else:
             self.phi = projected(self.phi, s, free * self.gamma, self.scale, self.phi_0, self.span)
         self.theta = projected(self.theta, Y * e[:, None], free * self.gamma_j, self.theta_0, self.theta_0, self.span)
-
-    def experiment(self) -> None:
-        """Follow a small motion nearly."""
-        t, phase = self.t, 0.4 * np.arange(self.n)
-        motion = small_motion(t, self.n, self.experiment_stop)
-        self.q_d, self.q_d_dot, self.q_d_ddot = motion[:3]
-        self.q = motion.q_d - 1e-4 * np.cos(t + phase)
-        self.q_dot = motion.q_d_dot + 1e-3 * np.sin(t + phase)
-        self.kappa_dot = motion.q_d_dot + 1e-3 * np.cos(t + phase)
