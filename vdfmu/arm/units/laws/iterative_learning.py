@@ -38,11 +38,11 @@ class IterativeLearningPD(SampledPD):
     hierarchical neural-network model for control and learning of voluntary movement", Biological Cybernetics 57, 1987.
     """
 
-    T = Parameter("s", text="duration of a cycle", start=1.0, minimum=1e-6)
+    T = Parameter("s", text="duration of a cycle", start=0.5, minimum=1e-6)
     t_start = Parameter("s", text="start of the first cycle")
     cycles = Parameter("1", text="number of cycles", start=1e9, minimum=1.0)
     L = Parameter("1", JOINTS, "share of the feedback torque that is learned", start=1.0, minimum=0.0, tunable=True)
-    harmonics = Parameter("1", text="number of harmonics that are learned", start=HARMONICS, minimum=0.0, maximum=HARMONICS)
+    harmonics = Parameter("1", text="number of harmonics that are learned", start=5.0, minimum=0.0, maximum=HARMONICS)
     cycle = Sampled("1", text="number of the cycle, from 0 on")
     u = Sampled("N.m", JOINTS, "learned torque, motor-side")
     learned = Sampled("N.m", (2 * HARMONICS + 1, JOINTS), "coefficient of u, c_0, c_1 .., then s_1 ..; motor-side")
