@@ -1,5 +1,6 @@
 """The Kalman filter of one joint against a system written by hand, and its errors against their theory."""
 
+import control
 import numpy as np
 import pytest
 from scipy.linalg import expm, solve_discrete_are
@@ -49,6 +50,20 @@ def test_model_and_gain_are_those_of_a_joint_written_by_hand(pendulum, by_hand):
     np.testing.assert_allclose(unit.L[0], gain, rtol=1e-6)  # a Riccati equation takes away some two digits of these
     held = 2.0 * 9.81 * 0.25 * np.cos(POSE)
     np.testing.assert_allclose(unit.held[0], [POSE + held / 5e3, held / 100.0], rtol=1e-9)
+
+
+def test_gain_is_that_of_python_control(pendulum, by_hand):
+    """The continuous model, sampled and filtered by python-control."""
+    unit = find_unit("kalman_filter")(pendulum, q_pose=POSE, period=PERIOD, **SIGMAS)
+    M, J, K, b, ell = 0.04 + 2.0 * 0.25**2, 0.001 * 100.0, 5e3, 0.5, 100.0
+    K_g = -2.0 * 9.81 * 0.25 * np.sin(POSE)
+    A = [[0.0, 1.0, 0.0, 0.0], [-(K + K_g) / M, 0.0, K / M, 0.0], [0.0, 0.0, 0.0, 1.0], [K / J, 0.0, -K / J, -b / J]]
+    B = [[0.0, 0.0], [0.0, 1.0 / M], [0.0, 0.0], [ell / J, 0.0]]
+    C = [[0.0, 0.0, 1.0, 0.0]]
+    sampled = control.c2d(control.ss(A, B, C, 0), PERIOD, "zoh")
+    noise = np.diag(np.square([SIGMAS["sigma_tau"], SIGMAS["sigma_q"]]))
+    L, _, _ = control.dlqe(sampled.A, sampled.B, C, noise, [[SIGMAS["sigma_kappa"] ** 2]])
+    np.testing.assert_allclose(unit.L[0], L[:, 0], rtol=1e-6)  # as above
 
 
 def follow(unit, by_hand, steps, x, noise=None):
