@@ -32,29 +32,35 @@ def test_the_regressor_is_the_body_in_its_parameters(general):
         np.testing.assert_allclose(mass, mass_matrix(*body) @ V_r_dot, rtol=0, atol=50 * 1e2 * EPS)
 
 
+def check_virtual_power(robot, phi, K_V, q, q_dot, q_ddot, q_dot_r, q_ddot_r, tau):
+    """Assert that flows cancel: what leaves a body by a cutting point enters the next one or is the joint's.
+
+    `tau` are the torques under which the links have the accelerations q_ddot.
+    """
+    tau_r, s = adaptive_torques(robot, phi, K_V, q, q_dot, q_dot_r, q_ddot_r)
+    motion = link_motion(robot, q, q_dot, q_ddot)
+    F_B, U_AB = link_forces(robot, motion), motion.U_AB
+    V_B, V_B_r, _ = link_velocities(robot, U_AB, q_dot, q_dot_r, q_ddot_r)
+    e = [r - v for r, v in zip(V_B_r, V_B, strict=True)]
+    # required forces: the bodies take what the joints give
+    bodies = sum(s[i] @ phi[i] + K_V[i] * (e[i] @ e[i]) for i in range(robot.n))
+    scale = sum(abs(s[i] * phi[i]).sum() for i in range(robot.n)) + abs(tau_r * (q_dot_r - q_dot)).sum()
+    assert abs(bodies - (q_dot_r - q_dot) @ tau_r) <= 1e-12 * scale
+    # forces of the motion, the same; and at each cutting point by itself
+    for i in range(robot.n):
+        before = e[i - 1] @ (U_AB[i] @ F_B[i]) if i > 0 else 0.0
+        joint = (q_dot_r - q_dot)[i] * tau[i]
+        assert abs(before + joint - e[i] @ F_B[i]) <= 1e-12 * (abs(joint) + np.abs(e[i] * F_B[i]).sum() + scale)
+
+
 def test_virtual_power_flows_at_the_cutting_points_cancel(chain, draw):
-    """What leaves a body by a cutting point enters the next one or is the joint's: the sum over all subsystems is 0."""
+    """The sum over all subsystems is 0, at any state."""
     random = np.random.default_rng(2)
     n, phi, K_V = chain.n, 1.2 * start_parameters(chain), np.full(chain.n, 0.5)
     for state in draw(chain, 20, seed=3):
-        q, q_dot = state.q, state.q_dot
-        q_dot_r, q_ddot_r = q_dot + random.normal(size=n), random.normal(size=n)
-        tau_r, s = adaptive_torques(chain, phi, K_V, q, q_dot, q_dot_r, q_ddot_r)
-        U_AB = joint_transforms(chain, q)
-        V_B, V_B_r, _ = link_velocities(chain, U_AB, q_dot, q_dot_r, q_ddot_r)
-        e = [r - v for r, v in zip(V_B_r, V_B, strict=True)]
-        # required forces: the bodies take what the joints give
-        bodies = sum(s[i] @ phi[i] + K_V[i] * (e[i] @ e[i]) for i in range(n))
-        scale = sum(abs(s[i] * phi[i]).sum() for i in range(n)) + abs(tau_r * (q_dot_r - q_dot)).sum()
-        assert abs(bodies - (q_dot_r - q_dot) @ tau_r) < 1e-12 * scale
-        # forces of the motion, the same; and at each cutting point by itself
-        motion = link_motion(chain, q, q_dot, state.q_ddot)
-        F_B = link_forces(chain, motion)
-        tau = inverse_dynamics(chain, q, q_dot, state.q_ddot)
-        for i in range(n):
-            before = e[i - 1] @ (U_AB[i] @ F_B[i]) if i > 0 else 0.0
-            joint = (q_dot_r - q_dot)[i] * tau[i]
-            assert abs(before + joint - e[i] @ F_B[i]) < 1e-12 * (abs(joint) + np.abs(e[i] * F_B[i]).sum() + scale)
+        q_dot_r, q_ddot_r = state.q_dot + random.normal(size=n), random.normal(size=n)
+        tau = inverse_dynamics(chain, state.q, state.q_dot, state.q_ddot)
+        check_virtual_power(chain, phi, K_V, state.q, state.q_dot, state.q_ddot, q_dot_r, q_ddot_r, tau)
 
 
 def test_required_forces_are_those_of_the_feedforward(chain, draw):
@@ -248,7 +254,7 @@ T = 2.0
 
 
 @pytest.mark.heavy
-def test_an_arm_with_springs_and_friction_follows_better_with_adaptation(tmp_path):
+def test_an_arm_with_springs_and_friction_follows_better_with_adaptation(tmp_path, planar):
     (tmp_path / "adaptive.toml").write_text(SYSTEM)
     (tmp_path / "scenario.toml").write_text(SCENARIO)
     errors = {}
@@ -258,4 +264,14 @@ def test_an_arm_with_springs_and_friction_follows_better_with_adaptation(tmp_pat
         errors[gamma] = np.sqrt(np.mean(np.sum((results["trajectory.q_d"] - results["plant.q"]) ** 2, axis=1)))
         # numpy and the FMU: the bound of the project
         assert results.summary["reference"]["sampled"]["max_difference"]["plant.q"] < 1e-7
+        # and along the run, with the estimates of its samples and the springs' torques, virtual power flows cancel
+        true = planar.with_parameters(mass=[planar.mass[0], 1.2])
+        q, q_dot, tau_s, phi = (results[x] for x in ("plant.q", "plant.q_dot", "plant.tau_s", "controller.phi"))
+        q_d, q_d_dot, q_d_ddot = (results[f"trajectory.q_d{x}"] for x in ("", "_dot", "_ddot"))
+        q_ddot = vdfmu.forward_dynamics(true, q, q_dot, tau_s)
+        q_dot_r, q_ddot_r = q_d_dot + 10.0 * (q_d - q), q_d_ddot + 10.0 * (q_d_dot - q_dot)
+        for k in range(0, len(q), 10):
+            check_virtual_power(
+                true, phi[k], np.full(2, 0.01), q[k], q_dot[k], q_ddot[k], q_dot_r[k], q_ddot_r[k], tau_s[k]
+            )
     assert errors[10.0] < 0.25 * errors[0.0], errors  # 0.5 mrad instead of 4.2
