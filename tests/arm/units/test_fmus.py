@@ -1,17 +1,31 @@
 """Observers and control laws as FMUs: valid in each form, and the same numbers from C as from numpy."""
 
+import html
+import zipfile
+from pathlib import Path
+
 import fmpy
 import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
 
+from tests.compiler.native.binding import Instance, Model
+from tests.compiler.native.test_derivatives import assert_slopes, directional, elements, slopes
 from vdfmu.arm.fmus import build_fmus
+from vdfmu.arm.units import find_unit, package_units
+from vdfmu.compiler.unit import Sampled
 from vdfmu.engine.inspect.inspection import check_file
 
 UNITS = [
     "momentum_observer", "kalman_filter", "notch_filter", "disturbance_observer", "virtual_decomposition",
     "iterative_learning", "pd_gravity", "joint_torque", "state_feedback", "computed_torque",
 ]  # fmt: skip
+
+
+def test_none_is_left_out():
+    found = {name for name, unit in package_units().items() if unit.__module__.split(".")[-2] in ("laws", "observers")}
+    assert found == set(UNITS)
+    assert all(find_unit(name).backend == "native" and "::" in find_unit(name).__doc__ for name in UNITS)
 
 
 @pytest.mark.heavy
@@ -23,6 +37,47 @@ def test_nothing_is_wrong_with_the_fmu(unit, form, general, tmp_path):
     path = build_fmus(general, tmp_path, units=[unit], backend=backend, fmi_version=version)[unit]
     assert validate_fmu(str(path)) == []
     assert check_file(path) == []
+    with zipfile.ZipFile(path) as archive:
+        page = html.unescape(archive.read("documentation/index.html").decode())
+        assert find_unit(unit).description() in page
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+@pytest.mark.parametrize("unit", UNITS)
+def test_directional_derivatives_are_slopes(unit, version, planar, tmp_path):
+    """Of outputs at the initialization, and of the next sample in step mode, by the inputs."""
+    path = build_fmus(planar, tmp_path, units=[unit], fmi_version=version)[unit]
+    instance = Instance(Model(Path(fmpy.extract(str(path), str(tmp_path / "x"))))).setup().enter()
+    inputs = instance.model.of("input")
+    point = np.random.default_rng(8).uniform(0.2, 0.9, len(elements(inputs)))
+    steps = np.full(point.size, 1e-3)
+
+    def at_start(values):
+        return instance.write(inputs, values).read(instance.model.of("output"))
+
+    def sampled(values):
+        saved, time = instance.save(), instance.time
+        found = instance.write(inputs, values).step(1e-3).read(samples)
+        instance.restore(saved).forget(saved)
+        instance.time = time
+        return found
+
+    def compare(evaluate, unknowns):
+        value = evaluate(point)
+        found = directional(instance.write(inputs, point), unknowns, inputs)
+        assert_slopes(found, slopes(evaluate, point, steps), value, steps)
+        return found.any()
+
+    any_found = compare(at_start, instance.model.of("output"))
+    names = {name for name, d in find_unit(unit).declared.items() if isinstance(d, Sampled)}
+    samples = [v for v in instance.model.of("output") if v.group in names]
+    if samples:
+        instance.do("ExitInitializationMode")
+        instance.write(inputs, 0.9 * point).step(1e-3)
+        any_found |= compare(sampled, samples)
+    assert any_found
+    instance.free()
 
 
 @pytest.mark.heavy
