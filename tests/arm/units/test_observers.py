@@ -1,5 +1,7 @@
 """Observers and filters against closed forms and the wrench that a wall takes."""
 
+from typing import Any
+
 import fmpy
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from vdfmu.arm.robot import robot_from_dict
 from vdfmu.arm.units import find_unit
 from vdfmu.base.data import data_path
 from vdfmu.base.errors import FmuError, UsageError
+from vdfmu.study.analysis.system import margins_along
 
 EPS = np.finfo(float).eps
 
@@ -205,3 +208,59 @@ def test_a_notch_lets_constants_through_and_has_to_be_below_half_of_the_sampling
         fmpy.simulate_fmu(str(path), stop_time=0.01, start_values={"f[1]": 501.0})
     with pytest.raises((FmuError, UsageError), match=r"less than half of 1 / period"):
         build_fmus(one_joint, tmp_path, units=["notch_filter"], start_values={"notch_filter": {"f[1]": 501.0}})
+
+
+NOTCHED = {
+    "system.toml": """name = "notched"
+description = "An arm under torque feedback with a notch"
+[units]
+trajectory = "trajectory"
+controller = "joint_torque"
+notch = "notch_filter"
+plant = "plant"
+[connections]
+"trajectory.q_d" = ["controller.q_d"]
+"trajectory.q_d_dot" = ["controller.q_d_dot"]
+"controller.tau" = ["notch.u"]
+"notch.y" = ["plant.tau"]
+"plant.kappa" = ["controller.kappa"]
+"plant.kappa_dot" = ["controller.kappa_dot"]
+"plant.tau_s" = ["controller.tau_s"]
+""",
+    "scenario.toml": """name = "notched"
+system = "system.toml"
+robot = "planar_2dof"
+stop = 2.0
+step = 0.001
+[trajectory]
+q_start = [-1.5707963267948966, 0.0]
+q_end = [0.7853981633974483, 1.0471975511965976]
+T = 2.0
+[controller]
+K_p = [1500.0, 500.0]
+K_v = [20.0, 10.0]
+[notch]
+f = 55.0
+""",
+}
+
+
+@pytest.mark.heavy
+def test_a_notch_at_the_first_mode_raises_the_margin_of_torque_feedback(tmp_path):
+    """The mode with motors free goes from 50 to 61 Hz; a filter whose poles and zeros are alike does nothing."""
+    for name, text in NOTCHED.items():
+        (tmp_path / name).write_text(text)
+
+    def margin(share, zeta_n, f=55.0, **options):
+        settings = {"controller.share": share, "notch.zeta_n": zeta_n, "notch.f": f}
+        found = margins_along(tmp_path / "scenario.toml", settings=settings, **options)
+        return min(m.modulus.min() for m in found.margins)
+
+    without = margin(0.5, 0.7)
+    assert without > 0.5
+    assert margin(0.5, 0.1) > 1.2 * without
+    assert margin(0.5, 0.1, f=100.0) == 0.0  # a notch lags below its frequency
+    # with a sample of delay in each connection, while the arm moves, and before it has left its motion
+    late: dict[str, Any] = {"at": [0.2, 0.4], "master": "jacobi"}
+    assert margin(0.8, 0.7, **late) == 0.0
+    assert margin(0.8, 0.1, **late) > 0.1
