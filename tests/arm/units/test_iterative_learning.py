@@ -66,7 +66,7 @@ def test_what_is_not_learned_falls_as_the_linear_loop_says(share):
 
 @pytest.mark.parametrize("share", [1.0, 0.3])
 def test_it_converges_where_the_linear_loop_says_and_not_elsewhere(share):
-    """A loop that is hardly damped, w_n = 100 rad/s, and a load above it: a smaller share converges where 1 does not."""
+    """A loop that is hardly damped, with a load near its 100 rad/s: a smaller share converges where 1 does not."""
     K_p, K_v, h = 1000.0, 6.0, 15
     w = 2.0 * np.pi * h / T
     robot, _, (given, u) = run_rotor(lambda t: 0.1 * np.cos(w * t), 7, K_p=K_p, K_v=K_v, L=share, harmonics=h)
@@ -168,7 +168,11 @@ def test_the_error_falls_below_five_percent_in_ten_cycles(robot, tmp_path):
     path, values = tmp_path / "taught.toml", ARMS[robot]
     path.write_text(SCENARIO.format(robot=robot, stop=11 * values["T"], half=values["T"] / 2.0, **values))
     settings = {"controller.T": values["T"], "controller.cycles": 11, "controller.harmonics": values["harmonics"]}
-    results = vdfmu.run(path, units={"controller": "iterative_learning"}, settings=settings, out=False, reference=False)
+    results = vdfmu.run(
+        path, units={"controller": "iterative_learning"}, settings=settings, out=False, reference=robot == "planar_2dof"
+    )
+    if robot == "planar_2dof":  # numpy and the FMU: the bound of the project
+        assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
     samples = round(values["T"] / 1e-3)
     error = (results["trajectory.q_d"] - results["plant.q"])[: 11 * samples].reshape(11, -1)
     rms = np.sqrt(np.mean(error**2, axis=1))

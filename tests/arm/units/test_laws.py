@@ -16,6 +16,7 @@ from vdfmu.arm.units import find_unit, package_units, shipped_units
 from vdfmu.compiler.unit.base import unit_name
 
 LAWS = ("computed_torque", "joint_torque", "pd_gravity", "state_feedback")
+SAMPLED = ("disturbance_observer", "iterative_learning", "virtual_decomposition")
 K_P, K_V = 300.0, 12.0
 
 
@@ -40,22 +41,26 @@ def rotors_too(robot: Robot) -> pin.Model:
     return model
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", LAWS + SAMPLED)
 def test_laws_are_found_by_name_and_not_built_with_the_units_of_an_arm(law):
     unit = find_unit(law)
     assert unit_name(unit) == law and package_units()[law] is unit and law not in shipped_units()
     assert unit.declared["tau_max"].variability == "tunable"
+    assert ("period" in unit.declared) == (law in SAMPLED)
+    assert {name for t in unit.terminals for name in t.groups} >= {"q_d", "kappa_dot", "tau"}
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", LAWS + SAMPLED)
 def test_torque_keeps_within_its_limit_and_comes_back_at_once(law, planar):
-    """No law integrates: nothing winds up."""
-    unit = find_unit(law)(planar, q_d=[3.0, 3.0], tau_max=[0.05, 0.02])
-    unit.outputs()
+    """Nothing winds up; the estimate of the disturbance, which takes its time constant, has a test of its own."""
+    unit, free = find_unit(law)(planar, q_d=[3.0, 3.0], tau_max=[0.05, 0.02]), find_unit(law)(planar)
+    for each in (unit, free):
+        each.start(), each.update(), each.outputs()
     assert np.array_equal(unit.tau, [0.05, 0.02])
-    unit.q_d, free = np.zeros(2), find_unit(law)(planar)
-    unit.outputs(), free.outputs()
-    assert np.array_equal(unit.tau, np.clip(free.tau, [-0.05, -0.02], [0.05, 0.02]))
+    if law != "disturbance_observer":
+        unit.q_d = np.zeros(2)
+        unit.update(), unit.outputs()
+        assert np.array_equal(unit.tau, np.clip(free.tau, [-0.05, -0.02], [0.05, 0.02]))
 
 
 def test_computed_torque_is_the_inverse_dynamics_of_the_rigid_arm(chain, draw):

@@ -27,8 +27,8 @@ class IterativeLearningPD(SampledPD):
 
     What u lacks of a periodic torque falls in each cycle by |1 - L T_C| in the harmonic h, T_C(j 2 pi h / T) of the
     complementary sensitivity of the loop, -feedback / u: it converges where |Q (1 - L T_C)| < 1 for all h. Keep
-    `harmonics` below T times the bandwidth in Hz. tau is that after the limit: with L = 1, u is the torque that the
-    motors gave in the cycle before, and does not wind up while they are at their limit.
+    `harmonics` below T times the bandwidth in Hz. tau is the torque after the limit: with L up to 1, u is a mean of what
+    the motors gave in cycles before, filtered, so it does not wind up while they are at their limit.
 
     Cycles start at t_start, and end after `cycles`: before and after u stays what it is there. The motion ends each
     cycle where it starts.
@@ -59,8 +59,8 @@ class IterativeLearningPD(SampledPD):
     def update(self) -> None:
         """Learn from the cycle before at the start of one, then the torque, and its part in what is seen."""
         passed = (self.t - self.t_start) / self.T + 0.5 * self.period / self.T  # half a sample: times are rounded
-        running = where((passed >= 0.0) & (passed < self.cycles), 1.0, 0.0)
-        cycle = clip(np.floor(passed), 0.0, self.cycles)
+        cycle = clip(np.floor(passed), 0.0, np.floor(self.cycles))
+        running = where((passed >= 0.0) & (passed < np.floor(self.cycles)), 1.0, 0.0)
         orders = np.arange(HARMONICS + 1)
         Q = clip(self.harmonics + 1.0 - orders, 0.0, 1.0)
         Q = np.concatenate([Q, Q[1:]])[:, None]
