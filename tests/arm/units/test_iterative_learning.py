@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from fmpy import simulate_fmu
 
 import vdfmu
 from vdfmu.arm.units import find_unit
+from vdfmu.base.state_space import Linear, held
 
 PERIOD, T = 1e-3, 1.0
 N = round(T / PERIOD)
@@ -69,14 +71,14 @@ def test_it_converges_where_the_linear_loop_says_and_not_elsewhere(share):
     """A loop that is hardly damped, with a load near its 100 rad/s: a smaller share converges where 1 does not."""
     K_p, K_v, h = 1000.0, 6.0, 15
     w = 2.0 * np.pi * h / T
-    robot, _, (given, u) = run_rotor(lambda t: 0.1 * np.cos(w * t), 7, K_p=K_p, K_v=K_v, L=share, harmonics=h)
+    robot, _, (given, u) = run_rotor(lambda t: 0.1 * np.cos(w * t), 5, K_p=K_p, K_v=K_v, L=share, harmonics=h)
     factor = abs(1.0 - share * complementary(robot, K_p, K_v, w))
     assert factor > 1.4 if share == 1.0 else factor < 0.9
     lacks = np.abs(0.1 - 2.0 * np.mean(u * np.exp(-1j * w * PERIOD * np.arange(N)), axis=1))
     grows = lacks[1:] / lacks[:-1]
     assert (grows > 1.0).all() if share == 1.0 else (grows < 1.0).all()
     # with harmonics below that of the load nothing of it is learned, and nothing grows
-    _, _, (_, u) = run_rotor(lambda t: 0.1 * np.cos(w * t), 4, K_p=K_p, K_v=K_v, L=1.0, harmonics=5)
+    _, _, (_, u) = run_rotor(lambda t: 0.1 * np.cos(w * t), 2, K_p=K_p, K_v=K_v, L=1.0, harmonics=5)
     assert np.abs(u).max() < 0.1
 
 
@@ -116,9 +118,8 @@ def test_it_holds_before_and_after_the_cycles():
 
 
 def test_a_cycle_has_whole_samples(tmp_path):
-    (path,) = vdfmu.build_fmus(vdfmu.load_robot("planar_2dof"), tmp_path, units=["iterative_learning"]).values()
-    from fmpy import simulate_fmu
-
+    robot = vdfmu.load_robot("planar_2dof")
+    (path,) = vdfmu.build_fmus(robot, tmp_path, units=["iterative_learning"], backend="python").values()
     simulate_fmu(str(path), stop_time=0.01, start_values={"T": 0.123})
     for wrong in ({"T": 0.1234}, {"T": 0.01, "harmonics": 5.0}):
         with pytest.raises(Exception, match="InitializationMode failed"):
@@ -161,20 +162,59 @@ ARMS = {
 }  # fmt: skip
 
 
+def factor(name, q, h):
+    """Spectral radius of 1 - T_C in harmonic h, of the arm linearised at a pose and sampled, without its load."""
+    robot, values = vdfmu.load_robot(name), ARMS[name]
+    n, arm = robot.n, vdfmu.linearize(robot, q)
+    F, G = held(Linear(arm.A, arm.B[:, :n]), PERIOD)
+    q_rows, rotor_rows = ([arm.outputs.index(f"{x}[{i + 1}]") for i in range(n)] for x in ("q", "kappa_dot"))
+    gains = np.diag(values["K_p"]) @ arm.C[q_rows] + np.diag(values["K_v"]) @ arm.C[rotor_rows]
+    z = np.exp(2j * np.pi * h / values["T"] * PERIOD)
+    opened = (gains / robot.ell[:, None]) @ np.linalg.solve(z * np.eye(len(F)) - F, G)
+    return np.abs(np.linalg.eigvals(np.linalg.inv(np.eye(n) + opened))).max()  # 1 - T_C
+
+
+def taught(robot, tmp_path, **options):
+    """Return results of eleven cycles, and the RMS error of each."""
+    path, values = tmp_path / "taught.toml", ARMS[robot] | options
+    path.write_text(SCENARIO.format(robot=robot, stop=11 * values["T"], half=values["T"] / 2.0, **values))
+    settings = {"controller.T": values["T"], "controller.cycles": 11, "controller.harmonics": values["harmonics"]}
+    results = vdfmu.run(
+        path, units={"controller": "iterative_learning"}, settings=settings, out=False,
+        reference=values.get("reference", False),
+    )  # fmt: skip
+    samples = round(values["T"] / PERIOD)
+    error = (results["trajectory.q_d"] - results["plant.q"])[: 11 * samples].reshape(11, -1)
+    return results, np.sqrt(np.mean(error**2, axis=1))
+
+
+@pytest.mark.parametrize("robot", ARMS)
+def test_the_linearised_arm_meets_the_condition_along_the_motion(robot):
+    start, end = np.array(ARMS[robot]["start"]), np.array(ARMS[robot]["end"])
+    for share in (0.0, 0.5, 1.0):
+        along = [factor(robot, start + share * (end - start), h) for h in range(1, ARMS[robot]["harmonics"] + 1)]
+        assert max(along) < 0.7 and along[0] < 0.05
+
+
+@pytest.mark.heavy
+def test_it_diverges_in_a_run_as_fast_as_the_linearised_arm_says(tmp_path):
+    """With 20 harmonics of the planar arm's cycle, 10 Hz, which is beyond its bandwidth."""
+    poses = [np.array(ARMS["planar_2dof"][end]) for end in ("start", "end")]
+    slow, fast = sorted(max(factor("planar_2dof", q, h) for h in range(1, 21)) for q in poses)
+    assert 1.1 < slow < fast < 1.4
+    _, rms = taught("planar_2dof", tmp_path, harmonics=20)
+    grows = rms[6:] / rms[5:-1]
+    # the factor of some pose on the way, as the load and friction change by some percent
+    assert (grows > 0.95 * slow).all() and (grows < 1.05 * fast).all(), grows
+
+
 @pytest.mark.heavy
 @pytest.mark.parametrize("robot", ARMS)
 def test_the_error_falls_below_five_percent_in_ten_cycles(robot, tmp_path):
     """With half more friction and a load that the feedforward does not know; harmonics below 5 and 1.5 Hz."""
-    path, values = tmp_path / "taught.toml", ARMS[robot]
-    path.write_text(SCENARIO.format(robot=robot, stop=11 * values["T"], half=values["T"] / 2.0, **values))
-    settings = {"controller.T": values["T"], "controller.cycles": 11, "controller.harmonics": values["harmonics"]}
-    results = vdfmu.run(
-        path, units={"controller": "iterative_learning"}, settings=settings, out=False, reference=robot == "planar_2dof"
-    )
-    if robot == "planar_2dof":  # numpy and the FMU: the bound of the project
+    compared = robot == "planar_2dof"
+    results, rms = taught(robot, tmp_path, reference=compared)
+    if compared:  # numpy and the FMU: the bound of the project
         assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
-    samples = round(values["T"] / 1e-3)
-    error = (results["trajectory.q_d"] - results["plant.q"])[: 11 * samples].reshape(11, -1)
-    rms = np.sqrt(np.mean(error**2, axis=1))
     assert rms[10] < 0.05 * rms[0], rms  # what stays is friction's, of higher harmonics
     assert (np.diff(rms[:3]) < 0.0).all() and (rms[3:] < 0.1 * rms[0]).all()

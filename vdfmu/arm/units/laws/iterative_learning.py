@@ -27,8 +27,8 @@ class IterativeLearningPD(SampledPD):
 
     What u lacks of a periodic torque falls in each cycle by |1 - L T_C| in the harmonic h, T_C(j 2 pi h / T) of the
     complementary sensitivity of the loop, -feedback / u: it converges where |Q (1 - L T_C)| < 1 for all h. Keep
-    `harmonics` below T times the bandwidth in Hz. tau is the torque after the limit: with L up to 1, u is a mean of what
-    the motors gave in cycles before, filtered, so it does not wind up while they are at their limit.
+    `harmonics` below T times the bandwidth in Hz. tau is the torque after the limit: with L up to 1, u is a mean of
+    what the motors gave in cycles before, filtered, so it does not wind up while they are at their limit.
 
     Cycles start at t_start, and end after `cycles`: before and after u stays what it is there. The motion ends each
     cycle where it starts.
