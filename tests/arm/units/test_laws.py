@@ -84,6 +84,21 @@ def test_computed_torque_is_the_inverse_dynamics_of_the_rigid_arm(chain, draw):
         np.testing.assert_allclose(chain.ell * unit.tau, torque, rtol=0, atol=1e-12 * np.abs(torque).max())
 
 
+def test_virtual_decomposition_along_its_motion_is_the_inverse_dynamics_of_the_rigid_arm(chain, draw):
+    """With true parameters of bodies, and none of joints, the torque is that of Pinocchio's links."""
+    model = build_pinocchio_model(chain)
+    data, none = model.createData(), np.zeros((chain.n, 3))
+    for state in draw(chain, 10, seed=7):
+        unit = find_unit("virtual_decomposition")(
+            chain, theta_0=none, q=state.q, q_d=state.q, q_dot=state.q_dot, q_d_dot=state.q_dot, kappa_dot=state.q_dot,
+            q_d_ddot=state.q_ddot,
+        )  # fmt: skip
+        unit.start(), unit.update()
+        torque = pin.rnea(model, data, state.q, state.q_dot, state.q_ddot)
+        # some 5000 roundings of the largest
+        np.testing.assert_allclose(chain.ell * unit.tau, torque, rtol=0, atol=1e-12 * np.abs(torque).max())
+
+
 @pytest.mark.parametrize("law", ["pd_gravity", "joint_torque", "state_feedback"])
 def test_laws_with_gravity_hold_the_arm_with_its_springs_deflected(law, chain, draw):
     """At rest at q_d with the rotors at kappa_d the torque is gravity's; a rotor that is off is drawn by K_p."""
