@@ -1,0 +1,34 @@
+"""What devices have in common: samples of the past, rounding, seeds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vdfmu.compiler.scalar.random_numbers import LARGEST_SEED
+from vdfmu.compiler.unit import Parameter, where
+
+PAST = 16
+"""Samples that a device remembers, the newest among them."""
+
+
+def seed(start: int) -> Parameter:
+    """Seed of the random numbers."""
+    return Parameter("1", text="seed of the random numbers, a whole number", start=start, minimum=0, maximum=LARGEST_SEED)
+
+
+def whole(number: Any) -> Any:
+    """Return a number above 0 where all are whole, for requirements."""
+    return 0.5 - np.sum(np.abs(number - np.floor(number + 0.5)) > 0.0)
+
+
+def shifted(past: Any, newest: Any) -> Any:
+    """Return the samples (.., m) of the past with a new one (..) in front, without the oldest."""
+    return np.concatenate([np.expand_dims(newest, -1), past[..., :-1]], axis=-1)
+
+
+def rounded(value: Any, step: Any) -> Any:
+    """Return the nearest multiple of a step, halves upwards; the value itself where the step is 0."""
+    safe = where(step > 0.0, step, 1.0)
+    return where(step > 0.0, safe * np.floor(value / safe + 0.5), value)

@@ -1,0 +1,58 @@
+"""The unit Actuator: the torques that motors and their drives give."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vdfmu.arm.units._signals import torque_limit
+from vdfmu.compiler.unit import JOINTS, Input, Parameter, Sampled, Unit, clip, minimum
+from vdfmu.compiler.unit.variable import NO_LIMIT
+
+
+class Actuator(Unit):
+    """Motor and drive of each joint, with limits of torque, its rate, current and heat, sampled.
+
+    ::
+
+        |tau[k] - tau[k-1]| <= tau_dot_max period                       then
+        |tau[k]| <= min(tau_max, k_t i_lim)              i = tau / k_t
+        h[k] = a h[k-1] + (1 - a) i[k]^2                    h <= i_rms^2         a = exp(-period / T_i)
+
+    h is the current's square in the mean over the thermal time constant T_i: i_lim = min(i_max, i_h), where i_h is the
+    current of a sample after which h = i_rms^2. It is i_rms at least. So a cold motor gives i_max for
+    ``-T_i ln(1 - i_rms^2 / i_max^2)``, then i_rms for as long as it is asked for. Where the heat cuts the current, the
+    torque falls faster than tau_dot_max. By default nothing is limited.
+    """
+
+    tau_c = Input("N.m", JOINTS, "torque that is asked for, motor-side")
+    k_t = Parameter("N.m/A", JOINTS, "torque constant", start=1.0, minimum=1e-9)
+    tau_max = torque_limit()
+    tau_dot_max = Parameter("N.m/s", JOINTS, "limit of the rate of the torque", start=NO_LIMIT, minimum=0.0)
+    i_max = Parameter("A", JOINTS, "limit of the current", start=NO_LIMIT, minimum=0.0)
+    i_rms = Parameter("A", JOINTS, "limit of the current in the root mean square", start=NO_LIMIT, minimum=0.0)
+    T_i = Parameter("s", JOINTS, "thermal time constant of that mean", start=10.0, minimum=1e-6)
+    period = Parameter("s", text="time between samples", start=1e-3, minimum=1e-6)
+    h = Sampled("A2", JOINTS, "mean of the square of the current")
+    i = Sampled("A", JOINTS, "current")
+    tau = Sampled("N.m", JOINTS, "motor torque, motor-side")
+
+    def start(self) -> None:
+        """Cold, with the torque that is asked for."""
+        limit = self._limit(0.0)
+        self.tau, self.h = clip(self.tau_c, -limit, limit), np.zeros(self.n)
+        self.i = self.tau_c * 0.0
+
+    def _limit(self, kept: Any) -> Any:
+        """Largest torque (n,) [N.m] where h would be `kept` [A^2] without a current."""
+        warm = (self.i_rms**2 - kept) / -np.expm1(-self.period / self.T_i)
+        return minimum(self.tau_max, self.k_t * minimum(self.i_max, np.sqrt(warm)))
+
+    def update(self) -> None:
+        """Limit the rate, then the torque."""
+        kept = np.exp(-self.period / self.T_i) * self.h
+        change, limit = self.tau_dot_max * self.period, self._limit(kept)
+        self.tau = clip(clip(self.tau_c, self.tau - change, self.tau + change), -limit, limit)
+        self.i = self.tau / self.k_t
+        self.h = kept - np.expm1(-self.period / self.T_i) * self.i**2

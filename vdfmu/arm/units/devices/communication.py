@@ -1,0 +1,60 @@
+"""The unit Communication: commands that arrive late, or not at all."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vdfmu.arm.units.devices._common import PAST, seed, shifted, whole
+from vdfmu.compiler.scalar.random_numbers import seeded, uniform
+from vdfmu.compiler.unit import JOINTS, Input, Parameter, Sampled, Unit, where
+
+_NEVER = 1e6
+
+
+class Communication(Unit):
+    """Communication of the motor torques, with delay, jitter and lost samples, sampled.
+
+    At each sample the torques of all joints are sent together. They arrive at ``t_k + T_d + T_j u_k``, or, with the
+    probability `loss`, not at all; u_k is uniform between 0 and 1. The output is the newest that has arrived by a
+    sample, however late: what was sent before it is not taken any more. Until the first arrives it is the torque of the
+    start. T_d + T_j is up to 15 periods; ``age`` is how long ago the output was sent. The random numbers are those of
+    MRG32k3a, the same on every platform, two a sample; two links need two seeds.
+    """
+
+    tau_c = Input("N.m", JOINTS, "torque that is sent, motor-side")
+    T_d = Parameter("s", text="delay", start=1e-3, minimum=0.0)
+    T_j = Parameter("s", text="jitter: largest additional delay", minimum=0.0)
+    loss = Parameter("1", text="probability that a sample is lost", minimum=0.0, maximum=1.0)
+    seed = seed(2)
+    period = Parameter("s", text="time between samples", start=1e-3, minimum=1e-6)
+    random = Sampled("1", 6, "state of the random numbers")
+    sent = Sampled("N.m", (JOINTS, PAST), "torque sent at the samples, the newest first, motor-side")
+    way = Sampled("1", PAST, "periods that what was sent at the samples takes, the newest first; 1e6 if it is lost")
+    age = Sampled("s", text="time since the output was sent")
+    tau = Sampled("N.m", JOINTS, "torque that has arrived, motor-side")
+
+    def requirements(self) -> dict[str, tuple[str, Any]]:
+        """Require a whole seed, and that the delay is remembered."""
+        room = (PAST - 1) * self.period - self.T_d - self.T_j
+        return {
+            "T_d": (f"with T_j at most {PAST - 1} periods", room + 1e-9 * self.period),
+            "seed": ("a whole number", whole(self.seed)),
+        }
+
+    def start(self) -> None:
+        """As if the torque of the start had been sent always, and nothing else were on its way."""
+        self.random, self.way, self.age = seeded(self.seed), np.full(PAST, _NEVER), 0.0
+        self.sent, self.tau = self.tau_c[:, None] * np.ones(PAST), self.tau_c
+
+    def update(self) -> None:
+        """Send, then take the newest of what has arrived."""
+        (late, luck), self.random = uniform(self.random, 2)
+        self.sent = shifted(self.sent, self.tau_c)
+        self.way = shifted(self.way, where(luck < self.loss, _NEVER, (self.T_d + self.T_j * late) / self.period))
+        tau, age = self.tau, self.age + self.period
+        for k in reversed(range(PAST)):
+            arrived = self.way[k] <= k + 1e-9
+            tau, age = where(arrived, self.sent[:, k], tau), where(arrived, k * self.period, age)
+        self.tau, self.age = tau, age
