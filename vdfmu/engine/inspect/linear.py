@@ -113,6 +113,7 @@ class LinearSystem:
         cut = n + np.array(self.places(opened), np.intp)
         on = _reached(acts, cut) & _reached(acts.T, cut)
         on[cut] = True
+        on[n + m + np.flatnonzero(self.links[cut - n].any(axis=0))] = True  # also where nothing comes back at this time
         x, u, y, s = (np.flatnonzero(part) for part in np.split(on, ends))
         whole = np.block([[p.A[np.ix_(x, x)], p.B[np.ix_(x, u)]], [p.C[np.ix_(y, x)], p.D[np.ix_(y, u)]]])
         signals = (

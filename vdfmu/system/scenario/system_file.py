@@ -77,7 +77,10 @@ class SystemFile:
 
 
 def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, base: SystemFile | None) -> SystemFile:
-    """Read the content of a system file at `path`; the tables of `base`, which it extends, come before its own."""
+    """Read the content of a system file at `path`; the tables of `base`, which it extends, come before its own.
+
+    What the file feeds itself, nothing of `base` feeds any more: so a unit is put between two others.
+    """
     file = Table(problems, data, "", _KEYS)
     name = file.name("name") if "name" in data or base is None else base.name
     description = file.text("description", "" if base is None else base.description)
@@ -86,7 +89,7 @@ def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, ba
         parts[key] = _part(problems, key, value, path.parent)
     if not parts:
         problems.add("units", "a table with a line for each component", "none", 'Write plant = "plant".')
-    connections = {key: list(found) for key, found in (base.connections.items() if base is not None else ())}
+    own: dict[str, list[str]] = {}
     listed = file.optional_table("connections", list(data.get("connections", {}))).data
     for source, value in listed.items():
         targets = [value] if isinstance(value, str) else value
@@ -101,7 +104,12 @@ def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, ba
                     f"connections.{source}", "component.signal of components in [units]", shown(end),
                     nearest(component, list(parts)),
                 )  # fmt: skip
-        connections.setdefault(source, []).extend(ends)
+        own[source] = ends
+    fed = {end for ends in own.values() for end in ends}
+    kept = {key: [end for end in ends if end not in fed] for key, ends in base.connections.items()} if base else {}
+    connections = {key: ends for key, ends in kept.items() if ends}
+    for source, ends in own.items():
+        connections[source] = [*connections.get(source, ()), *ends]
     shared = dict(base.shared) if base is not None else {}
     shared |= file.optional_table("shared", list(data.get("shared", {}))).data
     return SystemFile(name, description, path, parts, connections, shared)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu.compiler.scalar.random_numbers import LARGEST_SEED
-from vdfmu.compiler.unit import Parameter, where
+from vdfmu.compiler.unit import Parameter
 
 PAST = 16
 """Samples that a device remembers, the newest among them."""
@@ -15,7 +15,9 @@ PAST = 16
 
 def seed(start: int) -> Parameter:
     """Seed of the random numbers."""
-    return Parameter("1", text="seed of the random numbers, a whole number", start=start, minimum=0, maximum=LARGEST_SEED)
+    return Parameter(
+        "1", text="seed of the random numbers, a whole number", start=start, minimum=0, maximum=LARGEST_SEED
+    )
 
 
 def whole(number: Any) -> Any:
@@ -29,6 +31,5 @@ def shifted(past: Any, newest: Any) -> Any:
 
 
 def rounded(value: Any, step: Any) -> Any:
-    """Return the nearest multiple of a step, halves upwards; the value itself where the step is 0."""
-    safe = where(step > 0.0, step, 1.0)
-    return where(step > 0.0, safe * np.floor(value / safe + 0.5), value)
+    """Return the nearest multiple of a step, halves upwards."""
+    return step * np.floor(value / step + 0.5)

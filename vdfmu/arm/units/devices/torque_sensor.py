@@ -25,7 +25,7 @@ class TorqueSensor(Unit):
     tau_s = Input(*MEASURED["tau_s"])
     offset = Parameter("torque", JOINTS, "offset")
     sigma = Parameter("torque", JOINTS, "standard deviation of the noise", start=0.1, minimum=0.0)
-    resolution = Parameter("torque", JOINTS, "resolution r; 0: none", minimum=0.0)
+    resolution = Parameter("torque", JOINTS, "resolution r", start=1e-9, minimum=1e-12)
     seed = seed(1)
     period = Parameter("s", text="time between samples", start=1e-3, minimum=1e-6)
     random = Sampled("1", 6, "state of the random numbers")
