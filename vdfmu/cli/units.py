@@ -1,4 +1,4 @@
-"""``vdfmu unit new``, ``vdfmu unit from`` and ``vdfmu unit examples``."""
+"""``vdfmu unit list``, ``new``, ``from`` and ``examples``."""
 
 from __future__ import annotations
 
@@ -8,14 +8,28 @@ from typing import Annotated
 import typer
 
 from vdfmu.cli.app import App
-from vdfmu.cli.terminal import say
+from vdfmu.cli.terminal import console, say
 
-app = App(name="unit", no_args_is_help=True, help="Units of your own.")
+app = App(name="unit", no_args_is_help=True, help="List units, and write your own.")
 
 
 @app.callback()
 def _group() -> None:
-    """Units of your own."""
+    """List units, and write your own."""
+
+
+@app.command("list", epilog="Example: [bold]vdfmu unit list[/bold]")
+def list_units() -> None:
+    """List the units of the package, by the name that systems and ``--unit`` take."""
+    from rich.table import Table
+
+    from vdfmu.arm.units import package_units
+
+    table = Table("unit", "kind", "what it is", box=None)
+    for name, unit in sorted(package_units().items(), key=lambda item: item[1].__module__.split(".")[3:-1]):
+        folder = unit.__module__.split(".")[3:-1]
+        table.add_row(name, folder[0] if folder else "system", unit.description())
+    console.print(table)
 
 
 @app.command("new", epilog="Example: [bold]vdfmu unit new MyFilter[/bold]")

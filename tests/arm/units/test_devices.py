@@ -272,4 +272,5 @@ def test_a_system_with_devices_equals_its_references_and_stops(tmp_path):
     assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-8  # a tenth of the solver's tolerance
     assert np.array_equal(results["brake.tau"], results["plant.tau"])
     assert np.abs(results["plant.kappa_dot"][600]).max() > 0.3
-    assert np.abs(results["plant.kappa_dot"][-1]).max() < 0.02
+    assert results["brake.phase"][-1] == 2.0
+    assert np.abs(results["plant.kappa_dot"][-1]).max() < 0.1  # the links still swing on their springs
