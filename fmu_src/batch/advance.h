@@ -6,8 +6,8 @@
 /* A step over h [s] from the memory; see `SolverStep` of fmu_src/c/unit.h. */
 typedef void LaneStep(real *m, const real *h, real *x_new, real *norm, real *ratio);
 
-/* Move n_x states at x from t by `duration` [s], with the time at m[time]. Returns the lanes of `alive` that reach the end. */
-INLINE mask advance(LaneStep *step, real *m, size_t time, size_t x, size_t n_x, real *h, mask alive, scalar t, scalar duration)
+/* Move n_x states at x from t, of each lane, by `duration` [s], with the time at m[time]. Returns the lanes of `alive` that reach the end. */
+INLINE mask advance(LaneStep *step, real *m, size_t time, size_t x, size_t n_x, real *h, mask alive, real t, scalar duration)
 {
     real x_new[MOST_STATES], ratio[MOST_STATES];
     const real end = duration;

@@ -6,12 +6,44 @@
 #include "shown.h"
 
 SHOWN int lanes(void);
+SHOWN int solvers(void);
+SHOWN void begin_lanes(real *m, scalar *h, const bool *shown, bool *good);
+SHOWN void step_lanes(real *m, real *h, const real *t, scalar size, const bool *shown, bool *good);
 SHOWN int64_t run(real *m, const scalar *points, const scalar *sizes, int64_t n, const int64_t *fed, int64_t n_fed, const scalar *course,
                const bool *shown, const int64_t *recorded, int64_t n_recorded, scalar *rows, bool *good);
 
 int lanes(void)
 {
     return LANES;
+}
+
+/* Units with an internal step of their own. */
+int solvers(void)
+{
+    return MOVING;
+}
+
+static void tell(mask alive, bool *good)
+{
+    for (int i = 0; i < LANES; i++)
+        good[i] = alive[i] != 0;
+}
+
+/* Start all lanes at 0 s, for steps one by one: h (solvers, LANES) gets the first internal steps. */
+void begin_lanes(real *m, scalar *h, const bool *shown, bool *good)
+{
+    for (int i = 0; i < MOVING * LANES; i++)
+        h[i] = FIRST_STEP;
+    tell(start(m, 0.0, shown), good);
+}
+
+/* Do a communication step over `size` [s], in each lane from its own time t (LANES), in those that are good. */
+void step_lanes(real *m, real *h, const real *t, scalar size, const bool *shown, bool *good)
+{
+    mask alive;
+    for (int i = 0; i < LANES; i++)
+        alive[i] = good[i] ? -1 : 0;
+    tell(communication_step(m, h, alive, shown, *t, size), good);
 }
 
 /* Keep the recorded values of all lanes; `rows` has those of a lane next to each other. Returns the lanes in which all are
@@ -60,7 +92,6 @@ int64_t run(real *m, const scalar *points, const scalar *sizes, int64_t n, const
         if (k == n || !any(alive))
             break;
     }
-    for (int i = 0; i < LANES; i++)
-        good[i] = alive[i] != 0;
+    tell(alive, good);
     return k;
 }

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from ctypes import c_int64, c_void_p
+from collections.abc import Iterable, Mapping, Sequence
+from ctypes import CDLL, c_int64, c_void_p
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.text import matching
@@ -30,9 +31,7 @@ class Engine:
 
     def __init__(self, program: BatchProgram, record: Sequence[str], level: int | None = None) -> None:
         self._program = program
-        plain = load_library(program.libraries[0], "lanes")
-        self.level: int = plain.level() if level is None else level
-        self._library = load_library(program.libraries[self.level], "lanes") if self.level else plain
+        self.level, self._library = lane_library(program, level)
         self.lanes: int = self._library.lanes()
         run = self._library.run
         p, number = c_void_p, c_int64
@@ -41,9 +40,8 @@ class Engine:
         names = matching(program.signals, record)
         self._signals = [Signal(name, "real", program.signals[name][1], i) for i, name in enumerate(names)]
         self._recorded = np.array([program.signals[name][0] for name in names], dtype=np.int64)
-        known: set[int] = {program.signals[name][0] for name in names}
-        self._shown = np.array([not known.isdisjoint(places) for places in program.optional], dtype=np.bool_)
-        self._memory = _aligned(len(program.memory), self.lanes)
+        self._shown = shown_calls(program, names)
+        self._memory = aligned(len(program.memory), self.lanes)
 
     def run(self, points: Sequence[Mapping[str, Any]]) -> list[Results | None]:
         """Run points, each the values of some parameters by ``component.variable``.
@@ -61,7 +59,7 @@ class Engine:
     def _together(self, points: Sequence[Mapping[str, Any]]) -> list[Results | None]:
         program, memory = self._program, self._memory
         memory[:] = program.memory[:, None]
-        fit = [self._set(lane, point) for lane, point in enumerate(points)]
+        fit = [set_lane(program, memory, lane, point) for lane, point in enumerate(points)]
         memory[:, len(points) :] = memory[:, [0]]
         n = len(program.points)
         rows = np.empty((self.lanes, n + 1, len(self._signals)))
@@ -77,22 +75,36 @@ class Engine:
             for lane, fits in enumerate(fit)
         ]
 
-    def _set(self, lane: int, point: Mapping[str, Any]) -> bool:
-        """Set the parameters of a lane; return whether they are within their limits."""
-        for name, value in point.items():
-            place, least, largest = self._program.parameters.get(name, (0, np.inf, -np.inf))
-            try:
-                number = float(value)
-            except (TypeError, ValueError):
-                return False
-            if not (least <= number <= largest and np.isfinite(number)):
-                return False
-            self._memory[place, lane] = number
-        return True
+
+def lane_library(program: BatchProgram, level: int | None = None) -> tuple[int, CDLL]:
+    """Return the library of a level, by default the highest that this processor runs, with the level."""
+    plain = load_library(program.libraries[0], "lanes")
+    level = int(plain.level()) if level is None else level
+    return level, load_library(program.libraries[level], "lanes") if level else plain
 
 
-def _aligned(rows: int, columns: int) -> Floats:
-    """Return an array whose memory is aligned for vectors."""
+def shown_calls(program: BatchProgram, names: Iterable[str]) -> npt.NDArray[np.bool_]:
+    """Whether each call of `BatchProgram.optional` runs, for signals that are recorded."""
+    known = {program.signals[name][0] for name in names}
+    return np.array([not known.isdisjoint(places) for places in program.optional], dtype=np.bool_)
+
+
+def set_lane(program: BatchProgram, memory: Floats, lane: int, point: Mapping[str, Any]) -> bool:
+    """Set the parameters of a lane; return whether they are within their limits."""
+    for name, value in point.items():
+        place, least, largest = program.parameters.get(name, (0, np.inf, -np.inf))
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            return False
+        if not (least <= number <= largest and np.isfinite(number)):
+            return False
+        memory[place, lane] = number
+    return True
+
+
+def aligned(rows: int, columns: int) -> Floats:
+    """Return an array of zeros whose memory is aligned for vectors."""
     bytes_ = np.zeros(rows * columns * 8 + _ALIGNED, dtype=np.uint8)
     offset = -bytes_.ctypes.data % _ALIGNED
     return bytes_[offset : offset + rows * columns * 8].view(np.float64).reshape(rows, columns)

@@ -124,7 +124,7 @@ class _LaneCode(Code):
                 f"part_{i + 1}(m, t + size, shown);",
             ]
         body = "".join(f"    {line}\n" for line in ["(void)h;", *lines, "return alive;"])
-        arguments = "real *m, real *h, mask alive, const bool *shown, scalar t, scalar size"
+        arguments = "real *m, real *h, mask alive, const bool *shown, real t, scalar size"
         return f"static mask communication_step({arguments})\n{{\n{body}}}\n"
 
     def _begin(self) -> str:
@@ -147,4 +147,4 @@ class _LaneCode(Code):
                     "}",
                 ]
         body = "".join(f"    {line}\n" for line in [*lines, "return good;"])
-        return f"static mask start(real *m, scalar t, const bool *shown)\n{{\n{body}}}\n"
+        return f"static mask start(real *m, real t, const bool *shown)\n{{\n{body}}}\n"
