@@ -28,6 +28,8 @@ Python API
     A scenario or package at many points: a table that outlives all that may happen.
 ``tune``
     Parameters of a scenario that make a stated cost smallest.
+``ArmEnv``, ``ArmVectorEnv``
+    A scenario as an environment of gymnasium, for one arm or many.
 ``LiveView``, ``RobotView``
     A run while it goes on, and a robot with sliders, in a browser.
 ``package_limit``
@@ -61,6 +63,7 @@ if TYPE_CHECKING:
     from vdfmu.engine.run import Results, Simulator, simulate
     from vdfmu.study.analysis.arm_space import linearize
     from vdfmu.study.analysis.modes import Modes, natural_modes
+    from vdfmu.study.environment.arm import ArmEnv, ArmVectorEnv
     from vdfmu.study.report.animation import Animation, animate
     from vdfmu.study.run.first_run import run
     from vdfmu.study.sweeps.study import Sweep
@@ -95,17 +98,19 @@ _NAMES = {
     "vdfmu.study.sweeps.sweep": ("sweep",),
     "vdfmu.study.sweeps.study": ("Sweep",),
     "vdfmu.study.tuning.tune": ("tune",),
+    "vdfmu.study.environment.arm": ("ArmEnv", "ArmVectorEnv"),
     "vdfmu.study.view.live": ("LiveView",),
     "vdfmu.study.view.robot": ("RobotView",),
 }  # fmt: skip
 _WHERE = {name: module for module, names in _NAMES.items() for name in names}
 
 __all__ = [
-    "Animation", "LiveView", "Modes", "Results", "Robot", "RobotView", "Scenario", "Simulator", "StateSpace", "Sweep",
-    "VdfmuError", "__version__", "animate", "build_fmus", "federate", "forward_dynamics", "forward_kinematics",
-    "gravity_torque", "inverse_dynamics", "jacobian", "linearize", "load_motion", "load_robot", "load_scenario",
-    "load_ssp", "mass_matrix", "natural_modes", "package_limit", "robot_from_mjcf", "robot_from_urdf", "robot_names",
-    "run", "scenario_names", "simulate", "sweep", "tune", "write_container", "write_ssp",
+    "Animation", "ArmEnv", "ArmVectorEnv", "LiveView", "Modes", "Results", "Robot", "RobotView", "Scenario",
+    "Simulator", "StateSpace", "Sweep", "VdfmuError", "__version__", "animate", "build_fmus", "federate",
+    "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics", "jacobian", "linearize",
+    "load_motion", "load_robot", "load_scenario", "load_ssp", "mass_matrix", "natural_modes", "package_limit",
+    "robot_from_mjcf", "robot_from_urdf", "robot_names", "run", "scenario_names", "simulate", "sweep", "tune",
+    "write_container", "write_ssp",
 ]  # fmt: skip
 
 

@@ -18,6 +18,7 @@ WITHOUT = {
     "notebook": "no jupyter lab, no to_pandas(), no to_xarray(), no bars in a notebook",
     "motion": "no motions in the shortest time (kind fastest)",
     "view": "no vdfmu view and no --live",
+    "learn": "no environments for reinforcement learning",
     "robots": "no robots from MJCF; those from URDF need nothing",
 }
 """Extra of the package that a user installs, and what is not there without it."""

@@ -269,7 +269,9 @@ def test_a_system_with_devices_equals_its_references_and_stops(tmp_path):
         "brake.t_stop": 0.6,
     }
     results = vdfmu.run(tmp_path / "run.toml", stop=0.8, settings=settings, out=False)
-    assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-8  # a tenth of the solver's tolerance
+    assert (
+        results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-8
+    )  # a tenth of the solver's tolerance
     assert np.array_equal(results["brake.tau"], results["plant.tau"])
     assert np.abs(results["plant.kappa_dot"][600]).max() > 0.3
     assert results["brake.phase"][-1] == 2.0

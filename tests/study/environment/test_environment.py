@@ -1,0 +1,191 @@
+"""Environments: the interface of gymnasium, one arm as in the master, many as one."""
+
+import dataclasses
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import vdfmu
+from vdfmu.base.errors import UsageError
+from vdfmu.study.environment.task import TrackingTask
+from vdfmu.system.scenario import load_scenario
+
+VARY = {"plant.q_0[1]": (-1.6, -1.5), "plant.mass[2]": (0.5, 1.5)}
+
+
+def short(stop=0.2):
+    return dataclasses.replace(load_scenario("planar_tracking"), stop=stop)
+
+
+@pytest.fixture(scope="module")
+def arm():
+    with vdfmu.ArmEnv(short(), vary=VARY) as env:
+        yield env
+
+
+@pytest.mark.filterwarnings("ignore:.*not within the observation space")
+def test_the_check_of_gymnasium_passes(arm):
+    check_env(arm, skip_render_check=True)
+    made = gymnasium.make("vdfmu/Arm-v0", scenario=short())
+    check_env(made.unwrapped)
+    made.close()
+
+
+def test_numbers_have_names_units_and_limits(arm):
+    task = arm.task
+    assert task.inputs == ["plant.tau[1]", "plant.tau[2]"] and task.action_units == ["N.m", "N.m"]
+    assert dict(zip(task.signals, task.units, strict=True))["plant.kappa_dot[2]"] == "rad/s"
+    assert arm.observation_space.shape == (12,) and arm.action_space.shape == (2,)
+    assert arm.observation_space.high[:2].tolist() == [2.0 * np.pi] * 2
+    assert set(task.scenario.system.parts) == {"trajectory", "plant"}  # the law and its feedforward are left out
+
+
+def test_a_seed_gives_an_episode(arm):
+    def episode(seed):
+        seen, info = arm.reset(seed=seed)
+        rows = [seen, *(arm.step(np.array([0.1, 0.0]))[0] for _ in range(5))]
+        return np.array(rows), info["parameters"]
+
+    first, drawn = episode(3)
+    again, _ = episode(3)
+    other, _ = episode(4)
+    assert np.array_equal(first, again) and not np.array_equal(first, other)
+    assert first[0, 0] == drawn["plant.q_0[1]"] and 0.5 < drawn["plant.mass[2]"] < 1.5
+
+
+def test_an_episode_is_a_run_of_the_scenario_with_its_torques(arm):
+    """The torques of the controller, played as actions held over one step, move the arm as the controller does."""
+    run = vdfmu.run(short(), reference=False, out=False)
+    env = vdfmu.ArmEnv(short(), hold=1)
+    seen, _ = env.reset()
+    rows, ends = [seen], []
+    for torque in run["controller.tau"][1:]:
+        seen, reward, ended, late, _ = env.step(torque)
+        rows.append(seen)
+        ends.append((ended, late))
+        e = (seen[8:10] - seen[:2]) / 0.1
+        assert reward == pytest.approx(-np.mean(e**2 / (1.0 + e**2)) - 0.01 * np.mean(torque**2), rel=1e-12)
+    env.close()
+    rows = np.array(rows)
+    # a row has the torque of the step that ends there: gauss-seidel steps the controller before the plant
+    assert np.array_equal(rows[:, :2], run["plant.q"]) and np.array_equal(rows[:, 8:10], run["trajectory.q_d"])
+    assert ends == [(False, False)] * 199 + [(False, True)]
+
+
+def test_what_leaves_the_limits_ends_the_episode_at_the_worst_cost():
+    env = vdfmu.ArmEnv(short(), limits={"plant.q_dot": 0.5}, hold=10)
+    env.reset()
+    ended, count = False, 0
+    while not ended:
+        seen, reward, ended, late, _ = env.step(np.array([1.0, 1.0]))
+        assert env.observation_space.contains(seen)
+        count += 1
+    assert not late and count < 20
+    assert reward == pytest.approx(-1.01 * (21 - count), rel=1e-12)  # of this action and those that are left
+    assert env.reset()[0][2] == 0.0
+    env.close()
+
+
+def test_a_step_that_fails_ends_the_episode_and_the_next_begins():
+    env = vdfmu.ArmEnv(short(), limit=1e6)
+    env.reset()
+    _, reward, ended, _, info = env.step(np.array([1e6, -1e6]))
+    assert ended and "doStep" in info["error"] and reward == pytest.approx(-1.01 * 20)
+    env.reset()
+    assert not env.step(np.zeros(2))[2]
+    env.close()
+
+
+def test_devices_of_a_system_are_part_of_what_the_agent_acts_through(tmp_path):
+    (tmp_path / "s.toml").write_text(
+        'extends = "system"\n[units]\nencoder = "encoder"\nactuator = "actuator"\n[connections]\n'
+        '"plant.q" = ["encoder.q"]\n"actuator.tau" = ["plant.tau"]\n'
+    )
+    text = (
+        load_scenario("planar_tracking").system.path.parents[1] / "models/scenarios/planar_tracking.toml"
+    ).read_text()
+    (tmp_path / "x.toml").write_text(text.replace("stop = 2.0", 'stop = 0.1\nsystem = "s.toml"'))
+    seen = ("encoder.q_m", "encoder.q_dot_m", "trajectory.q_d")
+    track = ("trajectory.q_d", "encoder.q_m")
+    task = {"action": "actuator.tau_c", "seen": seen, "track": track}
+    env = vdfmu.ArmEnv(tmp_path / "x.toml", **task)
+    assert set(env.task.scenario.system.parts) == {"trajectory", "plant", "encoder", "actuator"}
+    counts = env.reset()[0][:2] / (2.0 * np.pi / 2**17)
+    np.testing.assert_allclose(counts, np.rint(counts), rtol=0, atol=1e-9)  # of 3e4 steps, rounded
+    env.close()
+    with pytest.raises(UsageError, match="encoder: sampled states"):
+        vdfmu.ArmVectorEnv(2, tmp_path / "x.toml", **task)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"hold": 7}, "whole multiple, got 7"),
+        ({"hold": 0}, "whole multiple, got 0"),
+        ({"action": "plant.torque"}, "'plant.torque': expected a group of inputs"),
+        ({"seen": ("arm.q",)}, "arm: expected components of"),
+        ({"track": ("trajectory.q_d", "plant.kappa")}, "plant.kappa: expected one of what is seen"),
+        ({"limits": {"plant.x": 1.0}}, "plant.x: expected one of what is seen"),
+    ],
+)
+def test_what_is_not_there_is_refused(options, message):
+    with pytest.raises(UsageError, match=message):
+        TrackingTask(short(), **options)
+
+
+# ---------------------------------------------------------------- many arms
+
+
+def test_arms_in_lanes_are_that_of_the_master():
+    """Eleven arms, each with parameters and torques of its own, fill blocks of 4 or 8 lanes."""
+    n, rng = 11, np.random.default_rng(0)
+    actions = rng.uniform(-0.3, 0.3, (20, n, 2))
+    many = vdfmu.ArmVectorEnv(n, short(), vary=VARY)
+    seen, _ = many.reset(seed=5)
+    found, rewards = [seen], []
+    for each in actions:
+        seen, reward, ended, late, _ = many.step(each)
+        found.append(seen), rewards.append(reward)
+    assert not ended.any() and late.all()
+    found, rewards = np.array(found), np.array(rewards)
+    drawn = np.random.default_rng(5)
+    one = vdfmu.ArmEnv(short())
+    for i in range(n):
+        given = {name: drawn.uniform(*bounds) for name, bounds in VARY.items()}
+        rows = [one.reset(options={"parameters": given})[0]]
+        own = []
+        for action in actions[:, i]:
+            seen, reward, *_ = one.step(action)
+            rows.append(seen), own.append(reward)
+        # positions as tests/study/batch, and other signals as they follow
+        np.testing.assert_allclose(found[:, i], rows, rtol=0, atol=1e-7 * max(1.0, np.abs(rows).max()))
+        np.testing.assert_allclose(rewards[:, i], own, rtol=0, atol=1e-7)
+    one.close()
+
+
+def test_an_arm_whose_episode_ends_begins_anew_while_the_others_go_on():
+    many = vdfmu.ArmVectorEnv(3, short(), limit=1e6)
+    alone = vdfmu.ArmVectorEnv(1, short(), limit=1e6)
+    first, _ = many.reset(seed=1)
+    alone.reset(seed=1)
+    calm, wild = np.zeros((3, 2)), np.zeros((3, 2))
+    wild[1] = [1e6, -1e6]
+    for k in range(20):
+        seen, reward, ended, late, _ = many.step(wild if k == 4 else calm)
+        expected, *_ = alone.step(calm[:1])
+        assert np.array_equal(seen[[0, 2]], expected[[0, 0]])  # lanes do not meet
+        assert ended.tolist() == [False, k == 4, False]
+        assert late.tolist() == [k == 19, False, k == 19]
+        if k == 5:
+            assert np.array_equal(seen[1], first[1]) and reward[1] == 0.0
+    again, *_ = many.step(calm)
+    assert np.array_equal(again[[0, 2]], first[[0, 2]]) and not np.array_equal(again[1], first[1])
+
+
+def test_many_are_made_by_name():
+    many = gymnasium.make_vec("vdfmu/Arm-v0", num_envs=2, vectorization_mode="vector_entry_point", scenario=short())
+    seen, _ = many.reset(seed=0)
+    assert seen.shape == (2, 12) and many.observation_space.contains(seen)
+    many.close()
