@@ -18,7 +18,7 @@ from vdfmu.compiler.c.compile import native_available
 
 NAMES = (
     "fmu_growth", "coupling", "native", "interop", "work_precision", "engines", "whole", "sweeps", "arms", "verdict",
-    "kr300", "exporters",
+    "kr300", "exporters", "environments",
 )  # fmt: skip
 
 

@@ -107,7 +107,18 @@ def run_page(path):
             *PAGES,
             *(
                 ROOT / "docs" / f"{name}.md"
-                for name in ("modes", "identification", "world", "motions", "systems", "view", "observers", "laws")
+                for name in (
+                    "modes",
+                    "identification",
+                    "world",
+                    "motions",
+                    "systems",
+                    "view",
+                    "observers",
+                    "laws",
+                    "devices",
+                    "environments",
+                )  # fmt: skip
             ),
             ROOT / "docs" / "reference" / "units.md",
         )

@@ -11,7 +11,7 @@ from tests.arm.units.test_observers import sampled
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import FmuError, UsageError
-from vdfmu.compiler.scalar.random_numbers import seeded, uniform
+from vdfmu.unit import seeded, uniform
 
 H = 1e-3
 EPS = np.finfo(float).eps

@@ -371,7 +371,8 @@ class Early(Unit):
         (
             Counts,
             r"line \d+: outputs\(\) of Counts gives y = [01]\.0, then [01]\.0 from the same values\. What is kept "
-            r"from one call to the next is a Sampled state; what is not, a local variable; noise is an input\.",
+            r"from one call to the next is a Sampled state; what is not, a local variable; noise is an input, or of "
+            r"`normal` of vdfmu\.unit\.",
         ),
         (Early, r"line \d+: start\(\) of Early fails: x is a state, which has no value before start\(\) sets it\."),
     ],

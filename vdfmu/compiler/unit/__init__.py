@@ -3,6 +3,7 @@
 from vdfmu.compiler.scalar.casadi_call import casadi_call
 from vdfmu.compiler.scalar.generic import clip, cut, interpolate, lookup, maximum, minimum, sgn, where, zeros
 from vdfmu.compiler.scalar.matrices import expm, inv, solve
+from vdfmu.compiler.scalar.random_numbers import normal, seeded, uniform
 from vdfmu.compiler.unit.declaration import (
     JOINTS,
     Choice,
@@ -21,5 +22,5 @@ from vdfmu.compiler.unit.unit import Unit
 __all__ = [
     "JOINTS", "Choice", "Derivative", "Input", "Output", "Parameter", "RobotParameters", "Sampled", "State", "Switch",
     "Terminal", "Unit", "casadi_call", "clip", "cut", "expm", "interpolate", "inv", "lookup", "maximum", "minimum",
-    "sgn", "solve", "where", "zeros",
+    "normal", "seeded", "sgn", "solve", "uniform", "where", "zeros",
 ]  # fmt: skip

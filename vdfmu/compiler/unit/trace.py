@@ -309,7 +309,8 @@ def _check_repeatable(unit: BaseUnit, phase: str, first: _FloatWatch) -> None:
         if not np.array_equal(value, again.sets.get(name, np.nan)):
             raise UnitError(
                 f"{place(type(unit), phase)}: {phase}() of {type(unit).__name__} gives {name} = {value}, then "
-                f"{again.sets.get(name)} from the same values. {_MEMORY}; noise is an input."
+                f"{again.sets.get(name)} from the same values. {_MEMORY}; "
+                "noise is an input, or of `normal` of vdfmu.unit."
             )
 
 

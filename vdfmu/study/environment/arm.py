@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +29,7 @@ except ImportError:
     raise UsageError("environments need gymnasium: pip install 'vdfmu[learn]'.") from None
 
 
-def _spaces(task: TrackingTask) -> tuple[gymnasium.spaces.Box, gymnasium.spaces.Box]:
+def _spaces(task: TrackingTask) -> tuple[Any, Any]:
     """Return the spaces of actions and of what is seen."""
     return (
         gymnasium.spaces.Box(-task.limit, task.limit, dtype=np.float64),
@@ -52,7 +52,7 @@ class ArmEnv(gymnasium.Env[Floats, Floats]):
         action, `action_units` theirs.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": []}
+    metadata: dict[str, Any] = {"render_modes": []}
 
     def __init__(self, scenario: Any = "planar_tracking", **options: Any) -> None:
         self.task = TrackingTask(scenario, **options)
@@ -113,7 +113,7 @@ class ArmVectorEnv(VectorEnv[Floats, Floats, Floats]):
         For systems that the batch engine cannot run, such as those with sampled units.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
+    metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
 
     def __init__(self, num_envs: int = 8, scenario: Any = "planar_tracking", **options: Any) -> None:
         self.num_envs, self.task = num_envs, TrackingTask(scenario, **options)

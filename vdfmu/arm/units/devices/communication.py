@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu.arm.units.devices._common import PAST, seed, shifted, whole
-from vdfmu.compiler.scalar.random_numbers import seeded, uniform
-from vdfmu.compiler.unit import JOINTS, Input, Parameter, Sampled, Unit, where
+from vdfmu.compiler.unit import JOINTS, Input, Parameter, Sampled, Unit, seeded, uniform, where
 
 _NEVER = 1e6
 

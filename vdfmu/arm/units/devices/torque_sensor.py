@@ -6,8 +6,7 @@ from typing import Any
 
 from vdfmu.arm.units._signals import MEASURED
 from vdfmu.arm.units.devices._common import rounded, seed, whole
-from vdfmu.compiler.scalar.random_numbers import normal, seeded
-from vdfmu.compiler.unit import JOINTS, Input, Parameter, Sampled, Unit
+from vdfmu.compiler.unit import JOINTS, Input, Parameter, Sampled, Unit, normal, seeded
 
 
 class TorqueSensor(Unit):

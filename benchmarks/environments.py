@@ -1,0 +1,46 @@
+"""Steps a second of the environments: one arm in the master, many in lanes."""
+
+from __future__ import annotations
+
+from time import process_time
+
+import numpy as np
+
+from benchmarks.report import Report, Table
+from vdfmu.study.environment.arm import ArmEnv, ArmVectorEnv
+
+TITLE = "Environments for learning"
+
+
+def run(report: Report, quick: bool) -> None:
+    """Measure actions of 10 ms with random torques, least processor time of some rounds."""
+    columns = [
+        ("scenario", ""),
+        ("environment", ""),
+        ("µs an action", ".1f"),
+        ("actions/s", ".0f"),
+        ("real-time factor", ".0f"),
+    ]
+    table = Table("environments", "Actions of 10 ms, random torques", columns)
+    for scenario, limit in (("planar_tracking", 0.3), ("tracking", 0.3)):
+        rng = np.random.default_rng(0)
+        one, many = ArmEnv(scenario, limit=limit), ArmVectorEnv(64, scenario, limit=limit)
+        steps, rounds = (20, 2) if quick else (200, 5)
+        actions = rng.uniform(-limit, limit, (steps, 64, len(one.task.limit)))
+        best = np.full(2, np.inf)
+        for _ in range(rounds):
+            one.reset(seed=0)
+            many.reset(seed=0)
+            began = process_time()
+            for each in actions:
+                if any(one.step(each[0])[2:4]):
+                    one.reset()
+            between = process_time()
+            for each in actions:
+                many.step(each)
+            best = np.minimum(best, [(between - began) / steps, (process_time() - between) / (64 * steps)])
+        one.close()
+        step = one.task.hold * one.task.scenario.step
+        for form, each in zip(("ArmEnv", "ArmVectorEnv, 64 arms"), best.tolist(), strict=True):
+            table.add(scenario, form, 1e6 * each, 1.0 / each, step / each)
+    report.show(table)
