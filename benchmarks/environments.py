@@ -24,7 +24,7 @@ def run(report: Report, quick: bool) -> None:
     table = Table("environments", "Actions of 10 ms, random torques", columns)
     for scenario, limit in (("planar_tracking", 0.3), ("tracking", 0.3)):
         rng = np.random.default_rng(0)
-        one, many = ArmEnv(scenario, limit=limit), ArmVectorEnv(64, scenario, limit=limit)
+        one, many = ArmEnv(scenario, limit=limit, hold=10), ArmVectorEnv(64, scenario, limit=limit, hold=10)
         steps, rounds = (20, 2) if quick else (200, 5)
         actions = rng.uniform(-limit, limit, (steps, 64, len(one.task.limit)))
         best = np.full(2, np.inf)

@@ -89,7 +89,7 @@ def test_what_leaves_the_limits_ends_the_episode_at_the_worst_cost():
 
 
 def test_a_step_that_fails_ends_the_episode_and_the_next_begins():
-    env = vdfmu.ArmEnv(short(), limit=1e6)
+    env = vdfmu.ArmEnv(short(), limit=1e6, hold=10)
     env.reset()
     _, reward, ended, _, info = env.step(np.array([1e6, -1e6]))
     assert ended and "doStep" in info["error"] and reward == pytest.approx(-1.01 * 20)
@@ -142,7 +142,7 @@ def test_arms_in_lanes_are_that_of_the_master():
     """Eleven arms, each with parameters and torques of its own, fill blocks of 4 or 8 lanes."""
     n, rng = 11, np.random.default_rng(0)
     actions = rng.uniform(-0.3, 0.3, (20, n, 2))
-    many = vdfmu.ArmVectorEnv(n, short(), vary=VARY)
+    many = vdfmu.ArmVectorEnv(n, short(), vary=VARY, hold=10)
     seen, _ = many.reset(seed=5)
     found, rewards = [seen], []
     for each in actions:
@@ -151,7 +151,7 @@ def test_arms_in_lanes_are_that_of_the_master():
     assert not ended.any() and late.all()
     found, rewards = np.array(found), np.array(rewards)
     drawn = np.random.default_rng(5)
-    one = vdfmu.ArmEnv(short())
+    one = vdfmu.ArmEnv(short(), hold=10)
     for i in range(n):
         given = {name: drawn.uniform(*bounds) for name, bounds in VARY.items()}
         rows = [one.reset(options={"parameters": given})[0]]
@@ -166,8 +166,8 @@ def test_arms_in_lanes_are_that_of_the_master():
 
 
 def test_an_arm_whose_episode_ends_begins_anew_while_the_others_go_on():
-    many = vdfmu.ArmVectorEnv(3, short(), limit=1e6)
-    alone = vdfmu.ArmVectorEnv(1, short(), limit=1e6)
+    many = vdfmu.ArmVectorEnv(3, short(), limit=1e6, hold=10)
+    alone = vdfmu.ArmVectorEnv(1, short(), limit=1e6, hold=10)
     first, _ = many.reset(seed=1)
     alone.reset(seed=1)
     calm, wild = np.zeros((3, 2)), np.zeros((3, 2))

@@ -60,7 +60,7 @@ class TrackingTask:
         track: tuple[str, str] = ("trajectory.q_d", "plant.q"),
         limit: float | Sequence[float] = 1.0,
         limits: Mapping[str, float] | None = None,
-        hold: int = 10,
+        hold: int = 4,
         error: float = 0.1,
         effort: float = 0.01,
         vary: Mapping[str, tuple[float, float]] | None = None,
