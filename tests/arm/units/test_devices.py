@@ -11,6 +11,9 @@ from tests.arm.units.test_observers import sampled
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import FmuError, UsageError
+from vdfmu.engine.inspect.linear import linear_system
+from vdfmu.engine.inspect.loops import system_margins
+from vdfmu.system.scenario.parts import cached_fmus
 from vdfmu.unit import seeded, uniform
 
 H = 1e-3
@@ -276,3 +279,18 @@ def test_a_system_with_devices_equals_its_references_and_stops(tmp_path):
     assert np.abs(results["plant.kappa_dot"][600]).max() > 0.3
     assert results["brake.phase"][-1] == 2.0
     assert np.abs(results["plant.kappa_dot"][-1]).max() < 0.1  # the links still swing on their springs
+
+
+@pytest.mark.heavy
+def test_a_loop_that_a_stop_has_opened_has_the_margins_of_no_loop(tmp_path):
+    (tmp_path / "system.toml").write_text(SYSTEM)
+    scenario = vdfmu.load_scenario("planar_tracking")
+    text = (scenario.system.path.parent.parent / "models" / "scenarios" / "planar_tracking.toml").read_text()
+    (tmp_path / "run.toml").write_text(text.replace('robot = "', 'system = "system.toml"\nrobot = "'))
+    package = vdfmu.write_ssp(
+        loaded := vdfmu.load_scenario(tmp_path / "run.toml"), cached_fmus(loaded, tmp_path), tmp_path / "x.ssp"
+    )
+    for stop, modulus in ((0.2, 1.0), (100.0, None)):  # between stop and brakes no torque depends on anything
+        system = linear_system(package, 0.22, parameters={"brake.t_stop": stop})
+        found = system_margins(system.around(["plant.tau"]), ["plant.tau"], 1.0).modulus
+        assert (found == modulus).all() if modulus else (found < 0.9).all()

@@ -186,6 +186,9 @@ def system_margins(system: LinearSystem, opened: Sequence[str], growth: float = 
     plant = Linear(loops.A, loops.B[:, cut])
     while not (seen := np.vstack([plant.A, returned]).any(axis=0)).all():  # places that wait for nothing
         plant, returned = Linear(plant.A[np.ix_(seen, seen)], plant.B[seen]), returned[:, seen]
+    if not len(plant.A):  # nothing comes back, as between an emergency stop and its brakes
+        none = np.full(len(cut), np.inf)
+        return Margins(np.ones(len(cut)), none, none, none, 0.0)
     return Loop(0.0, plant, returned, system.step, growth, discrete=True, points=points).margins(delay=0)
 
 
