@@ -60,7 +60,7 @@ def test_neighbouring_seeds_give_independent_numbers():
 
 
 def test_noise_of_the_torque_sensor_has_its_statistics(planar):
-    n, sigma, offset = 20000, np.array([0.1, 0.5]), np.array([0.3, -0.2])
+    n, sigma, offset = 3000, np.array([0.1, 0.5]), np.array([0.3, -0.2])
     unit = find_unit("torque_sensor")(planar, tau_s=[7.0, 3.0], sigma=sigma, offset=offset)
     found = sampled(unit, n)["tau_s_m"]
     noise = (found - [7.3, 2.8]) / sigma
@@ -131,7 +131,7 @@ def test_an_encoder_with_whole_samples_of_delay_has_the_samples(planar):
 
 @pytest.mark.parametrize(("delay", "jitter", "loss"), [(2e-3, 0.0, 0.0), (1.5e-3, 6e-3, 0.2), (0.0, 0.0, 0.3)])
 def test_communication_gives_the_newest_of_what_has_arrived(planar, delay, jitter, loss):
-    n = 3000
+    n = 1000
     unit = find_unit("communication")(planar, T_d=delay, T_j=jitter, loss=loss, seed=5.0)
     found = sampled(unit, n, tau_c=lambda t: [t, -t])
     numbers, packets, newest, expected = of_seed(5), [], -1, []

@@ -55,6 +55,7 @@ def test_a_seed_gives_an_episode(arm):
     assert first[0, 0] == drawn["plant.q_0[1]"] and 0.5 < drawn["plant.mass[2]"] < 1.5
 
 
+@pytest.mark.heavy
 def test_an_episode_is_a_run_of_the_scenario_with_its_torques(arm):
     """The torques of the controller, played as actions held over one step, move the arm as the controller does."""
     run = vdfmu.run(short(), reference=False, out=False)
@@ -98,6 +99,7 @@ def test_a_step_that_fails_ends_the_episode_and_the_next_begins():
     env.close()
 
 
+@pytest.mark.heavy
 def test_devices_of_a_system_are_part_of_what_the_agent_acts_through(tmp_path):
     (tmp_path / "s.toml").write_text(
         'extends = "system"\n[units]\nencoder = "encoder"\nactuator = "actuator"\n[connections]\n'
@@ -138,6 +140,7 @@ def test_what_is_not_there_is_refused(options, message):
 # ---------------------------------------------------------------- many arms
 
 
+@pytest.mark.heavy
 def test_arms_in_lanes_are_that_of_the_master():
     """Eleven arms, each with parameters and torques of its own, fill blocks of 4 or 8 lanes."""
     n, rng = 11, np.random.default_rng(0)

@@ -42,7 +42,7 @@ class Actuator(Unit):
         """Cold, with the torque that is asked for."""
         limit = self._limit(0.0)
         self.tau, self.h = clip(self.tau_c, -limit, limit), np.zeros(self.n)
-        self.i = self.tau_c * 0.0
+        self.i = self.tau / self.k_t
 
     def _limit(self, kept: Any) -> Any:
         """Largest torque (n,) [N.m] where h would be `kept` [A^2] without a current."""
