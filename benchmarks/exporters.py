@@ -192,7 +192,7 @@ def _stepped(fmu: Path, end: float, rounds: int) -> list[float | None]:
         return [None, None]
     folder = fmpy.extract(str(fmu))
     slave = FMU3Slave if description.fmiVersion.startswith("3") else FMU2Slave
-    one = slave(
+    one: Any = slave(
         guid=description.guid, unzipDirectory=folder, modelIdentifier=description.coSimulation.modelIdentifier,
         instanceName="one",
     )  # fmt: skip
