@@ -191,7 +191,7 @@ def _stepped(fmu: Path, end: float, rounds: int) -> list[float | None]:
     if description.coSimulation is None:
         return [None, None]
     folder = fmpy.extract(str(fmu))
-    slave = FMU3Slave if description.fmiVersion.startswith("3") else FMU2Slave
+    slave = FMU3Slave if str(description.fmiVersion).startswith("3") else FMU2Slave
     one: Any = slave(
         guid=description.guid, unzipDirectory=folder, modelIdentifier=description.coSimulation.modelIdentifier,
         instanceName="one",
