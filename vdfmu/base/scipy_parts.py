@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import sys
+import warnings
+from collections.abc import Callable
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 import scipy
+
+from vdfmu.base.arrays import Floats
 
 
 def scipy_part(name: str) -> Any:
@@ -25,3 +30,19 @@ def scipy_part(name: str) -> Any:
         if sys.modules[package] is stand_in:
             del sys.modules[package]
     return import_module(package)
+
+
+def odeint(rate: Callable[[float, Floats], Floats], x: Floats, times: Floats, **options: Any) -> tuple[Floats, str]:
+    """Return LSODA's solution from `x` on at times, the first the start, one a row, and why it failed, if it did."""
+    options |= {"full_output": 1, "tfirst": 1}
+    with suppress(TypeError, ValueError):  # a scipy whose parts are others
+        states, _, state = scipy_part("scipy.integrate._odepack").odeint(rate, x, times, **options)
+        if state == 2 and np.isfinite(states[-1]).all():
+            return states, ""
+    from scipy.integrate import odeint as whole
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        states, info = whole(rate, x, times, **options)
+    solved = info["message"] == "Integration successful." and np.isfinite(states[-1]).all()
+    return states, "" if solved else info["message"]

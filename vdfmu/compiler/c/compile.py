@@ -41,10 +41,12 @@ _SINGLY = "-fno-slp-vectorize"
 run time; but a solver's step works on arrays, and takes up to 8 % less with two numbers at a time, of the same bits."""
 _STEP = re.compile(r"kernel_\w+_step(_avx2)?\.c")
 """File of a solver's step, without the long functions that it calls."""
-_DERIVATIVES = re.compile(r"kernel_\w+_forward_reverse\.c")
-_MUCH_TEXT = 300_000
-"""Bytes of derivatives from which they are not optimised, which takes eight times as long: they are called rarely."""
-_QUICKLY = ("-O0", "-fno-sanitize=undefined", "-fno-stack-protector")
+_FLAGS_OF = {
+    re.compile(r"kernel_\w+_forward_reverse\.c"): ("-O0", "-fno-sanitize=undefined", "-fno-stack-protector"),
+    re.compile(r"fmu_src\.c"): ("-fno-inline-functions", "-fno-vectorize"),
+}
+"""Flags of some files. Derivatives are called rarely; to optimise them takes four times as long, for half of the time
+of a call. What is the same for all units has no long loops, and few functions that a step calls."""
 _INCLUDE = re.compile(rb'^\s*#\s*include\s*["<]([^">]+)[">]', re.MULTILINE)
 
 
@@ -119,9 +121,8 @@ class Compilation:
     def flags_of(self, name: str) -> list[str]:
         """Return the flags that a C file is compiled with."""
         chosen = () if _STEP.fullmatch(name) else (_SINGLY,)
-        if _DERIVATIVES.fullmatch(name) and len(self.sources[name]) > _MUCH_TEXT:
-            chosen += _QUICKLY
-        return [*_FLAGS, *chosen, *self.target.flags, *self.flags]
+        more = (flag for pattern, flags in _FLAGS_OF.items() if pattern.fullmatch(name) for flag in flags)
+        return [*_FLAGS, *chosen, *more, *self.target.flags, *self.flags]
 
     def _needed(self, name: str) -> dict[str, bytes]:
         """Return a file and those of the sources that it includes, by way of others too."""

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from vdfmu.base.arrays import Floats
+from vdfmu.base.scipy_parts import odeint
 from vdfmu.compiler.unit.evaluate import Evaluation
 
 TOLERANCE = 1e-12
@@ -15,8 +16,6 @@ _MOST_CALLS = 1_000_000
 """Calls of the right-hand side in one go, ten times what the shipped robots take; odd values may find no end."""
 _CLOSE = 1e-9
 """Part of a period within which a time is that of a sample."""
-_SHORTEST = 1e-6
-"""Shortest first step [s]."""
 
 
 class _RunawayError(ArithmeticError):
@@ -72,8 +71,6 @@ class ScipySolver(Solver):
     def __init__(self, unit: Evaluation, start: float = 0.0, tolerance: float = TOLERANCE) -> None:
         super().__init__(unit, start)
         self.tolerance = tolerance
-        self.h = math.inf
-        """Last full step [s], a good first one for what comes next."""
         self._calls = 0
 
     def advance(self, t: float, duration: float) -> None:
@@ -96,21 +93,13 @@ class ScipySolver(Solver):
         """Set inputs that change in time."""
 
     def _solve(self, t: float, duration: float) -> None:
-        from scipy.integrate import LSODA  # takes a third of a second to import
-
-        first = min(self.h, duration) if self.h < math.inf else None
+        end = t + duration
+        tolerances = {"rtol": max(self.tolerance, 1e-13), "atol": self.tolerance, "mxstep": _MOST_CALLS}
         try:
-            solver = LSODA(
-                self._rate, t, self.unit.x.copy(), t + duration,
-                rtol=max(self.tolerance, 1e-13), atol=self.tolerance, first_step=first,
-            )  # fmt: skip
-            while solver.status == "running":
-                if solver.step() is not None:
-                    raise _RunawayError
-                self.h = max(getattr(solver, "h_abs", math.inf), _SHORTEST)
-            self.unit.x[:] = solver.y
+            states, fault = odeint(self._rate, self.unit.x, np.array([t, end]), tcrit=[end], **tolerances)
+            self.unit.x[:] = math.nan if fault else states[-1]
         except _RunawayError:
-            self.unit.x[:] = np.nan
+            self.unit.x[:] = math.nan
 
     def _rate(self, t: float, x: Floats) -> Floats:
         self._calls += 1

@@ -9,7 +9,6 @@ changes between methods.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from itertools import pairwise
@@ -20,7 +19,7 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.interrupt import InterruptGuard
-from vdfmu.base.scipy_parts import scipy_part
+from vdfmu.base.scipy_parts import odeint, scipy_part
 from vdfmu.compiler.unit.scipy_solver import samples, switchings
 from vdfmu.system.reference.compiled import CompiledRun, builtin
 from vdfmu.system.reference.wired import Action, Carry, Evaluate, Run, TimeSetter, WiredUnits
@@ -288,16 +287,8 @@ def _solved(rate: _RightHandSide | None, begin: float, end: float, x: Floats, po
     if rate is None:
         return np.tile(x, (len(points) + 1, 1))
     times = np.concatenate([[begin], np.minimum(points, end), [end]])
-    options: Any = {"full_output": 1, "tcrit": [end], "hmax": _LONGEST, "mxstep": _MOST_STEPS, "tfirst": 1, **_LONG}
-    with suppress(TypeError, ValueError):  # a scipy whose parts are others
-        states, _, state = scipy_part("scipy.integrate._odepack").odeint(rate.function, x, times, **options)
-        if state == 2 and np.isfinite(states[-1]).all():
-            return states[1:]
-    from scipy.integrate import odeint
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        states, info = odeint(rate.function, x, times, **options)
-    if info["message"] != "Integration successful." or not np.isfinite(states[-1]).all():
-        raise VdfmuError(f"The continuous reference failed after t = {begin:.9g} s: {info['message']}")
+    options: Any = {"tcrit": [end], "hmax": _LONGEST, "mxstep": _MOST_STEPS, **_LONG}
+    states, fault = odeint(rate.function, x, times, **options)
+    if fault:
+        raise VdfmuError(f"The continuous reference failed after t = {begin:.9g} s: {fault}")
     return states[1:]
