@@ -29,24 +29,26 @@ from vdfmu.base.errors import FmuError
 from vdfmu.base.process import end_group
 from vdfmu.base.progress import LOG, counted
 from vdfmu.base.temporary import temporary_folder
-from vdfmu.compiler.c.platforms import PLATFORMS, WASM, Platform, this_platform
+from vdfmu.compiler.c.platforms import PLATFORMS, WASM, X86, Platform, this_platform
 from vdfmu.compiler.functions.cache import COMPILER, cache_folder, load, store, trusted
 
 _FLAGS = (
     "-std=c11", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden",
     "-Wall", "-Wextra", "-I.", "-DDISABLE_PREFIX", "-g0",
 )  # fmt: skip
+WRITTEN = "fmu_src.c"
+"""File of all that is the same for all units."""
 _SINGLY = "-fno-slp-vectorize"
 """Does not join operations. The search for them takes half of the time to compile a straight line, and gains none at
 run time; but a solver's step works on arrays, and takes up to 8 % less with two numbers at a time, of the same bits."""
 _STEP = re.compile(r"kernel_\w+_step(_avx2)?\.c")
 """File of a solver's step, without the long functions that it calls."""
-_FLAGS_OF = {
-    re.compile(r"kernel_\w+_forward_reverse\.c"): ("-O0", "-fno-sanitize=undefined", "-fno-stack-protector"),
-    re.compile(r"fmu_src\.c"): ("-fno-inline-functions", "-fno-vectorize"),
-}
-"""Flags of some files. Derivatives are called rarely; to optimise them takes four times as long, for half of the time
-of a call. What is the same for all units has no long loops, and few functions that a step calls."""
+_DERIVATIVES = re.compile(r"kernel_\w+_forward_reverse\.c")
+_QUICKLY = ("-O0", "-fno-sanitize=undefined", "-fno-stack-protector")
+"""For what runs rarely: derivatives, and the step for processors of before 2015, where it has a copy for AVX2. To
+optimise takes three times as long, and such code runs in half of the time."""
+_COMPACT = ("-fno-inline-functions", "-fno-vectorize")
+"""For what is the same for all units, without long loops."""
 _INCLUDE = re.compile(rb'^\s*#\s*include\s*["<]([^">]+)[">]', re.MULTILINE)
 
 
@@ -121,8 +123,12 @@ class Compilation:
     def flags_of(self, name: str) -> list[str]:
         """Return the flags that a C file is compiled with."""
         chosen = () if _STEP.fullmatch(name) else (_SINGLY,)
-        more = (flag for pattern, flags in _FLAGS_OF.items() if pattern.fullmatch(name) for flag in flags)
-        return [*_FLAGS, *chosen, *more, *self.target.flags, *self.flags]
+        has_copy = X86 == self.target.flags and name.replace(".c", "_avx2.c") in self.sources
+        if has_copy or _DERIVATIVES.fullmatch(name):
+            chosen += _QUICKLY
+        elif name == WRITTEN:
+            chosen += _COMPACT
+        return [*_FLAGS, *chosen, *self.target.flags, *self.flags]
 
     def _needed(self, name: str) -> dict[str, bytes]:
         """Return a file and those of the sources that it includes, by way of others too."""

@@ -45,7 +45,7 @@ class Platform:
     libraries: Mapping[str, Mapping[str, str]] = field(default_factory=dict[str, Mapping[str, str]])
 
 
-_X86 = ("-march=x86_64_v2",)
+X86 = ("-march=x86_64_v2",)
 WASM = "wasm32"
 """Name of the platform of WebAssembly."""
 _MODULE = (
@@ -66,7 +66,7 @@ PLATFORMS = {
     p.name: p
     for p in (
         Platform(
-            "x86_64-linux", "x86_64-linux-gnu.2.17", "linux64", ".so", _X86,
+            "x86_64-linux", "x86_64-linux-gnu.2.17", "linux64", ".so", X86,
             libraries={
                 "libm.so.6": {"GLIBC_2.2.5": _MATH},
                 "libc.so.6": {"GLIBC_2.2.5": _C, "GLIBC_2.14": "memcpy", "GLIBC_2.17": "clock_gettime"},
@@ -77,8 +77,8 @@ PLATFORMS = {
             "aarch64-linux", "aarch64-linux-gnu.2.17", "aarch64-linux", ".so",
             libraries={"libm.so.6": {"GLIBC_2.17": _MATH}, "libc.so.6": {"GLIBC_2.17": f"{_C} memcpy clock_gettime"}},
         ),
-        Platform("x86_64-windows", "x86_64-windows-gnu", "win64", ".dll", _X86),
-        Platform("x86_64-darwin", "x86_64-macos.11.0", "darwin64", ".dylib", _X86),
+        Platform("x86_64-windows", "x86_64-windows-gnu", "win64", ".dll", X86),
+        Platform("x86_64-darwin", "x86_64-macos.11.0", "darwin64", ".dylib", X86),
         Platform("aarch64-darwin", "aarch64-macos.11.0", "aarch64-darwin", ".dylib"),
         Platform(WASM, "wasm32-wasi", WASM, ".wasm", (), _MODULE),
     )

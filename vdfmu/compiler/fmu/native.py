@@ -13,7 +13,7 @@ from vdfmu.base.data import PACKAGE, data_path
 from vdfmu.base.errors import FmuError, StorageError
 from vdfmu.base.files import pack_zip, read_member
 from vdfmu.base.standards import FMI_VERSIONS
-from vdfmu.compiler.c.compile import Compilation, compile_libraries
+from vdfmu.compiler.c.compile import WRITTEN, Compilation, compile_libraries
 from vdfmu.compiler.c.generate import generated_sources
 from vdfmu.compiler.c.platforms import binaries, chosen_platforms
 from vdfmu.compiler.fmu.about import terms
@@ -86,7 +86,7 @@ def _as_compiled(sources: Mapping[str, bytes], fmi_version: str) -> dict[str, by
         f'#pragma clang optimize {"off" if name in _RARE else "on"}\n#line 1 "{name}"\n{sources[name].decode()}\n'
         for name in same
     )
-    return files | {"config.h": b"", "fmu_src.c": one.encode()}
+    return files | {"config.h": b"", WRITTEN: one.encode()}
 
 
 @lru_cache
