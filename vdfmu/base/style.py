@@ -20,8 +20,10 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.ticker import ScalarFormatter
+from matplotlib.transforms import Bbox
 from PIL import Image
 
 from vdfmu.base.arrays import Floats
@@ -98,7 +100,7 @@ def new_figure(
     Title and, in a line of its own, a legend stand above that space, the caption below: neither hides
     data.
     """
-    figure = _Picture(figsize=(width, height), dpi=DPI, layout="constrained")
+    figure = _Picture(figsize=(width, height), dpi=DPI)
     FigureCanvasAgg(figure)
     left = _MARGIN / width
     figure.text(left, 1.0 - _MARGIN / height, title, va="top", fontsize=12.0, fontweight="bold")
@@ -117,7 +119,7 @@ def new_figure(
     lines = [line for text in caption.splitlines() for line in textwrap.wrap(text, round(_CAPTION_CHARACTERS * width))]
     figure.text(left, _MARGIN / height, "\n".join(lines), va="bottom", fontsize=8.2, color=_GREY, linespacing=1.3)
     below = _MARGIN + 0.16 * len(lines) + 0.02
-    figure.set_layout_engine("constrained", rect=(0.0, below / height, 1.0, 1.0 - (above + below) / height))
+    figure.set_layout_engine(_Layout(rect=(0.0, below / height, 1.0, 1.0 - (above + below) / height)))
     return figure
 
 
@@ -203,6 +205,27 @@ def thin(time: Floats, values: Floats, buckets: int = 1000) -> tuple[Floats, Flo
     return time[rows], values[rows]
 
 
+class _Layout(ConstrainedLayoutEngine):
+    """Constrained layout that measures a panel once, not in each of its two passes: labels seldom change between."""
+
+    def execute(self, fig: Figure) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Place the panels."""
+        for axes in fig.axes:
+            axes.get_tightbbox = functools.partial(_beside, axes, axes.get_tightbbox, [])
+        try:
+            super().execute(fig)
+        finally:
+            for axes in fig.axes:
+                del axes.get_tightbbox
+
+
+def _beside(axes: Axes, measure: Callable[..., Bbox], kept: list[Floats], *args: Any, **kwargs: Any) -> Bbox:
+    """Return the box of a panel and what belongs to it, from how far that stood out of the panel at first."""
+    if not kept:
+        kept.append(measure(*args, **kwargs).extents - axes.bbox.extents)
+    return Bbox.from_extents(*(axes.bbox.extents + kept[0]))
+
+
 class _Picture(Figure):
     """A figure that a notebook shows, also without pyplot."""
 
@@ -239,8 +262,8 @@ def _png(figure: Figure, stream: io.BytesIO) -> None:
     # not by savefig, which draws all twice, for the layout first; without transparency, of which there is none
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    image = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
-    image.save(stream, "png", compress_level=3, dpi=(figure.dpi, figure.dpi))
+    image = Image.frombuffer("RGBA", canvas.get_width_height(), canvas.buffer_rgba(), "raw", "RGBA", 0, 1)
+    image.convert("RGB").save(stream, "png", compress_level=3, dpi=(figure.dpi, figure.dpi))
 
 
 def _svg(figure: Figure, stream: io.BytesIO) -> None:

@@ -81,8 +81,8 @@ class _Mover:
         self._unit, self._name, self._update = system.units[name], name, update
         if run is not None:
             self._rate = _RightHandSide(run, self._unit.x, self._unit.x_dot)
-        self._times: dict[float, Floats] = {}
-        """Times of the start and of the steps of the last way: the next begins with a step of this part of it."""
+        self._steps = 1
+        """Steps of the last way: the next begins with a step of this part of it."""
         self._solvers: dict[int, Any] = {}
 
     def move(self, begin: float, end: float) -> None:
@@ -100,25 +100,24 @@ class _Mover:
 
     def _solver(self, duration: float) -> Any:
         """Return a solver that begins with a step of the part of the duration that the last way took."""
-        steps = min(max(len(self._times) - 1, 1), _PARTS)  # the start is there too
-        self._times.clear()
+        steps = min(max(self._steps, 1), _PARTS)
         if steps not in self._solvers:
-            solver = scipy_part("scipy.integrate._ode").ode(self._rate.function)
-            solver.set_integrator("dop853", **_SHORT, nsteps=_MOST_STEPS, first_step=duration / steps)
-            solver.set_solout(self._times.__setitem__)
-            self._solvers[steps] = solver
+            system = scipy_part("scipy.integrate._ode").ode(self._rate.function)
+            system.set_integrator("dop853", **_SHORT, nsteps=_MOST_STEPS, first_step=duration / steps)
+            self._solvers[steps] = system._integrator
+            self._solvers[steps].reset(self._unit.x.size, False)
         return self._solvers[steps]
 
     def _advance(self, t: float, to: float) -> None:
         x, solver = self._unit.x, self._solver(to - t)
-        solver.set_initial_value(x, t)
-        # of what a signal raises in a call of the right-hand side, or of scipy's own `_solout`, this solver would make
-        # a number or a ValueError
+        # not by `integrate`, which takes longer than a short way; of what a signal raises in a call of the right-hand
+        # side this solver would make a number or a ValueError
         with InterruptGuard(), suppress(ValueError, UserWarning):
-            x[:] = solver.integrate(to)
+            x[:] = solver.run(self._rate.function, None, x.copy(), t, to, (), ())[0]
+        self._steps = int(solver.iwork[18])
         if self._rate.error is not None:
             raise self._rate.error
-        if not solver.successful() or not math.isfinite(x.sum()):
+        if not solver.success or not math.isfinite(x.sum()):
             raise VdfmuError(f"The reference failed: {self._name} has no finite state after t = {t:.9g} s.")
 
 
