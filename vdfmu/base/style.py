@@ -219,11 +219,14 @@ class _Layout(ConstrainedLayoutEngine):
                 del axes.get_tightbbox
 
 
-def _beside(axes: Axes, measure: Callable[..., Bbox], kept: list[Floats], *args: Any, **kwargs: Any) -> Bbox:
+def _beside(axes: Axes, measure: Callable[..., Bbox | None], kept: list[Floats], *args: Any, **kwargs: Any) -> Any:
     """Return the box of a panel and what belongs to it, from how far that stood out of the panel at first."""
     if not kept:
-        kept.append(measure(*args, **kwargs).extents - axes.bbox.extents)
-    return Bbox.from_extents(*(axes.bbox.extents + kept[0]))
+        box = measure(*args, **kwargs)
+        if box is None:
+            return None
+        kept.append(np.subtract(box.extents, axes.bbox.extents))
+    return Bbox.from_extents(*np.add(axes.bbox.extents, kept[0]))
 
 
 class _Picture(Figure):
@@ -262,7 +265,7 @@ def _png(figure: Figure, stream: io.BytesIO) -> None:
     # not by savefig, which draws all twice, for the layout first; without transparency, of which there is none
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    image = Image.frombuffer("RGBA", canvas.get_width_height(), canvas.buffer_rgba(), "raw", "RGBA", 0, 1)
+    image = Image.fromarray(np.asarray(canvas.buffer_rgba()))
     image.convert("RGB").save(stream, "png", compress_level=3, dpi=(figure.dpi, figure.dpi))
 
 
