@@ -119,7 +119,7 @@ def new_figure(
     lines = [line for text in caption.splitlines() for line in textwrap.wrap(text, round(_CAPTION_CHARACTERS * width))]
     figure.text(left, _MARGIN / height, "\n".join(lines), va="bottom", fontsize=8.2, color=_GREY, linespacing=1.3)
     below = _MARGIN + 0.16 * len(lines) + 0.02
-    figure.set_layout_engine(_Layout(rect=(0.0, below / height, 1.0, 1.0 - (above + below) / height)))
+    figure.set_layout_engine(_MeasuredOnce(rect=(0.0, below / height, 1.0, 1.0 - (above + below) / height)))
     return figure
 
 
@@ -205,7 +205,7 @@ def thin(time: Floats, values: Floats, buckets: int = 1000) -> tuple[Floats, Flo
     return time[rows], values[rows]
 
 
-class _Layout(ConstrainedLayoutEngine):
+class _MeasuredOnce(ConstrainedLayoutEngine):
     """Constrained layout that measures a panel once, not in each of its two passes: labels seldom change between."""
 
     def execute(self, fig: Figure) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]

@@ -265,29 +265,6 @@ def test_ctrl_c_within_a_step_of_scipy_ends_the_solution(own_cache, monkeypatch,
     assert not (own_cache / "references").exists()
 
 
-@pytest.mark.parametrize("name", ["sampled", "sampled-delayed"])
-def test_ctrl_c_while_scipy_counts_a_step_ends_the_solution(own_cache, monkeypatch, name):
-    """Where all is compiled, Python code runs there still: scipy's, which loses what it raises."""
-    plain, counted = solution._Mover.__init__, []
-
-    class Times(dict):
-        def __setitem__(self, t, x):
-            counted.append(t)
-            if len(counted) == 20:
-                signal.raise_signal(signal.SIGINT)
-            super().__setitem__(t, x)
-
-    def init(self, *arguments):
-        plain(self, *arguments)
-        self._times = Times()
-
-    monkeypatch.setattr(solution._Mover, "__init__", init)
-    with pytest.raises(KeyboardInterrupt):
-        reference(name, described(), step=1e-3, stop=0.5)
-    assert len(counted) < 100  # some a step
-    assert not (own_cache / "references").exists()
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_ctrl_c_between_the_rows_ends_the_solution(own_cache, monkeypatch, name):
     """Where all is compiled, Python code runs between scipy's steps, too."""

@@ -104,6 +104,8 @@ class _Mover:
         if steps not in self._solvers:
             system = scipy_part("scipy.integrate._ode").ode(self._rate.function)
             system.set_integrator("dop853", **_SHORT, nsteps=_MOST_STEPS, first_step=duration / steps)
+            if self._rate.function is self._rate:  # else it calls on after what the right-hand side raises
+                system.set_solout(lambda t, x: None)
             self._solvers[steps] = system._integrator
             self._solvers[steps].reset(self._unit.x.size, False)
         return self._solvers[steps]
