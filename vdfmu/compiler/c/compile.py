@@ -123,7 +123,7 @@ class Compilation:
     def flags_of(self, name: str) -> list[str]:
         """Return the flags that a C file is compiled with."""
         chosen = () if _STEP.fullmatch(name) else (_SINGLY,)
-        has_copy = X86 == self.target.flags and name.replace(".c", "_avx2.c") in self.sources
+        has_copy = self.target.flags == X86 and name.replace(".c", "_avx2.c") in self.sources
         if has_copy or _DERIVATIVES.fullmatch(name):
             chosen += _QUICKLY
         elif name == WRITTEN:

@@ -46,6 +46,7 @@ class Platform:
 
 
 X86 = ("-march=x86_64_v2",)
+"""Flags of the platforms with processors of x86."""
 WASM = "wasm32"
 """Name of the platform of WebAssembly."""
 _MODULE = (

@@ -94,6 +94,8 @@ class ScipySolver(Solver):
 
     def _solve(self, t: float, duration: float) -> None:
         end = t + duration
+        if end == t:
+            return
         tolerances = {"rtol": max(self.tolerance, 1e-13), "atol": self.tolerance, "mxstep": _MOST_CALLS}
         try:
             states, fault = odeint(self._rate, self.unit.x, np.array([t, end]), tcrit=[end], **tolerances)
