@@ -15,8 +15,9 @@ from vdfmu.arm.robot.structure import parameters, set_parameters, values
 from vdfmu.base.errors import KernelError, ModelError
 from vdfmu.compiler.c import functions as c_code
 from vdfmu.compiler.c.functions import c_texts
-from vdfmu.compiler.c.operations import c_table
-from vdfmu.compiler.functions.derivatives import derivative
+from vdfmu.compiler.c.loops import straight
+from vdfmu.compiler.c.operations import c_derivatives
+from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative
 from vdfmu.compiler.scalar.symbol import lookup_function
 from vdfmu.compiler.unit.machine import margins, traced_margins
 
@@ -76,7 +77,7 @@ def test_reverse_is_the_transpose_of_forward(robot, functions_of, name):
     assert left.sum() == pytest.approx(right.sum(), abs=1e-12 * (np.abs(left).sum() + np.abs(right).sum()))
 
 
-@pytest.mark.parametrize("form", ["whole", "in parts", "table"])
+@pytest.mark.parametrize("form", ["whole", "in parts"])
 @pytest.mark.parametrize(
     "name",
     ["plant_derivatives", "feedforward_outputs_vdc", "trajectory_outputs", "controller_outputs_mixed", "margins"],
@@ -89,8 +90,15 @@ def test_c_text_computes_what_the_trace_computes(robot, functions_of, name, form
         (function,) = traced_margins(robot)
     else:
         function = functions_of(name.split("_")[0], robot).casadi_function(name)
-    text = c_table(function) if form == "table" else "\n".join(c_texts(function))
-    check_c_text(text, function, values(robot), tmp_path)
+    check_c_text("\n".join(c_texts(function)), function, values(robot), tmp_path)
+
+
+@pytest.mark.parametrize("name", ["plant_derivatives", "feedforward_outputs_vdc"])
+@pytest.mark.parametrize("ending", DIRECTIONS)
+def test_a_table_of_operations_has_the_derivatives_of_the_trace(robot, functions_of, name, ending, tmp_path):
+    functions = functions_of(name.split("_")[0], robot)
+    text = f'#include "operations.h"\n{c_derivatives(straight(functions.casadi_function(name)))}'
+    check_c_text(text, functions.casadi_function(f"{name}_{ending}"), values(robot), tmp_path)
 
 
 @pytest.mark.heavy
@@ -118,14 +126,14 @@ def check_c_text(text, function, p, tmp_path):
     rng = np.random.default_rng(77)
     arguments = [np.ascontiguousarray(a) for a in nominal(function, p, rng)]
     expected = flat(function(*arguments))
-    # The same operations in the same order; only the mathematical library may round elsewhere.
+    # The same operations; the mathematical library may round elsewhere, and a table adds in another order.
     np.testing.assert_allclose(
         results_of(text, function, arguments, tmp_path), expected, rtol=0, atol=1e-12 * np.abs(expected).max()
     )
 
 
 @pytest.mark.parametrize("ending", ["", "_forward", "_reverse"])
-def test_a_table_of_operations_looks_rows_up(ending, tmp_path):
+def test_c_text_looks_rows_up(ending, tmp_path):
     """Both numbers of a row, of which one may overwrite the place that was looked up; a row has no derivative."""
     x = ca.SX.sym("x", 2)
     row = lookup_function(np.array([0.0, 1.0, 2.0]), np.array([[1.5, -2.0], [3.0, 5.0]]))(x[0] * x[1])
@@ -134,7 +142,7 @@ def test_a_table_of_operations_looks_rows_up(ending, tmp_path):
     assert ca.OP_CALL in {function.instruction_id(k) for k in range(function.n_instructions())}
     for place in (0.4, 1.3):
         arguments = [np.array([place, 1.1]), np.array([0.3, 0.7])][: function.n_in()]
-        found = results_of(c_table(function), function, arguments, tmp_path, f"at_{place:.0f}{ending}")
+        found = results_of("\n".join(c_texts(function)), function, arguments, tmp_path, f"at_{place:.0f}{ending}")
         np.testing.assert_array_equal(found, flat(function(*arguments)))
 
 
@@ -142,8 +150,7 @@ def test_an_operation_without_c_text_is_refused():
     x = ca.SX.sym("x")
     with pytest.raises(KernelError, match="erf: operation"):
         c_texts(ca.Function("erf", [x], [ca.erf(x)]))
-    with pytest.raises(KernelError, match="erf: operation"):
-        c_table(ca.Function("erf", [x], [ca.erf(x)]))
+    assert straight(ca.Function("erf", [x], [ca.erf(x)])) is None
 
 
 @settings(max_examples=200, deadline=None)

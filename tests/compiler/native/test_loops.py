@@ -12,7 +12,8 @@ from vdfmu.compiler.c.counterparts import Trace
 from vdfmu.compiler.c.expressions import EXPRESSIONS, c_prototype, slopes
 from vdfmu.compiler.c.functions import c_texts
 from vdfmu.compiler.c.loop_text import c_loops
-from vdfmu.compiler.c.loops import Loops, find_loops
+from vdfmu.compiler.c.loops import Loops, find_loops, straight
+from vdfmu.compiler.c.operations import c_derivatives, c_operations
 from vdfmu.compiler.c.series import find_series
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative
 
@@ -53,9 +54,12 @@ def results_of(text, function, given, tmp_path, name="kernel", level="-O1"):
     It is called twice: the second time has what the first has left in memory.
     """
     source, library = tmp_path / f"{name}.c", tmp_path / f"{name}.so"
-    source.write_text(f"#include <math.h>\n#include <stdint.h>\n{c_prototype(function)};\n{text}")
+    source.write_text(f"#include <math.h>\n{c_prototype(function)};\n{text}")
+    for file, other in c_operations().items():
+        (tmp_path / file).write_text(other)
+    sources = [source, *([tmp_path / "operations.c"] if "Operations" in text else [])]
     flags = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Werror", level, "-ffp-contract=off", "-shared", "-fPIC"]
-    subprocess.run(["cc", *flags, "-o", library, source, "-lm"], check=True)
+    subprocess.run(["cc", *flags, "-o", library, *sources, "-lm"], check=True)
     made = [np.full(function.numel_out(i), np.nan) for i in range(function.n_out())]
     arguments = [a.ctypes.data_as(ctypes.c_void_p) for a in (*given, *made)]
     called = ctypes.CDLL(str(library))[function.name()]
@@ -77,15 +81,16 @@ def check_bits(function, loops, tmp_path):
 
 
 def derivatives(function, loops, direction, random, tmp_path):
-    """Return the results of a derivative at random arguments, in loops and by CasADi."""
+    """Return the results of a derivative at random arguments, of the table and by CasADi."""
     traced = derivative(function, direction)
     given = [random(traced.numel_in(i)) for i in range(traced.n_in())]
-    found = results_of(c_loops(loops, direction), traced, given, tmp_path, direction, "-O0")
+    text = f'#include "operations.h"\n{c_derivatives(loops)}'
+    found = results_of(text, traced, given, tmp_path, direction)
     return found, np.concatenate([each.full().ravel() for each in traced.call(given)])
 
 
 def check_derivatives(function, loops, tmp_path):
-    """Compare the derivatives in loops with CasADi's, which add the same terms in another order."""
+    """Compare the derivatives of the table with CasADi's, which add the same terms in another order."""
     rng = np.random.default_rng(2)
     for direction in DIRECTIONS:
         found, expected = derivatives(function, loops, direction, partial(rng.uniform, 0.5, 1.5), tmp_path)
@@ -100,8 +105,8 @@ def test_a_recursion_up_and_down_is_as_many_loops(tmp_path):
 
 def test_the_text_does_not_grow_with_the_joints():
     short, long = (find_loops(recursion(n), n) for n in (12, 200))
-    for direction in ("", *DIRECTIONS):
-        assert len(c_loops(long, direction)) < 1.1 * len(c_loops(short, direction))  # more digits
+    for text in (c_loops, c_derivatives):
+        assert len(text(long)) < 1.1 * len(text(short))  # more digits
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -152,6 +157,20 @@ def test_every_operation_is_in_one_series():
     assert layout is not None
     members = [operation for one in layout.series for operation in one.members]
     assert sorted(members) == [k for k in range(len(trace.operations)) if not trace.is_leaf(k)]
+
+
+def test_a_function_without_loops_has_the_same_table(tmp_path):
+    chain = recursion(9, seed=1)
+    check_derivatives(chain, straight(chain), tmp_path)
+
+
+def test_a_branch_that_is_not_taken_has_no_slope_where_its_own_is_infinite(tmp_path):
+    x = ca.SX.sym("x")
+    root = ca.Function("root", [x], [ca.if_else(x > 0.0, ca.sqrt(x), 3.0 * x)], ["x"], ["y"])
+    text = f'#include "operations.h"\n{c_derivatives(straight(root))}'
+    for direction in DIRECTIONS:
+        given = [np.array([0.0]), np.array([2.0])]
+        assert results_of(text, derivative(root, direction), given, tmp_path, direction) == 6.0
 
 
 def test_few_joints_and_joints_with_nothing_in_common_have_no_loops():

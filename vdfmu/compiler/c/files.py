@@ -11,13 +11,13 @@ import casadi as ca
 from vdfmu.compiler.c.expressions import c_prototype
 from vdfmu.compiler.c.functions import c_texts
 from vdfmu.compiler.c.loop_text import c_loops
-from vdfmu.compiler.c.loops import find_loops
-from vdfmu.compiler.c.operations import c_table
+from vdfmu.compiler.c.loops import find_loops, straight
+from vdfmu.compiler.c.operations import c_derivatives, c_operations
 from vdfmu.compiler.c.text import head, wrapped
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, has_roundings
 
-_MOST_IN_C = 5_000
-"""Operations of a derivative that are written as C; one of more is a table, see :mod:`.operations`.
+_MOST_IN_C = 1_700
+"""Operations of a function whose derivatives, three times as long, are written as C; see :mod:`.operations` for longer.
 
 Importers call derivatives rarely, and to compile those of a feedforward took 4 s. Those of the paper's plant, which an
 importer's implicit solver may call, are shorter.
@@ -45,15 +45,16 @@ def kernel_files(
     files[f"{name}.c"] = f"{top}\n{wrapped(c_prototype(function))};\n\n{texts[-1]}"
     if derivative is None:
         return files
+    if loops is None and function.n_instructions() > _MOST_IN_C:
+        loops = straight(function)
     text = head(f"The derivatives of the traced function {function.name()}.")
-    text += "#include <math.h>\n#include <stdint.h>\n"
-    for ending in DIRECTIONS:
-        if loops is not None and not has_roundings(function):
-            written = [c_loops(loops, ending)]
-        else:
-            traced = derivative(ending)
-            written = [c_table(traced)] if traced.n_instructions() > _MOST_IN_C else c_texts(traced)
-        text += "\n".join(["", f"{wrapped(c_prototype(function, ending))};", "", *written])
+    if loops is not None and not has_roundings(function):
+        text += f'#include <math.h>\n\n#include "operations.h"\n\n{c_derivatives(loops)}'
+        files |= c_operations()
+    else:
+        text += "#include <math.h>\n"
+        for ending in DIRECTIONS:
+            text += "\n".join(["", f"{wrapped(c_prototype(function, ending))};", "", *c_texts(derivative(ending))])
     return files | {f"{name}_forward_reverse.c": text}
 
 

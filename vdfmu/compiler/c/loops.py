@@ -11,7 +11,7 @@ import casadi as ca
 
 from vdfmu.compiler.c.counterparts import Trace
 from vdfmu.compiler.c.expressions import EXPRESSIONS, c_constant
-from vdfmu.compiler.c.series import BEFORE, Layout, find_series
+from vdfmu.compiler.c.series import BEFORE, Layout, Series, find_series
 
 _PERIODS = (1, 2, 4)
 """Joints after which a chain may repeat; signs that cancel double its own period."""
@@ -27,8 +27,7 @@ _LONG = 10
 
 def find_loops(function: ca.Function, joints: int) -> Loops | None:
     """Return a trace in loops; None if its joints are few or have too little in common, or it calls functions."""
-    known = {ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, *EXPRESSIONS}
-    if joints < _LONG or not known.issuperset(map(function.instruction_id, range(function.n_instructions()))):
+    if joints < _LONG or not _calls_none(function):
         return None
     trace = Trace(function)
     best: Loops | None = None
@@ -46,6 +45,20 @@ def find_loops(function: ca.Function, joints: int) -> Loops | None:
             if most < _GOOD * len(trace.operations) / joints:
                 break
     return best
+
+
+def straight(function: ca.Function) -> Loops | None:
+    """Return a trace whose operations all come before loops, of which there are none; None if it calls functions."""
+    if not _calls_none(function):
+        return None
+    trace = Trace(function)
+    made = [k for k in range(len(trace.operations)) if not trace.is_leaf(k)]
+    return Loops(Layout(trace, [Series([k]) for k in made], {k: (i, 0) for i, k in enumerate(made)}))
+
+
+def _calls_none(function: ca.Function) -> bool:
+    known = {ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, *EXPRESSIONS}
+    return known.issuperset(map(function.instruction_id, range(function.n_instructions())))
 
 
 class Operand(NamedTuple):
