@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Mapping
-from functools import lru_cache
 
 import casadi as ca
 
+from vdfmu.base.once import cached_per_command
 from vdfmu.compiler.c.expressions import c_prototype
 from vdfmu.compiler.c.functions import c_texts
 from vdfmu.compiler.c.loop_text import c_loops
@@ -43,6 +43,8 @@ def kernel_files(
     top = head(f"The traced function {function.name()}, operation by operation.") + "#include <math.h>\n"
     files = {f"{name}_part_{k}.c": f"{top}\n{text}" for k, text in enumerate(texts[:-1], 1)}
     files[f"{name}.c"] = f"{top}\n{wrapped(c_prototype(function))};\n\n{texts[-1]}"
+    if not calls:
+        _sources()[function, joints] = "\n".join(files.values())
     if derivative is None:
         return files
     if loops is None and function.n_instructions() > _MOST_IN_C:
@@ -90,7 +92,15 @@ def avx2_copies(files: Mapping[str, str]) -> dict[str, str]:
     }
 
 
-@lru_cache(maxsize=64)  # the references of a run call the same ones
-def kernel_source(function: ca.Function) -> str:
-    """Return the C text of a traced function in one file."""
-    return "\n".join(kernel_files(function).values())
+def kernel_source(function: ca.Function, joints: int = 0) -> str:
+    """Return the C text of a traced function in one file, see :func:`kernel_files`; in a job it is made once."""
+    known = _sources()
+    if (function, joints) not in known:
+        known[function, joints] = "\n".join(kernel_files(function, joints=joints).values())
+    return known[function, joints]
+
+
+@cached_per_command
+def _sources() -> dict[tuple[ca.Function, int], str]:
+    """Texts of the functions of a job, which FMUs and references share, and so their objects."""
+    return {}

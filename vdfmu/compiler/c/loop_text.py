@@ -8,6 +8,8 @@ deep.
 from __future__ import annotations
 
 import heapq
+import re
+from collections import Counter
 from collections.abc import Iterator
 
 from vdfmu.compiler.c.expressions import EXPRESSIONS, c_prototype
@@ -15,6 +17,10 @@ from vdfmu.compiler.c.loops import Loops, Operand, Pass, Segment
 
 _STACK = 32_768
 """Numbers of the memory from which it is not on the stack, which threads have 512 kB of on some systems."""
+
+_OPERAND = re.compile(r"{(\d)}")
+_LONG = 60
+"""Characters of an expression from which it has a line of its own."""
 
 
 def c_loops(loops: Loops) -> str:
@@ -33,6 +39,14 @@ class _Text:
         self._arguments = arguments.removesuffix(")").split(", ")
         self.given, self.made = function.name_in(), function.name_out()
         self._reserve()
+        self._read = Counter(
+            segment.operands[int(k)].series
+            for segments in loops.segments
+            for segment in segments
+            for k in _OPERAND.findall(EXPRESSIONS[loops.operation(segment)])
+        )
+        self._inside: dict[int, str] = {}
+        """Series that are read once, in the block that calculates them: their expressions."""
 
     def text(self) -> str:
         """Return the definitions of the function and of one for each pass."""
@@ -122,11 +136,13 @@ class _Text:
     # ---------------------------------------------------------------- statements
 
     def _statements(self, segment: Segment, declared: str) -> Iterator[str]:
-        name, place = self._name(segment.series), self._place(segment.series)
-        operands = [self._operand(segment, operand) for operand in segment.operands]
-        yield f"{declared}{name} = {EXPRESSIONS[self.loops.operation(segment)].format(*operands)};"
-        if place is not None:
-            yield f"w[{place}] = {name};"
+        k, place = segment.series, self._place(segment.series)
+        name, operands = self._name(k), [self._operand(segment, operand) for operand in segment.operands]
+        value = EXPRESSIONS[self.loops.operation(segment)].format(*operands)
+        if declared and place is None and self._read[k] == 1 and k not in self.loops.stores and len(value) < _LONG:
+            self._inside[k] = f"({value})"
+            return
+        yield f"{declared}{name} = {'' if place is None else f'w[{place}] = '}{value};"
         first = self.series[segment.series].first
         for store in self.loops.stores[segment.series]:
             begin, end = max(store.begin, segment.begin), min(store.end, segment.end)
@@ -145,7 +161,7 @@ class _Text:
             slope = operand.slope or 0
             return f"{self.given[operand.argument]}[{_affine(slope, operand.base - slope * self.loops.at(segment))}]"
         if self.loops.is_local(segment, operand):
-            return self._name(read)
+            return self._inside.get(read) or self._name(read)
         offset = 0 if self.series[read].alone else self.loops.offset(segment, operand)
         return f"w[{self._place(read, offset)}]"
 

@@ -130,7 +130,9 @@ def sources(system: WiredUnits, lists: Mapping[str, Sequence[Action]]) -> dict[s
     code = Code(system)
     try:
         functions = [f"SHOWN {code.function(name, actions)}" for name, actions in lists.items()]
-        files = {f"kernel_{name}.c": kernel_source(made).encode() for name, made in code.called.items()}
+        files = {
+            f"kernel_{name}.c": kernel_source(made, code.joints[name]).encode() for name, made in code.called.items()
+        }
     except KernelError as error:  # an operation that has no C text, or a unit in plain Python
         LOG.info("the references run in Python: %s", error)
         return None
@@ -140,7 +142,7 @@ def sources(system: WiredUnits, lists: Mapping[str, Sequence[Action]]) -> dict[s
 
 
 class Code:
-    """C text of actions. `called`: the traced functions that it calls."""
+    """C text of actions. `called`: the traced functions that it calls, `joints`: of their units' robots."""
 
     head = "double *m, double t"
     unused = "(void)t;"
@@ -148,6 +150,7 @@ class Code:
     def __init__(self, system: WiredUnits) -> None:
         self.system = system
         self.called: dict[str, ca.Function] = {}
+        self.joints: dict[str, int] = {}
         self._taken: dict[str, ca.Function] = {}
 
     def function(self, name: str, actions: Sequence[Action]) -> str:
@@ -180,6 +183,7 @@ class Code:
         """Yield the lines of a call; what it sets of what it reads is copied when all is calculated."""
         interface, begin = unit.interface, self.system.begin(name)
         function = self.take(interface.functions.casadi_function(call.function))
+        self.joints[function.name()] = interface.joints
         places = {group: begin + interface.slice(call.group(group)).start for group in function.name_in()}
         made = {group: begin + interface.slice(call.group(group)).start for group in function.name_out()}
         new = {group: function.numel_out(group) for group in made if call.group(group) != group}
