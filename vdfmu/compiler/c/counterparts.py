@@ -38,6 +38,8 @@ class Trace:
         Of an input (argument, element), of a constant its value, else None.
     results : list of (result, element, operation)
         What is an input or a constant has an operation too, which copies it.
+    away : dict of (operation, operation) to int
+        See :class:`Counterparts`.
     """
 
     def __init__(self, function: ca.Function) -> None:
@@ -46,6 +48,7 @@ class Trace:
         self.operands: list[tuple[int, ...]] = []
         self.given: list[tuple[int, int] | float | None] = []
         self.results: list[tuple[int, int, int]] = []
+        self.away: dict[tuple[int, int], int] = {}
         self._digests: list[list[int]] = []  # by depth
         held: dict[int, int] = {}  # place in CasADi's memory to the operation whose value is there
         for k in range(function.n_instructions()):
@@ -107,13 +110,15 @@ class Counterparts:
     def __init__(self, trace: Trace, joints: int, period: int, alike: Sequence[int]) -> None:
         self._trace, self._joints, self._period, self._alike = trace, joints, period, alike
         self._deep = trace.digests(_DEPTH)
+        function = trace.function
+        self._by_joint = [function.numel_in(k) % joints == 0 for k in range(function.n_in())]
         self._taken: set[int] = set()
         self._steps: dict[int, dict[int, int]] = defaultdict(dict)  # argument to element to that of the next joint
         self.after: dict[int, int] = {}
         columns: dict[int, dict[int, int]] = defaultdict(dict)
         for result, element, operation in trace.results:
             columns[result][element] = operation
-        size = trace.function.numel_out
+        size = function.numel_out
         # vectors with so many numbers for each joint, one after the other, show where the next joint is in others
         for result in sorted(columns, key=lambda result: size(result) % joints != 0):
             if size(result) >= joints:
@@ -139,7 +144,7 @@ class Counterparts:
         return any(
             abs(other - one) != self._period
             for argument, one, other in self._inputs_below([pair], _GLANCE)
-            if self._trace.function.numel_in(argument) % self._joints == 0
+            if self._by_joint[argument]
         )
 
     def _next_elements(self, result: int, column: dict[int, int]) -> dict[int, int]:
@@ -168,21 +173,31 @@ class Counterparts:
         score = {k: np.count_nonzero((digests[k:] == digests[:-k]) & (digests[k:] != 0)) for k in tried}
         return min((k for k in tried if score[k] >= 0.95 * max(score.values())), default=1)
 
-    def _inputs_below(
-        self, waiting: Iterable[tuple[int, int]], limit: int | None = None
-    ) -> Iterator[tuple[int, int, int]]:
+    def _inputs_below(self, waiting: Iterable[tuple[int, int]], limit: int) -> Iterator[tuple[int, int, int]]:
         """Yield pairs of inputs below pairs of operations, the nearest first: argument and both elements."""
-        trace, waiting = self._trace, deque(waiting)
+        operations, operands, given = self._trace.operations, self._trace.operands, self._trace.given
+        waiting = deque(waiting)
         seen: set[tuple[int, int]] = set()
-        while waiting and (limit is None or len(seen) < limit):
+        while waiting and len(seen) < limit:
             a, b = pair = waiting.popleft()
-            if a == b or pair in seen or trace.operations[a] != trace.operations[b]:
+            if a == b or pair in seen or operations[a] != operations[b]:
                 continue
             seen.add(pair)
-            one, other = trace.given[a], trace.given[b]
-            if isinstance(one, tuple) and isinstance(other, tuple) and one[0] == other[0]:
+            one, other = given[a], given[b]
+            if one is None:
+                waiting.extend(zip(operands[a], operands[b], strict=True))
+            elif isinstance(one, tuple) and isinstance(other, tuple) and one[0] == other[0]:
                 yield one[0], one[1], other[1]
-            waiting.extend(zip(trace.operands[a], trace.operands[b], strict=True))
+
+    def _away(self, a: int, b: int) -> int:
+        """Joints from the nearest number of a joint below an operation to its counterpart below another; 0: none."""
+        if a > b:
+            return -self._away(b, a)
+        known = self._trace.away
+        if (a, b) not in known:
+            below = self._inputs_below([(a, b)], _LOOK)
+            known[a, b] = next((other - one for argument, one, other in below if self._by_joint[argument]), 0)
+        return known[a, b]
 
     def _pair_recursions(self) -> None:
         """Pair operations that are in no pair with those before them that have the same below, one joint earlier."""
@@ -213,14 +228,13 @@ class Counterparts:
 
     def _is_a_joint_apart(self, pair: tuple[int, int]) -> bool:
         """Whether what is below the second of two operations is that of the next joint."""
-        seen = False
+        if self._away(*pair) != self._period:
+            return False
         for argument, one, other in self._inputs_below([pair], _LOOK):
-            known = self._steps[argument].get(one)
-            if self._trace.function.numel_in(argument) % self._joints == 0:
-                known, seen = one + self._period, True
+            known = one + self._period if self._by_joint[argument] else self._steps[argument].get(one)
             if known is not None and known != other:
                 return False
-        return seen
+        return True
 
     def _pair(self, waiting: list[tuple[int, int]]) -> None:
         """Go down from pairs of operations to those of their operands."""
