@@ -184,9 +184,14 @@ class _UnitGenerator:
             if v.choices and v.choices not in lists:
                 lists[v.choices] = f"choices_of_{v.group}"
                 yield array("char *const", lists[v.choices], map(string, v.choices))
-        rows = (_variable_row(v, lists.get(v.choices)) for v in self.interface.memory)
+        kinds: dict[str, str] = {}  # what variables share, to the name of its macro
+        rows: list[str] = []
+        for v in self.interface.memory:
+            kind = kinds.setdefault(_kind(v, lists.get(v.choices)), f"V{len(kinds)}")
+            rows.append(f"{kind}({string(v.name)}, {number(0.0 if v.start is None else v.start)})")
+        macros = "".join(f"#define {name}(name, start) {kind}\n" for kind, name in kinds.items())
         head = "/* name, unit, type, role, start, min, max, names of the values, their number */\n"
-        yield head + array("Variable", "variables", rows, one_a_line=True)
+        yield head + macros + array("Variable", "variables", rows)
 
     def _arrays(self) -> str:
         rows = (cell(string(a.name), a.first, a.size) for a in self.interface.arrays)
@@ -383,21 +388,15 @@ def _runs(positions: list[int]) -> list[tuple[int, int]]:
     return [(int(part[0]), int(part[-1]) + 1) for part in parts]
 
 
-def _variable_row(v: Variable, choices: str | None) -> str:
+def _kind(v: Variable, choices: str | None) -> str:
+    """Row of the table of variables, without name and start."""
     role = _ROLES.get(v.causality)
     if role is None:
         role = "TUNABLE_PARAMETER" if v.variability == "tunable" else "FIXED_PARAMETER"
-    return cell(
-        string(v.name),
-        string(v.unit or ""),
-        v.type.upper(),
-        role,
-        number(0.0 if v.start is None else v.start),
-        "-INFINITY" if v.minimum is None else number(v.minimum),
-        "INFINITY" if v.maximum is None else number(v.maximum),
-        choices or "NULL",
-        len(v.choices),
-    )
+    least = "-INFINITY" if v.minimum is None else number(v.minimum)
+    most = "INFINITY" if v.maximum is None else number(v.maximum)
+    unit = string(v.unit or "")
+    return cell("name", unit, v.type.upper(), role, "start", least, most, choices or "NULL", len(v.choices))
 
 
 def _function(name: str, arguments: str, names: Iterable[str], lines: Sequence[str]) -> str:
