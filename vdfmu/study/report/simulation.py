@@ -65,7 +65,7 @@ _FUNCTIONS = (
 )  # fmt: skip
 """Functions that the page calls; code that only others call is not in its modules."""
 _DERIVATIVE = re.compile(r"^(void \w+_(?:forward|reverse)\([^;]*\));", re.MULTILINE)
-_LEFT_OUT = re.compile(r"kernel_\w+_(forward|reverse)(_part_\d+)?\.c|kernel_\w+_avx2\.c|fmi3\.c")
+_LEFT_OUT = re.compile(r"kernel_\w+_(forward|reverse)(_part_\d+)?\.c|kernel_\w+_avx2\.c|operations\.[ch]|fmi3\.c")
 
 
 class _CannotError(Exception):
