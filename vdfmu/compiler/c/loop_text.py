@@ -77,8 +77,8 @@ class _Text:
         yield f"for (int i = {first}; i {ahead} {last}; {change}) {{"
         yield f" const int r = {_affine(self._width, -self._width * self._base)};"
         yield " (void)r;"
-        if found.shared:
-            yield f" double {', '.join(f'{self._name(k)} = 0.0' for k in sorted(found.shared))};"
+        if shared := sorted(found.shared & self._named):
+            yield f" double {', '.join(f'{self._name(k)} = 0.0' for k in shared)};"
         for span, segments in found.blocks:
             yield self._guard(found, span)
             for segment in segments:
@@ -101,10 +101,15 @@ class _Text:
         It has a row for each index; a column is used again once the pass is over in which it is read last.
         """
         loops, series = self.loops, self.series
+        self._named = set(loops.stores)
         until: dict[int, int] = {}
         for segment in (one for segments in loops.segments for one in segments):
             for operand in segment.operands:
-                if operand.series >= 0 and not loops.is_local(segment, operand):
+                if operand.series < 0:
+                    continue
+                if loops.is_local(segment, operand):
+                    self._named.add(operand.series)
+                else:
                     until[operand.series] = max(until.get(operand.series, 0), series[segment.series].turn)
         rows = sorted((k for k in until if not series[k].alone), key=lambda k: series[k].turn)
         self._base = min((series[k].first for k in rows), default=0)
@@ -142,9 +147,10 @@ class _Text:
         if declared and place is None and self._read[k] == 1 and k not in self.loops.stores and len(value) < _LONG:
             self._inside[k] = f"({value})"
             return
-        yield f"{declared}{name} = {'' if place is None else f'w[{place}] = '}{value};"
+        targets = [f"{declared}{name}"] * (k in self._named) + [f"w[{place}]"] * (place is not None)
+        yield " = ".join([*targets, f"{value};"])
         first = self.series[segment.series].first
-        for store in self.loops.stores[segment.series]:
+        for store in self.loops.stores.get(k, ()):
             begin, end = max(store.begin, segment.begin), min(store.end, segment.end)
             if begin <= end:
                 whole = (begin, end) == (segment.begin, segment.end)
