@@ -19,8 +19,8 @@ _STACK = 32_768
 """Numbers of the memory from which it is not on the stack, which threads have 512 kB of on some systems."""
 
 _OPERAND = re.compile(r"{(\d)}")
-_LONG = 60
-"""Characters of an expression from which it has a line of its own."""
+_WORDS = 16
+"""Words of an expression from which it has a line of its own; digits would grow with the joints."""
 
 
 def c_loops(loops: Loops) -> str:
@@ -144,7 +144,13 @@ class _Text:
         k, place = segment.series, self._place(segment.series)
         name, operands = self._name(k), [self._operand(segment, operand) for operand in segment.operands]
         value = EXPRESSIONS[self.loops.operation(segment)].format(*operands)
-        if declared and place is None and self._read[k] == 1 and k not in self.loops.stores and len(value) < _LONG:
+        if (
+            declared
+            and place is None
+            and self._read[k] == 1
+            and k not in self.loops.stores
+            and value.count(" ") < _WORDS
+        ):
             self._inside[k] = f"({value})"
             return
         targets = [f"{declared}{name}"] * (k in self._named) + [f"w[{place}]"] * (place is not None)

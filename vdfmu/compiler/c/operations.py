@@ -179,10 +179,10 @@ def c_derivatives(loops: Loops) -> str:
 
     It needs ``operations.h``.
     """
-    return _Table(loops).text()
+    return _OperationTable(loops).text()
 
 
-class _Table:
+class _OperationTable:
     """The table of a function."""
 
     def __init__(self, loops: Loops) -> None:
@@ -253,7 +253,7 @@ class _Table:
         arrays = {"int64_t lines": rows, "Span blocks": _spans(blocks), "Span passes": _spans(self._passes)}
         arrays |= {"int begins": map(str, self._begins[: n_given + n_made + 1]), "double constants": self._constants}
         parts = [
-            *(_array(*kind.split(), name, items) for kind, items in arrays.items()),
+            *(_array(kind.replace(" ", f" {name}_"), items) for kind, items in arrays.items()),
             f"static void {name}_move(int i, int *moved)\n{{\n    (void)i;\n{moves}}}\n",
             f"""static void {name}_run(const double *const *given, double *const *made, int back)
 {{
@@ -280,11 +280,11 @@ class _Table:
         return "\n".join(parts)
 
 
-def _array(kind: str, ending: str, name: str, items: Iterable[str]) -> str:
+def _array(what: str, items: Iterable[str]) -> str:
     """Text of a constant array, four items a line whatever their length: numbers alone grow with the joints."""
+    kind, name = what.split()
     listed = list(items)
-    fours = (", ".join(listed[i : i + 4]) for i in range(0, len(listed), 4))
-    return array(kind, f"{name}_{ending}", fours, one_a_line=True)
+    return array(kind, name, (", ".join(listed[i : i + 4]) for i in range(0, len(listed), 4)), one_a_line=True)
 
 
 def _spans(listed: Iterable[tuple[int, int, Sequence[object]]]) -> Iterator[str]:
