@@ -24,7 +24,7 @@ _SLOW_JOINTS = 9
 
 def _build_seconds(n: int) -> float:
     """Processor time of a first native build of all units for `n` joints [s], as measured for 6 to 256."""
-    return 0.5 * n + 13.0
+    return 0.1 * n + 12.0
 
 
 def build_notes(robot: Machine | None, backend: str | None = None) -> list[str]:
