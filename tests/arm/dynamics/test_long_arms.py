@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.chains import repeated_link
 from vdfmu.arm.units import find_unit
-from vdfmu.compiler.c.generate import generated_sources, traced_files
+from vdfmu.compiler.c.generate import traced_files
 from vdfmu.compiler.c.grow import grown
 from vdfmu.compiler.unit.interface import Interface
 
@@ -44,13 +44,6 @@ def test_the_c_of_a_long_arm_is_that_of_its_trace(robot):
 @pytest.mark.parametrize("unit", ["plant", "feedforward"])
 def test_the_c_of_the_equations_of_a_long_arm_is_that_of_their_trace(unit):
     check_files(unit, repeated_link(27))
-
-
-@pytest.mark.heavy
-def test_the_step_of_a_long_arm_has_no_copy_for_avx2():
-    files = generated_sources(Interface(find_unit("plant"), repeated_link(10)), "x")
-    assert "solver_step" in files["unit.c"]
-    assert not [name for name in files if "avx2" in name or "_avx2(" in files[name]]
 
 
 @pytest.mark.parametrize("unit", ["controller", pytest.param("plant", marks=pytest.mark.heavy)])

@@ -18,7 +18,6 @@ from vdfmu.base.version import __version__
 from vdfmu.compiler.c.expressions import c_prototype
 from vdfmu.compiler.c.files import avx2_copies, kernel_files
 from vdfmu.compiler.c.grow import grown
-from vdfmu.compiler.c.loops import LONG
 from vdfmu.compiler.c.text import array, call_lines, cell, comment, fields, head, string, wrapped
 from vdfmu.compiler.fmu.description import number
 from vdfmu.compiler.functions.derivatives import DIRECTIONS
@@ -58,8 +57,6 @@ class _TracedFunctions:
         program = interface.program
         self.called = [call.function for call in program.calls]
         self.steps = {call.function for call in program.step}
-        # the copy of a long step takes 2 s to compile, and saves 6 to 12 % of 30 µs and more
-        self.twice = self.steps if interface.joints < LONG else set[str]()
         names = [*self.called, *sorted(self.steps), *(call.function for call in program.left)]
         self.functions = {
             name: interface.functions.casadi_function(name)
@@ -79,7 +76,7 @@ class _TracedFunctions:
             with_derivatives = function.name() in self.called
             derivative = partial(self._derivative, function.name()) if with_derivatives else None
             own = kernel_files(function, self.functions, self.interface.joints, derivative)
-            files |= own | (avx2_copies(own) if function.name() in self.twice else {})
+            files |= own | (avx2_copies(own) if function.name() in self.steps else {})
         return files
 
     def _derivative(self, name: str, ending: str) -> ca.Function:
@@ -93,7 +90,7 @@ class _UnitGenerator:
     def __init__(self, interface: Interface, guid: str, traced: _TracedFunctions) -> None:
         self.interface, self.guid = interface, guid
         self.program = interface.program
-        self.called, self.twice, self.functions = traced.called, traced.twice, traced.functions
+        self.called, self.steps, self.functions = traced.called, traced.steps, traced.functions
         robot = interface.robot if interface.has_robot else None
         self.conditions = robot.requirements() if robot is not None else []
         self.requirements = self.conditions + traced_requirements(interface)[0]
@@ -130,7 +127,7 @@ class _UnitGenerator:
             for name, function in self.functions.items()
             for ending in (("", *DIRECTIONS) if name in self.called else ("",))
         ]
-        listed += [c_prototype(self.functions[name]).replace(name, f"{name}_avx2", 1) for name in self.twice]
+        listed += [c_prototype(self.functions[name]).replace(name, f"{name}_avx2", 1) for name in self.steps]
         prototypes = "".join(f"{wrapped(prototype)};\n" for prototype in listed)
         return (
             head(
@@ -308,7 +305,7 @@ class _UnitGenerator:
             "const double *m, const double *rate, double h, double tolerance,\n"
             "                        double *x_new, double *norm, double *ratio"
         )
-        for ending in ("", "_avx2") if self.twice else ("",):
+        for ending in ("", "_avx2"):
             lines = self._blocks(self.program.step, partial(self._step_call, ending))
             unused = [] if any("rate + " in line for line in lines) else ["(void)rate;"]
             body = "".join(f"    {line}\n" for line in (*unused, *lines))
@@ -378,7 +375,7 @@ class _UnitGenerator:
         values["left"] = "left" if self.program.left else "NULL"
         values["solver_step"] = "solver_step" if has_step else "NULL"
         lines = "".join(f"    .{name} = {value}".rstrip() + ",\n" for name, value in values.items())
-        copy = "#ifdef AVX2_STEP\n    .solver_step_avx2 = solver_step_avx2,\n#endif\n" if self.twice else ""
+        copy = "#ifdef AVX2_STEP\n    .solver_step_avx2 = solver_step_avx2,\n#endif\n" if has_step else ""
         return f"const Unit unit = {{\n{lines.replace(' */,', ' */')}{copy}}};\n"
 
 

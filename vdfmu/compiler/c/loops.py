@@ -21,19 +21,19 @@ _GOOD = 3.0
 """Segments by operations of one joint at which the search ends."""
 _WORTH = 0.6
 """Segments by operations up to which loops are worth it."""
-LONG = 10
+_LONG = 10
 """Members of a series from which loops are worth it."""
 
 
 def find_loops(function: ca.Function, joints: int) -> Loops | None:
     """Return a trace in loops; None if its joints are few or have too little in common, or it calls functions."""
-    if joints < LONG or not _calls_none(function):
+    if joints < _LONG or not _calls_none(function):
         return None
     trace = Trace(function)
     best: Loops | None = None
     most = _WORTH * len(trace.operations)
     for period in _PERIODS:
-        if joints >= LONG + 2 * (period - 1):
+        if joints >= _LONG + 2 * (period - 1):
             for depth in _DEPTHS:
                 layout = find_series(trace, joints, period, trace.digests(depth), most)
                 if layout is None:  # deeper ones have more series
