@@ -130,8 +130,10 @@ class SweepOptions(PlanOptions, WorkerOptions, total=False):
 class ProblemOptions(SeedOptions, ScenarioOptions, total=False):
     """Options of what is tuned."""
 
-    limit: Annotated[Sequence[str], Option("Limit that holds for every robot, such as 'peak(controller.tau) < 2.5'.",
-        "sequence of str", default=(), metavar="EXPRESSION<NUMBER", typed=TEXTS)]
+    limit: Annotated[Sequence[str] | Mapping[str, Any], Option("Limit that holds for every robot, such as 'peak(controller.tau) < 2.5'.",
+        "sequence of str, or mapping", "Or, in a mapping, a function of the results by its name, which must not be "
+        "positive.", (), metavar="EXPRESSION<NUMBER", typed=TEXTS)]
+    together: Annotated[bool, Option("Vary all elements of a parameter by one factor.", default=False)]
     spread: Annotated[Mapping[str, Any] | Sequence[str], Option(
         "Uncertain parameter, as in a sweep: 'plant.mass[3]=*normal(1, 0.1)'.", 'mapping, or sequence of "TARGET=FORM"',
         default=(), metavar="TARGET=FORM", typed=TEXTS)]

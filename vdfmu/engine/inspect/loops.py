@@ -264,6 +264,8 @@ class Poses:
     ----------
     group : str
         Loops are opened at connected inputs of this name, at any component.
+    most : int
+        Most rows, besides one near the start.
 
     Attributes
     ----------
@@ -273,8 +275,8 @@ class Poses:
         Why systems are missing; empty if none are.
     """
 
-    def __init__(self, group: str) -> None:
-        self._group = group
+    def __init__(self, group: str, most: int = _POSES) -> None:
+        self._group, self._most = group, most
         self.systems: list[tuple[float, LinearSystem]] = []
         self.lacking = ""
         self.opened: list[str] = []
@@ -282,7 +284,7 @@ class Poses:
 
     def rows(self, n: int) -> frozenset[int]:
         """Return the rows, of a run with n steps: closer together where it begins and ends, where motors are slow."""
-        poses = min(_POSES, _FEWEST + n // _SPARSE)
+        poses = min(self._most, _FEWEST + n // _SPARSE)
         shares = (1.0 - np.cos(np.pi * (np.arange(poses) + 0.5) / poses)) / 2.0
         return frozenset({*(n * shares).astype(int).tolist(), min(2, n), min(10, n)})
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from vdfmu.base.errors import CosimError, StorageError, VdfmuError, disk_error
 from vdfmu.base.text import error_text, matching
+from vdfmu.engine.inspect.loops import Poses
 from vdfmu.engine.plan.inputs import InputTable
 from vdfmu.engine.run import Results, Simulator
 from vdfmu.study.batch.program import LANES, BatchProgram
@@ -26,6 +27,8 @@ Row = dict[str, Any]
 """``point``, ``failed`` (why, or None), ``failed_at`` [s], ``wall_s``, measures and signals, by column; for some points
 of the batch engine ``to_fmu[rad]`` and so on, the largest difference of a signal of that unit to the run of the FMUs.
 """
+FEW = 12
+"""Rows at which a run is linearised, for measures of its loops."""
 _ALIVE = 8
 """Systems that a worker keeps loaded."""
 
@@ -147,8 +150,15 @@ class Bench:
 
     def _by_fmus(self, task: Task) -> Results:
         _, number, values = task
-        system = self._job.systems[number]
-        return self._simulator(number).run(parameters=system.parameters(values), record=self._job.record, **system.run)
+        system, loops = self._job.systems[number], None
+        if any(getattr(measure.function, "loops", False) for measure in self._job.measures):
+            loops = Poses("tau", FEW)
+        results = self._simulator(number).run(
+            parameters=system.parameters(values), record=self._job.record, visitor=loops, **system.run
+        )
+        if loops is not None:
+            results.summary["loops"] = loops
+        return results
 
     def _engine(self, number: int) -> Engine:
         if number not in self._engines:

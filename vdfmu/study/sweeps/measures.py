@@ -95,7 +95,10 @@ class Measure:
     signals: tuple[str, ...]
     """Signals that it needs, ``plant.q[1]``, or all elements, ``plant.q``; a function needs all signals, ``*``."""
     function: Callable[[Results], Any] | None = None
-    """Called with the `Results`; returns a number, or several."""
+    """Called with the `Results`; returns a number, or several.
+
+    If it has a true attribute `loops`, the run is linearised at some of its rows, and the summary of the results has
+    ``loops``, the :class:`~vdfmu.engine.inspect.loops.Poses`."""
 
     def of(self, results: Results) -> dict[str, float]:
         """Return its value, or values, by column; UsageError if the results lack a signal, or it is not a number."""

@@ -13,12 +13,12 @@ from vdfmu.base.once import one_job
 from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import report
 from vdfmu.base.show_progress import with_progress
-from vdfmu.study.options import PlanOptions, SweepOptions
+from vdfmu.study.options import PlanOptions, SweepOptions, WorkerOptions
 from vdfmu.study.sweeps.chunks import Chunks
 from vdfmu.study.sweeps.job import Job
 from vdfmu.study.sweeps.ledger import Ledger
 from vdfmu.study.sweeps.local import processors, run_here
-from vdfmu.study.sweeps.plan import make_plan, name_of
+from vdfmu.study.sweeps.plan import Plan, make_plan, name_of
 from vdfmu.study.sweeps.study import Sweep
 from vdfmu.study.sweeps.worker import KILLED
 
@@ -58,19 +58,29 @@ def sweep(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **options
     KeyboardInterrupt
         After finished points are kept.
     """
-    chunk, time_limit, scheduler = options["chunk"], options["time_limit"], options["scheduler"]
+    chunk = options["chunk"]
     if chunk is not None and not 1 <= chunk:
         raise UsageError(f"chunk: expected a number of points of at least 1, got {chunk}.")
-    workers = processors() if options["workers"] is None else options["workers"]
-    if workers < 1:
+    check_workers(options)
+    plan = make_plan(scenario, over, **pick(PlanOptions, options))
+    return run_plan(plan, default_folder(scenario) if options["out"] is None else Path(options["out"]), options)
+
+
+def check_workers(options: WorkerOptions) -> None:
+    """Raise UsageError for options of workers out of their range."""
+    workers, time_limit = options["workers"], options["time_limit"]
+    if workers is not None and workers < 1:
         raise UsageError(f"workers: expected at least 1, got {workers}.")
     if time_limit is not None and not time_limit > 0.0:
         raise UsageError(f"time_limit: expected a positive time, got {time_limit:g} s.")
-    plan = make_plan(scenario, over, **pick(PlanOptions, options))
-    folder = default_folder(scenario) if options["out"] is None else Path(options["out"])
+
+
+def run_plan(plan: Plan, folder: Path, options: SweepOptions) -> Sweep:
+    """Run the points of a plan that the folder does not have yet; see :func:`sweep`."""
+    chunk, time_limit, scheduler = options.get("chunk"), options["time_limit"], options.get("scheduler")
     job = packed(plan.job)
     with Ledger(folder, plan.facts, plan.key, plan.points, options["overwrite"]) as ledger:
-        done = ledger.done(again="" if options["retry"] else KILLED)
+        done = ledger.done(again="" if options.get("retry") else KILLED)
         finished, total = int(done.sum()), len(plan)
         missing = total - finished
 
@@ -82,7 +92,7 @@ def sweep(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **options
         chunks = Chunks(done, plan.task, chunk, max(plan.job.together))
         report("points", finished, total)
         if scheduler is None:
-            runs = run_here(job, chunks, min(workers, total - finished), time_limit, advance)
+            runs = run_here(job, chunks, min(options["workers"] or processors(), missing), time_limit, advance)
         else:
             from vdfmu.study.sweeps.cluster import run_there
 

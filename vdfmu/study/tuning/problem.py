@@ -35,11 +35,12 @@ class Problem:
     """The problem of a tuning."""
 
     axes: tuple[Axis, ...]
-    """One for each number that varies, ``lin`` or ``log``, of values."""
+    """One for each number that varies, ``lin`` or ``log``, of values, or of factors of all elements together."""
     start: Floats
-    """(d,): Values of the scenario."""
-    limits: dict[str, tuple[str, float]]
-    """Measure whose largest value over all robots must not be positive, to its text and the size of its right side."""
+    """(d,): Values of the scenario; of a factor 1."""
+    limits: dict[str, tuple[Any, float]]
+    """Measure whose largest value over all robots must not be positive, to its text or function, and the size of its
+    right side."""
     over: str
     """``mean`` or ``worst``: how the costs of the robots are combined."""
     plan: Plan
@@ -75,16 +76,21 @@ class Problem:
         low, high, x = (np.where(log, np.log(np.where(log, np.abs(v), 1.0)), v) for v in (*ends, values))
         return np.clip((x - low) / (high - low), 0.0, 1.0)
 
+    def parameters(self, values: Floats) -> dict[str, float]:
+        """Return the parameters that values mean, ``component.variable``."""
+        return self.plan.job.systems[0].parameters(dict(zip(self.names, values.tolist(), strict=True)))
+
     def margins(self, values: Floats) -> Margins | None:
         """Margins of the loops with one sample of delay; None without a required one."""
         if self.loops is None:
             return None
-        return self.loops.margins(dict(zip(self.names, values.tolist(), strict=True)))
+        parameters = self.parameters(values)
+        return self.loops.margins(parameters | self.plan.followed(0, parameters))
 
 
 @with_options
 def make_problem(
-    scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: str, **options: Unpack[ProblemOptions]
+    scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **options: Unpack[ProblemOptions]
 ) -> Problem:
     """Read and check the problem; for arguments see :func:`vdfmu.tune`. Nothing has run yet when it has faults."""
     over, limit, margin, growth = options["over"], options["limit"], options["margin"], options["growth"]
@@ -94,7 +100,7 @@ def make_problem(
     if isinstance(scenario, (str, os.PathLike)) and os.fspath(scenario).endswith(".ssp"):
         raise UsageError(f"{scenario}: expected a scenario, whose values are known; a package can be swept.")
     loaded = prepare(scenario, **given)
-    axes, start = _elements(loaded, vary, settings)
+    axes, start = _elements(loaded, vary, settings, options["together"])
     spread_axes = read_axes(options["spread"])
     if wrong := [str(axis) for axis in spread_axes if is_option(axis.target) or isinstance(axis.at(0.0).item(), str)]:
         raise UsageError("\n".join(f"spread: expected parameters with numbers, got {text}." for text in wrong))
@@ -104,7 +110,10 @@ def make_problem(
             f"vary: expected each number once, got {', '.join(sorted({t for t in targets if targets.count(t) > 1}))}"
             " several times."
         )
-    limits = dict(_limit(number, text) for number, text in enumerate(limit, 1))
+    if isinstance(limit, Mapping):
+        limits: dict[str, tuple[Any, float]] = {name: (function, 1.0) for name, function in limit.items()}
+    else:
+        limits = dict(_limit(number, text) for number, text in enumerate(limit, 1))
     measures = {"cost": cost, **{name: text for name, (text, _) in limits.items()}}
     if {"trajectory", "controller", "plant"} <= loaded.system.parts.keys():
         measures |= {name: text for name, text in TRACKING.items() if name not in measures}
@@ -128,9 +137,12 @@ def make_problem(
 
 
 def _elements(
-    scenario: Any, vary: Mapping[str, Any] | Sequence[str], settings: Mapping[str, Any]
+    scenario: Any, vary: Mapping[str, Any] | Sequence[str], settings: Mapping[str, Any], together: bool
 ) -> tuple[list[Axis], list[float]]:
-    """Return one axis for each number, within its bounds of values, and its value in the scenario."""
+    """Return one axis for each number, within its bounds of values, and its value in the scenario.
+
+    If they vary `together`, one for each parameter, of factors.
+    """
     given = vary if isinstance(vary, Mapping) else [t if "=" in t else f"{t}={_RANGE}" for t in vary]
     values = system_values(scenario, settings)
     found: list[Axis] = []
@@ -139,6 +151,12 @@ def _elements(
     for axis in read_axes(given):
         if axis.form not in ("lin", "log"):
             problems.append(f"{axis.target}: expected lin(FROM, TO) or log(FROM, TO), got {axis}.")
+            continue
+        if together:
+            if not axis.factor or not min(axis.numbers) <= 1.0 <= max(axis.numbers):
+                problems.append(f"{axis.target}: together: expected factors around 1, *log(0.1, 10), got {axis}.")
+            found.append(axis)
+            starts.append(1.0)
             continue
         number = 1.0 if axis.factor else axis.numbers[0]
         for name, start in present_values(scenario, values, axis.target, number).items():

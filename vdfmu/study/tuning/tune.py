@@ -63,7 +63,7 @@ class Tuned:
 @with_progress
 @one_job()
 @with_options
-def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: str, **options: Unpack[TuneOptions]) -> Tuned:
+def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **options: Unpack[TuneOptions]) -> Tuned:
     """Search the values of parameters that make a cost smallest, over a spread of robots and within limits.
 
     Every run is kept: after Ctrl-C or a kill the same call continues where it stopped. So does one with a larger budget
@@ -76,9 +76,9 @@ def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: str, **op
     vary : mapping, or sequence of "TARGET" or "TARGET=FORM"
         What varies, element by element: ``controller.K_p``. Its form is ``lin(a, b)`` or ``log(a, b)``; after a star
         factors of the scenario's values. Default ``*log(0.1, 10)``.
-    cost : str
-        An expression of the signals as in a sweep, such as ``worst(rms(trajectory.q_d - plant.q))``. If it has
-        several elements, the mean of their ratios to the start's counts, and none may exceed 1.
+    cost : str or callable
+        An expression of the signals as in a sweep, such as ``worst(rms(trajectory.q_d - plant.q))``, or a function of
+        the results. If it has several elements, the mean of their ratios to the start's counts, and none may exceed 1.
     **options
         :class:`vdfmu.study.options.TuneOptions`.
 
@@ -119,8 +119,7 @@ def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: str, **op
             before, after = search(evaluations, method, options["seed"])
         ledger.finish()
         loaded = prepare(scenario, **pick(ScenarioOptions, options))
-        values = dict(zip(problem.names, after.values.tolist(), strict=True))
-        tuned = {**(options["settings"] or {}), **values}
+        tuned = {**(options["settings"] or {}), **problem.parameters(after.values)}
         groups = list(dict.fromkeys(name.partition("[")[0] for name in problem.names))
         found = Tuned(
             folder,
