@@ -19,7 +19,9 @@ def toml_value(value: Any, rounding: float = 0.0) -> str:
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False)
     if isinstance(value, (list, tuple, np.ndarray)):
-        if (whole := np.asarray(value)).dtype.kind == "i":
+        if (whole := np.asarray(value)).dtype.kind == "U":
+            return f"[{', '.join(map(toml_value, whole.tolist()))}]"
+        if whole.dtype.kind == "i":
             return str(whole.tolist())
         array = np.asarray(value, dtype=float)
         clean = np.where(np.abs(array) <= rounding * np.abs(array).max(initial=0.0), 0.0, array)

@@ -321,9 +321,11 @@ def _stops(values: Values, robot: Robot, i: int) -> tuple[float, float]:
 
 
 def _positions(table: Variables) -> Iterable[Variable]:
-    """Parameters of a component that are positions of the joints."""
+    """Parameters of a component that are positions of the joints; those with a least value are distances."""
     if isinstance(table, Interface):
         declared = table.unit.declared
         for v in table:
-            if v.causality == "parameter" and v.group in declared and declared[v.group].unit == "position":
+            if v.causality != "parameter" or v.minimum is not None or v.group not in declared:
+                continue
+            if declared[v.group].unit == "position":
                 yield v
