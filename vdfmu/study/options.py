@@ -32,6 +32,10 @@ def known_robots() -> Iterable[str]:
     return robot_names()
 
 
+def _names(text: str | None) -> list[str] | None:
+    return [name.strip() for name in text.split(",")] if text else None
+
+
 # A table: an option in some lines.
 # fmt: off
 class RobotOptions(TypedDict, total=False):
@@ -130,7 +134,8 @@ class SweepOptions(PlanOptions, WorkerOptions, total=False):
 class ProblemOptions(SeedOptions, ScenarioOptions, total=False):
     """Options of what is tuned."""
 
-    limit: Annotated[Sequence[str] | Mapping[str, Any], Option("Limit that holds for every robot, such as 'peak(controller.tau) < 2.5'.",
+    limit: Annotated[Sequence[str] | Mapping[str, Any], Option(
+        "Limit that holds for every robot, such as 'peak(controller.tau) < 2.5'.",
         "sequence of str, or mapping", "Or, in a mapping, a function of the results by its name, which must not be "
         "positive.", (), metavar="EXPRESSION<NUMBER", typed=TEXTS)]
     together: Annotated[bool, Option("Vary all elements of a parameter by one factor.", default=False)]
@@ -157,4 +162,23 @@ class TuneOptions(ProblemOptions, WorkerOptions, total=False):
         default="both")]
     budget: Annotated[int, Option("Evaluations; each runs all robots.", default=300)]
     out: Annotated[str | os.PathLike[str] | None, Option("Folder; default results/tune_SCENARIO.", "path",
+        typed=Path | None)]
+
+
+class CompareOptions(SeedOptions, WorkerOptions, total=False):
+    """Options of `vdfmu.study.compare.compare.compare`."""
+
+    laws: Annotated[Sequence[str] | None, Option("Control laws, separated by commas; default all.", "sequence of str",
+        typed=str | None, read=_names)]
+    arms: Annotated[Sequence[str] | None, Option("Robots, names or paths, separated by commas; default five arms.",
+        "sequence of str", typed=str | None, read=_names, names=known_robots)]
+    mismatches: Annotated[Sequence[str] | None, Option("What the laws do not know; default all, and none.",
+        "sequence of str", flag="--mismatch", typed=str | None, read=_names)]
+    motions: Annotated[Sequence[str] | None, Option("point_to_point, circle, time_optimal; default all.",
+        "sequence of str", typed=str | None, read=_names)]
+    budget: Annotated[int, Option("Evaluations of the search of each law on each arm.", default=24)]
+    margin: Annotated[float, Option("Modulus margin that every tuned law has at least on the plant that it knows.",
+        default=0.5)]
+    repeats: Annotated[int, Option("Runs of a cell with noise, each with a seed of its own.", default=5)]
+    out: Annotated[str | os.PathLike[str] | None, Option("Folder; default results/compare.", "path",
         typed=Path | None)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from vdfmu.base.files import write_whole
 from vdfmu.base.toml_file import locate
 from vdfmu.base.toml_text import toml_text
 from vdfmu.study.analysis.reach import reach_scenario
-from vdfmu.study.compare.axes import MOTIONS, ComparedLaw, Mismatch, PlannedMotion
+from vdfmu.study.compare.axes import MOTIONS, ComparedLaw, Mismatch, PlannedMotion, length
 from vdfmu.system.scenario import Scenario, load_scenario
 from vdfmu.system.scenario.replace import with_units
 from vdfmu.system.scenario.values import system_values
@@ -76,6 +77,7 @@ class ComparedArm:
         self.rule: Mapping[str, Any] = {n: np.array(reach.sections["controller"][n]) for n in ("K_p", "K_v")}
         motion = reach.sections["trajectory"]
         self.start, self.end, self.T = np.array(motion["q_start"]), np.array(motion["q_end"]), float(motion["T"])
+        self.length = length(self.robot)
         self._motions: dict[str, PlannedMotion] = {}
         self.tuning = self._write_tuning()
 
@@ -131,7 +133,7 @@ class ComparedArm:
 
     def _write_tuning(self) -> Path:
         """Write the scenario in which laws are tuned: point to point, with a force at the tool on the way."""
-        T, force = self.T, _PUSH * 9.81 * float(self.robot.mass.sum()) / np.sqrt(3.0)
+        T, force = self.T, _PUSH * 9.81 * float(self.robot.mass.sum()) / math.sqrt(3.0)
         shares = ((0.0, 0.0), (0.25 * T, 0.0), (0.25 * T + 0.02, 1.0), (0.6 * T, 1.0), (0.6 * T + 0.02, 0.0), (T, 0.0))
         rows = [f"{t!r},{','.join(3 * [repr(force * share)])}" for t, share in shares]
         names = ",".join(f"plant.F_e[{k}] [N]" for k in (1, 2, 3))

@@ -93,7 +93,8 @@ class Measure:
     text: str
     """The expression, or the name of the function."""
     signals: tuple[str, ...]
-    """Signals that it needs, ``plant.q[1]``, or all elements, ``plant.q``; a function needs all signals, ``*``."""
+    """Signals that it needs, ``plant.q[1]``, or all elements, ``plant.q``; a function needs those of its attribute
+    `signals`, else all, ``*``."""
     function: Callable[[Results], Any] | None = None
     """Called with the `Results`; returns a number, or several.
 
@@ -158,7 +159,8 @@ def read_measures(measures: Mapping[str, Any] | Sequence[str]) -> list[Measure]:
             problems.append(f"measure {name}: expected another name; {', '.join(_TAKEN)} are columns of their own.")
             continue
         if callable(text):
-            found.append(Measure(name, getattr(text, "__qualname__", "function"), ("*",), text))
+            needs = tuple(getattr(text, "signals", ("*",)))
+            found.append(Measure(name, getattr(text, "__qualname__", "function"), needs, text))
             continue
         try:
             tree = ast.parse(text, mode="eval").body

@@ -1,0 +1,306 @@
+"""`compare`: laws tuned alike, then run with every mismatch: one table, a page, and a text that says which to take."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any, NamedTuple, Unpack
+
+import numpy as np
+
+from vdfmu.arm.dynamics import forward_kinematics
+from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.base.files import write_whole
+from vdfmu.base.once import one_job
+from vdfmu.base.option import pick, with_options
+from vdfmu.base.progress import report
+from vdfmu.base.show_progress import with_progress
+from vdfmu.base.temporary import temporary_folder
+from vdfmu.base.text import close_to
+from vdfmu.base.version import __version__
+from vdfmu.engine.results.parquet import needed
+from vdfmu.engine.run.simulator import Simulator
+from vdfmu.study.compare.axes import ARMS, LAWS, MISMATCHES, MOTIONS, ComparedLaw, corner_of
+from vdfmu.study.compare.cells import PAYLOAD, ComparedArm
+from vdfmu.study.compare.measures import HIDDEN, MEASURES, SIGNALS, OfRun, path_accuracy, path_repeatability
+from vdfmu.study.options import CompareOptions, TuneOptions
+from vdfmu.study.run.at_limits import limits_of
+from vdfmu.study.run.scenario_run import prepare
+from vdfmu.study.sweeps.job import Job, Row, Task, WiredSystem
+from vdfmu.study.sweeps.ledger import Ledger, files_of
+from vdfmu.study.sweeps.measures import read_measures
+from vdfmu.study.sweeps.plan import Plan, digest, of_scenario
+from vdfmu.study.sweeps.study import Sweep
+from vdfmu.study.sweeps.sweep import check_workers, run_plan
+from vdfmu.study.tuning.tune import tune
+from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.scenario.values import system_values
+
+COST = "rms_tool"
+"""Measure that the search makes smallest, of the motion point to point with a force at the tool on the way."""
+AXES = ("arm", "motion", "mismatch", "law")
+_LIMITED = 0.01
+"""Share of the time at a limit from which a cell says so."""
+_OFF = 0.05
+"""Tool error, as a share of the arm's length, from which an arm has left its path."""
+_STEPS, _TIMES = 200, 7
+"""Steps that are timed together, and how often; the shortest run has 1500."""
+
+
+class Tuning(NamedTuple):
+    """How a law was tuned on an arm."""
+
+    values: dict[str, Any]
+    """Values of the unit's parameters."""
+    before: float
+    after: float
+    """Cost of the start and of the values [m]."""
+    evaluations: int
+    failed: int
+    step_us: float
+    """Time of a step of the law's FMU, with its inputs and outputs [us]."""
+    why_not: str = ""
+    """Why it is not tuned."""
+
+
+@dataclass(frozen=True)
+class _CellPlan(Plan):
+    """Cells of a law on an arm: each has settings of its own."""
+
+    settings: Sequence[Mapping[str, Any]] = ()
+
+    def task(self, point: int) -> Task:
+        return point, int(self.chosen[point]), dict(self.settings[point])
+
+
+class Comparison(Sweep):
+    """The table of a comparison: a row for each cell, and the column ``run``, with which it is run again."""
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """How it was made: budget, margin, seed, laws that are not tuned and why, and all tunings."""
+        return self.facts["compare"]
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """All cells."""
+        return self.table().to_pylist()
+
+
+@with_progress
+@one_job()
+@with_options
+def compare(**options: Unpack[CompareOptions]) -> Comparison:
+    """Tune control laws alike, run them on arms, along motions, with mismatches, and write the table and its page.
+
+    Every law is tuned on every arm by the same search: as many evaluations, the same seed, the same cost on the plant
+    that it knows, the same least modulus margin. A law that misses the margin is not in the table. What is done stays
+    done: after Ctrl-C the same call goes on.
+
+    Parameters
+    ----------
+    **options
+        :class:`vdfmu.study.options.CompareOptions`.
+
+    Returns
+    -------
+    Comparison
+        The table, which is on disk, with ``report.html``, ``sweep.csv`` and ``summary.md``.
+
+    Raises
+    ------
+    UsageError, ModelError
+        For unknown names, and for another comparison in the folder.
+    """
+    known = {"laws": LAWS, "motions": MOTIONS, "mismatches": MISMATCHES}
+    chosen = {axis: list(options[axis] or names) for axis, names in known.items()}
+    problems = [
+        f"{axis}: expected {', '.join(known[axis])}, got {name}{close_to(name, known[axis]) or '.'}"
+        for axis, names in chosen.items()
+        for name in names
+        if name not in known[axis]
+    ]
+    arms = list(options["arms"] or ARMS)
+    problems += [f"{n}: expected at least 1, got {options[n]}." for n in ("budget", "repeats") if options[n] < 1]
+    if problems:
+        raise UsageError("\n".join(problems))
+    check_workers(options)
+    folder = Path("results/compare" if options["out"] is None else options["out"])
+    rows: list[dict[str, Any]] = []
+    tunings: dict[str, dict[str, dict[str, Any]]] = {}
+    for number, (name, law) in enumerate(itertools.product(arms, chosen["laws"])):
+        report("laws on arms", number, len(arms) * len(chosen["laws"]))
+        if not number % len(chosen["laws"]):
+            arm = ComparedArm(name, folder)
+            tunings[arm.name] = {}
+        found = _tuned(arm, LAWS[law], options)
+        tunings[arm.name][law] = found._asdict()
+        if not found.why_not:
+            rows += _cells(arm, LAWS[law], found, chosen, options)
+    report("laws on arms", 1, 1)
+    about = {
+        "budget": options["budget"], "margin": options["margin"], "seed": options["seed"], "tunings": tunings,
+        "repeats": options["repeats"], "cost": COST, **chosen, "arms": list(tunings),
+    }  # fmt: skip
+    study = _table(folder, rows, about)
+    from vdfmu.study.compare.page import write_comparison
+    from vdfmu.study.compare.words import in_words
+
+    write_whole(folder / "summary.md", [in_words(study).encode()])
+    write_comparison(study)
+    return study
+
+
+def _tuned(arm: ComparedArm, law: ComparedLaw, options: CompareOptions) -> Tuning:
+    """Tune a law on an arm, or read how it was."""
+    folder = arm.folder / law.unit / "tune"
+    corner = forward_kinematics(arm.robot, corner_of(arm.start, arm.end))[0]
+    measure = {name: OfRun(name, arm.robot, corner, least=options["margin"]) for name in (COST, "margin")}
+    started = arm.started(law)
+    shared: Any = {
+        **pick(TuneOptions, options), "out": folder, "settings": started, "together": True, "method": "global",
+        "units": {"controller": law.searched or law.unit}, "limit": {"margin": measure["margin"]},
+    }  # fmt: skip
+    shared.pop("margin")
+    vary = {f"controller.{name}": f"*log({low}, {high})" for name, (low, high) in law.vary.items()}
+    found = tune(arm.tuning, vary, measure[COST], **shared)
+    why_not = "" if found.after.feasible else "no values keep the margin"
+    values = system_values(prepare(arm.tuning, units=shared["units"], settings=started), {**started, **found.settings})
+    groups = law.kept or [name.partition(".")[2] for name in started if name.startswith("controller.")]
+    kept = {n: x for n, x in values["controller"].items() if n.partition("[")[0] in groups}
+    place, step = folder / "step.json", 0.0
+    if not why_not:
+        if not place.exists():
+            path = arm.write("point_to_point", law, kept, "plain")
+            write_whole(place, [json.dumps(_step_time(of_scenario(path, [], {}, {}))).encode()])
+        step = json.loads(place.read_bytes())
+    return Tuning(kept, float(found.before.cost[0]), float(found.after.cost[0]), found.evaluations, found.failed, step,
+                  why_not)  # fmt: skip
+
+
+def _step_time(system: WiredSystem) -> float:
+    """Return the least time [us] of a step of the controller with its inputs and outputs, of some hundred each."""
+    with temporary_folder("vdfmu_compare_") as place:
+        path = Path(place, "0.ssp")
+        path.write_bytes(system.content)
+        with Simulator(path, isolate=False, log=lambda message: None, **system.options) as simulator:
+            instance = simulator.stand(0.0, system.run["step"]).instances["controller"]
+            known = [v for v in instance.description.variables.values() if v.type == "Real"]
+            sides = {v: [one for one in known if one.causality == v] for v in ("input", "output")}
+            given, got = (np.array([float(instance.get(v)) for v in sides[side]]) for side in sides)
+            calls = [*instance.access("Set", sides["input"], given), *instance.access("Get", sides["output"], got)]
+            from ctypes import c_double
+
+            clock, size = c_double(0.0), c_double(system.run["step"])
+            calls.insert(-1, instance.step_call(clock, size))
+            times: list[float] = []
+            for _ in range(_TIMES):
+                begin = perf_counter()
+                for _ in range(_STEPS):
+                    instance.run(calls)
+                    clock.value += size.value
+                times.append(perf_counter() - begin)
+    return 1e6 * min(times) / _STEPS
+
+
+def _cells(
+    arm: ComparedArm, law: ComparedLaw, tuning: Tuning, chosen: Mapping[str, Sequence[str]], options: CompareOptions
+) -> Iterator[dict[str, Any]]:
+    """Run the cells of a law on an arm, and yield their rows."""
+    plan, runs = _plan(arm, law, tuning, chosen, options)
+    given: Any = {name: options[name] for name in ("workers", "time_limit", "overwrite")}
+    found = run_plan(plan, arm.folder / law.unit / "cells", given).table().to_pylist()
+    for _, same in itertools.groupby(found, lambda row: (row["motion"], row["mismatch"])):
+        repeats = list(same)
+        yield {"arm": arm.name, "law": law.unit, "run": json.dumps(runs[repeats[0]["point"]]), **_cell(arm, repeats)}
+
+
+def _plan(
+    arm: ComparedArm, law: ComparedLaw, tuning: Tuning, chosen: Mapping[str, Sequence[str]], options: CompareOptions
+) -> tuple[_CellPlan, list[dict[str, Any]]]:
+    """Return the plan of all cells of a law on an arm, and the options with which each is run again."""
+    systems: dict[tuple[str, str], int] = {}
+    wired: list[WiredSystem] = []
+    paths: list[Path] = []
+    cells: list[tuple[str, str, int, int]] = []
+    settings: list[dict[str, Any]] = []
+    for motion, name in itertools.product(chosen["motions"], chosen["mismatches"]):
+        mismatch = MISMATCHES[name]
+        key = motion, mismatch.structure
+        if key not in systems:
+            systems[key] = len(wired)
+            paths.append(arm.write(motion, law, tuning.values, mismatch.structure))
+            wired.append(of_scenario(paths[-1], [], {}, {"settings": {PAYLOAD: 0.0}}))
+        scenario = prepare(paths[systems[key]], settings={PAYLOAD: 0.0})
+        for repeat in range(options["repeats"] if mismatch.noise else 1):
+            cells.append((motion, name, repeat, systems[key]))
+            settings.append(arm.differences(scenario, mismatch, options["seed"] + repeat))
+    columns = dict(zip(("motion", "mismatch", "repeat"), map(np.array, zip(*(c[:3] for c in cells), strict=True))))
+    plain = prepare(paths[0], settings={PAYLOAD: 0.0})
+    limits = limits_of(SystemDescription(plain, system_values(plain, {PAYLOAD: 0.0})))
+    corner = forward_kinematics(arm.robot, corner_of(arm.start, arm.end))[0]
+    measures = read_measures({n: OfRun(n, arm.robot, corner, limits) for n in (*MEASURES, *HIDDEN) if n != "RT"})
+    job = Job(tuple(wired), tuple(measures), tuple(f"{name}[*" for name in SIGNALS), ())
+    facts = {
+        **_facts(f"{arm.name}_{law.unit}", [f"{n}={', '.join(dict.fromkeys(map(str, c)))}" for n, c in columns.items()],
+                 len(cells), options["seed"]),
+        "systems": [{"options": {**s.options, **s.run}, "package": digest(s.content), "inputs": []} for s in wired],
+        "points": digest(json.dumps(settings).encode()),
+    }  # fmt: skip
+    runs = [{"scenario": str(paths[c[3]].relative_to(arm.folder.parent)), "settings": s} for c, s in zip(cells, settings, strict=True)]
+    return _CellPlan(columns, np.array([c[3] for c in cells]), job, facts, [None] * len(wired), settings), runs
+
+
+def _facts(name: str, axes: list[str], n: int, seed: int) -> dict[str, Any]:
+    """Return the facts that each study has."""
+    return {
+        "vdfmu": __version__, "scenario": name, "source": name, "axes": axes, "sample": "grid", "n": n, "seed": seed,
+        "settings": {}, "options": {}, "measures": {n: m.title for n, m in MEASURES.items()},
+        "units": {n: m.unit for n, m in MEASURES.items()}, "keep": [], "engine": "fmu", "systems": [],
+    }  # fmt: skip
+
+
+def _cell(arm: ComparedArm, repeats: Sequence[Row]) -> dict[str, Any]:
+    """Return the row of a cell from those of its runs: measures are of the first, AT and RT of all."""
+    first = repeats[0]
+    cell: dict[str, Any] = {name: first[name] for name in ("motion", "mismatch", "failed", "failed_at")}
+    cell |= {"runs": len(repeats), "wall_s": sum(row["wall_s"] for row in repeats)}
+    why = next((row["failed"] for row in repeats if row["failed"]), None)
+    if why is not None:
+        return cell | {"failed": why, "verdict": "failed"}
+    cell |= {name: first[name] for name in MEASURES if name in first}
+    size = sum(name.startswith("crossing[") for name in first)
+    of = {n: np.array([[row[f"{n}[{i + 1}]"] for i in range(size)] for row in repeats]) for n in ("crossing", "place")}
+    cycles = of["crossing"].reshape(len(repeats), -1, 3)
+    cell |= {"AT": path_accuracy(of["place"][0].reshape(-1, 3), cycles), "RT": path_repeatability(cycles)}
+    unstable = first["unstable"]
+    if MISMATCHES[first["mismatch"]].structure == "sensed":  # a step has no derivative
+        cell["modulus"] = unstable = np.nan
+    verdict = "at limits" if first["limited"] > _LIMITED else "stable"
+    verdict = "off the path" if cell["peak_tool"] > _OFF * arm.length else verdict
+    return cell | {"verdict": "unstable" if unstable == 1.0 else verdict, "limited": first["limited"]}
+
+
+def _table(folder: Path, rows: Sequence[dict[str, Any]], about: dict[str, Any]) -> Comparison:
+    """Write the table of all cells."""
+    if not rows:
+        reasons = [f"{arm}: {law}: {t['why_not']}" for arm, laws in about["tunings"].items() for law, t in laws.items()]
+        raise VdfmuError("no law is tuned:\n" + "\n".join(reasons))
+    words = (*AXES, "verdict", "run")
+    points = {name: np.array([row[name] for row in rows]) for name in words}
+    axes = [f"{name}={', '.join(dict.fromkeys(points[name].tolist()))}" for name in AXES]
+    facts = _facts("compare", axes, len(rows), about["seed"]) | {"compare": about}
+    for file in files_of(folder):
+        file.unlink()
+    with Ledger(folder, facts, digest(json.dumps(about).encode()), points, overwrite=True) as ledger:
+        ledger.add([{n: x for n, x in row.items() if n not in words} | {"point": k} for k, row in enumerate(rows)])
+        study = Comparison(ledger.finish())
+    needed()
+    from pyarrow import csv
+
+    csv.write_csv(study.table(), folder / "sweep.csv")
+    return study
