@@ -16,6 +16,7 @@ from vdfmu.base.once import one_job
 from vdfmu.base.version import __version__
 from vdfmu.cli import (
     cache,
+    compares,
     doctor,
     files,
     identify,
@@ -49,6 +50,7 @@ for function, example in (
         "vdfmu tune tracking --vary controller.K_p --vary controller.K_v --cost 'rms(trajectory.q_d - plant.q)' "
         "--spread 'plant.mass=*normal(1, 0.05)' --margin same",
     ),
+    (compares.compare, "vdfmu compare --arms ur5e_6dof --laws controller,pd_gravity --mismatch none,payload"),
     (motions.motion, "vdfmu motion path.toml --robot planar_2dof -o path.png"),
     (modes.modes, "vdfmu modes manipulator_6dof --pose '0 0.5 0.5 0 0 0'"),
     (view.view, "vdfmu view panda_7dof"),

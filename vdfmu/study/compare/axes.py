@@ -167,4 +167,3 @@ MOTIONS: dict[str, Callable[[Robot, Floats, Floats, float], PlannedMotion]] = {
 def length(robot: Robot) -> float:
     """Length of the arm from its first axis to the end effector along the links [m]."""
     return float(np.linalg.norm(robot.offset[1:], axis=1).sum() + np.linalg.norm(robot.tool_offset))
-

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu.arm.dynamics import forward_kinematics, inverse_dynamics
-from vdfmu.arm.robot import Robot, load_robot
+from vdfmu.arm.robot import load_robot
 from vdfmu.base.files import write_whole
 from vdfmu.base.toml_file import locate
 from vdfmu.base.toml_text import toml_text

@@ -5,7 +5,9 @@ from __future__ import annotations
 import itertools
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from ctypes import c_double
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple, Unpack
@@ -17,16 +19,18 @@ from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import write_whole
 from vdfmu.base.once import one_job
 from vdfmu.base.option import pick, with_options
-from vdfmu.base.progress import report
+from vdfmu.base.progress import counted
 from vdfmu.base.show_progress import with_progress
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.base.text import close_to
 from vdfmu.base.version import __version__
-from vdfmu.engine.results.parquet import needed
 from vdfmu.engine.run.simulator import Simulator
 from vdfmu.study.compare.axes import ARMS, LAWS, MISMATCHES, MOTIONS, ComparedLaw, corner_of
 from vdfmu.study.compare.cells import PAYLOAD, ComparedArm
+from vdfmu.study.compare.comparison import AXES, Comparison
 from vdfmu.study.compare.measures import HIDDEN, MEASURES, SIGNALS, OfRun, path_accuracy, path_repeatability
+from vdfmu.study.compare.page import write_comparison
+from vdfmu.study.compare.words import in_words
 from vdfmu.study.options import CompareOptions, TuneOptions
 from vdfmu.study.run.at_limits import limits_of
 from vdfmu.study.run.scenario_run import prepare
@@ -34,7 +38,7 @@ from vdfmu.study.sweeps.job import Job, Row, Task, WiredSystem
 from vdfmu.study.sweeps.ledger import Ledger, files_of
 from vdfmu.study.sweeps.measures import read_measures
 from vdfmu.study.sweeps.plan import Plan, digest, of_scenario
-from vdfmu.study.sweeps.study import Sweep
+from vdfmu.study.sweeps.points import Points
 from vdfmu.study.sweeps.sweep import check_workers, run_plan
 from vdfmu.study.tuning.tune import tune
 from vdfmu.system.package.description import SystemDescription
@@ -42,7 +46,6 @@ from vdfmu.system.scenario.values import system_values
 
 COST = "rms_tool"
 """Measure that the search makes smallest, of the motion point to point with a force at the tool on the way."""
-AXES = ("arm", "motion", "mismatch", "law")
 _LIMITED = 0.01
 """Share of the time at a limit from which a cell says so."""
 _OFF = 0.05
@@ -75,20 +78,6 @@ class _CellPlan(Plan):
 
     def task(self, point: int) -> Task:
         return point, int(self.chosen[point]), dict(self.settings[point])
-
-
-class Comparison(Sweep):
-    """The table of a comparison: a row for each cell, and the column ``run``, with which it is run again."""
-
-    @property
-    def about(self) -> dict[str, Any]:
-        """How it was made: budget, margin, seed, laws that are not tuned and why, and all tunings."""
-        return self.facts["compare"]
-
-    @property
-    def rows(self) -> list[dict[str, Any]]:
-        """All cells."""
-        return self.table().to_pylist()
 
 
 @with_progress
@@ -132,24 +121,17 @@ def compare(**options: Unpack[CompareOptions]) -> Comparison:
     folder = Path("results/compare" if options["out"] is None else options["out"])
     rows: list[dict[str, Any]] = []
     tunings: dict[str, dict[str, dict[str, Any]]] = {}
-    for number, (name, law) in enumerate(itertools.product(arms, chosen["laws"])):
-        report("laws on arms", number, len(arms) * len(chosen["laws"]))
-        if not number % len(chosen["laws"]):
-            arm = ComparedArm(name, folder)
-            tunings[arm.name] = {}
+    pairs = [(arm, law) for arm in (ComparedArm(name, folder) for name in arms) for law in chosen["laws"]]
+    for arm, law in counted("laws on arms", pairs, len(pairs)):
         found = _tuned(arm, LAWS[law], options)
-        tunings[arm.name][law] = found._asdict()
+        tunings.setdefault(arm.name, {})[law] = found._asdict()
         if not found.why_not:
             rows += _cells(arm, LAWS[law], found, chosen, options)
-    report("laws on arms", 1, 1)
     about = {
         "budget": options["budget"], "margin": options["margin"], "seed": options["seed"], "tunings": tunings,
         "repeats": options["repeats"], "cost": COST, **chosen, "arms": list(tunings),
     }  # fmt: skip
     study = _table(folder, rows, about)
-    from vdfmu.study.compare.page import write_comparison
-    from vdfmu.study.compare.words import in_words
-
     write_whole(folder / "summary.md", [in_words(study).encode()])
     write_comparison(study)
     return study
@@ -193,8 +175,6 @@ def _step_time(system: WiredSystem) -> float:
             sides = {v: [one for one in known if one.causality == v] for v in ("input", "output")}
             given, got = (np.array([float(instance.get(v)) for v in sides[side]]) for side in sides)
             calls = [*instance.access("Set", sides["input"], given), *instance.access("Get", sides["output"], got)]
-            from ctypes import c_double
-
             clock, size = c_double(0.0), c_double(system.run["step"])
             calls.insert(-1, instance.step_call(clock, size))
             times: list[float] = []
@@ -239,7 +219,7 @@ def _plan(
         for repeat in range(options["repeats"] if mismatch.noise else 1):
             cells.append((motion, name, repeat, systems[key]))
             settings.append(arm.differences(scenario, mismatch, options["seed"] + repeat))
-    columns = dict(zip(("motion", "mismatch", "repeat"), map(np.array, zip(*(c[:3] for c in cells), strict=True))))
+    columns: Points = {n: np.array([c[k] for c in cells]) for k, n in enumerate(("motion", "mismatch", "repeat"))}
     plain = prepare(paths[0], settings={PAYLOAD: 0.0})
     limits = limits_of(SystemDescription(plain, system_values(plain, {PAYLOAD: 0.0})))
     corner = forward_kinematics(arm.robot, corner_of(arm.start, arm.end))[0]
@@ -251,7 +231,10 @@ def _plan(
         "systems": [{"options": {**s.options, **s.run}, "package": digest(s.content), "inputs": []} for s in wired],
         "points": digest(json.dumps(settings).encode()),
     }  # fmt: skip
-    runs = [{"scenario": str(paths[c[3]].relative_to(arm.folder.parent)), "settings": s} for c, s in zip(cells, settings, strict=True)]
+    runs = [
+        {"scenario": str(paths[c[3]].relative_to(arm.folder.parent)), "settings": s}
+        for c, s in zip(cells, settings, strict=True)
+    ]
     return _CellPlan(columns, np.array([c[3] for c in cells]), job, facts, [None] * len(wired), settings), runs
 
 
@@ -271,7 +254,7 @@ def _cell(arm: ComparedArm, repeats: Sequence[Row]) -> dict[str, Any]:
     cell |= {"runs": len(repeats), "wall_s": sum(row["wall_s"] for row in repeats)}
     why = next((row["failed"] for row in repeats if row["failed"]), None)
     if why is not None:
-        return cell | {"failed": why, "verdict": "failed"}
+        return cell | {"failed": why, "verdict": "unstable" if "unstable" in why else "failed"}
     cell |= {name: first[name] for name in MEASURES if name in first}
     size = sum(name.startswith("crossing[") for name in first)
     of = {n: np.array([[row[f"{n}[{i + 1}]"] for i in range(size)] for row in repeats]) for n in ("crossing", "place")}
@@ -299,8 +282,5 @@ def _table(folder: Path, rows: Sequence[dict[str, Any]], about: dict[str, Any]) 
     with Ledger(folder, facts, digest(json.dumps(about).encode()), points, overwrite=True) as ledger:
         ledger.add([{n: x for n, x in row.items() if n not in words} | {"point": k} for k, row in enumerate(rows)])
         study = Comparison(ledger.finish())
-    needed()
-    from pyarrow import csv
-
-    csv.write_csv(study.table(), folder / "sweep.csv")
+    import_module("pyarrow.csv").write_csv(study.table(), folder / "sweep.csv")
     return study

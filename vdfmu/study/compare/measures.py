@@ -35,7 +35,10 @@ class PathRun:
 
     def __init__(self, results: Results, robot: Robot, corner: Floats, limits: Sequence[ArmLimits] = ()) -> None:
         self.results, self.robot, self.corner, self.limits = results, robot, corner, limits
-        self.time, self.q_d, self.q, self.p = (results.time, *(results[n] for n in (SIGNALS[0], SIGNALS[1], SIGNALS[3])))
+        self.time, self.q_d, self.q, self.p = (
+            results.time,
+            *(results[n] for n in (SIGNALS[0], SIGNALS[1], SIGNALS[3])),
+        )
         self.tau: Floats = results["plant.tau"]
 
     @cached_property
@@ -133,7 +136,7 @@ def stabilisation(run: PathRun) -> float:
 
 
 def overshoot(run: PathRun) -> float:
-    """Position overshoot of ISO 9283 [m]: largest distance after the tool was first within the band, if it leaves it."""
+    """Position overshoot of ISO 9283 [m]: largest distance after the tool was within the band; 0 if it stays there."""
     distance = _from_end(run)
     inside = np.flatnonzero(distance <= BAND)
     most = float(distance[inside[0] :].max())
@@ -213,6 +216,7 @@ class OfRun:
         return self.name in ("modulus", "unstable", "margin")
 
     def __call__(self, results: Results) -> Any:
+        """Return the measure of a run; of a limit what is missing to the least value."""
         run = PathRun(results, self.robot, self.corner, self.limits)
         if self.name == "margin":
             if run.loops is None:

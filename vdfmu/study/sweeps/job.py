@@ -18,6 +18,7 @@ from vdfmu.engine.inspect.loops import Poses
 from vdfmu.engine.plan.inputs import InputTable
 from vdfmu.engine.run import Results, Simulator
 from vdfmu.study.batch.program import LANES, BatchProgram
+from vdfmu.study.run.stability import explain
 from vdfmu.study.sweeps.measures import Measure, measured
 
 if TYPE_CHECKING:
@@ -153,9 +154,14 @@ class Bench:
         system, loops = self._job.systems[number], None
         if any(getattr(measure.function, "loops", False) for measure in self._job.measures):
             loops = Poses("tau", FEW)
-        results = self._simulator(number).run(
-            parameters=system.parameters(values), record=self._job.record, visitor=loops, **system.run
-        )
+        try:
+            results = self._simulator(number).run(
+                parameters=system.parameters(values), record=self._job.record, visitor=loops, **system.run
+            )
+        except CosimError as error:
+            if loops is not None:
+                explain(error, loops)
+            raise
         if loops is not None:
             results.summary["loops"] = loops
         return results

@@ -1,0 +1,22 @@
+"""``vdfmu compare``."""
+
+from __future__ import annotations
+
+from typing import Unpack
+
+from vdfmu.cli.terminal import say, say_notes, tell
+from vdfmu.study.options import CompareOptions
+
+
+def compare(**options: Unpack[CompareOptions]) -> None:
+    """Tune control laws alike, run them on arms, along motions, with mismatches, and say which to take when.
+
+    What is done stays done: after Ctrl-C or a kill the same command continues where it stopped.
+    """
+    from vdfmu.study.compare.compare import compare as run_compare
+    from vdfmu.study.compare.words import in_words
+
+    found = run_compare(**options)
+    say_notes(found.notes)
+    tell(in_words(found).rstrip())
+    say(f"Written to {found.folder}: {len(found)} cells, report.html, summary.md, sweep.parquet, sweep.csv")
