@@ -16,6 +16,7 @@ function draw() {
   const laws = Object.keys(data.laws);
   matrices.replaceChildren(...data.arms.map(arm => {
     const table = make("table", "", { className: "heat" }), wide = make("div", "", { className: "wide" });
+    table.style.setProperty("--laws", laws.length);
     table.createCaption().textContent = `${arm}: ${title}${unit ? ` [${unit}]` : ""}`;
     const head = table.createTHead().insertRow(), body = table.createTBody();
     head.append(make("th"), ...laws.map(law => make("th", plain(law), { scope: "col", title: data.laws[law] })));
@@ -32,7 +33,7 @@ function draw() {
         button.title = `${plain(laws[i])}, ${text}: ${cell.verdict}`;
         const ratio = good(cell) && value !== null && best > 0 ? (more ? best / value : value / best) : 1;
         button.style.setProperty("--heat", `${Math.min(75, 30 * Math.log10(ratio)).toFixed(0)}%`);
-        button.classList.toggle("best", values.length > 1 && good(cell) && value === best);
+        button.classList.toggle("best", laws.length > 1 && good(cell) && value === best);
         button.classList.toggle("broken", !good(cell));
         button.onclick = () => show(button, arm, mismatch, laws[i], cell);
         box.append(button);

@@ -26,13 +26,14 @@ def write_comparison(study: Comparison) -> Path:
     about, web = study.about, files("vdfmu.study.compare")
     content = to_json(_content(study)).replace("<", "\\u003c")
     scripts = {name: web.joinpath(name).read_text() for name in ("page.css", "page.js")}
-    body = f"""<section class="card"><div class="bar sticky"><h2>Cells</h2>
+    first, _, rest = _html(in_words(study)).partition("</section>")
+    body = f"""{first}</section><section class="card"><div class="bar sticky"><h2>Cells</h2>
 <label class="choice">measure <select id="measure"></select></label>
 <label class="choice">motion <select id="motion"></select></label></div>
 <p class="note">Number: the measure. Colour: how many times the best law of its row; the best is bold. Choose a cell for
 its other measures and the command that runs it again with everything that a run shows.</p>
 <div id="matrices"></div><div id="cell" hidden></div></section>
-{_html(in_words(study))}
+{rest}
 <script type="application/json" id="data">{content}</script>
 <script>{scripts["page.js"]}</script>"""
     what = f"{len(study)} cells, budget {about['budget']}, seed {about['seed']}, vdfmu {study.facts['vdfmu']}"

@@ -25,7 +25,7 @@ def in_words(study: Comparison) -> str:
     lines = [
         "# Control laws compared",
         "",
-        f"{len(study)} cells: {', '.join(f'{len(about[n])} {n}' for n in ('laws', 'arms', 'motions', 'mismatches'))}. "
+        f"{len(study)} cells: {', '.join(f'{n} {len(about[n])}' for n in ('laws', 'arms', 'motions', 'mismatches'))}. "
         f"Each law is tuned on each arm by {about['budget']} evaluations, seed {about['seed']}, to a modulus margin of "
         f"at least {about['margin']:g}. {'; '.join(f'{n} {v}' for v, n in count.items() if n)}.",
         "",
@@ -76,9 +76,13 @@ def _ranking(study: Comparison) -> Iterator[str]:
             continue
         names = [law for law, mean in order if mean <= _CLOSE * order[0][1]]
         rest = [mean for law, mean in order if law not in names]
-        by = f"{rest[0] / order[0][1]:.2g}" if rest else ""
-        whole = ", ".join(f"{law} {mean / order[0][1]:.3g}" for law, mean in order)
+        by = _times(rest[0] / order[0][1]) if rest else ""
+        whole = ", ".join(f"{law} {_times(mean / order[0][1])}" for law, mean in order)
         yield f"| {MISMATCHES[mismatch].text} | {' and '.join(f'`{n}`' for n in names)} | {by} | {whole} |"
+
+
+def _times(ratio: float) -> str:
+    return f"{ratio:.3g}" if ratio < 999.5 else f"{ratio:,.0f}"
 
 
 def _broken(study: Comparison) -> list[str]:
