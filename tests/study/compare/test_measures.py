@@ -65,7 +65,7 @@ def test_the_corner_deviation_is_the_distance_of_the_nearest_place_between_rows(
 
 
 def test_stabilisation_and_overshoot_of_a_decaying_oscillation():
-    """p = a exp(-t / 0.1 s) cos(w t) about the end: within the band for good after its last peak beyond it."""
+    """Of a exp(-t / 0.1 s) cos(w t) about the end: within the band for good after its last peak beyond it."""
     time = np.arange(0.0, 3.0, 1e-3)
     a, w = 1e-3, 20.0 * np.pi
     p = np.stack([a * np.exp(-time / 0.1) * np.cos(w * time), 0.0 * time, 0.0 * time], axis=1)

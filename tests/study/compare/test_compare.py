@@ -1,0 +1,179 @@
+"""A comparison is fair, goes on where it stopped, and each cell is a plain run."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+import vdfmu
+from tests.study.sweeps.conftest import table
+from vdfmu.base.errors import UsageError
+from vdfmu.base.once import one_job
+from vdfmu.study.compare import compare as module
+from vdfmu.study.compare.axes import LAWS, MISMATCHES, MOTIONS
+from vdfmu.study.compare.cells import STRUCTURES, ComparedArm
+from vdfmu.study.compare.compare import compare
+from vdfmu.study.compare.comparison import Comparison
+from vdfmu.study.compare.measures import MEASURES, OfRun
+from vdfmu.study.compare.words import in_words, ranked
+from vdfmu.study.tuning.problem import make_problem
+from vdfmu.system.scenario.replace import with_units
+
+SMALL = {
+    "arms": ["planar_2dof"], "laws": ["controller", "disturbance_observer"], "motions": ["point_to_point"],
+    "mismatches": ["none", "masses", "torque_noise", "delay_1"], "budget": 6, "repeats": 2, "seed": 3, "workers": 2,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    """Two laws of the planar arm, one of them with sampled states."""
+    return compare(**SMALL, out=tmp_path_factory.mktemp("compare") / "small")
+
+
+def test_every_law_is_tuned_by_the_same_search(monkeypatch, tmp_path):
+    """As many evaluations, one seed, one cost and one limit of the margin, on one scenario."""
+    asked = []
+
+    def tune(scenario, vary, cost, **options):
+        asked.append((scenario, vary, cost, options))
+        raise InterruptedError
+
+    monkeypatch.setattr(module, "tune", tune)
+    for law in LAWS:
+        with pytest.raises(InterruptedError):
+            compare(arms=["planar_2dof"], laws=[law], budget=7, seed=5, out=tmp_path)
+    assert len(asked) == len(LAWS)
+    for scenario, vary, cost, options in asked:
+        margin = options["limit"]["margin"]
+        assert (scenario, cost.name, margin.name, margin.least) == (tmp_path / "planar_2dof/tuning.toml", "rms_tool",
+                                                                     "margin", 0.5)  # fmt: skip
+        assert (options["budget"], options["seed"], options["method"]) == (7, 5, "global")
+        assert all(form.startswith("*log(") for form in vary.values())
+
+
+@one_job()
+def test_every_law_has_what_is_varied_and_a_start(tmp_path):
+    arm = ComparedArm("planar_2dof", tmp_path)
+    for name, law in LAWS.items():
+        started = arm.started(law)
+        scenario = with_units(vdfmu.load_scenario(arm.tuning), {"controller": law.searched or law.unit})
+        known = {v.group for v in scenario.resolved.tables["controller"] if v.causality == "parameter"}
+        assert {f"controller.{one}" for one in law.vary} <= started.keys(), name
+        assert {one.partition(".")[2] for one in started if one.startswith("controller.")} <= known, name
+        assert {*law.vary, *law.kept} <= known, name
+        assert all(low < 1.0 < high for low, high in law.vary.values()), name
+
+
+@one_job()
+@pytest.mark.parametrize("structure", STRUCTURES)
+def test_every_input_of_a_law_is_connected_in_each_structure(structure, tmp_path):
+    arm = ComparedArm("planar_2dof", tmp_path)
+    for law in LAWS.values():
+        scenario = vdfmu.load_scenario(arm.write("point_to_point", law, {}, structure))
+        fed = scenario.system.fed
+        free = [v.group for v in scenario.resolved.tables["controller"] if v.causality == "input"]
+        assert all(f"controller.{group}" in fed for group in free), law
+        measured = {s for s, targets in scenario.system.connections.items() if any("controller." in t for t in targets)}
+        if structure == "sensed":
+            assert not measured & {"plant.q", "plant.q_dot", "plant.kappa", "plant.kappa_dot"}
+        assert ("controller.tau" in scenario.system.connections) and (
+            ("plant.tau" in scenario.system.connections["controller.tau"]) == (structure != "driven")
+        )
+
+
+@one_job()
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_the_law_does_not_know_of_a_mismatch(motion, tmp_path):
+    """All settings are of the plant, or of what is between it and the law."""
+    arm = ComparedArm("planar_2dof", tmp_path)
+    for name, mismatch in MISMATCHES.items():
+        scenario = vdfmu.load_scenario(arm.write(motion, LAWS["controller"], {}, mismatch.structure))
+        found = arm.differences(scenario, mismatch, 4)
+        assert {one.partition(".")[0] for one in found} <= {
+            "plant", "noise", "communication", "link_encoder", "motor_encoder"
+        }, name  # fmt: skip
+        mass = [found.get(f"plant.mass[{i}]") for i in (1, 2)]
+        assert mass == ([1.2 * m for m in arm.robot.mass] if name == "masses" else [None, None])
+        assert found["plant.payload_mass"] == pytest.approx(mismatch.payload * arm.robot.mass.sum())  # one rounding
+        assert found.get("noise.seed", 4.0) == 4.0
+
+
+def test_unknown_names_are_refused_before_anything_is_written(tmp_path):
+    with pytest.raises(UsageError, match=r"laws: expected controller, .*, got pd_gravty; did you mean pd_gravity\?"):
+        compare(laws=["pd_gravty"], out=tmp_path / "none")
+    with pytest.raises(UsageError, match="budget: expected at least 1, got 0."):
+        compare(budget=0, out=tmp_path / "none")
+    assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.heavy
+def test_a_factor_varies_all_elements_together(tmp_path):
+    """The parameters of values are the start's, times the factor; what follows from them follows."""
+    with one_job():
+        arm = ComparedArm("planar_2dof", tmp_path)
+        law = LAWS["state_feedback"]
+        given = {"units": {"controller": law.searched}, "settings": arm.started(law), "together": True}
+        problem = make_problem(
+            arm.tuning, {"controller.error": "*log(0.1, 10)"}, OfRun("rms_tool", arm.robot, 0), **given
+        )
+        found = problem.parameters(np.array([2.0]))
+        assert problem.names == ["controller.error"] and problem.start.tolist() == [1.0]
+        assert found == {"controller.error[1]": 2e-3, "controller.error[2]": 2e-3}
+        gains = problem.plan.followed(0, {"controller.error": 2.0})
+        tighter = problem.plan.followed(0, {"controller.error": 0.5})
+        assert gains["controller.K_q[1,1]"] < tighter["controller.K_q[1,1]"]
+
+
+@pytest.mark.heavy
+def test_the_table_has_all_cells_and_the_laws_had_the_same_number_of_evaluations(small):
+    about = small.about
+    assert [t["evaluations"] for t in about["tunings"]["planar_2dof"].values()] == [6, 6]
+    cells = [(row["law"], row["mismatch"]) for row in small.rows]
+    assert sorted(cells) == sorted((law, one) for law in SMALL["laws"] for one in SMALL["mismatches"])
+    for row in small.rows:
+        assert row["verdict"] == "stable" and row["failed"] is None
+        assert (row["RT"] > 0.0) == (row["mismatch"] == "torque_noise")  # else runs are the same to the bit
+        assert row["modulus"] < 1.0 or row["mismatch"] != "none"
+        if row["mismatch"] == "none":
+            assert row["modulus"] >= 0.45  # 0.5 of the motion with a push; poses differ little without
+    assert (small.folder / "sweep.csv").read_text().count("\n") == 1 + len(small)
+
+
+@pytest.mark.heavy
+def test_the_words_and_the_page_have_the_numbers(small):
+    text, page = in_words(small), (small.folder / "report.html").read_text()
+    (first, one), (second, ratio) = ranked(small, "masses")
+    value = {row["law"]: row["rms_tool"] for row in small.rows if row["mismatch"] == "masses"}
+    assert one == 1.0 and ratio == pytest.approx(value[second] / value[first])  # one cell: the mean is its ratio
+    assert f"| masses and inertias of the links +20 % | `{first}` |" in text
+    data = json.loads(page.partition('id="data">')[2].partition("</script>")[0])
+    assert len(data["cells"]) == len(small) and data["seed"] == 3
+    assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org", "")
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("mismatch", ["masses", "torque_noise"])
+def test_a_cell_equals_a_plain_run_to_the_bit(small, mismatch):
+    row = next(r for r in small.rows if (r["law"], r["mismatch"]) == ("disturbance_observer", mismatch))
+    results = vdfmu.run(**small.options(row["point"]), reference=False, out=False)
+    robot = vdfmu.load_robot("planar_2dof")
+    for name in ("rms_tool", "peak_tool", "rms_joint", "effort", "torque_noise", "stabilisation", "overshoot"):
+        assert OfRun(name, robot, np.zeros(3))(results) == row[name], name
+
+
+@pytest.mark.heavy
+def test_what_is_done_stays_done(small, tmp_path, monkeypatch):
+    """With all rows of the second law lost, the first is not run again, and the table is the same."""
+    folder = tmp_path / "again"
+    shutil.copytree(small.folder, folder)
+    for name in ("sweep.parquet", "sweep.json"):
+        (folder / name).unlink()
+    lost = folder / "planar_2dof/disturbance_observer/cells"
+    (lost / "sweep.parquet").unlink()
+    kept = (folder / "planar_2dof/controller/cells/sweep.parquet").stat().st_mtime_ns
+    again = compare(**SMALL, out=folder)
+    assert (folder / "planar_2dof/controller/cells/sweep.parquet").stat().st_mtime_ns == kept
+    assert {k: v for k, v in table(again).items()} == table(Comparison(small.folder))
+    assert set(MEASURES) <= set(again.columns)
