@@ -42,6 +42,7 @@ from vdfmu.study.sweeps.points import Points
 from vdfmu.study.sweeps.sweep import check_workers, run_plan
 from vdfmu.study.tuning.tune import tune
 from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.values import system_values
 
 COST = "rms_tool"
@@ -206,6 +207,7 @@ def _plan(
     systems: dict[tuple[str, str], int] = {}
     wired: list[WiredSystem] = []
     paths: list[Path] = []
+    scenarios: list[Scenario] = []
     cells: list[tuple[str, str, int, int]] = []
     settings: list[dict[str, Any]] = []
     for motion, name in itertools.product(chosen["motions"], chosen["mismatches"]):
@@ -214,14 +216,15 @@ def _plan(
         if key not in systems:
             systems[key] = len(wired)
             paths.append(arm.write(motion, law, tuning.values, mismatch.structure))
-            wired.append(of_scenario(paths[-1], [], {}, {"settings": {PAYLOAD: 0.0}}))
-        scenario = prepare(paths[systems[key]], settings={PAYLOAD: 0.0})
+            scenarios.append(prepare(paths[-1], settings={PAYLOAD: 0.0}))
+            wired.append(of_scenario(scenarios[-1], [], {}, {"settings": {PAYLOAD: 0.0}}))
+        scenario = scenarios[systems[key]]
         for repeat in range(options["repeats"] if mismatch.noise else 1):
             cells.append((motion, name, repeat, systems[key]))
             settings.append(arm.differences(scenario, mismatch, options["seed"] + repeat))
     columns: Points = {n: np.array([c[k] for c in cells]) for k, n in enumerate(("motion", "mismatch", "repeat"))}
-    plain = prepare(paths[0], settings={PAYLOAD: 0.0})
-    limits = limits_of(SystemDescription(plain, system_values(plain, {PAYLOAD: 0.0})))
+    known = system_values(scenarios[0], {PAYLOAD: 0.0})
+    limits = limits_of(SystemDescription(scenarios[0], known))
     corner = forward_kinematics(arm.robot, corner_of(arm.start, arm.end))[0]
     measures = read_measures({n: OfRun(n, arm.robot, corner, limits) for n in (*MEASURES, *HIDDEN) if n != "RT"})
     job = Job(tuple(wired), tuple(measures), tuple(f"{name}[*" for name in SIGNALS), ())

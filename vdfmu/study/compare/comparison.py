@@ -7,8 +7,8 @@ from typing import Any
 from vdfmu.study.sweeps.study import Sweep
 
 AXES = ("arm", "motion", "mismatch", "law")
-GOOD = ("stable", "at limits")
-VERDICTS = (*GOOD, "off the path", "unstable", "failed")
+GOOD = ("stable",)
+VERDICTS = (*GOOD, "at limits", "off the path", "unstable", "failed")
 """Verdicts on cells; measures of the others than `GOOD` are not compared."""
 
 

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -62,12 +63,11 @@ class PathRun:
         """Distance of the tool from where it should be at that time, (m,) [m]."""
         return np.linalg.norm(self.p - self.p_d, axis=1)
 
-    @property
+    @cached_property
     def loops(self) -> Any:
         """The linearised loops, None where they are not known."""
         poses = self.results.summary.get("loops")
-        sensed = "link_encoder.q" in self.results or "link_encoder.q[1]" in self.results
-        return None if poses is None or poses.lacking or sensed or not poses.systems else poses
+        return None if poses is None or poses.lacking or not poses.systems else poses
 
 
 def crossings(commanded: Floats, attained: Floats, end: int, places: int = PLACES) -> Floats:
@@ -152,6 +152,19 @@ def _growth(run: PathRun) -> float:
     return math.nan if run.loops is None else float(run.loops.growth(0.0, float(run.time[-1])).unstable)
 
 
+def _late_margin(run: PathRun) -> float:
+    """Modulus margin with one more sample of delay of the torques; 0 where that is unstable."""
+    if run.loops is None:
+        raise UsageError("the loops of the run are not known")
+    late = PathRun(run.results, run.robot, run.corner)
+    late.loops = copy(run.loops)
+    late.loops.systems = [
+        (t, replace(s, fresh=s.fresh & [not name.startswith("plant.tau") for name in s.parts.inputs]))
+        for t, s in run.loops.systems
+    ]
+    return 0.0 if _growth(late) else _margin(late)
+
+
 def _limited(run: PathRun) -> float:
     shares = time_at_limits(run.results, list(run.limits)).get("limits", {})
     return max((share for one in shares.values() for kind in one.values() for share in kind), default=0.0)
@@ -219,7 +232,5 @@ class OfRun:
         """Return the measure of a run; of a limit what is missing to the least value."""
         run = PathRun(results, self.robot, self.corner, self.limits)
         if self.name == "margin":
-            if run.loops is None:
-                raise UsageError("margin: the loops are not known")
-            return self.least - (0.0 if _growth(run) else _margin(run))
+            return self.least - _late_margin(run)
         return MEASURES[self.name].of(run) if self.name in MEASURES else HIDDEN[self.name](run)

@@ -28,7 +28,7 @@ Row = dict[str, Any]
 """``point``, ``failed`` (why, or None), ``failed_at`` [s], ``wall_s``, measures and signals, by column; for some points
 of the batch engine ``to_fmu[rad]`` and so on, the largest difference of a signal of that unit to the run of the FMUs.
 """
-FEW = 12
+FEW = 8
 """Rows at which a run is linearised, for measures of its loops."""
 _ALIVE = 8
 """Systems that a worker keeps loaded."""
