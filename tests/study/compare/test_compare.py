@@ -137,7 +137,7 @@ def test_the_table_has_all_cells_and_the_laws_had_the_same_number_of_evaluations
         assert (row["RT"] > 0.0) == (row["mismatch"] == "torque_noise")  # else runs are the same to the bit
         assert row["modulus"] < 1.0 or row["mismatch"] != "none"
         if row["mismatch"] == "none":
-            assert row["modulus"] >= 0.45  # 0.5 of the motion with a push; poses differ little without
+            assert row["modulus"] > 0.3  # that with one more sample of delay, which the search keeps
     assert (small.folder / "sweep.csv").read_text().count("\n") == 1 + len(small)
 
 
