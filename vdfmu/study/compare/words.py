@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,70 +15,101 @@ BY = "rms_tool"
 """Measure by which laws are ranked."""
 _CLOSE = 1.1
 """Ratio below which two laws are said to be equally good."""
+_LEAST = 1e-12
+"""Measure below which the ratio to the best says nothing."""
+
+
+class Ranked(NamedTuple):
+    """A law with a mismatch: cells that are not stable, and the mean ratio of the others to the best."""
+
+    broken: int
+    mean: float
+    law: str
 
 
 def in_words(study: Comparison) -> str:
     """Return the comparison as Markdown."""
-    about = study.about
-    title = MEASURES[BY].title
+    about, title = study.about, MEASURES[BY].title
     count = {verdict: sum(row["verdict"] == verdict for row in study.rows) for verdict in VERDICTS}
+    orders = {mismatch: ranked(study, mismatch) for mismatch in about["mismatches"]}
+    sizes = ", ".join(f"{axis} {len(about[axis])}" for axis in ("laws", "arms", "motions", "mismatches"))
+    verdicts = ", ".join(f"{verdict} {number}" for verdict, number in count.items() if number)
+    ratios = (f"| {mismatch.replace('_', ' ')} | {' | '.join(_ratios(o, laws))} |" for mismatch, o in orders.items())
+    laws = [law for law in about["laws"] if any(law == one.law for order in orders.values() for one in order)]
     lines = [
         "# Control laws compared",
         "",
-        f"{len(study)} cells: {', '.join(f'{n} {len(about[n])}' for n in ('laws', 'arms', 'motions', 'mismatches'))}. "
+        f"{len(study)} cells: {sizes}. "
         f"Each law is tuned on each arm by {about['budget']} evaluations, seed {about['seed']}, to a modulus margin of "
-        f"at least {about['margin']:g}. {'; '.join(f'{n} {v}' for v, n in count.items() if n)}.",
+        f"at least {about['margin']:g} with one sample of delay. Cells: {verdicts}.",
         "",
-        f"## By {title}",
+        "## Which law to take",
         "",
-        "The mean is geometric, over arms and motions, of the ratio to the best law of each. A law with a cell that is "
-        "unstable, failed or off its path is not ranked.",
+        *(f"- {_advice(mismatch, order, title)}" for mismatch, order in orders.items()),
         "",
-        *_ranking(study),
+        f"## {title}, times that of the best",
         "",
-        "## Not stable, or not on the path",
+        "Geometric mean over arms and motions of the ratio to the best law of each; in brackets cells that are not "
+        "stable, which the mean leaves out.",
         "",
-        *(_broken(study) or ["All cells are stable, and keep their path."]),
+        f"| | {' | '.join(f'`{law}`' for law in laws)} |",
+        f"| --- |{' ---: |' * len(laws)}",
+        *ratios,
+        "",
+        "## Not stable",
+        "",
+        *(_broken(study) or ["All cells are stable, keep their path, and stay away from limits."]),
         "",
         "## Tuning",
         "",
+        f"{MEASURES[about['cost']].title} [mm] of the motion with a push, before and after the search.",
+        "",
         *_tunings(study),
-    ]
+    ]  # fmt: skip
     return "\n".join(lines) + "\n"
 
 
-def ranked(study: Comparison, mismatch: str, measure: str = BY) -> list[tuple[str, float]]:
-    """Return laws without a broken cell and the geometric mean of their ratio to the best, the best law first."""
-    best: dict[tuple[str, str], list[tuple[str, float]]] = {}
-    broken: set[str] = {law for laws in study.about["tunings"].values() for law, t in laws.items() if t["why_not"]}
-    for row in study.rows:
-        if row["mismatch"] == mismatch:
-            if row["verdict"] not in GOOD:
-                broken.add(row["law"])
-            elif row[measure] is not None and np.isfinite(row[measure]):
-                best.setdefault((row["arm"], row["motion"]), []).append((row["law"], max(row[measure], 1e-12)))
-    ratios: dict[str, list[float]] = {}
-    for cells in best.values():
-        least = min(value for law, value in cells if law not in broken or broken.issuperset(n for n, _ in cells))
-        for law, value in cells:
-            ratios.setdefault(law, []).append(value / least)
-    means = {law: float(np.exp(np.mean(np.log(each)))) for law, each in ratios.items() if law not in broken}
-    return sorted(means.items(), key=lambda pair: pair[1])
+def ranked(study: Comparison, mismatch: str, measure: str = BY) -> list[Ranked]:
+    """Return the laws that are tuned, the best first: those with the fewest broken cells, of these by the mean."""
+    cells: dict[tuple[str, str], dict[str, float]] = {}
+    broken: dict[str, int] = {}
+    for row in (row for row in study.rows if row["mismatch"] == mismatch):
+        bad = row["verdict"] not in GOOD
+        broken[row["law"]] = broken.get(row["law"], 0) + bad
+        if not bad and row[measure] is not None and np.isfinite(row[measure]):
+            cells.setdefault((row["arm"], row["motion"]), {})[row["law"]] = max(row[measure], _LEAST)
+    ratios: dict[str, list[float]] = {law: [] for law in broken}
+    for each in cells.values():
+        for law, value in each.items():
+            ratios[law].append(np.log(value / min(each.values())))
+    return sorted(Ranked(broken[law], float(np.exp(np.mean(x))) if x else np.inf, law) for law, x in ratios.items())
 
 
-def _ranking(study: Comparison) -> Iterator[str]:
-    yield "| mismatch | best | times better than the next | of all |"
-    yield "| --- | --- | ---: | --- |"
-    for mismatch in study.about["mismatches"]:
-        order = ranked(study, mismatch)
-        if not order:
-            yield f"| {MISMATCHES[mismatch].text} | no law keeps all arms and motions | | |"
-            continue
-        names = [law for law, mean in order if mean <= _CLOSE * order[0][1]]
-        rest = [mean for law, mean in order if law not in names]
-        by = _times(rest[0] / order[0][1]) if rest else ""
-        whole = ", ".join(f"{law} {_times(mean / order[0][1])}" for law, mean in order)
-        yield f"| {MISMATCHES[mismatch].text} | {' and '.join(f'`{n}`' for n in names)} | {by} | {whole} |"
+def _advice(mismatch: str, order: list[Ranked], title: str) -> str:
+    """Return a sentence on the best laws and by how much they are better."""
+    text, first = MISMATCHES[mismatch].text[:1].upper() + MISMATCHES[mismatch].text[1:], order[0]
+    if not np.isfinite(first.mean):
+        return f"{text}: no law is stable."
+    best = [one.law for one in order if one.broken == first.broken and one.mean <= _CLOSE * first.mean]
+    rest = [one for one in order if one.law not in best and one.broken == first.broken]
+    names = " or ".join(f"`{law}`" for law in best)
+    words = [f"{text}: {names}"]
+    if first.broken:
+        words.append(f"not stable in {first.broken} cells, which is the fewest")
+    if rest:
+        words.append(f"{_times(rest[0].mean / first.mean)} times less {title} than with `{rest[0].law}`")
+    worse = len(order) - len(best) - len(rest)
+    if worse:
+        words.append(f"{worse} more {'laws are' if worse > 1 else 'law is'} not stable in more cells")
+    return ", ".join(words) + "."
+
+
+def _ratios(order: list[Ranked], laws: list[str]) -> Iterator[str]:
+    found = {one.law: one for one in order}
+    for law in laws:
+        one = found.get(law)
+        words = "" if one is None or not np.isfinite(one.mean) else _times(one.mean)
+        yield f"{words} [{one.broken}]".strip() if one is not None and one.broken else words
 
 
 def _times(ratio: float) -> str:
@@ -86,38 +117,31 @@ def _times(ratio: float) -> str:
 
 
 def _broken(study: Comparison) -> list[str]:
-    found: dict[tuple[str, str, str], list[str]] = {}
+    """Return a line for each mismatch and verdict, with laws, arms and motions."""
+    found: dict[tuple[str, str], dict[str, dict[str, list[str]]]] = {}
     for row in study.rows:
         if row["verdict"] not in GOOD:
-            found.setdefault((row["verdict"], row["mismatch"], row["law"]), []).append(f"{row['arm']} {row['motion']}")
+            laws = found.setdefault((row["mismatch"], row["verdict"]), {})
+            laws.setdefault(row["law"], {}).setdefault(row["arm"], []).append(row["motion"].replace("_", " "))
+    motions = len(study.about["motions"])
     lines: list[str] = []
-    for verdict, mismatch in dict.fromkeys(key[:2] for key in found):
-        laws = {law: cells for (v, m, law), cells in found.items() if (v, m) == (verdict, mismatch)}
-        each = "; ".join(f"`{law}` on {_places(cells)}" for law, cells in laws.items())
-        lines.append(f"- {MISMATCHES[mismatch].text}: {verdict}: {each}.")
+    for (mismatch, verdict), laws in found.items():
+        each = (
+            f"`{law}` on "
+            + ", ".join(arm if len(m) == motions > 1 else f"{arm} ({', '.join(m)})" for arm, m in arms.items())
+            for law, arms in laws.items()
+        )
+        lines.append(f"- {mismatch.replace('_', ' ')}, {verdict}: {'; '.join(each)}.")
     return lines
 
 
-def _places(cells: list[str]) -> str:
-    arms: dict[str, list[str]] = {}
-    for cell in cells:
-        arm, motion = cell.split(" ")
-        arms.setdefault(arm, []).append(motion)
-    return ", ".join(f"{arm} ({', '.join(motions)})" for arm, motions in arms.items())
-
-
 def _tunings(study: Comparison) -> Iterator[str]:
-    tunings: dict[str, dict[str, Any]] = study.about["tunings"]
-    heads = "| law | what it is | " + " | ".join(tunings) + " | step [us] |"
-    yield f"{MEASURES[study.about['cost']].title} [mm] of the motion with a push, before and after the search."
-    yield ""
-    yield heads
-    yield "| --- | --- | " + " | ".join("---" for _ in tunings) + " | ---: |"
+    tunings = study.about["tunings"]
+    yield f"| law | what it is | {' | '.join(tunings)} | step [us] |"
+    yield f"| --- | --- | {' | '.join('---' for _ in tunings)} | ---: |"
     for law in study.about["laws"]:
-        cells = [
-            t["why_not"] or f"{1e3 * t['before']:.3g} → {1e3 * t['after']:.3g}"
-            for t in (laws[law] for laws in tunings.values())
-        ]
-        steps = [laws[law]["step_us"] for laws in tunings.values() if laws[law]["step_us"]]
+        each = [laws[law] for laws in tunings.values()]
+        cells = [t["why_not"] or f"{1e3 * t['before']:.3g} → {1e3 * t['after']:.3g}" for t in each]
+        steps = [t["step_us"] for t in each if t["step_us"]]
         span = f"{min(steps):.2g} to {max(steps):.2g}" if steps else ""
         yield f"| `{law}` | {LAWS[law].text} | {' | '.join(cells)} | {span} |"
