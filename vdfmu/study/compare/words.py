@@ -34,8 +34,8 @@ def in_words(study: Comparison) -> str:
     orders = {mismatch: ranked(study, mismatch) for mismatch in about["mismatches"]}
     sizes = ", ".join(f"{axis} {len(about[axis])}" for axis in ("laws", "arms", "motions", "mismatches"))
     verdicts = ", ".join(f"{verdict} {number}" for verdict, number in count.items() if number)
-    ratios = (f"| {mismatch.replace('_', ' ')} | {' | '.join(_ratios(o, laws))} |" for mismatch, o in orders.items())
     laws = [law for law in about["laws"] if any(law == one.law for order in orders.values() for one in order)]
+    ratios = (f"| {mismatch.replace('_', ' ')} | {' | '.join(_ratios(o, laws))} |" for mismatch, o in orders.items())
     lines = [
         "# Control laws compared",
         "",
