@@ -16,7 +16,11 @@ def compare(**options: Unpack[CompareOptions]) -> None:
     from vdfmu.study.compare.compare import compare as run_compare
     from vdfmu.study.compare.words import in_words
 
-    found = run_compare(**options)
+    try:
+        found = run_compare(**options)
+    except KeyboardInterrupt as error:
+        error.add_note("What was done is kept: give the same command again to go on.")
+        raise
     say_notes(found.notes)
     tell(in_words(found).rstrip())
     say(f"Written to {found.folder}: {len(found)} cells, report.html, summary.md, sweep.parquet, sweep.csv")

@@ -61,6 +61,7 @@ function show(button, arm, mismatch, law, cell) {
   shown.replaceChildren(
     make("h3", `${plain(law)} on ${arm}, ${plain(motion.value)}: ${data.mismatches[mismatch]}`),
     make("p", `${cell.verdict}${runs}${cell.why ? `: ${cell.why}` : ""}`), list, make("pre", command), copy, more);
+  button.closest(".wide").after(shown);
   shown.hidden = false;
   shown.scrollIntoView({ block: "nearest" });
 }
