@@ -14,7 +14,7 @@ from vdfmu.study.compare import compare as module
 from vdfmu.study.compare.axes import LAWS, MISMATCHES, MOTIONS
 from vdfmu.study.compare.cells import STRUCTURES, ComparedArm
 from vdfmu.study.compare.compare import compare
-from vdfmu.study.compare.comparison import Comparison
+from vdfmu.study.compare.comparison import LawComparison
 from vdfmu.study.compare.measures import MEASURES, OfRun
 from vdfmu.study.compare.words import in_words, ranked
 from vdfmu.study.tuning.problem import make_problem
@@ -175,5 +175,5 @@ def test_what_is_done_stays_done(small, tmp_path, monkeypatch):
     kept = (folder / "planar_2dof/controller/cells/sweep.parquet").stat().st_mtime_ns
     again = compare(**SMALL, out=folder)
     assert (folder / "planar_2dof/controller/cells/sweep.parquet").stat().st_mtime_ns == kept
-    assert {k: v for k, v in table(again).items()} == table(Comparison(small.folder))
+    assert {k: v for k, v in table(again).items()} == table(LawComparison(small.folder))
     assert set(MEASURES) <= set(again.columns)

@@ -27,7 +27,7 @@ from vdfmu.base.version import __version__
 from vdfmu.engine.run.simulator import Simulator
 from vdfmu.study.compare.axes import ARMS, LAWS, MISMATCHES, MOTIONS, ComparedLaw, corner_of
 from vdfmu.study.compare.cells import PAYLOAD, ComparedArm
-from vdfmu.study.compare.comparison import AXES, Comparison
+from vdfmu.study.compare.comparison import AXES, LawComparison
 from vdfmu.study.compare.measures import HIDDEN, MEASURES, SIGNALS, OfRun, path_accuracy, path_repeatability
 from vdfmu.study.compare.page import write_comparison
 from vdfmu.study.compare.words import in_words
@@ -84,7 +84,7 @@ class _CellPlan(Plan):
 @with_progress
 @one_job()
 @with_options
-def compare(**options: Unpack[CompareOptions]) -> Comparison:
+def compare(**options: Unpack[CompareOptions]) -> LawComparison:
     """Tune control laws alike, run them on arms, along motions, with mismatches, and write the table and its page.
 
     Every law is tuned on every arm by the same search: as many evaluations, the same seed, the same cost on the plant
@@ -98,7 +98,7 @@ def compare(**options: Unpack[CompareOptions]) -> Comparison:
 
     Returns
     -------
-    Comparison
+    LawComparison
         The table, which is on disk, with ``report.html``, ``sweep.csv`` and ``summary.md``.
 
     Raises
@@ -271,7 +271,7 @@ def _cell(arm: ComparedArm, repeats: Sequence[Row]) -> dict[str, Any]:
     return cell | {"verdict": "unstable" if unstable == 1.0 else verdict, "limited": first["limited"]}
 
 
-def _table(folder: Path, rows: Sequence[dict[str, Any]], about: dict[str, Any]) -> Comparison:
+def _table(folder: Path, rows: Sequence[dict[str, Any]], about: dict[str, Any]) -> LawComparison:
     """Write the table of all cells."""
     if not rows:
         reasons = [f"{arm}: {law}: {t['why_not']}" for arm, laws in about["tunings"].items() for law, t in laws.items()]
@@ -284,6 +284,6 @@ def _table(folder: Path, rows: Sequence[dict[str, Any]], about: dict[str, Any]) 
         file.unlink()
     with Ledger(folder, facts, digest(json.dumps(about).encode()), points, overwrite=True) as ledger:
         ledger.add([{n: x for n, x in row.items() if n not in words} | {"point": k} for k, row in enumerate(rows)])
-        study = Comparison(ledger.finish())
+        study = LawComparison(ledger.finish())
     import_module("pyarrow.csv").write_csv(study.table(), folder / "sweep.csv")
     return study

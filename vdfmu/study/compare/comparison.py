@@ -12,7 +12,7 @@ VERDICTS = (*GOOD, "at limits", "off the path", "unstable", "failed")
 """Verdicts on cells; measures of the others than `GOOD` are not compared."""
 
 
-class Comparison(Sweep):
+class LawComparison(Sweep):
     """The table of a comparison: a row for each cell, and the column ``run``, with which it is run again."""
 
     @property

@@ -15,13 +15,13 @@ from vdfmu.base.files import write_whole
 from vdfmu.base.json_text import to_json
 from vdfmu.compiler.fmu.page import page
 from vdfmu.study.compare.axes import LAWS, MISMATCHES
-from vdfmu.study.compare.comparison import GOOD, Comparison
+from vdfmu.study.compare.comparison import GOOD, LawComparison
 from vdfmu.study.compare.measures import MEASURES
 from vdfmu.study.compare.words import BY, in_words
 from vdfmu.study.report.page import look
 
 
-def write_comparison(study: Comparison) -> Path:
+def write_comparison(study: LawComparison) -> Path:
     """Write ``report.html`` in the folder of a comparison."""
     about, web = study.about, files("vdfmu.study.compare")
     content = to_json(_content(study)).replace("<", "\\u003c")
@@ -42,7 +42,7 @@ its other measures and the command that runs it again with everything that a run
     return path
 
 
-def _content(study: Comparison) -> dict[str, object]:
+def _content(study: LawComparison) -> dict[str, object]:
     """Return what the page's script draws."""
     about, rows = study.about, study.rows
     settings = {f"{r['arm']} {r['mismatch']}": json.loads(r["run"])["settings"] for r in reversed(rows)}

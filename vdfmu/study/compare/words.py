@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vdfmu.study.compare.axes import LAWS, MISMATCHES
-from vdfmu.study.compare.comparison import GOOD, VERDICTS, Comparison
+from vdfmu.study.compare.comparison import GOOD, VERDICTS, LawComparison
 from vdfmu.study.compare.measures import MEASURES
 
 BY = "rms_tool"
@@ -27,7 +27,7 @@ class Ranked(NamedTuple):
     law: str
 
 
-def in_words(study: Comparison) -> str:
+def in_words(study: LawComparison) -> str:
     """Return the comparison as Markdown."""
     about, title = study.about, MEASURES[BY].title
     count = {verdict: sum(row["verdict"] == verdict for row in study.rows) for verdict in VERDICTS}
@@ -69,7 +69,7 @@ def in_words(study: Comparison) -> str:
     return "\n".join(lines) + "\n"
 
 
-def ranked(study: Comparison, mismatch: str, measure: str = BY) -> list[Ranked]:
+def ranked(study: LawComparison, mismatch: str, measure: str = BY) -> list[Ranked]:
     """Return the laws that are tuned, the best first: those with the fewest broken cells, of these by the mean."""
     cells: dict[tuple[str, str], dict[str, float]] = {}
     broken: dict[str, int] = {}
@@ -116,7 +116,7 @@ def _times(ratio: float) -> str:
     return f"{ratio:.3g}" if ratio < 999.5 else f"{ratio:,.0f}"
 
 
-def _broken(study: Comparison) -> list[str]:
+def _broken(study: LawComparison) -> list[str]:
     """Return a line for each mismatch and verdict, with laws, arms and motions."""
     found: dict[tuple[str, str], dict[str, dict[str, list[str]]]] = {}
     for row in study.rows:
@@ -135,7 +135,7 @@ def _broken(study: Comparison) -> list[str]:
     return lines
 
 
-def _tunings(study: Comparison) -> Iterator[str]:
+def _tunings(study: LawComparison) -> Iterator[str]:
     tunings = study.about["tunings"]
     yield f"| law | what it is | {' | '.join(tunings)} | step [us] |"
     yield f"| --- | --- | {' | '.join('---' for _ in tunings)} | ---: |"
