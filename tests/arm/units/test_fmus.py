@@ -19,7 +19,7 @@ from vdfmu.engine.inspect.inspection import check_file
 UNITS = [
     "momentum_observer", "kalman_filter", "notch_filter", "disturbance_observer", "virtual_decomposition",
     "iterative_learning", "pd_gravity", "joint_torque", "state_feedback", "computed_torque", "encoder", "torque_sensor",
-    "communication", "actuator", "emergency_stop",
+    "communication", "actuator", "emergency_stop", "torque_noise",
 ]  # fmt: skip
 
 

@@ -304,9 +304,6 @@ class Poses:
                 self.lacking = f"nothing is connected to an input {self._group}"
             if not self.lacking:
                 loops = found.around(self.opened)
-                if not loops.links.any():
-                    self.lacking = f"nothing comes back to {', '.join(self.opened)} with a derivative: steps have none"
-                    return
                 if not self.systems and not is_continuous(loops.algorithm):
                     loops.sampled()  # refuses unknown behaviour
                 elif is_continuous(loops.algorithm) and loops.samples.signals:
