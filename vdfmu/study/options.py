@@ -177,8 +177,9 @@ class CompareOptions(SeedOptions, WorkerOptions, total=False):
     motions: Annotated[Sequence[str] | None, Option("point_to_point, circle, time_optimal; default all.",
         "sequence of str", typed=str | None, read=_names)]
     budget: Annotated[int, Option("Evaluations of the search of each law on each arm.", default=24)]
-    margin: Annotated[float, Option("Modulus margin that every tuned law has at least with one sample of delay.",
-        more="On the plant that it knows.", default=0.3)]
+    margin: Annotated[float, Option("Modulus margin that every tuned law has at least on the plant that it knows.",
+        default=0.5)]
+    delayed: Annotated[bool, Option("Take this margin with one more sample of delay.", default=False)]
     repeats: Annotated[int, Option("Runs of a cell with noise, each with a seed of its own.", default=5)]
     out: Annotated[str | os.PathLike[str] | None, Option("Folder; default results/compare.", "path",
         typed=Path | None)]

@@ -48,7 +48,7 @@ def test_every_law_is_tuned_by_the_same_search(monkeypatch, tmp_path):
     for scenario, vary, cost, options in asked:
         margin = options["limit"]["margin"]
         assert (scenario, cost.name, margin.name, margin.least) == (tmp_path / "planar_2dof/tuning.toml", "rms_tool",
-                                                                     "margin", 0.3)  # fmt: skip
+                                                                     "margin", 0.5)  # fmt: skip
         assert (options["budget"], options["seed"], options["method"]) == (7, 5, "global")
         assert all(form.startswith("*log(") for form in vary.values())
 
@@ -137,7 +137,7 @@ def test_the_table_has_all_cells_and_the_laws_had_the_same_number_of_evaluations
         assert (row["RT"] > 0.0) == (row["mismatch"] == "torque_noise")  # else runs are the same to the bit
         assert row["modulus"] < 1.0 or row["mismatch"] != "none"
         if row["mismatch"] == "none":
-            assert row["modulus"] > 0.3  # that with one more sample of delay, which the search keeps
+            assert row["modulus"] >= 0.45  # 0.5 of the motion with a push; poses differ little without
     assert (small.folder / "sweep.csv").read_text().count("\n") == 1 + len(small)
 
 

@@ -130,7 +130,7 @@ def compare(**options: Unpack[CompareOptions]) -> LawComparison:
             rows += _cells(arm, LAWS[law], found, chosen, options)
     about = {
         "budget": options["budget"], "margin": options["margin"], "seed": options["seed"], "tunings": tunings,
-        "repeats": options["repeats"], "cost": COST, **chosen, "arms": list(tunings),
+        "repeats": options["repeats"], "delayed": options["delayed"], "cost": COST, **chosen, "arms": list(tunings),
     }  # fmt: skip
     study = _table(folder, rows, about)
     write_whole(folder / "summary.md", [in_words(study).encode()])
@@ -142,7 +142,10 @@ def _tuned(arm: ComparedArm, law: ComparedLaw, options: CompareOptions) -> Tunin
     """Tune a law on an arm, or read how it was."""
     folder = arm.folder / law.unit / "tune"
     corner = forward_kinematics(arm.robot, corner_of(arm.start, arm.end))[0]
-    measure = {name: OfRun(name, arm.robot, corner, least=options["margin"]) for name in (COST, "margin")}
+    measure = {
+        name: OfRun(name, arm.robot, corner, least=options["margin"], delayed=options["delayed"])
+        for name in (COST, "margin")
+    }
     started = arm.started(law)
     shared: Any = {
         **pick(TuneOptions, options), "out": folder, "settings": started, "together": True, "method": "global",

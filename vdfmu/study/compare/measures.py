@@ -152,17 +152,19 @@ def _growth(run: PathRun) -> float:
     return math.nan if run.loops is None else float(run.loops.growth(0.0, float(run.time[-1])).unstable)
 
 
-def _late_margin(run: PathRun) -> float:
-    """Modulus margin with one more sample of delay of the torques; 0 where that is unstable."""
+def _required(run: PathRun, delayed: bool) -> float:
+    """Modulus margin, perhaps with one more sample of delay of the torques; 0 where that is unstable."""
     if run.loops is None:
         raise UsageError("the loops of the run are not known")
+    if not delayed:
+        return 0.0 if _growth(run) else _margin(run)
     late = PathRun(run.results, run.robot, run.corner)
     late.loops = copy(run.loops)
     late.loops.systems = [
         (t, replace(s, fresh=s.fresh & [not name.startswith("plant.tau") for name in s.parts.inputs]))
         for t, s in run.loops.systems
     ]
-    return 0.0 if _growth(late) else _margin(late)
+    return _required(late, False)
 
 
 def _limited(run: PathRun) -> float:
@@ -221,6 +223,8 @@ class OfRun:
     limits: Sequence[ArmLimits] = ()
     least: float = 0.0
     """Of a limit: the least value of the measure, from which it is subtracted."""
+    delayed: bool = False
+    """Of a limit of the margin: whether with one more sample of delay."""
     signals = tuple(SIGNALS)
 
     @property
@@ -232,5 +236,5 @@ class OfRun:
         """Return the measure of a run; of a limit what is missing to the least value."""
         run = PathRun(results, self.robot, self.corner, self.limits)
         if self.name == "margin":
-            return self.least - _late_margin(run)
+            return self.least - _required(run, self.delayed)
         return MEASURES[self.name].of(run) if self.name in MEASURES else HIDDEN[self.name](run)

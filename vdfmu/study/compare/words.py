@@ -41,7 +41,7 @@ def in_words(study: LawComparison) -> str:
         "",
         f"{len(study)} cells: {sizes}. "
         f"Each law is tuned on each arm by {about['budget']} evaluations, seed {about['seed']}, to a modulus margin of "
-        f"at least {about['margin']:g} with one sample of delay. Cells: {verdicts}.",
+        f"at least {about['margin']:g}{' with one more sample of delay' if about['delayed'] else ''}. Cells: {verdicts}.",
         "",
         "## Which law to take",
         "",
