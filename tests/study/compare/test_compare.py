@@ -10,6 +10,8 @@ import vdfmu
 from tests.study.sweeps.conftest import table
 from vdfmu.base.errors import UsageError
 from vdfmu.base.once import one_job
+from vdfmu.engine.inspect.loops import GROWTH
+from vdfmu.study.analysis.margins import ArmLoops
 from vdfmu.study.compare import compare as module
 from vdfmu.study.compare.axes import LAWS, MISMATCHES, MOTIONS
 from vdfmu.study.compare.cells import STRUCTURES, ComparedArm
@@ -17,6 +19,9 @@ from vdfmu.study.compare.compare import compare
 from vdfmu.study.compare.comparison import LawComparison
 from vdfmu.study.compare.measures import MEASURES, OfRun
 from vdfmu.study.compare.words import in_words, ranked
+from vdfmu.study.sweeps.job import Bench, Job
+from vdfmu.study.sweeps.measures import read_measures
+from vdfmu.study.sweeps.plan import of_scenario
 from vdfmu.study.tuning.problem import make_problem
 from vdfmu.system.scenario.replace import with_units
 
@@ -124,6 +129,20 @@ def test_a_factor_varies_all_elements_together(tmp_path):
         gains = problem.plan.followed(0, {"controller.error": 2.0})
         tighter = problem.plan.followed(0, {"controller.error": 0.5})
         assert gains["controller.K_q[1,1]"] < tighter["controller.K_q[1,1]"]
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("delayed", [False, True])
+def test_the_margin_of_the_search_is_that_of_the_loops_along_the_motion(delayed, tmp_path):
+    with one_job():
+        arm, law = ComparedArm("planar_2dof", tmp_path), LAWS["controller"]
+        path = arm.write("point_to_point", law, arm.rule, "plain")
+        missing = OfRun("margin", arm.robot, np.zeros(3), delayed=delayed)
+        job = Job((of_scenario(path, [], {}, {}),), tuple(read_measures({"margin": missing})), ("*",), ())
+        (row,) = Bench(job, tmp_path).run([(0, 0, {})])
+        margins = ArmLoops(vdfmu.load_scenario(path), growth=GROWTH).margins(delay=int(delayed))
+    # three poses of a run here, eleven times there, which dry friction and the gravity's slope change by some per cent
+    assert -row["margin"] == pytest.approx(margins.modulus.min(), rel=0.05)
 
 
 @pytest.mark.heavy

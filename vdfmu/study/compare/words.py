@@ -33,6 +33,7 @@ def in_words(study: LawComparison) -> str:
     count = {verdict: sum(row["verdict"] == verdict for row in study.rows) for verdict in VERDICTS}
     orders = {mismatch: ranked(study, mismatch) for mismatch in about["mismatches"]}
     sizes = ", ".join(f"{axis} {len(about[axis])}" for axis in ("laws", "arms", "motions", "mismatches"))
+    delayed = " with one more sample of delay" if about["delayed"] else ""
     verdicts = ", ".join(f"{verdict} {number}" for verdict, number in count.items() if number)
     laws = [law for law in about["laws"] if any(law == one.law for order in orders.values() for one in order)]
     ratios = (f"| {mismatch.replace('_', ' ')} | {' | '.join(_ratios(o, laws))} |" for mismatch, o in orders.items())
@@ -41,7 +42,7 @@ def in_words(study: LawComparison) -> str:
         "",
         f"{len(study)} cells: {sizes}. "
         f"Each law is tuned on each arm by {about['budget']} evaluations, seed {about['seed']}, to a modulus margin of "
-        f"at least {about['margin']:g}{' with one more sample of delay' if about['delayed'] else ''}. Cells: {verdicts}.",
+        f"at least {about['margin']:g}{delayed}. Cells: {verdicts}.",
         "",
         "## Which law to take",
         "",
