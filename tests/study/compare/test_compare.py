@@ -8,7 +8,7 @@ import pytest
 
 import vdfmu
 from tests.study.sweeps.conftest import table
-from vdfmu.base.errors import UsageError
+from vdfmu.base.errors import UnitError, UsageError, VdfmuError
 from vdfmu.base.once import one_job
 from vdfmu.engine.inspect.loops import GROWTH
 from vdfmu.study.analysis.margins import ArmLoops
@@ -56,6 +56,15 @@ def test_every_law_is_tuned_by_the_same_search(monkeypatch, tmp_path):
                                                                      "margin", 0.5)  # fmt: skip
         assert (options["budget"], options["seed"], options["method"]) == (7, 5, "global")
         assert all(form.startswith("*log(") for form in vary.values())
+
+
+def test_a_law_that_is_not_tuned_is_named_and_not_in_the_table(monkeypatch, tmp_path):
+    def tune(scenario, vary, cost, **options):
+        raise UnitError("no gains")
+
+    monkeypatch.setattr(module, "tune", tune)
+    with pytest.raises(VdfmuError, match="no law is tuned:\nplanar_2dof: controller: no gains"):
+        compare(arms=["planar_2dof"], laws=["controller"], out=tmp_path)
 
 
 @one_job()

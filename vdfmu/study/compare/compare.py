@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, Unpack
 import numpy as np
 
 from vdfmu.arm.dynamics import forward_kinematics
-from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.base.errors import UnitError, UsageError, VdfmuError
 from vdfmu.base.files import write_whole
 from vdfmu.base.once import one_job
 from vdfmu.base.option import pick, with_options
@@ -153,7 +153,10 @@ def _tuned(arm: ComparedArm, law: ComparedLaw, options: CompareOptions) -> Tunin
     }  # fmt: skip
     shared.pop("margin")
     vary = {f"controller.{name}": f"*log({low}, {high})" for name, (low, high) in law.vary.items()}
-    found = tune(arm.tuning, vary, measure[COST], **shared)
+    try:
+        found = tune(arm.tuning, vary, measure[COST], **shared)
+    except UnitError as error:  # such as gains that do not exist for the arm
+        return Tuning({}, np.nan, np.nan, 0, 0, 0.0, str(error))
     why_not = "" if found.after.feasible else "no values keep the margin"
     values = system_values(prepare(arm.tuning, units=shared["units"], settings=started), {**started, **found.settings})
     groups = law.kept or [name.partition(".")[2] for name in started if name.startswith("controller.")]
