@@ -151,7 +151,8 @@ def _tuned(arm: ComparedArm, law: ComparedLaw, options: CompareOptions) -> Tunin
         **pick(TuneOptions, options), "out": folder, "settings": started, "together": True, "method": "global",
         "units": {"controller": law.searched or law.unit}, "limit": {"margin": measure["margin"]},
     }  # fmt: skip
-    shared.pop("margin")
+    for own in ("margin", "progress"):
+        shared.pop(own, None)
     vary = {f"controller.{name}": f"*log({low}, {high})" for name, (low, high) in law.vary.items()}
     try:
         found = tune(arm.tuning, vary, measure[COST], **shared)
