@@ -133,8 +133,8 @@ else to standard error.
 | `--verbose`, `-v` | as without | also what is done, how long it took, and where an error is from |
 
 With `--quiet`, `run`, `simulate`, `federate`, `sweep`, `tune` and `compare` print that one line, of `sweep` points that
-failed too; all other commands print what they do without it. `--verbose` names versions, stages, what came from the cache,
-calls of the compiler, and files.
+failed too; all other commands print what they do without it. `--verbose` names versions, stages, what came from the
+cache, calls of the compiler, and files.
 
 On a terminal a line moves from half a second on, as long as a command works, and each stage has a bar. None of it
 goes to a pipe or a file. The bars are ASCII where the terminal is not UTF-8, have no colours under `NO_COLOR`, and

@@ -63,7 +63,7 @@ _ALL = (
         {**_GAINS, "T_Q": (0.1, 10.0)}, lambda rule, robot: _pd(rule, robot) | {"T_Q": 0.05}),
     ComparedLaw("virtual_decomposition", "virtual decomposition with adaptation",
         {"Lambda": (0.1, 10.0), "k_vkappa": (0.1, 3.0), "gamma": (0.01, 100.0)},
-        lambda rule, robot: {"Lambda": rule["K_p"] / rule["K_v"], "k_vkappa": rule["K_v"] / robot.ell,
+        lambda rule, robot: {"Lambda": 0.1 * rule["K_p"] / rule["K_v"], "k_vkappa": rule["K_v"] / robot.ell,
                              "gamma": 1.0, "gamma_j": 0.1}),
 )  # fmt: skip
 LAWS = {law.unit: law for law in _ALL}

@@ -20,7 +20,7 @@ _LEAST = 1e-12
 
 
 class Ranked(NamedTuple):
-    """A law with a mismatch: cells that are not stable, and the mean ratio of the others to the best."""
+    """A law with a mismatch: cells without a stable run, and the mean ratio of the others to the best."""
 
     broken: int
     mean: float
@@ -50,8 +50,8 @@ def in_words(study: LawComparison) -> str:
         "",
         f"## {title}, times that of the best",
         "",
-        "Geometric mean over arms and motions of the ratio to the best law of each; in brackets cells that are not "
-        "stable, which the mean leaves out.",
+        "Geometric mean over arms and motions of the ratio to the best law of each; in brackets the number of cells "
+        "without a stable run, also of arms on which the law is not tuned, which the mean leaves out.",
         "",
         f"| | {' | '.join(f'`{law}`' for law in laws)} |",
         f"| --- |{' ---: |' * len(laws)}",
@@ -73,11 +73,13 @@ def in_words(study: LawComparison) -> str:
 def ranked(study: LawComparison, mismatch: str, measure: str = BY) -> list[Ranked]:
     """Return the laws that are tuned, the best first: those with the fewest broken cells, of these by the mean."""
     cells: dict[tuple[str, str], dict[str, float]] = {}
-    broken: dict[str, int] = {}
-    for row in (row for row in study.rows if row["mismatch"] == mismatch):
-        bad = row["verdict"] not in GOOD
-        broken[row["law"]] = broken.get(row["law"], 0) + bad
-        if not bad and row[measure] is not None and np.isfinite(row[measure]):
+    rows = [row for row in study.rows if row["mismatch"] == mismatch]
+    number = len(study.about["arms"]) * len(study.about["motions"])
+    broken = {row["law"]: number for row in rows}
+    for row in rows:
+        good = row["verdict"] in GOOD
+        broken[row["law"]] -= good
+        if good and row[measure] is not None and np.isfinite(row[measure]):
             cells.setdefault((row["arm"], row["motion"]), {})[row["law"]] = max(row[measure], _LEAST)
     ratios: dict[str, list[float]] = {law: [] for law in broken}
     for each in cells.values():
@@ -96,12 +98,12 @@ def _advice(mismatch: str, order: list[Ranked], title: str) -> str:
     names = " or ".join(f"`{law}`" for law in best)
     words = [f"{text}: {names}"]
     if first.broken:
-        words.append(f"not stable in {first.broken} cells, which is the fewest")
+        words.append(f"which lacks a stable run in the fewest cells, {first.broken}")
     if rest:
         words.append(f"{_times(rest[0].mean / first.mean)} times less {title} than with `{rest[0].law}`")
     worse = len(order) - len(best) - len(rest)
     if worse:
-        words.append(f"{worse} more {'laws are' if worse > 1 else 'law is'} not stable in more cells")
+        words.append(f"{worse} more {'laws lack' if worse > 1 else 'law lacks'} it in more cells")
     return ", ".join(words) + "."
 
 
