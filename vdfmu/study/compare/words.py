@@ -98,13 +98,13 @@ def _advice(mismatch: str, order: list[Ranked], title: str) -> str:
     names = " or ".join(f"`{law}`" for law in best)
     words = [f"{text}: {names}"]
     if first.broken:
-        words.append(f"which lacks a stable run in the fewest cells, {first.broken}")
+        words.append(f"stable in all but {first.broken} cell{'s' if first.broken > 1 else ''}")
     if rest:
-        words.append(f"{_times(rest[0].mean / first.mean)} times less {title} than with `{rest[0].law}`")
+        words.append(f"{_times(rest[0].mean / first.mean)} times less {title} than `{rest[0].law}`")
     worse = len(order) - len(best) - len(rest)
     if worse:
-        words.append(f"{worse} more {'laws lack' if worse > 1 else 'law lacks'} it in more cells")
-    return ", ".join(words) + "."
+        words.append(f"{worse} {'laws are' if worse > 1 else 'law is'} stable in fewer cells")
+    return "; ".join(words) + "."
 
 
 def _ratios(order: list[Ranked], laws: list[str]) -> Iterator[str]:
