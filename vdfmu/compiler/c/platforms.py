@@ -34,6 +34,8 @@ class Platform:
     libraries : mapping of str to mapping of str to str
         The system's libraries: file, then version of its functions, then the functions that may be called, separated
         by spaces. The linker needs no more of them. Without any it takes those of zig, which compiles them first.
+    folder_3 : str
+        Folder in FMI 3.0, where it does not have the name.
     """
 
     name: str
@@ -43,14 +45,18 @@ class Platform:
     flags: tuple[str, ...] = ()
     link: tuple[str, ...] = ("-shared",)
     libraries: Mapping[str, Mapping[str, str]] = field(default_factory=dict[str, Mapping[str, str]])
+    folder_3: str = ""
 
 
 X86 = ("-march=x86_64_v2",)
 """Flags of the platforms with processors of x86."""
 WASM = "wasm32"
-"""Name of the platform of WebAssembly."""
+"""Name of the platform of WebAssembly: a module with the functions of FMI in C."""
+COMPONENT = "wasm"
+"""Name of the platform of components of WebAssembly, as the draft FMI-LS-WASM has them, of FMI 3.0 alone."""
+_REACTOR = "-mexec-model=reactor"
 _MODULE = (
-    "-mexec-model=reactor", "-Wl,--export=malloc", "-Wl,--export=free", "-Wl,--export-table", "-Wl,--growable-table",
+    _REACTOR, "-Wl,--export=malloc", "-Wl,--export=free", "-Wl,--export-table", "-Wl,--growable-table",
 )  # fmt: skip
 """A module with memory for their arguments, and a table that takes the importer's callbacks."""
 _MATH = (
@@ -82,11 +88,12 @@ PLATFORMS = {
         Platform("x86_64-darwin", "x86_64-macos.11.0", "darwin64", ".dylib", X86),
         Platform("aarch64-darwin", "aarch64-macos.11.0", "aarch64-darwin", ".dylib"),
         Platform(WASM, "wasm32-wasi", WASM, ".wasm", (), _MODULE),
+        Platform(COMPONENT, "wasm32-wasi", "", ".wasm", (), (_REACTOR,), folder_3="wasm32-wasip2"),
     )
 }
 # fmt: on
 """Name to platform."""
-ALL = tuple(name for name in PLATFORMS if name != WASM)
+ALL = tuple(name for name in PLATFORMS if name not in (WASM, COMPONENT))
 """Platforms that ``all`` means: importers of native FMUs load their libraries."""
 
 _SYSTEMS = {"linux": "linux", "win32": "windows", "darwin": "darwin"}
@@ -147,7 +154,7 @@ def binaries(model_name: str, libraries: Mapping[str, bytes], fmi_version: str) 
         files[f"binaries/{folder}/{model_name}{PLATFORMS[platform].suffix}"] = content
 
     for name, content in libraries.items():
-        add(name if tuples else PLATFORMS[name].folder_2, name, content)
+        add((PLATFORMS[name].folder_3 or name) if tuples else PLATFORMS[name].folder_2, name, content)
     if not tuples:
         for system in ("linux", "darwin"):
             arm, x86 = f"aarch64-{system}", f"x86_64-{system}"

@@ -10,8 +10,9 @@ from pathlib import Path
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import regular_target, require_ours, storing
 from vdfmu.base.once import one_job
-from vdfmu.base.standards import FMI_2, FMI_VERSIONS, PYTHON_FMI
+from vdfmu.base.standards import FMI_2, FMI_3, FMI_VERSIONS, PYTHON_FMI
 from vdfmu.compiler.c import native_available
+from vdfmu.compiler.c.platforms import COMPONENT
 from vdfmu.compiler.fmu.content import BACKENDS, Content, is_built, keep_record
 from vdfmu.compiler.unit.base import BaseUnit, unit_name
 from vdfmu.compiler.unit.machine import Machine
@@ -135,6 +136,8 @@ def _check_names(
         raise UsageError(f"Python FMUs are of FMI {PYTHON_FMI.name}, got {fmi_version}. Native ones are of 3.0 too.")
     if backend == "python" and platforms is not None:
         raise UsageError("Platforms can be chosen for native FMUs only.")
+    if fmi_version != FMI_3.name and COMPONENT in ([platforms] if isinstance(platforms, str) else platforms or ()):
+        raise UsageError(f"Components of WebAssembly are of FMI {FMI_3.name}, got {fmi_version}.")
 
 
 def _check(content: Content) -> None:

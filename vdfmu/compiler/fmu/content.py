@@ -30,7 +30,7 @@ CONTENT_FILE = "vdfmu.json"
 UNIT_FILE = "unit.py"
 """Source of a unit that is not one of the package, in a Python FMU."""
 BACKENDS = ("python", "native")
-_DATA = {"python": ("python/*.py",), "native": ("c/*.[ch]", "icons/*")}
+_DATA = {"python": ("python/*.py",), "native": ("c/*.[ch]", "wasm/*.[ch]", "wasm/wit/*.wit", "icons/*")}
 """Data files that decide what the FMUs of a backend are, in addition to the modules."""
 
 
