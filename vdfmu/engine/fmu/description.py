@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import fmpy
@@ -12,7 +12,7 @@ import numpy as np
 from fmpy.model_description import CoSimulation, ModelDescription, ValidationError, read_model_description
 
 from vdfmu.base.errors import SspError
-from vdfmu.base.standards import FMI_2, FMI_VERSIONS, FmiVersion
+from vdfmu.base.standards import FMI_2, FMI_3, FMI_VERSIONS, FmiVersion
 from vdfmu.engine.fmu.variables import FmuVariable, Value, element_names, read_variables, type_of
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.elements import read_units
@@ -20,6 +20,12 @@ from vdfmu.engine.package.parse import parse_xml
 from vdfmu.engine.rules import breach, finding, fmpy_found
 
 KINDS = ("CoSimulation", "ModelExchange", "ScheduledExecution")
+COMPONENTS = "wasm32-wasip2"
+"""Folder of ``binaries`` with components of WebAssembly."""
+_OURS = {"resources/vdfmu.json", "extra/vdfmu/vdfmu.json"}
+"""Members of which an FMU has one if this project built it; see `vdfmu.compiler.fmu.content`."""
+_UNIT = "resources/unit.py"
+"""Member of a Python FMU of ours that runs a unit of the user, which may do anything."""
 _TRUE = {"true", "1"}
 _SAMPLED = ".//{urn:org.vdfmu.sampled}Sampled[@period]"
 _CONTINUOUS_INPUT = {("input", None), ("input", "continuous")}
@@ -68,6 +74,13 @@ class Description:
     period: str = ""
     """Parameter with the time between samples of its discrete outputs, as an annotation of this project names it. They
     are states that change by the inputs at the begin of a step; directional derivatives are for the next sample."""
+    sandboxed: bool = False
+    """Whether its component of WebAssembly runs, in a sandbox, not its library for this platform."""
+
+    @property
+    def binary(self) -> str:
+        """The member that holds the binary that runs."""
+        return (component_name if self.sandboxed else library_name)(self.identifier, self.version)
 
     @property
     def sampled(self) -> list[FmuVariable]:
@@ -93,28 +106,43 @@ class Description:
         return [v for v in self.variables.values() if v.causality == causality]
 
 
+def is_ours(names: Collection[str]) -> bool:
+    """Whether an FMU with these members was built by this project, and has no unit in Python of a user's."""
+    return not _OURS.isdisjoint(names) and _UNIT not in names
+
+
 def library_name(identifier: str, version: FmiVersion) -> str:
     """Return the member of an FMU that holds the binary for this platform."""
     platform = fmpy.platform_tuple if version.platform_tuples else fmpy.platform
     return f"binaries/{platform}/{identifier}{fmpy.sharedLibraryExtension}"
 
 
+def component_name(identifier: str, _: FmiVersion = FMI_3) -> str:
+    """Return the member of an FMU that holds a component of WebAssembly, as the draft FMI-LS-WASM has it."""
+    return f"binaries/{COMPONENTS}/{identifier}.wasm"
+
+
 def inspect_description(
-    unit: Archive, source: str, implementation: str = "any", sizes: Mapping[str, Value] | None = None
+    unit: Archive,
+    source: str,
+    implementation: str = "any",
+    sizes: Mapping[str, Value] | None = None,
+    sandbox: bool | None = None,
 ) -> tuple[Description | None, list[str]]:
     """Read an FMU as far as it goes, with all problems; None when the model description cannot be understood.
 
     `source` is its name in messages, `implementation` the one that the SSD asks for; `sizes` are values of structural
-    parameters, which decide the shapes of arrays, instead of their start values.
+    parameters, which decide the shapes of arrays, instead of their start values; `sandbox` whether its component of
+    WebAssembly runs, default: where this project did not build it.
     """
     try:
-        return _inspect(unit, source, implementation, sizes or {})
+        return _inspect(unit, source, implementation, sizes or {}, sandbox)
     except SspError as error:
         return None, error.problems
 
 
 def _inspect(
-    unit: Archive, source: str, implementation: str, sizes: Mapping[str, Value]
+    unit: Archive, source: str, implementation: str, sizes: Mapping[str, Value], sandbox: bool | None
 ) -> tuple[Description | None, list[str]]:
     xml, names = unit.read("modelDescription.xml"), unit.names
     root = parse_xml(xml, f"{source}: modelDescription.xml")
@@ -148,16 +176,27 @@ def _inspect(
     part = parts[wanted[0]] if wanted else None
     identifier = "" if part is None else str(part.modelIdentifier)
     library = library_name(identifier, version)
-    if identifier and library not in names:
+    component = version.arrays and component_name(identifier) in names
+    sandboxed = component and (not is_ours(names) or library not in names if sandbox is None else sandbox)
+    if sandbox and not component:
+        text = f"{source}: has no component of WebAssembly ({component_name(identifier)}) to run in a sandbox"
+        problems.append(finding("FMI017", text))
+    elif identifier and library not in names and not sandboxed:
         has = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
         text = f"{source}: has no binary for this platform ({library}); it has {', '.join(has) or 'none'}"
         problems.append(finding("FMI017", text))
     try:
-        return _describe(model, root, source, wanted[:1] == ["ModelExchange"]), problems
+        description = _describe(model, root, source, wanted[:1] == ["ModelExchange"])
+        return (in_sandbox(description) if sandboxed else description), problems
     except (ValueError, TypeError, AttributeError):  # texts that the schema refuses
         if not problems:
             raise
         return None, problems
+
+
+def in_sandbox(description: Description) -> Description:
+    """Return an FMU whose component runs: it cannot be called from its callbacks, so nothing is set in them."""
+    return replace(description, sandboxed=True, updates_inputs=False)
 
 
 def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -> Description:

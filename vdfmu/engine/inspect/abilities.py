@@ -11,7 +11,7 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
-from vdfmu.engine.fmu.classes import CLASSES
+from vdfmu.engine.fmu.classes import class_of
 from vdfmu.engine.fmu.description import Description, inspect_description
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.instance3 import Instance3
@@ -55,7 +55,7 @@ def _attempt(
     description: Description, folder: Path, attempt: Callable[[Instance, float, float], str], start: float, step: float
 ) -> str:
     """Take an instance through initialization and an attempt; return what is wrong."""
-    instance = CLASSES[description.version]("FMU", description, folder, MessageBox(lambda message: None), set())
+    instance = class_of(description)("FMU", description, folder, MessageBox(lambda message: None), set())
     if isinstance(instance, Instance3):
         instance.event_mode = attempt is _event_mode
     instance.box.time = start

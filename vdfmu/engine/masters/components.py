@@ -11,7 +11,7 @@ from vdfmu.base.errors import CosimError
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.engine.algorithms import ALGORITHMS, is_continuous
 from vdfmu.engine.fmu.access import TEXTS
-from vdfmu.engine.fmu.classes import CLASSES
+from vdfmu.engine.fmu.classes import class_of
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.instance3 import Instance3
 from vdfmu.engine.fmu.integrator import ModelExchangeIntegrator
@@ -65,7 +65,7 @@ class Components:
         own_steps = any(component.step is not None for component in self.checked.system.components)
         for name, description in self.checked.descriptions.items():
             folder = self.folders[description.source]
-            kind = CLASSES[description.version]
+            kind = class_of(description)
             instance = self.instances[name] = kind(name, description, folder, self.box, corrupt, self._watch)
             if isinstance(instance, Instance3):
                 continuous = is_continuous(self.checked.algorithm)

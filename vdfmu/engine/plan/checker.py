@@ -36,8 +36,15 @@ class Checker:
     For parameters see `vdfmu.engine.plan.check.check_system`.
     """
 
-    def __init__(self, system: System, strict: bool, ignore_unmatched: bool, parameters: Mapping[str, Value]) -> None:
-        self.system, self.parameters = system, parameters
+    def __init__(
+        self,
+        system: System,
+        strict: bool,
+        ignore_unmatched: bool,
+        parameters: Mapping[str, Value],
+        sandbox: bool | None = None,
+    ) -> None:
+        self.system, self.parameters, self.sandbox = system, parameters, sandbox
         self.strict = strict
         self.problems = list(system.problems)
         self.notes = list(system.notes)
@@ -91,7 +98,7 @@ class Checker:
         if key not in read:
             try:
                 with archive.opened(component.source, component.source) as unit:
-                    read[key], problems = inspect_description(unit, *key[:2], sizes)
+                    read[key], problems = inspect_description(unit, *key[:2], sizes, self.sandbox)
             except SspError as error:
                 read[key], problems = None, error.problems
             self.problems += [within(component.name, problem) for problem in problems]

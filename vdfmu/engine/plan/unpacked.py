@@ -7,13 +7,9 @@ from pathlib import Path
 import fmpy
 
 from vdfmu.base.errors import VdfmuError
+from vdfmu.engine.fmu.description import COMPONENTS, is_ours
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.plan.checked import Checked
-
-_OURS = {"resources/vdfmu.json", "extra/vdfmu/vdfmu.json"}
-"""Members of which an FMU has one if this project built it; see `vdfmu.compiler.fmu.content`."""
-_UNIT = "resources/unit.py"
-"""Member of a Python FMU of ours that runs a unit of the user, which may do anything."""
 
 
 def unpack_units(checked: Checked, folder: Path) -> tuple[dict[str, Path], bool]:
@@ -28,7 +24,7 @@ def unpack_units(checked: Checked, folder: Path) -> tuple[dict[str, Path], bool]
             unpacked[source] = folder / f"{len(unpacked)}"
             try:
                 with package.opened(source, source) as unit:
-                    foreign = foreign or _OURS.isdisjoint(unit.names) or _UNIT in unit.names
+                    foreign = foreign or not is_ours(unit.names)
                     unit.extract(unpacked[source], _needed)
             except OSError as error:
                 raise no_room(str(folder), error) from error
@@ -55,5 +51,5 @@ def no_room(folder: str, error: OSError) -> VdfmuError:
 
 def _needed(member: str) -> bool:
     """Whether a member of an FMU is needed to run it."""
-    places = "resources/", f"binaries/{fmpy.platform}/", f"binaries/{fmpy.platform_tuple}/"
+    places = "resources/", *(f"binaries/{name}/" for name in (fmpy.platform, fmpy.platform_tuple, COMPONENTS))
     return member == "modelDescription.xml" or member.startswith(places)

@@ -1,0 +1,302 @@
+"""An FMU of FMI 3.0 whose binary is a component of WebAssembly, in a sandbox: the draft FMI-LS-WASM, of July 2026.
+
+A component has memory of its own and the callbacks of FMI, and no files, environment, arguments or network of this
+machine. One that imports WASI, as compilers make them, gets a WASI without any of those; clocks and random numbers remain.
+Time and memory are limited as for any FMU, by isolation.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from ctypes import POINTER, addressof, c_size_t, c_uint64, c_void_p, cast, create_string_buffer, sizeof, string_at
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import CosimError
+from vdfmu.engine.fmu.access import Call, Transfer
+from vdfmu.engine.fmu.component_values import ROW, Failed, Handle, Option, decode, encode, rows
+from vdfmu.engine.fmu.instance3 import Instance3
+from vdfmu.engine.fmu.messages import STATUS, boxes, on_message
+from vdfmu.engine.fmu.variables import FmuVariable
+
+_PACKAGE = "fmi:fmi3/{}@3.0.0"
+_CHANGED = "interval-changed"
+_CALLBACKS: dict[str, dict[str, Callable[..., Any]]] = {
+    "callbacks": {name: lambda store: None for name in ("clock-update", "lock-preemption", "unlock-preemption")},
+    # a component cannot be called from its own callback: nothing is set there
+    "intermediate-update-callbacks": {"intermediate-update": lambda store, *update: (False, 0.0)},
+}
+
+
+@lru_cache(maxsize=16)
+def _compiled(path: str, _: int) -> tuple[Any, Any]:
+    """Return an engine, and a component that it has compiled."""
+    from wasmtime import Engine
+    from wasmtime.component import Component
+
+    engine = Engine()
+    return engine, Component.from_file(engine, path)
+
+
+class ComponentInstance(Instance3):
+    """An instance of an FMU of FMI 3.0 in a sandbox.
+
+    What fmpy's instance is to the other classes is `_Methods` here; functions take Python's values.
+    """
+
+    _unit: Handle | None = None
+
+    def loaded(self, path: Path) -> Any:
+        """See `Library.loaded`."""
+        try:
+            self._start(path)
+        except ImportError:
+            reason = "it runs as WebAssembly, for which the package wasmtime is not installed; pip install 'vdfmu[wasm]'"
+            raise CosimError(self.name, "load", self.box.time, reason) from None
+        except (OSError, self._errors) as error:
+            raise CosimError(self.name, "load", self.box.time, str(error)) from None
+        return _Methods(self)
+
+    def _start(self, path: Path) -> None:
+        from wasmtime import Store, WasiConfig, WasmtimeError, _bindings
+        from wasmtime.component import Linker
+
+        self._errors = (WasmtimeError,)
+        assert sizeof(_bindings.wasmtime_component_val_t) == ROW
+        engine, self._component = _compiled(str(path), path.stat().st_mtime_ns)
+        self._store, linker = Store(engine), Linker(engine)
+        imports = self._component.type.imports(engine)
+        if any(name.startswith("wasi:") for name in imports):
+            linker.add_wasip2()
+            self._store.set_wasi(WasiConfig())
+        with linker.root() as root:
+            for interface, functions in _CALLBACKS.items():
+                with root.add_instance(_PACKAGE.format(interface)) as offered:
+                    for name, function in functions.items():
+                        offered.add_func(name, function)
+                    if interface == "callbacks":
+                        offered.add_func("log-message", partial(_log, self.token))
+        self._instance = linker.instantiate(self._store, self._component)
+        kind = "model-exchange" if self.description.exchange else "co-simulation"
+        self._kind_name = kind
+        self._interface = self._component.get_export_index(_PACKAGE.format(kind))
+        self._context = cast(self._store._context(), c_void_p).value
+        self._invoke: Any = _bindings.dll["wasmtime_component_func_call"]
+        self._invoke.argtypes = [c_void_p, c_void_p, c_void_p, c_size_t, c_void_p, c_size_t]
+        self._invoke.restype = c_void_p
+        self._answers: list[Any] = []
+        self._bound: dict[str, Any] = {}
+
+    # ------------------------------------------------------------------ calls
+
+    def _bind(self, name: str, count: int, call: str) -> Callable[[int], int]:
+        """Return a function of the interface: from the address of its arguments to that of its result."""
+        index = self._interface and self._component.get_export_index(name, self._interface)
+        function = index and self._instance.get_func(self._store, index)
+        if not function:
+            raise CosimError(self.name, call, self.box.time, f"the component has no function {name}")
+        answer = (c_uint64 * (ROW // 8))()
+        place, own, invoke, context = addressof(answer), addressof(function._func), self._invoke, self._context
+        self._answers += [answer, function]
+
+        def run(arguments: int) -> int:
+            error = invoke(own, context, arguments, count, place, 1)
+            if error:
+                self._trapped(call, error)
+            return place
+
+        return self._watch(self.name, call, run)
+
+    def _trapped(self, call: str, error: int) -> None:
+        """End an instance whose code broke off."""
+        from wasmtime import WasmtimeError, _bindings
+
+        failure = WasmtimeError._from_ptr(cast(error, POINTER(_bindings.wasmtime_error_t)))
+        lines = [line.strip() for line in str(failure).splitlines() if line.strip()]
+        text = f"its code broke off: {lines[-1]}"
+        on_message(self.token, STATUS.index("fatal"), b"logStatusFatal", text.encode())
+        self.judge(STATUS.index("fatal"), call)
+
+    def ask(self, call: str, *values: Any) -> Any:
+        """Call a method with values; return its result, CosimError for a status above warning."""
+        kept: list[Any] = []
+        words = encode([self._unit, *values], kept)
+        if call not in self._bound:
+            self._bound[call] = self._bind(f"[method]{self._kind_name}-instance.{_dashed(call)}", len(words), call)
+        found = decode(self._bound[call](words.ctypes.data))
+        failed = found.value if isinstance(found, Failed) else found if isinstance(found, str) else "ok"
+        if failed != "ok":
+            self.judge(STATUS.index(failed), call)
+        return found
+
+    def function(self, name: str) -> Any:
+        """Return a function of FMI that takes ctypes arguments, of those that are called by name."""
+        call = name[0].lower() + name[1:]
+        if name == "DoStep":
+            return self._do_step
+
+        def passed(_: Any, first: Any, size: Any = None) -> int:
+            if size is None:
+                self.ask(call, float(first.value))
+                return 0
+            values = np.frombuffer((c_uint64 * size.value).from_address(first.value), np.float64)
+            if name.startswith("Set"):
+                self.ask(call, values)
+            else:
+                self._filled(call, values, self.ask(call))
+            return 0
+
+        return passed
+
+    def _filled(self, call: str, memory: Any, found: Any) -> None:
+        if len(found) != memory.size:
+            reason = f"expected {memory.size} values, got {len(found)}"
+            raise CosimError(self.name, call, self.box.time, reason)
+        memory[:] = found
+
+    def _do_step(self, _: Any, clock: Any, size: Any, keep: Any, *answers: Any) -> int:
+        last, event, end, early = self.ask("doStep", clock.value, size.value, True)
+        answers[0]._obj[:3] = event, end, early
+        answers[3]._obj.value = last
+        return 0
+
+    # ------------------------------------------------------------------ as other instances
+
+    def make(self) -> None:
+        """See `Instance.make`."""
+        d, kind = self.description, self._kind_name
+        flags = [False, True] if d.exchange else [False, True, self.event_mode, self.event_mode, np.zeros(0, np.uint32)]
+        kept: list[Any] = []
+        words = encode([self.name, d.guid, "resources/", *flags], kept)
+        run = self._bind(f"[static]{kind}-instance.instantiate-{kind}", len(words), "instantiate")
+        self._unit = decode(run(words.ctypes.data))
+        if self._unit is None:
+            self.stage = "failed"
+            raise CosimError(self.name, "instantiate", self.box.time, self.box.reason(self.name))
+        self.fmu.component = 1
+
+    def value_call(self, moved: Transfer) -> Call:
+        """See `Instance.value_call`."""
+        if moved.native in ("String", "Binary"):
+            return moved.around(partial(self._texts, moved)), (), moved.name
+        references, places = rows(np.uint32, len(moved.references))
+        places[:] = moved.references
+        values, numbers = rows(moved.memory.dtype, moved.memory.size)
+        lists = [references, values] if moved.verb == "Set" else [references]
+        kept: list[Any] = [references]
+        words = encode([self._unit, *[np.zeros(0, np.uint32)] * len(lists)], kept)
+        for row, each in zip(words[1:], lists, strict=True):
+            row[1:3] = len(each), each.ctypes.data
+        run = self._bind(f"[method]{self._kind_name}-instance.{_dashed(moved.name)}", len(words), moved.name)
+        address, memory = words.ctypes.data, moved.memory
+
+        def put(_: Any = kept) -> int:
+            numbers[:] = memory
+            return STATUS.index(decode(run(address)))
+
+        def get(_: Any = kept) -> int:
+            found = decode(run(address))
+            if isinstance(found, Failed):
+                return STATUS.index(found.value)
+            self._filled(moved.name, memory, found)
+            return 0
+
+        return moved.around(put if moved.verb == "Set" else get), (), moved.name
+
+    def _texts(self, moved: Transfer) -> int:
+        """Get or set texts or binary values, whose addresses are in the memory of the call."""
+        binary, references = moved.native == "Binary", np.array(moved.references, np.uint32)
+        if moved.verb == "Set":
+            sizes = moved.sizes.tolist() if binary else [-1] * moved.memory.size
+            contents = [string_at(int(p), int(s)) for p, s in zip(moved.memory, sizes, strict=True)]
+            self.ask(moved.name, references, contents if binary else [c.decode("utf-8", "replace") for c in contents])
+            return 0
+        found = [bytes(bytearray(x)) if binary else x.encode() for x in self.ask(moved.name, references)]
+        self._texts_kept = [create_string_buffer(x, len(x) + 1) for x in found]
+        self._filled(moved.name, moved.memory, [addressof(x) for x in self._texts_kept])
+        moved.sizes[:] = [len(x) for x in found]
+        return 0
+
+    def slope_call(self, moved: Transfer) -> Call:
+        """See `Instance.slope_call`."""
+
+        def get() -> int:
+            requests = [(int(reference), 1) for reference in moved.references]
+            self._filled("getOutputDerivatives", moved.memory, self.ask("getOutputDerivatives", requests))
+            return 0
+
+        return moved.around(get), (), "getOutputDerivatives"
+
+    def differentiate(self, unknowns: Sequence[int], size: int, knowns: Sequence[int], seeds: Floats) -> Floats:
+        """See `Instance.differentiate`."""
+        ends = [np.array(each, np.uint32) for each in (unknowns, knowns)]
+        found = np.zeros((len(seeds), size))
+        for row, seed in zip(found, np.asarray(seeds, np.float64), strict=True):
+            self._filled("getDirectionalDerivative", row, self.ask("getDirectionalDerivative", *ends, seed))
+        return found
+
+    def intervals(self, references: Sequence[int]) -> list[float | None]:
+        """See `Instance3.intervals`."""
+        found = self.ask("getIntervalDecimal", np.array(references, np.uint32))
+        return [interval if qualifier == _CHANGED else None for interval, qualifier in found]
+
+    def release(self) -> None:
+        """Drop the handle, which frees the instance."""
+        from wasmtime import _bindings
+
+        drop: Any = _bindings.dll["wasmtime_component_resource_any_drop"]
+        drop.argtypes, drop.restype = [c_void_p, c_void_p], c_void_p
+        assert self._unit is not None
+        error = self._watch(self.name, "freeInstance", drop)(self._context, self._unit.address)
+        if error:
+            self._trapped("freeInstance", error)
+        self._store.close()
+
+
+class _Methods:
+    """The calls of fmpy's instance that occur once or at events."""
+
+    component: Any = None
+
+    def __init__(self, instance: ComponentInstance) -> None:
+        self._instance = instance
+        self.freeInstance = instance.release
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        return partial(self._instance.ask, name)
+
+    def enterInitializationMode(self, tolerance: float | None, start: float, stop: float | None) -> None:
+        self._instance.ask("enterInitializationMode", Option(tolerance), float(start), Option(stop))
+
+    def completedIntegratorStep(self) -> Any:
+        return self._instance.ask("completedIntegratorStep", True)
+
+    def setClock(self, references: Sequence[int], values: Sequence[bool]) -> None:
+        self._instance.ask("setClock", np.array(references, np.uint32), np.array(values, np.bool_))
+
+    def getClock(self, references: Sequence[int]) -> list[bool]:
+        return [bool(x) for x in self._instance.ask("getClock", np.array(references, np.uint32))]
+
+    def freeFMUState(self, state: Any) -> None:
+        """Do nothing: a state is bytes."""
+
+    def serializeFMUState(self, state: Any) -> bytes:
+        return state.tobytes()
+
+    def deserializeFMUState(self, content: bytes) -> Any:
+        return np.frombuffer(content, np.uint8)
+
+
+def _dashed(name: str) -> str:
+    """Return the name of a function in the draft, ``get-fmu-state`` for ``getFMUState``."""
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", name.replace("UInt", "Uint").replace("FMUS", "FmuS")).lower()
+
+
+def _log(token: int, _: Any, name: str, status: str, category: str, text: str) -> None:
+    if token in boxes:
+        on_message(token, STATUS.index(status), category.encode(), text.encode())
