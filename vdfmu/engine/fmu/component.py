@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from ctypes import POINTER, addressof, c_size_t, c_uint64, c_void_p, cast, create_string_buffer, sizeof, string_at
+from ctypes import POINTER, addressof, c_double, c_size_t, c_uint64, c_void_p, cast, create_string_buffer, sizeof, string_at
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -19,13 +19,17 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import Call, Transfer
-from vdfmu.engine.fmu.component_values import ROW, Failed, Handle, Option, decode, encode, rows
+from vdfmu.engine.fmu.component_values import (
+    ENTRY, ROW, Failed, Handle, Option, Reader, Words, decode, encode, rows,
+)  # fmt: skip
 from vdfmu.engine.fmu.instance3 import Instance3
 from vdfmu.engine.fmu.messages import STATUS, boxes, on_message
 from vdfmu.engine.fmu.variables import FmuVariable
 
 _PACKAGE = "fmi:fmi3/{}@3.0.0"
 _CHANGED = "interval-changed"
+_OK = 2
+"""Length of the name of the status ``ok``; no other is as short."""
 _CALLBACKS: dict[str, dict[str, Callable[..., Any]]] = {
     "callbacks": {name: lambda store: None for name in ("clock-update", "lock-preemption", "unlock-preemption")},
     # a component cannot be called from its own callback: nothing is set there
@@ -87,30 +91,26 @@ class ComponentInstance(Instance3):
         self._interface = self._component.get_export_index(_PACKAGE.format(kind))
         self._context = cast(self._store._context(), c_void_p).value
         self._invoke: Any = _bindings.dll["wasmtime_component_func_call"]
-        self._invoke.argtypes = [c_void_p, c_void_p, c_void_p, c_size_t, c_void_p, c_size_t]
-        self._invoke.restype = c_void_p
-        self._answers: list[Any] = []
-        self._bound: dict[str, Any] = {}
+        self._invoke.restype = c_size_t
 
     # ------------------------------------------------------------------ calls
 
-    def _bind(self, name: str, count: int, call: str) -> Callable[[int], int]:
-        """Return a function of the interface: from the address of its arguments to that of its result."""
-        index = self._interface and self._component.get_export_index(name, self._interface)
-        function = index and self._instance.get_func(self._store, index)
+    def _method(self, call: str) -> str:
+        return f"[method]{self._kind_name}-instance.{_dashed(call)}"
+
+    def _bind(self, name: str, words: Words, call: str) -> tuple[Callable[[], int], Any]:
+        """Return a call of a function of the interface with its arguments, and the words of its result."""
+        if name not in self._functions:
+            index = self._interface and self._component.get_export_index(name, self._interface)
+            self._functions[name] = index and self._instance.get_func(self._store, index)
+        function = self._functions[name]
         if not function:
             raise CosimError(self.name, call, self.box.time, f"the component has no function {name}")
         answer = (c_uint64 * (ROW // 8))()
-        place, own, invoke, context = addressof(answer), addressof(function._func), self._invoke, self._context
-        self._answers += [answer, function]
-
-        def run(arguments: int) -> int:
-            error = invoke(own, context, arguments, count, place, 1)
-            if error:
-                self._trapped(call, error)
-            return place
-
-        return self._watch(self.name, call, run)
+        places = addressof(function._func), self._context, words.ctypes.data, len(words), addressof(answer), 1
+        kinds = c_void_p, c_void_p, c_void_p, c_size_t, c_void_p, c_size_t
+        arguments = [kind.from_param(place) for kind, place in zip(kinds, places, strict=True)]
+        return self._watch(self.name, call, partial(self._invoke, *arguments)), answer
 
     def _trapped(self, call: str, error: int) -> None:
         """End an instance whose code broke off."""
@@ -126,9 +126,10 @@ class ComponentInstance(Instance3):
         """Call a method with values; return its result, CosimError for a status above warning."""
         kept: list[Any] = []
         words = encode([self._unit, *values], kept)
-        if call not in self._bound:
-            self._bound[call] = self._bind(f"[method]{self._kind_name}-instance.{_dashed(call)}", len(words), call)
-        found = decode(self._bound[call](words.ctypes.data))
+        run, answer = self._bind(self._method(call), words, call)
+        if error := run():
+            self._trapped(call, error)
+        found = decode(addressof(answer))
         failed = found.value if isinstance(found, Failed) else found if isinstance(found, str) else "ok"
         if failed != "ok":
             self.judge(STATUS.index(failed), call)
@@ -138,7 +139,7 @@ class ComponentInstance(Instance3):
         """Return a function of FMI that takes ctypes arguments, of those that are called by name."""
         call = name[0].lower() + name[1:]
         if name == "DoStep":
-            return self._do_step
+            return self._stepping()
 
         def passed(_: Any, first: Any, size: Any = None) -> int:
             if size is None:
@@ -159,11 +160,26 @@ class ComponentInstance(Instance3):
             raise CosimError(self.name, call, self.box.time, reason)
         memory[:] = found
 
-    def _do_step(self, _: Any, clock: Any, size: Any, keep: Any, *answers: Any) -> int:
-        last, event, end, early = self.ask("doStep", clock.value, size.value, True)
-        answers[0]._obj[:3] = event, end, early
-        answers[3]._obj.value = last
-        return 0
+    def _stepping(self) -> Callable[..., int]:
+        """Return the function that steps, with an address for each answer; its arguments are prepared once."""
+        kept: list[Any] = []
+        words = encode([self._unit, 0.0, 0.0, True], kept)
+        times = words.view(np.float64)[1:3, 1]
+        run, answer = self._bind(self._method("doStep"), words, "doStep")
+        flags = Reader(np.bool_, 3, ENTRY, 24)
+
+        def step(_: Any, clock: Any, size: Any, keep: Any, *answers: Any, kept: Any = kept) -> int:
+            times[0], times[1] = clock.value, size.value
+            if error := run():
+                self._trapped("doStep", error)
+            if not answer[1] & 0xFF:
+                return STATUS.index(decode(answer[2]))
+            fields = c_uint64.from_address(answer[2] + 16).value
+            answers[0]._obj[:3] = flags(fields + ENTRY).tolist()
+            answers[3]._obj.value = c_double.from_address(fields + 24).value
+            return 0
+
+        return step
 
     # ------------------------------------------------------------------ as other instances
 
@@ -173,8 +189,10 @@ class ComponentInstance(Instance3):
         flags = [False, True] if d.exchange else [False, True, self.event_mode, self.event_mode, np.zeros(0, np.uint32)]
         kept: list[Any] = []
         words = encode([self.name, d.guid, "resources/", *flags], kept)
-        run = self._bind(f"[static]{kind}-instance.instantiate-{kind}", len(words), "instantiate")
-        self._unit = decode(run(words.ctypes.data))
+        run, self._answer = self._bind(f"[static]{kind}-instance.instantiate-{kind}", words, "instantiate")
+        if error := run():
+            self._trapped("instantiate", error)
+        self._unit = decode(addressof(self._answer))
         if self._unit is None:
             self.stage = "failed"
             raise CosimError(self.name, "instantiate", self.box.time, self.box.reason(self.name))
@@ -192,18 +210,25 @@ class ComponentInstance(Instance3):
         words = encode([self._unit, *[np.zeros(0, np.uint32)] * len(lists)], kept)
         for row, each in zip(words[1:], lists, strict=True):
             row[1:3] = len(each), each.ctypes.data
-        run = self._bind(f"[method]{self._kind_name}-instance.{_dashed(moved.name)}", len(words), moved.name)
-        address, memory = words.ctypes.data, moved.memory
+        run, answer = self._bind(self._method(moved.name), words, moved.name)
+        memory, head = moved.memory, c_uint64 * 2
+        read = Reader(memory.dtype, memory.size)
 
-        def put(_: Any = kept) -> int:
+        def put(kept: Any = kept) -> int:
             numbers[:] = memory
-            return STATUS.index(decode(run(address)))
+            if error := run():
+                self._trapped(moved.name, error)
+            return 0 if answer[1] == _OK else STATUS.index(decode(addressof(answer)))
 
-        def get(_: Any = kept) -> int:
-            found = decode(run(address))
-            if isinstance(found, Failed):
-                return STATUS.index(found.value)
-            self._filled(moved.name, memory, found)
+        def get(kept: Any = kept) -> int:
+            if error := run():
+                self._trapped(moved.name, error)
+            if not answer[1] & 0xFF:
+                return STATUS.index(decode(answer[2]))
+            size, place = head.from_address(answer[2] + 8)
+            if size != memory.size:
+                self._filled(moved.name, memory, decode(answer[2]))
+            memory[:] = read(place)
             return 0
 
         return moved.around(put if moved.verb == "Set" else get), (), moved.name

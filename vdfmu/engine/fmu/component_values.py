@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 Words = NDArray[np.uint64]
 ROW = 32
 """Bytes of a value."""
-_ENTRY = 48
+ENTRY = 48
 """Bytes of a field of a record: size and address of its name, and a value."""
 _NUMBERS = {
     np.dtype(name): kind
@@ -31,6 +31,7 @@ _NUMBERS = {
 _TYPES = {kind: dtype for dtype, kind in _NUMBERS.items()}
 _READ = (c_bool, c_int8, c_uint8, c_int16, c_uint16, c_int32, c_uint32, c_int64, c_uint64, c_float, c_double)
 """Numbers by kind."""
+_VIEWS = 1000
 _STRING, _LIST, _RECORD, _TUPLE, _ENUM, _OPTION, _RESULT, _RESOURCE = 12, 13, 14, 15, 17, 18, 19, 21
 
 
@@ -101,6 +102,23 @@ def encode(values: Sequence[Any], kept: list[Any]) -> Words:
     return words
 
 
+class Reader:
+    """Reads lists of numbers at changing addresses; wasmtime takes few in turn, so views of them are kept."""
+
+    def __init__(self, dtype: Any, size: int, row: int = ROW, offset: int = 8) -> None:
+        self._dtype = np.dtype({"names": ["x"], "formats": [dtype], "offsets": [offset], "itemsize": row})
+        self._type, self._views = c_char * (row * size), dict[int, NDArray[Any]]()
+
+    def __call__(self, address: int) -> NDArray[Any]:
+        """Return the numbers at an address, in place."""
+        view = self._views.get(address)
+        if view is None:
+            if len(self._views) == _VIEWS:
+                self._views.clear()
+            view = self._views[address] = np.frombuffer(self._type.from_address(address), self._dtype)["x"]
+        return view
+
+
 def list_at(size: int, address: int) -> Any:
     """Return a list: numbers as an array of their own, else a list of values."""
     if not size:
@@ -123,7 +141,7 @@ def decode(address: int) -> Any:
     if kind in (_STRING, _ENUM):
         return string_at(second, first).decode("utf-8", "replace")
     if kind == _RECORD:
-        return [decode(second + _ENTRY * k + 16) for k in range(first)]
+        return [decode(second + ENTRY * k + 16) for k in range(first)]
     if kind == _TUPLE:
         return [decode(second + ROW * k) for k in range(first)]
     if kind == _OPTION:
