@@ -9,7 +9,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from ctypes import POINTER, addressof, c_double, c_size_t, c_uint64, c_void_p, cast, create_string_buffer, sizeof, string_at
+from ctypes import (
+    POINTER, Structure, addressof, c_bool, c_char, c_double, c_size_t, c_uint64, c_void_p, cast, create_string_buffer,
+    sizeof, string_at,
+)  # fmt: skip
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -20,7 +23,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import Call, Transfer
 from vdfmu.engine.fmu.component_values import (
-    ENTRY, ROW, Failed, Handle, Option, Reader, Words, decode, encode, rows,
+    ROW, Failed, Handle, Option, Places, Words, decode, encode, heads, rows, views,
 )  # fmt: skip
 from vdfmu.engine.fmu.instance3 import Instance3
 from vdfmu.engine.fmu.messages import STATUS, boxes, on_message
@@ -35,6 +38,15 @@ _CALLBACKS: dict[str, dict[str, Callable[..., Any]]] = {
     # a component cannot be called from its own callback: nothing is set there
     "intermediate-update-callbacks": {"intermediate-update": lambda store, *update: (False, 0.0)},
 }
+
+
+class _StepAnswer(Structure):
+    """The fields of the result of a step, each with its name before it; `found` in C."""
+
+    _fields_ = (
+        ("_last", c_char * 24), ("last", c_double), ("_event", c_char * 40), ("event", c_bool),
+        ("_ends", c_char * 47), ("ends", c_bool), ("_early", c_char * 47), ("early", c_bool),
+    )  # fmt: skip
 
 
 @lru_cache(maxsize=16)
@@ -164,19 +176,19 @@ class ComponentInstance(Instance3):
         """Return the function that steps, with an address for each answer; its arguments are prepared once."""
         kept: list[Any] = []
         words = encode([self._unit, 0.0, 0.0, True], kept)
-        times = words.view(np.float64)[1:3, 1]
+        begin, length = (c_double.from_buffer(words, ROW * k + 8) for k in (1, 2))
         run, answer = self._bind(self._method("doStep"), words, "doStep")
-        flags = Reader(np.bool_, 3, ENTRY, 24)
+        head, answers = heads(), Places(_StepAnswer.from_address)
 
-        def step(_: Any, clock: Any, size: Any, keep: Any, *answers: Any, kept: Any = kept) -> int:
-            times[0], times[1] = clock.value, size.value
+        def step(_: Any, clock: Any, size: Any, keep: Any, event: Any, ends: Any, early: Any, last: Any) -> int:
+            begin.value, length.value = clock.value, size.value
             if error := run():
                 self._trapped("doStep", error)
             if not answer[1] & 0xFF:
                 return STATUS.index(decode(answer[2]))
-            fields = c_uint64.from_address(answer[2] + 16).value
-            answers[0]._obj[:3] = flags(fields + ENTRY).tolist()
-            answers[3]._obj.value = c_double.from_address(fields + 24).value
+            found = answers[head[answer[2]][1]]
+            event._obj[:3] = found.event, found.ends, found.early
+            last._obj.value = found.last
             return 0
 
         return step
@@ -211,8 +223,7 @@ class ComponentInstance(Instance3):
         for row, each in zip(words[1:], lists, strict=True):
             row[1:3] = len(each), each.ctypes.data
         run, answer = self._bind(self._method(moved.name), words, moved.name)
-        memory, head = moved.memory, c_uint64 * 2
-        read = Reader(memory.dtype, memory.size)
+        memory, head, found = moved.memory, heads(), views(moved.memory.dtype, moved.memory.size)
 
         def put(kept: Any = kept) -> int:
             numbers[:] = memory
@@ -225,10 +236,10 @@ class ComponentInstance(Instance3):
                 self._trapped(moved.name, error)
             if not answer[1] & 0xFF:
                 return STATUS.index(decode(answer[2]))
-            size, place = head.from_address(answer[2] + 8)
+            size, place = head[answer[2]]
             if size != memory.size:
                 self._filled(moved.name, memory, decode(answer[2]))
-            memory[:] = read(place)
+            memory[:] = found[place]
             return 0
 
         return moved.around(put if moved.verb == "Set" else get), (), moved.name

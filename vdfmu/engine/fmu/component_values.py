@@ -7,7 +7,7 @@ address.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from ctypes import (
     c_bool, c_char, c_double, c_float, c_int8, c_int16, c_int32, c_int64, c_uint8, c_uint16, c_uint32, c_uint64,
     string_at,
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 Words = NDArray[np.uint64]
 ROW = 32
 """Bytes of a value."""
-ENTRY = 48
+_ENTRY = 48
 """Bytes of a field of a record: size and address of its name, and a value."""
 _NUMBERS = {
     np.dtype(name): kind
@@ -31,7 +31,7 @@ _NUMBERS = {
 _TYPES = {kind: dtype for dtype, kind in _NUMBERS.items()}
 _READ = (c_bool, c_int8, c_uint8, c_int16, c_uint16, c_int32, c_uint32, c_int64, c_uint64, c_float, c_double)
 """Numbers by kind."""
-_VIEWS = 1000
+_PLACES = 1000
 _STRING, _LIST, _RECORD, _TUPLE, _ENUM, _OPTION, _RESULT, _RESOURCE = 12, 13, 14, 15, 17, 18, 19, 21
 
 
@@ -102,21 +102,29 @@ def encode(values: Sequence[Any], kept: list[Any]) -> Words:
     return words
 
 
-class Reader:
-    """Reads lists of numbers at changing addresses; wasmtime takes few in turn, so views of them are kept."""
+class Places(dict[int, Any]):
+    """Objects on memory, made once for each address: wasmtime takes few addresses in turn for the result of a call."""
 
-    def __init__(self, dtype: Any, size: int, row: int = ROW, offset: int = 8) -> None:
-        self._dtype = np.dtype({"names": ["x"], "formats": [dtype], "offsets": [offset], "itemsize": row})
-        self._type, self._views = c_char * (row * size), dict[int, NDArray[Any]]()
+    def __init__(self, make: Callable[[int], Any]) -> None:
+        super().__init__()
+        self._make = make
 
-    def __call__(self, address: int) -> NDArray[Any]:
-        """Return the numbers at an address, in place."""
-        view = self._views.get(address)
-        if view is None:
-            if len(self._views) == _VIEWS:
-                self._views.clear()
-            view = self._views[address] = np.frombuffer(self._type.from_address(address), self._dtype)["x"]
-        return view
+    def __missing__(self, address: int) -> Any:
+        if len(self) == _PLACES:
+            self.clear()
+        made = self[address] = self._make(address)
+        return made
+
+
+def heads() -> Places:
+    """Return size and address of the content of values, by their addresses."""
+    return Places(lambda address: (c_uint64 * 2).from_address(address + 8))
+
+
+def views(dtype: Any, size: int) -> Places:
+    """Return the numbers of lists of one type and size, by addresses."""
+    room = c_char * (ROW * size)
+    return Places(lambda address: numbers(np.frombuffer(room.from_address(address), np.uint64).reshape(size, -1), dtype))
 
 
 def list_at(size: int, address: int) -> Any:
@@ -126,8 +134,7 @@ def list_at(size: int, address: int) -> Any:
     kind = c_uint8.from_address(address).value
     if kind not in _TYPES:
         return [decode(address + ROW * k) for k in range(size)]
-    words = np.frombuffer((c_char * (ROW * size)).from_address(address), np.uint64).reshape(size, -1)
-    return numbers(words, _TYPES[kind]).copy()
+    return views(_TYPES[kind], size)[address].copy()
 
 
 def decode(address: int) -> Any:
@@ -141,7 +148,7 @@ def decode(address: int) -> Any:
     if kind in (_STRING, _ENUM):
         return string_at(second, first).decode("utf-8", "replace")
     if kind == _RECORD:
-        return [decode(second + ENTRY * k + 16) for k in range(first)]
+        return [decode(second + _ENTRY * k + 16) for k in range(first)]
     if kind == _TUPLE:
         return [decode(second + ROW * k) for k in range(first)]
     if kind == _OPTION:
