@@ -21,6 +21,7 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
+from vdfmu.base.process import is_limited
 from vdfmu.engine.fmu.access import Call, Transfer
 from vdfmu.engine.fmu.component_values import (
     ROW, Failed, Handle, Option, Places, Words, decode, encode, heads, rows, views,
@@ -31,6 +32,12 @@ from vdfmu.engine.fmu.variables import FmuVariable
 
 _PACKAGE = "fmi:fmi3/{}@3.0.0"
 _CHANGED = "interval-changed"
+_TYPED = {"Clock": np.bool_} | {
+    name: dtype for name, dtype in Instance3.dtypes.items() if name not in ("String", "Binary")
+}
+"""Types of numbers in the names of functions."""
+_GROWTH = 2**24
+"""Addresses [byte] reserved for the growth of a memory."""
 _OK = 2
 """Length of the name of the status ``ok``; no other is as short."""
 _CALLBACKS: dict[str, dict[str, Callable[..., Any]]] = {
@@ -52,10 +59,13 @@ class _StepAnswer(Structure):
 @lru_cache(maxsize=16)
 def _compiled(path: str, _: int) -> tuple[Any, Any]:
     """Return an engine, and a component that it has compiled."""
-    from wasmtime import Engine
+    from wasmtime import Config, Engine
     from wasmtime.component import Component
 
-    engine = Engine()
+    config = Config()
+    if is_limited("AS"):  # else 4 GiB of addresses for each memory spare checks of bounds
+        config.memory_reservation, config.memory_reservation_for_growth = 0, _GROWTH
+    engine = Engine(config)
     return engine, Component.from_file(engine, path)
 
 
@@ -70,19 +80,21 @@ class ComponentInstance(Instance3):
     def loaded(self, path: Path) -> Any:
         """See `Library.loaded`."""
         try:
-            self._start(path)
+            from wasmtime import WasmtimeError
         except ImportError:
-            reason = "it runs as WebAssembly, for which the package wasmtime is not installed; pip install 'vdfmu[wasm]'"
+            reason = "it is a component of WebAssembly, and wasmtime is not installed; pip install 'vdfmu[wasm]'"
             raise CosimError(self.name, "load", self.box.time, reason) from None
-        except (OSError, self._errors) as error:
-            raise CosimError(self.name, "load", self.box.time, str(error)) from None
+        try:
+            self._watch(self.name, "load", self._start)(path)
+        except (OSError, WasmtimeError) as error:
+            text = " ".join(line.strip() for line in str(error).splitlines())
+            raise CosimError(self.name, "load", self.box.time, text) from None
         return _Methods(self)
 
     def _start(self, path: Path) -> None:
-        from wasmtime import Store, WasiConfig, WasmtimeError, _bindings
+        from wasmtime import Store, WasiConfig, _bindings
         from wasmtime.component import Linker
 
-        self._errors = (WasmtimeError,)
         assert sizeof(_bindings.wasmtime_component_val_t) == ROW
         engine, self._component = _compiled(str(path), path.stat().st_mtime_ns)
         self._store, linker = Store(engine), Linker(engine)
@@ -304,19 +316,24 @@ class _Methods:
         self.freeInstance = instance.release
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
+        if name[3:] in _TYPED:
+            return partial(self._typed, name, _TYPED[name[3:]])
         return partial(self._instance.ask, name)
 
-    def enterInitializationMode(self, tolerance: float | None, start: float, stop: float | None) -> None:
-        self._instance.ask("enterInitializationMode", Option(tolerance), float(start), Option(stop))
+    def _typed(self, name: str, dtype: Any, references: Sequence[int], values: Any = (), nValues: int = 0) -> Any:
+        lists = [np.array(values, dtype)] if name.startswith("set") else []
+        return self._instance.ask(name, np.array(references, np.uint32), *lists)
+
+    def enterInitializationMode(
+        self, tolerance: float | None = None, startTime: float = 0.0, stopTime: float | None = None
+    ) -> None:
+        self._instance.ask("enterInitializationMode", Option(tolerance), float(startTime), Option(stopTime))
+
+    def doStep(self, time: float, size: float) -> None:
+        self._instance.ask("doStep", float(time), float(size), True)
 
     def completedIntegratorStep(self) -> Any:
         return self._instance.ask("completedIntegratorStep", True)
-
-    def setClock(self, references: Sequence[int], values: Sequence[bool]) -> None:
-        self._instance.ask("setClock", np.array(references, np.uint32), np.array(values, np.bool_))
-
-    def getClock(self, references: Sequence[int]) -> list[bool]:
-        return [bool(x) for x in self._instance.ask("getClock", np.array(references, np.uint32))]
 
     def freeFMUState(self, state: Any) -> None:
         """Do nothing: a state is bytes."""

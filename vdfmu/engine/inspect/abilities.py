@@ -30,8 +30,7 @@ _REPEATED = 1e-9
 def try_abilities(path: Path, start: float, step: float) -> Findings:
     """Make the calls that an FMU declares to support, each kind with its own instance; start and step [s]."""
     findings = Findings()
-    with Archive(path, path.name) as archive:
-        description, _ = inspect_description(archive, path.name)
+    description = described(path)
     if description is None or not description.identifier or description.once_per_process:
         return findings
     folder = Path(fmpy.extract(str(path)))
@@ -51,10 +50,44 @@ def try_abilities(path: Path, start: float, step: float) -> Findings:
     return findings
 
 
+def described(path: Path) -> Description | None:
+    """Return the description of an FMU, None where it cannot be read."""
+    with Archive(path, path.name) as archive:
+        return inspect_description(archive, path.name)[0]
+
+
+def try_sandboxed(path: Path, start: float, step: float, steps: int) -> bool:
+    """Make steps of an FMU if it runs as a component of WebAssembly, which FMPy does not run; return whether it does.
+
+    CosimError if they fail.
+    """
+    description = described(path)
+    if description is None or not description.sandboxed:
+        return False
+
+    def stepped(instance: Instance, start: float, step: float) -> str:
+        instance.leave_event()
+        for k in range(steps):
+            _step(instance, start + k * step, step)
+        return ""
+
+    _tried(description, Path(fmpy.extract(str(path))), stepped, start, step)
+    return True
+
+
 def _attempt(
     description: Description, folder: Path, attempt: Callable[[Instance, float, float], str], start: float, step: float
 ) -> str:
     """Take an instance through initialization and an attempt; return what is wrong."""
+    try:
+        return _tried(description, folder, attempt, start, step)
+    except CosimError as error:
+        return str(error).removeprefix("FMU: ")
+
+
+def _tried(
+    description: Description, folder: Path, attempt: Callable[[Instance, float, float], str], start: float, step: float
+) -> str:
     instance = class_of(description)("FMU", description, folder, MessageBox(lambda message: None), set())
     if isinstance(instance, Instance3):
         instance.event_mode = attempt is _event_mode
@@ -65,8 +98,6 @@ def _attempt(
         instance.enter_initialization()
         instance.exit_initialization(ModelExchangeIntegrator)
         return attempt(instance, start, step)
-    except CosimError as error:
-        return str(error).removeprefix("FMU: ")
     finally:
         instance.close()  # a failure would show in the plain run
 

@@ -10,6 +10,7 @@ import fmpy
 _MAGIC = {
     ".so": (b"\x7fELF",),
     ".dll": (b"MZ",),
+    ".wasm": (b"\0asm",),
     ".dylib": (b"\xcf\xfa\xed\xfe", b"\xce\xfa\xed\xfe", b"\xca\xfe\xba\xbe", b"\xca\xfe\xba\xbf"),
 }
 """First bytes of a shared library."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import posixpath
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from typing import Any
 import fmpy
 
 from vdfmu.base.errors import SspError, StorageError
+from vdfmu.engine.fmu.description import COMPONENTS, component_name
 from vdfmu.engine.inspect.binary import ENDINGS, architecture_fault, library_fault
 from vdfmu.engine.inspect.description import DESCRIPTION, description_faults
 from vdfmu.engine.inspect.findings import Findings
@@ -194,16 +196,20 @@ def _binaries(unit: _FmuContents, description: Any, kinds: list[str], findings: 
     """Check that there is a binary for this platform."""
     names = unit.names
     folders = sorted({n.split("/")[1] for n in names if n.startswith("binaries/") and n.count("/") >= 2})
-    here = [p for p in (fmpy.platform, fmpy.platform_tuple) if p in folders]
+    here = [p for p in (fmpy.platform, fmpy.platform_tuple, COMPONENTS) if p in folders]
     if not here:
         has_sources = any(n.startswith("sources/") and n.endswith((".c", ".cpp", ".cc")) for n in names)
         sources = "; it has sources, which must be compiled first" if has_sources else ""
         text = f"no binary for this platform, {fmpy.platform}; there are: {', '.join(folders) or 'none'}{sources}"
         findings.problem("FMI017", text)
         return
-    libraries = {str(getattr(description, kind).modelIdentifier) + fmpy.sharedLibraryExtension for kind in kinds}
-    for library in sorted(libraries):
-        here_too = [f"binaries/{folder}/{library}" for folder in here if f"binaries/{folder}/{library}" in names]
+    for identifier in sorted({str(getattr(description, kind).modelIdentifier) for kind in kinds}):
+        libraries = [
+            component_name(identifier) if p == COMPONENTS else f"binaries/{p}/{identifier}{fmpy.sharedLibraryExtension}"
+            for p in here
+        ]
+        here_too = [name for name in libraries if name in names]
         if not here_too:
-            findings.problem("FMI017", f"binaries/{here[0]} has no {library}, as the model identifier asks for")
+            folder, library = posixpath.split(libraries[0])
+            findings.problem("FMI017", f"{folder} has no {library}, as the model identifier asks for")
         findings.problems += [finding("FMI018", unit.misbuilt[name]) for name in here_too if name in unit.misbuilt]

@@ -20,6 +20,9 @@ from fmpy.fmi3 import FMU3Slave
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import SspError
+from vdfmu.engine.fmu.component import ComponentInstance
+from vdfmu.engine.fmu.messages import MessageBox
+from vdfmu.engine.inspect.abilities import described
 from vdfmu.engine.inspect.findings import Findings
 from vdfmu.engine.inspect.said import Said
 from vdfmu.engine.package.parse import parse_xml
@@ -247,16 +250,23 @@ def _results_3(
     said: Said,
 ) -> dict[str, Floats]:
     """Return the results of an FMU 3.0 at the times of a table: arrays set and read at every communication point."""
-    instance: Any = FMU3Slave(
-        guid=description.guid, unzipDirectory=fmpy.extract(str(path)), instanceName="check",
-        modelIdentifier=description.coSimulation.modelIdentifier, fmiCallLogger=refuse_negative,
-    )  # fmt: skip
+    folder, known = fmpy.extract(str(path)), described(path)
+    if known is not None and known.sandboxed:
+        own = ComponentInstance("check", known, Path(folder), MessageBox(lambda message: None), set())
+        own.instantiate()
+        instance: Any = own.fmu
+    else:
+        instance = FMU3Slave(
+            guid=description.guid, unzipDirectory=folder, instanceName="check",
+            modelIdentifier=description.coSimulation.modelIdentifier, fmiCallLogger=refuse_negative,
+        )  # fmt: skip
     start, stop = float(expected.time[0]), float(expected.time[-1])
     points = expected.time if signals is None else np.concatenate([expected.time, signals.time])
     points = np.unique(points[(points >= start) & (points <= stop)])
     results = {name: np.empty_like(column) for name, column in expected.columns.items()}
     try:
-        instance.instantiate(logMessage=said)
+        if isinstance(instance, FMU3Slave):
+            instance.instantiate(logMessage=said)
         instance.enterInitializationMode(startTime=start, stopTime=stop)
         _feed(instance, variables, signals, start)
         instance.exitInitializationMode()
