@@ -48,7 +48,8 @@ def build(
     platform: Annotated[
         list[str] | None,
         typer.Option(
-            help="Platform of native FMUs, such as x86_64-windows, or all; wasm32 is WebAssembly. Default this "
+            help="Platform of native FMUs, such as x86_64-windows, or all; wasm is a component of "
+            "WebAssembly, wasm32 a module. Default this "
             "machine's. Repeatable."
         ),
     ] = None,

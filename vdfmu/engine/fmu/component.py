@@ -7,6 +7,7 @@ Time and memory are limited as for any FMU, by isolation.
 
 from __future__ import annotations
 
+import atexit
 import re
 from collections.abc import Callable, Sequence
 from ctypes import (
@@ -69,6 +70,26 @@ def _compiled(path: str, _: int) -> tuple[Any, Any]:
     return engine, Component.from_file(engine, path)
 
 
+atexit.register(_compiled.cache_clear)  # while wasmtime can still free what it has made
+
+
+def sandboxed(engine: Any, component: Any, log: Callable[..., None]) -> tuple[Any, Any]:
+    """Return a store and an instance of a component in it, which reaches the callbacks of FMI, and no machine."""
+    from wasmtime import Store, WasiConfig
+    from wasmtime.component import Linker
+
+    store, linker = Store(engine), Linker(engine)
+    if any(name.startswith("wasi:") for name in component.type.imports(engine)):
+        linker.add_wasip2()
+        store.set_wasi(WasiConfig())
+    with linker.root() as root:
+        for interface, functions in _CALLBACKS.items():
+            with root.add_instance(_PACKAGE.format(interface)) as offered:
+                for name, function in (functions | ({"log-message": log} if interface == "callbacks" else {})).items():
+                    offered.add_func(name, function)
+    return store, linker.instantiate(store, component)
+
+
 class ComponentInstance(Instance3):
     """An instance of an FMU of FMI 3.0 in a sandbox.
 
@@ -92,24 +113,11 @@ class ComponentInstance(Instance3):
         return _Methods(self)
 
     def _start(self, path: Path) -> None:
-        from wasmtime import Store, WasiConfig, _bindings
-        from wasmtime.component import Linker
+        from wasmtime import _bindings
 
         assert sizeof(_bindings.wasmtime_component_val_t) == ROW
         engine, self._component = _compiled(str(path), path.stat().st_mtime_ns)
-        self._store, linker = Store(engine), Linker(engine)
-        imports = self._component.type.imports(engine)
-        if any(name.startswith("wasi:") for name in imports):
-            linker.add_wasip2()
-            self._store.set_wasi(WasiConfig())
-        with linker.root() as root:
-            for interface, functions in _CALLBACKS.items():
-                with root.add_instance(_PACKAGE.format(interface)) as offered:
-                    for name, function in functions.items():
-                        offered.add_func(name, function)
-                    if interface == "callbacks":
-                        offered.add_func("log-message", partial(_log, self.token))
-        self._instance = linker.instantiate(self._store, self._component)
+        self._store, self._instance = sandboxed(engine, self._component, partial(_log, self.token))
         kind = "model-exchange" if self.description.exchange else "co-simulation"
         self._kind_name = kind
         self._interface = self._component.get_export_index(_PACKAGE.format(kind))
