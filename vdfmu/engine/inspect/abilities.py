@@ -66,7 +66,8 @@ def try_sandboxed(path: Path, start: float, step: float, steps: int) -> bool:
         return False
 
     def stepped(instance: Instance, start: float, step: float) -> str:
-        instance.leave_event()
+        if not description.exchange:
+            instance.leave_event()
         for k in range(steps):
             _step(instance, start + k * step, step)
         return ""
