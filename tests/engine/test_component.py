@@ -45,7 +45,8 @@ ENVIRONMENT = """(import "wasi:cli/environment@0.2.6" (instance $asked
 FILES = """(import "wasi:filesystem/types@0.2.6" (instance $types (export "descriptor" (type (sub resource)))))
   (alias export $types "descriptor" (type $d))
   (import "wasi:filesystem/preopens@0.2.6" (instance $asked (alias outer 1 $d (type $e))
-    (export "descriptor" (type $f (eq $e))) (export "get-directories" (func (result (list (tuple (own $f) string)))))))"""
+    (export "descriptor" (type $f (eq $e)))
+    (export "get-directories" (func (result (list (tuple (own $f) string)))))))"""
 
 
 @pytest.fixture

@@ -146,10 +146,8 @@ def test_the_plant_moves_in_node_as_its_library_does(
     if jco is None:
         pytest.skip("jco is not installed: npm install --global @bytecodealliance/jco")
     model = Model(folders["plant"])
-    subprocess.run(
-        [jco, "transpile", binary(folders["plant"]), "-o", tmp_path / "js", "--name", "unit", "--instantiation", "sync"],
-        check=True, stdout=subprocess.PIPE,
-    )  # fmt: skip
+    made = "-o", tmp_path / "js", "--name", "unit", "--instantiation", "sync"
+    subprocess.run([jco, "transpile", binary(folders["plant"]), *made], check=True, stdout=subprocess.PIPE)
     (tmp_path / "package.json").write_text('{"type": "module"}')
     (tmp_path / "run.js").write_text(NODE)
     tau, q = (model.group(group)[0].reference for group in ("tau", "q"))

@@ -1,19 +1,16 @@
 """An FMU of FMI 3.0 whose binary is a component of WebAssembly, in a sandbox: the draft FMI-LS-WASM, of July 2026.
 
 A component has memory of its own and the callbacks of FMI, and no files, environment, arguments or network of this
-machine. One that imports WASI, as compilers make them, gets a WASI without any of those; clocks and random numbers remain.
-Time and memory are limited as for any FMU, by isolation.
+machine. One that imports WASI, as compilers make them, gets a WASI without any of those; clocks and random numbers
+remain. Time and memory are limited as for any FMU, by isolation.
 """
 
 from __future__ import annotations
 
 import atexit
+import ctypes as ct
 import re
 from collections.abc import Callable, Sequence
-from ctypes import (
-    POINTER, Structure, addressof, c_bool, c_char, c_double, c_size_t, c_uint64, c_void_p, cast, create_string_buffer,
-    sizeof, string_at,
-)  # fmt: skip
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -23,37 +20,27 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
 from vdfmu.base.process import is_limited
+from vdfmu.engine.fmu import component_values as cv
 from vdfmu.engine.fmu.access import Call, Transfer
-from vdfmu.engine.fmu.component_values import (
-    ROW, Failed, Handle, Option, Places, Words, decode, encode, heads, rows, views,
-)  # fmt: skip
 from vdfmu.engine.fmu.instance3 import Instance3
 from vdfmu.engine.fmu.messages import STATUS, boxes, on_message
-from vdfmu.engine.fmu.variables import FmuVariable
 
 _PACKAGE = "fmi:fmi3/{}@3.0.0"
-_CHANGED = "interval-changed"
-_TYPED = {"Clock": np.bool_} | {
-    name: dtype for name, dtype in Instance3.dtypes.items() if name not in ("String", "Binary")
-}
-"""Types of numbers in the names of functions."""
-_GROWTH = 2**24
-"""Addresses [byte] reserved for the growth of a memory."""
 _OK = 2
 """Length of the name of the status ``ok``; no other is as short."""
-_CALLBACKS: dict[str, dict[str, Callable[..., Any]]] = {
-    "callbacks": {name: lambda store: None for name in ("clock-update", "lock-preemption", "unlock-preemption")},
-    # a component cannot be called from its own callback: nothing is set there
-    "intermediate-update-callbacks": {"intermediate-update": lambda store, *update: (False, 0.0)},
+_CALLBACKS = {
+    "callbacks": ("log-message", "clock-update", "lock-preemption", "unlock-preemption"),
+    "intermediate-update-callbacks": ("intermediate-update",),
 }
+"""Functions that a component may import. It cannot be called from them: nothing is set in an intermediate update."""
 
 
-class _StepAnswer(Structure):
+class _StepAnswer(ct.Structure):
     """The fields of the result of a step, each with its name before it; `found` in C."""
 
     _fields_ = (
-        ("_last", c_char * 24), ("last", c_double), ("_event", c_char * 40), ("event", c_bool),
-        ("_ends", c_char * 47), ("ends", c_bool), ("_early", c_char * 47), ("early", c_bool),
+        ("_last", ct.c_char * 24), ("last", ct.c_double), ("_event", ct.c_char * 40), ("event", ct.c_bool),
+        ("_ends", ct.c_char * 47), ("ends", ct.c_bool), ("_early", ct.c_char * 47), ("early", ct.c_bool),
     )  # fmt: skip
 
 
@@ -65,7 +52,7 @@ def _compiled(path: str, _: int) -> tuple[Any, Any]:
 
     config = Config()
     if is_limited("AS"):  # else 4 GiB of addresses for each memory spare checks of bounds
-        config.memory_reservation, config.memory_reservation_for_growth = 0, _GROWTH
+        config.memory_reservation, config.memory_reservation_for_growth = 0, 2**24
     engine = Engine(config)
     return engine, Component.from_file(engine, path)
 
@@ -83,10 +70,10 @@ def sandboxed(engine: Any, component: Any, log: Callable[..., None]) -> tuple[An
         linker.add_wasip2()
         store.set_wasi(WasiConfig())
     with linker.root() as root:
-        for interface, functions in _CALLBACKS.items():
+        for interface, names in _CALLBACKS.items():
             with root.add_instance(_PACKAGE.format(interface)) as offered:
-                for name, function in (functions | ({"log-message": log} if interface == "callbacks" else {})).items():
-                    offered.add_func(name, function)
+                for name in names:
+                    offered.add_func(name, log if name == "log-message" else _ignore)
     return store, linker.instantiate(store, component)
 
 
@@ -96,7 +83,7 @@ class ComponentInstance(Instance3):
     What fmpy's instance is to the other classes is `_Methods` here; functions take Python's values.
     """
 
-    _unit: Handle | None = None
+    _unit: cv.Handle | None = None
 
     def loaded(self, path: Path) -> Any:
         """See `Library.loaded`."""
@@ -113,24 +100,23 @@ class ComponentInstance(Instance3):
         return _Methods(self)
 
     def _start(self, path: Path) -> None:
-        from wasmtime import _bindings
+        from wasmtime import _ffi
 
-        assert sizeof(_bindings.wasmtime_component_val_t) == ROW
+        assert ct.sizeof(_ffi.wasmtime_component_val_t) == cv.ROW
         engine, self._component = _compiled(str(path), path.stat().st_mtime_ns)
         self._store, self._instance = sandboxed(engine, self._component, partial(_log, self.token))
         kind = "model-exchange" if self.description.exchange else "co-simulation"
         self._kind_name = kind
         self._interface = self._component.get_export_index(_PACKAGE.format(kind))
-        self._context = cast(self._store._context(), c_void_p).value
-        self._invoke: Any = _bindings.dll["wasmtime_component_func_call"]
-        self._invoke.restype = c_size_t
+        self._context = ct.cast(self._store._context(), ct.c_void_p).value
+        self._invoke = _function("wasmtime_component_func_call")
 
     # ------------------------------------------------------------------ calls
 
     def _method(self, call: str) -> str:
         return f"[method]{self._kind_name}-instance.{_dashed(call)}"
 
-    def _bind(self, name: str, words: Words, call: str) -> tuple[Callable[[], int], Any]:
+    def _bind(self, name: str, words: cv.Words, call: str) -> tuple[Callable[[], int], Any]:
         """Return a call of a function of the interface with its arguments, and the words of its result."""
         if name not in self._functions:
             index = self._interface and self._component.get_export_index(name, self._interface)
@@ -138,17 +124,18 @@ class ComponentInstance(Instance3):
         function = self._functions[name]
         if not function:
             raise CosimError(self.name, call, self.box.time, f"the component has no function {name}")
-        answer = (c_uint64 * (ROW // 8))()
-        places = addressof(function._func), self._context, words.ctypes.data, len(words), addressof(answer), 1
-        kinds = c_void_p, c_void_p, c_void_p, c_size_t, c_void_p, c_size_t
+        answer = (ct.c_uint64 * (cv.ROW // 8))()
+        places = ct.addressof(function._func), self._context, words.ctypes.data, len(words), ct.addressof(answer), 1
+        kinds = ct.c_void_p, ct.c_void_p, ct.c_void_p, ct.c_size_t, ct.c_void_p, ct.c_size_t
         arguments = [kind.from_param(place) for kind, place in zip(kinds, places, strict=True)]
         return self._watch(self.name, call, partial(self._invoke, *arguments)), answer
 
     def _trapped(self, call: str, error: int) -> None:
         """End an instance whose code broke off."""
-        from wasmtime import WasmtimeError, _bindings
+        from wasmtime import WasmtimeError, _ffi
 
-        failure = WasmtimeError._from_ptr(cast(error, POINTER(_bindings.wasmtime_error_t)))
+        pointer = ct.cast(error, ct.POINTER(_ffi.wasmtime_error_t))
+        failure = WasmtimeError._from_ptr(pointer)  # pyright: ignore[reportPrivateUsage]
         lines = [line.strip() for line in str(failure).splitlines() if line.strip()]
         text = f"its code broke off: {lines[-1]}"
         on_message(self.token, STATUS.index("fatal"), b"logStatusFatal", text.encode())
@@ -157,12 +144,12 @@ class ComponentInstance(Instance3):
     def ask(self, call: str, *values: Any) -> Any:
         """Call a method with values; return its result, CosimError for a status above warning."""
         kept: list[Any] = []
-        words = encode([self._unit, *values], kept)
+        words = cv.encode([self._unit, *values], kept)
         run, answer = self._bind(self._method(call), words, call)
         if error := run():
             self._trapped(call, error)
-        found = decode(addressof(answer))
-        failed = found.value if isinstance(found, Failed) else found if isinstance(found, str) else "ok"
+        found = cv.decode(ct.addressof(answer))
+        failed = found.value if isinstance(found, cv.Failed) else found if isinstance(found, str) else "ok"
         if failed != "ok":
             self.judge(STATUS.index(failed), call)
         return found
@@ -177,7 +164,7 @@ class ComponentInstance(Instance3):
             if size is None:
                 self.ask(call, float(first.value))
                 return 0
-            values = np.frombuffer((c_uint64 * size.value).from_address(first.value), np.float64)
+            values = np.frombuffer((ct.c_uint64 * size.value).from_address(first.value), np.float64)
             if name.startswith("Set"):
                 self.ask(call, values)
             else:
@@ -195,17 +182,19 @@ class ComponentInstance(Instance3):
     def _stepping(self) -> Callable[..., int]:
         """Return the function that steps, with an address for each answer; its arguments are prepared once."""
         kept: list[Any] = []
-        words = encode([self._unit, 0.0, 0.0, True], kept)
-        begin, length = (c_double.from_buffer(words, ROW * k + 8) for k in (1, 2))
+        words = cv.encode([self._unit, 0.0, 0.0, True], kept)
+        begin, length = (ct.c_double.from_address(words.ctypes.data + cv.ROW * k + 8) for k in (1, 2))
         run, answer = self._bind(self._method("doStep"), words, "doStep")
-        head, answers = heads(), Places(_StepAnswer.from_address)
+        head, answers = cv.heads(), cv.Places(_StepAnswer.from_address)
 
-        def step(_: Any, clock: Any, size: Any, keep: Any, event: Any, ends: Any, early: Any, last: Any) -> int:
+        def step(
+            _: Any, clock: Any, size: Any, keep: Any, event: Any, ends: Any, early: Any, last: Any, kept: Any = kept
+        ) -> int:
             begin.value, length.value = clock.value, size.value
             if error := run():
                 self._trapped("doStep", error)
             if not answer[1] & 0xFF:
-                return STATUS.index(decode(answer[2]))
+                return STATUS.index(cv.decode(answer[2]))
             found = answers[head[answer[2]][1]]
             event._obj[:3] = found.event, found.ends, found.early
             last._obj.value = found.last
@@ -220,11 +209,11 @@ class ComponentInstance(Instance3):
         d, kind = self.description, self._kind_name
         flags = [False, True] if d.exchange else [False, True, self.event_mode, self.event_mode, np.zeros(0, np.uint32)]
         kept: list[Any] = []
-        words = encode([self.name, d.guid, "resources/", *flags], kept)
+        words = cv.encode([self.name, d.guid, "resources/", *flags], kept)
         run, self._answer = self._bind(f"[static]{kind}-instance.instantiate-{kind}", words, "instantiate")
         if error := run():
             self._trapped("instantiate", error)
-        self._unit = decode(addressof(self._answer))
+        self._unit = cv.decode(ct.addressof(self._answer))
         if self._unit is None:
             self.stage = "failed"
             raise CosimError(self.name, "instantiate", self.box.time, self.box.reason(self.name))
@@ -233,60 +222,36 @@ class ComponentInstance(Instance3):
     def value_call(self, moved: Transfer) -> Call:
         """See `Instance.value_call`."""
         if moved.native in ("String", "Binary"):
-            return moved.around(partial(self._texts, moved)), (), moved.name
-        references, places = rows(np.uint32, len(moved.references))
+            raise CosimError(self.name, moved.name, self.box.time, "texts of components are not supported")
+        references, places = cv.rows(np.uint32, len(moved.references))
         places[:] = moved.references
-        values, numbers = rows(moved.memory.dtype, moved.memory.size)
+        values, numbers = cv.rows(moved.memory.dtype, moved.memory.size)
         lists = [references, values] if moved.verb == "Set" else [references]
         kept: list[Any] = [references]
-        words = encode([self._unit, *[np.zeros(0, np.uint32)] * len(lists)], kept)
+        words = cv.encode([self._unit, *[np.zeros(0, np.uint32)] * len(lists)], kept)
         for row, each in zip(words[1:], lists, strict=True):
             row[1:3] = len(each), each.ctypes.data
         run, answer = self._bind(self._method(moved.name), words, moved.name)
-        memory, head, found = moved.memory, heads(), views(moved.memory.dtype, moved.memory.size)
+        memory, head, found = moved.memory, cv.heads(), cv.views(moved.memory.dtype, moved.memory.size)
 
         def put(kept: Any = kept) -> int:
             numbers[:] = memory
             if error := run():
                 self._trapped(moved.name, error)
-            return 0 if answer[1] == _OK else STATUS.index(decode(addressof(answer)))
+            return 0 if answer[1] == _OK else STATUS.index(cv.decode(ct.addressof(answer)))
 
         def get(kept: Any = kept) -> int:
             if error := run():
                 self._trapped(moved.name, error)
             if not answer[1] & 0xFF:
-                return STATUS.index(decode(answer[2]))
+                return STATUS.index(cv.decode(answer[2]))
             size, place = head[answer[2]]
             if size != memory.size:
-                self._filled(moved.name, memory, decode(answer[2]))
+                self._filled(moved.name, memory, cv.decode(answer[2]))
             memory[:] = found[place]
             return 0
 
         return moved.around(put if moved.verb == "Set" else get), (), moved.name
-
-    def _texts(self, moved: Transfer) -> int:
-        """Get or set texts or binary values, whose addresses are in the memory of the call."""
-        binary, references = moved.native == "Binary", np.array(moved.references, np.uint32)
-        if moved.verb == "Set":
-            sizes = moved.sizes.tolist() if binary else [-1] * moved.memory.size
-            contents = [string_at(int(p), int(s)) for p, s in zip(moved.memory, sizes, strict=True)]
-            self.ask(moved.name, references, contents if binary else [c.decode("utf-8", "replace") for c in contents])
-            return 0
-        found = [bytes(bytearray(x)) if binary else x.encode() for x in self.ask(moved.name, references)]
-        self._texts_kept = [create_string_buffer(x, len(x) + 1) for x in found]
-        self._filled(moved.name, moved.memory, [addressof(x) for x in self._texts_kept])
-        moved.sizes[:] = [len(x) for x in found]
-        return 0
-
-    def slope_call(self, moved: Transfer) -> Call:
-        """See `Instance.slope_call`."""
-
-        def get() -> int:
-            requests = [(int(reference), 1) for reference in moved.references]
-            self._filled("getOutputDerivatives", moved.memory, self.ask("getOutputDerivatives", requests))
-            return 0
-
-        return moved.around(get), (), "getOutputDerivatives"
 
     def differentiate(self, unknowns: Sequence[int], size: int, knowns: Sequence[int], seeds: Floats) -> Floats:
         """See `Instance.differentiate`."""
@@ -296,20 +261,12 @@ class ComponentInstance(Instance3):
             self._filled("getDirectionalDerivative", row, self.ask("getDirectionalDerivative", *ends, seed))
         return found
 
-    def intervals(self, references: Sequence[int]) -> list[float | None]:
-        """See `Instance3.intervals`."""
-        found = self.ask("getIntervalDecimal", np.array(references, np.uint32))
-        return [interval if qualifier == _CHANGED else None for interval, qualifier in found]
-
     def release(self) -> None:
         """Drop the handle, which frees the instance."""
-        from wasmtime import _bindings
-
-        drop: Any = _bindings.dll["wasmtime_component_resource_any_drop"]
-        drop.argtypes, drop.restype = [c_void_p, c_void_p], c_void_p
+        drop = _function("wasmtime_component_resource_any_drop")
         assert self._unit is not None
-        error = self._watch(self.name, "freeInstance", drop)(self._context, self._unit.address)
-        if error:
+        places = ct.c_void_p(self._context), ct.c_void_p(self._unit.address)
+        if error := self._watch(self.name, "freeInstance", drop)(*places):
             self._trapped("freeInstance", error)
         self._store.close()
 
@@ -324,8 +281,8 @@ class _Methods:
         self.freeInstance = instance.release
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
-        if name[3:] in _TYPED:
-            return partial(self._typed, name, _TYPED[name[3:]])
+        if name[3:] in Instance3.dtypes:
+            return partial(self._typed, name, Instance3.dtypes[name[3:]])
         return partial(self._instance.ask, name)
 
     def _typed(self, name: str, dtype: Any, references: Sequence[int], values: Any = (), nValues: int = 0) -> Any:
@@ -335,7 +292,7 @@ class _Methods:
     def enterInitializationMode(
         self, tolerance: float | None = None, startTime: float = 0.0, stopTime: float | None = None
     ) -> None:
-        self._instance.ask("enterInitializationMode", Option(tolerance), float(startTime), Option(stopTime))
+        self._instance.ask("enterInitializationMode", cv.Option(tolerance), float(startTime), cv.Option(stopTime))
 
     def doStep(self, time: float, size: float) -> None:
         self._instance.ask("doStep", float(time), float(size), True)
@@ -353,9 +310,23 @@ class _Methods:
         return np.frombuffer(content, np.uint8)
 
 
+def _function(name: str) -> Any:
+    """Return a function of wasmtime's library, which returns the address of an error, or 0; its package has others."""
+    from wasmtime import _ffi
+
+    library: Any = _ffi.dll
+    function = library[name]
+    function.restype = ct.c_size_t
+    return function
+
+
 def _dashed(name: str) -> str:
     """Return the name of a function in the draft, ``get-fmu-state`` for ``getFMUState``."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", name.replace("UInt", "Uint").replace("FMUS", "FmuS")).lower()
+
+
+def _ignore(_: Any, *update: Any) -> Any:
+    return (False, 0.0) if update else None
 
 
 def _log(token: int, _: Any, name: str, status: str, category: str, text: str) -> None:

@@ -7,11 +7,8 @@ address.
 
 from __future__ import annotations
 
+import ctypes as ct
 from collections.abc import Callable, Sequence
-from ctypes import (
-    c_bool, c_char, c_double, c_float, c_int8, c_int16, c_int32, c_int64, c_uint8, c_uint16, c_uint32, c_uint64,
-    string_at,
-)  # fmt: skip
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,10 +26,10 @@ _NUMBERS = {
 }
 """Types of numbers to kinds of values."""
 _TYPES = {kind: dtype for dtype, kind in _NUMBERS.items()}
-_READ = (c_bool, c_int8, c_uint8, c_int16, c_uint16, c_int32, c_uint32, c_int64, c_uint64, c_float, c_double)
+_READ = [np.ctypeslib.as_ctypes_type(dtype) for dtype in _NUMBERS]
 """Numbers by kind."""
 _PLACES = 1000
-_STRING, _LIST, _RECORD, _TUPLE, _ENUM, _OPTION, _RESULT, _RESOURCE = 12, 13, 14, 15, 17, 18, 19, 21
+_STRING, _LIST, _RECORD, _ENUM, _OPTION, _RESULT, _RESOURCE = 12, 13, 14, 17, 18, 19, 21
 
 
 @dataclass(frozen=True)
@@ -79,24 +76,17 @@ def encode(values: Sequence[Any], kept: list[Any]) -> Words:
         elif isinstance(value, Option):
             inner = encode([] if value.value is None else [value.value], kept)
             row[:2] = _OPTION, inner.ctypes.data if len(inner) else 0
-        elif isinstance(value, (str, bytes)):
-            text = np.frombuffer(value.encode("utf-8", "replace") if isinstance(value, str) else value, np.uint8)
-            if isinstance(value, bytes):
-                inner = encode([text], kept)
-                row[:] = inner[0]
-            else:
-                kept.append(text)
-                row[:3] = _STRING, text.size, text.ctypes.data
-        elif isinstance(value, (list, tuple, np.ndarray)):
-            if isinstance(value, np.ndarray):
-                inner, places = rows(value.dtype, value.size)
-                places[:] = value
-                kept.append(inner)
-            else:
-                inner = encode(value, kept)
-            row[:3] = _TUPLE if isinstance(value, tuple) else _LIST, len(inner), inner.ctypes.data
+        elif isinstance(value, str):
+            text = np.frombuffer(value.encode("utf-8", "replace"), np.uint8)
+            kept.append(text)
+            row[:3] = _STRING, text.size, text.ctypes.data
+        elif isinstance(value, np.ndarray):
+            inner, places = rows(value.dtype, value.size)
+            places[:] = value
+            kept.append(inner)
+            row[:3] = _LIST, len(inner), inner.ctypes.data
         else:
-            dtype = np.dtype("u4" if type(value) is int else type(value))
+            dtype = np.dtype(type(value))
             row[0] = _NUMBERS[dtype]
             numbers(row[None], dtype)[0] = value
     return words
@@ -118,20 +108,25 @@ class Places(dict[int, Any]):
 
 def heads() -> Places:
     """Return size and address of the content of values, by their addresses."""
-    return Places(lambda address: (c_uint64 * 2).from_address(address + 8))
+    return Places(lambda address: (ct.c_uint64 * 2).from_address(address + 8))
 
 
 def views(dtype: Any, size: int) -> Places:
     """Return the numbers of lists of one type and size, by addresses."""
-    room = c_char * (ROW * size)
-    return Places(lambda address: numbers(np.frombuffer(room.from_address(address), np.uint64).reshape(size, -1), dtype))
+    room = ct.c_uint64 * (ROW // 8) * size
+
+    def view(address: int) -> NDArray[Any]:
+        words: Any = np.ctypeslib.as_array(room.from_address(address))
+        return numbers(words, dtype)
+
+    return Places(view)
 
 
 def list_at(size: int, address: int) -> Any:
     """Return a list: numbers as an array of their own, else a list of values."""
     if not size:
         return []
-    kind = c_uint8.from_address(address).value
+    kind = ct.c_uint8.from_address(address).value
     if kind not in _TYPES:
         return [decode(address + ROW * k) for k in range(size)]
     return views(_TYPES[kind], size)[address].copy()
@@ -139,18 +134,16 @@ def list_at(size: int, address: int) -> Any:
 
 def decode(address: int) -> Any:
     """Return the value at an address."""
-    kind = c_uint8.from_address(address).value
+    kind = ct.c_uint8.from_address(address).value
     if kind < len(_READ):
         return _READ[kind].from_address(address + 8).value
-    first, second = (c_uint64.from_address(address + at).value for at in (8, 16))
+    first, second = (ct.c_uint64.from_address(address + at).value for at in (8, 16))
     if kind == _LIST:
         return list_at(first, second)
     if kind in (_STRING, _ENUM):
-        return string_at(second, first).decode("utf-8", "replace")
+        return ct.string_at(second, first).decode("utf-8", "replace")
     if kind == _RECORD:
         return [decode(second + _ENTRY * k + 16) for k in range(first)]
-    if kind == _TUPLE:
-        return [decode(second + ROW * k) for k in range(first)]
     if kind == _OPTION:
         return decode(first) if first else None
     if kind == _RESULT:

@@ -195,8 +195,11 @@ def _inspect(
 
 
 def in_sandbox(description: Description) -> Description:
-    """Return an FMU whose component runs: it cannot be called from its callbacks, so nothing is set in them."""
-    return replace(description, sandboxed=True, updates_inputs=False)
+    """Return an FMU whose component runs, which does not offer all that its library would.
+
+    A component cannot be called from its callbacks, so nothing is set in intermediate updates.
+    """
+    return replace(description, sandboxed=True, updates_inputs=False, derives_outputs=False, event_mode=False)
 
 
 def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -> Description:
