@@ -179,6 +179,14 @@ static int32_t restored(const Resource *u, const fmi3Byte *bytes, size_t n)
     return ended(status);
 }
 
+static int32_t set_logging(const Resource *u, int32_t on, const String *categories, size_t n)
+{
+    fmi3String *texts = take(n * sizeof *texts);
+    for (size_t k = 0; k < n; k++)
+        texts[k] = terminated(categories[k].data, categories[k].n);
+    return ended(fmi3SetDebugLogging(u->fmi, on, n, texts));
+}
+
 /* The handle of a new instance, or nothing. */
 static void *handle(Resource *u, int32_t (*new)(Resource *))
 {
@@ -199,6 +207,64 @@ __attribute__((export_name("fmi:fmi3/common@3.0.0#get-version"))) void *get_vers
     return &r;
 }
 
+/* ---------------------------------------------------------------- kinds of methods */
+
+#define EXPORT(name) __attribute__((export_name(INTERFACE "#" name)))
+#define METHOD(name) EXPORT("[method]" RESOURCE "." name)
+
+/* A status alone. */
+#define PLAIN(name, function) \
+    METHOD(name) int32_t NAME(function)(Resource *u) { return ended(fmi3##function(u->fmi)); }
+
+#define VALUES(name, Type)                                                                                    \
+    METHOD("get-" name) void *NAME(Get##Type)(Resource *u, REFS)                                              \
+    {                                                                                                         \
+        const size_t m = count(u, refs, n);                                                                   \
+        fmi3##Type *values = take(m * sizeof *values);                                                        \
+        return list(fmi3Get##Type(u->fmi, refs, n, values, m), values, m);                                    \
+    }                                                                                                         \
+    METHOD("set-" name) int32_t NAME(Set##Type)(Resource *u, REFS, const fmi3##Type *values, size_t n_values) \
+    {                                                                                                         \
+        return ended(fmi3Set##Type(u->fmi, refs, n, values, n_values));                                       \
+    }
+
+/* Types that no variable has. */
+#define NO_GET(name, function, ...)                                         \
+    METHOD(name) void *NAME(function)(Resource *u, REFS)                    \
+    {                                                                       \
+        return list(fmi3##function(u->fmi, refs, n, __VA_ARGS__), NULL, 0); \
+    }
+#define NO_SET(name, function, ...)                                                                \
+    METHOD(name) int32_t NAME(function)(Resource *u, REFS, const void *values, size_t n_values)    \
+    {                                                                                              \
+        (void)values, (void)n_values;                                                              \
+        return ended(fmi3##function(u->fmi, refs, n, __VA_ARGS__));                                \
+    }
+
+#define DERIVATIVE(name, function, to)                                                                                 \
+    METHOD(name) void *NAME(function)(Resource *u, const fmi3ValueReference *unknowns, size_t n_unknowns,              \
+                                      const fmi3ValueReference *knowns, size_t n_knowns, const double *seed,           \
+                                      size_t n_seed)                                                                   \
+    {                                                                                                                  \
+        const size_t m = count(u, to, n_##to);                                                                         \
+        double *found = take(m * sizeof *found);                                                                       \
+        return list(fmi3##function(u->fmi, unknowns, n_unknowns, knowns, n_knowns, seed, n_seed, found, m), found, m); \
+    }
+
+#define STATES(name, function)                                         \
+    METHOD(name) void *NAME(function)(Resource *u)                     \
+    {                                                                  \
+        double *x = take(unit.n_x * sizeof *x);                        \
+        return list(fmi3##function(u->fmi, x, unit.n_x), x, unit.n_x); \
+    }
+
+#define NUMBER(name, function)                       \
+    METHOD(name) void *NAME(function)(Resource *u)   \
+    {                                                \
+        size_t n = 0;                                \
+        return whole(fmi3##function(u->fmi, &n), n); \
+    }
+
 /* ---------------------------------------------------------------- co-simulation */
 
 #define INTERFACE "fmi:fmi3/co-simulation@3.0.0"
@@ -206,7 +272,7 @@ __attribute__((export_name("fmi:fmi3/common@3.0.0#get-version"))) void *get_vers
 #define NAME(name) simulation_##name
 #include "component.h"
 
-__attribute__((export_name(INTERFACE "#[static]" RESOURCE ".instantiate-co-simulation")))
+EXPORT("[static]" RESOURCE ".instantiate-co-simulation")
 void *instantiate_simulation(const char *name, size_t n_name, const char *token, size_t n_token, const char *path,
                              size_t n_path, int32_t visible, int32_t logging_on, int32_t event_mode, int32_t early_return,
                              REFS)
@@ -218,8 +284,7 @@ void *instantiate_simulation(const char *name, size_t n_name, const char *token,
     return handle(u, simulation_new);
 }
 
-__attribute__((export_name(INTERFACE "#[method]" RESOURCE ".do-step")))
-void *do_one_step(Resource *u, double time, double size, int32_t no_set_state)
+METHOD("do-step") void *do_one_step(Resource *u, double time, double size, int32_t no_set_state)
 {
     RESULT(struct { double last; bool event, ends, early; });
     return settle(fmi3DoStep(u->fmi, time, size, no_set_state, &r.value.event, &r.value.ends, &r.value.early,
@@ -227,7 +292,7 @@ void *do_one_step(Resource *u, double time, double size, int32_t no_set_state)
 }
 
 /* In the draft, but not a function of FMI 3.0. */
-__attribute__((export_name(INTERFACE "#[method]" RESOURCE ".set-input-derivatives")))
+METHOD("set-input-derivatives")
 int32_t set_input_derivatives(Resource *u, const void *requests, size_t n, const double *values, size_t n_values)
 {
     (void)requests, (void)n, (void)values, (void)n_values;
@@ -247,7 +312,7 @@ int32_t set_input_derivatives(Resource *u, const void *requests, size_t n, const
 #define NAME(name) exchange_##name
 #include "component.h"
 
-__attribute__((export_name(INTERFACE "#[static]" RESOURCE ".instantiate-model-exchange")))
+EXPORT("[static]" RESOURCE ".instantiate-model-exchange")
 void *instantiate_exchange(const char *name, size_t n_name, const char *token, size_t n_token, const char *path,
                            size_t n_path, int32_t visible, int32_t logging_on)
 {
@@ -258,12 +323,12 @@ void *instantiate_exchange(const char *name, size_t n_name, const char *token, s
     return handle(u, exchange_new);
 }
 
-#define METHOD(name) __attribute__((export_name(INTERFACE "#[method]" RESOURCE "." name)))
-
-METHOD("enter-continuous-time-mode") int32_t enter_continuous(Resource *u)
-{
-    return ended(fmi3EnterContinuousTimeMode(u->fmi));
-}
+PLAIN("enter-continuous-time-mode", EnterContinuousTimeMode)
+STATES("get-continuous-state-derivatives", GetContinuousStateDerivatives)
+STATES("get-continuous-states", GetContinuousStates)
+STATES("get-nominals-of-continuous-states", GetNominalsOfContinuousStates)
+NUMBER("get-number-of-event-indicators", GetNumberOfEventIndicators)
+NUMBER("get-number-of-continuous-states", GetNumberOfContinuousStates)
 
 METHOD("set-time") int32_t set_the_time(Resource *u, double time)
 {
@@ -275,32 +340,9 @@ METHOD("set-continuous-states") int32_t set_continuous(Resource *u, const double
     return ended(fmi3SetContinuousStates(u->fmi, x, n));
 }
 
-#define STATES(name, function)                                       \
-    METHOD(name) void *states_##function(Resource *u)                \
-    {                                                                \
-        double *x = take(unit.n_x * sizeof *x);                      \
-        return list(fmi3##function(u->fmi, x, unit.n_x), x, unit.n_x); \
-    }
-
-STATES("get-continuous-state-derivatives", GetContinuousStateDerivatives)
-STATES("get-continuous-states", GetContinuousStates)
-STATES("get-nominals-of-continuous-states", GetNominalsOfContinuousStates)
-
 METHOD("get-event-indicators") void *event_indicators(Resource *u)
 {
     return list(fmi3GetEventIndicators(u->fmi, NULL, 0), NULL, 0);
-}
-
-METHOD("get-number-of-event-indicators") void *number_of_indicators(Resource *u)
-{
-    size_t n = 0;
-    return whole(fmi3GetNumberOfEventIndicators(u->fmi, &n), n);
-}
-
-METHOD("get-number-of-continuous-states") void *number_of_states(Resource *u)
-{
-    size_t n = 0;
-    return whole(fmi3GetNumberOfContinuousStates(u->fmi, &n), n);
 }
 
 METHOD("completed-integrator-step") void *completed(Resource *u, int32_t no_set_state)
