@@ -58,7 +58,7 @@ def package(tmp_path: Path) -> Path:
     return tmp_path / "sum.ssp"
 
 
-@pytest.mark.parametrize("isolate", [False, True])
+@pytest.mark.parametrize("isolate", [False, pytest.param(True, marks=pytest.mark.heavy)])
 def test_the_drafts_example_adds(package: Path, isolate: bool) -> None:
     values = {"first.input_a": 1.5, "first.input_b": 2.25, "second.input_b": -0.5}
     results = vdfmu.simulate(package, stop=0.5, step=0.1, parameters=values, isolate=isolate)
@@ -66,6 +66,7 @@ def test_the_drafts_example_adds(package: Path, isolate: bool) -> None:
     np.testing.assert_array_equal(results["second.sum"], [-0.5, -0.5, 3.25, 3.25, 3.25, 3.25])
 
 
+@pytest.mark.heavy
 def test_the_drafts_example_is_checked() -> None:
     assert check_file(ADDER) == []
 

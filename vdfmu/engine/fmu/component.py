@@ -292,7 +292,7 @@ class _Methods:
     def enterInitializationMode(
         self, tolerance: float | None = None, startTime: float = 0.0, stopTime: float | None = None
     ) -> None:
-        self._instance.ask("enterInitializationMode", cv.Option(tolerance), float(startTime), cv.Option(stopTime))
+        self._instance.ask("enterInitializationMode", cv.Optional(tolerance), float(startTime), cv.Optional(stopTime))
 
     def doStep(self, time: float, size: float) -> None:
         self._instance.ask("doStep", float(time), float(size), True)

@@ -47,7 +47,7 @@ class Failed:
 
 
 @dataclass(frozen=True)
-class Option:
+class Optional:
     """A value that may be missing."""
 
     value: Any
@@ -73,7 +73,7 @@ def encode(values: Sequence[Any], kept: list[Any]) -> Words:
     for row, value in zip(words, values, strict=True):
         if isinstance(value, Handle):
             row[:2] = _RESOURCE, value.address
-        elif isinstance(value, Option):
+        elif isinstance(value, Optional):
             inner = encode([] if value.value is None else [value.value], kept)
             row[:2] = _OPTION, inner.ctypes.data if len(inner) else 0
         elif isinstance(value, str):
