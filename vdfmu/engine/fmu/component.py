@@ -90,7 +90,8 @@ class ComponentInstance(Instance3):
         try:
             from wasmtime import WasmtimeError
         except ImportError:
-            reason = "it is a component of WebAssembly, and wasmtime is not installed; pip install 'vdfmu[wasm]'"
+            reason = "it is a component of WebAssembly, for which the package wasmtime is not installed: pip install "
+            reason += "'vdfmu[wasm]', or run a library that it has (--no-sandbox)"
             raise CosimError(self.name, "load", self.box.time, reason) from None
         try:
             self._watch(self.name, "load", self._start)(path)
