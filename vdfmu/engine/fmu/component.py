@@ -110,7 +110,8 @@ class ComponentInstance(Instance3):
         self._kind_name = kind
         self._interface = self._component.get_export_index(_PACKAGE.format(kind))
         self._context = ct.cast(self._store._context(), ct.c_void_p).value
-        self._invoke = _function("wasmtime_component_func_call")
+        self._kept: list[Any] = []
+        self._named: dict[str, Any] = {}
 
     # ------------------------------------------------------------------ calls
 
@@ -121,15 +122,18 @@ class ComponentInstance(Instance3):
         """Return a call of a function of the interface with its arguments, and the words of its result."""
         if name not in self._functions:
             index = self._interface and self._component.get_export_index(name, self._interface)
-            self._functions[name] = index and self._instance.get_func(self._store, index)
-        function = self._functions[name]
-        if not function:
-            raise CosimError(self.name, call, self.box.time, f"the component has no function {name}")
+            function = index and self._instance.get_func(self._store, index)
+            if not function:
+                raise CosimError(self.name, call, self.box.time, f"the component has no function {name}")
+            self._kept.append(function)
+            head = _address(ct.addressof(function._func)), _address(self._context)
+            self._functions[name] = self._watch(
+                self.name, call, partial(_function("wasmtime_component_func_call"), *head)
+            )
         answer = (ct.c_uint64 * (cv.ROW // 8))()
-        places = ct.addressof(function._func), self._context, words.ctypes.data, len(words), ct.addressof(answer), 1
-        kinds = ct.c_void_p, ct.c_void_p, ct.c_void_p, ct.c_size_t, ct.c_void_p, ct.c_size_t
-        arguments = [kind.from_param(place) for kind, place in zip(kinds, places, strict=True)]
-        return self._watch(self.name, call, partial(self._invoke, *arguments)), answer
+        count, one = (ct.c_size_t.from_param(n) for n in (len(words), 1))
+        places = _address(words.ctypes.data), count, _address(ct.addressof(answer)), one
+        return partial(self._functions[name], *places), answer
 
     def _trapped(self, call: str, error: int) -> None:
         """End an instance whose code broke off."""
@@ -157,22 +161,73 @@ class ComponentInstance(Instance3):
 
     def function(self, name: str) -> Any:
         """Return a function of FMI that takes ctypes arguments, of those that are called by name."""
-        call = name[0].lower() + name[1:]
-        if name == "DoStep":
-            return self._stepping()
+        if name not in self._named:
+            made = {"DoStep": self._stepping, "SetTime": self._timing}.get(name) or partial(self._passing, name)
+            self._named[name] = made()
+        return self._named[name]
 
-        def passed(_: Any, first: Any, size: Any = None) -> int:
-            if size is None:
-                self.ask(call, float(first.value))
-                return 0
-            values = np.frombuffer((ct.c_uint64 * size.value).from_address(first.value), np.float64)
-            if name.startswith("Set"):
-                self.ask(call, values)
-            else:
-                self._filled(call, values, self.ask(call))
-            return 0
+    def _passing(self, name: str) -> Callable[..., int]:
+        """Return a function that gets or sets floats at an address, as many as the component has of them."""
+        sizes: dict[int, Any] = {}
+
+        def passed(_: Any, first: Any, size: Any) -> int:
+            n = size.value
+            if n not in sizes:
+                memory = cv.Places(lambda address: np.ctypeslib.as_array((ct.c_double * n).from_address(address)))
+                sizes[n] = self._moving(name[0].lower() + name[1:], [], np.float64, n), memory
+            move, memory = sizes[n]
+            return move(memory[first.value])
 
         return passed
+
+    def _timing(self) -> Callable[..., int]:
+        kept: list[Any] = []
+        words = cv.encode([self._unit, 0.0], kept)
+        place = ct.c_double.from_address(words.ctypes.data + cv.ROW + 8)
+        run, answer = self._bind(self._method("setTime"), words, "setTime")
+
+        def set_time(_: Any, time: Any, kept: Any = kept) -> int:
+            place.value = time.value
+            if error := run():
+                self._trapped("setTime", error)
+            return 0 if answer[1] == _OK else STATUS.index(cv.decode(ct.addressof(answer)))
+
+        return set_time
+
+    def _moving(self, call: str, references: Any, dtype: Any, n: int) -> Callable[[Any], int]:
+        """Return a function that gets or sets `n` numbers in a memory that it takes; the arguments are prepared once."""
+        values, numbers = cv.rows(dtype, n)
+        lists = [values] if call.startswith("set") else []
+        kept: list[Any] = []
+        if references:
+            first, places = cv.rows(np.uint32, len(references))
+            places[:] = references
+            lists.insert(0, first)
+            kept.append(first)
+        words = cv.encode([self._unit, *[np.zeros(0, np.uint32)] * len(lists)], kept)
+        for row, each in zip(words[1:], lists, strict=True):
+            row[1:3] = len(each), each.ctypes.data
+        run, answer = self._bind(self._method(call), words, call)
+        head, found = cv.heads(), cv.views(dtype, n)
+
+        def put(memory: Any, kept: Any = kept) -> int:
+            numbers[:] = memory
+            if error := run():
+                self._trapped(call, error)
+            return 0 if answer[1] == _OK else STATUS.index(cv.decode(ct.addressof(answer)))
+
+        def get(memory: Any, kept: Any = kept) -> int:
+            if error := run():
+                self._trapped(call, error)
+            if not answer[1] & 0xFF:
+                return STATUS.index(cv.decode(answer[2]))
+            size, place = head[answer[2]]
+            if size != n:
+                self._filled(call, memory, cv.decode(answer[2]))
+            memory[:] = found[place]
+            return 0
+
+        return put if call.startswith("set") else get
 
     def _filled(self, call: str, memory: Any, found: Any) -> None:
         if len(found) != memory.size:
@@ -224,35 +279,8 @@ class ComponentInstance(Instance3):
         """See `Instance.value_call`."""
         if moved.native in ("String", "Binary"):
             raise CosimError(self.name, moved.name, self.box.time, "texts of components are not supported")
-        references, places = cv.rows(np.uint32, len(moved.references))
-        places[:] = moved.references
-        values, numbers = cv.rows(moved.memory.dtype, moved.memory.size)
-        lists = [references, values] if moved.verb == "Set" else [references]
-        kept: list[Any] = [references]
-        words = cv.encode([self._unit, *[np.zeros(0, np.uint32)] * len(lists)], kept)
-        for row, each in zip(words[1:], lists, strict=True):
-            row[1:3] = len(each), each.ctypes.data
-        run, answer = self._bind(self._method(moved.name), words, moved.name)
-        memory, head, found = moved.memory, cv.heads(), cv.views(moved.memory.dtype, moved.memory.size)
-
-        def put(kept: Any = kept) -> int:
-            numbers[:] = memory
-            if error := run():
-                self._trapped(moved.name, error)
-            return 0 if answer[1] == _OK else STATUS.index(cv.decode(ct.addressof(answer)))
-
-        def get(kept: Any = kept) -> int:
-            if error := run():
-                self._trapped(moved.name, error)
-            if not answer[1] & 0xFF:
-                return STATUS.index(cv.decode(answer[2]))
-            size, place = head[answer[2]]
-            if size != memory.size:
-                self._filled(moved.name, memory, cv.decode(answer[2]))
-            memory[:] = found[place]
-            return 0
-
-        return moved.around(put if moved.verb == "Set" else get), (), moved.name
+        move = self._moving(moved.name, moved.references, moved.memory.dtype, moved.memory.size)
+        return moved.around(partial(move, moved.memory)), (), moved.name
 
     def differentiate(self, unknowns: Sequence[int], size: int, knowns: Sequence[int], seeds: Floats) -> Floats:
         """See `Instance.differentiate`."""
@@ -266,7 +294,7 @@ class ComponentInstance(Instance3):
         """Drop the handle, which frees the instance."""
         drop = _function("wasmtime_component_resource_any_drop")
         assert self._unit is not None
-        places = ct.c_void_p(self._context), ct.c_void_p(self._unit.address)
+        places = _address(self._context), _address(self._unit.address)
         if error := self._watch(self.name, "freeInstance", drop)(*places):
             self._trapped("freeInstance", error)
         self._store.close()
@@ -309,6 +337,9 @@ class _Methods:
 
     def deserializeFMUState(self, content: bytes) -> Any:
         return np.frombuffer(content, np.uint8)
+
+
+_address = ct.c_void_p.from_param
 
 
 def _function(name: str) -> Any:

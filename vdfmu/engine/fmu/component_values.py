@@ -114,6 +114,7 @@ def heads() -> Places:
 def views(dtype: Any, size: int) -> Places:
     """Return the numbers of lists of one type and size, by addresses."""
     room = ct.c_uint64 * (ROW // 8) * size
+    dtype = np.dtype(dtype)
 
     def view(address: int) -> NDArray[Any]:
         words: Any = np.ctypeslib.as_array(room.from_address(address))
