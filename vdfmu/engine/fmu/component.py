@@ -162,8 +162,8 @@ class ComponentInstance(Instance3):
     def function(self, name: str) -> Any:
         """Return a function of FMI that takes ctypes arguments, of those that are called by name."""
         if name not in self._named:
-            made = {"DoStep": self._stepping, "SetTime": self._timing}.get(name) or partial(self._passing, name)
-            self._named[name] = made()
+            known = {"DoStep": self._stepping, "SetTime": self._timing}
+            self._named[name] = known[name]() if name in known else self._passing(name)
         return self._named[name]
 
     def _passing(self, name: str) -> Callable[..., int]:
@@ -180,13 +180,16 @@ class ComponentInstance(Instance3):
 
         return passed
 
-    def _timing(self) -> Callable[..., int]:
-        kept: list[Any] = []
-        words = cv.encode([self._unit, 0.0], kept)
-        place = ct.c_double.from_address(words.ctypes.data + cv.ROW + 8)
-        run, answer = self._bind(self._method("setTime"), words, "setTime")
+    def _floats(self, call: str, *values: Any) -> tuple[list[Any], Callable[[], int], Any]:
+        """Return a call of a method that begins with floats: their places, and what `_bind` returns."""
+        words = cv.encode([self._unit, *values], self._kept)
+        places = [ct.c_double.from_address(words.ctypes.data + cv.ROW * (k + 1) + 8) for k in range(len(values))]
+        return places, *self._bind(self._method(call), words, call)
 
-        def set_time(_: Any, time: Any, kept: Any = kept) -> int:
+    def _timing(self) -> Callable[..., int]:
+        (place,), run, answer = self._floats("setTime", 0.0)
+
+        def set_time(_: Any, time: Any) -> int:
             place.value = time.value
             if error := run():
                 self._trapped("setTime", error)
@@ -195,7 +198,7 @@ class ComponentInstance(Instance3):
         return set_time
 
     def _moving(self, call: str, references: Any, dtype: Any, n: int) -> Callable[[Any], int]:
-        """Return a function that gets or sets `n` numbers in a memory that it takes; the arguments are prepared once."""
+        """Return a function that gets or sets `n` numbers in a memory that it takes; it prepares the rest once."""
         values, numbers = cv.rows(dtype, n)
         lists = [values] if call.startswith("set") else []
         kept: list[Any] = []
@@ -237,15 +240,10 @@ class ComponentInstance(Instance3):
 
     def _stepping(self) -> Callable[..., int]:
         """Return the function that steps, with an address for each answer; its arguments are prepared once."""
-        kept: list[Any] = []
-        words = cv.encode([self._unit, 0.0, 0.0, True], kept)
-        begin, length = (ct.c_double.from_address(words.ctypes.data + cv.ROW * k + 8) for k in (1, 2))
-        run, answer = self._bind(self._method("doStep"), words, "doStep")
+        (begin, length, _), run, answer = self._floats("doStep", 0.0, 0.0, True)
         head, answers = cv.heads(), cv.Places(_StepAnswer.from_address)
 
-        def step(
-            _: Any, clock: Any, size: Any, keep: Any, event: Any, ends: Any, early: Any, last: Any, kept: Any = kept
-        ) -> int:
+        def step(_: Any, clock: Any, size: Any, keep: Any, event: Any, ends: Any, early: Any, last: Any) -> int:
             begin.value, length.value = clock.value, size.value
             if error := run():
                 self._trapped("doStep", error)
