@@ -70,6 +70,8 @@ class BaseUnit:
     terminals: ClassVar[tuple[Terminal, ...]] = ()
     elimination: ClassVar[tuple[str, ...]] = ()
     """States in the order in which the solver eliminates them; it decides the cost, not the result."""
+    exchange: ClassVar[bool] = False
+    """Whether the native FMU is for model exchange without states as well, and is so where a system is written."""
     chain: ClassVar[int | None] = None
     """Joints from which :meth:`balance` is linearised with what it hands to ``cut`` as unknowns of their own."""
     experiment_stop: ClassVar[float] = 1.0

@@ -1,0 +1,111 @@
+"""What links and joints have in common: numbers of the table of robots, signals at cutting points, connections.
+
+At a cutting point a unit that is nearer to the tip is given velocities and gives forces. The letter A is for the
+cutting point of a joint on the side of the base, B for the one between a joint and its link, C and D for those of a
+link towards the tip. A link has one frame: its signals are all in the frame {B} of its joint.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, ClassVar, TypeVar
+
+import numpy as np
+
+from vdfmu.arm.drive.options import OPTIONS
+from vdfmu.arm.robot.parameters import PARAMETERS, Section
+from vdfmu.arm.units._signals import ACCELERATION, VELOCITY, WRENCH, six
+from vdfmu.base.measure import derivative_of, unit_of
+from vdfmu.compiler.scalar.jet import jets
+from vdfmu.compiler.unit import Choice, Input, Output, Parameter, Unit
+
+D = TypeVar("D", Input, Output, Parameter)
+_STARTS: dict[str, Any] = {
+    "gravity": [0.0, 0.0, 9.81], "rotation": np.eye(3), "inertia": 0.1 * np.eye(3), "mass": 1.0, "ell": 100.0,
+    "I_m": 1e-3, "K_f0": 1e4, "c_f": 1e-3, "K_w0": 1.0, "c_w": 10.0, "v_s": 0.1,
+}  # fmt: skip
+"""Start values of parameters that robots must give; those of the others are their defaults, or 0."""
+JOINT: tuple[Section, ...] = ("joint", "drive", "friction")
+"""Sections of the table of robots with the parameters of a joint."""
+TOOL = ("tool_offset", "tool_rotation")
+"""Parameters of the end of an arm."""
+
+
+def numbers(*sections: Section, names: tuple[str, ...] = (), joint_type: str = "revolute") -> dict[str, Parameter]:
+    """Return the parameters of sections of the table of robots, or of those only that are named, of one joint."""
+    return {
+        row.name: Parameter(
+            row.unit(joint_type), row.shape, row.description[0].upper() + row.description[1:],
+            start=_STARTS.get(row.name, 0.0 if row.default is None else row.default),
+            minimum=row.smallest, maximum=row.largest,
+        )
+        for row in PARAMETERS.values()
+        if row.section in sections and (not names or row.name in names)
+    }  # fmt: skip
+
+
+def rates(measure: tuple[tuple[str, ...], int], linear: str, angular: str, order: int) -> tuple[Any, Any, list[str]]:
+    """Units, shape and texts of a 6-vector of a measure, and its derivatives in time up to `order`, a row each."""
+    rows = [measure[0]]
+    for _ in range(order):
+        rows.append(tuple(derivative_of(unit) for unit in rows[-1]))
+    texts = [f"{text}, derivative {k}" if k else text for k in range(order + 1) for text in six(linear, angular)]
+    return tuple(unit for row in rows for unit in row), (order + 1, 6), texts
+
+
+DESIRED_VELOCITY = rates(VELOCITY, "Desired velocity", "Desired angular velocity", 3)
+DESIRED_FORCE = rates(WRENCH, "Desired force", "Desired moment", 2)
+
+
+def velocity(kind: type[D], text: str) -> D:
+    """Return a velocity, (6,)."""
+    return kind(*VELOCITY, six(f"Velocity {text}", f"Angular velocity {text}"))
+
+
+def rate(kind: type[D], text: str) -> D:
+    """Return the derivative of the coordinates of a velocity, (6,)."""
+    return kind(*ACCELERATION, six(f"Derivative of the velocity {text}", f"Angular acceleration {text}"))
+
+
+def force(kind: type[D], text: str) -> D:
+    """Return a force and a moment, (6,)."""
+    return kind(*WRENCH, six(f"Force {text}", f"Moment {text}"))
+
+
+def gravity(kind: type[D], text: str) -> D:
+    """Return the gravity vector of (62) in a frame, (3,)."""
+    return kind("m/s2", 3, f"Gravity vector {text}, axis")
+
+
+def row_pair(V: np.ndarray) -> tuple[Any, Any]:
+    """Return a velocity and its derivative with two derivatives each, from the four rows of `V`: (6,) jets."""
+    return jets(*V[:3]), jets(*V[1:])
+
+
+def of_joint(kind: type[D], quantity: str, text: str, joint_type: str, **rest: Any) -> D:
+    """Return a variable of one joint."""
+    return kind(unit_of(quantity, joint_type), (), text[0].upper() + text[1:], **rest)
+
+
+def friction_choice() -> Choice:
+    """Return the arrangement of the friction."""
+    return Choice("lumped", "split", text="Friction; 0: lumped, all on the rotor, 1: split, Eq. (54) on the link")
+
+
+class Piece(Unit):
+    """A link or a joint. It computes what the equations say of a robot of one joint that has its numbers.
+
+    It is for model exchange too, without states as well: a master that integrates components together can take its
+    outputs between two of its inputs.
+    """
+
+    exchange: ClassVar[bool] = True
+    joint_type: ClassVar[str] = "revolute"
+
+    def one(self, **others: Any) -> Any:
+        """Return a robot of one joint with the numbers of the unit, and `others`."""
+        known = {name: getattr(self, name) for name in PARAMETERS if name in self.declared}
+        arrays = {name: np.asarray(v)[None] if PARAMETERS[name].per_joint else np.asarray(v) for name, v in known.items()}
+        flags = dict.fromkeys((*OPTIONS, "payload", "rotor_coupling", "moving_base", "coupled_tool"), False)
+        return SimpleNamespace(n=1, joint_types=(self.joint_type,), **{**flags, **arrays, **others})
+

@@ -1,0 +1,146 @@
+"""The unit FeedforwardJoint: what one joint does in the feedforward of its arm."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vdfmu.arm.equations.feedforward import (
+    FeedbackGains,
+    desired_jets,
+    drive_motion,
+    drive_torques,
+    motor_torque,
+    required_motion,
+    turning_gravity,
+)
+from vdfmu.arm.equations.friction import joint_friction
+from vdfmu.arm.equations.inverse_dynamics import driven_acceleration, driven_velocity, joint_torques
+from vdfmu.arm.equations.kinematics import joint_placement
+from vdfmu.arm.equations.spatial import force_transform, joint_axis
+from vdfmu.arm.equations.trajectory import Desired, desired_motion
+from vdfmu.arm.units._signals import DESIRED, MEASURED
+from vdfmu.arm.units.pieces._piece import (
+    DESIRED_FORCE,
+    DESIRED_VELOCITY,
+    JOINT,
+    Piece,
+    force,
+    friction_choice,
+    gravity,
+    numbers,
+    of_joint,
+    rate,
+    row_pair,
+    velocity,
+)
+from vdfmu.compiler.scalar.jet import derivative, jets
+from vdfmu.compiler.unit import Choice, Input, Output, Parameter, Terminal
+
+
+def _parameters(kind: str) -> dict[str, Any]:
+    """Return the variables of a joint of a type that depend on it, with its gains."""
+    gains = {
+        "Lambda": ("1/s", "gain of the required velocity, Eq. (12)", 1.0),
+        "k_vq": ("damping_m", "gain of the link velocity, motor-side, Eq. (26)", 0.0001),
+        "k_vkappa": ("damping_m", "gain of the rotor velocity, motor-side, Eq. (27)", 0.05),
+    }
+    return {
+        **{name: of_joint(Input, unit, text, kind) for name, (unit, _, text) in DESIRED.items()},
+        **{name: of_joint(Input, *MEASURED[name][::2], kind) for name in ("q", "q_dot", "kappa_dot")},
+        "tau_s": of_joint(Output, *MEASURED["tau_s"][::2], kind),
+        "kappa_dot_d": of_joint(Output, "velocity", "desired velocity of the rotor divided by ell", kind),
+        **{
+            name: of_joint(Parameter, unit, text, kind, start=start, minimum=0.0, tunable=True)
+            for name, (unit, text, start) in gains.items()
+        },
+        **numbers(*JOINT, joint_type=kind),
+    }
+
+
+class FeedforwardJoint(Piece):
+    """A revolute joint in the feedforward of its arm, Eq. (12)-(27), (48)-(53); see the unit Feedforward.
+
+    Towards the tip it hands on velocities, to its link, and back the forces that the link asks for::
+
+        V_B = z q_dot + U_AB' V_A         (29)-(31), desired, with three derivatives; measured; required, (48)-(49)
+        F_A = U_AB F_B                    (46), (52)-(53), desired, with two derivatives; required
+        tau_s = z' F_B + xi_l             of the desired motion; kappa and tau_m follow as in Feedforward
+
+    Mode 0, inverse, uses the desired forces alone, mode 1, vdc, the required ones too.
+    """
+
+    V_A_d = Input(*DESIRED_VELOCITY)
+    g_A_d = gravity(Input, "in {A}, along the desired motion")
+    V_A = velocity(Input, "in {A}")
+    V_A_r = velocity(Input, "in {A}, required")
+    V_A_r_dot = rate(Input, "in {A}, required")
+    g_A = gravity(Input, "in {A}")
+    F_B_d = Input(*DESIRED_FORCE)
+    F_B_r = force(Input, "on the link, required, in {B}")
+    V_B_d = Output(*DESIRED_VELOCITY)
+    g_B_d = gravity(Output, "in {B}, along the desired motion")
+    V_B = velocity(Output, "in {B}")
+    V_B_r = velocity(Output, "in {B}, required")
+    V_B_r_dot = rate(Output, "in {B}, required")
+    g_B = gravity(Output, "in {B}")
+    F_A_d = Output(*DESIRED_FORCE)
+    F_A_r = force(Output, "on the joint, required, in {A}")
+    tau_m = Output("N.m", text="Feedforward torque, motor-side")
+    mode = Choice("inverse", "vdc", text="0: inverse (exact inverse of the plant), 1: vdc (required velocities)")
+    friction = friction_choice()
+    vars().update(_parameters("revolute"))
+    terminals = (
+        Terminal("base_side", "left", ("V_A_d", "g_A_d", "V_A", "V_A_r", "V_A_r_dot", "g_A", "F_A_d", "F_A_r"), "{A}"),
+        Terminal("tip_side", "right", ("V_B_d", "g_B_d", "V_B", "V_B_r", "V_B_r_dot", "g_B", "F_B_d", "F_B_r"), "{B}"),
+    )
+
+    def outputs(self) -> None:
+        """Forward pass, backward pass, and the drive."""
+        robot, z = self.one(friction=self.friction), joint_axis(self.joint_type)
+        desired = Desired(*(np.array([getattr(self, name)]) for name in DESIRED))
+        q_d, q_d_dot, q_d_ddot = desired_jets(desired)
+        R_AB, p_AB = joint_placement(robot, 0, q_d[0])
+        U_AB = force_transform(R_AB, p_AB)
+        (v_A, v_A_dot), (V, V_dot) = row_pair(self.V_A_d), self.V_A_d[:2]
+        v_B = driven_velocity(z, U_AB, v_A, q_d_dot[0])
+        v_B_dot = driven_acceleration(z, U_AB, v_A_dot, v_B, q_d_dot[0], q_d_ddot[0])
+        self.V_B_d = np.stack([derivative(v_B, 0), *(derivative(v_B_dot, k) for k in range(3))])
+        self.g_B_d = derivative(R_AB.T @ turning_gravity(self.g_A_d, V, V_dot), 0)
+        F_B_d = jets(*self.F_B_d)
+        F_A_d = U_AB @ F_B_d
+        self.F_A_d = np.stack([derivative(F_A_d, k) for k in range(3)])
+        drive = drive_motion(robot, q_d, q_d_dot, joint_torques(robot, q_d, [F_B_d]))
+        self.kappa_dot_d = drive.kappa_dot[0]
+
+        # along the measured motion
+        q, q_dot, kappa_dot = (np.array([one]) for one in (self.q, self.q_dot, self.kappa_dot))
+        gains = FeedbackGains(*(np.array([one]) for one in (self.Lambda, 0.0, self.k_vq, self.k_vkappa)))
+        asked = required_motion(gains, desired, drive, q, q_dot)
+        R_AB, p_AB = joint_placement(robot, 0, self.q)
+        U_AB = force_transform(R_AB, p_AB)
+        self.V_B = driven_velocity(z, U_AB, self.V_A, self.q_dot)
+        V_B_r = driven_velocity(z, U_AB, self.V_A_r, asked.q_dot_r[0])
+        self.V_B_r = V_B_r
+        self.V_B_r_dot = driven_acceleration(z, U_AB, self.V_A_r_dot, V_B_r, self.q_dot, asked.q_ddot_r[0])
+        self.g_B = R_AB.T @ self.g_A
+        self.F_A_r = U_AB @ self.F_B_r
+        friction = joint_friction(robot, desired.q_d_dot, drive.kappa_dot, drive.tau_s)
+        if self.mode == "inverse":
+            tau_s = drive.tau_s
+            tau_m = motor_torque(robot, robot.I_m * drive.kappa_ddot, tau_s, friction[1])
+        else:
+            tau_q, tau_kr = joint_torques(robot, q, [self.F_B_r]), robot.I_m * asked.kappa_ddot_r
+            tau_t, tau_m = drive_torques(robot, gains, asked, tau_q, tau_kr, friction, q_dot, kappa_dot)
+            tau_s = robot.ell * tau_t
+        self.tau_m, self.tau_s = tau_m[0], tau_s[0]
+
+    def experiment(self) -> None:
+        """Follow a small motion nearly, under a force."""
+        motion = desired_motion(self.t, np.zeros(1), np.array([0.05]), 2.0 * self.experiment_stop)
+        for name, value in motion._asdict().items():
+            setattr(self, name, value[0])
+        self.q, self.q_dot = self.q_d - 1e-4, self.q_d_dot + 1e-3 * np.sin(self.t)
+        self.kappa_dot = self.q_dot
+        self.F_B_d, self.F_B_r = 0.1 * np.sin(self.t + np.arange(18.0)).reshape(3, 6), 0.1 * np.cos(np.arange(6.0))

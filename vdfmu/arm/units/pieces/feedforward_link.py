@@ -1,0 +1,70 @@
+"""The unit FeedforwardLink: what one link does in the feedforward of its arm."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vdfmu.arm.equations.feedforward import required_net_force, turning_gravity
+from vdfmu.arm.equations.rigid_body import link_body, net_force
+from vdfmu.arm.units.pieces._piece import (
+    DESIRED_FORCE,
+    DESIRED_VELOCITY,
+    Piece,
+    force,
+    gravity,
+    numbers,
+    rate,
+    row_pair,
+    velocity,
+)
+from vdfmu.compiler.scalar.jet import derivative, jets
+from vdfmu.compiler.unit import Input, Output, Parameter, Terminal
+
+
+class FeedforwardLink(Piece):
+    """A link in the feedforward of its arm, Eq. (50)-(53); see the unit Feedforward.
+
+    Towards the tip it hands on the velocities of its joint, and back the forces that it and what hangs on it ask for::
+
+        F_B = M_B V_B_dot + C_B V_B + G_B + F_C + F_D                      desired, with two derivatives, (44)-(47)
+        F_B_r = M_B V_B_r_dot + C_B V_B_r + G_B + K_V (V_B_r - V_B) + F_C_r + F_D_r                        (50)-(53)
+
+    Two joints can hang on it; a force that nothing is connected to is 0.
+    """
+
+    V_B_d = Input(*DESIRED_VELOCITY)
+    g_B_d = gravity(Input, "in {B}, along the desired motion")
+    V_B = velocity(Input, "in {B}")
+    V_B_r = velocity(Input, "in {B}, required")
+    V_B_r_dot = rate(Input, "in {B}, required")
+    g_B = gravity(Input, "in {B}")
+    F_C_d = Input(*DESIRED_FORCE)
+    F_C_r = force(Input, "on what hangs on the link, required, in {B}")
+    F_D_d = Input(*DESIRED_FORCE)
+    F_D_r = force(Input, "on what else hangs on the link, required, in {B}")
+    V_C_d = Output(*DESIRED_VELOCITY)
+    g_C_d = gravity(Output, "in {B}, along the desired motion")
+    V_C = velocity(Output, "in {B}")
+    V_C_r = velocity(Output, "in {B}, required")
+    V_C_r_dot = rate(Output, "in {B}, required")
+    g_C = gravity(Output, "in {B}")
+    F_B_d = Output(*DESIRED_FORCE)
+    F_B_r = force(Output, "on the link, required, in {B}")
+    K_V = Parameter("1", text="Gain K_B in SI units, times the unit matrix, Eq. (50)", start=0.01, minimum=0.0,
+                    tunable=True)  # fmt: skip
+    vars().update(numbers("link"))
+    terminals = (
+        Terminal("base_side", "left", ("V_B_d", "g_B_d", "V_B", "V_B_r", "V_B_r_dot", "g_B", "F_B_d", "F_B_r"), "{B}"),
+        Terminal("tip_side", "right", ("V_C_d", "g_C_d", "V_C", "V_C_r", "V_C_r_dot", "g_C", "F_C_d", "F_C_r"), "{B}"),
+    )
+
+    def outputs(self) -> None:
+        """Hand on velocities and forces."""
+        body = link_body(self.one(), 0)
+        self.V_C_d, self.g_C_d = self.V_B_d, self.g_B_d
+        self.V_C, self.V_C_r, self.V_C_r_dot, self.g_C = self.V_B, self.V_B_r, self.V_B_r_dot, self.g_B
+        g = turning_gravity(self.g_B_d, *self.V_B_d[:2])
+        F_B_d = net_force(*body, g, *row_pair(self.V_B_d)) + jets(*(self.F_C_d + self.F_D_d))
+        self.F_B_d = np.stack([derivative(F_B_d, k) for k in range(3)])
+        own = required_net_force(body, self.K_V, self.g_B, self.V_B, self.V_B_r, self.V_B_r_dot)
+        self.F_B_r = own + self.F_C_r + self.F_D_r
