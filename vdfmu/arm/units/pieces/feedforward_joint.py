@@ -19,7 +19,7 @@ from vdfmu.arm.equations.friction import joint_friction
 from vdfmu.arm.equations.inverse_dynamics import driven_acceleration, driven_velocity, joint_torques
 from vdfmu.arm.equations.kinematics import joint_placement
 from vdfmu.arm.equations.spatial import force_transform, joint_axis
-from vdfmu.arm.equations.trajectory import Desired, desired_motion
+from vdfmu.arm.equations.trajectory import Desired
 from vdfmu.arm.units._signals import DESIRED, MEASURED
 from vdfmu.arm.units.pieces._piece import (
     DESIRED_FORCE,
@@ -135,12 +135,3 @@ class FeedforwardJoint(Piece):
             tau_t, tau_m = drive_torques(robot, gains, asked, tau_q, tau_kr, friction, q_dot, kappa_dot)
             tau_s = robot.ell * tau_t
         self.tau_m, self.tau_s = tau_m[0], tau_s[0]
-
-    def experiment(self) -> None:
-        """Follow a small motion nearly, under a force."""
-        motion = desired_motion(self.t, np.zeros(1), np.array([0.05]), 2.0 * self.experiment_stop)
-        for name, value in motion._asdict().items():
-            setattr(self, name, value[0])
-        self.q, self.q_dot = self.q_d - 1e-4, self.q_d_dot + 1e-3 * np.sin(self.t)
-        self.kappa_dot = self.q_dot
-        self.F_B_d, self.F_B_r = 0.1 * np.sin(self.t + np.arange(18.0)).reshape(3, 6), 0.1 * np.cos(np.arange(6.0))
