@@ -1,0 +1,132 @@
+"""The unit PlantJoint: a joint of an arm, with its drive."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vdfmu.arm.equations.flexible_joint import rotor_acceleration, rotor_position, spring_rate
+from vdfmu.arm.equations.forward_dynamics import accelerate, eliminate, handed_on
+from vdfmu.arm.equations.inverse_dynamics import driven_velocity, joint_torques
+from vdfmu.arm.equations.kinematics import joint_placement
+from vdfmu.arm.equations.plant import PlantState, plant_torques
+from vdfmu.arm.equations.spatial import cross_motion, force_transform, joint_axis
+from vdfmu.arm.units._signals import MASS, MEASURED
+from vdfmu.arm.units.pieces._piece import (
+    JOINT,
+    Piece,
+    force,
+    friction_choice,
+    gravity,
+    numbers,
+    of_joint,
+    rate,
+    velocity,
+)
+from vdfmu.compiler.unit import Derivative, Input, Output, Parameter, State, Switch, Terminal
+
+
+def _variables(kind: str) -> dict[str, Any]:
+    """Return the variables of a joint of a type that depend on it."""
+    states = {name: of_joint(State, *MEASURED[name][::2], kind) for name in ("q", "q_dot", "kappa_dot", "tau_s")}
+    starts = {f"{name}_0": of_joint(Parameter, MEASURED[name][0], f"start {MEASURED[name][2]}", kind) for name in states}
+    return {
+        **states,
+        **{f"der_{name}": Derivative(state) for name, state in states.items()},
+        "kappa": of_joint(Output, *MEASURED["kappa"][::2], kind),
+        **starts,
+        **numbers(*JOINT, joint_type=kind),
+    }
+
+
+class PlantJoint(Piece):
+    """A revolute joint with its drive, Eq. (2)-(11), (54)-(56), in an arm that is wired from its links and joints.
+
+    Towards the tip it hands on velocity and acceleration, and towards the base the apparent mass and the bias force of
+    what hangs on it: what hangs on a cutting point asks there for the force ``M V_dot + p``. ``c`` is the part of V_B_dot
+    that is quadratic in velocities::
+
+        V_B = z q_dot + U_AB' V_A                                           (29)-(31)
+        M_A = U_AB M_a U_AB'       p_A = U_AB [p_B + M_a c + M_B z u / d]   d = z' M_B z, u = tau_s - xi_l - z' p_B
+        M_a = M_B - M_B z z' M_B / d
+        q_ddot = [u - z' M_B (U_AB' V_A_dot + c)] / d      V_B_dot = U_AB' V_A_dot + c + z q_ddot
+
+    Drive and friction are those of the unit Plant. No output depends on itself through its neighbours: velocities
+    depend on states and velocities, M and p on these, accelerations on M and p. The springs start with the torque that
+    holds what hangs on the joint unless equilibrium is false.
+    """
+
+    tau = Input("N.m", text="Motor torque, motor-side")
+    V_A = velocity(Input, "in {A}")
+    V_A_dot = rate(Input, "in {A}")
+    g_A = gravity(Input, "in {A}")
+    M_B = Input(*MASS, "Apparent mass matrix of what hangs on the joint in {B}", start=np.eye(6))
+    p_B = force(Input, "on what hangs on the joint at V_B_dot = 0 in {B}")
+    V_B = velocity(Output, "in {B}")
+    V_B_dot = rate(Output, "in {B}")
+    g_B = gravity(Output, "in {B}")
+    M_A = Output(*MASS, "Apparent mass matrix of the joint in {A}")
+    p_A = force(Output, "on the joint at V_A_dot = 0 in {A}")
+    F_A = force(Output, "on the joint in {A}")
+    F_B = force(Output, "on what hangs on the joint in {B}")
+    P_A = Output("W", text="Virtual power flow V' F at the cutting point {A}, towards the tip")
+    P_B = Output("W", text="Virtual power flow V' F at the cutting point {B}, towards the tip")
+    vars().update(_variables("revolute"))
+    friction = friction_choice()
+    equilibrium = Switch(
+        True, "Start the spring with the torque that holds what hangs on the joint, the rotor with the link's velocity"
+    )
+    terminals = (
+        Terminal("base_side", "left", ("V_A", "V_A_dot", "g_A", "M_A", "p_A"), "Cutting point {A}"),
+        Terminal("tip_side", "right", ("V_B", "V_B_dot", "g_B", "M_B", "p_B"), "Cutting point {B}"),
+        Terminal("joints", "top", ("tau", *MEASURED), "Motor torque and motion of the joint"),
+    )
+    experiment_stop = 0.2
+
+    def start(self) -> None:
+        """Rest, or what the parameters say."""
+        self.q, self.q_dot = self.q_0, self.q_dot_0
+        if self.equilibrium:
+            self.kappa_dot = self.q_dot_0
+            self.tau_s = joint_torques(self.one(), np.array([self.q_0]), [self.p_B])[0]
+        else:
+            self.kappa_dot, self.tau_s = self.kappa_dot_0, self.tau_s_0
+
+    def _drive(self) -> tuple[Any, Any, Any]:
+        """Return the robot of this joint, and torques on link and rotor, (1,) each."""
+        robot = self.one(friction=self.friction)
+        state = PlantState(*(np.array([x]) for x in (self.q, self.q_dot, self.kappa_dot, self.tau_s)))
+        return robot, *plant_torques(robot, state, np.array([self.tau]))
+
+    def _motion(self, robot: Any, tau_l: Any) -> dict[str, Any]:
+        """Return what the joint hands on, by name, and its acceleration."""
+        z, placement = joint_axis(self.joint_type), joint_placement(robot, 0, self.q)
+        U_AB = force_transform(*placement)
+        V_B = driven_velocity(z, U_AB, self.V_A, self.q_dot)
+        c_B = cross_motion(V_B) @ (z * self.q_dot)
+        joint = eliminate(z, self.M_B, self.p_B, tau_l[0])
+        M_A, p_A = handed_on(placement, U_AB, self.M_B, self.p_B, c_B, joint)
+        q_ddot, V_B_dot = accelerate(z, U_AB, self.V_A_dot, c_B, joint)
+        F_B = self.M_B @ V_B_dot + self.p_B
+        F_A = U_AB @ F_B
+        return {
+            "V_B": V_B, "V_B_dot": V_B_dot, "g_B": placement[0].T @ self.g_A, "M_A": M_A, "p_A": p_A, "F_A": F_A,
+            "F_B": F_B, "P_A": self.V_A @ F_A, "P_B": V_B @ F_B, "der_q_dot": q_ddot,
+        }  # fmt: skip
+
+    def outputs(self) -> None:
+        """Velocities, apparent mass and bias force, accelerations, forces."""
+        robot, tau_l, _ = self._drive()
+        for name, value in self._motion(robot, tau_l).items():
+            if name != "der_q_dot":
+                setattr(self, name, value)
+        self.kappa = rotor_position(robot, np.array([self.q]), np.array([self.tau_s]))[0]
+
+    def derivatives(self) -> None:
+        """Link, rotor and spring."""
+        robot, tau_l, tau_k = self._drive()
+        self.der_q, self.der_q_dot = self.q_dot, self._motion(robot, tau_l)["der_q_dot"]
+        self.der_kappa_dot = rotor_acceleration(robot, tau_k)[0]
+        q, q_dot, kappa_dot, tau_s = (np.array([x]) for x in (self.q, self.q_dot, self.kappa_dot, self.tau_s))
+        self.der_tau_s = spring_rate(robot, rotor_position(robot, q, tau_s), kappa_dot, q_dot, tau_s)[0]

@@ -1,0 +1,24 @@
+"""The unit PlantTool: the end of an arm that is wired from its links and joints."""
+
+from __future__ import annotations
+
+from vdfmu.arm.equations.kinematics import tool_transform
+from vdfmu.arm.units._signals import wrench
+from vdfmu.arm.units.pieces._piece import TOOL, Piece, force, numbers
+from vdfmu.compiler.unit import Input, Output, Terminal
+
+
+class PlantTool(Piece):
+    """The wrench of the end of an arm on its surroundings, ``p_B = U_BO F_e`` of Eq. (44)."""
+
+    F_e: Input = wrench("of the arm on its surroundings")
+    p_B = force(Output, "on the surroundings in {B}")
+    vars().update(numbers("robot", names=TOOL))
+    terminals = (
+        Terminal("base_side", "left", ("p_B",), "Force at the last link"),
+        Terminal("end_effector", "right", ("F_e",), "Wrench of the end effector"),
+    )
+
+    def outputs(self) -> None:
+        """Bring the wrench to the frame of the last link."""
+        self.p_B = tool_transform(self.one()) @ self.F_e
