@@ -87,6 +87,7 @@ class ModelExchangeIntegrator:
         self.instance.transfer("GetContinuousStates", self._x)
         signs = self._signs(time, self._x)
         x = self._x.copy()
+        state: Any = lambda t: x
         solver = None
         if x.size:
             first = None if self._h is None else min(self._h, end - time)
@@ -98,7 +99,7 @@ class ModelExchangeIntegrator:
         while True:
             before = time
             if solver is None:
-                time, state = end, lambda t, x=x: x
+                time = end
             else:
                 why = solver.step()
                 if solver.status == "failed":
@@ -107,10 +108,12 @@ class ModelExchangeIntegrator:
                         f"the states cannot be integrated beyond t = {solver.t:.9g} s: {why}. Loosen the tolerance, "
                         "or look for what becomes infinite",
                     )  # fmt: skip
-                time, state = solver.t, solver.dense_output()
+                time = solver.t
+                if self._z.size:  # it takes evaluations of its own
+                    state = solver.dense_output()
                 self._h = solver.step_size if solver.status == "running" else self._h or solver.step_size
             steps += 1
-            if np.any(self._signs(time, state(time)) != signs):
+            if self._z.size and np.any(self._signs(time, state(time)) != signs):
                 time = self._crossing(before, time, state, signs)
                 self._set(time, np.asarray(state(time)))
                 return time, True, steps
