@@ -5,11 +5,13 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections.abc import Iterator, Mapping
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from vdfmu.arm.drive.options import OPTIONS
+from vdfmu.arm.equations.plant import equilibrium_torque
 from vdfmu.arm.equations.rigid_body import link_body
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.parameters import ENDS, PARAMETERS
@@ -18,7 +20,7 @@ from vdfmu.arm.units.feedforward import Feedforward
 from vdfmu.arm.units.pieces.arm_base import ArmBase
 from vdfmu.arm.units.plant import Plant
 from vdfmu.base.errors import UsageError
-from vdfmu.system.scenario.resolved import ResolvedSystem
+from vdfmu.system.scenario.resolved import ResolvedSystem, Variables
 from vdfmu.system.scenario.scenario import Scenario
 from vdfmu.system.scenario.system_file import Part, SystemFile
 from vdfmu.system.scenario.values import Values, is_free, system_values
@@ -53,6 +55,8 @@ def decomposed(scenario: Scenario, settings: Mapping[str, Any] | None = None) ->
             robot = resolved.robots[name]
             assert robot is not None
             robot = robot.with_values([values[name][entry.name] for entry in robot.entries()])
+            if unit is Plant:
+                values[name] |= _moving_start(robot, resolved.tables[name], values[name])
             problems += [f"{name}: the robot {robot.name} has {what}" for what in _lacking(robot)]
             taken[name] = _UNITS[unit], robot
     if not taken:
@@ -62,10 +66,12 @@ def decomposed(scenario: Scenario, settings: Mapping[str, Any] | None = None) ->
     connections: dict[str, list[str]] = {}
     for name, (kind, robot) in taken.items():
         bottom -= _ROW
-        for k, (piece, unit) in enumerate(_pieces(name, kind, robot.n)):
+        listed = list(_pieces(name, kind, robot))
+        for k, (piece, unit) in enumerate(listed):
             parts[piece] = Part(unit, (k * _GAP, bottom, k * _GAP + _BOX[0], bottom + _BOX[1]))
-        for start, end in _chain(name, kind, robot.n):
-            connections.setdefault(start, []).append(end)
+        for (before, a), (after, b) in pairwise(listed):
+            for start, end in cutting_point(before, package_units()[a], after, package_units()[b]):
+                connections.setdefault(start, []).append(end)
     for source, targets in scenario.system.connections.items():
         for target in targets:
             pairs, wrong = _joined(source, target, taken)
@@ -79,7 +85,7 @@ def decomposed(scenario: Scenario, settings: Mapping[str, Any] | None = None) ->
     apart = dataclasses.replace(scenario, system=system, sections={})
     found = {name: values[name] for name in parts if name in values}
     for name, (kind, robot) in taken.items():
-        for piece, _ in _pieces(name, kind, robot.n):
+        for piece, _ in _pieces(name, kind, robot):
             found[piece] = dict(_values(apart.resolved, system, piece, robot, values[name]))
     return apart, found
 
@@ -89,26 +95,27 @@ def _lacking(robot: Robot) -> Iterator[str]:
     for flag in (*OPTIONS, "rotor_coupling", *ENDS):
         if getattr(robot, flag):
             yield f"{flag}, which units of links and joints do not know"
-    for joint, kind in zip(robot.joint_labels, robot.joint_types, strict=True):
-        if kind != "revolute":
-            yield f"a {kind} joint {joint}, for which there are no units"
 
 
-def _pieces(name: str, kind: str, n: int) -> Iterator[tuple[str, str]]:
+def _moving_start(robot: Robot, table: Variables, values: Values) -> Values:
+    """Return the start of springs and rotors of a plant that starts in motion, and with the torques of one at rest."""
+    q_0, q_dot_0, F_e = (
+        np.array([values.get(v.name, v.start) for v in table if v.group == group]) for group in ("q_0", "q_dot_0", "F_e")
+    )
+    if not values.get("equilibrium", True) or not q_dot_0.any():
+        return {}
+    tau_s = equilibrium_torque(robot, q_0, F_e)
+    found = {f"{group}[{i}]": float(x) for group, of in (("kappa_dot_0", q_dot_0), ("tau_s_0", tau_s)) for i, x in enumerate(of, 1)}
+    return {"equilibrium": False, **found}
+
+
+def _pieces(name: str, kind: str, robot: Robot) -> Iterator[tuple[str, str]]:
     """Yield the components of an arm from its base on, and their units."""
     yield f"{name}_base", "arm_base"
-    for i in range(1, n + 1):
-        yield f"{name}_joint_{i}", f"{kind}_joint"
+    for i, joint_type in enumerate(robot.joint_types, 1):
+        yield f"{name}_joint_{i}", f"{kind}_prismatic_joint" if joint_type == "prismatic" else f"{kind}_joint"
         yield f"{name}_link_{i}", f"{kind}_link"
     yield f"{name}_tool", f"{kind}_tool"
-
-
-def _chain(name: str, kind: str, n: int) -> Iterator[tuple[str, str]]:
-    """Yield the connections of neighbours: what a cutting point passes to the tip, and what it passes back."""
-    units = package_units()
-    listed = list(_pieces(name, kind, n))
-    for (before, a), (after, b) in zip(listed, listed[1:], strict=False):
-        yield from cutting_point(before, units[a], after, units[b])
 
 
 def cutting_point(before: str, a: Any, after: str, b: Any, side: str = "C") -> Iterator[tuple[str, str]]:

@@ -39,7 +39,7 @@ from vdfmu.compiler.scalar.jet import derivative, jets
 from vdfmu.compiler.unit import Choice, Input, Output, Parameter, Terminal
 
 
-def _parameters(kind: str) -> dict[str, Any]:
+def feedforward_variables(kind: str) -> dict[str, Any]:
     """Return the variables of a joint of a type that depend on it, with its gains."""
     gains = {
         "Lambda": ("1/s", "gain of the required velocity, Eq. (12)", 1.0),
@@ -90,7 +90,7 @@ class FeedforwardJoint(Piece):
     tau_m = Output("N.m", text="Feedforward torque, motor-side")
     mode = Choice("inverse", "vdc", text="0: inverse (exact inverse of the plant), 1: vdc (required velocities)")
     friction = friction_choice()
-    vars().update(_parameters("revolute"))
+    vars().update(feedforward_variables("revolute"))
     terminals = (
         Terminal("base_side", "left", ("V_A_d", "g_A_d", "V_A", "V_A_r", "V_A_r_dot", "g_A", "F_A_d", "F_A_r"), "{A}"),
         Terminal("tip_side", "right", ("V_B_d", "g_B_d", "V_B", "V_B_r", "V_B_r_dot", "g_B", "F_B_d", "F_B_r"), "{B}"),

@@ -27,7 +27,7 @@ from vdfmu.arm.units.pieces._piece import (
 from vdfmu.compiler.unit import Derivative, Input, Output, Parameter, State, Switch, Terminal
 
 
-def _variables(kind: str) -> dict[str, Any]:
+def plant_variables(kind: str) -> dict[str, Any]:
     """Return the variables of a joint of a type that depend on it."""
     states = {name: of_joint(State, *MEASURED[name][::2], kind) for name in ("q", "q_dot", "kappa_dot", "tau_s")}
     starts = {f"{name}_0": of_joint(Parameter, MEASURED[name][0], f"start {MEASURED[name][2]}", kind) for name in states}
@@ -72,7 +72,7 @@ class PlantJoint(Piece):
     F_B = force(Output, "on what hangs on the joint in {B}")
     P_A = Output("W", text="Virtual power flow V' F at the cutting point {A}, towards the tip")
     P_B = Output("W", text="Virtual power flow V' F at the cutting point {B}, towards the tip")
-    vars().update(_variables("revolute"))
+    vars().update(plant_variables("revolute"))
     friction = friction_choice()
     equilibrium = Switch(
         True, "Start the spring with the torque that holds what hangs on the joint, the rotor with the link's velocity"
