@@ -239,20 +239,32 @@ def required_net_forces(
     F_D_r_star : n times (6,) [N, N m] in {D_i}
     """
     g_B = gravity_in_links(robot, U_AB, base)
-    V_B, V_B_r, V_B_r_dot = link_velocities(robot, U_AB, q_dot, required.q_dot_r, required.q_ddot_r, base)
+    links = link_velocities(robot, U_AB, q_dot, required.q_dot_r, required.q_ddot_r, base)
+    V_B, V_B_r, V_B_r_dot = links
     F_B_r_star = [
         required_net_force(link_body(robot, i), gains.K_V[i], g_B[i], V_B[i], V_B_r[i], V_B_r_dot[i])
         for i in range(robot.n)
     ]
-    V_D = rotor_velocities(robot, V_B, kappa_dot, base.V_S)  # (4)
-    V_D_r = rotor_velocities(robot, V_B_r, required.kappa_dot_r, base.V_S)  # (13)
-    V_D_r_dot = rotor_velocities(robot, V_B_r_dot, required.kappa_ddot_r, base.V_S_dot)
+    at_base = LinkVelocities([base.V_S], [base.V_S], [base.V_S_dot])
+    return F_B_r_star, required_rotor_forces(robot, links, kappa_dot, required, at_base)
+
+
+def required_rotor_forces(
+    robot: Any, links: LinkVelocities, kappa_dot: Any, required: RequiredMotion, at_base: LinkVelocities
+) -> list[np.ndarray]:
+    """Return the required net forces of the rotors, Eq. (16): n times (6,) [N, N m] in {D_i}.
+
+    `at_base` are the velocities of what carries the first rotor, measured and required, and the derivative of these.
+    """
+    (V_S,), (V_S_r,), (V_S_r_dot,) = at_base
+    V_D = rotor_velocities(robot, links.V_B, kappa_dot, V_S)  # (4)
+    V_D_r = rotor_velocities(robot, links.V_B_r, required.kappa_dot_r, V_S_r)  # (13)
+    V_D_r_dot = rotor_velocities(robot, links.V_B_r_dot, required.kappa_ddot_r, V_S_r_dot)
     tau_k = inertia_torques(robot, V_D_r_dot, required.kappa_ddot_r)
     z = joint_axis("revolute")
-    F_D_r_star = [
+    return [
         z * tau_k[i] + coriolis_matrix(*rotor_body(robot, i), V_D[i][3:]) @ V_D_r[i] for i in range(robot.n)
     ]  # (16), of a body without mass
-    return F_B_r_star, F_D_r_star
 
 
 def required_forces(

@@ -56,7 +56,7 @@ def decomposed(scenario: Scenario, settings: Mapping[str, Any] | None = None) ->
             assert robot is not None
             robot = robot.with_values([values[name][entry.name] for entry in robot.entries()])
             if unit is Plant:
-                values[name] |= _moving_start(robot, resolved.tables[name], values[name])
+                values[name] |= _start_values(robot, resolved.tables[name], values[name])
             problems += [f"{name}: the robot {robot.name} has {what}" for what in _lacking(robot)]
             taken[name] = _UNITS[unit], robot
     if not taken:
@@ -92,17 +92,20 @@ def decomposed(scenario: Scenario, settings: Mapping[str, Any] | None = None) ->
 
 def _lacking(robot: Robot) -> Iterator[str]:
     """Yield what a robot has that units of links and joints do not."""
-    for flag in (*OPTIONS, "rotor_coupling", *ENDS):
+    for flag in (*OPTIONS, *ENDS):
         if getattr(robot, flag):
             yield f"{flag}, which units of links and joints do not know"
 
 
-def _moving_start(robot: Robot, table: Variables, values: Values) -> Values:
-    """Return the start of springs and rotors of a plant that starts in motion, and with the torques of one at rest."""
+def _start_values(robot: Robot, table: Variables, values: Values) -> Values:
+    """Return the start of springs and rotors of a plant that starts in motion, or whose rotors push its links.
+
+    A joint by itself takes the torque from what hangs on it, with the forces of motion and of rotors.
+    """
     q_0, q_dot_0, F_e = (
         np.array([values.get(v.name, v.start) for v in table if v.group == group]) for group in ("q_0", "q_dot_0", "F_e")
     )
-    if not values.get("equilibrium", True) or not q_dot_0.any():
+    if not values.get("equilibrium", True) or not (q_dot_0.any() or robot.rotor_coupling):
         return {}
     tau_s = equilibrium_torque(robot, q_0, F_e)
     found = {f"{group}[{i}]": float(x) for group, of in (("kappa_dot_0", q_dot_0), ("tau_s_0", tau_s)) for i, x in enumerate(of, 1)}
@@ -184,6 +187,8 @@ def _values(
         row = PARAMETERS.get(v.group)
         if v.group == "friction":
             yield v.name, v.choices.index(robot.friction)
+        elif v.group == "rotor_coupling":
+            yield v.name, robot.rotor_coupling
         elif row is not None:
             body = dict(zip(("mass", "centroid", "inertia"), link_body(robot, i), strict=True))
             array = np.asarray(body.get(v.group, getattr(robot, v.group)[i if row.per_joint else ...]))

@@ -13,11 +13,11 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from vdfmu.arm.drive.options import OPTIONS
-from vdfmu.arm.robot.parameters import PARAMETERS, Section
+from vdfmu.arm.robot.parameters import ENDS, PARAMETERS, Section
 from vdfmu.arm.units._signals import ACCELERATION, VELOCITY, WRENCH, six
 from vdfmu.base.measure import derivative_of, unit_of
 from vdfmu.compiler.scalar.jet import jets
-from vdfmu.compiler.unit import Choice, Input, Output, Parameter, Unit
+from vdfmu.compiler.unit import Choice, Input, Output, Parameter, Switch, Unit
 
 D = TypeVar("D", Input, Output, Parameter)
 _STARTS: dict[str, Any] = {
@@ -54,7 +54,13 @@ def rates(measure: tuple[tuple[str, ...], int], linear: str, angular: str, order
 
 
 DESIRED_VELOCITY = rates(VELOCITY, "Desired velocity", "Desired angular velocity", 3)
-DESIRED_FORCE = rates(WRENCH, "Desired force", "Desired moment", 2)
+_FORCES = rates(WRENCH, "Desired force", "Desired moment", 2)
+DESIRED_FORCE = (
+    (*_FORCES[0], *WRENCH[0]),
+    (4, 6),
+    [*_FORCES[2], *six("Desired force, rotors as their springs move them", "Desired moment, the same")],
+)
+"""The desired force with two derivatives, while rotors turn as their links do; then that with their own motion."""
 
 
 def velocity(kind: type[D], text: str) -> D:
@@ -87,6 +93,11 @@ def of_joint(kind: type[D], quantity: str, text: str, joint_type: str, **rest: A
     return kind(unit_of(quantity, joint_type), (), text[0].upper() + text[1:], **rest)
 
 
+def coupling() -> Switch:
+    """Return whether the rotor turns with what carries it."""
+    return Switch(True, "Whether the rotor turns with what carries it, Eq. (4), (7), (11), or about its axis alone, (56)")
+
+
 def friction_choice() -> Choice:
     """Return the arrangement of the friction."""
     return Choice("lumped", "split", text="Friction; 0: lumped, all on the rotor, 1: split, Eq. (54) on the link")
@@ -106,6 +117,6 @@ class Piece(Unit):
         """Return a robot of one joint with the numbers of the unit, and `others`."""
         known = {name: getattr(self, name) for name in PARAMETERS if name in self.declared}
         arrays = {name: np.asarray(v)[None] if PARAMETERS[name].per_joint else np.asarray(v) for name, v in known.items()}
-        flags = dict.fromkeys((*OPTIONS, "payload", "rotor_coupling", "moving_base", "coupled_tool"), False)
+        flags = dict.fromkeys((*OPTIONS, "payload", "rotor_coupling", *ENDS), False)
         return SimpleNamespace(n=1, joint_types=(self.joint_type,), **{**flags, **arrays, **others})
 

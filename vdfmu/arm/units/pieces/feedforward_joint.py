@@ -8,15 +8,18 @@ import numpy as np
 
 from vdfmu.arm.equations.feedforward import (
     FeedbackGains,
+    LinkVelocities,
     desired_jets,
     drive_motion,
     drive_torques,
     motor_torque,
     required_motion,
+    required_rotor_forces,
     turning_gravity,
 )
+from vdfmu.arm.equations.flexible_joint import axial_torques, rotor_forces, rotor_transform
 from vdfmu.arm.equations.friction import joint_friction
-from vdfmu.arm.equations.inverse_dynamics import driven_acceleration, driven_velocity, joint_torques
+from vdfmu.arm.equations.inverse_dynamics import ChainMotion, driven_acceleration, driven_velocity, joint_torques
 from vdfmu.arm.equations.kinematics import joint_placement
 from vdfmu.arm.equations.spatial import force_transform, joint_axis
 from vdfmu.arm.equations.trajectory import Desired
@@ -27,6 +30,7 @@ from vdfmu.arm.units.pieces._piece import (
     JOINT,
     Piece,
     force,
+    coupling,
     friction_choice,
     gravity,
     numbers,
@@ -35,6 +39,7 @@ from vdfmu.arm.units.pieces._piece import (
     row_pair,
     velocity,
 )
+from vdfmu.arm.world.attachment import Base
 from vdfmu.compiler.scalar.jet import derivative, jets
 from vdfmu.compiler.unit import Choice, Input, Output, Parameter, Terminal
 
@@ -90,6 +95,7 @@ class FeedforwardJoint(Piece):
     tau_m = Output("N.m", text="Feedforward torque, motor-side")
     mode = Choice("inverse", "vdc", text="0: inverse (exact inverse of the plant), 1: vdc (required velocities)")
     friction = friction_choice()
+    rotor_coupling = coupling()
     vars().update(feedforward_variables("revolute"))
     terminals = (
         Terminal("base_side", "left", ("V_A_d", "g_A_d", "V_A", "V_A_r", "V_A_r_dot", "g_A", "F_A_d", "F_A_r"), "{A}"),
@@ -98,7 +104,7 @@ class FeedforwardJoint(Piece):
 
     def outputs(self) -> None:
         """Forward pass, backward pass, and the drive."""
-        robot, z = self.one(friction=self.friction), joint_axis(self.joint_type)
+        robot, z = self.one(friction=self.friction, rotor_coupling=self.rotor_coupling), joint_axis(self.joint_type)
         desired = Desired(*(np.array([getattr(self, name)]) for name in DESIRED))
         q_d, q_d_dot, q_d_ddot = desired_jets(desired)
         R_AB, p_AB = joint_placement(robot, 0, q_d[0])
@@ -108,10 +114,14 @@ class FeedforwardJoint(Piece):
         v_B_dot = driven_acceleration(z, U_AB, v_A_dot, v_B, q_d_dot[0], q_d_ddot[0])
         self.V_B_d = np.stack([derivative(v_B, 0), *(derivative(v_B_dot, k) for k in range(3))])
         self.g_B_d = derivative(R_AB.T @ turning_gravity(self.g_A_d, V, V_dot), 0)
-        F_B_d = jets(*self.F_B_d)
-        F_A_d = U_AB @ F_B_d
-        self.F_A_d = np.stack([derivative(F_A_d, k) for k in range(3)])
+        F_B_d, F_B_k, U_BD = jets(*self.F_B_d[:3]), self.F_B_d[3], rotor_transform(robot, 0)
+        motion = ChainMotion([U_AB], [v_B], [v_B_dot], Base(V_S=v_A, V_S_dot=v_A_dot))
+        F_A_d = U_AB @ F_B_d + U_BD @ rotor_forces(robot, motion, q_d_dot, q_d_ddot)[0]
         drive = drive_motion(robot, q_d, q_d_dot, joint_torques(robot, q_d, [F_B_d]))
+        motion = motion._replace(base=Base(V_S=V, V_S_dot=V_dot))
+        F_Dk = rotor_forces(robot, motion, drive.kappa_dot, drive.kappa_ddot)
+        F_A_k = derivative(U_AB, 0) @ F_B_k + U_BD @ F_Dk[0]
+        self.F_A_d = np.stack([*(derivative(F_A_d, k) for k in range(3)), F_A_k])
         self.kappa_dot_d = drive.kappa_dot[0]
 
         # along the measured motion
@@ -125,13 +135,16 @@ class FeedforwardJoint(Piece):
         self.V_B_r = V_B_r
         self.V_B_r_dot = driven_acceleration(z, U_AB, self.V_A_r_dot, V_B_r, self.q_dot, asked.q_ddot_r[0])
         self.g_B = R_AB.T @ self.g_A
-        self.F_A_r = U_AB @ self.F_B_r
+        links, at_base = LinkVelocities([], [], []), LinkVelocities([self.V_A], [self.V_A_r], [self.V_A_r_dot])
+        F_D_r_star = required_rotor_forces(robot, links, kappa_dot, asked, at_base)
+        self.F_A_r = U_AB @ self.F_B_r + U_BD @ F_D_r_star[0]
         friction = joint_friction(robot, desired.q_d_dot, drive.kappa_dot, drive.tau_s)
         if self.mode == "inverse":
-            tau_s = drive.tau_s
-            tau_m = motor_torque(robot, robot.I_m * drive.kappa_ddot, tau_s, friction[1])
+            with_rotors = joint_torques(robot, desired.q_d, [F_B_k]) + friction[0]
+            tau_s = with_rotors if self.rotor_coupling else drive.tau_s
+            tau_m = motor_torque(robot, axial_torques(F_Dk), tau_s, friction[1])
         else:
-            tau_q, tau_kr = joint_torques(robot, q, [self.F_B_r]), robot.I_m * asked.kappa_ddot_r
+            tau_q, tau_kr = joint_torques(robot, q, [self.F_B_r]), axial_torques(F_D_r_star)
             tau_t, tau_m = drive_torques(robot, gains, asked, tau_q, tau_kr, friction, q_dot, kappa_dot)
             tau_s = robot.ell * tau_t
         self.tau_m, self.tau_s = tau_m[0], tau_s[0]

@@ -17,7 +17,7 @@ from vdfmu.arm.units.pieces._piece import (
     row_pair,
     velocity,
 )
-from vdfmu.compiler.scalar.jet import derivative, jets
+from vdfmu.compiler.scalar.jet import derivative
 from vdfmu.compiler.unit import Input, Output, Parameter, Terminal
 
 
@@ -64,7 +64,7 @@ class FeedforwardLink(Piece):
         self.V_C_d, self.g_C_d = self.V_B_d, self.g_B_d
         self.V_C, self.V_C_r, self.V_C_r_dot, self.g_C = self.V_B, self.V_B_r, self.V_B_r_dot, self.g_B
         g = turning_gravity(self.g_B_d, *self.V_B_d[:2])
-        F_B_d = net_force(*body, g, *row_pair(self.V_B_d)) + jets(*(self.F_C_d + self.F_D_d))
-        self.F_B_d = np.stack([derivative(F_B_d, k) for k in range(3)])
-        own = required_net_force(body, self.K_V, self.g_B, self.V_B, self.V_B_r, self.V_B_r_dot)
-        self.F_B_r = own + self.F_C_r + self.F_D_r
+        own, hanging = net_force(*body, g, *row_pair(self.V_B_d)), self.F_C_d + self.F_D_d
+        self.F_B_d = np.stack([derivative(own, k) for k in (0, 1, 2, 0)]) + hanging
+        own_r = required_net_force(body, self.K_V, self.g_B, self.V_B, self.V_B_r, self.V_B_r_dot)
+        self.F_B_r = own_r + self.F_C_r + self.F_D_r

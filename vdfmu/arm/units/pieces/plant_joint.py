@@ -6,9 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.equations.flexible_joint import rotor_acceleration, rotor_position, spring_rate
+from vdfmu.arm.equations.flexible_joint import (
+    rotor_acceleration,
+    rotor_force,
+    rotor_position,
+    rotor_transform,
+    rotor_velocity,
+    spring_rate,
+)
 from vdfmu.arm.equations.forward_dynamics import accelerate, eliminate, handed_on
-from vdfmu.arm.equations.inverse_dynamics import driven_velocity, joint_torques
+from vdfmu.arm.equations.inverse_dynamics import ChainMotion, driven_velocity, joint_torques
 from vdfmu.arm.equations.kinematics import joint_placement
 from vdfmu.arm.equations.plant import PlantState, plant_torques
 from vdfmu.arm.equations.spatial import cross_motion, force_transform, joint_axis
@@ -17,6 +24,7 @@ from vdfmu.arm.units.pieces._piece import (
     JOINT,
     Piece,
     force,
+    coupling,
     friction_choice,
     gravity,
     numbers,
@@ -24,6 +32,7 @@ from vdfmu.arm.units.pieces._piece import (
     rate,
     velocity,
 )
+from vdfmu.arm.world.attachment import Base
 from vdfmu.compiler.unit import Derivative, Input, Output, Parameter, State, Switch, Terminal
 
 
@@ -54,7 +63,7 @@ class PlantJoint(Piece):
 
     Drive and friction are those of the unit Plant. No output depends on itself through its neighbours: velocities
     depend on states and velocities, M and p on these, accelerations on M and p. The springs start with the torque that
-    holds what hangs on the joint unless equilibrium is false.
+    holds what hangs on the joint, rotors that push it included, unless equilibrium is false.
     """
 
     tau = Input("N.m", text="Motor torque, motor-side")
@@ -74,6 +83,7 @@ class PlantJoint(Piece):
     P_B = Output("W", text="Virtual power flow V' F at the cutting point {B}, towards the tip")
     vars().update(plant_variables("revolute"))
     friction = friction_choice()
+    rotor_coupling = coupling()
     equilibrium = Switch(
         True, "Start the spring with the torque that holds what hangs on the joint, the rotor with the link's velocity"
     )
@@ -95,12 +105,12 @@ class PlantJoint(Piece):
 
     def _drive(self) -> tuple[Any, Any, Any]:
         """Return the robot of this joint, and torques on link and rotor, (1,) each."""
-        robot = self.one(friction=self.friction)
+        robot = self.one(friction=self.friction, rotor_coupling=self.rotor_coupling)
         state = PlantState(*(np.array([x]) for x in (self.q, self.q_dot, self.kappa_dot, self.tau_s)))
         return robot, *plant_torques(robot, state, np.array([self.tau]))
 
-    def _motion(self, robot: Any, tau_l: Any) -> dict[str, Any]:
-        """Return what the joint hands on, by name, and its acceleration."""
+    def _motion(self, robot: Any, tau_l: Any, tau_k: Any) -> dict[str, Any]:
+        """Return what the joint hands on, by name, and its accelerations."""
         z, placement = joint_axis(self.joint_type), joint_placement(robot, 0, self.q)
         U_AB = force_transform(*placement)
         V_B = driven_velocity(z, U_AB, self.V_A, self.q_dot)
@@ -109,24 +119,29 @@ class PlantJoint(Piece):
         M_A, p_A = handed_on(placement, U_AB, self.M_B, self.p_B, c_B, joint)
         q_ddot, V_B_dot = accelerate(z, U_AB, self.V_A_dot, c_B, joint)
         F_B = self.M_B @ V_B_dot + self.p_B
-        F_A = U_AB @ F_B
+        U_BD = rotor_transform(robot, 0)
+        V_D = rotor_velocity(self.V_A, U_BD, robot.ell[0], self.kappa_dot)  # (4)
+        F_D = U_BD @ rotor_force(robot, 0, V_D, tau_k[0])  # (10)-(11)
+        F_A = U_AB @ F_B + F_D
+        motion = ChainMotion([U_AB], [V_B], [V_B_dot], Base(V_S=self.V_A, V_S_dot=self.V_A_dot))
         return {
-            "V_B": V_B, "V_B_dot": V_B_dot, "g_B": placement[0].T @ self.g_A, "M_A": M_A, "p_A": p_A, "F_A": F_A,
+            "V_B": V_B, "V_B_dot": V_B_dot, "g_B": placement[0].T @ self.g_A, "M_A": M_A, "p_A": p_A + F_D, "F_A": F_A,
             "F_B": F_B, "P_A": self.V_A @ F_A, "P_B": V_B @ F_B, "der_q_dot": q_ddot,
+            "der_kappa_dot": rotor_acceleration(robot, tau_k, motion)[0],
         }  # fmt: skip
 
     def outputs(self) -> None:
         """Velocities, apparent mass and bias force, accelerations, forces."""
-        robot, tau_l, _ = self._drive()
-        for name, value in self._motion(robot, tau_l).items():
-            if name != "der_q_dot":
+        robot, *torques = self._drive()
+        for name, value in self._motion(robot, *torques).items():
+            if not name.startswith("der"):
                 setattr(self, name, value)
         self.kappa = rotor_position(robot, np.array([self.q]), np.array([self.tau_s]))[0]
 
     def derivatives(self) -> None:
         """Link, rotor and spring."""
-        robot, tau_l, tau_k = self._drive()
-        self.der_q, self.der_q_dot = self.q_dot, self._motion(robot, tau_l)["der_q_dot"]
-        self.der_kappa_dot = rotor_acceleration(robot, tau_k)[0]
+        robot, *torques = self._drive()
+        motion = self._motion(robot, *torques)
+        self.der_q, self.der_q_dot, self.der_kappa_dot = self.q_dot, motion["der_q_dot"], motion["der_kappa_dot"]
         q, q_dot, kappa_dot, tau_s = (np.array([x]) for x in (self.q, self.q_dot, self.kappa_dot, self.tau_s))
         self.der_tau_s = spring_rate(robot, rotor_position(robot, q, tau_s), kappa_dot, q_dot, tau_s)[0]
