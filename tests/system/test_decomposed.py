@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.conftest import heavy, make_general_chain
 from vdfmu.arm.equations.feedforward import FeedbackGains, feedforward_inverse, feedforward_vdc
 from vdfmu.arm.equations.forward_dynamics import Rotors, apparent_load
+from vdfmu.arm.equations.kinematics import joint_placement
 from vdfmu.arm.equations.plant import plant_derivative
 from vdfmu.arm.equations.rigid_body import bias_force, link_body, mass_matrix
-from vdfmu.arm.equations.spatial import joint_axis
+from vdfmu.arm.equations.spatial import force_transform, joint_axis
 from vdfmu.arm.equations.trajectory import Desired
-from vdfmu.arm.robot import Robot
+from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.arm.units import package_units
 from vdfmu.arm.world.attachment import Ends, moving_base
 from vdfmu.base.errors import UsageError
@@ -71,14 +73,23 @@ def wired(robot: Robot, settings: Mapping[str, Any] | None = None) -> tuple[Wire
     return Wired(units, inner, {name: values[name] for name in names}), apart.system
 
 
+def robot_of(name: str) -> Robot:
+    """Return a shipped robot, or the general chain."""
+    return make_general_chain() if name == "general" else load_robot(name)
+
+
 def random_desired(n: int, seed: int) -> Desired:
     """Return a desired motion at an instant, of some rad, rad/s, .. each."""
     return Desired(*np.random.default_rng(seed).normal(size=(5, n)))
 
 
+ARMS = pytest.mark.parametrize("name", ["planar_2dof", *heavy("slider_3dof", "manipulator_6dof", "general")])
+
+
+@ARMS
 @pytest.mark.parametrize("mode", ["inverse", "vdc"])
-def test_the_feedforward_of_joints_and_links_is_that_of_the_arm(chain, mode):
-    robot, random = chain, np.random.default_rng(7)
+def test_the_feedforward_of_joints_and_links_is_that_of_the_arm(name, mode):
+    robot, random = robot_of(name), np.random.default_rng(7)
     system, _ = wired(robot, {"feedforward.mode": mode, "feedforward.K_V": 0.3})
     desired, (q, q_dot, kappa_dot) = random_desired(robot.n, 5), random.normal(size=(3, robot.n))
     F_e = random.normal(size=6)
@@ -100,10 +111,11 @@ def test_the_feedforward_of_joints_and_links_is_that_of_the_arm(chain, mode):
         np.testing.assert_allclose(found, numbers, rtol=1e-12, atol=1e-12 * np.abs(numbers).max(), err_msg=name)
 
 
-def test_the_plant_of_joints_and_links_is_the_arm(chain, draw):
-    robot, random = chain, np.random.default_rng(8)
-    for state in draw(robot, 3, seed=9):
-        system, _ = wired(robot)
+@ARMS
+def test_the_plant_of_joints_and_links_is_the_arm(name, draw):
+    robot, random = robot_of(name), np.random.default_rng(8)
+    system, _ = wired(robot)
+    for state in draw(robot, 2, seed=9):
         tau, F_e = random.normal(size=robot.n), random.normal(size=6)
         for i in range(robot.n):
             joint = system.parts[f"plant_joint_{i + 1}"]
@@ -121,15 +133,20 @@ def test_the_plant_of_joints_and_links_is_the_arm(chain, draw):
             found = [getattr(joint, f"der_{name}") for joint in joints]
             # elimination along the chain multiplies rounding errors by ratios of masses, up to 1e3 here
             np.testing.assert_allclose(found, numbers, rtol=1e-11, atol=1e-12 * np.abs(numbers).max(), err_msg=name)
-        # virtual power: what a joint adds is the power of its motion, and what leaves one link enters the next
-        for joint, after in zip(joints, [*joints[1:], None], strict=True):
-            z = joint_axis(joint.joint_type)
-            added, size = z @ joint.F_B * joint.q_dot, np.abs(joint.V_B) @ np.abs(joint.F_B) + abs(joint.P_A)
-            assert abs(joint.P_B - joint.P_A - added) < 1e-12 * size  # some ten products
-            if after is not None:
-                np.testing.assert_array_equal(after.V_A, joint.V_B)
+        # virtual power flows: what a joint adds is the power of its motion and of its rotor, what a link takes that of
+        # its net force; what is left at the tip goes to the surroundings
+        tool = system.parts["plant_tool"]
+        for i, (joint, after) in enumerate(zip(joints, [*joints[1:], None], strict=True)):
+            z, size = joint_axis(joint.joint_type), np.abs(joint.V_B) @ np.abs(joint.F_B) + abs(joint.P_A)
+            rotor = joint.P_A - joint.V_A @ (force_transform(*joint_placement(robot, i, joint.q)) @ joint.F_B)
+            assert abs(joint.P_B - joint.P_A - z @ joint.F_B * joint.q_dot + rotor) < 1e-12 * size  # some ten products
+            body = link_body(robot, i)
+            net = mass_matrix(*body) @ joint.V_B_dot + bias_force(*body, joint.g_B, joint.V_B)
+            leaves = joint.V_B @ tool.p_B if after is None else after.P_A
+            assert abs(joint.P_B - leaves - joint.V_B @ net) < 1e-11 * size
 
 
+@pytest.mark.heavy
 def test_springs_start_with_what_hangs_on_them(general):
     robot = replace(general, rotor_coupling=False)
     system, _ = wired(robot, {"plant.F_e[2]": 3.0, "plant.q_0": 0.4})
