@@ -14,9 +14,10 @@ from vdfmu.arm.drive.options import OPTIONS
 from vdfmu.arm.equations.plant import equilibrium_torque
 from vdfmu.arm.equations.rigid_body import link_body
 from vdfmu.arm.robot import Robot
-from vdfmu.arm.robot.parameters import ENDS, PARAMETERS
+from vdfmu.arm.robot.parameters import ENDS, OPTIONAL, PARAMETERS
 from vdfmu.arm.units import package_units
 from vdfmu.arm.units.feedforward import Feedforward
+from vdfmu.arm.units.pieces._piece import STATELESS
 from vdfmu.arm.units.pieces.arm_base import ArmBase
 from vdfmu.arm.units.plant import Plant
 from vdfmu.base.errors import UsageError
@@ -92,7 +93,7 @@ def decomposed(scenario: Scenario, settings: Mapping[str, Any] | None = None) ->
 
 def _lacking(robot: Robot) -> Iterator[str]:
     """Yield what a robot has that units of links and joints do not."""
-    for flag in (*OPTIONS, *ENDS):
+    for flag in (*(name for name in OPTIONS if name not in STATELESS), *ENDS):
         if getattr(robot, flag):
             yield f"{flag}, which units of links and joints do not know"
 
@@ -185,6 +186,8 @@ def _values(
         if v.causality == "input" and not is_free(system, piece, v):
             continue
         row = PARAMETERS.get(v.group)
+        if row is not None and row.section in OPTIONAL and not np.ravel(getattr(robot, row.part_of or row.section))[-1 if not row.part_of else i]:
+            row = None
         if v.group == "friction":
             yield v.name, v.choices.index(robot.friction)
         elif v.group == "rotor_coupling":

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from vdfmu.arm.drive.options import OPTIONS
+from vdfmu.arm.drive.options import OPTIONS, OptionName
 from vdfmu.arm.robot.parameters import ENDS, PARAMETERS, Section
 from vdfmu.arm.units._signals import ACCELERATION, VELOCITY, WRENCH, six
 from vdfmu.base.measure import derivative_of, unit_of
@@ -22,10 +22,17 @@ from vdfmu.compiler.unit import Choice, Input, Output, Parameter, Switch, Unit
 D = TypeVar("D", Input, Output, Parameter)
 _STARTS: dict[str, Any] = {
     "gravity": [0.0, 0.0, 9.81], "rotation": np.eye(3), "inertia": 0.1 * np.eye(3), "mass": 1.0, "ell": 100.0,
-    "I_m": 1e-3, "K_f0": 1e4, "c_f": 1e-3, "K_w0": 1.0, "c_w": 10.0, "v_s": 0.1,
+    "I_m": 1e-3, "K_f0": 1e4, "c_f": 1e-3, "K_w0": 1.0, "c_w": 10.0, "v_s": 0.1, "q_min": -1e6, "q_max": 1e6,
+    "stop_stiffness": 1.0, "tau_stall": 1e9, "kappa_dot_max": 1e9, "full_speed": 0.9, "D_cb": 1.0, "L_cb": 1.0,
+    "tau_gap": 1.0,
 }  # fmt: skip
-"""Start values of parameters that robots must give; those of the others are their defaults, or 0."""
-JOINT: tuple[Section, ...] = ("joint", "drive", "friction")
+"""Start values of parameters that robots must give; those of the others are their defaults, or 0.
+
+With these, an option of the drive changes no number to the bit: end stops are out of reach, a force is 0.
+"""
+STATELESS: tuple[OptionName, ...] = tuple(name for name, option in OPTIONS.items() if option.state is None)
+"""Options of the drive that every joint has."""
+JOINT: tuple[Section, ...] = ("joint", "drive", "friction", *STATELESS)
 """Sections of the table of robots with the parameters of a joint."""
 TOOL = ("tool_offset", "tool_rotation")
 """Parameters of the end of an arm."""
@@ -118,5 +125,6 @@ class Piece(Unit):
         known = {name: getattr(self, name) for name in PARAMETERS if name in self.declared}
         arrays = {name: np.asarray(v)[None] if PARAMETERS[name].per_joint else np.asarray(v) for name, v in known.items()}
         flags = dict.fromkeys((*OPTIONS, "payload", "rotor_coupling", *ENDS), False)
+        flags |= dict.fromkeys({PARAMETERS[name].section for name in known}.intersection(STATELESS), True)
         return SimpleNamespace(n=1, joint_types=(self.joint_type,), **{**flags, **arrays, **others})
 
