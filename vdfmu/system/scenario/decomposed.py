@@ -14,7 +14,7 @@ from vdfmu.arm.drive.options import OPTIONS
 from vdfmu.arm.equations.plant import equilibrium_torque
 from vdfmu.arm.equations.rigid_body import link_body
 from vdfmu.arm.robot import Robot
-from vdfmu.arm.robot.parameters import ENDS, OPTIONAL, PARAMETERS
+from vdfmu.arm.robot.parameters import ENDS, OPTIONAL, PARAMETERS, Row
 from vdfmu.arm.units import package_units
 from vdfmu.arm.units.feedforward import Feedforward
 from vdfmu.arm.units.pieces._piece import STATELESS
@@ -186,16 +186,21 @@ def _values(
         if v.causality == "input" and not is_free(system, piece, v):
             continue
         row = PARAMETERS.get(v.group)
-        if row is not None and row.section in OPTIONAL and not np.ravel(getattr(robot, row.part_of or row.section))[-1 if not row.part_of else i]:
-            row = None
         if v.group == "friction":
             yield v.name, v.choices.index(robot.friction)
         elif v.group == "rotor_coupling":
             yield v.name, robot.rotor_coupling
-        elif row is not None:
+        elif row is not None and not _is_off(robot, row, i):
             body = dict(zip(("mass", "centroid", "inertia"), link_body(robot, i), strict=True))
             array = np.asarray(body.get(v.group, getattr(robot, v.group)[i if row.per_joint else ...]))
             yield v.name, float(array[v.index])
         elif v.causality in ("input", "parameter"):
             inner = f"{v.group}[{','.join(str(k + 1) for k in (i, *v.index))}]"  # of one joint among all
             yield v.name, values.get(inner, values.get(v.name, v.start))
+
+
+def _is_off(robot: Robot, row: Row, i: int) -> bool:
+    """Whether a number of a robot's joint belongs to an option that the robot, or this joint, does not have."""
+    if row.section not in OPTIONAL:
+        return False
+    return not getattr(robot, row.section) or bool(row.part_of and not getattr(robot, row.part_of)[i])
