@@ -32,7 +32,9 @@ class Wired:
     Where no output depends on itself, three sweeps settle all: velocities to the tip, forces back, accelerations.
     """
 
-    def __init__(self, units: Mapping[str, Any], connections: Mapping[str, list[str]], values: Mapping[str, Any]) -> None:
+    def __init__(
+        self, units: Mapping[str, Any], connections: Mapping[str, list[str]], values: Mapping[str, Any]
+    ) -> None:
         self.parts = {name: unit(None) for name, unit in units.items()}
         self.links = [(start.split("."), end.split(".")) for start, ends in connections.items() for end in ends]
         for name, each in values.items():
@@ -68,8 +70,11 @@ def wired(robot: Robot, settings: Mapping[str, Any] | None = None) -> tuple[Wire
     apart, values = decomposed(scenario_of(robot), settings)
     names = [name for name in apart.system.parts if name not in ("trajectory", "controller")]
     units = {name: apart.resolved.units[name] for name in names}
-    inner = {start: [end for end in ends if end.split(".")[0] in units] for start, ends in apart.system.connections.items()}
-    inner = {start: ends for start, ends in inner.items() if start.split(".")[0] in units}
+    inner = {
+        start: [end for end in ends if end.split(".")[0] in units]
+        for start, ends in apart.system.connections.items()
+        if start.split(".")[0] in units
+    }
     return Wired(units, inner, {name: values[name] for name in names}), apart.system
 
 
@@ -83,7 +88,9 @@ def random_desired(n: int, seed: int) -> Desired:
     return Desired(*np.random.default_rng(seed).normal(size=(5, n)))
 
 
-ARMS = pytest.mark.parametrize("name", ["planar_2dof", *heavy("slider_3dof", "manipulator_6dof", "general")])
+ARMS = pytest.mark.parametrize(
+    "name", ["planar_2dof", *heavy("slider_3dof", "manipulator_6dof", "kr300_6dof", "iiwa_7dof", "general")]
+)
 
 
 @ARMS
@@ -179,7 +186,8 @@ def test_two_arms_on_one_body_are_a_wiring(planar, draw):
         for start, end in cutting_point(before, units[parts[before]], after, units[parts[after]], side):
             connections.setdefault(start, []).append(end)
     apart, values = decomposed(scenario_of(robot))
-    named = {f"{side}_{kind}_{i}": values[f"plant_{kind}_{i}"] for side in "CD" for kind in ("joint", "link") for i in (1, 2)}
+    pieces = [f"{kind}_{i}" for kind in ("joint", "link") for i in (1, 2)]
+    named = {f"{side}_{piece}": values[f"plant_{piece}"] for side in "CD" for piece in pieces}
     system = Wired({name: units[unit] for name, unit in parts.items()}, connections, named)
     torso, joint = system.parts["torso"], system.parts["torso_joint"]
     joint.store |= {"q": 0.3, "q_dot": 0.7, "kappa_dot": 0.7, "tau_s": 5.0}
@@ -191,10 +199,12 @@ def test_two_arms_on_one_body_are_a_wiring(planar, draw):
     system.settle(list(parts))
     base = moving_base(np.eye(3), torso.V_C[3:], np.zeros(6))
     g = torso.g_C
+    # arms that know that their base moves, as in the second-arm interface; friction is lumped, on the rotors
+    turned = replace(robot, gravity=g)
     loads = [
-        apparent_load(replace(robot, gravity=g), s.q, s.q_dot, s.tau_s, rotors=Rotors(s.kappa_dot, s.tau_s), ends=Ends(base))
+        apparent_load(turned, s.q, s.q_dot, s.tau_s, rotors=Rotors(s.kappa_dot, s.tau_s), ends=Ends(base))
         for s in states
-    ]  # of arms that know of their base that it moves, as in the second-arm interface; friction is lumped, on the rotors
+    ]
     body = link_body(system.parts["torso"].one(), 0)
     np.testing.assert_array_equal(torso.V_C[:3], 0.0)  # its joint's axis passes through its origin
     M = mass_matrix(*body) + sum(M_S for M_S, _ in loads)
@@ -222,7 +232,7 @@ def test_a_seventh_joint_is_two_more_components(planar):
 
 
 def test_what_joints_and_links_do_not_know_is_refused(planar):
-    with pytest.raises(UsageError, match="plant: the robot planar_2dof has moving_base, which units of links and joints"):
+    with pytest.raises(UsageError, match="plant: the robot planar_2dof has moving_base, which units of links and"):
         decomposed(scenario_of(replace(planar, moving_base=True)))
     with pytest.raises(UsageError, match="feedforward: the robot planar_2dof has hysteresis"):
         decomposed(scenario_of(replace(planar, hysteresis=True)))

@@ -98,9 +98,7 @@ def desired_drive_motion(
     """
     q, q_dot, q_ddot = desired_jets(desired)
     seen, base_jets = _seen_from_base(robot, base)
-    return drive_motion(
-        robot, q, q_dot, inverse_dynamics(seen, q, q_dot, q_ddot, F_e_d, (q_dot, q_ddot), base_jets)
-    )
+    return drive_motion(robot, q, q_dot, inverse_dynamics(seen, q, q_dot, q_ddot, F_e_d, (q_dot, q_ddot), base_jets))
 
 
 def desired_jets(desired: Desired) -> tuple[Any, Any, Any]:

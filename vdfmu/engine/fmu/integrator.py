@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import Call
-from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.variables import FmuVariable
 
 TOLERANCE = 1e-6
@@ -87,7 +86,7 @@ class ModelExchangeIntegrator:
         self.instance.transfer("GetContinuousStates", self._x)
         signs = self._signs(time, self._x)
         x = self._x.copy()
-        state: Any = lambda t: x
+        state: Any = None
         solver = None
         if x.size:
             first = None if self._h is None else min(self._h, end - time)

@@ -103,13 +103,12 @@ def _start_values(robot: Robot, table: Variables, values: Values) -> Values:
 
     A joint by itself takes the torque from what hangs on it, with the forces of motion and of rotors.
     """
-    q_0, q_dot_0, F_e = (
-        np.array([values.get(v.name, v.start) for v in table if v.group == group]) for group in ("q_0", "q_dot_0", "F_e")
-    )
+    groups = ("q_0", "q_dot_0", "F_e")
+    q_0, q_dot_0, F_e = (np.array([values.get(v.name, v.start) for v in table if v.group == group]) for group in groups)
     if not values.get("equilibrium", True) or not (q_dot_0.any() or robot.rotor_coupling):
         return {}
-    tau_s = equilibrium_torque(robot, q_0, F_e)
-    found = {f"{group}[{i}]": float(x) for group, of in (("kappa_dot_0", q_dot_0), ("tau_s_0", tau_s)) for i, x in enumerate(of, 1)}
+    starts = {"kappa_dot_0": q_dot_0, "tau_s_0": equilibrium_torque(robot, q_0, F_e)}
+    found = {f"{group}[{i}]": float(x) for group, each in starts.items() for i, x in enumerate(each, 1)}
     return {"equilibrium": False, **found}
 
 
@@ -125,8 +124,8 @@ def _pieces(name: str, kind: str, robot: Robot) -> Iterator[tuple[str, str]]:
 def cutting_point(before: str, a: Any, after: str, b: Any, side: str = "C") -> Iterator[tuple[str, str]]:
     """Yield the connections at the cutting point of two components, from their units: those of one quantity.
 
-    Signals have the letter of the cutting point, ``V_A`` and ``V_B`` of a joint, ``V_B`` and ``V_C`` of its link. A link
-    has a second one towards the tip, D, with forces of its own. A base, at rest, has one velocity for all.
+    Signals have the letter of the cutting point, ``V_A`` and ``V_B`` of a joint, ``V_B`` and ``V_C`` of its link. A
+    link has a second one towards the tip, D, with forces of its own. A base, at rest, has one velocity for all.
     """
     near, far = ("B" if "Joint" in a.__name__ else "C"), ("A" if "Joint" in b.__name__ else "B")
     for end, declared in b.declared.items():

@@ -102,7 +102,7 @@ def of_joint(kind: type[D], quantity: str, text: str, joint_type: str, **rest: A
 
 def coupling() -> Switch:
     """Return whether the rotor turns with what carries it."""
-    return Switch(True, "Whether the rotor turns with what carries it, Eq. (4), (7), (11), or about its axis alone, (56)")
+    return Switch(True, "Whether the rotor turns with what carries it, Eq. (4), (7), (11); else about its axis, (56)")
 
 
 def friction_choice() -> Choice:
@@ -123,8 +123,7 @@ class Piece(Unit):
     def one(self, **others: Any) -> Any:
         """Return a robot of one joint with the numbers of the unit, and `others`."""
         known = {name: getattr(self, name) for name in PARAMETERS if name in self.declared}
-        arrays = {name: np.asarray(v)[None] if PARAMETERS[name].per_joint else np.asarray(v) for name, v in known.items()}
+        arrays = {name: np.asarray(v)[None if PARAMETERS[name].per_joint else ...] for name, v in known.items()}
         flags = dict.fromkeys((*OPTIONS, "payload", "rotor_coupling", *ENDS), False)
         flags |= dict.fromkeys({PARAMETERS[name].section for name in known}.intersection(STATELESS), True)
         return SimpleNamespace(n=1, joint_types=(self.joint_type,), **{**flags, **arrays, **others})
-

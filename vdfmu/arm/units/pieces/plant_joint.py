@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.arm.drive.options import link_torques
 from vdfmu.arm.equations.flexible_joint import (
     rotor_acceleration,
     rotor_force,
@@ -23,8 +24,8 @@ from vdfmu.arm.units._signals import MASS, MEASURED
 from vdfmu.arm.units.pieces._piece import (
     JOINT,
     Piece,
-    force,
     coupling,
+    force,
     friction_choice,
     gravity,
     numbers,
@@ -39,7 +40,9 @@ from vdfmu.compiler.unit import Derivative, Input, Output, Parameter, State, Swi
 def plant_variables(kind: str) -> dict[str, Any]:
     """Return the variables of a joint of a type that depend on it."""
     states = {name: of_joint(State, *MEASURED[name][::2], kind) for name in ("q", "q_dot", "kappa_dot", "tau_s")}
-    starts = {f"{name}_0": of_joint(Parameter, MEASURED[name][0], f"start {MEASURED[name][2]}", kind) for name in states}
+    starts = {
+        f"{name}_0": of_joint(Parameter, MEASURED[name][0], f"start {MEASURED[name][2]}", kind) for name in states
+    }
     return {
         **states,
         **{f"der_{name}": Derivative(state) for name, state in states.items()},
@@ -53,8 +56,8 @@ class PlantJoint(Piece):
     """A revolute joint with its drive, Eq. (2)-(11), (54)-(56), in an arm that is wired from its links and joints.
 
     Towards the tip it hands on velocity and acceleration, and towards the base the apparent mass and the bias force of
-    what hangs on it: what hangs on a cutting point asks there for the force ``M V_dot + p``. ``c`` is the part of V_B_dot
-    that is quadratic in velocities::
+    what hangs on it: what hangs on a cutting point asks there for the force ``M V_dot + p``. ``c`` is the part of
+    V_B_dot that is quadratic in velocities::
 
         V_B = z q_dot + U_AB' V_A                                           (29)-(31)
         M_A = U_AB M_a U_AB'       p_A = U_AB [p_B + M_a c + M_B z u / d]   d = z' M_B z, u = tau_s - xi_l - z' p_B
@@ -107,7 +110,8 @@ class PlantJoint(Piece):
         """Return the robot of this joint, and torques on link and rotor, (1,) each."""
         robot = self.one(friction=self.friction, rotor_coupling=self.rotor_coupling)
         state = PlantState(*(np.array([x]) for x in (self.q, self.q_dot, self.kappa_dot, self.tau_s)))
-        return robot, *plant_torques(robot, state, np.array([self.tau]))
+        tau_l, tau_k = plant_torques(robot, state, np.array([self.tau]))
+        return robot, tau_l + link_torques(robot, state.q), tau_k
 
     def _motion(self, robot: Any, tau_l: Any, tau_k: Any) -> dict[str, Any]:
         """Return what the joint hands on, by name, and its accelerations."""
