@@ -89,7 +89,8 @@ def make_schedule(
         is passed on as it was at t_k, to every reader, whichever unit steps first. Feed-through units
         come first, each after those whose fresh outputs it reads, then the others, both else in the order
         of the SSD. Components of model exchange that read each other's fresh outputs are integrated as one. Sampled
-        control has no delay beyond its zero-order hold. Units without feed-through that read each other do so with values at t_k.
+        control has no delay beyond its zero-order hold. Units without feed-through that read each other do so with
+        values at t_k.
     jacobi
         Every input is the output at t_k. Feed-through costs one more step of delay.
     extrapolated, iterative

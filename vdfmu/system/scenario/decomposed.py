@@ -190,7 +190,7 @@ def _values(
         elif v.group == "rotor_coupling":
             yield v.name, robot.rotor_coupling
         elif row is not None and not _is_off(robot, row, i):
-            body = dict(zip(("mass", "centroid", "inertia"), link_body(robot, i), strict=True))
+            body: dict[str, Any] = dict(zip(("mass", "centroid", "inertia"), link_body(robot, i), strict=True))
             array = np.asarray(body.get(v.group, getattr(robot, v.group)[i if row.per_joint else ...]))
             yield v.name, float(array[v.index])
         elif v.causality in ("input", "parameter"):

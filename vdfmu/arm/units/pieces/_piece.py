@@ -8,7 +8,7 @@ link towards the tip. A link has one frame: its signals are all in the frame {B}
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -17,9 +17,9 @@ from vdfmu.arm.robot.parameters import ENDS, PARAMETERS, Section
 from vdfmu.arm.units._signals import ACCELERATION, VELOCITY, WRENCH, six
 from vdfmu.base.measure import derivative_of, unit_of
 from vdfmu.compiler.scalar.jet import jets
-from vdfmu.compiler.unit import Choice, Input, Output, Parameter, Switch, Unit
+from vdfmu.compiler.unit import Choice, Input, Output, Parameter, State, Switch, Unit
 
-D = TypeVar("D", Input, Output, Parameter)
+D = TypeVar("D", Input, Output, Parameter, State)
 _STARTS: dict[str, Any] = {
     "gravity": [0.0, 0.0, 9.81], "rotation": np.eye(3), "inertia": 0.1 * np.eye(3), "mass": 1.0, "ell": 100.0,
     "I_m": 1e-3, "K_f0": 1e4, "c_f": 1e-3, "K_w0": 1.0, "c_w": 10.0, "v_s": 0.1, "q_min": -1e6, "q_max": 1e6,
@@ -95,8 +95,9 @@ def row_pair(V: np.ndarray) -> tuple[Any, Any]:
     return jets(*V[:3]), jets(*V[1:])
 
 
-def of_joint(kind: type[D], quantity: str, text: str, joint_type: str, **rest: Any) -> D:
-    """Return a variable of one joint."""
+def of_joint(kind: type[D], signal: tuple[str, Any, str], joint_type: str, **rest: Any) -> D:
+    """Return a variable of one joint: `signal` has its quantity, the shape for an arm, and its text."""
+    quantity, _, text = signal
     return kind(unit_of(quantity, joint_type), (), text[0].upper() + text[1:], **rest)
 
 
@@ -119,6 +120,10 @@ class Piece(Unit):
 
     exchange: ClassVar[bool] = True
     joint_type: ClassVar[str] = "revolute"
+
+    if TYPE_CHECKING:  # what `numbers` and others declare
+
+        def __getattr__(self, name: str) -> Any: ...
 
     def one(self, **others: Any) -> Any:
         """Return a robot of one joint with the numbers of the unit, and `others`."""

@@ -52,12 +52,12 @@ def feedforward_variables(kind: str) -> dict[str, Any]:
         "k_vkappa": ("damping_m", "gain of the rotor velocity, motor-side, Eq. (27)", 0.05),
     }
     return {
-        **{name: of_joint(Input, unit, text, kind) for name, (unit, _, text) in DESIRED.items()},
-        **{name: of_joint(Input, *MEASURED[name][::2], kind) for name in ("q", "q_dot", "kappa_dot")},
-        "tau_s": of_joint(Output, *MEASURED["tau_s"][::2], kind),
-        "kappa_dot_d": of_joint(Output, "velocity", "desired velocity of the rotor divided by ell", kind),
+        **{name: of_joint(Input, signal, kind) for name, signal in DESIRED.items()},
+        **{name: of_joint(Input, MEASURED[name], kind) for name in ("q", "q_dot", "kappa_dot")},
+        "tau_s": of_joint(Output, MEASURED["tau_s"], kind),
+        "kappa_dot_d": of_joint(Output, ("velocity", (), "desired velocity of the rotor divided by ell"), kind),
         **{
-            name: of_joint(Parameter, unit, text, kind, start=start, minimum=0.0, tunable=True)
+            name: of_joint(Parameter, (unit, (), text), kind, start=start, minimum=0.0, tunable=True)
             for name, (unit, text, start) in gains.items()
         },
         **numbers(*JOINT, joint_type=kind),

@@ -39,14 +39,14 @@ from vdfmu.compiler.unit import Derivative, Input, Output, Parameter, State, Swi
 
 def plant_variables(kind: str) -> dict[str, Any]:
     """Return the variables of a joint of a type that depend on it."""
-    states = {name: of_joint(State, *MEASURED[name][::2], kind) for name in ("q", "q_dot", "kappa_dot", "tau_s")}
+    states = {name: of_joint(State, MEASURED[name], kind) for name in ("q", "q_dot", "kappa_dot", "tau_s")}
     starts = {
-        f"{name}_0": of_joint(Parameter, MEASURED[name][0], f"start {MEASURED[name][2]}", kind) for name in states
+        f"{name}_0": of_joint(Parameter, (MEASURED[name][0], (), f"start {MEASURED[name][2]}"), kind) for name in states
     }
     return {
         **states,
         **{f"der_{name}": Derivative(state) for name, state in states.items()},
-        "kappa": of_joint(Output, *MEASURED["kappa"][::2], kind),
+        "kappa": of_joint(Output, MEASURED["kappa"], kind),
         **starts,
         **numbers(*JOINT, joint_type=kind),
     }
@@ -109,7 +109,8 @@ class PlantJoint(Piece):
     def _drive(self) -> tuple[Any, Any, Any]:
         """Return the robot of this joint, and torques on link and rotor, (1,) each."""
         robot = self.one(friction=self.friction, rotor_coupling=self.rotor_coupling)
-        state = PlantState(*(np.array([x]) for x in (self.q, self.q_dot, self.kappa_dot, self.tau_s)))
+        q, q_dot, kappa_dot, tau_s = (np.array([x]) for x in (self.q, self.q_dot, self.kappa_dot, self.tau_s))
+        state = PlantState(q, q_dot, kappa_dot, tau_s)
         tau_l, tau_k = plant_torques(robot, state, np.array([self.tau]))
         return robot, tau_l + link_torques(robot, state.q), tau_k
 
