@@ -151,25 +151,41 @@ def make_schedule(
     fresh = [k for k in links if ordered and k.stepped and read[k.start]]
     names = sorted(descriptions, key=lambda name: name not in feeding) if ordered else list(descriptions)
     unit_edges = {(k.start[0], k.end[0]) for k in fresh}
-    groups: list[tuple[str, ...]] = []
+    groups: dict[str, tuple[str, ...]] = {}
     if not problems:
+        joined = _joined(descriptions, links)
         for part, cycle in cycles(names, unit_edges):
-            if all(name in descriptions and descriptions[name].exchange for name in part):
-                groups.append(tuple(name for name in names if name in part))
+            if joined.keys() >= set(part):
+                group = tuple(name for name in names if name in joined[part[0]])
+                groups |= dict.fromkeys(group, group)
                 continue
             joins = [next(str(k) for k in fresh if (k.start[0], k.end[0]) == pair) for pair in pairwise(cycle)]
             problems.append(
                 f"gauss-seidel cannot order {', '.join(cycle[:-1])}: each must step before the next although "
                 f"no variable depends on itself ({'; '.join(joins)}); use jacobi, or split a unit"
             )
-    block_of = {name: group for group in groups for name in group}
-    blocks = {name: block_of.get(name, (name,)) for name in names}
-    between = {(blocks[a], blocks[b]) for a, b in unit_edges if blocks[a] != blocks[b]}
+    blocks = {name: groups.get(name, (name,)) for name in names}
     listed = list(dict.fromkeys(blocks.values()))
+    between = {(blocks[a], blocks[b]) for a, b in unit_edges if blocks[a] != blocks[b]}
+    for _, cycle in () if problems else cycles(listed, between):
+        problems.append(
+            f"gauss-seidel cannot order {' and '.join(', '.join(block) for block in cycle[:-1])}: the components that "
+            "are integrated together read within a step what depends on them; use jacobi, or iterative"
+        )
     units = tuple(name for block in (listed if problems else topological(listed, between)) for name in block)
-    ends = {k.end for k in fresh}
-    ends |= {k.end for k in links if k.stepped and k.end[0] in block_of.get(k.start[0], ())}
-    return Schedule(initial, units, frozenset(ends), through, direct, groups=tuple(groups)), problems
+    ends = {k.end for k in fresh} | {k.end for k in links if k.stepped and k.end[0] in groups.get(k.start[0], ())}
+    together = tuple(dict.fromkeys(groups.values()))
+    return Schedule(initial, units, frozenset(ends), through, direct, groups=together), problems
+
+
+def _joined(descriptions: Mapping[str, Description], links: Sequence[Link]) -> dict[str, list[str]]:
+    """Return the components of model exchange that read each other, each with all that it would be integrated with.
+
+    Also those whose outputs are states: between components of a group nothing holds over a step.
+    """
+    names = [name for name, description in descriptions.items() if description.exchange]
+    edges = {(k.start[0], k.end[0]) for k in links if k.stepped and {k.start[0], k.end[0]} <= set(names)}
+    return {name: part for part, _ in cycles(names, edges) for name in part}
 
 
 def _through(read: Mapping[Port, Sequence[str]], starts: set[Port]) -> frozenset[Port]:
