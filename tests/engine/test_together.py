@@ -8,7 +8,7 @@ from scipy.linalg import expm
 
 from tests.engine.reference import models
 from tests.engine.reference.models import Model, V
-from vdfmu.base.errors import SspError, UsageError
+from vdfmu.base.errors import UsageError
 from vdfmu.engine.container import write_container
 from vdfmu.engine.run import simulate
 
