@@ -172,9 +172,9 @@ def test_springs_start_with_what_hangs_on_them(general):
         assert abs(joint.der_q_dot) < 1e-10  # forces of some 100 N cancel, over inertias of some 1e-2
 
 
-def test_two_arms_on_one_body_are_a_wiring(planar, draw):
-    """A torso with an arm on each of its two cutting points: what hangs on the torso is the sum of both arms."""
-    units, robot = package_units(), replace(planar, rotor_coupling=False)
+def torso(robot: Robot) -> tuple[dict[str, str], dict[str, list[str]], dict[str, Any]]:
+    """Return units, connections and values of a body on a joint, with a planar arm at each of its cutting points."""
+    units = package_units()
     parts = {"base": "arm_base", "torso_joint": "plant_joint", "torso": "plant_link"}
     connections: dict[str, list[str]] = {}
     chains = [("base", "torso_joint", "C"), ("torso_joint", "torso", "C")]
@@ -185,11 +185,17 @@ def test_two_arms_on_one_body_are_a_wiring(planar, draw):
     for before, after, side in chains:
         for start, end in cutting_point(before, units[parts[before]], after, units[parts[after]], side):
             connections.setdefault(start, []).append(end)
-    apart, values = decomposed(scenario_of(robot))
+    values = decomposed(scenario_of(robot))[1]
     pieces = [f"{kind}_{i}" for kind in ("joint", "link") for i in (1, 2)]
-    named = {f"{side}_{piece}": values[f"plant_{piece}"] for side in "CD" for piece in pieces}
-    system = Wired({name: units[unit] for name, unit in parts.items()}, connections, named)
-    torso, joint = system.parts["torso"], system.parts["torso_joint"]
+    return parts, connections, {f"{side}_{piece}": values[f"plant_{piece}"] for side in "CD" for piece in pieces}
+
+
+def test_two_arms_on_one_body_are_a_wiring(planar, draw):
+    """What hangs on the torso is the sum of both arms, as the second-arm interface of the one-piece arm has them."""
+    robot = replace(planar, rotor_coupling=False)
+    parts, connections, values = torso(robot)
+    system = Wired({name: package_units()[unit] for name, unit in parts.items()}, connections, values)
+    joint, body = system.parts["torso_joint"], system.parts["torso"]
     joint.store |= {"q": 0.3, "q_dot": 0.7, "kappa_dot": 0.7, "tau_s": 5.0}
     states = draw(robot, 2, seed=11)
     for side, state in zip("CD", states, strict=True):
@@ -197,20 +203,20 @@ def test_two_arms_on_one_body_are_a_wiring(planar, draw):
             own = {name: getattr(state, name)[i] for name in ("q", "q_dot", "kappa_dot", "tau_s")}
             system.parts[f"{side}_joint_{i + 1}"].store |= own
     system.settle(list(parts))
-    base = moving_base(np.eye(3), torso.V_C[3:], np.zeros(6))
-    g = torso.g_C
+    base = moving_base(np.eye(3), body.V_C[3:], np.zeros(6))
+    g = body.g_C
     # arms that know that their base moves, as in the second-arm interface; friction is lumped, on the rotors
     turned = replace(robot, gravity=g)
     loads = [
         apparent_load(turned, s.q, s.q_dot, s.tau_s, rotors=Rotors(s.kappa_dot, s.tau_s), ends=Ends(base))
         for s in states
     ]
-    body = link_body(system.parts["torso"].one(), 0)
-    np.testing.assert_array_equal(torso.V_C[:3], 0.0)  # its joint's axis passes through its origin
-    M = mass_matrix(*body) + sum(M_S for M_S, _ in loads)
-    p = bias_force(*body, g, torso.V_B) + sum(F_S0 for _, F_S0 in loads)
-    np.testing.assert_allclose(torso.M_B, M, rtol=0, atol=1e-12 * np.abs(M).max())
-    np.testing.assert_allclose(torso.p_B, p, rtol=0, atol=1e-11 * np.abs(p).max())
+    own = link_body(body.one(), 0)
+    np.testing.assert_array_equal(body.V_C[:3], 0.0)  # its joint's axis passes through its origin
+    M = mass_matrix(*own) + sum(M_S for M_S, _ in loads)
+    p = bias_force(*own, g, body.V_B) + sum(F_S0 for _, F_S0 in loads)
+    np.testing.assert_allclose(body.M_B, M, rtol=0, atol=1e-12 * np.abs(M).max())
+    np.testing.assert_allclose(body.p_B, p, rtol=0, atol=1e-11 * np.abs(p).max())
 
 
 def test_a_seventh_joint_is_two_more_components(planar):

@@ -11,7 +11,12 @@ from vdfmu.compiler.unit import Output, Terminal
 
 
 class FeedforwardTool(Piece):
-    """The wrench that the end of an arm is to exert, ``F_B = U_BO F_e_d`` of Eq. (44), its derivatives taken as 0."""
+    """The wrench that the end of an arm is to exert, Eq. (44).
+
+    ::
+
+        F_B = U_BO F_e_d        its derivatives taken as 0
+    """
 
     F_e_d = wrench("to be exerted on the surroundings")
     F_B_d = Output(*DESIRED_FORCE)

@@ -9,7 +9,12 @@ from vdfmu.compiler.unit import Input, Output, Terminal
 
 
 class PlantTool(Piece):
-    """The wrench of the end of an arm on its surroundings, ``p_B = U_BO F_e`` of Eq. (44)."""
+    """The wrench of the end of an arm on its surroundings, Eq. (44).
+
+    ::
+
+        p_B = U_BO F_e
+    """
 
     F_e: Input = wrench("of the arm on its surroundings")
     p_B = force(Output, "on the surroundings in {B}")
