@@ -1,8 +1,8 @@
-"""What links and joints have in common: numbers of the table of robots, signals at cutting points, connections.
+"""What links and joints have in common: numbers of the table of robots, and the signals at cutting points.
 
 At a cutting point a unit that is nearer to the tip is given velocities and gives forces. The letter A is for the
 cutting point of a joint on the side of the base, B for the one between a joint and its link, C and D for those of a
-link towards the tip. A link has one frame: its signals are all in the frame {B} of its joint.
+link towards the tip. A link has one frame: its signals at {C} and {D} are in the frame {B} of its joint.
 """
 
 from __future__ import annotations
@@ -14,12 +14,13 @@ import numpy as np
 
 from vdfmu.arm.drive.options import OPTIONS, OptionName
 from vdfmu.arm.robot.parameters import ENDS, PARAMETERS, Section
-from vdfmu.arm.units._signals import ACCELERATION, VELOCITY, WRENCH, six
+from vdfmu.arm.units._signals import ACCELERATION, MASS, VELOCITY, WRENCH, six
 from vdfmu.base.measure import derivative_of, unit_of
 from vdfmu.compiler.scalar.jet import jets
 from vdfmu.compiler.unit import Choice, Input, Output, Parameter, State, Switch, Unit
 
 D = TypeVar("D", Input, Output, Parameter, State)
+E = TypeVar("E", Input, Output)
 _STARTS: dict[str, Any] = {
     "gravity": [0.0, 0.0, 9.81], "rotation": np.eye(3), "inertia": 0.1 * np.eye(3), "mass": 1.0, "ell": 100.0,
     "I_m": 1e-3, "K_f0": 1e4, "c_f": 1e-3, "K_w0": 1.0, "c_w": 10.0, "v_s": 0.1, "q_min": -1e6, "q_max": 1e6,
@@ -70,24 +71,52 @@ DESIRED_FORCE = (
 """The desired force with two derivatives, while rotors turn as their links do; then that with their own motion."""
 
 
-def velocity(kind: type[D], text: str) -> D:
-    """Return a velocity, (6,)."""
-    return kind(*VELOCITY, six(f"Velocity {text}", f"Angular velocity {text}"))
+def six_vector(kind: type[D], measure: tuple[tuple[str, ...], int], linear: str, angular: str, at: str) -> D:
+    """Return a 6-vector of a measure at a cutting point."""
+    return kind(*measure, six(f"{linear} at {{{at}}}", f"{angular} at {{{at}}}"))
 
 
-def rate(kind: type[D], text: str) -> D:
-    """Return the derivative of the coordinates of a velocity, (6,)."""
-    return kind(*ACCELERATION, six(f"Derivative of the velocity {text}", f"Angular acceleration {text}"))
+def desired_ports(at: str, kind: type[D], back: type[E]) -> dict[str, D | E]:
+    """Return what passes a cutting point of the feedforward: motions, of a `kind`, and forces, `back`."""
+    return {
+        f"V_{at}_d": kind(*DESIRED_VELOCITY),
+        f"g_{at}_d": kind("m/s2", 3, f"Gravity vector of (62) at {{{at}}}, along the desired motion, axis"),
+        f"V_{at}": six_vector(kind, VELOCITY, "Velocity", "Angular velocity", at),
+        f"V_{at}_r": six_vector(kind, VELOCITY, "Required velocity", "Required angular velocity", at),
+        f"V_{at}_r_dot": six_vector(kind, ACCELERATION, "Rate of the required velocity", "Angular", at),
+        f"g_{at}": kind("m/s2", 3, f"Gravity vector of (62) at {{{at}}}, axis"),
+        **desired_forces(at, back),
+    }
 
 
-def force(kind: type[D], text: str) -> D:
-    """Return a force and a moment, (6,)."""
-    return kind(*WRENCH, six(f"Force {text}", f"Moment {text}"))
+def desired_forces(at: str, back: type[E]) -> dict[str, E]:
+    """Return the forces of the feedforward at a cutting point."""
+    return {
+        f"F_{at}_d": back(*DESIRED_FORCE),
+        f"F_{at}_r": six_vector(back, WRENCH, "Required force on what is beyond", "Required moment", at),
+    }
 
 
-def gravity(kind: type[D], text: str) -> D:
-    """Return the gravity vector of (62) in a frame, (3,)."""
-    return kind("m/s2", 3, f"Gravity vector {text}, axis")
+def plant_ports(at: str, kind: type[D], back: type[E], hanging: Any = 0.0) -> dict[str, D | E]:
+    """Return what passes a cutting point of a plant: motions, of a `kind`, and `back` apparent mass and bias force.
+
+    `hanging` is the apparent mass before anything is connected.
+    """
+    return {
+        f"V_{at}": six_vector(kind, VELOCITY, "Velocity", "Angular velocity", at),
+        f"g_{at}": kind("m/s2", 3, f"Gravity vector of (62) at {{{at}}}, axis"),
+        f"V_{at}_dot": six_vector(kind, ACCELERATION, "Derivative of the velocity", "Angular acceleration", at),
+        **apparent(at, back, hanging),
+    }
+
+
+def apparent(at: str, back: type[E], hanging: Any = 0.0) -> dict[str, E]:
+    """Return apparent mass and bias force at a cutting point."""
+    start = {"start": hanging} if back is Input else {}
+    return {
+        f"M_{at}": back(*MASS, f"Apparent mass matrix of what is beyond {{{at}}}", **start),
+        f"p_{at}": six_vector(back, WRENCH, "Bias force", "Bias moment", at),
+    }
 
 
 def row_pair(V: np.ndarray) -> tuple[Any, Any]:

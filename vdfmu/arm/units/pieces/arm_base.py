@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from vdfmu.arm.units.pieces._piece import Piece, gravity, numbers, rate, velocity
-from vdfmu.compiler.unit import Output, Terminal
+from vdfmu.arm.units.pieces._piece import Piece, numbers, plant_ports
+from vdfmu.compiler.unit import Input, Output, Terminal
 
 
 class ArmBase(Piece):
@@ -14,11 +14,9 @@ class ArmBase(Piece):
     A body that stands on it, or any number of joints, takes its velocity, which is 0, and its gravity vector.
     """
 
-    V_C = velocity(Output, "of the base, 0")
-    V_C_dot = rate(Output, "of the base, 0")
-    g_C = gravity(Output, "in {I}")
+    vars().update({name: signal for name, signal in plant_ports("C", Output, Input).items() if name[0] in "Vg"})
     vars().update(numbers("robot", names=("gravity",)))
-    terminals = (Terminal("tip_side", "right", ("V_C", "V_C_dot", "g_C"), "Motion of the cutting point"),)
+    terminals = (Terminal("tip_side", "right", ("V_C", "g_C", "V_C_dot"), "Cutting point {C}"),)
 
     def outputs(self) -> None:
         """Rest under gravity."""

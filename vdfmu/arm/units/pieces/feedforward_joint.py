@@ -25,19 +25,14 @@ from vdfmu.arm.equations.spatial import force_transform, joint_axis
 from vdfmu.arm.equations.trajectory import Desired
 from vdfmu.arm.units._signals import DESIRED, MEASURED
 from vdfmu.arm.units.pieces._piece import (
-    DESIRED_FORCE,
-    DESIRED_VELOCITY,
     JOINT,
     Piece,
     coupling,
-    force,
+    desired_ports,
     friction_choice,
-    gravity,
     numbers,
     of_joint,
-    rate,
     row_pair,
-    velocity,
 )
 from vdfmu.arm.world.attachment import Base
 from vdfmu.compiler.scalar.jet import derivative, jets
@@ -76,30 +71,15 @@ class FeedforwardJoint(Piece):
     Mode 0, inverse, uses the desired forces alone, mode 1, vdc, the required ones too.
     """
 
-    V_A_d = Input(*DESIRED_VELOCITY)
-    g_A_d = gravity(Input, "in {A}, along the desired motion")
-    V_A = velocity(Input, "in {A}")
-    V_A_r = velocity(Input, "in {A}, required")
-    V_A_r_dot = rate(Input, "in {A}, required")
-    g_A = gravity(Input, "in {A}")
-    F_B_d = Input(*DESIRED_FORCE)
-    F_B_r = force(Input, "on the link, required, in {B}")
-    V_B_d = Output(*DESIRED_VELOCITY)
-    g_B_d = gravity(Output, "in {B}, along the desired motion")
-    V_B = velocity(Output, "in {B}")
-    V_B_r = velocity(Output, "in {B}, required")
-    V_B_r_dot = rate(Output, "in {B}, required")
-    g_B = gravity(Output, "in {B}")
-    F_A_d = Output(*DESIRED_FORCE)
-    F_A_r = force(Output, "on the joint, required, in {A}")
+    vars().update(desired_ports("A", Input, Output) | desired_ports("B", Output, Input))
     tau_m = Output("N.m", text="Feedforward torque, motor-side")
     mode = Choice("inverse", "vdc", text="0: inverse (exact inverse of the plant), 1: vdc (required velocities)")
     friction = friction_choice()
     rotor_coupling = coupling()
     vars().update(feedforward_variables("revolute"))
     terminals = (
-        Terminal("base_side", "left", ("V_A_d", "g_A_d", "V_A", "V_A_r", "V_A_r_dot", "g_A", "F_A_d", "F_A_r"), "{A}"),
-        Terminal("tip_side", "right", ("V_B_d", "g_B_d", "V_B", "V_B_r", "V_B_r_dot", "g_B", "F_B_d", "F_B_r"), "{B}"),
+        Terminal("base_side", "left", tuple(desired_ports("A", Input, Output)), "Cutting point {A}"),
+        Terminal("tip_side", "right", tuple(desired_ports("B", Output, Input)), "Cutting point {B}"),
     )
 
     def outputs(self) -> None:

@@ -6,17 +6,7 @@ import numpy as np
 
 from vdfmu.arm.equations.feedforward import required_net_force, turning_gravity
 from vdfmu.arm.equations.rigid_body import link_body, net_force
-from vdfmu.arm.units.pieces._piece import (
-    DESIRED_FORCE,
-    DESIRED_VELOCITY,
-    Piece,
-    force,
-    gravity,
-    numbers,
-    rate,
-    row_pair,
-    velocity,
-)
+from vdfmu.arm.units.pieces._piece import Piece, desired_forces, desired_ports, numbers, row_pair
 from vdfmu.compiler.scalar.jet import derivative
 from vdfmu.compiler.unit import Input, Output, Parameter, Terminal
 
@@ -32,30 +22,13 @@ class FeedforwardLink(Piece):
     Two joints can hang on it; a force that nothing is connected to is 0.
     """
 
-    V_B_d = Input(*DESIRED_VELOCITY)
-    g_B_d = gravity(Input, "in {B}, along the desired motion")
-    V_B = velocity(Input, "in {B}")
-    V_B_r = velocity(Input, "in {B}, required")
-    V_B_r_dot = rate(Input, "in {B}, required")
-    g_B = gravity(Input, "in {B}")
-    F_C_d = Input(*DESIRED_FORCE)
-    F_C_r = force(Input, "on what hangs on the link, required, in {B}")
-    F_D_d = Input(*DESIRED_FORCE)
-    F_D_r = force(Input, "on what else hangs on the link, required, in {B}")
-    V_C_d = Output(*DESIRED_VELOCITY)
-    g_C_d = gravity(Output, "in {B}, along the desired motion")
-    V_C = velocity(Output, "in {B}")
-    V_C_r = velocity(Output, "in {B}, required")
-    V_C_r_dot = rate(Output, "in {B}, required")
-    g_C = gravity(Output, "in {B}")
-    F_B_d = Output(*DESIRED_FORCE)
-    F_B_r = force(Output, "on the link, required, in {B}")
+    vars().update(desired_ports("B", Input, Output) | desired_ports("C", Output, Input) | desired_forces("D", Input))
     K_V = Parameter("1", text="Gain K_B in SI units, times the unit matrix, Eq. (50)", start=0.01, minimum=0.0,
                     tunable=True)  # fmt: skip
     vars().update(numbers("link"))
     terminals = (
-        Terminal("base_side", "left", ("V_B_d", "g_B_d", "V_B", "V_B_r", "V_B_r_dot", "g_B", "F_B_d", "F_B_r"), "{B}"),
-        Terminal("tip_side", "right", ("V_C_d", "g_C_d", "V_C", "V_C_r", "V_C_r_dot", "g_C", "F_C_d", "F_C_r"), "{B}"),
+        Terminal("base_side", "left", tuple(desired_ports("B", Input, Output)), "Cutting point {B}"),
+        Terminal("tip_side", "right", tuple(desired_ports("C", Output, Input)), "Cutting point {C}"),
     )
 
     def outputs(self) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from vdfmu.arm.equations.kinematics import tool_transform
 from vdfmu.arm.units._signals import wrench
-from vdfmu.arm.units.pieces._piece import DESIRED_FORCE, TOOL, Piece, force, numbers
+from vdfmu.arm.units.pieces._piece import TOOL, Piece, desired_forces, numbers
 from vdfmu.compiler.unit import Output, Terminal
 
 
@@ -19,8 +19,7 @@ class FeedforwardTool(Piece):
     """
 
     F_e_d = wrench("to be exerted on the surroundings")
-    F_B_d = Output(*DESIRED_FORCE)
-    F_B_r = force(Output, "on the surroundings, required, in {B}")
+    vars().update(desired_forces("B", Output))
     vars().update(numbers("robot", names=TOOL))
     terminals = (
         Terminal("base_side", "left", ("F_B_d", "F_B_r"), "Forces at the last link"),

@@ -20,18 +20,16 @@ from vdfmu.arm.equations.inverse_dynamics import ChainMotion, driven_velocity, j
 from vdfmu.arm.equations.kinematics import joint_placement
 from vdfmu.arm.equations.plant import PlantState, plant_torques
 from vdfmu.arm.equations.spatial import cross_motion, force_transform, joint_axis
-from vdfmu.arm.units._signals import MASS, MEASURED
+from vdfmu.arm.units._signals import MEASURED, WRENCH
 from vdfmu.arm.units.pieces._piece import (
     JOINT,
     Piece,
     coupling,
-    force,
     friction_choice,
-    gravity,
     numbers,
     of_joint,
-    rate,
-    velocity,
+    plant_ports,
+    six_vector,
 )
 from vdfmu.arm.world.attachment import Base
 from vdfmu.compiler.unit import Derivative, Input, Output, Parameter, State, Switch, Terminal
@@ -70,18 +68,9 @@ class PlantJoint(Piece):
     """
 
     tau = Input("N.m", text="Motor torque, motor-side")
-    V_A = velocity(Input, "in {A}")
-    V_A_dot = rate(Input, "in {A}")
-    g_A = gravity(Input, "in {A}")
-    M_B = Input(*MASS, "Apparent mass matrix of what hangs on the joint in {B}", start=np.eye(6))
-    p_B = force(Input, "on what hangs on the joint at V_B_dot = 0 in {B}")
-    V_B = velocity(Output, "in {B}")
-    V_B_dot = rate(Output, "in {B}")
-    g_B = gravity(Output, "in {B}")
-    M_A = Output(*MASS, "Apparent mass matrix of the joint in {A}")
-    p_A = force(Output, "on the joint at V_A_dot = 0 in {A}")
-    F_A = force(Output, "on the joint in {A}")
-    F_B = force(Output, "on what hangs on the joint in {B}")
+    vars().update(plant_ports("A", Input, Output) | plant_ports("B", Output, Input, np.eye(6)))
+    F_A = six_vector(Output, WRENCH, "Force on the joint", "Moment on the joint", "A")
+    F_B = six_vector(Output, WRENCH, "Force on what hangs on the joint", "Moment on what hangs on the joint", "B")
     P_A = Output("W", text="Virtual power flow V' F at the cutting point {A}, towards the tip")
     P_B = Output("W", text="Virtual power flow V' F at the cutting point {B}, towards the tip")
     vars().update(plant_variables("revolute"))
@@ -91,8 +80,8 @@ class PlantJoint(Piece):
         True, "Start the spring with the torque that holds what hangs on the joint, the rotor with the link's velocity"
     )
     terminals = (
-        Terminal("base_side", "left", ("V_A", "V_A_dot", "g_A", "M_A", "p_A"), "Cutting point {A}"),
-        Terminal("tip_side", "right", ("V_B", "V_B_dot", "g_B", "M_B", "p_B"), "Cutting point {B}"),
+        Terminal("base_side", "left", tuple(plant_ports("A", Input, Output)), "Cutting point {A}"),
+        Terminal("tip_side", "right", tuple(plant_ports("B", Output, Input)), "Cutting point {B}"),
         Terminal("joints", "top", ("tau", *MEASURED), "Motor torque and motion of the joint"),
     )
     experiment_stop = 0.2

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from vdfmu.arm.equations.kinematics import tool_transform
-from vdfmu.arm.units._signals import wrench
-from vdfmu.arm.units.pieces._piece import TOOL, Piece, force, numbers
+from vdfmu.arm.units._signals import WRENCH, wrench
+from vdfmu.arm.units.pieces._piece import TOOL, Piece, numbers, six_vector
 from vdfmu.compiler.unit import Input, Output, Terminal
 
 
@@ -17,7 +17,7 @@ class PlantTool(Piece):
     """
 
     F_e: Input = wrench("of the arm on its surroundings")
-    p_B = force(Output, "on the surroundings in {B}")
+    p_B = six_vector(Output, WRENCH, "Force on the surroundings", "Moment on the surroundings", "B")
     vars().update(numbers("robot", names=TOOL))
     terminals = (
         Terminal("base_side", "left", ("p_B",), "Force at the last link"),
