@@ -11,12 +11,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fmpy.validation import validate_fmu
 
 import vdfmu
 from tests.system.test_decomposed import torso
 from tests.warm import command
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
+from vdfmu.arm.units import package_units
 from vdfmu.base.errors import SspError, UsageError
+from vdfmu.engine.inspect.inspection import check_file
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario import Scenario, load_scenario
 from vdfmu.system.scenario.decomposed import decomposed
@@ -30,6 +34,18 @@ def package(scenario: Scenario, folder: Path, settings: dict[str, Any] | None = 
     """Return the package of a decomposed scenario."""
     apart, values = decomposed(scenario, settings)
     return write_ssp(apart, build_parts(apart, folder, values), folder / "apart.ssp", values)
+
+
+PIECES = [name for name, unit in package_units().items() if unit.exchange]
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+@pytest.mark.parametrize("unit", PIECES)
+def test_nothing_is_wrong_with_the_fmus(unit, version, tmp_path):
+    """The check compares an FMU with the results of numpy that are in it."""
+    path = build_fmus(None, tmp_path, units=[unit], fmi_version=version)[unit]
+    assert validate_fmu(str(path)) == []
+    assert check_file(path) == []
 
 
 def compare(found: Any, whole: Any, n: int, tolerance: float) -> None:
