@@ -214,7 +214,7 @@ Instance *instance_new(const Host *host, const char *call, const char *name, con
         fail(I, "expected the GUID or instantiation token %s, got %.100s.", unit.guid, guid ? guid : "a null pointer");
     else if (kind == NO_KIND)
         fail(I, "expected an instance for model exchange (0) or co-simulation (1), got another type.");
-    else if (kind == MODEL_EXCHANGE && unit.n_x == 0)
+    else if (kind == MODEL_EXCHANGE && !unit.exchange)
         fail(I, "%s has no continuous states and is for co-simulation only.", unit.name);
     else
         return I;

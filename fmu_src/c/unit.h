@@ -74,6 +74,7 @@ typedef struct {
     const Array *arrays;      /* in the order of their first positions; the last is time */
     size_t time;              /* position of time, n - 1 */
     size_t n_x, x, x_dot;     /* states: number, position of the first, position of the first derivative; 0 if none */
+    int exchange;             /* whether it is for model exchange, too */
     size_t tolerance;         /* position of the solver's tolerance; n if the unit has no solver */
 
     size_t period;            /* position of the time from one sample to the next [s]; n if nothing is sampled */

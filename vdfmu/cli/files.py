@@ -127,6 +127,9 @@ def ssp(
         str, typer.Option("--format", help="1.0 or 2.0: version of SSP, 2.0 with native units of FMI 3.0.")
     ] = SSP_1.name,
     out: Annotated[Path | None, typer.Option(help="File to write, default SCENARIO.ssp or SCENARIO_2.0.ssp.")] = None,
+    apart: Annotated[
+        bool, typer.Option("--decomposed", help="Wire arms from their links and joints: SCENARIO_decomposed.ssp.")
+    ] = False,
     backend: BackendOption = None,
     settings: SetOption = None,
 ) -> None:
@@ -141,10 +144,14 @@ def ssp(
     from vdfmu.system.scenario.parts import build_parts
 
     fmi_version = fmi_of_format(form, backend)
-    name = chosen.name if form == SSP_1.name else f"{chosen.name}_{form}"
+    name = f"{chosen.name}{'_decomposed' * apart}{f'_{form}' * (form != SSP_1.name)}"
     target = out or Path(f"{name}.ssp")
     require_ours(target)
     values = _values(chosen, backend, settings)
+    if apart:
+        from vdfmu.system.scenario.decomposed import decomposed
+
+        chosen, values = decomposed(chosen, read_settings(settings))
     with temporary_folder("vdfmu_") as folder:
         fmus = build_parts(chosen, folder, values, backend=backend, fmi_version=fmi_version)
         say(str(write_ssp(chosen, fmus, target, values, version=form)))

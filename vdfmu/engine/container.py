@@ -76,6 +76,8 @@ def write_container(system: System | str | os.PathLike[str], path: str | os.Path
         raise UsageError(f"{changing[0]}: a container FMU passes values on unchanged; remove the conversion.")
     if texts := [str(link) for link in checked.links if link.sink.type == "String"]:
         raise UsageError(f"{texts[0]}: a container FMU passes no text on; remove the connection.")
+    if exchanged := [name for name, description in checked.descriptions.items() if description.exchange]:
+        raise UsageError(f"{exchanged[0]}: a container FMU steps co-simulation; it is for model exchange.")
     if loops := checked.schedule.initial.loops:
         raise UsageError(
             f"algebraic loop during initialization: {loops[0]}. A container FMU passes values on once and does not "

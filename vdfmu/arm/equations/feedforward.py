@@ -18,6 +18,8 @@ from vdfmu.arm.equations.flexible_joint import (
 )
 from vdfmu.arm.equations.friction import joint_friction
 from vdfmu.arm.equations.inverse_dynamics import (
+    driven_acceleration,
+    driven_velocity,
     gravity_in_links,
     inverse_dynamics,
     joint_torques,
@@ -26,7 +28,7 @@ from vdfmu.arm.equations.inverse_dynamics import (
 )
 from vdfmu.arm.equations.kinematics import joint_transforms, tool_transform
 from vdfmu.arm.equations.rigid_body import body_regressor, coriolis_matrix, gravity_force, link_body, mass_matrix
-from vdfmu.arm.equations.spatial import cross_motion, joint_axis, skew
+from vdfmu.arm.equations.spatial import joint_axis, skew
 from vdfmu.arm.equations.trajectory import Desired
 from vdfmu.arm.world.attachment import AT_REST, NO_WRENCH, Base
 from vdfmu.compiler.scalar.jet import derivative, jets
@@ -65,15 +67,19 @@ class DriveMotion(NamedTuple):
     kappa_ddot: Any
 
 
+def turning_gravity(g: np.ndarray, V: np.ndarray, V_dot: np.ndarray) -> Any:
+    """Gravity (3,) [m/s2] in a frame that moves with `V` and `V_dot`, (6,) each, with two derivatives: jets."""
+    turning = skew(V[3:])
+    g_dot = -(turning @ g)
+    return jets(g, g_dot, -(skew(V_dot[3:]) @ g) - turning @ g_dot)
+
+
 def _seen_from_base(robot: Any, base: Base) -> tuple[Any, Base]:
     """Return the arm and its base in {S}, with two derivatives in time: gravity turns there. A_S changes none."""
-    g_S = base.R_S.T @ robot.gravity
-    turning, zero = skew(base.V_S[3:]), np.zeros(6)
-    g_S_dot = -(turning @ g_S)
-    g_S_ddot = -(skew(base.V_S_dot[3:]) @ g_S) - turning @ g_S_dot
+    zero = np.zeros(6)
     # the linear velocity stays 0: see `moving_base`
     V_S_dot = np.concatenate([np.zeros(3), base.V_S_dot[3:]])
-    seen = replace(robot, gravity=jets(g_S, g_S_dot, g_S_ddot))
+    seen = replace(robot, gravity=turning_gravity(base.R_S.T @ robot.gravity, base.V_S, base.V_S_dot))
     return seen, Base(np.eye(3), jets(base.V_S, V_S_dot, zero), jets(base.V_S_dot, zero, zero))
 
 
@@ -90,13 +96,21 @@ def desired_drive_motion(
     deformation's own acceleration would take two more derivatives of q_d for each joint of the chain. What it adds to
     kappa, ``D' I_m D_ddot``, is left out here; the torques of :func:`feedforward_inverse` have it.
     """
-    q_d, q_d_dot, q_d_ddot, q_d_dddot, q_d_ddddot = desired
-    q = jets(q_d, q_d_dot, q_d_ddot)
-    q_dot = jets(q_d_dot, q_d_ddot, q_d_dddot)
-    q_ddot = jets(q_d_ddot, q_d_dddot, q_d_ddddot)
-    xi_l, _ = joint_friction(robot, q_dot, q_dot)
+    q, q_dot, q_ddot = desired_jets(desired)
     seen, base_jets = _seen_from_base(robot, base)
-    tau_s = inverse_dynamics(seen, q, q_dot, q_ddot, F_e_d, (q_dot, q_ddot), base_jets) + xi_l
+    return drive_motion(robot, q, q_dot, inverse_dynamics(seen, q, q_dot, q_ddot, F_e_d, (q_dot, q_ddot), base_jets))
+
+
+def desired_jets(desired: Desired) -> tuple[Any, Any, Any]:
+    """Return q_d, q_d_dot and q_d_ddot with two derivatives each, (n,) jets."""
+    q_d, q_d_dot, q_d_ddot, q_d_dddot, q_d_ddddot = desired
+    return jets(q_d, q_d_dot, q_d_ddot), jets(q_d_dot, q_d_ddot, q_d_dddot), jets(q_d_ddot, q_d_dddot, q_d_ddddot)
+
+
+def drive_motion(robot: Any, q: Any, q_dot: Any, tau: Any) -> DriveMotion:
+    """Return what springs and rotors do, of the desired motion and of the links' torques `tau`: (n,) jets each."""
+    xi_l, _ = joint_friction(robot, q_dot, q_dot)
+    tau_s = tau + xi_l
     kappa = rotor_position(robot, q, tau_s)
     return DriveMotion(derivative(tau_s, 0), derivative(kappa, 0), derivative(kappa, 1), derivative(kappa, 2))
 
@@ -126,8 +140,12 @@ def feedforward_inverse(
     tau_k = axial_torques(F_Dk)
     with_rotors = joint_torques(robot, desired.q_d, link_forces(robot, motion, F_e_d, F_Dk)) + xi_l  # (11), (44)-(47)
     tau_s = np.where(robot.rotor_coupling, with_rotors, drive.tau_s)
-    tau_m = tau_k + tau_s / robot.ell + xi_m  # (27)
-    return FeedforwardTorques(tau_m, tau_s, drive.kappa_dot)
+    return FeedforwardTorques(motor_torque(robot, tau_k, tau_s, xi_m), tau_s, drive.kappa_dot)
+
+
+def motor_torque(robot: Any, tau_k: Any, tau_s: Any, xi_m: Any) -> Any:
+    """Torque of the motors (27) with zero velocity error: (n,) [N m], motor-side; `tau_k` turns the rotors."""
+    return tau_k + tau_s / robot.ell + xi_m
 
 
 class RequiredMotion(NamedTuple):
@@ -173,14 +191,26 @@ def link_velocities(
     V_A, V_A_r, V_A_r_dot = base.V_S, base.V_S, base.V_S_dot
     for i in range(robot.n):
         z = joint_axis(robot.joint_types[i])
-        V_A = z * q_dot[i] + U_AB[i].T @ V_A  # (29)-(31)
-        V_A_r = z * q_dot_r[i] + U_AB[i].T @ V_A_r  # (48)-(49), (14)
+        V_A = driven_velocity(z, U_AB[i], V_A, q_dot[i])  # (29)-(31)
+        V_A_r = driven_velocity(z, U_AB[i], V_A_r, q_dot_r[i])  # (48)-(49), (14)
         # the derivative of (49): U depends on the measured position, so its rate on the measured velocity
-        turned = cross_motion(V_A_r) @ (z * q_dot[i])
-        V_A_r_dot = z * q_ddot_r[i] + U_AB[i].T @ V_A_r_dot + turned
+        V_A_r_dot = driven_acceleration(z, U_AB[i], V_A_r_dot, V_A_r, q_dot[i], q_ddot_r[i])
         for listed, V in zip(found, (V_A, V_A_r, V_A_r_dot), strict=True):
             listed.append(V)
     return found
+
+
+def required_net_force(
+    body: tuple[Any, np.ndarray, np.ndarray], K_V: Any, g_B: np.ndarray, V_B: np.ndarray, V_B_r: np.ndarray,
+    V_B_r_dot: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Return the required net force of a body, Eq. (50), (15), (17): (6,) [N, N m] in {B}; see the function below."""
+    return (
+        mass_matrix(*body) @ V_B_r_dot
+        + coriolis_matrix(*body, V_B[3:]) @ V_B_r
+        + gravity_force(*body[:2], g_B)
+        + K_V * (V_B_r - V_B)
+    )
 
 
 def required_net_forces(
@@ -207,25 +237,32 @@ def required_net_forces(
     F_D_r_star : n times (6,) [N, N m] in {D_i}
     """
     g_B = gravity_in_links(robot, U_AB, base)
-    V_B, V_B_r, V_B_r_dot = link_velocities(robot, U_AB, q_dot, required.q_dot_r, required.q_ddot_r, base)
-    F_B_r_star: list[np.ndarray] = []
-    for i in range(robot.n):
-        body = link_body(robot, i)
-        F_B_r_star.append(
-            mass_matrix(*body) @ V_B_r_dot[i]
-            + coriolis_matrix(*body, V_B[i][3:]) @ V_B_r[i]
-            + gravity_force(*body[:2], g_B[i])
-            + gains.K_V[i] * (V_B_r[i] - V_B[i])
-        )  # (50), (15), (17)
-    V_D = rotor_velocities(robot, V_B, kappa_dot, base.V_S)  # (4)
-    V_D_r = rotor_velocities(robot, V_B_r, required.kappa_dot_r, base.V_S)  # (13)
-    V_D_r_dot = rotor_velocities(robot, V_B_r_dot, required.kappa_ddot_r, base.V_S_dot)
+    links = link_velocities(robot, U_AB, q_dot, required.q_dot_r, required.q_ddot_r, base)
+    V_B, V_B_r, V_B_r_dot = links
+    F_B_r_star = [
+        required_net_force(link_body(robot, i), gains.K_V[i], g_B[i], V_B[i], V_B_r[i], V_B_r_dot[i])
+        for i in range(robot.n)
+    ]
+    at_base = LinkVelocities([base.V_S], [base.V_S], [base.V_S_dot])
+    return F_B_r_star, required_rotor_forces(robot, links, kappa_dot, required, at_base)
+
+
+def required_rotor_forces(
+    robot: Any, links: LinkVelocities, kappa_dot: Any, required: RequiredMotion, at_base: LinkVelocities
+) -> list[np.ndarray]:
+    """Return the required net forces of the rotors, Eq. (16): n times (6,) [N, N m] in {D_i}.
+
+    `at_base` are the velocities of what carries the first rotor, measured and required, and the derivative of these.
+    """
+    (V_S,), (V_S_r,), (V_S_r_dot,) = at_base
+    V_D = rotor_velocities(robot, links.V_B, kappa_dot, V_S)  # (4)
+    V_D_r = rotor_velocities(robot, links.V_B_r, required.kappa_dot_r, V_S_r)  # (13)
+    V_D_r_dot = rotor_velocities(robot, links.V_B_r_dot, required.kappa_ddot_r, V_S_r_dot)
     tau_k = inertia_torques(robot, V_D_r_dot, required.kappa_ddot_r)
     z = joint_axis("revolute")
-    F_D_r_star = [
+    return [
         z * tau_k[i] + coriolis_matrix(*rotor_body(robot, i), V_D[i][3:]) @ V_D_r[i] for i in range(robot.n)
     ]  # (16), of a body without mass
-    return F_B_r_star, F_D_r_star
 
 
 def required_forces(

@@ -8,10 +8,10 @@ import numpy as np
 
 from vdfmu.arm.drive.options import link_torques
 from vdfmu.arm.equations.flexible_joint import rotor_force, rotor_transform, rotor_velocity
-from vdfmu.arm.equations.inverse_dynamics import gravity_in_links, inverse_dynamics
+from vdfmu.arm.equations.inverse_dynamics import driven_velocity, gravity_in_links, inverse_dynamics
 from vdfmu.arm.equations.kinematics import joint_placements, tool_transform
 from vdfmu.arm.equations.mapping import joint_space_mass_matrix
-from vdfmu.arm.equations.rigid_body import coriolis_force, gravity_force, link_body, mass_matrix
+from vdfmu.arm.equations.rigid_body import bias_force, link_body, mass_matrix
 from vdfmu.arm.equations.spatial import cross_motion, force_transform, joint_axis, transform_mass_matrix
 from vdfmu.arm.world.attachment import FREE, NO_WRENCH, Ends, point_acceleration
 from vdfmu.compiler.scalar.elimination import factorize, solve, sparse_of
@@ -34,11 +34,30 @@ class _Articulated(NamedTuple):
     """Part of V_B_dot that is quadratic in velocities."""
     M_A: Any
     p_A: Any
-    M_z: Any
-    d: Any
-    u: Any
+    joints: list[Eliminated]
     p_S: Any
     """Force of the first rotor on the base, in {S}."""
+
+
+class Eliminated(NamedTuple):
+    """A joint of which the acceleration is eliminated: ``q_ddot = (u - M_z @ a) / d``, `a` that of its locked link."""
+
+    M_z: np.ndarray
+    d: Any
+    u: Any
+
+
+def eliminate(z: np.ndarray, M_B: np.ndarray, p_B: np.ndarray, tau: Any) -> Eliminated:
+    """Eliminate the acceleration of a joint with axis `z`, on which a body of `M_B` and `p_B` hangs.
+
+    Parameters
+    ----------
+    M_B : (6, 6) [kg, kg m, kg m2] apparent mass in {B}
+    p_B : (6,) [N, N m] force at ``V_B_dot = 0`` in {B}
+    tau : float [N m or N], link-side
+    """
+    M_z = M_B @ z
+    return Eliminated(M_z, z @ M_z, tau - z @ p_B)
 
 
 def _articulated(
@@ -59,11 +78,11 @@ def _articulated(
     p_S = np.zeros(6)
     for i in range(n):
         V_A = V_B[i - 1] if i > 0 else base.V_S
-        V_B.append(z[i] * q_dot[i] + U_AB[i].T @ V_A)
+        V_B.append(driven_velocity(z[i], U_AB[i], V_A, q_dot[i]))
         c_B.append(cross_motion(V_B[i]) @ (z[i] * q_dot[i]))
         body = link_body(robot, i)
         M_A.append(mass_matrix(*body))
-        p_A.append(coriolis_force(*body, V_B[i]) + gravity_force(*body[:2], g_B[i]))
+        p_A.append(bias_force(*body, g_B[i], V_B[i]))
         if rotors is not None:
             U_BD = rotor_transform(robot, i)
             V_D = rotor_velocity(V_A, U_BD, robot.ell[i], rotors.kappa_dot[i])  # (4)
@@ -80,24 +99,35 @@ def _articulated(
 
     # pass 2, end effector to base: eliminate q_ddot_i, hand the rest to the previous link
     tau = tau + link_torques(robot, q)
-    M_z: list[np.ndarray] = [np.zeros(6)] * n
-    d: list[Any] = [None] * n
-    u: list[Any] = [None] * n
+    joints: list[Any] = [None] * n
     for i in reversed(range(n)):
-        M_z[i] = M_A[i] @ z[i]
-        d[i] = z[i] @ M_z[i]
-        u[i] = tau[i] - z[i] @ p_A[i]
+        joints[i] = eliminate(z[i], M_A[i], p_A[i], tau[i])
         if i > 0:
-            M_a, p_a = _handed_on(M_A[i], p_A[i], c_B[i], M_z[i], d[i], u[i])
-            M_A[i - 1] = M_A[i - 1] + transform_mass_matrix(*placements[i], M_a)
-            p_A[i - 1] = p_A[i - 1] + U_AB[i] @ p_a
-    return _Articulated(placements, U_AB, c_B, M_A, p_A, M_z, d, u, p_S)
+            M_a, p_a = handed_on(placements[i], U_AB[i], M_A[i], p_A[i], c_B[i], joints[i])
+            M_A[i - 1] = M_A[i - 1] + M_a
+            p_A[i - 1] = p_A[i - 1] + p_a
+    return _Articulated(placements, U_AB, c_B, M_A, p_A, joints, p_S)
 
 
-def _handed_on(M_A: Any, p_A: Any, c_B: Any, M_z: Any, d: Any, u: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Mass matrix and force of what hangs on a joint, as the link before it feels them."""
-    M_a = M_A - np.outer(M_z, M_z / d)
-    return M_a, p_A + M_a @ c_B + M_z * (u / d)
+def handed_on(
+    placement: tuple[np.ndarray, np.ndarray], U_AB: np.ndarray, M_B: Any, p_B: Any, c_B: Any, joint: Eliminated
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mass matrix (6, 6) and force (6,) of what hangs on a joint, as the link {A} before it feels them.
+
+    `c_B` is the part of V_B_dot that is quadratic in velocities; other parameters as in :func:`eliminate`.
+    """
+    M_a = M_B - np.outer(joint.M_z, joint.M_z / joint.d)
+    p_a = p_B + M_a @ c_B + joint.M_z * (joint.u / joint.d)
+    return transform_mass_matrix(*placement, M_a), U_AB @ p_a
+
+
+def accelerate(
+    z: np.ndarray, U_AB: np.ndarray, V_A_dot: np.ndarray, c_B: np.ndarray, joint: Eliminated
+) -> tuple[Any, np.ndarray]:
+    """Return the acceleration of a joint [rad/s2 or m/s2] and V_B_dot (6,) where the link before it has V_A_dot."""
+    a = U_AB.T @ V_A_dot + c_B
+    q_ddot = (joint.u - joint.M_z @ a) / joint.d
+    return q_ddot, a + z * q_ddot
 
 
 def forward_dynamics(
@@ -137,9 +167,7 @@ def forward_dynamics(
     V_A_dot = ends.base.V_S_dot
     for i in range(robot.n):
         z = joint_axis(robot.joint_types[i])
-        a = a_.U_AB[i].T @ V_A_dot + a_.c_B[i]
-        q_ddot[i] = (a_.u[i] - a_.M_z[i] @ a) / a_.d[i]
-        V_A_dot = a + z * q_ddot[i]
+        q_ddot[i], V_A_dot = accelerate(z, a_.U_AB[i], V_A_dot, a_.c_B[i], a_.joints[i])
     return q_ddot
 
 
@@ -166,8 +194,8 @@ def apparent_load(
     F_S0 : (6,) [N, N m] wrench on the base where its acceleration A_S is 0, in {S}
     """
     a = _articulated(robot, q, q_dot, tau, F_e, rotors, ends)
-    M_a, p_a = _handed_on(a.M_A[0], a.p_A[0], a.c_B[0], a.M_z[0], a.d[0], a.u[0])
-    return transform_mass_matrix(*a.placements[0], M_a), a.U_AB[0] @ p_a + a.p_S
+    M_S, p_a = handed_on(a.placements[0], a.U_AB[0], a.M_A[0], a.p_A[0], a.c_B[0], a.joints[0])
+    return M_S, p_a + a.p_S
 
 
 def forward_dynamics_by_mapping(

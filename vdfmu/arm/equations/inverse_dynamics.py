@@ -21,6 +21,29 @@ from vdfmu.compiler.scalar.generic import cut
 # pass 1, base to end effector: velocities, accelerations and gravity
 
 
+def driven_velocity(z: np.ndarray, U_AB: np.ndarray, V_A: np.ndarray, q_dot: Any) -> np.ndarray:
+    """Velocity of a link from that of the link before it, (30)-(31): (6,) [m/s, rad/s] in {B}.
+
+    Parameters
+    ----------
+    z : (6,) axis of the joint between them
+    U_AB : (6, 6) force transformation from {B} to {A}
+    V_A : (6,) [m/s, rad/s] in {A}
+    q_dot : float [rad/s or m/s]
+    """
+    return z * q_dot + U_AB.T @ V_A
+
+
+def driven_acceleration(
+    z: np.ndarray, U_AB: np.ndarray, V_A_dot: np.ndarray, V_B: np.ndarray, q_dot: Any, q_ddot: Any
+) -> np.ndarray:
+    """Return the derivative of (31), which is not printed in the paper: (6,) [m/s2, rad/s2] in {B}.
+
+    `V_B` is the velocity of which it is the derivative; U_AB moves with the measured `q_dot`.
+    """
+    return z * q_ddot + U_AB.T @ V_A_dot + cross_motion(V_B) @ (z * q_dot)
+
+
 class ChainMotion(NamedTuple):
     """Motion of base and links: force transformations U_AB[i] (32), velocities V_B[i] (29)-(31) and V_B_dot[i]."""
 
@@ -33,8 +56,7 @@ class ChainMotion(NamedTuple):
 def link_motion(robot: Any, q: np.ndarray, q_dot: np.ndarray, q_ddot: np.ndarray, base: Base = AT_REST) -> ChainMotion:
     """Velocities of all links by Eq. (29)-(31), and their derivatives.
 
-    Deviation: (30)-(31) are printed for i = 2..5; they run to i = n, and (29) is (31) on a base at rest. The derivative
-    of (31), ``V_B_dot = z q_ddot + U.T V_A_dot + (V_B x) z q_dot``, is not printed in the paper.
+    Deviation: (30)-(31) are printed for i = 2..5; they run to i = n, and (29) is (31) on a base at rest.
 
     Parameters
     ----------
@@ -48,9 +70,8 @@ def link_motion(robot: Any, q: np.ndarray, q_dot: np.ndarray, q_ddot: np.ndarray
     for i in range(robot.n):
         z = joint_axis(robot.joint_types[i])
         V_A, V_A_dot = (V_B[-1], V_B_dot[-1]) if i > 0 else (base.V_S, base.V_S_dot)
-        V_B.append(cut(i, z * q_dot[i] + U_AB[i].T @ V_A))  # (29)-(31)
-        turned = z * q_ddot[i] + U_AB[i].T @ V_A_dot + cross_motion(V_B[i]) @ (z * q_dot[i])
-        V_B_dot.append(cut(i, turned))
+        V_B.append(cut(i, driven_velocity(z, U_AB[i], V_A, q_dot[i])))  # (29)-(31)
+        V_B_dot.append(cut(i, driven_acceleration(z, U_AB[i], V_A_dot, V_B[i], q_dot[i], q_ddot[i])))
     return ChainMotion(U_AB, V_B, V_B_dot, base)
 
 

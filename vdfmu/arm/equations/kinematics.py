@@ -21,6 +21,14 @@ def joint_rotation(robot: Any, i: int, q_i: Any) -> np.ndarray:
     return robot.rotation[i] @ rotation_z(q_i)
 
 
+def joint_placement(robot: Any, i: int, q_i: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation (3, 3) and origin (3,) [m] of {B_i} in {B_(i-1)} at `q_i` [rad or m]."""
+    p_AB = robot.offset[i]
+    if robot.joint_types[i] == "prismatic":
+        p_AB = p_AB + robot.rotation[i][:, 2] * q_i
+    return joint_rotation(robot, i, q_i), p_AB
+
+
 def joint_placements(robot: Any, q: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Rotation and origin of every {B_i} in {B_(i-1)}, {B_0} = {I}, from Eq. (34)-(36).
 
@@ -32,13 +40,7 @@ def joint_placements(robot: Any, q: np.ndarray) -> list[tuple[np.ndarray, np.nda
     -------
     n times (R_AB (3, 3), p_AB (3,) [m])
     """
-    placements = []
-    for i in range(robot.n):
-        p_AB = robot.offset[i]
-        if robot.joint_types[i] == "prismatic":
-            p_AB = p_AB + robot.rotation[i][:, 2] * q[i]
-        placements.append((joint_rotation(robot, i, q[i]), p_AB))
-    return placements
+    return [joint_placement(robot, i, q[i]) for i in range(robot.n)]
 
 
 def joint_transforms(robot: Any, q: np.ndarray) -> list[np.ndarray]:

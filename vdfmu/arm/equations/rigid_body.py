@@ -95,6 +95,11 @@ def gravity_force(m_B: Any, r_B: np.ndarray, g_B: np.ndarray) -> np.ndarray:
     return np.concatenate([m_B * g_B, m_B * (skew(r_B) @ g_B)])
 
 
+def bias_force(m_B: Any, r_B: np.ndarray, I_B: np.ndarray, g_B: np.ndarray, V_B: np.ndarray) -> np.ndarray:
+    """Net force of a body at ``V_B_dot = 0``, the last two terms of :func:`net_force`: (6,) [N, N m] in {B}."""
+    return coriolis_force(m_B, r_B, I_B, V_B) + gravity_force(m_B, r_B, g_B)
+
+
 def net_force(
     m_B: Any, r_B: np.ndarray, I_B: np.ndarray, g_B: np.ndarray, V_B: np.ndarray, V_B_dot: np.ndarray
 ) -> np.ndarray:

@@ -357,6 +357,7 @@ class _UnitGenerator:
             "n_x": n_x,
             "x": "at_x" if n_x else "0",
             "x_dot": "at_x_dot" if n_x else "0",
+            "exchange": int(interface.has_exchange),
             "tolerance": f"at_{argument_name('tolerance')}" if has_step else f"{N}, /* there is no solver */",
             "period": "at_period" if self.program.update else f"{N}, /* nothing is sampled */",
             "sampled": interface.sampled.start,

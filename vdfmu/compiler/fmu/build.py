@@ -134,6 +134,8 @@ def _check_names(
         raise UsageError(f"There is no FMI {fmi_version!r} here. There are: {', '.join(map(repr, FMI_VERSIONS))}.")
     if backend == "python" and fmi_version != PYTHON_FMI.name:
         raise UsageError(f"Python FMUs are of FMI {PYTHON_FMI.name}, got {fmi_version}. Native ones are of 3.0 too.")
+    if backend == "python" and (exchanged := [name for name, unit in units.items() if unit.exchange]):
+        raise UsageError(f"{exchanged[0]} is for model exchange, which native FMUs alone have, got the backend python.")
     if backend == "python" and platforms is not None:
         raise UsageError("Platforms can be chosen for native FMUs only.")
     if fmi_version != FMI_3.name and COMPONENT in ([platforms] if isinstance(platforms, str) else platforms or ()):

@@ -53,11 +53,11 @@ def model_description(
 ) -> Element:
     """Root element of the model description of FMI 2.0.
 
-    A native unit with continuous states also has model exchange. The time is not a variable; by the standard, every
-    unknown is then taken to depend on it. `tool` is name and version of the generation tool; `about` has author,
-    licence, copyright and version of the unit, as far as they are known. `sources` are the files of the folder
-    ``sources`` to compile, if it has one; None for a Python FMU, which has neither states nor derivatives for the
-    importer.
+    A native unit with continuous states also has model exchange, and one that says so. The time is not a variable; by
+    the standard, every unknown is then taken to depend on it. `tool` is name and version of the generation tool;
+    `about` has author, licence, copyright and version of the unit, as far as they are known. `sources` are the files of
+    the folder ``sources`` to compile, if it has one; None for a Python FMU, which has neither states nor derivatives
+    for the importer.
     """
     native = sources is not None
     root = root_element(interface, version, guid, tool, about)
@@ -79,7 +79,7 @@ def model_description(
         "maxOutputDerivativeOrder": "0",
         "canRunAsynchronuously": "false",
     }
-    if native and states:
+    if native and interface.has_exchange:
         root.set("numberOfEventIndicators", "0")
         exchange = {"completedIntegratorStepNotNeeded": "true"}
         _add_sources(SubElement(root, "ModelExchange", common | exchange), sources)

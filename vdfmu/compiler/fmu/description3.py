@@ -30,8 +30,8 @@ def model_description_3(
 
     `tool` is name and version of the generation tool; `about` has author, licence, copyright and version of the unit.
 
-    A unit with states also has model exchange. Dependencies are those between whole variables; functions of the
-    FMU give those between elements.
+    A unit with states also has model exchange, and one that says so. Dependencies are those between whole variables;
+    functions of the FMU give those between elements.
     """
     root = root_element(interface, version, guid, tool, about)
     _add_interfaces(root, interface)
@@ -73,7 +73,7 @@ def _add_interfaces(root: Element, interface: Interface) -> None:
         "providesAdjointDerivatives": "true",
         "providesPerElementDependencies": "true",
     }
-    if has_states:
+    if interface.has_exchange:
         exchange = {"needsCompletedIntegratorStep": "false", "providesEvaluateDiscreteStates": "false"}
         SubElement(root, "ModelExchange", common | exchange)
     simulation = {

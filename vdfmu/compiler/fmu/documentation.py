@@ -22,7 +22,7 @@ def documentation_files(content: Content) -> dict[str, bytes]:
 
 def _page(content: Content) -> bytes:
     interface = content.interface
-    exchange = content.backend == "native" and interface.has_states
+    exchange = content.backend == "native" and interface.has_exchange
     interfaces = "model exchange and co-simulation" if exchange else "co-simulation"
     if content.backend == "native":
         needs = "Native code; nothing need be installed."

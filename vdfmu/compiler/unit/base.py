@@ -70,6 +70,8 @@ class BaseUnit:
     terminals: ClassVar[tuple[Terminal, ...]] = ()
     elimination: ClassVar[tuple[str, ...]] = ()
     """States in the order in which the solver eliminates them; it decides the cost, not the result."""
+    exchange: ClassVar[bool] = False
+    """Whether the native FMU is for model exchange without states as well, and is so where a system is written."""
     chain: ClassVar[int | None] = None
     """Joints from which :meth:`balance` is linearised with what it hands to ``cut`` as unknowns of their own."""
     experiment_stop: ClassVar[float] = 1.0
@@ -176,10 +178,13 @@ class BaseUnit:
         return {}
 
     def experiment(self) -> None:
-        """Set the inputs for the time ``self.t`` of the experiment of the FMU's reference results."""
+        """Set the inputs for the time ``self.t`` of the experiment of the FMU's reference results.
+
+        Inputs of two indices, with a comma in their names, stay: tables of FMI 2.0 have none.
+        """
         phase = 0.0
         for name, declared in self.declared.items():
-            if isinstance(declared, Input):
+            if isinstance(declared, Input) and len(declared.shape) < 2:
                 size = np.shape(getattr(self, name))
                 count = math.prod(size)
                 wave = 0.1 * np.sin(2.0 * self.t + phase + 0.4 * np.arange(count)).reshape(size)

@@ -202,6 +202,16 @@ class Interface:
         """Whether the unit has continuous states."""
         return self.states.stop > self.states.start
 
+    @property
+    def has_exchange(self) -> bool:
+        """Whether the native FMU is for model exchange, too."""
+        return self.has_states or self.unit.exchange
+
+    @property
+    def implementation(self) -> str:
+        """What the unit is in a system, by the name that FMI and SSP have for it."""
+        return "ModelExchange" if self.unit.exchange else "CoSimulation"
+
     @cached_property
     def sampled(self) -> slice:
         """Positions of the sampled states, which follow the continuous ones."""

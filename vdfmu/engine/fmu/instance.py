@@ -118,6 +118,16 @@ class Instance(Library):
         places = range(len(variables))
         return self.slope_call(Transfer("Get", variables, places, values, np.float64, self._known, self._failure))
 
+    def set_time(self, time: float) -> None:
+        """Set the time of a model-exchange component, and the inputs that run."""
+        self.call("SetTime", c_double(time))
+        self.line(time)
+
+    def transfer(self, name: str, values: Floats) -> None:
+        """Get or set states, their derivatives or event indicators, in place, by the name of the function."""
+        if values.size:
+            self.call(name, c_void_p(values.ctypes.data), c_size_t(values.size))
+
     def update(self, time: float) -> None:
         """Update the discrete states at an event until they settle."""
         for _ in range(_UPDATES):

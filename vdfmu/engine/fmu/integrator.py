@@ -7,7 +7,7 @@ with an update of its discrete states.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from ctypes import c_double, c_size_t, c_void_p
+from ctypes import c_double
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import Call
-from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.variables import FmuVariable
 
 TOLERANCE = 1e-6
@@ -36,7 +35,7 @@ class ModelExchangeIntegrator:
     sign within a step is located by bisection, to rounding; the event is just behind.
     """
 
-    def __init__(self, instance: Instance, tolerance: float | None) -> None:
+    def __init__(self, instance: Any, tolerance: float | None) -> None:
         self.instance, self.tolerance = instance, tolerance or TOLERANCE
         n_x, n_z = instance.sizes()
         self._x, self._rates, self._z = np.zeros(n_x), np.zeros(n_x), np.zeros(n_z)
@@ -46,7 +45,7 @@ class ModelExchangeIntegrator:
         self._method: Any = DOP853
         self._stiff: Any = Radau
         self._h: float | None = None
-        self._values("GetNominalsOfContinuousStates", self._nominals)
+        self.instance.transfer("GetNominalsOfContinuousStates", self._nominals)
 
     def step_call(self, clock: c_double, size: c_double) -> Call:
         """Return the call of a step from `clock` by `size` [s]."""
@@ -84,9 +83,10 @@ class ModelExchangeIntegrator:
         """Integrate to an event or to `end`; return where that is, whether it is an event, and the number of steps."""
         if end <= time:
             return time, False, 0
-        self._values("GetContinuousStates", self._x)
+        self.instance.transfer("GetContinuousStates", self._x)
         signs = self._signs(time, self._x)
         x = self._x.copy()
+        state: Any = None
         solver = None
         if x.size:
             first = None if self._h is None else min(self._h, end - time)
@@ -98,7 +98,7 @@ class ModelExchangeIntegrator:
         while True:
             before = time
             if solver is None:
-                time, state = end, lambda t, x=x: x
+                time = end
             else:
                 why = solver.step()
                 if solver.status == "failed":
@@ -107,10 +107,12 @@ class ModelExchangeIntegrator:
                         f"the states cannot be integrated beyond t = {solver.t:.9g} s: {why}. Loosen the tolerance, "
                         "or look for what becomes infinite",
                     )  # fmt: skip
-                time, state = solver.t, solver.dense_output()
+                time = solver.t
+                if self._z.size:  # it takes evaluations of its own
+                    state = solver.dense_output()
                 self._h = solver.step_size if solver.status == "running" else self._h or solver.step_size
             steps += 1
-            if np.any(self._signs(time, state(time)) != signs):
+            if self._z.size and np.any(self._signs(time, state(time)) != signs):
                 time = self._crossing(before, time, state, signs)
                 self._set(time, np.asarray(state(time)))
                 return time, True, steps
@@ -135,7 +137,7 @@ class ModelExchangeIntegrator:
         """See `vdfmu.engine.masters.interface.jacobian_of`; calculated by central differences."""
         instance, n = self.instance, self._x.size
         instance.leave_event()
-        self._values("GetContinuousStates", self._x)
+        self.instance.transfer("GetContinuousStates", self._x)
         center = np.array([*self._x, *(instance.get(v) for v in inputs)], np.float64)
 
         def both(at: Floats) -> Floats:
@@ -153,23 +155,18 @@ class ModelExchangeIntegrator:
     # ------------------------------------------------------------------ calls
 
     def _set(self, time: float, x: Floats) -> None:
-        self.instance.call("SetTime", c_double(time))
-        self.instance.line(time)
+        self.instance.set_time(time)
         if x.size:
             np.copyto(self._x, x)
-            self._values("SetContinuousStates", self._x)
+            self.instance.transfer("SetContinuousStates", self._x)
 
     def _derivatives(self, time: float, x: Floats) -> Floats:
         self._set(time, x)
-        self._values(self.instance.derivatives_name, self._rates)
+        self.instance.transfer(self.instance.derivatives_name, self._rates)
         return self._rates.copy()
 
     def _signs(self, time: float, x: Floats) -> NDArray[np.bool_]:
         if self._z.size:
             self._set(time, np.asarray(x))
-            self._values("GetEventIndicators", self._z)
+            self.instance.transfer("GetEventIndicators", self._z)
         return self._z > 0.0
-
-    def _values(self, name: str, values: Floats) -> None:
-        if values.size:
-            self.instance.call(name, c_void_p(values.ctypes.data), c_size_t(values.size))

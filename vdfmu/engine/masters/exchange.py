@@ -20,6 +20,7 @@ from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.fmu.variables import Value
 from vdfmu.engine.masters.bank import Bank
 from vdfmu.engine.masters.broyden import Broyden
+from vdfmu.engine.masters.together import Together, stages_of
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.inputs import Course
 from vdfmu.engine.plan.link import SOURCE, Link
@@ -306,6 +307,12 @@ class SampledStepper:
                 if gather is not None:
                     fresh.append(gather)
             self.stages.append((exchange.instances[name], fresh, exchange.calls(name)))
+        for group in exchange.checked.schedule.groups:
+            at = next(i for i, (instance, *_) in enumerate(self.stages) if instance.name == group[0])
+            own = slice(at, at + len(group))
+            members = [instance for instance, *_ in self.stages[own]]
+            joined = Together(members, exchange.checked.descriptions, exchange.checked.links, exchange.banks[0])
+            self.stages[own] = stages_of(self.stages[own], joined.step_call(self._clock, self._size))
         self._calls: list[tuple[Instance, Callable[..., int | None], tuple[Any, ...], str]] = []
         """The stages as one list, of which a gather has no status."""
         for instance, gathers, calls in self.stages:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from vdfmu.base.errors import UsageError
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.masters.continuous import ContinuousStepper
 from vdfmu.engine.masters.events import Events, EventStepper
@@ -29,7 +30,14 @@ class Coupling(NamedTuple):
 
 def held(coupling: Coupling) -> SampledStepper:
     """Return the stepper for inputs that hold over a step."""
-    if coupling.exchange.checked.multiples:
+    checked = coupling.exchange.checked
+    if checked.schedule.groups and (checked.multiples or coupling.events is not None):
+        raise UsageError(
+            f"{', '.join(checked.schedule.groups[0])}: depend on each other within a step and are integrated together; "
+            "in such a system no component may have a step of its own, or events of co-simulation. Leave these out, or "
+            "use iterative"
+        )
+    if checked.multiples:
         return MultirateStepper(coupling.exchange, coupling.span)
     if coupling.events is not None:
         return EventStepper(coupling.exchange, coupling.events)

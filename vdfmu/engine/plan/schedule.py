@@ -50,6 +50,8 @@ class Schedule:
     """Outputs that depend directly on a connected input."""
     blocks: tuple[tuple[str, ...], ...] = ()
     """The components again, those that depend on each other in one block; for continuous algorithms."""
+    groups: tuple[tuple[str, ...], ...] = ()
+    """Components of model exchange that depend on each other within a step: they are integrated as one."""
 
 
 def choose_schedule(
@@ -86,8 +88,9 @@ def make_schedule(
         the value of this very step. An output that depends on none (the state of a plant, a trajectory)
         is passed on as it was at t_k, to every reader, whichever unit steps first. Feed-through units
         come first, each after those whose fresh outputs it reads, then the others, both else in the order
-        of the SSD. Sampled control has no delay beyond its zero-order hold. Units without feed-through
-        that read each other do so with values at t_k.
+        of the SSD. Components of model exchange that read each other's fresh outputs are integrated as one. Sampled
+        control has no delay beyond its zero-order hold. Units without feed-through that read each other do so with
+        values at t_k.
     jacobi
         Every input is the output at t_k. Feed-through costs one more step of delay.
     extrapolated, iterative
@@ -148,15 +151,41 @@ def make_schedule(
     fresh = [k for k in links if ordered and k.stepped and read[k.start]]
     names = sorted(descriptions, key=lambda name: name not in feeding) if ordered else list(descriptions)
     unit_edges = {(k.start[0], k.end[0]) for k in fresh}
+    groups: dict[str, tuple[str, ...]] = {}
     if not problems:
-        for _, cycle in cycles(names, unit_edges):
+        joined = _joined(descriptions, links)
+        for part, cycle in cycles(names, unit_edges):
+            if joined.keys() >= set(part):
+                group = tuple(name for name in names if name in joined[part[0]])
+                groups |= dict.fromkeys(group, group)
+                continue
             joins = [next(str(k) for k in fresh if (k.start[0], k.end[0]) == pair) for pair in pairwise(cycle)]
             problems.append(
                 f"gauss-seidel cannot order {', '.join(cycle[:-1])}: each must step before the next although "
                 f"no variable depends on itself ({'; '.join(joins)}); use jacobi, or split a unit"
             )
-    units = names if problems else topological(names, unit_edges)
-    return Schedule(initial, tuple(units), frozenset(k.end for k in fresh), through, direct), problems
+    blocks = {name: groups.get(name, (name,)) for name in names}
+    listed = list(dict.fromkeys(blocks.values()))
+    between = {(blocks[a], blocks[b]) for a, b in unit_edges if blocks[a] != blocks[b]}
+    for _, cycle in () if problems else cycles(listed, between):
+        problems.append(
+            f"gauss-seidel cannot order {' and '.join(', '.join(block) for block in cycle[:-1])}: the components that "
+            "are integrated together read within a step what depends on them; use jacobi, or iterative"
+        )
+    units = tuple(name for block in (listed if problems else topological(listed, between)) for name in block)
+    ends = {k.end for k in fresh} | {k.end for k in links if k.stepped and k.end[0] in groups.get(k.start[0], ())}
+    together = tuple(dict.fromkeys(groups.values()))
+    return Schedule(initial, units, frozenset(ends), through, direct, groups=together), problems
+
+
+def _joined(descriptions: Mapping[str, Description], links: Sequence[Link]) -> dict[str, list[str]]:
+    """Return the components of model exchange that read each other, each with all that it would be integrated with.
+
+    Also those whose outputs are states: between components of a group nothing holds over a step.
+    """
+    names = [name for name, description in descriptions.items() if description.exchange]
+    edges = {(k.start[0], k.end[0]) for k in links if k.stepped and {k.start[0], k.end[0]} <= set(names)}
+    return {name: part for part, _ in cycles(names, edges) for name in part}
 
 
 def _through(read: Mapping[Port, Sequence[str]], starts: set[Port]) -> frozenset[Port]:

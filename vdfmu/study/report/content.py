@@ -24,6 +24,7 @@ from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report.joints import UNITS
 from vdfmu.study.report.shapes import drawing_of
+from vdfmu.study.report.wired import joints_of
 
 FRAMES = 1000
 """Most intervals between the rows at equal distances, at which the arm is drawn."""
@@ -75,11 +76,16 @@ SUMS: Mapping[str, Terms] = {
     "feedforward": [(1.0, "controller.tau_m")],
     "compensation": [(1.0, "controller.tau"), (-1.0, "controller.tau_m")],
     "torsion": [(1.0, "plant.kappa"), (-1.0, "plant.q")],
+    "power": [(1.0, "plant.P_B")],
+    "force": [(1.0, "plant.F_z")],
 }
-"""Curves of each joint [rad or m; link-side N.m or N]: factors of arrays of signals."""
+"""Curves of each joint [rad or m; link-side N.m or N; W]: factors of arrays of signals.
+
+The last two are for joints that are components, see `wired_arm`: power and axial force on the link.
+"""
 MOTOR_SIDE = ("controller.tau", "controller.tau_m")
 """Signals that are multiplied by the reduction ratio."""
-_FRAMES = ("q", "error", "torque", "torsion")
+_FRAMES = ("q", "error", "torque", "torsion", "power", "force")
 """Curves that the drawn arm shows."""
 _FIGURES = (
     ("position", "Joint positions, desired dashed", "", {"q": "q", "q_d": "q_d"}),
@@ -123,7 +129,7 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
     n = len(arm["types"]) if arm else int(summary.get("joints", 0))
     m, parts = len(results), -(-len(results) // _BLOCK)
     stride = max(1, -(-(m - 1) // FRAMES))
-    sums = _sums(results, arm["ell"]) if arm else {}
+    sums = _sums(results, arm["ell"], summary.get("joint_signals", {})) if arm else {}
     shown = arm if "q" in sums else None
     motion = {
         name: [Curve("", i + 1, terms) for i, terms in enumerate(sums[name])]
@@ -133,7 +139,10 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
     copies = {signal.name: signal for signal in results.signals if signal.of}
     frames, travel = _CurveTable(), np.zeros(n)
     tables = {
-        "figures": [_CurveTable(figure) for figure in _figures(results, summary, sums if shown else {})],
+        "figures": [
+            _CurveTable(figure)
+            for figure in (*_figures(results, summary, sums if shown else {}), *_cutting_points(results))
+        ],
         "signals": [_CurveTable(figure) for figure in _groups(results, n, copies)],
     }
     for k, part in enumerate(results.blocks(_BLOCK)):
@@ -207,9 +216,11 @@ def _joints(results: Results, name: str, n: int) -> list[str]:
     return [group[index] for index in sorted(group)] if group and results.shape_of(name) == (n,) else []
 
 
-def _sums(results: Results, ell: Sequence[float]) -> dict[str, list[Terms]]:
-    """Return the sums of `SUMS` whose signals were recorded, joint by joint."""
-    signals = {name: _joints(results, name, len(ell)) for terms in SUMS.values() for _, name in terms}
+def _sums(results: Results, ell: Sequence[float], wired: Mapping[str, Sequence[str]]) -> dict[str, list[Terms]]:
+    """Return the sums of `SUMS` whose signals were recorded, joint by joint; `wired`: those of single joints."""
+    signals = {
+        name: wired.get(name) or _joints(results, name, len(ell)) for terms in SUMS.values() for _, name in terms
+    }
     return {
         key: [
             [(factor * (r if name in MOTOR_SIDE else 1.0), signals[name][i]) for factor, name in terms]
@@ -245,6 +256,25 @@ def _figures(results: Results, summary: Mapping[str, Any], sums: Mapping[str, Se
                 measure = unit.torque if torques else unit.position
                 words = [f"{text}{suffix}".format(noun) if text else "" for text in (title, peak)]
                 yield Figure(f"{key}.{kind}", words[0], measure, curves, words[1])
+
+
+def _cutting_points(results: Results) -> Iterator[Figure]:
+    """Yield virtual power flows, and the forces and moments along the axes, at the cutting points of joints."""
+    names = joints_of(results)
+    if names:
+        curves = [
+            Curve(f"{name} {{{side}}}", k, [(1.0, f"{name}.P_{side}")], dashed=side == "A")
+            for side in "BA"
+            for k, name in enumerate(names, 1)
+            if f"{name}.P_{side}" in results.names
+        ]
+        title = "Virtual power flow V′F towards the tip, on the side of the base {A} dashed"
+        yield Figure("power", title, "W", curves, "Virtual power flow")
+    for unit, axis, noun in (("N.m", 6, "Moments about"), ("N", 3, "Forces along")):
+        own = [(k, name) for k, name in enumerate(names, 1) if results.units.get(f"{name}.tau_s") == unit]
+        curves = [Curve(name, k, [(1.0, signal)]) for k, name in own if (signal := f"{name}.F_B[{axis}]") in results]
+        if curves:
+            yield Figure(f"force.{unit}", f"{noun} the axes between joint and link {{B}}", unit, curves)
 
 
 def _groups(results: Results, n: int, copies: Container[str]) -> Iterator[Figure]:

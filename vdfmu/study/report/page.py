@@ -26,6 +26,7 @@ from vdfmu.study.report.content import content_of
 from vdfmu.study.report.sheets import Sheet, comparison_sheet, facts, sheets
 from vdfmu.study.report.simulation import compressed, simulation_of
 from vdfmu.study.report.summary import read_summary
+from vdfmu.study.report.wired import wired_arm
 from vdfmu.system.package.drawing import system_diagram
 
 NAME = "report.html"
@@ -96,6 +97,10 @@ def write_report(runs: Sequence[ShownRun], path: Path, *, simulate: bool = False
 def report_page(runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: bool = False) -> bytes:
     """Return the page of one run or of several, or of their arms alone; for `simulate` see :func:`write_report`."""
     names = _names(runs)
+    runs = [
+        run if "arm" in run.summary else run._replace(summary=dict(run.summary) | wired_arm(run.results, run.package))
+        for run in runs
+    ]
     binaries: dict[str, str] = {}
     parts = [
         {

@@ -148,6 +148,8 @@ def _checked(summary: Mapping[str, Any], package: Path) -> Checked:
     checked = check_system(load_ssp(package), algorithm=summary["algorithm"])
     if checked.multiples or any(component.step is not None for component in checked.system.components):
         raise _CannotError("its units have steps of their own")
+    if checked.schedule.groups:
+        raise _CannotError("components of it are integrated together")
     if checked.schedule.initial.torn:
         raise _CannotError("its initial values depend on each other")
     other = [str(link) for link in checked.links if {link.source.type, link.sink.type} != {"Real"}]

@@ -113,9 +113,14 @@ class SystemDescription:
         self._signals = {unit: self._signals_of(table) for unit, table in self.tables.items()}
 
     def fmu_name(self, component: str) -> str:
-        """File of a component's FMU in a package: components of one unit have the names of the components."""
-        model = self.tables[component].model_name
-        alone = [table.model_name for table in self.tables.values()].count(model) == 1
+        """File of a component's FMU in a package: components of one unit have the names of the components.
+
+        Links and joints have one file for all of a kind.
+        """
+        table = self.tables[component]
+        model = table.model_name
+        shared = isinstance(table, Interface) and table.unit.exchange
+        alone = shared or [table.model_name for table in self.tables.values()].count(model) == 1
         return f"{model}.fmu" if alone else f"{model}_{component}.fmu"
 
     def _signals_of(self, table: Variables) -> tuple[PackageSignal, ...]:

@@ -8,7 +8,6 @@ from vdfmu.engine.package.experiment import EXPERIMENT_TYPE, FOREIGN, OSP_TYPE
 from vdfmu.system.package.description import PackageSignal, SystemDescription, positions
 from vdfmu.system.package.geometry import route
 from vdfmu.system.package.xml import META, add, add_foreign, add_units, root
-from vdfmu.system.scenario.foreign import ForeignInterface
 
 _SIDES = {"input": 0.0, "output": 1.0}
 
@@ -71,7 +70,7 @@ def _add_component(
         description=table.description,
         type="application/x-fmu-sharedlibrary",
         source=f"resources/{description.fmu_name(unit)}",
-        implementation=table.implementation if isinstance(table, ForeignInterface) else "CoSimulation",
+        implementation=table.implementation,
     )
     connectors = add(component, "ssd:Connectors")
     for kind, x in _SIDES.items():

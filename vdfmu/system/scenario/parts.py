@@ -36,7 +36,9 @@ def build_parts(
     """
     resolved = scenario.resolved
     units, robots = resolved.units, resolved.robots
-    placed = _placed(units, robots, values or {}, Path(folder))
+    # links and joints have one FMU for all of a kind: their numbers are in the package
+    given = {name: each for name, each in (values or {}).items() if name in units and not units[name].exchange}
+    placed = _placed(units, robots, given, Path(folder))
     found: dict[str, Path] = {name: part.fmu for name, part in scenario.system.parts.items() if part.fmu is not None}
     for place, robot in dict.fromkeys((placed[name], robots[name]) for name in units):
         here = {name: unit for name, unit in units.items() if (placed[name], robots[name]) == (place, robot)}
@@ -44,7 +46,7 @@ def build_parts(
             robot,
             place,
             units=list(dict.fromkeys(here.values())),
-            start_values={unit_name(unit): dict((values or {}).get(name, {})) for name, unit in here.items()},
+            start_values={unit_name(unit): dict(given.get(name, {})) for name, unit in here.items()},
             backend=backend,
             fmi_version=fmi_version,
             platforms=platforms,

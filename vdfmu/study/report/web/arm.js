@@ -42,10 +42,10 @@ export class Chain {
 
 const turned = (R) => new T.Matrix4().set(...R[0], 0, ...R[1], 0, ...R[2], 0, 0, 0, 0, 1);
 
-/** Positions, errors, torques and torsion of a run at its frames. */
+/** Positions, errors, torques, torsion, power and forces of a run at its frames. */
 export class Motion {
   constructor(run) {
-    Object.assign(this, framesOf(run)); // time, q; error, torque, torsion where they are known
+    Object.assign(this, framesOf(run)); // time, q; error, torque, torsion, .. where they are known
   }
 
   /** Values of all joints at a time, between frames on a straight line. */

@@ -6,6 +6,8 @@ import { Scene3D } from "./arm.js";
 const UNITS = { // factor and unit for revolute and prismatic joints
   torque: { words: "Control torque", revolute: [1, "N.m"], prismatic: [1, "N"] },
   torsion: { words: "Torsion", revolute: [180 / Math.PI, "deg"], prismatic: [1e3, "mm"] },
+  power: { words: "Power into the link", revolute: [1, "W"], prismatic: [1, "W"] },
+  force: { words: "Force along the axis", revolute: [1, "N.m"], prismatic: [1, "N"] },
   error: { words: "Tracking error", revolute: [180 / Math.PI, "deg"], prismatic: [1e3, "mm"] },
 };
 const STEPS = 200;

@@ -1,0 +1,170 @@
+"""Packages of arms that are wired from their links and joints: they run as those in one piece."""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fmpy.validation import validate_fmu
+
+import vdfmu
+from tests.system.test_decomposed import torso
+from tests.warm import command
+from vdfmu.arm.fmus import build_fmus
+from vdfmu.arm.robot import load_robot
+from vdfmu.arm.units import package_units
+from vdfmu.base.errors import SspError, UsageError
+from vdfmu.engine.inspect.inspection import check_file
+from vdfmu.system.package.write import write_ssp
+from vdfmu.system.scenario import Scenario, load_scenario
+from vdfmu.system.scenario.decomposed import decomposed
+from vdfmu.system.scenario.parts import build_parts
+from vdfmu.system.scenario.system_file import Part
+
+pytestmark = pytest.mark.heavy  # the FMUs are compiled
+
+
+def package(scenario: Scenario, folder: Path, settings: dict[str, Any] | None = None) -> Path:
+    """Return the package of a decomposed scenario."""
+    apart, values = decomposed(scenario, settings)
+    return write_ssp(apart, build_parts(apart, folder, values), folder / "apart.ssp", values)
+
+
+PIECES = [name for name, unit in package_units().items() if unit.exchange]
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+@pytest.mark.parametrize("unit", PIECES)
+def test_nothing_is_wrong_with_the_fmus(unit, version, tmp_path):
+    """The check compares an FMU with the results of numpy that are in it."""
+    path = build_fmus(None, tmp_path, units=[unit], fmi_version=version)[unit]
+    assert validate_fmu(str(path)) == []
+    assert check_file(path) == []
+
+
+def compare(found: Any, whole: Any, n: int, tolerance: float) -> None:
+    """Compare a run with that of the arm in one piece."""
+    for i in range(1, n + 1):
+        for name in ("tau_m", "tau_s", "kappa_dot_d"):
+            both = found[f"feedforward_joint_{i}.{name}"], whole[f"feedforward.{name}[{i}]"]
+            np.testing.assert_allclose(*both, rtol=0, atol=1e-12, err_msg=name)  # N.m: the same lines in the same order
+        both = found[f"plant_joint_{i}.q"], whole[f"plant.q[{i}]"]
+        np.testing.assert_allclose(*both, rtol=0, atol=tolerance)
+
+
+def test_the_papers_arm_runs_as_in_one_piece(tmp_path):
+    """It is integrated as one, by another solver: errors of both, at tolerances of 1e-10 and 1e-11, in 500 steps."""
+    found = vdfmu.simulate(package(load_scenario("tracking"), tmp_path), stop=0.5, tolerance=1e-10)
+    whole = vdfmu.run("tracking", stop=0.5, settings={"plant.tolerance": 1e-11}, out=tmp_path / "whole")
+    compare(found, whole, 6, 1e-9)
+    order = found.summary["order"]
+    assert order.index("feedforward_joint_6") < order.index("controller") < order.index("plant_joint_1")
+    with zipfile.ZipFile(tmp_path / "apart.ssp") as archive:
+        fmus = {Path(name).stem for name in archive.namelist() if name.endswith(".fmu")}
+    assert fmus == {
+        "Trajectory", "PDController", "ArmBase", "FeedforwardJoint", "FeedforwardLink", "FeedforwardTool", "PlantJoint",
+        "PlantLink", "PlantTool",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("robot", "settings"),
+    [
+        ("iiwa_7dof", {"feedforward.mode": "vdc"}),  # seven joints, rotors that push the links, end stops
+        ("slider_3dof", {"plant.q_dot_0[1]": 0.2, "plant.F_e[2]": 3.0}),  # a prismatic one; it starts in motion
+        ("kr300_6dof", {}),  # a counterbalance
+    ],
+)
+def test_other_arms_run_as_in_one_piece(tmp_path, robot, settings):
+    scenario = replace(load_scenario("tracking"), robot=load_robot(robot), sections={})
+    moved = {f"trajectory.q_end[{i + 1}]": 0.02 for i in range(scenario.arm.n)} | settings
+    found = vdfmu.simulate(package(scenario, tmp_path, moved), stop=0.05, tolerance=1e-10)
+    whole = vdfmu.run(
+        scenario, stop=0.05, settings={**moved, "plant.tolerance": 1e-11}, out=tmp_path / "whole", reference=False
+    )
+    compare(found, whole, scenario.arm.n, 1e-9)
+
+
+def test_a_body_with_two_arms_runs(tmp_path):
+    """Both arms fall and turn their torso; the energy that the joints give and take is that of the whole."""
+    robot = replace(load_robot("planar_2dof"), rotor_coupling=False)
+    units, connections, values = torso(robot)
+    tracking = load_scenario("planar_tracking")
+    parts = {name: Part(unit) for name, unit in units.items()}
+    system = replace(tracking.system, parts=parts, connections=connections, shared={})
+    values = {name: values.get(name, {}) for name in parts}
+    values["torso_joint"] = {"q_0": 0.3}
+    scenario = replace(tracking, system=system, sections={}, robot=None)
+    path = write_ssp(scenario, build_parts(scenario, tmp_path), tmp_path / "torso.ssp", values)
+    run = vdfmu.simulate(path, stop=0.1, tolerance=1e-10)
+    arms = [f"{side}_joint_{i}" for side in "CD" for i in (1, 2)]
+    assert set(run.summary["order"][:10]) == {*units} - {"base"}
+    assert np.abs(run["C_joint_1.q"][-1] - run["C_joint_1.q"][0]) > 1e-3  # it moves
+    np.testing.assert_allclose(run["C_joint_2.q"], run["D_joint_2.q"], rtol=0, atol=1e-12)  # both arms are alike
+    # what enters the torso is its net force's power, and what both arms take; m and I are the unit's start values
+    V, V_dot = (np.stack([run[f"torso.{name}[{k}]"] for k in range(1, 7)], axis=1) for name in ("V_C", "V_C_dot"))
+    g = np.stack([run[f"torso.g_C[{k}]"] for k in range(1, 4)], axis=1)
+    own = 1.0 * np.sum(V[:, :3] * (V_dot[:, :3] + g), axis=1) + 0.1 * np.sum(V[:, 3:] * V_dot[:, 3:], axis=1)
+    flows = run["torso_joint.P_B"] - run[f"{arms[0]}.P_A"] - run[f"{arms[2]}.P_A"] - own
+    assert np.abs(flows).max() < 1e-12 * max(1.0, np.abs(run["torso_joint.F_B[6]"]).max())  # rounding
+
+
+def as_co_simulation(path: Path) -> Path:
+    """Return the package with the components of the plant for co-simulation."""
+    found = path.with_name("co_simulation.ssp")
+    with zipfile.ZipFile(path) as archive, zipfile.ZipFile(found, "w") as changed:
+        for name in archive.namelist():
+            content = archive.read(name)
+            if name == "SystemStructure.ssd":
+                text = re.sub(r'(name="plant_[^>]*?)"ModelExchange"', r'\1"CoSimulation"', content.decode())
+                content = text.encode()
+            changed.writestr(name, content)
+    return found
+
+
+@pytest.mark.parametrize(("name", "steps"), [("tracking", (1e-3,)), ("planar_tracking", (1e-3, 5e-4, 2.5e-4))])
+def test_as_co_simulation_it_takes_the_master_that_repeats_steps(tmp_path, name, steps):
+    """A link answers an acceleration that is held with a larger one: without repeated steps it is unstable.
+
+    Apparent masses and accelerations run on lines over a step, so the error is of second order; in one piece they are
+    what they are.
+    """
+    scenario = load_scenario(name)
+    path = as_co_simulation(package(scenario, tmp_path))
+    whole = write_ssp(scenario, build_parts(scenario, tmp_path / "whole"), tmp_path / "whole.ssp")
+    with pytest.raises(SspError, match="gauss-seidel cannot order plant_joint_1, plant_link_1"):
+        vdfmu.simulate(path, stop=0.01)
+    errors: list[float] = []
+    joints = range(1, scenario.arm.n + 1)
+    for step in steps:
+        given: dict[str, Any] = {"step": step, "stop": 0.1, "algorithm": "iterative", "convergence": 1e-12}
+        found = vdfmu.simulate(path, parameters={f"plant_joint_{i}.tolerance": 1e-12 for i in joints}, **given)
+        expected = vdfmu.simulate(whole, parameters={"plant.tolerance": 1e-12}, **given)
+        errors.append(max(np.abs(found[f"plant_joint_{i}.q"] - expected[f"plant.q[{i}]"]).max() for i in joints))
+    # the jerk of the start is some 1e3 rad/s3: of the line h^2/8 times its rate is left, over a tenth of a second
+    assert errors[0] < 3e-8
+    for coarse, fine in pairwise(errors):
+        assert 1.6 < np.log2(coarse / fine) < 2.2
+
+
+def test_the_command_writes_it_and_its_page_shows_power_and_force(tmp_path):
+    assert command("ssp", "planar_tracking", "--decomposed", cwd=tmp_path).returncode == 0
+    out = command("simulate", "planar_tracking_decomposed.ssp", "--stop", "0.05", "--out", "run", cwd=tmp_path)
+    assert out.returncode == 0, out.stderr
+    assert command("report", "run", cwd=tmp_path).returncode == 0
+    page = (tmp_path / "run" / "report.html").read_text()
+    assert "F towards the tip, on the side of the base" in page
+    assert "Moments about the axes between joint and link" in page
+    assert '"types":["revolute","revolute"]' in page.replace(" ", "")
+
+
+def test_python_units_are_refused(tmp_path):
+    apart, values = decomposed(load_scenario("planar_tracking"))
+    with pytest.raises(UsageError, match="native"):
+        build_parts(apart, tmp_path, values, backend="python")

@@ -1,0 +1,163 @@
+"""What links and joints have in common: numbers of the table of robots, and the signals at cutting points.
+
+At a cutting point a unit that is nearer to the tip is given velocities and gives forces. The letter A is for the
+cutting point of a joint on the side of the base, B for the one between a joint and its link, C and D for those of a
+link towards the tip. A link has one frame: its signals at {C} and {D} are in the frame {B} of its joint.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+
+import numpy as np
+
+from vdfmu.arm.drive.options import OPTIONS, OptionName
+from vdfmu.arm.robot.parameters import ENDS, PARAMETERS, Section
+from vdfmu.arm.units._signals import ACCELERATION, MASS, VELOCITY, WRENCH, six
+from vdfmu.base.measure import derivative_of, unit_of
+from vdfmu.compiler.scalar.jet import jets
+from vdfmu.compiler.unit import Choice, Input, Output, Parameter, State, Switch, Unit
+
+D = TypeVar("D", Input, Output, Parameter, State)
+E = TypeVar("E", Input, Output)
+_STARTS: dict[str, Any] = {
+    "gravity": [0.0, 0.0, 9.81], "rotation": np.eye(3), "inertia": 0.1 * np.eye(3), "mass": 1.0, "ell": 100.0,
+    "I_m": 1e-3, "K_f0": 1e4, "c_f": 1e-3, "K_w0": 1.0, "c_w": 10.0, "v_s": 0.1, "q_min": -1e6, "q_max": 1e6,
+    "stop_stiffness": 1.0, "tau_stall": 1e9, "kappa_dot_max": 1e9, "full_speed": 0.9, "D_cb": 1.0, "L_cb": 1.0,
+    "tau_gap": 1.0,
+}  # fmt: skip
+"""Start values of parameters that robots must give; those of the others are their defaults, or 0.
+
+With these, an option of the drive changes no number to the bit: end stops are out of reach, a force is 0.
+"""
+STATELESS: tuple[OptionName, ...] = tuple(name for name, option in OPTIONS.items() if option.state is None)
+"""Options of the drive that every joint has."""
+JOINT: tuple[Section, ...] = ("joint", "drive", "friction", *STATELESS)
+"""Sections of the table of robots with the parameters of a joint."""
+TOOL = ("tool_offset", "tool_rotation")
+"""Parameters of the end of an arm."""
+
+
+def numbers(*sections: Section, names: tuple[str, ...] = (), joint_type: str = "revolute") -> dict[str, Parameter]:
+    """Return the parameters of sections of the table of robots, or of those only that are named, of one joint."""
+    return {
+        row.name: Parameter(
+            row.unit(joint_type), row.shape, row.description[0].upper() + row.description[1:],
+            start=_STARTS.get(row.name, 0.0 if row.default is None else row.default),
+            minimum=row.smallest, maximum=row.largest,
+        )
+        for row in PARAMETERS.values()
+        if row.section in sections and (not names or row.name in names)
+    }  # fmt: skip
+
+
+def rates(measure: tuple[tuple[str, ...], int], linear: str, angular: str, order: int) -> tuple[Any, Any, list[str]]:
+    """Units, shape and texts of a 6-vector of a measure, and its derivatives in time up to `order`, a row each."""
+    rows = [measure[0]]
+    for _ in range(order):
+        rows.append(tuple(derivative_of(unit) for unit in rows[-1]))
+    texts = [f"{text}, derivative {k}" if k else text for k in range(order + 1) for text in six(linear, angular)]
+    return tuple(unit for row in rows for unit in row), (order + 1, 6), texts
+
+
+DESIRED_VELOCITY = rates(VELOCITY, "Desired velocity", "Desired angular velocity", 3)
+_FORCES = rates(WRENCH, "Desired force", "Desired moment", 2)
+DESIRED_FORCE = (
+    (*_FORCES[0], *WRENCH[0]),
+    (4, 6),
+    [*_FORCES[2], *six("Desired force, rotors as their springs move them", "Desired moment, the same")],
+)
+"""The desired force with two derivatives, while rotors turn as their links do; then that with their own motion."""
+
+
+def six_vector(kind: type[D], measure: tuple[tuple[str, ...], int], linear: str, angular: str, at: str) -> D:
+    """Return a 6-vector of a measure at a cutting point."""
+    return kind(*measure, six(f"{linear} at {{{at}}}", f"{angular} at {{{at}}}"))
+
+
+def desired_ports(at: str, kind: type[D], back: type[E]) -> dict[str, D | E]:
+    """Return what passes a cutting point of the feedforward: motions, of a `kind`, and forces, `back`."""
+    return {
+        f"V_{at}_d": kind(*DESIRED_VELOCITY),
+        f"g_{at}_d": kind("m/s2", 3, f"Gravity vector of (62) at {{{at}}}, along the desired motion, axis"),
+        f"V_{at}": six_vector(kind, VELOCITY, "Velocity", "Angular velocity", at),
+        f"V_{at}_r": six_vector(kind, VELOCITY, "Required velocity", "Required angular velocity", at),
+        f"V_{at}_r_dot": six_vector(kind, ACCELERATION, "Rate of the required velocity", "Angular", at),
+        f"g_{at}": kind("m/s2", 3, f"Gravity vector of (62) at {{{at}}}, axis"),
+        **desired_forces(at, back),
+    }
+
+
+def desired_forces(at: str, back: type[E]) -> dict[str, E]:
+    """Return the forces of the feedforward at a cutting point."""
+    return {
+        f"F_{at}_d": back(*DESIRED_FORCE),
+        f"F_{at}_r": six_vector(back, WRENCH, "Required force on what is beyond", "Required moment", at),
+    }
+
+
+def plant_ports(at: str, kind: type[D], back: type[E], hanging: Any = 0.0) -> dict[str, D | E]:
+    """Return what passes a cutting point of a plant: motions, of a `kind`, and `back` apparent mass and bias force.
+
+    `hanging` is the apparent mass before anything is connected.
+    """
+    return {
+        f"V_{at}": six_vector(kind, VELOCITY, "Velocity", "Angular velocity", at),
+        f"g_{at}": kind("m/s2", 3, f"Gravity vector of (62) at {{{at}}}, axis"),
+        f"V_{at}_dot": six_vector(kind, ACCELERATION, "Derivative of the velocity", "Angular acceleration", at),
+        **apparent(at, back, hanging),
+    }
+
+
+def apparent(at: str, back: type[E], hanging: Any = 0.0) -> dict[str, E]:
+    """Return apparent mass and bias force at a cutting point."""
+    start = {"start": hanging} if back is Input else {}
+    return {
+        f"M_{at}": back(*MASS, f"Apparent mass matrix of what is beyond {{{at}}}", **start),
+        f"p_{at}": six_vector(back, WRENCH, "Bias force", "Bias moment", at),
+    }
+
+
+def row_pair(V: np.ndarray) -> tuple[Any, Any]:
+    """Return a velocity and its derivative with two derivatives each, from the four rows of `V`: (6,) jets."""
+    return jets(*V[:3]), jets(*V[1:])
+
+
+def of_joint(kind: type[D], signal: tuple[str, Any, str], joint_type: str, **rest: Any) -> D:
+    """Return a variable of one joint: `signal` has its quantity, the shape for an arm, and its text."""
+    quantity, _, text = signal
+    return kind(unit_of(quantity, joint_type), (), text[0].upper() + text[1:], **rest)
+
+
+def coupling() -> Switch:
+    """Return whether the rotor turns with what carries it."""
+    return Switch(True, "Whether the rotor turns with what carries it, Eq. (4), (7), (11); else about its axis, (56)")
+
+
+def friction_choice() -> Choice:
+    """Return the arrangement of the friction."""
+    return Choice("lumped", "split", text="Friction; 0: lumped, all on the rotor, 1: split, Eq. (54) on the link")
+
+
+class Piece(Unit):
+    """A link or a joint. It computes what the equations say of a robot of one joint that has its numbers.
+
+    It is for model exchange too, without states as well: a master that integrates components together can take its
+    outputs between two of its inputs.
+    """
+
+    exchange: ClassVar[bool] = True
+    joint_type: ClassVar[str] = "revolute"
+
+    if TYPE_CHECKING:  # what `numbers` and others declare
+
+        def __getattr__(self, name: str) -> Any: ...
+
+    def one(self, **others: Any) -> Any:
+        """Return a robot of one joint with the numbers of the unit, and `others`."""
+        known = {name: getattr(self, name) for name in PARAMETERS if name in self.declared}
+        arrays = {name: np.asarray(v)[None if PARAMETERS[name].per_joint else ...] for name, v in known.items()}
+        flags = dict.fromkeys((*OPTIONS, "payload", "rotor_coupling", *ENDS), False)
+        flags |= dict.fromkeys({PARAMETERS[name].section for name in known}.intersection(STATELESS), True)
+        return SimpleNamespace(n=1, joint_types=(self.joint_type,), **{**flags, **arrays, **others})

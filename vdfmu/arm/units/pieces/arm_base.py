@@ -1,0 +1,23 @@
+"""The unit ArmBase: what the first joint of an arm stands on."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vdfmu.arm.units.pieces._piece import Piece, numbers, plant_ports
+from vdfmu.compiler.unit import Input, Output, Terminal
+
+
+class ArmBase(Piece):
+    """Base at rest in {I}, of an arm that is wired from its links and joints.
+
+    A body that stands on it, or any number of joints, takes its velocity, which is 0, and its gravity vector.
+    """
+
+    vars().update({name: signal for name, signal in plant_ports("C", Output, Input).items() if name[0] in "Vg"})
+    vars().update(numbers("robot", names=("gravity",)))
+    terminals = (Terminal("tip_side", "right", ("V_C", "g_C", "V_C_dot"), "Cutting point {C}"),)
+
+    def outputs(self) -> None:
+        """Rest under gravity."""
+        self.V_C, self.V_C_dot, self.g_C = np.zeros(6), np.zeros(6), self.one().gravity

@@ -1,0 +1,17 @@
+"""The unit FeedforwardPrismaticJoint: what one prismatic joint does in the feedforward of its arm."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from vdfmu.arm.units.pieces.feedforward_joint import FeedforwardJoint, feedforward_variables
+
+
+class FeedforwardPrismaticJoint(FeedforwardJoint):
+    """A prismatic joint in the feedforward of its arm: see the unit FeedforwardJoint.
+
+    It moves along z of {B}: q is in m, torques of link and spring are forces, ell is in rad/m.
+    """
+
+    joint_type: ClassVar[str] = "prismatic"
+    vars().update(feedforward_variables("prismatic"))

@@ -1,0 +1,32 @@
+"""The unit FeedforwardTool: the end of an arm in its feedforward."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vdfmu.arm.equations.kinematics import tool_transform
+from vdfmu.arm.units._signals import wrench
+from vdfmu.arm.units.pieces._piece import TOOL, Piece, desired_forces, numbers
+from vdfmu.compiler.unit import Output, Terminal
+
+
+class FeedforwardTool(Piece):
+    """The wrench that the end of an arm is to exert, Eq. (44).
+
+    ::
+
+        F_B = U_BO F_e_d        its derivatives taken as 0
+    """
+
+    F_e_d = wrench("to be exerted on the surroundings")
+    vars().update(desired_forces("B", Output))
+    vars().update(numbers("robot", names=TOOL))
+    terminals = (
+        Terminal("base_side", "left", ("F_B_d", "F_B_r"), "Forces at the last link"),
+        Terminal("end_effector", "right", ("F_e_d",), "Desired wrench of the end effector"),
+    )
+
+    def outputs(self) -> None:
+        """Bring the wrench to the frame of the last link."""
+        self.F_B_r = tool_transform(self.one()) @ self.F_e_d
+        self.F_B_d = np.stack([self.F_B_r, np.zeros(6), np.zeros(6), self.F_B_r])

@@ -1,0 +1,32 @@
+"""The unit PlantLink: a link of an arm."""
+
+from __future__ import annotations
+
+from vdfmu.arm.equations.rigid_body import bias_force, link_body, mass_matrix
+from vdfmu.arm.units.pieces._piece import Piece, apparent, numbers, plant_ports
+from vdfmu.compiler.unit import Input, Output, Terminal
+
+
+class PlantLink(Piece):
+    """A link, Eq. (47), (59)-(62), in an arm that is wired from its links and joints; see the unit PlantJoint.
+
+    ::
+
+        M_B = M + M_C + M_D        p_B = C_B V_B + G_B + p_C + p_D
+
+    Two joints can hang on it, or one and a tool; M and p that nothing is connected to are 0.
+    """
+
+    vars().update(plant_ports("B", Input, Output) | plant_ports("C", Output, Input) | apparent("D", Input))
+    vars().update(numbers("link"))
+    terminals = (
+        Terminal("base_side", "left", tuple(plant_ports("B", Input, Output)), "Cutting point {B}"),
+        Terminal("tip_side", "right", tuple(plant_ports("C", Output, Input)), "Cutting point {C}"),
+    )
+
+    def outputs(self) -> None:
+        """Hand on the motion, and apparent mass and bias force."""
+        body = link_body(self.one(), 0)
+        self.V_C, self.V_C_dot, self.g_C = self.V_B, self.V_B_dot, self.g_B
+        self.M_B = mass_matrix(*body) + self.M_C + self.M_D
+        self.p_B = bias_force(*body, self.g_B, self.V_B) + self.p_C + self.p_D
