@@ -192,7 +192,10 @@ def test_there_is_a_guide_for_each_tool():
 
 
 def test_there_are_these_tutorials():
-    names = ["dynamics", "fmpy", "native", "own-controller", "own_arm", "own_robot", "results", "sweep"]
+    names = [
+        "dynamics", "fmpy", "native", "own-controller", "own_arm", "own_robot", "python-to-fmu",
+        "results", "sweep",
+    ]  # fmt: skip
     assert [page.stem for page in PAGES] == names
 
 

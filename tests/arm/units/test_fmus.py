@@ -24,7 +24,11 @@ UNITS = [
 
 
 def test_none_is_left_out():
-    found = {name for name, unit in package_units().items() if unit.__module__.split(".")[-2] in ("laws", "observers")}
+    found = {
+        name
+        for name, unit in package_units().items()
+        if unit.__module__.split(".")[-2] in ("laws", "observers", "devices")
+    }
     assert found == set(UNITS)
     assert all(find_unit(name).backend == "native" and "::" in find_unit(name).__doc__ for name in UNITS)
 

@@ -44,7 +44,7 @@ def casadi_call(function: ca.Function, *arguments: Any) -> Any:
             )
         array = array.reshape(size)
         given.append(ca.reshape(to_sx(array.T), *size) if traced else ca.DM(array.astype(float)))
-    found = function.call(given)
+    found: list[Any] = function.call(given)
     results = [(from_sx(one) if traced else one.full()).reshape(shape_of(one.shape))[()] for one in found]
     return results[0] if len(results) == 1 else tuple(results)
 

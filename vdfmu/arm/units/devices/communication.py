@@ -15,8 +15,12 @@ _NEVER = 1e6
 class Communication(Unit):
     """Communication of the motor torques, with delay, jitter and lost samples, sampled.
 
-    At each sample the torques of all joints are sent together. They arrive at ``t_k + T_d + T_j u_k``, or, with the
-    probability `loss`, not at all; u_k is uniform between 0 and 1. The output is the newest that has arrived by a
+    ::
+
+        tau[k] = tau_c(t_i),  i the largest with t_i + T_d + T_j u_i <= t_k that is not lost
+
+    At each sample the torques of all joints are sent together. u_i is uniform between 0 and 1, and with the probability
+    `loss` they do not arrive at all. The output is the newest that has arrived by a
     sample, however late: what was sent before it is not taken any more. Until the first arrives it is the torque of the
     start. T_d + T_j is up to 15 periods; ``age`` is how long ago the output was sent. The random numbers are those of
     MRG32k3a, the same on every platform, two a sample; two links need two seeds.
