@@ -31,7 +31,7 @@ class Behaviour:
         self._unit = evaluation(interface, memory)
         own = interface.has_states and isinstance(self._unit, Traced)
         self._solver = Integrator(self._unit) if own else ScipySolver(self._unit)
-        self._saved = ("h", "tolerance", "start") if interface.has_states else ("start",)
+        self._saved = (*(("h",) if own else ()), *(("tolerance",) if interface.has_states else ()), "start")
 
     def check(self) -> list[str]:
         """Problems of the parameter values together; those of each alone are checked when they are set."""
@@ -45,6 +45,7 @@ class Behaviour:
         if self.interface.has_states:
             own = float(self._unit.group("tolerance")[0])
             self._solver.tolerance = own if tolerance is None else min(own, tolerance)
+        if isinstance(self._solver, Integrator):
             self._solver.h = 1e-4
         self._solver.start = self.memory[-1] = t
         self._unit.start()
