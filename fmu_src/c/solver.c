@@ -35,8 +35,38 @@ static double ahead(const Solver *s)
     return left > 2.0 * close ? left - close : left + close;
 }
 
+/* Take the states after an internal step that ends `done` [s] after the start of the communication step at `t`. */
+static void take_states(const Solver *s, double t, double done)
+{
+    memcpy(s->m + unit.x, s->x_new, unit.n_x * sizeof *s->x_new);
+    s->m[unit.time] = t + done;
+    if (s->rates)
+        move_inputs(s, done);
+}
+
+/* `fixed` internal steps of one length: the same work in each communication step. */
+static bool advance_fixed(const Solver *s, double t, double duration, SolverFailure *failure)
+{
+    const double size = duration / s->fixed;
+    double done = 0.0, error;
+    for (int k = 1; k <= s->fixed && done < duration; k++) {
+        const double to = k < s->fixed ? fmin(k * size, duration) : duration;
+        s->step(s->m, s->rate, to - done, s->tolerance, s->x_new, &error, s->ratio);
+        if (!isfinite(error)) {
+            *failure = failure_of(s, t + done, error);
+            return false;
+        }
+        take_states(s, t, done = to);
+        if (s->accepted)
+            duration = s->accepted(s->context, done, duration);
+    }
+    return true;
+}
+
 bool solver_advance(const Solver *s, double t, double duration, SolverFailure *failure)
 {
+    if (s->fixed)
+        return advance_fixed(s, t, duration, failure);
     double done = 0.0;
     for (long tried = 1; done < duration; tried++) {
         const double whole = duration - done, rest = unit.left ? fmin(whole, ahead(s)) : whole;
@@ -52,10 +82,7 @@ bool solver_advance(const Solver *s, double t, double duration, SolverFailure *f
         const double factor = error > 0.0 ? SAFETY * pow(error, -1.0 / ORDER) : GROW;
         if (error <= 1.0) {
             done = last && rest == whole ? duration : done + h;
-            memcpy(s->m + unit.x, s->x_new, unit.n_x * sizeof *s->x_new);
-            s->m[unit.time] = t + done;
-            if (s->rates)
-                move_inputs(s, done);
+            take_states(s, t, done);
             /* A step cut short by the communication point says little about the next one: it never shrinks h. */
             const double grown = h * fmin(GROW, fmax(factor, SHRINK));
             *s->h = last && h < *s->h ? fmax(grown, *s->h) : grown;

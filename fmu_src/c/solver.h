@@ -1,4 +1,5 @@
-/* The solver: moves the states of a unit between communication points by internal steps under error control. */
+/* The solver: moves the states of a unit between communication points, by internal steps under error control or by a
+ * fixed number of them. */
 #ifndef VDFMU_SOLVER_H
 #define VDFMU_SOLVER_H
 
@@ -19,6 +20,7 @@ typedef struct {
     bool rates;           /* some rate is not zero */
     double *h;            /* [s] internal step to try next */
     double tolerance;     /* bound of the local error, relative and absolute in SI units */
+    int fixed;            /* number of internal steps, whatever their error; 0: as many as the tolerance needs */
     double *x_new, *ratio; /* (n_x) room for results of a step */
 
     /* Called after each internal step with the time since the start of the communication step and its length [s]; returns

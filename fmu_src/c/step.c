@@ -92,6 +92,12 @@ static void calculate(Instance *I, Step *s)
 
 #define ADVICE "Check its inputs and the gains behind them, its start and its parameters, or loosen the tolerance."
 
+/* The number that the kind of the solver fixes; 0: the tolerance decides. */
+static int fixed_steps(const Instance *I)
+{
+    return (int)I->m[unit.solver];
+}
+
 static Status fail_solver(const Instance *I, const SolverFailure *f, double size)
 {
     if (f->last > 0.0)
@@ -105,7 +111,12 @@ static Status fail_solver(const Instance *I, const SolverFailure *f, double size
                  number((char[NUMBER_SIZE]){0}, 3, tolerance_of(I)));
     else
         text_add(&t, "state %s is not finite", name);
-    fail(I, "at t = %s s %s, and the internal step reached its minimum %s s. " ADVICE, G9(f->time), t.text ? t.text : name, G6(MINIMUM_STEP));
+    if (fixed_steps(I))
+        fail(I, "at t = %s s %s, and the number of internal steps is fixed, %d. Take shorter communication steps, or "
+                "solver adaptive.", G9(f->time), t.text ? t.text : name, fixed_steps(I));
+    else
+        fail(I, "at t = %s s %s, and the internal step reached its minimum %s s. " ADVICE, G9(f->time), t.text ? t.text : name,
+             G6(MINIMUM_STEP));
     text_free(&t);
     return STATUS_ERROR;
 }
@@ -121,6 +132,7 @@ static Status integrate(Instance *I, Step *s)
     const Solver solver = {
         .step = I->solver_step,
         .m = I->m, .before = I->before, .rate = I->rate, .rates = c->rates, .h = &c->h, .tolerance = tolerance_of(I),
+        .fixed = fixed_steps(I),
         .x_new = I->x_new, .ratio = I->ratio, .accepted = I->host.update ? intermediate_update : NULL, .context = s,
     };
     SolverFailure failure;

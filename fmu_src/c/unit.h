@@ -75,7 +75,7 @@ typedef struct {
     size_t time;              /* position of time, n - 1 */
     size_t n_x, x, x_dot;     /* states: number, position of the first, position of the first derivative; 0 if none */
     int exchange;             /* whether it is for model exchange, too */
-    size_t tolerance;         /* position of the solver's tolerance; n if the unit has no solver */
+    size_t tolerance, solver; /* positions of the solver's tolerance and of its kind; n if the unit has no solver */
 
     size_t period;            /* position of the time from one sample to the next [s]; n if nothing is sampled */
     size_t sampled, n_sampled; /* sampled states: position of the first, number */

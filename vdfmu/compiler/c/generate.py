@@ -359,6 +359,7 @@ class _UnitGenerator:
             "x_dot": "at_x_dot" if n_x else "0",
             "exchange": int(interface.has_exchange),
             "tolerance": f"at_{argument_name('tolerance')}" if has_step else f"{N}, /* there is no solver */",
+            "solver": "at_solver" if has_step else N,
             "period": "at_period" if self.program.update else f"{N}, /* nothing is sampled */",
             "sampled": interface.sampled.start,
             "n_sampled": interface.sampled.stop - interface.sampled.start,

@@ -17,6 +17,8 @@ from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.compiler.unit.declaration import (
     JOINTS,
     SOLVER_TOLERANCE,
+    SOLVERS,
+    Choice,
     Declared,
     Input,
     Parameter,
@@ -104,6 +106,10 @@ class BaseUnit:
                     found[name] = _added(name, _start_parameter(state), cls)
         if any(not isinstance(d, Sampled) for d in states) and "tolerance" not in found:
             found["tolerance"] = _added("tolerance", _tolerance(), cls)
+        if cls.backend == "python":  # scipy integrates it
+            found.pop("solver", None)
+        elif "tolerance" in found and "solver" not in found:
+            found["solver"] = _added("solver", Choice(*SOLVERS, text=_SOLVER), cls)
         cls.declared = found
         cls.follows = follows = followers(found)
         if follows:
@@ -290,10 +296,13 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, (float, int, np.number)) or hasattr(value, "sx")
 
 
-def _added(name: str, parameter: Parameter, owner: type) -> Parameter:
+def _added(name: str, parameter: Any, owner: type) -> Any:
     parameter.__set_name__(owner, name)
     setattr(owner, name, parameter)
     return parameter
+
+
+_SOLVER = "Internal steps of the solver: as many as the tolerance needs, or that number in each communication step"
 
 
 def _start_parameter(state: State) -> Parameter:

@@ -37,6 +37,8 @@ JOINTS = _Joints()
 Axis = int | _Joints
 SOLVER_TOLERANCE = 1e-7
 """Tolerance of the plant's solver where nothing else is said, relative and absolute in SI units."""
+SOLVERS = ("adaptive", *(f"fixed_{count}" for count in range(1, 5)))
+"""Kinds of the solver: as many internal steps as the tolerance needs, or 1 to 4 in each communication step."""
 PHASES = ("start", "outputs", "derivatives", "update")
 """The methods of a unit: what they set is in `Declared.set_by`."""
 

@@ -12,6 +12,7 @@ from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.base.measure import unit_of
 from vdfmu.compiler.unit.base import BaseUnit
 from vdfmu.compiler.unit.declaration import (
+    SOLVERS,
     Choice,
     Declared,
     Derivative,
@@ -68,6 +69,9 @@ def _of_unit(unit: type[BaseUnit]) -> Iterator[tuple[str, str]]:
             yield name, f"{name}: expected a parameter without a shape, {start}"
         elif needed and not (declared is not None and declared.minimum and declared.minimum > 0.0):
             yield name, f"{name}: expected a minimum above 0, {start}"
+    solver = unit.declared.get("solver")
+    if states and unit.backend == "native" and not (isinstance(solver, Choice) and solver.choices == SOLVERS):
+        yield "solver", "solver is the choice of the solver, which every unit with continuous states has; rename it"
     if unit.backend not in ("native", "python"):
         yield "backend", f'backend: expected "native" or "python", got {unit.backend!r}'
     for name in ("author", "license", "copyright", "version"):

@@ -1,8 +1,9 @@
-"""Integration of a unit with continuous states between communication points: Rodas4 steps under error control."""
+"""Integration of a unit with continuous states between communication points: steps of Rodas4."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -27,7 +28,8 @@ class Integrator(Solver):
     """The solver of FMUs.
 
     The local error of every internal step is kept below `tolerance` times (1 SI unit + the state's
-    magnitude), in the root mean square over all states. Everything that decides the next step is in the memory and
+    magnitude), in the root mean square over all states; or the number of internal steps is that of the unit's `solver`,
+    whatever their error. Everything that decides the next step is in the memory and
     `h`: a copy of the two restores the solver to the bit.
 
     Attributes
@@ -68,11 +70,14 @@ class Integrator(Solver):
         Raises
         ------
         KernelError
-            If the tolerance cannot be met at the smallest step, the state is no longer finite, or
-            `MAXIMUM_STEPS` do not reach the end. The message says where; the state is then that before the call.
+            If the state is no longer finite or, under error control, the tolerance cannot be met at the smallest
+            step, or `MAXIMUM_STEPS` do not reach the end. The message says where; the state is then that before the call.
         """
         x, x_new, norm = self.x, self._x_new, self._norm
         step = next(s.run for conditions, s in self._steps if all(c[0] == value for c, value in conditions))
+        if fixed := int(self.unit.group("solver")[0]):
+            self._advance_fixed(step, fixed, t, duration)
+            return
         time = self.unit.argument("t")
         before, h_before = x.copy(), self.h
         done, tried, failure = 0.0, 0, ""
@@ -104,7 +109,10 @@ class Integrator(Solver):
                 self.rejected += 1
                 self.h = h * (min(0.9, max(factor, _SHRINK)) if math.isfinite(error) else _SHRINK)
                 if self.h < MINIMUM_STEP:
-                    failure = self._failure(t + done, error)
+                    failure = (
+                        f"at t = {t + done:.9g} s {self._problem(error)}, and the internal step reached its minimum "
+                        f"{MINIMUM_STEP:g} s. {_ADVICE}"
+                    )
             if not failure and tried == MAXIMUM_STEPS and done < duration:
                 failure = (
                     f"at t = {t + done:.9g} s the communication step of {duration:.6g} s is not done after "
@@ -116,16 +124,30 @@ class Integrator(Solver):
                 self.h = h_before
                 raise KernelError(failure)
 
-    def _failure(self, t: float, error: float) -> str:
+    def _advance_fixed(self, step: Callable[[], None], fixed: int, t: float, duration: float) -> None:
+        """Take `fixed` internal steps of one length: the same work in each communication step."""
+        before, time, size, done = self.x.copy(), self.unit.argument("t"), duration / fixed, 0.0
+        for k in range(1, fixed + 1):
+            to = k * size if k < fixed else duration
+            self._h[0] = to - done
+            time[0] = t + done
+            step()
+            if not math.isfinite(error := float(self._norm[0])):
+                self.x[:] = before
+                raise KernelError(
+                    f"at t = {t + done:.9g} s {self._problem(error)}, and the number of internal steps is fixed, "
+                    f"{fixed}. Take shorter communication steps, or solver adaptive."
+                )
+            self.steps += 1
+            self.x[:] = self._x_new
+            done = to
+
+    def _problem(self, error: float) -> str:
         bad = np.flatnonzero(~np.isfinite(self._x_new))
         if len(bad):
-            what = f"state {self._name(int(bad[0]))} is not finite"
-        else:
-            worst = int(np.argmax(np.abs(self._ratio)))
-            what = (
-                f"the local error of state {self._name(worst)} is {error:.3g} times the tolerance {self.tolerance:.3g}"
-            )
-        return f"at t = {t:.9g} s {what}, and the internal step reached its minimum {MINIMUM_STEP:g} s. {_ADVICE}"
+            return f"state {self._name(int(bad[0]))} is not finite"
+        worst = int(np.argmax(np.abs(self._ratio)))
+        return f"the local error of state {self._name(worst)} is {error:.3g} times the tolerance {self.tolerance:.3g}"
 
     def _name(self, i: int) -> str:
         """FMI name of component `i` of the state."""

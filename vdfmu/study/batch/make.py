@@ -52,6 +52,8 @@ def make_program(description: SystemDescription, varied: Iterable[str]) -> Batch
         elif unit.interface.program.left:
             problems.append(f"{name}: switching by time")
         else:
+            if unit.x.size and unit.group("solver")[0]:
+                problems.append(f"{name}.solver: its steps are as long as its tolerance needs")
             problems += _deciding(name, unit, set(varied))
     if problems:
         raise UsageError("\n".join(problems))
@@ -79,7 +81,7 @@ def make_program(description: SystemDescription, varied: Iterable[str]) -> Batch
 def _deciding(name: str, unit: Traced, varied: set[str]) -> list[str]:
     """Return the variables of a unit that cannot vary, since they decide what is compiled."""
     program = unit.interface.program
-    groups = {choice for call in (*program.calls, *program.step) for choice, _ in call.when}
+    groups = {choice for call in (*program.calls, *program.step) for choice, _ in call.when} | {"solver"}
     return [
         f"{name}.{v.name}: decides what is compiled, and can have one value in a study only"
         for v in unit.interface.variables
