@@ -63,7 +63,7 @@ def slider():
 
 def test_variables_stand_in_the_order_of_inputs_states_sampled_outputs_parameters_robot(many):
     assert list(many.groups) == [
-        "u", "q", "s", "y", "k", "period", "mode", "on", "M", "g", "s_0", "q_0", "tolerance", "ell",
+        "u", "q", "s", "y", "k", "period", "mode", "on", "M", "g", "s_0", "q_0", "tolerance", "solver", "ell",
     ]  # fmt: skip
     kinds = {group: many.variables[where.start].causality for group, where in many.groups.items()}
     assert [kinds[group] for group in ("u", "q", "s", "y", "k")] == [
@@ -146,7 +146,7 @@ def test_a_unit_without_start_gets_a_parameter_for_each_state_and_a_tolerance(ma
         def derivatives(self) -> None:
             self.x_dot = 0.0
 
-    assert list(Started.declared) == ["x", "x_dot", "begin", "tolerance"]
+    assert list(Started.declared) == ["x", "x_dot", "begin", "tolerance", "solver"]
 
     class OnlySampled(Unit):
         """Needs no solver."""
@@ -373,9 +373,9 @@ class Loaded(Unit):
 
 def test_a_unit_has_the_variables_of_the_options_that_its_robot_has(slider, with_options):
     bare, bent = Interface(Loaded, slider), Interface(Loaded, with_options("hysteresis"))
-    assert list(bare.groups) == ["y", "tolerance"]
+    assert list(bare.groups) == ["y", "tolerance", "solver"]
     assert (bare.states, bare.derivatives, len(bare.memory)) == (slice(2, 2), slice(2, 2), 3)
-    assert list(bent.groups) == ["x", "y", "x_0", "tolerance"]
+    assert list(bent.groups) == ["x", "y", "x_0", "tolerance", "solver"]
     assert [v.name for v in bent.memory[bent.derivatives]] == ["der(x[1])", "der(x[2])"]
     assert Loaded(with_options("hysteresis"), x_0=2.0).simulate(stop=1.0)["x"][-1] == pytest.approx(2.0 / np.e)
     assert Loaded(slider).simulate(stop=0.1)["y"][-1] == 1.0
