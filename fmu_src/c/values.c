@@ -109,7 +109,7 @@ static inline void store(void *values, Format format, size_t k, double value)
     }
 }
 
-_Static_assert(sizeof(bool) == 1, "a bool is a byte");
+HOLDS(BoolIsByte, sizeof(bool) == 1);
 
 /* ---------------------------------------------------------------- getting */
 

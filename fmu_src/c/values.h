@@ -6,8 +6,11 @@
 
 typedef uint32_t Reference;
 
-_Static_assert(sizeof(int) == sizeof(int32_t), "integers of FMI 2 and FMI 3 are the same");
-_Static_assert(sizeof(unsigned) == sizeof(Reference), "value references of FMI 2 and FMI 3 are the same");
+/* Compiles only where a condition holds; C99 has no _Static_assert. */
+#define HOLDS(name, condition) typedef char name[(condition) ? 1 : -1]
+
+HOLDS(IntegersOfFmi2AndFmi3AreTheSame, sizeof(int) == sizeof(int32_t));
+HOLDS(ReferencesOfFmi2AndFmi3AreTheSame, sizeof(unsigned) == sizeof(Reference));
 
 /* `n` references stand for `n_values` values: as many in FMI 2, the sum of the sizes of the arrays in FMI 3. */
 Status get_reals(Instance *I, const Reference refs[], size_t n, double values[], size_t n_values);

@@ -11,8 +11,9 @@ from tests.conftest import TYPICAL
 from vdfmu.arm.robot import load_robot
 from vdfmu.arm.robot.structure import values
 from vdfmu.arm.units.plant import Plant
-from vdfmu.base.errors import UnitError
+from vdfmu.base.errors import KernelError, UnitError
 from vdfmu.compiler.functions.rodas import ORDER
+from vdfmu.compiler.unit.declaration import SOLVERS
 from vdfmu.compiler.unit.evaluate import Plain, Traced
 from vdfmu.compiler.unit.integrator import Integrator
 from vdfmu.compiler.unit.interface import Interface
@@ -394,3 +395,20 @@ def test_a_motion_that_runs_away_is_not_a_number():
     with np.errstate(over="ignore"):  # in scipy's own products
         ScipySolver(unit).move(0.0, 2.0)
     assert np.isnan(unit.x).all()
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_a_solver_with_a_fixed_number_of_steps_makes_those_and_no_others(count):
+    solver = solver_of(Fading, tolerance=1e-12, solver=SOLVERS.index(f"fixed_{count}"))
+    solver.advance(0.0, 2.0)
+    assert (solver.steps, solver.rejected, solver.h) == (count, 0, 1e-4)
+    # Ends of the steps are rounded: an error of the step of 1e-16, times a slope below 1.
+    np.testing.assert_allclose(solver.x, stepped(Fading, 2.0, count), rtol=1e-15, atol=1e-15)
+
+
+def test_a_fixed_number_of_steps_ends_with_a_reason_where_states_are_not_finite():
+    solver = solver_of(Ramp, solver=SOLVERS.index("fixed_2"), u=1e308, T=1e-9)
+    solver.unit.group("u")[:] = np.inf
+    with pytest.raises(KernelError, match=r"at t = 3 s state x is not finite, .* is fixed, 2\. .* solver adaptive"):
+        solver.advance(3.0, 1.0)
+    assert solver.x[0] == 0.0
