@@ -15,6 +15,8 @@ import rich.box
 import rich.table
 from rich.console import Console
 
+from vdfmu.engine.masters.pace import processor_name
+
 
 @dataclass
 class Table:
@@ -111,7 +113,7 @@ def machine() -> dict[str, Any]:
     import numpy
 
     return {
-        "processor": _processor(),
+        "processor": processor_name(),
         "cores": os.cpu_count(),
         "load_average": [round(v, 2) for v in os.getloadavg()] if hasattr(os, "getloadavg") else None,
         "system": platform.platform(),
@@ -119,15 +121,6 @@ def machine() -> dict[str, Any]:
         "numpy": numpy.__version__,
         "casadi": casadi.CasadiMeta.version(),
     }
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.processor()
-    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.machine()
 
 
 def write_summary(path: Path, facts: dict[str, Any]) -> None:

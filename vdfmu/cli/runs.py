@@ -12,7 +12,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.option import pick
 from vdfmu.cli.options import typer_option
 from vdfmu.cli.terminal import ScenarioArgument, UnpackOption, console, load, say, say_notes, tell, unit_messages
-from vdfmu.cli.view import LiveOption, PortOption, SpeedOption, live_view
+from vdfmu.cli.view import LiveOption, PortOption, live_view
 from vdfmu.engine.options import PackageOptions, SystemOptions
 from vdfmu.study.options import RobotOptions, ScenarioOptions, ScenarioRunOptions
 
@@ -32,7 +32,6 @@ def run(
     ] = None,
     by: Annotated[str | None, typer.Option(help="Of worst and best: by which measure; default the first.")] = None,
     live: LiveOption = False,
-    speed: SpeedOption = None,
     port: PortOption = None,
     **options: Unpack[ScenarioRunOptions],
 ) -> None:
@@ -69,7 +68,7 @@ def run(
     from vdfmu.study.run.scenario_run import RUN_OUTPUTS
     from vdfmu.study.run.scenario_run import run as run_study
 
-    with live_view(live, port, speed) as observer:
+    with live_view(live, port) as observer:
         with unit_messages() as log:
             given |= {"log": log, "observer": observer}
             results = run_study(**given)
@@ -87,7 +86,6 @@ def simulate(
     *,
     unpack_limit: UnpackOption = None,
     live: LiveOption = False,
-    speed: SpeedOption = None,
     port: PortOption = None,
     robot: Annotated[
         str | None,
@@ -105,7 +103,7 @@ def simulate(
     """
     if robot is not None and not live:
         raise UsageError("--robot: expected --live, which it is for.")
-    with live_view(live, port, speed, robot) as observer:
+    with live_view(live, port, robot) as observer:
         options["observer"] = observer
         _run_package(package, unpack_limit, **options)
 

@@ -25,15 +25,6 @@ PortOption = Annotated[
 LiveOption = Annotated[
     bool, typer.Option("--live", help="Show the arm, errors, torques and torsion in a browser while the run goes on.")
 ]
-SpeedOption = Annotated[
-    float | None,
-    typer.Option(
-        metavar="FACTOR",
-        help="Hold a --live run back to this many simulated seconds a second, 1 for real time; default as fast as it "
-        "goes.",
-        show_default=False,
-    ),
-]
 
 
 def view(
@@ -77,14 +68,11 @@ def view(
 
 
 @contextmanager
-def live_view(
-    wanted: bool, port: int | None, speed: float | None, robot: str | None = None
-) -> Generator[LiveView | None]:
+def live_view(wanted: bool, port: int | None, robot: str | None = None) -> Generator[LiveView | None]:
     """Make the view of a run, which stays after it until the user ends it, if the run failed, too."""
     if not wanted:
-        given = [name for name, each in (("--port", port), ("--speed", speed)) if each is not None]
-        if given:
-            raise UsageError(f"{', '.join(given)}: expected --live, which it is for.")
+        if port is not None:
+            raise UsageError("--port: expected --live, which it is for.")
         yield None
         return
     from vdfmu.base.errors import CosimError
@@ -101,7 +89,7 @@ def live_view(
         note = text.removeprefix("note: ")
         say(text) if note == text else say_notes([note])
 
-    with LiveView(port=port, speed=speed, arm=arm, say=tell) as shown:
+    with LiveView(port=port, arm=arm, say=tell) as shown:
         failure: CosimError | None = None
         try:
             yield shown

@@ -69,10 +69,13 @@ class InputOptions(TypedDict, total=False):
 
 
 class ObserverOptions(TypedDict, total=False):
-    """Who sees a run."""
+    """Who sees a run, and when."""
 
     observer: Annotated["Observer | None", Option("Receives rows during the run, such as a "
         ":class:`vdfmu.LiveView`; see `vdfmu.engine.masters.observer`.", "Observer", flag=None)]
+    pace: Annotated[float | None, Option("Hold the run back to this many simulated seconds a second, 1 for real time, "
+        "and report how late rows were; default as fast as it goes.", "float", "See `vdfmu.engine.masters.pace`: "
+        "``pace`` of the summary.", metavar="FACTOR")]
 
 
 class RecordOptions(SpanOptions, ObserverOptions, total=False):

@@ -374,7 +374,7 @@ class Loaded(Unit):
 def test_a_unit_has_the_variables_of_the_options_that_its_robot_has(slider, with_options):
     bare, bent = Interface(Loaded, slider), Interface(Loaded, with_options("hysteresis"))
     assert list(bare.groups) == ["y", "tolerance", "solver"]
-    assert (bare.states, bare.derivatives, len(bare.memory)) == (slice(2, 2), slice(2, 2), 3)
+    assert (bare.states, bare.derivatives, len(bare.memory)) == (slice(3, 3), slice(3, 3), 4)
     assert list(bent.groups) == ["x", "y", "x_0", "tolerance", "solver"]
     assert [v.name for v in bent.memory[bent.derivatives]] == ["der(x[1])", "der(x[2])"]
     assert Loaded(with_options("hysteresis"), x_0=2.0).simulate(stop=1.0)["x"][-1] == pytest.approx(2.0 / np.e)

@@ -109,7 +109,7 @@ def test_a_run_is_seen_while_it_goes_on_and_after_it(browser, tmp_path):
 
     _, terminal = pty.openpty()
     log = tmp_path / "log"
-    words = "run planar_tracking --live --speed 0.1 --stop 2 --no-reference"
+    words = "run planar_tracking --live --pace 0.1 --stop 2 --no-reference"
     with open(log, "w") as file:
         process = subprocess.Popen(
             [sys.executable, "-m", "vdfmu.cli", *words.split()], stdin=terminal, stdout=file,

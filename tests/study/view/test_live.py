@@ -176,25 +176,13 @@ def test_a_torn_row_is_not_drawn():
 )
 def test_where_there_is_no_arm_to_show_it_says_so_once(names, about, why):
     live, said, sent = LiveView.__new__(LiveView), [], []
-    live._arm, live._speed, live._say, live._send = (None, None, said.append, lambda *message: sent.append(message))
+    live._arm, live._say, live._send = (None, said.append, lambda *message: sent.append(message))
     arm = arm_of(vdfmu.load_robot("planar_2dof"), {})
     live.begin(names, {name: arm for name in about} | {"system": "springs", "start": 0.0, "stop": 1.0})
     live.row(0.0, np.zeros(len(names)))
     assert len(said) == len(sent) == 1
     assert why in said[0]
     assert sent[0][:2] == ("words", "springs")
-
-
-def test_a_run_is_held_back_to_a_speed(monkeypatch):
-    slept, now = [], [10.0]
-    monkeypatch.setattr("vdfmu.study.view.live.clock.perf_counter", lambda: now[0])
-    monkeypatch.setattr("vdfmu.study.view.live.clock.sleep", slept.append)
-    live = LiveView.__new__(LiveView)
-    live._speed, live._words, live._began, live._due = 2.0, None, 0.0, 0.0
-    live.row(1.0, np.zeros(0))
-    now[0] += 0.25
-    live.row(2.0, np.zeros(0))  # a second of the run takes half a second
-    assert slept == pytest.approx([0.25])
 
 
 def test_what_is_wrong_is_said_before_the_run(monkeypatch, tmp_path):
@@ -205,9 +193,7 @@ def test_what_is_wrong_is_said_before_the_run(monkeypatch, tmp_path):
         port = taken.getsockname()[1]
         with pytest.raises(UsageError, match=f"port {port}: expected a free port of 127.0.0.1, got: .* in use"):
             open_server(port, "test")
-    with pytest.raises(UsageError, match="speed: expected a positive number, got -1"):
-        LiveView(speed=-1.0)
-    for words in ("run tracking --port 8000", "run tracking --speed 1", "simulate x.ssp --robot planar_2dof"):
+    for words in ("run tracking --port 8000", "simulate x.ssp --robot planar_2dof"):
         done = CliRunner().invoke(app, words.split())
         assert isinstance(done.exception, UsageError)
         assert "expected --live" in str(done.exception)

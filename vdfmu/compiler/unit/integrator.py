@@ -71,7 +71,7 @@ class Integrator(Solver):
         ------
         KernelError
             If the state is no longer finite or, under error control, the tolerance cannot be met at the smallest
-            step, or `MAXIMUM_STEPS` do not reach the end. The message says where; the state is then that before the call.
+            step, or `MAXIMUM_STEPS` do not reach the end. The message says where; the state is that before the call.
         """
         x, x_new, norm = self.x, self._x_new, self._norm
         step = next(s.run for conditions, s in self._steps if all(c[0] == value for c, value in conditions))

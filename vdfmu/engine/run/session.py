@@ -22,6 +22,7 @@ from vdfmu.engine.masters.components import Components, failure_message
 from vdfmu.engine.masters.continuous import ContinuousStepper
 from vdfmu.engine.masters.exchange import SampledStepper, largest_step
 from vdfmu.engine.masters.observer import Observer, Visitor, observed, visited
+from vdfmu.engine.masters.pace import Pace
 from vdfmu.engine.masters.probe import Probe
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.unpacked import no_room, unpack_units
@@ -157,8 +158,9 @@ class Run:
         observer: Observer | None = None,
         probe: Probe | None = None,
         visitor: Visitor | None = None,
+        speed: float | None = None,
     ) -> Results:
-        """Do the steps and return the results."""
+        """Do the steps, at a `speed` if there is one, and return the results."""
         box, stepper = self.box, self.stepper
         exchange, one = self.exchange, self.stepping(begin, end, step, n)
         signals, data, store = exchange.recorders(ROWS if stream else n + 1, record)
@@ -171,6 +173,9 @@ class Run:
 
         def results() -> Results:
             self.summary["wall_s"] = clock.perf_counter() - began - (recorder.seconds if recorder else 0.0)
+            if pace is not None:
+                self.summary["wall_s"] -= pace.waited
+                self.summary["pace"] = pace.facts()
             self.summary |= stepper.facts()
             if recorder:
                 self.summary["copies"] = copies_of(signals)
@@ -203,10 +208,13 @@ class Run:
             store = probe.keeping(self.components, self.checked, begin, n, store)
         if visitor is not None and isinstance(self.components, Components):
             store = visited(visitor, self.components, n, begin, step, store)
+        guard = InterruptGuard()
+        pace = None if speed is None else Pace(speed, step, store, lambda: guard.number != 0)
+        if pace is not None:
+            store = pace.store
         self._save = save
         began = clock.perf_counter()
         stride = max(1, -(-n // 100))
-        guard = InterruptGuard()
         try:
             with guard, np.errstate(invalid="ignore"):  # finite() looks for them
                 stepper.pressed = lambda: guard.number != 0

@@ -147,7 +147,7 @@ class Simulator:
             run.stepper = run.components.couple(adaptive, self._options["convergence"], end - begin, record)
             with shown_steps(options["progress"], "co-simulation") as advance:
                 run.results = run.steps(
-                    begin, end, step, n, record, advance, files, options["observer"], probe, visitor
+                    begin, end, step, n, record, advance, files, options["observer"], probe, visitor, options["pace"]
                 )
         return run.results
 

@@ -202,6 +202,12 @@ def facts(summary: Summary) -> list[tuple[str, str]]:
     found = [(name, form.format(summary[key])) for name, (key, form) in lines.items() if summary.get(key) is not None]
     if summary.get("fmi", FMI_2.name) != FMI_2.name:
         found = [(name, f"{text} of FMI {summary['fmi']}" if name == "Units" else text) for name, text in found]
+    pace: Summary | None = summary.get("pace")
+    if pace is not None:
+        p50, p99_9, worst = (f"{1e6 * pace[f'late_{each}_s']:.3g}" for each in ("p50", "p99_9", "worst"))
+        late = f"rows {p50} µs late (p50), {p99_9} (p99.9), {worst} (worst, row {pace['worst_row']})"
+        found.append(("Pace", f"{pace['speed']:g} s a second; {late}; {pace['overruns']} of {pace['rows']} overran"))
+        found.append(("Machine", pace["machine"]))
     done: Summary | None = summary.get("communication")
     if done is not None:
         lengths = dict.fromkeys(f"{1e3 * done[key]:.3g}" for key in ("shortest_step", "longest_step"))

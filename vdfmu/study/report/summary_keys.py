@@ -53,6 +53,10 @@ _STEPS = Record(
     {"steps": WHOLE, "rejected": WHOLE, "unit_steps": WHOLE, "shortest_step": NUMBER, "longest_step": NUMBER},
     {"jumps": WHOLE, "convergence": NUMBER},
 )
+_PACE = Record({
+    "speed": NUMBER, "rows": WHOLE, "overruns": WHOLE, "late_p50_s": NUMBER, "late_p99_9_s": NUMBER,
+    "late_worst_s": NUMBER, "worst_row": WHOLE, "machine": TEXT,
+})  # fmt: skip
 _GAINS = Record({"K_p_paper": _VECTOR, "K_p": _VECTOR})
 _SHARES = Record(dict.fromkeys(("torque", "speed", "stop"), _VECTOR))
 _SEPARATION = Record({"change": NUMBER, "max_position_difference_rad": NUMBER})
@@ -106,6 +110,7 @@ KEYS: Mapping[str, Key] = {
     "warnings": Key(_LINES, "Notes of runs of earlier versions."),
     "wall_s": Key(NUMBER, "Wall time of the steps [s]."),
     "real_time_factor": Key(NUMBER, "Time of the run over wall time."),
+    "pace": Key(_PACE, "Speed to which the run was held back, and how late its rows were [s], by machine."),
     "communication": Key(_STEPS, "Steps of an algorithm that repeats or adapts them, and their lengths [s]."),
     "copies": Key(Keyed(Keyed(TEXT)), "Rows of delay to the signals left out of the results, each with its original."),
     **{f"{suffix[1:]}_bytes": Key(WHOLE, f"Size of results{suffix}.") for suffix in FORMATS},

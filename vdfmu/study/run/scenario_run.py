@@ -189,7 +189,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
             results = simulated(
                 scenario, package, progress=bound(report, "co-simulation"), log=log, about=summary, observer=observer,
                 stream=[] if out is False else [partial / f"results.{form}" for form in formats], probe=witness.probe,
-                visitor=poses,
+                visitor=poses, pace=options["pace"],
             )  # fmt: skip
         except (CosimError, Interrupted) as error:
             unstable = explain(error, poses)

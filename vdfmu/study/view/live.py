@@ -28,8 +28,6 @@ SIGNALS = {"q": "plant.q", "q_d": "trajectory.q_d", "tau": "controller.tau", "ka
 """Drawn quantities, and the arrays that hold them; the first is needed."""
 HEAD = 2
 """Words before the values of a row: how often it was begun or completed, and its time."""
-_LEAST = 0.005
-"""Least time by which a run is held back, if at all [s]: shorter sleeps are not exact."""
 
 
 class LiveView:
@@ -42,8 +40,6 @@ class LiveView:
     ----------
     port : int, optional
         Port on loopback; default a free one.
-    speed : float, optional
-        Simulated time over wall time that the run is held back to, 1 for real time; default as fast as possible.
     arm : mapping, optional
         See :func:`vdfmu.study.report.content.arm_of`; for a system that does not name its arm.
     say : callable, optional
@@ -52,33 +48,25 @@ class LiveView:
     Raises
     ------
     UsageError
-        viser is missing, the port is taken, or `speed` is not positive.
+        viser is missing, or the port is taken.
     VdfmuError
         The process cannot be started.
 
     Examples
     --------
-    >>> with vdfmu.LiveView(speed=1) as live:
-    ...     results = vdfmu.run("tracking", observer=live)
+    >>> with vdfmu.LiveView() as live:
+    ...     results = vdfmu.run("tracking", observer=live, pace=1)
     ...     live.stay()
     """
 
     def __init__(
-        self,
-        *,
-        port: int | None = None,
-        speed: float | None = None,
-        arm: Mapping[str, Any] | None = None,
-        say: Callable[[str], None] = print,
+        self, *, port: int | None = None, arm: Mapping[str, Any] | None = None, say: Callable[[str], None] = print
     ) -> None:
-        if speed is not None and not 0.0 < speed < np.inf:
-            raise UsageError(f"speed: expected a positive number, got {speed:g}.")
         needed()
         self.wanted: Sequence[str] = [f"{name}[*]" for name in SIGNALS.values()]
-        self.period = 0.0 if speed else PERIOD
-        self._speed, self._arm, self._say = speed, arm, say
+        self.period = PERIOD
+        self._arm, self._say = arm, say
         self._words: Floats | None = None
-        self._due, self._began, self._first = 0.0, 0.0, 0.0
         self._clients, self._said, self._ended = 0, "", False
         self._stack = ExitStack()
         try:
@@ -143,7 +131,6 @@ class LiveView:
         places = _places(names, 0 if arm is None else len(arm["types"]))
         title = str(about.get("scenario") or about.get("system") or "")
         self._words = None
-        self._due = self._began = 0.0
         if arm is None or "q" not in places:
             why = (
                 "no robot is known; --robot, or arm of LiveView, names one"
@@ -161,20 +148,13 @@ class LiveView:
         self._send("begin", title, arm, path, places, float(about["start"]), float(about["stop"]))
 
     def row(self, time: float, values: Floats) -> None:
-        """Take a row; hold the run back if wanted."""
-        words, now = self._words, clock.perf_counter()
-        if words is not None and now >= self._due:
-            self._due = now + PERIOD
+        """Take a row."""
+        words = self._words
+        if words is not None:
             words[0] += 1.0
             words[1] = time
             words[HEAD:] = values
             words[0] += 1.0
-        if self._speed:
-            if not self._began:
-                self._began, self._first = now, time
-            ahead = (time - self._first) / self._speed - (now - self._began)
-            if ahead > _LEAST:
-                clock.sleep(ahead)
 
     def end(self, results: Results) -> None:
         """Show the recorded rows with a slider for the time."""

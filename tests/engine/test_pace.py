@@ -1,0 +1,74 @@
+"""A run that is held back to the clock: no row before it is due, and how late rows were."""
+
+import numpy as np
+import pytest
+
+from vdfmu.base.errors import UsageError
+from vdfmu.engine.masters import pace
+from vdfmu.engine.masters.pace import Pace, machine_name
+
+
+class _Clock:
+    """A clock that goes on by what is done, and by a microsecond each time that it is looked at."""
+
+    def __init__(self):
+        self.now = 10.0
+
+    def perf_counter(self):
+        """Time [s]."""
+        self.now += 1e-6
+        return self.now
+
+    def sleep(self, seconds):
+        """Wait [s]."""
+        assert 0.0 < seconds <= 0.1
+        self.now += seconds
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    found = _Clock()
+    monkeypatch.setattr(pace, "clock", found)
+    return found
+
+
+def test_rows_are_stored_and_left_when_they_are_due(clock):
+    stored = []
+    paced = Pace(2.0, 1.0, lambda k: stored.append((k, clock.now)))
+    for k in range(4):
+        paced.store(k)
+        clock.now += 0.1  # work
+        # A second of the run takes half a second; the clock is looked at once a microsecond.
+        assert clock.now - 0.1 - stored[0][1] == pytest.approx(0.5 * k, abs=3e-6)
+    assert [k for k, _ in stored] == [0, 1, 2, 3]
+    facts = paced.facts()
+    assert (facts["speed"], facts["rows"], facts["overruns"]) == (2.0, 3, 0)
+    assert 0.0 <= facts["late_p50_s"] <= facts["late_worst_s"] < 3e-6
+    assert paced.waited == pytest.approx(3 * 0.4, abs=2e-5)
+    assert facts["machine"] == machine_name() != ""
+
+
+def test_a_row_that_takes_too_long_is_late_and_the_next_ones_catch_up(clock):
+    taken = iter([0.0, 0.1, 0.1, 0.75, 0.1, 0.1])
+    paced = Pace(1.0, 0.5, lambda _: clock.sleep_for(next(taken)))
+    clock.sleep_for = lambda seconds: setattr(clock, "now", clock.now + seconds)
+    for k in range(6):
+        paced.store(k)
+    facts = paced.facts()
+    assert (facts["overruns"], facts["worst_row"]) == (1, 3)
+    assert facts["late_worst_s"] == pytest.approx(0.25, abs=1e-5)
+    assert facts["late_p50_s"] < 1e-5  # row 5 is on time again
+
+
+def test_a_run_that_the_user_stops_waits_no_longer(clock):
+    pressed = iter([False, False, True, True, True])
+    paced = Pace(1e-3, 1.0, lambda _: None, lambda: next(pressed))
+    paced.store(0)
+    paced.store(1)  # due in 1000 s
+    assert clock.now < 10.3
+
+
+@pytest.mark.parametrize("speed", [0.0, -1.0, np.inf, np.nan])
+def test_a_speed_is_positive(speed):
+    with pytest.raises(UsageError, match="pace: expected a positive number of simulated seconds a second, got"):
+        Pace(speed, 1e-3, print)
