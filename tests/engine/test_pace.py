@@ -35,15 +35,16 @@ def clock(monkeypatch):
 def test_rows_are_stored_and_left_when_they_are_due(clock):
     stored = []
     paced = Pace(2.0, 1.0, lambda k: stored.append((k, clock.now)))
-    for k in range(4):
+    for k in range(5):
         paced.store(k)
+        if k:  # A second of the run takes half a second; the clock is looked at once a microsecond.
+            assert clock.now - stored[1][1] == pytest.approx(0.5 * (k - 1), abs=3e-6)
         clock.now += 0.1  # work
-        # A second of the run takes half a second; the clock is looked at once a microsecond.
-        assert clock.now - 0.1 - stored[0][1] == pytest.approx(0.5 * k, abs=3e-6)
-    assert [k for k, _ in stored] == [0, 1, 2, 3]
+    assert [k for k, _ in stored] == [0, 1, 2, 3, 4]
     facts = paced.facts()
     assert (facts["speed"], facts["rows"], facts["overruns"]) == (2.0, 3, 0)
     assert 0.0 <= facts["late_p50_s"] <= facts["late_worst_s"] < 3e-6
+    assert stored[1][1] - stored[0][1] == pytest.approx(0.1, abs=3e-6)  # the first step is not waited for
     assert paced.waited == pytest.approx(3 * 0.4, abs=2e-5)
     assert facts["machine"] == machine_name() != ""
 
@@ -64,7 +65,8 @@ def test_a_run_that_the_user_stops_waits_no_longer(clock):
     pressed = iter([False, False, True, True, True])
     paced = Pace(1e-3, 1.0, lambda _: None, lambda: next(pressed))
     paced.store(0)
-    paced.store(1)  # due in 1000 s
+    paced.store(1)
+    paced.store(2)  # due in 1000 s
     assert clock.now < 10.3
 
 

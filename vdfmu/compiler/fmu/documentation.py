@@ -102,6 +102,11 @@ def _use(content: Content) -> str:
             "<code>tolerance</code> bounds the local error, relative and absolute in SI units. A smaller tolerance of "
             f"the experiment replaces it. Any communication step will do. {held}.</p>"
         )
+        if "solver" in interface.groups:
+            lines.append(
+                "<p><code>solver</code> fixes the number of internal steps in each communication step, which then has "
+                "the same work whatever the error.</p>"
+            )
     if content.backend == "native" and interface.has_states:
         lines.append(
             "<p><b>Model exchange.</b> The equations may be stiff: use an implicit solver (CVODE with BDF, Radau, "

@@ -16,13 +16,13 @@ from vdfmu.engine.results.formats import Stream, format_of
 from vdfmu.engine.results.recorded import Signal, no_rows
 
 ROWS = 512
-"""Most rows that are kept in memory."""
-_SECONDS = 2.0
+"""Most rows that are kept in memory, except in a run that is held back to the clock."""
+SECONDS = 2.0
 """Longest time that a row is kept in memory, if another follows."""
 
 
 class Recorder:
-    """Writes rows to disk block by block, at least every two seconds.
+    """Writes rows to disk block by block, at least every two seconds or the time that is given.
 
     Parameters
     ----------
@@ -31,12 +31,14 @@ class Recorder:
         messages, and the numbers go to its folder: it is written when all rows are there.
     signals : sequence of Signal
         Copies of others are left out: ``summary.json`` has their names.
-    data : mapping of str to (`ROWS`, columns) array
+    data : mapping of str to (rows, columns) array
         The block, by kind.
     put : callable
         Called as ``put(i)`` to store the current signals in row `i` of the block.
     times : callable
         Called as ``times(first, end)``: the times [s] of the rows from `first` to before `end`, (end - first,).
+    longest : float [s]
+        Longest wall time that a row is kept in memory, if another follows.
 
     Attributes
     ----------
@@ -56,13 +58,14 @@ class Recorder:
         data: Mapping[str, NDArray[Any]],
         put: Callable[[int], None],
         times: Callable[[int, int], Floats],
+        longest: float = SECONDS,
     ) -> None:
         streams = [(path, stream) for path in paths if (stream := format_of(path).streams)]
         self._path, self._data = streams[0][0] if streams else paths[0], data
         self._signals = [signal for signal in signals if not signal.of]
         self._put, self._times = put, times
-        self._first = 0
-        self._due = clock.perf_counter() + _SECONDS
+        self._first, self._rows, self._longest = 0, min(map(len, data.values()), default=ROWS), longest
+        self._due = clock.perf_counter() + longest
         self.seconds = 0.0
         self._files: dict[str, BinaryIO] = {}
         self._texts: list[tuple[BinaryIO, Stream]] = []
@@ -79,7 +82,7 @@ class Recorder:
 
     def store(self, k: int) -> None:
         """Store row `k`, the one after the last."""
-        if k - self._first == ROWS or clock.perf_counter() > self._due:
+        if k - self._first == self._rows or clock.perf_counter() > self._due:
             self._flush(self._times(self._first, k))
         self._put(k - self._first)
 
@@ -118,7 +121,7 @@ class Recorder:
         self._first += len(time)
         now = clock.perf_counter()
         self.seconds += now - began
-        self._due = now + _SECONDS
+        self._due = now + self._longest
 
     @staticmethod
     def _write(file: BinaryIO, content: bytes) -> None:

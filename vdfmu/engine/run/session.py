@@ -7,7 +7,7 @@ import signal
 import tempfile
 import time as clock
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,7 +28,7 @@ from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.unpacked import no_room, unpack_units
 from vdfmu.engine.results.formats import format_of, suffix_of
 from vdfmu.engine.results.recorded import copies_of
-from vdfmu.engine.results.recorder import ROWS, Recorder
+from vdfmu.engine.results.recorder import ROWS, SECONDS, Recorder
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.exits import report_exits
 from vdfmu.engine.run.isolated import Isolated, Limits
@@ -163,7 +163,7 @@ class Run:
         """Do the steps, at a `speed` if there is one, and return the results."""
         box, stepper = self.box, self.stepper
         exchange, one = self.exchange, self.stepping(begin, end, step, n)
-        signals, data, store = exchange.recorders(ROWS if stream else n + 1, record)
+        signals, data, store = exchange.recorders(ROWS if stream and speed is None else n + 1, record)
         recorder = None
         pending = box.pending
         done = -1  # the last complete row
@@ -199,7 +199,7 @@ class Run:
             return f" The rows so far are in {' and '.join(map(str, stream))}." if stream and done >= 0 else ""
 
         if stream:
-            recorder = Recorder(stream, signals, data, store, times)
+            recorder = Recorder(stream, signals, data, store, times, SECONDS if speed is None else np.inf)
             store = recorder.store
         if observer is not None:
             store = observed(observer, exchange, self.summary, begin, step, store)
@@ -216,7 +216,7 @@ class Run:
         began = clock.perf_counter()
         stride = max(1, -(-n // 100))
         try:
-            with guard, np.errstate(invalid="ignore"):  # finite() looks for them
+            with guard, pace or nullcontext(), np.errstate(invalid="ignore"):  # finite() looks for them
                 stepper.pressed = lambda: guard.number != 0
                 exchange.refuse_not_finite("initialization", begin)
                 store(0)
