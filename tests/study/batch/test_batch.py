@@ -183,6 +183,8 @@ def test_a_point_that_ends_the_process_costs_its_own_row(tmp_path):
     ("over", "options", "words"),
     [
         ({"feedforward.mode": "vdc, inverse"}, {}, r"feedforward.mode: decides what is compiled"),
+        ({"plant.solver": "adaptive, fixed_1"}, {}, r"plant.solver: decides what is compiled"),
+        ({"plant.mass[1]": "1, 2"}, {"settings": {"plant.solver": "fixed_1"}}, r"plant.solver: expected adaptive"),
         ({"plant.mass[1]": "1, 2"}, {"master": "iterative"}, "master: expected gauss-seidel or jacobi, got iterative"),
     ],
 )

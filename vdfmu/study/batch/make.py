@@ -53,7 +53,7 @@ def make_program(description: SystemDescription, varied: Iterable[str]) -> Batch
             problems.append(f"{name}: switching by time")
         else:
             if unit.x.size and unit.group("solver")[0]:
-                problems.append(f"{name}.solver: its steps are as long as its tolerance needs")
+                problems.append(f"{name}.solver: expected adaptive")
             problems += _deciding(name, unit, set(varied))
     if problems:
         raise UsageError("\n".join(problems))
