@@ -205,7 +205,7 @@ def _add_source(files: Element, name: str, header: str, block: SampledBlock) -> 
     constants = _add(file, "Variables")
     for v in block.of("constant"):
         variable = _add(constants, "Variable", id=f"constant.{v.name}", name=constant_name(block, v),
-                        typeDefRefId=f"type.{c_type(v, block)}", const="true", static=boolean(True))  # fmt: skip
+                        typeDefRefId=f"type.{c_type(v, block)}", const="true", static=boolean(v.name != PERIOD))  # fmt: skip
         _add_size(variable, v)
     functions = _add(file, "Functions")
     for method in METHODS:

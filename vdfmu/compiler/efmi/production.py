@@ -80,7 +80,10 @@ typedef struct {{
 {listed}    uint32_t errorSignals; /* of the last call */
 }} {name};
 
-/* Startup once, Recalibrate after tunable parameters have changed, DoStep every {block.period!r} s. */
+/* Time from one DoStep to the next [s] */
+extern const {name}_Real {name}_{PERIOD};
+
+/* Startup once, Recalibrate after tunable parameters have changed, DoStep every period. */
 {methods}
 #endif
 """
@@ -144,7 +147,8 @@ def _literal(value: float, precision: Precision) -> str:
 def _constant(v: BlockVariable, block: SampledBlock, precision: Precision) -> str:
     values = [_value(v, value, precision) for value in v.start]
     text = f"{{\n{fields(values)}\n}}" if v.size else values[0]
-    return f"{_remark(v.unit, v.description)}\nstatic const {c_type(v, block)} {constant_name(block, v)}{_size(v)} = {text};\n"
+    scope = "" if v.name == PERIOD else "static "  # the period is for the caller
+    return f"{_remark(v.unit, v.description)}\n{scope}const {c_type(v, block)} {constant_name(block, v)}{_size(v)} = {text};\n"
 
 
 def _function(block: SampledBlock, call: Call, precision: Precision) -> str:
