@@ -5,12 +5,13 @@ from __future__ import annotations
 import ctypes as ct
 import xml.etree.ElementTree as ET
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from tests.compiler.native.conftest import run
 from vdfmu.compiler.c.compile import compile_library
 from vdfmu.compiler.c.platforms import this_platform
 
@@ -48,19 +49,42 @@ class Efmu:
 
     def size(self, name: str) -> int:
         """Number of elements of a variable."""
-        (variable,) = (v for v in self.variables.values() if v.attrib["name"] == name)
-        dimension = variable.find("Dimensions/Dimension")
+        dimension = self._variable(name).find("Dimensions/Dimension")
         return 1 if dimension is None else int(dimension.attrib["size"])
+
+    def is_array(self, name: str) -> bool:
+        """Whether a variable is an array."""
+        return self._variable(name).find("Dimensions") is not None
+
+    def _variable(self, name: str) -> ET.Element:
+        (variable,) = (v for v in self.variables.values() if v.attrib["name"] == name)
+        return variable
+
+    def write(self, path: Path) -> None:
+        """Write the files as an eFMU."""
+        with zipfile.ZipFile(path, "w") as archive:
+            for name, content in self.files.items():
+                archive.writestr(name, content)
 
 
 class Production:
-    """The production code of an eFMU, compiled here, and its block."""
+    """The production code of an eFMU, compiled here, and its block.
 
-    def __init__(self, efmu: Efmu, folder: Path, flags: Sequence[str] = ()) -> None:
+    The package's compiler makes the library, or gcc where it is given: that with numbers of double precision calls no
+    other functions than FMUs do.
+    """
+
+    def __init__(self, efmu: Efmu, folder: Path, gcc: str = "") -> None:
         self.efmu = efmu
-        flags = ("-std=c99", "-pedantic", "-Wconversion", "-Werror", "-fvisibility=default", *flags)
         library = folder / f"{efmu.name}.so"
-        library.write_bytes(compile_library(efmu.code, this_platform(), name=efmu.name, flags=flags))
+        flags = ("-std=c99", "-pedantic", "-Wconversion", "-Werror", "-fvisibility=default")
+        if gcc:
+            for name, text in efmu.code.items():
+                (folder / name).write_bytes(text)
+            options = [*flags, "-Wall", "-Wextra", "-O2", "-ffp-contract=off", "-shared", "-fPIC"]
+            run([gcc, *options, "-o", library, folder / f"{efmu.name}.c", "-lm"])
+        else:
+            library.write_bytes(compile_library(efmu.code, this_platform(), name=efmu.name, flags=flags))
         self._library = ct.CDLL(str(library))
         root = efmu.production
         targets = {t.attrib["id"]: _KINDS.get(t.attrib["kind"]) for t in root.iter("TargetType")}
