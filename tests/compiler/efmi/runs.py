@@ -12,7 +12,11 @@ import numpy as np
 from fmpy.fmi2 import FMU2Slave
 
 from tests.compiler.efmi.efmu import Efmu, Rows
+from vdfmu import simulate, write_ssp
 from vdfmu.compiler.unit.trace import argument_name
+from vdfmu.system.scenario import load_scenario
+from vdfmu.system.scenario.parts import build_parts
+from vdfmu.system.scenario.values import system_values
 
 STEP = 1e-3
 
@@ -62,3 +66,35 @@ def of_fmu(path: Path, inputs: Rows, steps: int) -> Rows:
                 found[name].append(unit.getReal(places[name]))
         unit.freeInstance()
     return {argument_name(name): np.array(values) for name, values in found.items()}
+
+
+class ScenarioRun:
+    """A run of a scenario by the package's master, with what each unit was given and gave in each step."""
+
+    def __init__(self, name: str, folder: Path) -> None:
+        self._scenario = load_scenario(name)
+        self._values = system_values(self._scenario)
+        fmus = build_parts(self._scenario, folder, self._values, backend="native")
+        package = write_ssp(self._scenario, fmus, folder / "system.ssp", self._values)
+        self._results = simulate(package, progress=False)
+
+    def efmus(self, folder: Path, precision: str) -> dict[str, Path]:
+        """Return component to its eFMU, with the scenario's values."""
+        return build_parts(self._scenario, folder, self._values, target="efmi", precision=precision)
+
+    def _signals(self, component: str, names: list[str]) -> Rows:
+        columns = {
+            signal.partition(".")[2]: np.asarray(self._results[signal])[1:]  # row k is of the step that ends there
+            for signal in self._results
+            if signal.partition(".")[0] == component
+        }
+        return grouped(columns, names)
+
+    def inputs(self, component: str, efmu: Efmu) -> Rows:
+        """Inputs of each step."""
+        return self._signals(component, efmu.names("input"))
+
+    def outputs(self, component: str, efmu: Efmu) -> Rows:
+        """Outputs of each step."""
+        return self._signals(component, efmu.names("output"))
+

@@ -1,7 +1,7 @@
 /* Runs the block of a production code over a file of inputs, on a Cortex-M of QEMU's mps2 boards.
  *
  * UNIT is the name of the block, INPUTS and OUTPUTS the numbers of its inputs and outputs, which its structure begins
- * with. Files are read and written by semihosting; SysTick counts, at -icount shift=5 a tick for 40 / 32 instructions.
+ * with, ROWS the address of 16 MB of memory outside the chip. Files are read and written by semihosting; SysTick counts, at -icount shift=5 a tick for 40 / 32 instructions.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -22,7 +22,7 @@ enum { OPEN = 1, CLOSE = 2, WRITE = 5, READ = 6, EXIT = 0x18, DONE = 0x20026 };
 
 extern uint32_t stack_low[], stack_top[], data_from[], data_low[], data_high[], bss_low[], bss_high[];
 static UNIT block;
-static Real *const rows = (Real *)0x21000000u; /* 16 MB of memory outside the chip */
+static Real *const rows = (Real *)ROWS;
 
 static uint32_t semihosting(uint32_t call, const void *arguments)
 {
@@ -70,7 +70,9 @@ static void run(void)
     } found = {.least = UINT32_MAX, .structure = sizeof block};
     uint32_t file = open_file("inputs.bin", 1);
     const uint32_t room = 0x1000000u;
-    const uint32_t size = room - move(READ, file, rows, room);
+    uint32_t size = 0;
+    for (uint32_t part = 1; part; size += part) /* as much as comes at once */
+        part = room - size - move(READ, file, (char *)rows + size, room - size);
     (void)move(CLOSE, file, NULL, 0);
     SYSTICK[1] = 0xFFFFFFu;
     SYSTICK[2] = 0;
