@@ -34,6 +34,7 @@ class Precision:
 PRECISIONS = {"double": Precision("double", "", 64), "float32": Precision("float", "f", 32)}
 """Name to type of the numbers in production code."""
 _LITERAL = re.compile(r"\b\d+\.\d*(?:e[+-]?\d+)?")
+_TRUTH = re.compile(r"(\{0\} [<>=!]+ (?:\{1\}|0\.0)) \?")
 _CALL = re.compile(r"\b([a-z]\w*)\(")
 
 
@@ -64,7 +65,8 @@ def header_text(block: SampledBlock, precision: Precision) -> str:
         f"    {c_type(v, block)} {c_name(v)}{_size(v)}; {_remark(v.causality, v.unit, v.description)}\n"
         for v in members(block)
     )
-    bits = "".join(f"#define {name}_{signal} {bit}U\n" for signal, bit in SIGNALS.items())
+    used = {signal: bit for signal, bit in SIGNALS.items() if signal == "NAN" or block.bounded}
+    bits = "".join(f"#define {name}_{signal} {bit}U\n" for signal, bit in used.items())
     methods = "".join(f"void {name}_{method}({name} *self);\n" for method in METHODS)
     return f"""{_head(block)}#ifndef {name.upper()}_H
 #define {name.upper()}_H
@@ -187,8 +189,9 @@ def _language(block: SampledBlock, call: Call, precision: Precision) -> Language
 
 
 def _expressions(precision: Precision) -> dict[int, str]:
-    """Return operation to text: truths as C has them, literals and functions of the precision."""
-    texts = EXPRESSIONS | {k: EXPRESSIONS[k].replace("&", "&&").replace("|", "||") for k in (ca.OP_AND, ca.OP_OR)}
+    """Return operation to text: truths in parentheses, literals and functions of the precision."""
+    texts = {k: _TRUTH.sub(r"(\1) ?", text) for k, text in EXPRESSIONS.items()}
+    texts |= {k: EXPRESSIONS[k].replace("&", "&&").replace("|", "||") for k in (ca.OP_AND, ca.OP_OR)}
     return {
         k: _CALL.sub(rf"\g<1>{precision.suffix}(", _LITERAL.sub(rf"\g<0>{precision.suffix}", text))
         for k, text in texts.items()
