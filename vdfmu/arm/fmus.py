@@ -78,8 +78,8 @@ def build_fmus(
     Raises
     ------
     UsageError
-        If a unit, variable, backend, platform or target does not exist, a start value is not allowed, or a unit cannot be
-        built for the target.
+        If a unit, variable, backend, platform or target does not exist, a start value is not allowed, or a unit cannot
+        be built for the target.
     UnitError
         If a unit is declared wrongly, or its methods cannot be run or traced.
     ModelError

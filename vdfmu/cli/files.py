@@ -38,7 +38,8 @@ def build(
     scenario: Annotated[
         str,
         typer.Argument(
-            metavar="SCENARIO|UNIT", help="Name or file of a scenario, or a unit: controller, my_unit.py or my_units.py:Name."
+            metavar="SCENARIO|UNIT",
+            help="Name or file of a scenario, or a unit: controller, my_unit.py or my_units.py:Name.",
         ),
     ] = "tracking",
     robot: RobotOption = None,
@@ -169,8 +170,7 @@ def ssp(
     from vdfmu.base.temporary import temporary_folder
     from vdfmu.system.package.versions import fmi_of_format
     from vdfmu.system.package.write import write_ssp
-    from vdfmu.study.run.scenario_run import prepare
-    from vdfmu.system.scenario.parts import build_parts, left_out
+    from vdfmu.system.scenario.parts import build_parts
 
     fmi_version = fmi_of_format(form, backend)
     name = f"{chosen.name}{'_decomposed' * apart}{f'_{form}' * (form != SSP_1.name)}"

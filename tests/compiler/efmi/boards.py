@@ -54,7 +54,7 @@ class OnBoard(NamedTuple):
     code: int
     """Code and constants of the block."""
     flash: int
-    """Those of the whole program, with the math library and, where there is no unit for them, floating-point numbers."""
+    """That of the whole program, with the math library and, where there is no unit for it, arithmetic."""
     ram: int
     stack: int
     mean: float
@@ -73,7 +73,14 @@ def on_board(efmu: Efmu, board: Board, inputs: Rows, folder: Path) -> OnBoard:
     widths = {name: efmu.size(name) for name in efmu.names("input")}
     zig = [sys.executable, "-m", "ziglang", "cc", "-target", "thumb-freestanding-eabihf", f"-mcpu={board.cpu}", "-O2"]
     # with its own name for the folder of the headers: else zig takes an object that it made with others
-    flags = ["-ffp-contract=off", "-ffunction-sections", "-fdata-sections", f"-I{folder}", "-isystem", "/usr/include/newlib"]
+    flags = [
+        "-ffp-contract=off",
+        "-ffunction-sections",
+        "-fdata-sections",
+        f"-I{folder}",
+        "-isystem",
+        "/usr/include/newlib",
+    ]
     defined = {"UNIT": efmu.name, "INPUTS": sum(widths.values()), "OUTPUTS": sum(outputs.values()), "ROWS": board.rows}
     run([*zig, "-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror", *flags, "-c",
          f"{efmu.name}.c", "-o", "unit.o"], cwd=folder, seconds=600)  # fmt: skip
@@ -123,8 +130,9 @@ def table() -> str:
                     made, expected = on_board(efmu, board, whole.inputs(name, efmu), work), whole.outputs(name, efmu)
                     torque, made_torque = (signals[efmu.names("output")[0]] for signals in (expected, made.outputs))
                     error = np.max(np.abs(made_torque - torque)) / np.max(np.abs(torque))
-                    rows.append(f"| {efmu.name} | {precision} | {board.name} | {made.code:,} | {made.flash:,} | "
-                                f"{made.ram:,} | {made.stack:,} | {made.mean:,.0f} | {made.most:,.0f} | {error:.1g} |")  # fmt: skip
+                    numbers = (made.code, made.flash, made.ram, made.stack, round(made.mean), round(made.most))
+                    cells = [efmu.name, precision, board.name, *(f"{n:,}" for n in numbers), f"{error:.1g}"]
+                    rows.append(f"| {' | '.join(cells)} |")
     return "\n".join(rows)
 
 

@@ -1,8 +1,8 @@
 """Runs the official checker of eFMUs, `python check.py X.fmu`, in an empty folder.
 
 ``efmi-compliancechecker.zip`` is the folder ``complianceChecker`` of github.com/modelica/efmi-compliancechecker at
-commit bbe0b92e, unchanged, with its licence, BSD of three clauses. It was written for lark 0.12, of which later versions
-differ in a default and in where a tree says its line, and for a mode of `open` that Python 3.11 no longer has.
+commit bbe0b92e, unchanged, with its licence, BSD of three clauses. It was written for lark 0.12: later versions differ
+in a default and in where a tree says its line. And it uses a mode of `open` that Python 3.11 no longer has.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if __name__ == "__main__":
     builtins.open = _opened
     colorama.init = lambda: None  # leaves findings red, of which they are known
     lark.Lark = functools.partial(lark.Lark, maybe_placeholders=False)
-    lark.Tree.line = property(lambda tree: tree.meta.line)
+    setattr(lark.Tree, "line", property(lambda tree: tree.meta.line))  # noqa: B010
     sys.path.insert(0, str(Path(__file__).with_name("efmi-compliancechecker.zip")))
     import ComplianceChecker  # pyright: ignore[reportMissingImports]
 

@@ -48,7 +48,7 @@ class Efmu:
         return [v.attrib["name"] for v in self.variables.values() if v.attrib["blockCausality"] in causalities]
 
     def size(self, name: str) -> int:
-        """Number of elements of a variable."""
+        """Return the number of elements of a variable."""
         dimension = self._variable(name).find("Dimensions/Dimension")
         return 1 if dimension is None else int(dimension.attrib["size"])
 
@@ -124,7 +124,7 @@ class Production:
         return np.array(np.ravel(getattr(self.block, self._components[name])), dtype=float)
 
     def run(self, inputs: Mapping[str, np.ndarray], steps: int) -> Rows:
-        """Outputs of each step, for the inputs of each."""
+        """Return the outputs of each step, for the inputs of each."""
         assert self.call("Startup") == 0
         assert self.call("Recalibrate") == 0
         outputs = self.efmu.names("output")

@@ -59,7 +59,7 @@ class Program:
         return self.signals
 
     def run(self, inputs: Rows, steps: int) -> Rows:
-        """Outputs of each step, for the inputs of each."""
+        """Return the outputs of each step, for the inputs of each."""
         self.call("Startup")
         outputs = self.efmu.names("output")
         found: dict[str, list[Any]] = {name: [] for name in outputs}
@@ -69,7 +69,7 @@ class Program:
                 self.variables[name] = Vector(numbers) if self.efmu.is_array(name) else numbers[0]
             assert not self.call("DoStep")
             for name in outputs:
-                found[name].append(np.ravel(list(self.variables[name]) if self.efmu.is_array(name) else self.variables[name]))
+                found[name].append(np.array(self.variables[name], dtype=float, ndmin=1))
         return {name: np.array(values) for name, values in found.items()}
 
 

@@ -22,7 +22,7 @@ STEP = 1e-3
 
 
 def experiment(efmu: Efmu, steps: int) -> Rows:
-    """Inputs of the unit's reference results, linear between their points."""
+    """Return the inputs of the unit's reference results, linear between their points."""
     member = f"extra/org.fmi-standard.fmi-ls-ref/{efmu.name}_in.csv"
     if member not in efmu.files:
         return {}
@@ -41,7 +41,7 @@ def grouped(columns: Mapping[str, np.ndarray], names: list[str]) -> Rows:
 
 
 def of_fmu(path: Path, inputs: Rows, steps: int) -> Rows:
-    """Outputs of an FMU for the inputs of each step."""
+    """Return the outputs of an FMU for the inputs of each step."""
     with tempfile.TemporaryDirectory() as folder:
         fmpy.extract(str(path), folder)
         description = fmpy.read_model_description(folder)
@@ -51,7 +51,9 @@ def of_fmu(path: Path, inputs: Rows, steps: int) -> Rows:
         places: dict[str, list[int]] = {}
         for v in description.modelVariables:
             places.setdefault(v.name.split("[")[0], []).append(v.valueReference)
-        outputs = list(dict.fromkeys(v.name.split("[")[0] for v in description.modelVariables if v.causality == "output"))
+        outputs = list(
+            dict.fromkeys(v.name.split("[")[0] for v in description.modelVariables if v.causality == "output")
+        )
         found: dict[str, list[list[float]]] = {name: [] for name in outputs}
         unit.instantiate()
         unit.setupExperiment(startTime=0.0)
@@ -91,10 +93,9 @@ class ScenarioRun:
         return grouped(columns, names)
 
     def inputs(self, component: str, efmu: Efmu) -> Rows:
-        """Inputs of each step."""
+        """Return the inputs of each step."""
         return self._signals(component, efmu.names("input"))
 
     def outputs(self, component: str, efmu: Efmu) -> Rows:
-        """Outputs of each step."""
+        """Return the outputs of each step."""
         return self._signals(component, efmu.names("output"))
-

@@ -16,8 +16,8 @@ pytestmark = pytest.mark.heavy
 TOLERANCES = {"double": 1e-12, "float32": 1e-4}
 """Largest error over the largest value of an output.
 
-In double precision the math libraries' sin, exp and tanh differ by a unit in the last place, 1e-16, and a torque is a sum
-of some hundred such terms, some a hundred times as large as it: 1e-12. In single precision see test_code.py.
+In double precision the math libraries' sin, exp and tanh differ by a unit in the last place, 1e-16, and a torque is a
+sum of some hundred such terms, some a hundred times as large as it: 1e-12. In single precision see test_code.py.
 """
 
 
@@ -47,7 +47,7 @@ def test_board_gives_the_outputs_of_the_run(
     assert made.signals == 0
     expected = tracking.outputs(unit, efmu)
     for name, values in expected.items():
-        # feedback is the small difference of two positions: its error is one of the torque, of the motor by the ratio 100
+        # feedback is a small difference of two positions: its error is one of the torque, by the ratio 100 the motor's
         scale = 100.0 * np.abs(expected["tau"]).max() if name == "tau_e" else np.abs(values).max()
         tolerance = TOLERANCES[precision] * scale
         np.testing.assert_allclose(made.outputs[name], values, rtol=0.0, atol=tolerance, err_msg=name)

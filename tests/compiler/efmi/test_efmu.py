@@ -8,11 +8,12 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from hashlib import sha1
 from pathlib import Path
+from typing import Any
 
 import fmpy
 import fmpy.validation
 import pytest
-from lxml import etree
+from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
 from tests.compiler.efmi.conftest import SHIPPED
 from tests.compiler.efmi.efmu import Efmu
@@ -127,13 +128,14 @@ def test_efmu_is_an_fmu_of_the_same_bits_each_time(efmu: Callable[..., Path], pl
 
 
 def test_words_of_refusal(planar: Robot, tmp_path: Path):
-    for options, words in (
+    cases: list[tuple[dict[str, Any], str]] = [
         ({"target": "efmi", "units": ["plant", "controller"]}, "target efmi: plant: it has continuous states"),
         ({"target": "efmi", "backend": "python"}, "expected the backend native, got python"),
         ({"target": "c"}, "There is no target 'c'. There are: fmi, efmi."),
         ({"target": "efmi", "precision": "half"}, "There is no precision 'half'. There are: double, float32."),
         ({"precision": "float32"}, "FMUs have numbers of double precision, got 'float32'"),
-    ):
+    ]
+    for options, words in cases:
         with pytest.raises(UsageError, match=words):
             build_fmus(planar, tmp_path, **{"units": ["controller"]} | options)
     assert not list(tmp_path.iterdir())

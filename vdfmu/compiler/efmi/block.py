@@ -169,9 +169,7 @@ class SampledBlock:
         named = {one.name(): one for function in functions for one in function.find_functions(0)}
         return [one for name, one in named.items() if name.startswith(LOOKUP)]
 
-    def _variable(
-        self, name: str, members: Sequence[Variable], causality: str, before: bool = False
-    ) -> BlockVariable:
+    def _variable(self, name: str, members: Sequence[Variable], causality: str, before: bool = False) -> BlockVariable:
         first = members[0]
         units = {v.unit for v in members}
         start = tuple(0.0 if v.start is None or first.causality == "output" else float(v.start) for v in members)

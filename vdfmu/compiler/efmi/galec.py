@@ -71,7 +71,10 @@ def galec_text(block: SampledBlock) -> str:
     return "\n".join(
         [
             f"block {block.name}",
-            *(f"    {_DECLARED[v.causality]}{_declaration(v)}" for v in block.of("input", "output", "tunableParameter")),
+            *(
+                f"    {_DECLARED[v.causality]}{_declaration(v)}"
+                for v in block.of("input", "output", "tunableParameter")
+            ),
             "protected",
             *(f"    {_DECLARED[v.causality]}{_declaration(v)}" for v in block.of("constant", "state")),
             "public",

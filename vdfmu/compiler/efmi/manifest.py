@@ -11,14 +11,7 @@ from xml.etree.ElementTree import Element, SubElement
 from vdfmu.base.measure import measure
 from vdfmu.compiler.efmi.block import PERIOD, BlockVariable, SampledBlock
 from vdfmu.compiler.efmi.galec import galec_name, galec_value
-from vdfmu.compiler.efmi.production import (
-    METHODS,
-    Precision,
-    c_name,
-    c_type,
-    constant_name,
-    members,
-)
+from vdfmu.compiler.efmi.production import METHODS, Precision, c_name, c_type, constant_name, members
 from vdfmu.compiler.fmu.description import TIME_STAMP, boolean, number
 
 ALGORITHM, PRODUCTION = "AlgorithmCode", "ProductionCode"
@@ -204,8 +197,8 @@ def _add_source(files: Element, name: str, header: str, block: SampledBlock) -> 
     _add(_add(file, "Includes"), "Include", codeFileRefId="code.header")
     constants = _add(file, "Variables")
     for v in block.of("constant"):
-        variable = _add(constants, "Variable", id=f"constant.{v.name}", name=constant_name(block, v),
-                        typeDefRefId=f"type.{c_type(v, block)}", const="true", static=boolean(v.name != PERIOD))  # fmt: skip
+        attributes = {"typeDefRefId": f"type.{c_type(v, block)}", "const": "true", "static": boolean(v.name != PERIOD)}
+        variable = _add(constants, "Variable", id=f"constant.{v.name}", name=constant_name(block, v), **attributes)
         _add_size(variable, v)
     functions = _add(file, "Functions")
     for method in METHODS:

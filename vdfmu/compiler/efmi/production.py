@@ -143,14 +143,19 @@ def _value(v: BlockVariable, value: float, precision: Precision) -> str:
 
 def _literal(value: float, precision: Precision) -> str:
     text = c_constant(value)
-    return text if "I" in text or text == "NAN" else f"{text if '.' in text else text.replace('e', '.0e')}{precision.suffix}"
+    return (
+        text
+        if "I" in text or text == "NAN"
+        else f"{text if '.' in text else text.replace('e', '.0e')}{precision.suffix}"
+    )
 
 
 def _constant(v: BlockVariable, block: SampledBlock, precision: Precision) -> str:
     values = [_value(v, value, precision) for value in v.start]
     text = f"{{\n{fields(values)}\n}}" if v.size else values[0]
     scope = "" if v.name == PERIOD else "static "  # the period is for the caller
-    return f"{_remark(v.unit, v.description)}\n{scope}const {c_type(v, block)} {constant_name(block, v)}{_size(v)} = {text};\n"
+    declared = f"{scope}const {c_type(v, block)} {constant_name(block, v)}{_size(v)}"
+    return f"{_remark(v.unit, v.description)}\n{declared} = {text};\n"
 
 
 def _function(block: SampledBlock, call: Call, precision: Precision) -> str:
@@ -182,7 +187,9 @@ def _language(block: SampledBlock, call: Call, precision: Precision) -> Language
         name, width = function.name(), function.numel_out(0)
         edges = block.sizes[f"{name}_edges"]
         numbers = " ".join(f"w{i} = row[{j}];" for j, i in taken)
-        start = f"&{constants[f'{name}_rows']}[{width}U * place({constants[f'{name}_edges']}, {edges - 1}U, w{argument})]"
+        start = (
+            f"&{constants[f'{name}_rows']}[{width}U * place({constants[f'{name}_edges']}, {edges - 1}U, w{argument})]"
+        )
         return f"{{ const {block.name}_Real *row = {start}; {numbers} }}"
 
     return Language(_expressions(precision), lambda value: _literal(value, precision), element, element, row)

@@ -119,8 +119,9 @@ def build_units(
             out.mkdir(parents=True, exist_ok=True)
             build_python_fmu(content, path)
             keep_record(path, content.guid)
-    for path, content in contents.items() if further else ():
-        further.finish(path, content, precision, step)
+    if further is not None:
+        for path, content in contents.items():
+            further.finish(path, content, precision, step)
     return dict(zip(named, contents, strict=True))
 
 
