@@ -89,7 +89,7 @@ def build(
             sources=sources,
             target=target,
             precision=precision,
-            step=step or 1e-3,
+            step=1e-3 if step is None else step,
         )
     else:
         if step is not None:

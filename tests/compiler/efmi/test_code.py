@@ -60,8 +60,9 @@ def test_production_code_in_single_precision(efmu: Callable[..., Path], unit: st
     found = Production(Efmu(path), tmp_path, program("gcc", "gcc")).run(inputs, STEPS)
     for name, values in of_fmu(path, inputs, STEPS).items():
         # A number is rounded by 2^-24 = 6e-8. Differences of 1e-4 between desired and measured positions of 0.1, which
-        # the experiments have, and a notch of 1 / 14 of what goes in, lose three digits of it.
-        tolerance = 1e-4 * np.abs(values).max()
+        # the experiments have, and a notch of 1 / 14 of what goes in, lose three digits of it. Least squares damped by
+        # 0.01 have a condition of 1e4 at a singular pose, and some tens of operations: 1e4 * 6e-8 * 10.
+        tolerance = (1e-2 if name == "F_e_hat" else 1e-4) * np.abs(values).max()
         np.testing.assert_allclose(found[name], values, rtol=0.0, atol=tolerance, err_msg=name)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from importlib import import_module
@@ -73,7 +74,7 @@ def build_units(
     step: float = 1e-3,
 ) -> dict[str, Path]:
     """Build FMUs of units, each ``<Name>.fmu``; see :func:`vdfmu.build_fmus`."""
-    further = _checked_target(target, precision, backend, units)
+    further = _checked_target(target, precision, step, backend, units)
     asked = fmi_version != PYTHON_FMI.name or platforms is not None or not sources or further is not None
     if backend is None and asked:
         backend = "native"  # what only native FMUs have asks for them
@@ -126,13 +127,15 @@ def build_units(
 
 
 def _checked_target(
-    name: str, precision: str, backend: str | None, units: Sequence[type[BaseUnit]]
+    name: str, precision: str, step: float, backend: str | None, units: Sequence[type[BaseUnit]]
 ) -> BuildTarget | None:
     """Return a target; UsageError if there is none of the name, or a unit or the options do not go with it."""
     if name not in TARGETS:
         raise UsageError(f"There is no target {name!r}. There are: {', '.join(TARGETS)}.")
     if precision not in PRECISIONS:
         raise UsageError(f"There is no precision {precision!r}. There are: {', '.join(PRECISIONS)}.")
+    if not 0.0 < step < math.inf:
+        raise UsageError(f"step: expected a finite number above 0 s, got {step}.")
     target = TARGETS[name]
     if target is None:
         if precision != "double":
