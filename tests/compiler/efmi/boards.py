@@ -9,14 +9,17 @@ import struct
 import sys
 import tempfile
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from tests.compiler.efmi.conftest import SHIPPED, build
 from tests.compiler.efmi.efmu import Efmu, Rows
-from tests.compiler.efmi.runs import ScenarioRun
+from tests.compiler.efmi.runs import ScenarioRun, experiment, of_fmu
 from tests.compiler.native.conftest import program, run
+from vdfmu.compiler.efmi.production import PRECISIONS
 
 HERE = Path(__file__).parent / "board"
 NEWLIB = Path("/usr/lib/arm-none-eabi/newlib/thumb")
@@ -113,27 +116,44 @@ def _kept(elf: Path) -> int:
     return sum(s[5] for s in sections if s[2] & loaded and s[1] not in (nothing, exception))
 
 
+COLUMNS = (
+    "unit", "numbers", "processor", "code", "flash", "RAM", "stack", "instructions, mean", "worst", "error",
+)  # fmt: skip
+
+
+def row(path: Path, precision: str, board: Board, inputs: Rows, expected: Rows) -> str:
+    """Row of the table: a unit on a board, with the error of its first output."""
+    efmu = Efmu(path)
+    with tempfile.TemporaryDirectory() as folder:
+        made = on_board(efmu, board, inputs, Path(folder))
+    assert made.signals == 0, efmu.name
+    name = efmu.names("output")[0]
+    error = np.max(np.abs(made.outputs[name] - expected[name])) / np.max(np.abs(expected[name]))
+    numbers = (made.code, made.flash, made.ram, made.stack, round(made.mean), round(made.most))
+    cells = [efmu.name, precision, board.name, *(f"{n:,}" for n in numbers), f"{error:.1g}"]
+    return f"| {' | '.join(cells)} |"
+
+
 def table() -> str:
-    """Table of docs/efmi.md: the units of the tracking scenario in the loop."""
-    rows = ["| unit | numbers | processor | code | flash | RAM | stack | instructions, mean | worst | error |",
-            "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |"]  # fmt: skip
+    """Return the tables of docs/efmi.md: units of the tracking scenario in its run, others in their experiments."""
+    head = [f"| {' | '.join(COLUMNS)} |", f"|{' --- |' * len(COLUMNS)}"]
+    rows, others = [*head], ["", *head]
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         whole = ScenarioRun("tracking", folder)
-        for precision in ("double", "float32"):
-            fmus = whole.efmus(folder / precision, precision)
-            for name in ("controller", "feedforward"):
-                for board in BOARDS:
-                    efmu = Efmu(fmus[name])
-                    work = folder / f"{name}_{precision}_{board.name}"
-                    work.mkdir()
-                    made, expected = on_board(efmu, board, whole.inputs(name, efmu), work), whole.outputs(name, efmu)
-                    torque, made_torque = (signals[efmu.names("output")[0]] for signals in (expected, made.outputs))
-                    error = np.max(np.abs(made_torque - torque)) / np.max(np.abs(torque))
-                    numbers = (made.code, made.flash, made.ram, made.stack, round(made.mean), round(made.most))
-                    cells = [efmu.name, precision, board.name, *(f"{n:,}" for n in numbers), f"{error:.1g}"]
-                    rows.append(f"| {' | '.join(cells)} |")
-    return "\n".join(rows)
+        fmus = {precision: whole.efmus(folder / precision, precision) for precision in PRECISIONS}
+        for name in ("controller", "feedforward"):
+            for precision, board in product(PRECISIONS, BOARDS):
+                path = fmus[precision][name]
+                efmu = Efmu(path)
+                rows.append(row(path, precision, board, whole.inputs(name, efmu), whole.outputs(name, efmu)))
+        for name in SHIPPED:
+            for precision, board in zip(PRECISIONS, reversed(BOARDS), strict=True):
+                path = build(name, "manipulator_6dof", precision, folder / f"{name}_{precision}")
+                inputs = experiment(Efmu(path), 1000)
+                if inputs and name not in ("controller", "feedforward"):
+                    others.append(row(path, precision, board, inputs, of_fmu(path, inputs, 1000)))
+    return "\n".join(rows + others)
 
 
 if __name__ == "__main__":

@@ -20,20 +20,25 @@ START = {"momentum_observer": {"damping": 0.01}}
 """With its own damping, 1e-4, whose square a number of single precision does not hold beside 1, it divides by zero."""
 
 
+def build(unit: str, robot: str, precision: str, folder: Path) -> Path:
+    """Build the eFMU of a unit."""
+    start = {unit: START[unit]} if precision == "float32" and unit in START else {}
+    chosen = find_unit(unit)
+    fmus = build_fmus(
+        load_robot(robot) if chosen.needs_robot() else None, folder, units=[chosen], start_values=start, target="efmi",
+        precision=precision,
+    )  # fmt: skip
+    (path,) = fmus.values()
+    return path
+
+
 @pytest.fixture(scope="session")
 def efmu(tmp_path_factory: pytest.TempPathFactory, kernel_cache: Path) -> Callable[..., Path]:
     """Return the eFMU of a unit: ``efmu(unit, robot, precision)``."""
 
     @cache
-    def build(unit: str, robot: str = "planar_2dof", precision: str = "double") -> Path:
-        start = {unit: START[unit]} if precision == "float32" and unit in START else {}
-        chosen = find_unit(unit)
+    def built(unit: str, robot: str = "planar_2dof", precision: str = "double") -> Path:
         with alone(kernel_cache):
-            fmus = build_fmus(
-                load_robot(robot) if chosen.needs_robot() else None, tmp_path_factory.mktemp(f"{robot}_{precision}"),
-                units=[chosen], start_values=start, target="efmi", precision=precision,
-            )  # fmt: skip
-        (path,) = fmus.values()
-        return path
+            return build(unit, robot, precision, tmp_path_factory.mktemp(f"{robot}_{precision}"))
 
-    return build
+    return built
