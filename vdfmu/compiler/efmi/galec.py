@@ -143,7 +143,7 @@ def _step(block: SampledBlock) -> list[str]:
         body += [f"t := real(self.{STEPS});", f"t := t * self.{PERIOD};"]
     body += lines(block.update)
     if block.has_time:
-        body += [f"t := t + self.{PERIOD};", f"self.{STEPS} := self.{STEPS} + 1;"]
+        body += [f"t := t + self.{PERIOD};"] * block.has_end + [f"self.{STEPS} := self.{STEPS} + 1;"]
     body += lines(block.outputs)
     body += [f"self.{galec_name(v)} := self.{v.name};" for v in block.variables if v.before]
     for v in block.of("output"):

@@ -7,7 +7,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
+from vdfmu.base.errors import UsageError
 from vdfmu.base.version import __version__
 from vdfmu.compiler.c.expressions import EXPRESSIONS, c_constant
 from vdfmu.compiler.c.functions import Language, operations_of
@@ -192,7 +194,15 @@ def _language(block: SampledBlock, call: Call, precision: Precision) -> Language
         )
         return f"{{ const {block.name}_Real *row = {start}; {numbers} }}"
 
-    return Language(_expressions(precision), lambda value: _literal(value, precision), element, element, row)
+    def number(value: float) -> str:
+        if precision.bits == 32 and value.is_integer() and abs(value) > 2**24 and np.float32(value) != value:
+            raise UsageError(
+                f"{block.interface.name}: its equations have the whole number {value:.0f}, which single precision does "
+                "not hold, such as the generator of random numbers. Build it with double precision."
+            )
+        return _literal(value, precision)
+
+    return Language(_expressions(precision), number, element, element, row)
 
 
 def _expressions(precision: Precision) -> dict[int, str]:
@@ -257,7 +267,8 @@ def _step(block: SampledBlock) -> Iterator[str]:
         yield "}"
     yield from calls(block.update)
     if block.has_time:
-        yield f"t += {block.name}_{PERIOD};"
+        if block.has_end:
+            yield f"t += {block.name}_{PERIOD};"
         yield f"self->{STEPS}++;"
     yield from calls(block.outputs)
     for v in block.variables:
