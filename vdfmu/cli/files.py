@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from vdfmu.base.data import PACKAGE
 from vdfmu.base.errors import StorageError
 from vdfmu.base.files import require_ours
 from vdfmu.base.option import read_settings
@@ -108,10 +109,10 @@ def _is_unit(name: str) -> bool:
     """Whether what is to be built is a unit, by its file or its name; a scenario of the same name goes first."""
     if name.partition(":")[0].endswith(".py"):
         return True
-    from vdfmu.arm.units import package_units
     from vdfmu.system.scenario import scenario_names
 
-    return name not in scenario_names() and name in package_units()
+    units = {path.stem for path in (PACKAGE / "arm" / "units").rglob("[!_]*.py")}  # to import them takes long
+    return name in units and name not in scenario_names()
 
 
 def _values(scenario: Scenario, backend: str | None, settings: list[str] | None) -> dict[str, dict[str, Any]]:
