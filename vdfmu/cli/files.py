@@ -109,10 +109,12 @@ def _is_unit(name: str) -> bool:
     """Whether what is to be built is a unit, by its file or its name; a scenario of the same name goes first."""
     if name.partition(":")[0].endswith(".py"):
         return True
+    units = {path.stem for path in (PACKAGE / "arm" / "units").rglob("[!_]*.py")}  # to import them takes long
+    if name not in units:
+        return False
     from vdfmu.system.scenario import scenario_names
 
-    units = {path.stem for path in (PACKAGE / "arm" / "units").rglob("[!_]*.py")}  # to import them takes long
-    return name in units and name not in scenario_names()
+    return name not in scenario_names()
 
 
 def _values(scenario: Scenario, backend: str | None, settings: list[str] | None) -> dict[str, dict[str, Any]]:
