@@ -136,7 +136,7 @@ def test_words_of_refusal(planar: Robot, tmp_path: Path):
         ({"target": "efmi", "step": 0.0}, "step: expected a finite number above 0 s, got 0.0."),
         (
             {"target": "efmi", "precision": "float32", "units": ["torque_sensor"]},
-            "torque_sensor: .* whole number 2147483647",
+            "torque_sensor: .* odd number 2147483647",
         ),
         ({"precision": "float32"}, "FMUs have numbers of double precision, got 'float32'"),
     ]

@@ -195,9 +195,9 @@ def _language(block: SampledBlock, call: Call, precision: Precision) -> Language
         return f"{{ const {block.name}_Real *row = {start}; {numbers} }}"
 
     def number(value: float) -> str:
-        if precision.bits == 32 and value.is_integer() and abs(value) > 2**24 and float(np.float32(value)) != value:
+        if precision.bits == 32 and value % 2.0 == 1.0 and float(np.float32(value)) != value:
             raise UsageError(
-                f"{block.interface.name}: its equations have the whole number {value:.0f}, which single precision does "
+                f"{block.interface.name}: its equations have the odd number {value:.0f}, which single precision does "
                 "not hold, such as the generator of random numbers. Build it with double precision."
             )
         return _literal(value, precision)
