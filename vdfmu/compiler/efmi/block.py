@@ -39,6 +39,8 @@ def reason_against(unit: type[BaseUnit]) -> str | None:
     """Return why a unit has no eFMU; None if it has one."""
     if unit.backend == "python":
         return "it runs in Python"
+    if unit.exchange:
+        return "it is for model exchange"
     if any(type(declared) is State for declared in unit.declared.values()):
         return "it has continuous states; an eFMU is a sampled or memoryless unit"
     return None
