@@ -32,6 +32,30 @@ def test_run_writes_its_files_and_shows_the_errors(tmp_path):
 
 
 @pytest.mark.heavy
+def test_build_efmus_of_a_scenario_and_of_a_unit_by_name(tmp_path):
+    built = vdfmu("build", "planar_tracking", "--target", "efmi", "--out", "efmus", "--step", "0.0005", cwd=tmp_path)
+    assert built.returncode == 0, built.stderr
+    assert "plant: not for efmi: it has continuous states" in " ".join(built.stderr.split())
+    assert sorted(p.name for p in (tmp_path / "efmus").iterdir()) == [
+        "Feedforward.fmu",
+        "PDController.fmu",
+        "Trajectory.fmu",
+    ]
+    with zipfile.ZipFile(tmp_path / "efmus" / "PDController.fmu") as archive:
+        source = archive.read("eFMU/ProductionCode/PDController.c").decode()
+        program = archive.read("eFMU/AlgorithmCode/PDController.alg").decode()
+    assert "PDController_period = 0.0005;" in source
+    assert "self.K_p := {1000.0, 1000.0}" not in program  # but the scenario's
+    one = vdfmu(
+        "build", "notch_filter", "--robot", "planar_2dof", "--set", "f=30", "--target", "efmi", "--precision",
+        "float32", "--out", "one", cwd=tmp_path,
+    )  # fmt: skip
+    assert one.returncode == 0, one.stderr
+    with zipfile.ZipFile(tmp_path / "one" / "NotchFilter.fmu") as archive:
+        assert b"30.0f, 30.0f" in archive.read("eFMU/ProductionCode/NotchFilter.c")
+
+
+@pytest.mark.heavy
 def test_build_ssp_check_models_work_together(tmp_path):
     built = vdfmu("build", "planar_tracking", "--out", "fmus", cwd=tmp_path)
     assert built.returncode == 0, built.stderr

@@ -12,6 +12,7 @@ from vdfmu.base.once import one_job
 from vdfmu.base.show_progress import Shown, with_progress
 from vdfmu.base.standards import FMI_2
 from vdfmu.compiler.fmu.build import build_units
+from vdfmu.compiler.targets import FMI
 from vdfmu.compiler.unit.unit import Unit
 
 Units = Sequence[str | os.PathLike[str] | type[Unit]]
@@ -29,6 +30,9 @@ def build_fmus(
     fmi_version: str = FMI_2.name,
     platforms: Sequence[str] | str | None = None,
     sources: bool = True,
+    target: str = FMI,
+    precision: str = "double",
+    step: float = 1e-3,
     progress: Shown = None,
 ) -> dict[str, Path]:
     """Build FMUs of units, each ``<Name>.fmu``.
@@ -57,6 +61,12 @@ def build_fmus(
         Platforms of native FMUs; default that of this machine.
     sources : bool
         Whether native FMUs carry their C, for platforms that they have no library of.
+    target : "fmi" or "efmi", optional
+        What is built: FMUs, or eFMUs, which are FMUs with code for microcontrollers in them.
+    precision : "double" or "float32", optional
+        Numbers of that code.
+    step : float, optional
+        Time from one step to the next [s] of an eFMU without sampled states; others have their period.
     progress : callable or bool, optional
         Called with stage, done, total; True shows bars, on the terminal or in the notebook.
 
@@ -68,7 +78,8 @@ def build_fmus(
     Raises
     ------
     UsageError
-        If a unit, variable, backend or platform does not exist, or a start value is not allowed.
+        If a unit, variable, backend, platform or target does not exist, a start value is not allowed, or a unit cannot
+        be built for the target.
     UnitError
         If a unit is declared wrongly, or its methods cannot be run or traced.
     ModelError
@@ -81,5 +92,5 @@ def build_fmus(
     chosen = [one if isinstance(one, type) else find_unit(one) for one in units or shipped_units()]
     return build_units(
         robot, out_dir, chosen, start_values=start_values, backend=backend, fmi_version=fmi_version,
-        platforms=platforms, sources=sources,
+        platforms=platforms, sources=sources, target=target, precision=precision, step=step,
     )  # fmt: skip

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from vdfmu.base.data import PACKAGE
 from vdfmu.base.errors import StorageError
 from vdfmu.base.files import require_ours
 from vdfmu.base.option import read_settings
@@ -38,7 +39,8 @@ def build(
     scenario: Annotated[
         str,
         typer.Argument(
-            metavar="SCENARIO|UNIT", help="Name or file of a scenario, or a unit: my_unit.py or my_units.py:Name."
+            metavar="SCENARIO|UNIT",
+            help="Name or file of a scenario, or a unit: controller, my_unit.py or my_units.py:Name.",
         ),
     ] = "tracking",
     robot: RobotOption = None,
@@ -53,15 +55,24 @@ def build(
         ),
     ] = None,
     sources: Annotated[bool, typer.Option(help="Carry the C of native FMUs in them.")] = True,
+    target: Annotated[
+        str,
+        typer.Option(help="What to build: fmi, or efmi: FMUs of controllers, with code for microcontrollers in them."),
+    ] = "fmi",
+    precision: Annotated[str, typer.Option(help="Numbers of that code: double or float32.")] = "double",
+    step: Annotated[
+        float | None, typer.Option(help="Time between steps of that code [s]; default the scenario's, or 0.001.")
+    ] = None,
     settings: SetOption = None,
 ) -> None:
     """Build the FMUs of a scenario's system, with the scenario's values as start values, or the FMU of a unit."""
-    chosen = None if scenario.partition(":")[0].endswith(".py") else load(scenario, robot, settings)
+    chosen = None if _is_unit(scenario) else load(scenario, robot, settings)
     from vdfmu.arm.fmus import build_fmus
     from vdfmu.arm.robot import load_robot
     from vdfmu.arm.units import find_unit
     from vdfmu.compiler.unit.base import unit_name
-    from vdfmu.system.scenario.parts import build_parts
+    from vdfmu.study.run.scenario_run import prepare
+    from vdfmu.system.scenario.parts import build_parts, left_out
     from vdfmu.system.scenario.values import start_values
 
     if chosen is None:
@@ -77,12 +88,33 @@ def build(
             fmi_version=fmi,
             platforms=platform,
             sources=sources,
+            target=target,
+            precision=precision,
+            step=1e-3 if step is None else step,
         )
     else:
+        if step is not None:
+            chosen = prepare(chosen, step=step)
         values = _values(chosen, backend, settings)
-        built = build_parts(chosen, out, values, backend=backend, fmi_version=fmi, platforms=platform, sources=sources)
+        built = build_parts(
+            chosen, out, values, backend=backend, fmi_version=fmi, platforms=platform, sources=sources, target=target,
+            precision=precision,
+        )  # fmt: skip
+        say_notes(left_out(chosen, target))
     for path in dict.fromkeys(built.values()):
         say(str(path))
+
+
+def _is_unit(name: str) -> bool:
+    """Whether what is to be built is a unit, by its file or its name; a scenario of the same name goes first."""
+    if name.partition(":")[0].endswith(".py"):
+        return True
+    units = {path.stem for path in (PACKAGE / "arm" / "units").rglob("[!_]*.py")}  # to import them takes long
+    if name not in units:
+        return False
+    from vdfmu.system.scenario import scenario_names
+
+    return name not in scenario_names()
 
 
 def _values(scenario: Scenario, backend: str | None, settings: list[str] | None) -> dict[str, dict[str, Any]]:

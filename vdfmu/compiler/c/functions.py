@@ -7,7 +7,8 @@ it. The arithmetic is that of the trace, operation by operation.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import casadi as ca
@@ -41,7 +42,7 @@ def c_texts(function: ca.Function, apart: Collection[str] = (), joints: int = 0)
     loops = find_loops(function, joints)
     if loops is not None:
         return [c_loops(loops)]
-    operations = _operations(function)
+    operations = operations_of(function)
     if len(operations) <= WHOLE:
         read = {name for operation in operations for name in operation.arguments}
         head = [f"(void){name};" for name in function.name_in() if name not in read]
@@ -106,7 +107,7 @@ def lookups(function: ca.Function) -> str:
     return "".join(c_lookup(one) for one in function.find_functions(0) if one.name().startswith(LOOKUP))
 
 
-def _chain(function: ca.Function, operations: list[_Operation]) -> list[str]:
+def _chain(function: ca.Function, operations: list[Operation]) -> list[str]:
     """Return the texts of a long trace."""
     parts = [operations[i : i + _PART] for i in range(0, len(operations), _PART)]
     live: set[int] = set()  # values that later parts read
@@ -137,8 +138,8 @@ def _chain(function: ca.Function, operations: list[_Operation]) -> list[str]:
     ]
 
 
-class _Operation(NamedTuple):
-    """One line of C: the values ``w`` that it reads and writes, and the arguments and results that it names."""
+class Operation(NamedTuple):
+    """One line of code: the values ``w`` that it reads and writes, and the arguments and results that it names."""
 
     text: str
     reads: tuple[int, ...] = ()
@@ -147,45 +148,73 @@ class _Operation(NamedTuple):
     results: tuple[str, ...] = ()
 
 
-def _operations(function: ca.Function) -> list[_Operation]:
+def _row(function: ca.Function, argument: int, taken: Sequence[tuple[int, int]]) -> str:
+    """Return the C text that looks a row up and takes numbers of it, place in it and value."""
+    numbers = " ".join(f"w{i} = row[{j}];" for j, i in taken)
+    return f"{{ double row[{function.numel_out(0)}]; {function.name()}(&w{argument}, row); {numbers} }}"
+
+
+@dataclass(frozen=True)
+class Language:
+    """How a language writes the operations of a trace, whose values are ``w0``, ``w1``, .."""
+
+    expressions: Mapping[int, str]
+    """Operation to the pattern of its operands."""
+    number: Callable[[float], str]
+    argument: Callable[[str, int], str]
+    """Text of an element of an argument, counted from 0."""
+    result: Callable[[str, int], str]
+    """Text of an element of a result."""
+    row: Callable[[ca.Function, int, Sequence[tuple[int, int]]], str] = _row
+    """Text that looks a row of a table up by a value, and takes numbers of it: place in it and value."""
+    assignment: str = "{} = {};"
+
+
+C = Language(EXPRESSIONS, c_constant, "{}[{}]".format, "{}_out[{}]".format)
+
+
+def operations_of(function: ca.Function, language: Language = C) -> list[Operation]:
+    """Return the operations of a trace, a line each."""
     arguments, results = function.name_in(), function.name_out()
-    found: list[_Operation] = []
+    found: list[Operation] = []
+    assign = language.assignment.format
     for k in range(function.n_instructions()):
         operation = function.instruction_id(k)
         source, target = tuple(function.instruction_input(k)), tuple(function.instruction_output(k))
         if operation == ca.OP_OUTPUT:
-            name = f"{results[target[0]]}_out"
-            found.append(_Operation(f"{name}[{target[1]}] = w{source[0]};", source[:1], results=(name,)))
+            name = results[target[0]]
+            text = assign(language.result(name, target[1]), f"w{source[0]}")
+            found.append(Operation(text, source[:1], results=(f"{name}_out",)))
         elif operation == ca.OP_CONST:
-            value = c_constant(function.instruction_constant(k))
-            found.append(_Operation(f"w{target[0]} = {value};", (), target))
+            value = language.number(function.instruction_constant(k))
+            found.append(Operation(assign(f"w{target[0]}", value), (), target))
         elif operation == ca.OP_CALL:
             called = function.instructions_sx()[k].which_function()
-            found.append(_call(called, source, target))
+            found.append(_call(called, source, target, language))
         elif operation == ca.OP_INPUT:
             name = arguments[source[0]]
-            found.append(_Operation(f"w{target[0]} = {name}[{source[1]}];", (), target, arguments=(name,)))
+            text = assign(f"w{target[0]}", language.argument(name, source[1]))
+            found.append(Operation(text, (), target, arguments=(name,)))
         else:
-            pattern = EXPRESSIONS.get(operation)
+            pattern = language.expressions.get(operation)
             if pattern is None:
-                raise KernelError(f"{function.name()}: operation {operation} of the trace has no C text.")
+                raise KernelError(f"{function.name()}: operation {operation} of the trace has no text.")
             value = pattern.format(*[f"w{i}" for i in source])
-            found.append(_Operation(f"w{target[0]} = {value};", source, target))
+            found.append(Operation(assign(f"w{target[0]}", value), source, target))
     return found
 
 
-def _call(called: ca.Function, source: tuple[int, ...], target: tuple[int, ...]) -> _Operation:
+def _call(called: ca.Function, source: tuple[int, ...], target: tuple[int, ...], language: Language) -> Operation:
     """Look up a row; what else a trace calls is a derivative of that, which is 0."""
     wanted = [(j, i) for j, i in enumerate(target) if i >= 0]
     writes = tuple(i for _, i in wanted)
     if not called.name().startswith(LOOKUP):
-        return _Operation(" ".join(f"w{i} = 0.0;" for i in writes), (), writes)
-    taken = " ".join(f"w{i} = row[{j}];" for j, i in wanted)
-    text = f"{{ double row[{called.numel_out(0)}]; {called.name()}(&w{source[0]}, row); {taken} }}"
-    return _Operation(text, source[:1], writes)
+        zero = language.number(0.0)
+        return Operation(" ".join(language.assignment.format(f"w{i}", zero) for i in writes), (), writes)
+    return Operation(language.row(called, source[0], wanted), source[:1], writes)
 
 
-def _definition(prototype: str, operations: list[_Operation], head: list[str], tail: list[str]) -> str:
+def _definition(prototype: str, operations: list[Operation], head: list[str], tail: list[str]) -> str:
     used = sorted({i for operation in operations for i in (*operation.reads, *operation.writes)})
     declared = [f"double {', '.join(f'w{i}' for i in used)};"] if used else []
     first = [line for line in head if line.startswith("(void)")]

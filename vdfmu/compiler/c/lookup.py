@@ -41,8 +41,7 @@ def c_lookup(function: ca.Function) -> str:
 
     In a file that has it already it does nothing.
     """
-    constants = [k for k in range(function.n_instructions()) if function.instruction_id(k) == ca.OP_CONST]
-    edges, rows = (function.instruction_MX(k).to_DM().nonzeros() for k in constants)
+    edges, rows = lookup_table(function)
     name, w = function.name(), function.numel_out(0)
     return f"""{_SEARCH}
 #ifndef {name.upper()}
@@ -66,6 +65,13 @@ static void {name}(const double *x, double *row)
 #endif
 
 """
+
+
+def lookup_table(function: ca.Function) -> tuple[list[float], list[float]]:
+    """Return the edges of a table, and its rows one after the other."""
+    constants = [k for k in range(function.n_instructions()) if function.instruction_id(k) == ca.OP_CONST]
+    edges, rows = (function.instruction_MX(k).to_DM().nonzeros() for k in constants)
+    return edges, rows
 
 
 def _listed(numbers: Iterable[float]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from importlib import import_module
@@ -13,7 +14,9 @@ from vdfmu.base.once import one_job
 from vdfmu.base.standards import FMI_2, FMI_3, FMI_VERSIONS, PYTHON_FMI
 from vdfmu.compiler.c import native_available
 from vdfmu.compiler.c.platforms import COMPONENT
+from vdfmu.compiler.efmi.production import PRECISIONS
 from vdfmu.compiler.fmu.content import BACKENDS, Content, is_built, keep_record
+from vdfmu.compiler.targets import FMI, TARGETS, BuildTarget
 from vdfmu.compiler.unit.base import BaseUnit, unit_name
 from vdfmu.compiler.unit.machine import Machine
 from vdfmu.compiler.unit.requirements import unmet
@@ -66,9 +69,14 @@ def build_units(
     fmi_version: str = FMI_2.name,
     platforms: Sequence[str] | str | None = None,
     sources: bool = True,
+    target: str = FMI,
+    precision: str = "double",
+    step: float = 1e-3,
 ) -> dict[str, Path]:
     """Build FMUs of units, each ``<Name>.fmu``; see :func:`vdfmu.build_fmus`."""
-    if backend is None and (fmi_version != PYTHON_FMI.name or platforms is not None or not sources):
+    further = _checked_target(target, precision, step, backend, units)
+    asked = fmi_version != PYTHON_FMI.name or platforms is not None or not sources or further is not None
+    if backend is None and asked:
         backend = "native"  # what only native FMUs have asks for them
     named = {unit_name(unit): unit for unit in units}
     backend = choose_backend(backend)
@@ -112,7 +120,33 @@ def build_units(
             out.mkdir(parents=True, exist_ok=True)
             build_python_fmu(content, path)
             keep_record(path, content.guid)
+    if further is not None:
+        for path, content in contents.items():
+            further.finish(path, content, precision, step)
     return dict(zip(named, contents, strict=True))
+
+
+def _checked_target(
+    name: str, precision: str, step: float, backend: str | None, units: Sequence[type[BaseUnit]]
+) -> BuildTarget | None:
+    """Return a target; UsageError if there is none of the name, or a unit or the options do not go with it."""
+    if name not in TARGETS:
+        raise UsageError(f"There is no target {name!r}. There are: {', '.join(TARGETS)}.")
+    if precision not in PRECISIONS:
+        raise UsageError(f"There is no precision {precision!r}. There are: {', '.join(PRECISIONS)}.")
+    if not 0.0 < step < math.inf:
+        raise UsageError(f"step: expected a finite number above 0 s, got {step}.")
+    target = TARGETS[name]
+    if target is None:
+        if precision != "double":
+            raise UsageError(f"FMUs have numbers of double precision, got {precision!r}. It is for --target efmi.")
+        return None
+    if backend == "python":
+        raise UsageError(f"target {name}: expected the backend native, got python.")
+    reasons = {unit_name(unit): target.reason_against(unit) for unit in units}
+    if problems := [f"{unit}: {reason}." for unit, reason in reasons.items() if reason]:
+        raise UsageError(f"target {name}: {' '.join(problems)}")
+    return target
 
 
 def form_of(unit: type[BaseUnit], backend: str, fmi_version: str) -> tuple[str, str]:

@@ -23,7 +23,8 @@ LOG_CATEGORIES = {
 SAMPLED = "org.vdfmu.sampled"
 """Annotation that names the parameter with the time between samples: the discrete outputs are states that are sampled
 by the inputs at the begin of a communication step, and a directional derivative of them is that of the next sample."""
-_TIME_STAMP = "2026-01-01T00:00:00Z"  # fixed, so that the same sources give the same FMU
+TIME_STAMP = "2026-01-01T00:00:00Z"
+"""Fixed, so that the same sources give the same FMU."""
 
 
 def number(value: float) -> str:
@@ -122,7 +123,7 @@ def root_element(interface: Interface, version: FmiVersion, guid: str, tool: str
         "description": interface.description + (f" ({interface.robot.name})" if interface.robot else ""),
         **about,
         "generationTool": tool,
-        "generationDateAndTime": _TIME_STAMP,
+        "generationDateAndTime": TIME_STAMP,
         "variableNamingConvention": "structured",
     }
     return Element("fmiModelDescription", attributes)

@@ -14,6 +14,7 @@ from vdfmu.base.standards import FMI_2
 from vdfmu.compiler.fmu.build import choose_backend, form_of
 from vdfmu.compiler.fmu.content import Content
 from vdfmu.compiler.functions.cache import cache_folder, load, store
+from vdfmu.compiler.targets import FMI, TARGETS
 from vdfmu.compiler.unit.base import unit_name
 from vdfmu.compiler.unit.unit import Unit
 from vdfmu.system.scenario.scenario import Scenario
@@ -28,18 +29,20 @@ def build_parts(
     fmi_version: str = FMI_2.name,
     platforms: Sequence[str] | str | None = None,
     sources: bool = True,
+    target: str = FMI,
+    precision: str = "double",
 ) -> dict[str, Path]:
     """Build the FMUs of the scenario's system, or take those that are there; component to its FMU.
 
     `values` are start values by component; other arguments as of :func:`vdfmu.build_fmus`. Components of one
-    unit have an FMU each if their start values differ.
+    unit have an FMU each if their start values differ. Those that cannot be built for the target are left out.
     """
-    resolved = scenario.resolved
-    units, robots = resolved.units, resolved.robots
+    units, robots = _units_for(scenario, target), scenario.resolved.robots
     # links and joints have one FMU for all of a kind: their numbers are in the package
     given = {name: each for name, each in (values or {}).items() if name in units and not units[name].exchange}
     placed = _placed(units, robots, given, Path(folder))
     found: dict[str, Path] = {name: part.fmu for name, part in scenario.system.parts.items() if part.fmu is not None}
+    found = found if target == FMI else {}
     for place, robot in dict.fromkeys((placed[name], robots[name]) for name in units):
         here = {name: unit for name, unit in units.items() if (placed[name], robots[name]) == (place, robot)}
         built = build_fmus(
@@ -51,9 +54,25 @@ def build_parts(
             fmi_version=fmi_version,
             platforms=platforms,
             sources=sources,
+            target=target,
+            precision=precision,
+            step=scenario.step,
         )
         found |= {name: built[unit_name(unit)] for name, unit in here.items()}
-    return {name: found[name] for name in scenario.system.parts}
+    return {name: found[name] for name in scenario.system.parts if name in found}
+
+
+def _units_for(scenario: Scenario, target: str) -> Mapping[str, type[Unit]]:
+    """Return the units of a scenario's components that can be built for a target, or all for one that there is not."""
+    units, known = scenario.resolved.units, TARGETS.get(target)
+    return {name: unit for name, unit in units.items() if known is None or not known.reason_against(unit)}
+
+
+def left_out(scenario: Scenario, target: str) -> list[str]:
+    """Return why components are not built for a target, a sentence each."""
+    known = TARGETS.get(target)
+    reasons = {name: known and known.reason_against(unit) for name, unit in scenario.resolved.units.items()}
+    return [f"{name}: not for {target}: {reason}." for name, reason in reasons.items() if reason]
 
 
 def _placed(

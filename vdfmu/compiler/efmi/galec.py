@@ -1,0 +1,174 @@
+"""Algorithm code: the program of a block in GALEC, the language of eFMI for embedded control."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+
+import casadi as ca
+
+from vdfmu.compiler.c.expressions import EXPRESSIONS
+from vdfmu.compiler.c.functions import Language, operations_of
+from vdfmu.compiler.efmi.block import FIRST, PERIOD, STEPS, BlockVariable, SampledBlock
+from vdfmu.compiler.unit.program import Call
+
+_TRUTHS = {
+    ca.OP_LT: "{0} < {1}",
+    ca.OP_LE: "{0} <= {1}",
+    ca.OP_EQ: "{0} == {1}",
+    ca.OP_NE: "{0} <> {1}",
+    ca.OP_NOT: "{0} == 0.0",
+    ca.OP_AND: "{0} <> 0.0 and {1} <> 0.0",
+    ca.OP_OR: "{0} <> 0.0 or {1} <> 0.0",
+}
+_OTHERS = {
+    ca.OP_POW: "{0} ^ {1}",
+    ca.OP_CONSTPOW: "{0} ^ {1}",
+    ca.OP_FLOOR: "roundDown({0})",
+    ca.OP_CEIL: "roundUp({0})",
+    ca.OP_ASINH: "ln({0} + sqrt({0} * {0} + 1.0))",
+    ca.OP_ACOSH: "ln({0} + sqrt({0} * {0} - 1.0))",
+    ca.OP_ATANH: "0.5 * ln((1.0 + {0}) / (1.0 - {0}))",
+    ca.OP_HYPOT: "sqrt({0} * {0} + {1} * {1})",
+    ca.OP_EXPM1: "exp({0}) - 1.0",
+    ca.OP_LOG: "ln({0})",
+    ca.OP_LOG1P: "ln(1.0 + {0})",
+    ca.OP_FMOD: "realRemainderTowardsZero({0}, {1})",
+    ca.OP_FABS: "absolute({0})",
+    ca.OP_SIGN: "sign({0})",
+    ca.OP_COPYSIGN: "(if {1} < 0.0 then -absolute({0}) else absolute({0}))",
+    ca.OP_FMIN: "min({0}, {1})",
+    ca.OP_FMAX: "max({0}, {1})",
+    ca.OP_IF_ELSE_ZERO: "(if {0} <> 0.0 then {1} else 0.0)",
+}
+_EXPRESSIONS = EXPRESSIONS | {k: f"(if {text} then 1.0 else 0.0)" for k, text in _TRUTHS.items()} | _OTHERS
+"""Operation to its text: C's, but for those that GALEC calls otherwise. It has no function for some."""
+
+
+def galec_number(value: float) -> str:
+    """Return a number: with a point, and a sign in the exponent."""
+    if math.isnan(value):
+        return "nan()"
+    if math.isinf(value):
+        return "plusInfinite()" if value > 0.0 else "minusInfinite()"
+    digits, e, exponent = repr(float(value)).partition("e")
+    return digits + ("" if "." in digits else ".0") + e + exponent
+
+
+def galec_value(v: BlockVariable, value: float) -> str:
+    """Return a value of a variable."""
+    texts = {"Real": galec_number, "Integer": lambda x: str(int(x)), "Boolean": lambda x: str(bool(x)).lower()}
+    return texts[v.type](value)
+
+
+def galec_name(v: BlockVariable) -> str:
+    """Name of a variable."""
+    return f"'previous({v.name})'" if v.before else v.name
+
+
+def galec_text(block: SampledBlock) -> str:
+    """Return the program."""
+    return "\n".join(
+        [
+            f"block {block.name}",
+            *(
+                f"    {_DECLARED[v.causality]}{_declaration(v)}"
+                for v in block.of("input", "output", "tunableParameter")
+            ),
+            "protected",
+            *(f"    {_DECLARED[v.causality]}{_declaration(v)}" for v in block.of("constant", "state")),
+            "public",
+            *_method("Startup", [], _startup(block)),
+            *_method("Recalibrate", ["    signals INVALID_ARGUMENT;"] if block.bounded else [], _recalibrate(block)),
+            *_step(block),
+            f"end {block.name};",
+            "",
+        ]
+    )
+
+
+_DECLARED = {
+    "input": "input ", "output": "output ", "tunableParameter": "parameter ", "constant": "constant ", "state": "",
+}  # fmt: skip
+
+
+def _declaration(v: BlockVariable) -> str:
+    return f"{v.type} {galec_name(v)}{f'[{v.size}]' if v.size else ''};"
+
+
+def _method(name: str, before: Sequence[str], lines: Iterable[str]) -> list[str]:
+    body = [f"        {line}" for line in lines]
+    return [f"    method {name}", *(f"    {line}" for line in before), "    algorithm", *body, f"    end {name};"]
+
+
+def _startup(block: SampledBlock) -> Iterator[str]:
+    for v in block.of("output", "tunableParameter", "constant", "state"):
+        values = [galec_value(v, value) for value in v.start]
+        yield f"self.{galec_name(v)} := {_listed(values) if v.size else values[0]};"
+
+
+def _listed(values: Iterable[str]) -> str:
+    return f"{{{', '.join(values)}}}"
+
+
+def _recalibrate(block: SampledBlock) -> Iterator[str]:
+    for v, bound, sign in block.bounded:
+        yield from _each(v, f"{{}} {sign} {galec_number(bound)}", "INVALID_ARGUMENT")
+
+
+def _each(v: BlockVariable, broken: str, signal: str) -> list[str]:
+    """Lines that signal what is true for an element of a variable."""
+    element = f"self.{galec_name(v)}{'[i]' if v.size else ''}"
+    lines = [f"if {broken.format(element)} then", f"    signal {signal};", "end if;"]
+    return [f"for i in 1:{v.size} loop", *(f"    {line}" for line in lines), "end for;"] if v.size else lines
+
+
+def _step(block: SampledBlock) -> list[str]:
+    """Return the lines of DoStep."""
+    values = 0
+
+    def lines(calls: Sequence[Call]) -> Iterator[str]:
+        nonlocal values
+        for call in calls:
+            function = block.interface.functions.casadi_function(call.function)
+            for operation in operations_of(function, _language(block, call)):
+                values = max([values, *(i + 1 for i in operation.writes)])
+                yield operation.text
+
+    body: list[str] = []
+    if block.start:
+        started = [*lines(block.start), f"self.{FIRST} := false;"]
+        body += [f"if self.{FIRST} then", *(f"    {line}" for line in started), "end if;"]
+    if block.has_time:
+        body += [f"t := real(self.{STEPS});", f"t := t * self.{PERIOD};"]
+    body += lines(block.update)
+    if block.has_time:
+        body += [f"t := t + self.{PERIOD};"] * block.has_end + [f"self.{STEPS} := self.{STEPS} + 1;"]
+    body += lines(block.outputs)
+    body += [f"self.{galec_name(v)} := self.{v.name};" for v in block.variables if v.before]
+    for v in block.of("output"):
+        body += _each(v, "not isFinite({})", "NAN")
+    local = [f"    Real w{i};" for i in range(values)] + ["    Real t;"] * block.has_time
+    local += ["    Integer place;"] * any(line.startswith("place := ") for line in body)
+    return _method("DoStep", ["    signals NAN;", "protected", *local], body)
+
+
+def _language(block: SampledBlock, call: Call) -> Language:
+    def element(name: str, k: int) -> str:
+        if name == "t":
+            return "t"
+        group = block.named(call.group(name))
+        shown = f"'previous({group})'" if name == call.group(name) and block.is_before(call, name) else group
+        return f"self.{shown}[{k + 1}]" if block.sizes[group] else f"self.{shown}"
+
+    def row(function: ca.Function, argument: int, taken: Sequence[tuple[int, int]]) -> str:
+        name, width = function.name(), function.numel_out(0)
+        last = block.sizes[f"{name}_edges"] - 2
+        found = [
+            f"place := 0; for i in 1:{last} loop",
+            f"if w{argument} >= self.{name}_edges[i + 1] then place := i; end if; end for;",
+            *(f"w{i} := self.{name}_rows[place * {width} + {j + 1}];" for j, i in taken),
+        ]
+        return " ".join(found)
+
+    return Language(_EXPRESSIONS, galec_number, element, element, row, "{} := {};")
