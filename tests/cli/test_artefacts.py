@@ -22,6 +22,7 @@ WRITERS = [
 READERS = {
     "cache",
     "check",
+    "compare",
     "doctor",
     "federate",
     "identify",
@@ -35,6 +36,7 @@ READERS = {
     "sweep",
     "tune",
     "unit",
+    "verify",
     "view",
 }
 
