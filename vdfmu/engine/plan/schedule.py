@@ -63,7 +63,7 @@ def choose_schedule(
     """
     schedule, problems = make_schedule(descriptions, links, algorithm or DEFAULT)
     if algorithm is not None or not problems:
-        return algorithm or DEFAULT, schedule, problems, []
+        return algorithm or DEFAULT, schedule, problems, _late(descriptions, links, algorithm or DEFAULT)
     declared = {
         unit: replace(each, step_dependencies={k: v or frozenset() for k, v in each.step_dependencies.items()})
         for unit, each in descriptions.items()
@@ -73,6 +73,17 @@ def choose_schedule(
     more = f" (and {len(problems) - 1} more)" if problems[1:] else ""
     note = f"the master is jacobi: {DEFAULT}, the default, has no order for this system. {problems[0]}{more}"
     return "jacobi", make_schedule(descriptions, links, "jacobi")[0], [], [note]
+
+
+def _late(descriptions: Mapping[str, Description], links: Sequence[Link], algorithm: str) -> list[str]:
+    """Return notes on what gauss-seidel would integrate as one, and this algorithm does not."""
+    if ALGORITHMS[algorithm].ordered or ALGORITHMS[algorithm].repeats:
+        return []
+    return [
+        f"{', '.join(group)}: depend on each other within a step; {algorithm} passes on what they give a step late, or "
+        f"as predicted, by which they may be far off or unstable; {DEFAULT} integrates them as one"
+        for group in make_schedule(descriptions, links, DEFAULT)[0].groups
+    ]
 
 
 def make_schedule(
