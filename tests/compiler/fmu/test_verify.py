@@ -36,9 +36,9 @@ def fmus(tmp_path_factory):
 @pytest.mark.heavy
 def test_fmus_are_the_same_as_built_again(fmus):
     assert verify(fmus["controller"]) == []
-    assert verify(fmus["python"]) == []
-    done = command("verify", str(fmus["gain"]), "--unit", str(fmus["folder"] / "gain.py"))
-    assert done.exit_code == 0 and "the same to the bit" in done.output
+    for name in ("gain", "python"):
+        done = command("verify", str(fmus[name]), "--unit", str(fmus["folder"] / "gain.py"))
+        assert done.exit_code == 0 and "the same to the bit" in done.output
 
 
 @pytest.mark.heavy
@@ -59,8 +59,9 @@ def test_each_changed_file_is_named(fmus, tmp_path):
 
 
 def test_what_cannot_be_compared_is_refused(fmus, tmp_path):
-    with pytest.raises(UsageError, match=r"does not carry the file of its unit gain\. Name it: --unit"):
-        verify(fmus["gain"])
+    for name in ("gain", "python"):  # that which a Python FMU carries is not run
+        with pytest.raises(UsageError, match=r"its unit gain is a file of a user's own.* --unit my_unit\.py"):
+            verify(fmus[name])
     found = members(fmus["controller"])
     data = json.loads(found[INSIDE])
     for key in ("digest", "tool"):
@@ -70,6 +71,16 @@ def test_what_cannot_be_compared_is_refused(fmus, tmp_path):
     pack_zip(tmp_path / "none.fmu", {"modelDescription.xml": found["modelDescription.xml"]})
     with pytest.raises(FmuError, match="not an FMU of a unit that vdfmu built"):
         verify(tmp_path / "none.fmu")
+    pack_zip(tmp_path / "production.fmu", found | {"eFMU/__content.xml": b""})
+    with pytest.raises(FmuError, match="an eFMU; only plain FMUs are built again"):
+        verify(tmp_path / "production.fmu")
+    with zipfile.ZipFile(tmp_path / "twice.fmu", "w") as archive:
+        for name in ("modelDescription.xml", INSIDE):
+            archive.writestr(name, found[name])
+        with pytest.warns(UserWarning, match="Duplicate name"):
+            archive.writestr(INSIDE, b"{}")
+    with pytest.raises(FmuError, match="it has a file twice"):
+        verify(tmp_path / "twice.fmu")
     (tmp_path / "text.fmu").write_text("no zip")
     with pytest.raises(FmuError, match="cannot be read as an FMU"):
         verify(tmp_path / "text.fmu")

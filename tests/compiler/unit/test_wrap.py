@@ -30,11 +30,16 @@ held = signal.StateSpace([[0.9, 0.1], [0.0, 0.8]], [[0.0], [1.0]], [[1.0, 0.0]],
 labelled = Labelled()
 other = signal.StateSpace([[0.0, 1.0], [-4.0, -0.2]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.0]])
 nothing = 3
+unsampled = signal.StateSpace([[0.5]], [[1.0]], [[1.0]], [[0.0]], dt=True)
 x, u, p = ca.SX.sym("x", 2), ca.SX.sym("u"), ca.SX.sym("p")
 ode = ca.vertcat(x[1], u - p * ca.sin(x[0]))
 pendulum = ca.Function("pendulum", [x, u, p], [ode, x[0] ** 2], ["x", "u", "p"], ["ode", "y"])
 a, b = ca.MX.sym("a", 2, 3), ca.MX.sym("b")
 maps = ca.Function("maps", [a, b], [b * (a[:, ::-1].T @ ca.DM([1, 2])), a @ a.T], ["a", "b"], ["s", "w"])
+wide = ca.Function("wide", [x], [x[0]], ["x"], ["ode"])
+diagonal = ca.SX.sym("d", ca.Sparsity.diag(2))
+sparse = ca.Function("sparse", [diagonal], [ca.sum1(diagonal)], ["u"], ["y"])
+algebraic = ca.Function("algebraic", [x, u], [x, x[0] - u], ["x", "z"], ["ode", "alg"])
 solver = ca.Function("solver", [b], [ca.rootfinder("r", "newton", {"x": u, "g": u**2 - 2})(x0=b)["x"]])
 """
 
@@ -70,7 +75,7 @@ def test_a_linear_system_of_a_file_has_the_response_of_scipy(design, kind):
 
 def test_the_names_of_python_control_are_in_the_unit(design):
     text = (unit_from("design.py:labelled")[0]).read_text()
-    assert 'u = Input("1", 2, ["force", "wind"])' in text and '["speed"]' in text
+    assert "u = Input(\"1\", 2, ['force', 'wind'])" in text and "['speed']" in text
 
 
 def test_a_discrete_system_gives_the_output_of_each_sample(design):
@@ -164,9 +169,19 @@ def test_a_table_is_linear_between_its_points(design):
         ("design.py:missing", None, "expected a CasADi function, or .* got NoneType"),
         ("design.py:solver", None, "has more than scalar operations"),
         ("short.csv", "a,b\n1,2\n", "two rows"),
-        ("words.csv", "a,b\n1,2\n3,x\n", "line 3: expected 2 finite numbers, got '3,x'"),
+        ("words.csv", "a,b\n1,2\n3,x\n", "row 2: expected 2 finite numbers, got '3,x'"),
         ("back.csv", "a,b\n1,2\n0,3\n", "column a: expected numbers that increase"),
-        ("names.csv", "a,b b,b_b\n1,2,3\n2,3,4\n", "column 'b_b': expected a name"),
+        ("names.csv", "a,b b,b_b\n1,2,3\n2,3,4\n", "column 'b_b': expected another name"),
+        ("keyword.csv", "a,lambda\n1,2\n2,3\n", "column 'lambda': expected a name of letters"),
+        ("taken.csv", "a,outputs\n1,2\n2,3\n", "column 'outputs': outputs is a name that units have"),
+        ("units.csv", "a,b [furlong]\n1,2\n2,3\n", r"column 'b \[furlong\]': expected a unit of measurement"),
+        ("code.csv", "a,y [1' if not print() else ']\n1,2\n2,3\n", "expected a unit of measurement"),
+        ("empty.npz", "", "empty.npz: cannot be read"),
+        ("broken.mat", "MATLAB 5.0", "broken.mat: cannot be read"),
+        ("design.py:wide", None, r"expected ode of the shape of x, \(2, 1\), got \(1, 1\)"),
+        ("design.py:sparse", None, "u is sparse"),
+        ("design.py:algebraic", None, "alg has to be 0"),
+        ("design.py:unsampled", None, "dt: expected the time between samples in s, dt=0.001, got True"),
     ],
 )
 def test_what_is_wrong_is_said_and_leaves_no_file(design, source, content, match):
@@ -185,7 +200,7 @@ def test_what_is_wrong_is_said_and_leaves_no_file(design, source, content, match
         ({"C": np.full((3, 2), np.nan)}, "C: expected finite real numbers"),
         ({"A": A * 1j}, "A: expected finite real numbers"),
         ({"D": None}, "expected A, B, C and D, got no D"),
-        ({"dt": -1.0}, "dt: expected a time between samples"),
+        ({"dt": -1.0}, "dt: expected the time between samples in s, dt=0.001, got -1"),
     ],
 )
 def test_matrices_that_do_not_fit_are_named(design, change, match):
@@ -194,14 +209,25 @@ def test_matrices_that_do_not_fit_are_named(design, change, match):
         unit_from("wrong.mat")
 
 
-def test_a_name_that_units_have_and_a_failing_file_are_said(design):
-    (design / "odd.csv").write_text("a,files\n1,2\n2,3\n")
-    with pytest.raises(UnitError, match="files"):
-        unit_from("odd.csv")
-    assert not (design / "odd.py").exists() and (design / "odd.csv").exists()
+def test_a_file_that_fails_or_ends_is_said(design):
     (design / "fails.py").write_text("1 / 0")
     with pytest.raises(UnitError, match=r"fails\.py: ZeroDivisionError"):
         unit_from("fails.py:x")
+    (design / "ends.py").write_text("raise SystemExit(3)")
+    with pytest.raises(UnitError, match=r"ends\.py: SystemExit: 3"):
+        unit_from("ends.py:x")
+
+
+def test_names_of_files_and_of_matrices_do_no_harm(design):
+    """A quote in a name ended the text of the unit; a class A hid the matrix A."""
+    (design / 'q"uo\\Ute.csv').write_text('Time [s];b\n0;1,5\n\n1;"2,5"\n')
+    found = made('q"uo\\Ute.csv', "quoted")().simulate(stop=1.0, step=0.5)
+    assert found["b"].tolist() == [1.5, 2.0, 2.5]
+    io.savemat("plant.mat", MATRICES)
+    unit = made("plant.mat", "A")(x_0=[1.0, 0.0])
+    unit.start()
+    unit.outputs()
+    assert (unit.y == C @ [1.0, 0.0]).all()
 
 
 def test_the_command_names_what_it_wrote(design):

@@ -12,12 +12,12 @@ from xml.etree import ElementTree
 from vdfmu.base.errors import FmuError, UsageError
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.base.version import __version__
-from vdfmu.compiler.fmu.content import CONTENT_FILE, UNIT_FILE, Content, installed_digest, tool_of
+from vdfmu.compiler.fmu.content import CONTENT_FILE, Content, installed_digest, tool_of
 from vdfmu.compiler.functions.cache import COMPILER, cache_folder
 from vdfmu.compiler.unit.base import BaseUnit
-from vdfmu.compiler.unit.load import load_units
-from vdfmu.compiler.unit.unit import Unit
 
+EFMU = "eFMU"
+"""Folder of an eFMU."""
 _PLACES = (f"extra/vdfmu/{CONTENT_FILE}", f"resources/{CONTENT_FILE}")
 
 
@@ -29,7 +29,7 @@ def verify(path: Path, unit: type[BaseUnit] | None = None) -> list[str]:
     path : Path
         An FMU that vdfmu built.
     unit : type of BaseUnit, optional
-        The unit of a native FMU of a user's own, of which the FMU does not carry the file.
+        The unit of an FMU of a user's own. Its own file would show nothing: that is not run.
 
     Raises
     ------
@@ -47,29 +47,24 @@ def verify(path: Path, unit: type[BaseUnit] | None = None) -> list[str]:
         model_name = model.attrib["modelIdentifier"] if model is not None else ""
         here = installed_digest(backend), tool_of(backend)
     except (ValueError, LookupError, TypeError, ElementTree.ParseError):
-        raise FmuError(f"{path}: not an FMU of a unit that vdfmu built: {_PLACES[0]} says not what it is of.") from None
+        raise FmuError(
+            f"{path}: not an FMU of a unit that vdfmu built: {_PLACES[0]} does not say which unit it is of."
+        ) from None
     if made != here:
         raise FmuError(
             f"{path}: made by vdfmu {data.get('version')} (digest {made[0][:8]}) and {made[1]}, here are {__version__} "
             f"({here[0][:8]}) and {here[1]}: only the same make the same bits. Install those."
         )
+    if data.get("module") is None and unit is None:
+        raise UsageError(
+            f"{path}: its unit {name} is a file of a user's own, and that in an FMU shows nothing. Name it: --unit "
+            "my_unit.py."
+        )
+    if any(member.startswith(f"{EFMU}/") for member in members):
+        raise FmuError(f"{path}: an eFMU; only plain FMUs are built again. Build it with --target efmi and compare.")
     with temporary_folder("vdfmu_verify_") as folder:
-        if unit is None and data.get("module") is None:
-            unit = _carried(members, Path(folder)).get(name)
-            if unit is None:
-                raise UsageError(f"{path}: it does not carry the file of its unit {name}. Name it: --unit my_unit.py.")
         content = Content.of(data, unit, f"{path}: {place}", model_name)
         return _differences(members, _members(_built(content, data.get("platforms"), Path(folder) / "again")))
-
-
-def _carried(members: Mapping[str, bytes], folder: Path) -> dict[str, type[Unit]]:
-    """Return the units of the file that a Python FMU carries, with what it loads beside it."""
-    if f"resources/{UNIT_FILE}" not in members:
-        return {}
-    for name, content in members.items():
-        if Path(name).parent == Path("resources"):
-            (folder / Path(name).name).write_bytes(content)
-    return load_units(folder / UNIT_FILE)
 
 
 def _built(content: Content, platforms: Sequence[str] | None, folder: Path) -> Path:
@@ -101,7 +96,10 @@ def _members(path: Path) -> dict[str, bytes]:
     """Return the files of an FMU."""
     try:
         with zipfile.ZipFile(path) as archive:
-            return {name: archive.read(name) for name in archive.namelist() if not name.endswith("/")}
+            names = [name for name in archive.namelist() if not name.endswith("/")]
+            if len(set(names)) < len(names):
+                raise FmuError(f"{path}: it has a file twice, of which tools may take either.")
+            return {name: archive.read(name) for name in names}
     except FileNotFoundError:
         raise UsageError(f"{path}: there is no such file.") from None
     except (OSError, zipfile.BadZipFile, RuntimeError) as error:

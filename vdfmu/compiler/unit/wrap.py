@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import keyword
 import re
 import runpy
 import sys
@@ -14,9 +15,11 @@ import casadi as ca
 import numpy as np
 
 from vdfmu.base.errors import UnitError, UsageError
+from vdfmu.base.measure import measure
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.compiler.unit.load import load_units
 from vdfmu.compiler.unit.new import class_and_file, write_new
+from vdfmu.compiler.unit.unit import Unit
 from vdfmu.compiler.unit.wrap_text import DataTable, Matrices, function_text, linear_text, table_text
 
 _KINDS = "model.mat or model.npz with A, B, C, D, function.casadi, table.csv, or design.py:NAME for an object"
@@ -52,19 +55,20 @@ def unit_from(source: str, name: str | None = None, out: Path | None = None) -> 
     """
     path, found = _read(source)
     camel, target = class_and_file(name or _stem(source), out)
-    beside: dict[Path, bytes] = {}
+    files: dict[Path, bytes] = {}
     if isinstance(found, Matrices):
         text = linear_text(camel, found)
     elif isinstance(found, DataTable):
-        beside[target.with_name(path.name)] = path.read_bytes()
-        text = table_text(camel, found, path.name)
+        beside = target.with_name(f"{target.stem}_data.csv")
+        rows = [",".join(found.names), *(",".join(map(repr, row)) for row in found.rows.tolist())]
+        text, files[beside] = table_text(camel, found, beside.name), ("\n".join(rows) + "\n").encode()
     else:
-        saved = target.with_suffix(".casadi")
-        beside[saved] = _saved(found)
-        text = function_text(camel, found, saved.name)
-    head = f'"""The unit of {source}. To build its FMU: vdfmu build {target.name}"""\n\n'
-    files = {target: (head + text).encode()}
-    files |= {place: content for place, content in beside.items() if place.resolve() != path.resolve()}
+        beside = target.with_suffix(".casadi")
+        text = function_text(camel, found, beside.name)
+        if beside.resolve() != path.resolve():
+            files[beside] = _saved(found)
+    head = f'"""Written by vdfmu unit from. To build its FMU: vdfmu build {target.name}"""\n\n'
+    files = {target: (head + text).encode()} | files
     write_new(files)
     try:
         load_units(target)
@@ -115,8 +119,11 @@ def _read(source: str) -> tuple[Path, Matrices | DataTable | ca.Function]:
             return path, _linear(loadmat(path))
     except UsageError as error:
         raise UsageError(f"{source}: {error}") from None
-    except (OSError, ValueError, NotImplementedError, RuntimeError) as error:
-        raise UsageError(f"{source}: cannot be read: {str(error).splitlines()[0].rstrip('.')}.") from None
+    except UnitError:
+        raise
+    except Exception as error:  # readers of broken files raise of many kinds
+        said = (str(error).splitlines() or [""])[0].rstrip(".")
+        raise UsageError(f"{source}: cannot be read: {type(error).__name__}{said and f': {said}'}.") from None
     raise UsageError(f"{source}: expected {_KINDS}.")
 
 
@@ -125,7 +132,7 @@ def _object(path: Path, name: str) -> Matrices | ca.Function:
     sys.path.insert(0, str(path.parent.resolve()))
     try:
         found: Any = runpy.run_path(str(path)).get(name)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise UnitError(f"{path}: {type(error).__name__}: {str(error).rstrip('.')}.") from None
     finally:
         sys.path.pop(0)
@@ -147,10 +154,19 @@ def _object(path: Path, name: str) -> Matrices | ca.Function:
 
 def _expandable(function: ca.Function) -> ca.Function:
     """Return a function of scalar operations."""
-    sizes = {function.name_in(k): function.numel_in(k) for k in range(function.n_in())}
-    sizes |= {function.name_out(k): function.numel_out(k) for k in range(function.n_out())}
-    if empty := [name for name, size in sizes.items() if not size]:
-        raise UsageError(f"{function.name()}: {empty[0]} is empty. Leave it out.")
+    given = {function.name_in(k): function.sparsity_in(k) for k in range(function.n_in())}
+    found = {function.name_out(k): function.sparsity_out(k) for k in range(function.n_out())}
+    for name, sparsity in (given | found).items():
+        _check_name(name, f"{function.name()}: {name}", time=name in given)
+        if not sparsity.numel() or (name in given and not sparsity.is_dense()):
+            kind = "sparse" if sparsity.numel() else "empty"
+            raise UsageError(f"{function.name()}: {name} is {kind}. Leave it out, or make it dense.")
+    if "alg" in found:
+        raise UsageError(f"{function.name()}: alg has to be 0, which is no unit: solve for z, or give ode alone.")
+    if "x" in given and "ode" in found and given["x"].shape != found["ode"].shape:
+        raise UsageError(
+            f"{function.name()}: expected ode of the shape of x, {given['x'].shape}, got {found['ode'].shape}."
+        )
     try:
         scalar = function.expand()
     except RuntimeError:
@@ -182,38 +198,56 @@ def _linear(found: Mapping[str, Any], labels: Mapping[str, Sequence[str]] | None
     if not D.size:
         raise UsageError("expected at least one input and one output.")
     step = found.get("dt", found.get("Ts"))
-    if step is True:
-        raise UsageError("dt: expected the time between samples in s, got True, of a system without one.")
-    dt = float(np.ravel(step)[0]) if step is not None and np.size(step) else 0.0
+    dt = 0.0 if step is None or not np.size(step) else -1.0 if step is True else float(np.ravel(step)[0])
     if not 0.0 <= dt < np.inf:
-        raise UsageError(f"dt: expected a time between samples of at least 0 s, got {dt:g}.")
+        raise UsageError(
+            f"dt: expected the time between samples in s, dt=0.001, got {'True' if step is True else f'{dt:g}'}."
+        )
     return Matrices(A.astype(float), B.astype(float), C.astype(float), D.astype(float), dt or None, labels or {})
 
 
 def _table(path: Path) -> DataTable:
-    """Return the columns of a CSV file. Units are in brackets behind the names, or in a line of their own."""
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        lines = [line for line in csv.reader(file) if line]
+    """Return the columns of a CSV file. Units are in brackets behind the names, or in a line of their own.
+
+    Columns are apart by commas, or by semicolons, and then numbers may have decimal commas.
+    """
+    text = path.read_text(encoding="utf-8-sig")
+    separator = ";" if ";" in text.partition("\n")[0] else ","
+    lines = [line for line in csv.reader(text.splitlines(), delimiter=separator) if any(line)]
+    if separator == ";":
+        lines[1:] = [[cell.replace(",", ".") for cell in line] for line in lines[1:]]
     if len(lines) < 3 or len(lines[0]) < 2:
         raise UsageError("expected names in the first line, two columns or more with commas between, and two rows.")
     heads = [re.fullmatch(r"\s*(.*?)\s*(?:\[(.*)\])?\s*", head) for head in lines[0]]
     names = [re.sub(r"\W+", "_", head[1]).strip("_") for head in heads if head]
     units = [head[2] or "1" for head in heads if head]
-    skipped = 1
     if not any(map(_is_number, lines[1])):
-        units, skipped = [unit.strip() or "1" for unit in lines[1]], 2
-    rows = []
-    for k, line in enumerate(lines[skipped:], skipped + 1):
+        units = [unit.strip() or "1" for unit in lines.pop(1)]
+    for k, (name, unit) in enumerate(zip(names, units, strict=False)):
+        _check_name(name, f"column {lines[0][k]!r}", time=not k)
+        if name in names[:k]:
+            raise UsageError(f"column {lines[0][k]!r}: expected another name for each column.")
+        try:
+            measure(unit)
+        except UsageError as error:
+            raise UsageError(f"column {lines[0][k]!r}: {error}") from None
+    rows: list[list[float]] = []
+    for k, line in enumerate(lines[1:], 1):
         if len(line) != len(names) or not all(map(_is_number, line)):
-            raise UsageError(f"line {k}: expected {len(names)} finite numbers, got {','.join(line)!r}.")
+            raise UsageError(f"row {k}: expected {len(names)} finite numbers, got {separator.join(line)!r}.")
         rows.append([float(cell) for cell in line])
-    wrong = [lines[0][k] for k, name in enumerate(names) if not name.isidentifier() or name in names[:k]]
-    if wrong:
-        raise UsageError(f"column {wrong[0]!r}: expected a name of letters, digits and _, another for each column.")
     table = np.array(rows)
     if (np.diff(table[:, 0]) <= 0.0).any():
         raise UsageError(f"column {names[0]}: expected numbers that increase from row to row.")
-    return DataTable(names, units, table, skipped)
+    return DataTable(names, units, table)
+
+
+def _check_name(name: str, what: str, *, time: bool) -> None:
+    """Raise for a name that no variable of a unit can have; `time` may be t."""
+    if not name.isidentifier() or keyword.iskeyword(name):
+        raise UsageError(f"{what}: expected a name of letters, digits and _, none of Python's own, got {name!r}.")
+    if hasattr(Unit, name) or (name in ("t", "n") and not (time and name == "t")) or name.startswith("_"):
+        raise UsageError(f"{what}: {name} is a name that units have for something else. Rename it.")
 
 
 def _is_number(cell: str) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from pprint import pformat
@@ -35,10 +34,10 @@ class NAME(Unit):
     x_dot = Derivative(x)
 
     def outputs(self) -> None:
-        self.y = C @ self.x + D @ self.u
+        self.y = _C @ self.x + _D @ self.u
 
     def derivatives(self) -> None:
-        self.x_dot = A @ self.x + B @ self.u
+        self.x_dot = _A @ self.x + _B @ self.u
 '''
 _DISCRETE = '''
 import numpy as np
@@ -62,8 +61,8 @@ class NAME(Unit):
     period = Parameter("s", text="time between samples, that of A and B", start=STEP, minimum=STEP, maximum=STEP)
 
     def update(self) -> None:
-        self.y = C @ self.x + D @ self.u
-        self.x = A @ self.x + B @ self.u
+        self.y = _C @ self.x + _D @ self.u
+        self.x = _A @ self.x + _B @ self.u
 '''
 _GAIN = '''
 import numpy as np
@@ -79,7 +78,7 @@ class NAME(Unit):
     y = Output("1", N_Y, TEXT_Y)
 
     def outputs(self) -> None:
-        self.y = D @ self.u
+        self.y = _D @ self.u
 '''
 _FUNCTION = '''
 from pathlib import Path
@@ -88,7 +87,7 @@ import casadi as ca
 
 from vdfmu.unit import IMPORTED
 
-FUNCTION = ca.Function.load(str(Path(__file__).with_name("FILE")))
+_FUNCTION = ca.Function.load(str(Path(__file__).with_name("FILE")))
 
 
 class NAME(Unit):
@@ -100,7 +99,7 @@ DECLARED
 '''
 _METHOD = """
     def METHOD(self) -> None:
-        TARGETS = casadi_call(FUNCTION, ARGUMENTS)
+        TARGETS = casadi_call(_FUNCTION, ARGUMENTS)
 """
 _TABLE = '''
 from pathlib import Path
@@ -109,9 +108,9 @@ import numpy as np
 
 from vdfmu.unit import IMPORTED
 
-_TABLE = np.loadtxt(Path(__file__).with_name("FILE"), delimiter=",", skiprows=SKIPPED)
-X, Y = _TABLE[:, 0], _TABLE[:, 1:]
-ROWS = np.hstack([_TABLE[:-1], np.diff(Y, axis=0) / np.diff(X)[:, None]])
+_TABLE = np.loadtxt(Path(__file__).with_name("FILE"), delimiter=",", skiprows=1)
+_X, _Y = _TABLE[:, 0], _TABLE[:, 1:]
+_ROWS = np.hstack([_TABLE[:-1], np.diff(_Y, axis=0) / np.diff(_X)[:, None]])
 """Begin, values and slopes of each interval."""
 
 
@@ -123,8 +122,8 @@ class NAME(Unit):
 DECLARED
 
     def outputs(self) -> None:
-        x = clip(self.FIRST, X[0], X[-1])
-        begin, *rest = lookup(x, X, ROWS)
+        x = clip(self.FIRST, _X[0], _X[-1])
+        begin, *rest = lookup(x, _X, _ROWS)
         (TARGETS) = (value + (x - begin) * slope for value, slope in zip(rest[:WIDTH], rest[WIDTH:], strict=True))
 '''
 
@@ -141,12 +140,11 @@ class Matrices(NamedTuple):
 
 
 class DataTable(NamedTuple):
-    """The rows of a CSV file: names and units of the columns, their numbers (m, k), and the lines before them."""
+    """The rows of a CSV file: names and units of the columns, and their numbers (m, k)."""
 
     names: Sequence[str]
     units: Sequence[str]
     rows: Floats
-    skipped: int
 
 
 def _filled(text: str, **values: Any) -> str:
@@ -160,8 +158,8 @@ def linear_text(name: str, system: Matrices) -> str:
     kind = _GAIN if not n else _CONTINUOUS if system.dt is None else _DISCRETE
     matrices = [(key, getattr(system, key)) for key in ("ABCD" if n else "D")]
     plain = {"u": "input", "y": "output", "x": "state"} | ({"x": "state of the next sample"} if system.dt else {})
-    texts = {f"TEXT_{key.upper()}": json.dumps(list(system.labels.get(key, ())) or text) for key, text in plain.items()}
-    constants = "\n".join(f"{key} = np.array({pformat(matrix.tolist(), width=110)})" for key, matrix in matrices)
+    texts = {f"TEXT_{key.upper()}": repr(list(system.labels.get(key, ())) or text) for key, text in plain.items()}
+    constants = "\n".join(f"_{key} = np.array({pformat(matrix.tolist(), width=110)})" for key, matrix in matrices)
     return _filled(kind, MATRICES=constants + "\n", NAME=name, N_U=m, N_Y=p, N_X=n, STEP=repr(system.dt), **texts)
 
 
@@ -192,11 +190,11 @@ def function_text(name: str, function: ca.Function, file: str) -> str:
 def table_text(name: str, table: DataTable, file: str) -> str:
     """Return the code of a table, over time where its first column is ``t`` or ``time``, else over an input."""
     (first, *names), (unit, *units) = table.names, table.units
-    timed = first in ("t", "time")
-    declared = [] if timed else [f'    {first} = Input("{unit}", text="{first}")']
-    declared += [f'    {key} = Output("{of}", text="{key}")' for key, of in zip(names, units, strict=True)]
+    timed = first == "t" or first.lower() == "time"
+    declared = [] if timed else [f"    {first} = Input({unit!r}, text={first!r})"]
+    declared += [f"    {key} = Output({of!r}, text={key!r})" for key, of in zip(names, units, strict=True)]
     return _filled(
         _TABLE, IMPORTED=", ".join([*([] if timed else ["Input"]), "Output", "Unit", "clip", "lookup"]), FILE=file,
-        SKIPPED=table.skipped, NAME=name, DECLARED="\n".join(declared), FIRST="t" if timed else first,
+        NAME=name, DECLARED="\n".join(declared), FIRST="t" if timed else first,
         TARGETS=", ".join(f"self.{key}" for key in names) + "," * (len(names) == 1), WIDTH=len(names),
     )  # fmt: skip
