@@ -27,7 +27,7 @@ from vdfmu.system.scenario.replace import with_units
 
 SMALL = {
     "arms": ["planar_2dof"], "laws": ["controller", "disturbance_observer"], "motions": ["point_to_point"],
-    "mismatches": ["none", "masses", "torque_noise", "delay_1"], "budget": 6, "repeats": 2, "seed": 3, "workers": 2,
+    "mismatches": ["none", "masses", "torque_noise", "delay_1", "encoder", "encoder_delay"], "budget": 6, "repeats": 2, "seed": 3, "workers": 2,
 }  # fmt: skip
 
 
