@@ -52,9 +52,9 @@ def in_words(study: LawComparison) -> str:
         "",
         f"## {title}, times that of the best law of the row",
         "",
-        "The best law has the most stable cells with the mismatch, and of such laws the smallest error. Two laws are "
-        "compared by the geometric mean over the arms and motions in which both are stable, so that a law with fewer "
-        "stable cells may be below 1. Errors below 1 um are equally good: they count as 1 um. In brackets: the number "
+        "The best law has the most stable cells with the mismatch, and of such laws the smallest error. The others are "
+        "compared with it by the geometric mean over the arms and motions in which both are stable, so that a law with "
+        "fewer stable cells may be below 1. Errors below 1 um are equally good: they count as 1 um. In brackets: the number "
         "of cells that are not stable, including those of arms on which the law is not tuned.",
         "",
         f"| | {' | '.join(f'`{law}`' for law in laws)} |",
