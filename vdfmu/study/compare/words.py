@@ -54,8 +54,8 @@ def in_words(study: LawComparison) -> str:
         "",
         "The best law has the most stable cells with the mismatch, and of such laws the smallest error. The others are "
         "compared with it by the geometric mean over the arms and motions in which both are stable, so that a law with "
-        "fewer stable cells may be below 1. Errors below 1 um are equally good: they count as 1 um. In brackets: the number "
-        "of cells that are not stable, including those of arms on which the law is not tuned.",
+        "fewer stable cells may be below 1. Errors below 1 um are equally good: they count as 1 um. In brackets: the "
+        "number of cells that are not stable, including those of arms on which the law is not tuned.",
         "",
         f"| | {' | '.join(f'`{law}`' for law in laws)} |",
         f"| --- |{' ---: |' * len(laws)}",
