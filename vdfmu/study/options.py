@@ -172,7 +172,7 @@ class CompareOptions(SeedOptions, WorkerOptions, total=False):
         typed=str | None, read=_names)]
     arms: Annotated[Sequence[str] | None, Option("Robots, names or paths, separated by commas; default five arms.",
         "sequence of str", typed=str | None, read=_names, names=known_robots)]
-    mismatches: Annotated[Sequence[str] | None, Option("What the laws do not know; default all, and none.",
+    mismatches: Annotated[Sequence[str] | None, Option("Differences unknown to the laws; default all, and none.",
         "sequence of str", flag="--mismatch", typed=str | None, read=_names)]
     motions: Annotated[Sequence[str] | None, Option("point_to_point, circle, time_optimal; default all.",
         "sequence of str", typed=str | None, read=_names)]

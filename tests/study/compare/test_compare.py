@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,7 +28,8 @@ from vdfmu.system.scenario.replace import with_units
 
 SMALL = {
     "arms": ["planar_2dof"], "laws": ["controller", "disturbance_observer"], "motions": ["point_to_point"],
-    "mismatches": ["none", "masses", "torque_noise", "delay_1"], "budget": 6, "repeats": 2, "seed": 3, "workers": 2,
+    "mismatches": ["none", "masses", "torque_noise", "delay_1", "encoder", "encoder_delay"],
+    "budget": 6, "repeats": 2, "seed": 3, "workers": 2,
 }  # fmt: skip
 
 
@@ -119,7 +121,80 @@ def test_unknown_names_are_refused_before_anything_is_written(tmp_path):
         compare(laws=["pd_gravty"], out=tmp_path / "none")
     with pytest.raises(UsageError, match="budget: expected at least 1, got 0."):
         compare(budget=0, out=tmp_path / "none")
+    with pytest.raises(
+        UsageError, match=r"laws: iterative_learning learns over repeated cycles, .*\narms: no robot 'ur5'"
+    ):
+        compare(laws=["iterative_learning"], arms=["ur5"], out=tmp_path / "none")
     assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.parametrize("margin", [float("nan"), 0.0, -0.2, 1.0])
+def test_a_margin_that_no_loop_has_or_all_have_is_refused(margin, tmp_path):
+    with pytest.raises(UsageError, match=f"margin: expected a number above 0 and below 1, got {margin:g}"):
+        compare(margin=margin, out=tmp_path / "none")
+
+
+def test_twins_are_refused(tmp_path):
+    for axis, name in (("laws", "controller"), ("motions", "circle"), ("mismatches", "none")):
+        with pytest.raises(UsageError, match=f"{axis}: expected each once, got {name} 2 times."):
+            compare(**{axis: [name, name]}, out=tmp_path / "none")
+    for arms in (["planar_2dof"] * 2, [str(tmp_path / "a/arm.toml"), str(tmp_path / "b/arm.toml")]):
+        with pytest.raises(
+            UsageError, match="arms: expected one of each name, got .*, all of which are (planar_2|arm)"
+        ):
+            compare(arms=arms, out=tmp_path / "none")
+    assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.parametrize(
+    ("found", "verdict"),
+    [
+        ({}, "stable"), ({"modulus": 0.0}, "no margin"), ({"modulus": 0.0, "limited": 0.5}, "at limits"),
+        ({"modulus": 0.0, "unstable": 1.0}, "unstable"), ({"peak_tool": 1.0}, "off the path"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("mismatch", ["none", "encoder_delay"])
+def test_a_cell_without_margin_has_a_verdict_of_its_own_also_behind_encoders(mismatch, found, verdict):
+    row = dict.fromkeys(MEASURES, 0.1) | {f"{name}[{i}]": 0.0 for name in ("crossing", "place") for i in (1, 2, 3)}
+    row |= {"motion": "circle", "mismatch": mismatch, "failed": None, "failed_at": None, "wall_s": 1.0}
+    row |= {"limited": 0.0, "unstable": 0.0, "peak_tool": 0.01} | found
+    cell = module._cell(SimpleNamespace(length=1.0), [row])
+    assert (cell["verdict"], cell["modulus"]) == (verdict, found.get("modulus", 0.1))
+
+
+def words_of(errors):
+    """Return a study with errors [m] of laws, by arm; None where a cell is unstable."""
+    laws, arms = list(errors), [str(k) for k in range(len(next(iter(errors.values()))))]
+    rows = [
+        {"law": law, "arm": arm, "motion": "circle", "mismatch": "none", "rms_tool": error or np.nan,
+         "verdict": "stable" if error else "unstable"}
+        for law, each in errors.items() for arm, error in zip(arms, each, strict=True)
+    ]  # fmt: skip
+    tunings = {arm: {law: {"why_not": "", "before": 1.0, "after": 1.0, "step_us": 1.0} for law in laws} for arm in arms}
+    about = {"arms": arms, "motions": ["circle"], "mismatches": ["none"], "laws": laws, "budget": 1, "seed": 0,
+             "margin": 0.5, "delayed": False, "cost": "rms_tool", "tunings": tunings}  # fmt: skip
+
+    class Study(SimpleNamespace):
+        __len__ = lambda self: len(self.rows)  # noqa: E731
+
+    return Study(rows=rows, about=about)
+
+
+def test_two_laws_are_compared_over_the_cells_that_both_have():
+    """A law that fails in the hard cell gains nothing by it, and one that fails in the easy one loses nothing."""
+    study = words_of({"controller": [1e-3, 1e-1, None], "pd_gravity": [None, 2e-1, 4e-3],
+                      "computed_torque": [5e-4, None, None]})  # fmt: skip
+    order = {one.law: one for one in ranked(study, "none")}
+    assert [one.broken for one in order.values()] == [1, 1, 2]
+    # of geometric means of one ratio each: the rounding of a logarithm and its exponential
+    assert [one.mean for one in order.values()] == pytest.approx([1.0, 2.0, 0.5], rel=1e-14)
+    assert "`controller`; stable in all but 1 cell; 2 times less RMS tool error than `pd_gravity`" in in_words(study)
+
+
+def test_errors_below_a_micrometre_are_equally_good():
+    study = words_of({"controller": [1e-9], "pd_gravity": [9e-7], "computed_torque": [1e-5]})
+    assert "knows: `controller` or `pd_gravity`; 10 times less" in in_words(study)
+    assert "Errors below 1 um are equally good" in in_words(study)
 
 
 @pytest.mark.heavy
@@ -189,6 +264,22 @@ def test_a_cell_equals_a_plain_run_to_the_bit(small, mismatch):
     robot = vdfmu.load_robot("planar_2dof")
     for name in ("rms_tool", "peak_tool", "rms_joint", "effort", "torque_noise", "stabilisation", "overshoot"):
         assert OfRun(name, robot, np.zeros(3))(results) == row[name], name
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("mismatch", ["encoder", "encoder_delay"])
+def test_a_cell_behind_encoders_has_the_verdict_of_its_run(small, mismatch):
+    for row in (row for row in small.rows if row["mismatch"] == mismatch):
+        loops = vdfmu.run(**small.options(row["point"]), reference=False, out=False).summary["verdict"]["checks"][0]
+        assert loops["name"] == "Sampled loops" and "modulus margin" in loops["text"]
+        assert loops["passed"] == (row["verdict"] == "stable") and 0.0 < row["modulus"] < 1.0
+
+
+@pytest.mark.heavy
+def test_another_margin_is_another_tuning(small):
+    for other in ({"margin": 0.7}, {"delayed": True}):
+        with pytest.raises(UsageError, match=r"tune: holds another study.* differ in functions\."):
+            compare(**SMALL, **other, out=small.folder)
 
 
 @pytest.mark.heavy

@@ -1,12 +1,14 @@
 """What a run is judged by."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
-from vdfmu.study.sweeps.measures import read_measures
+from vdfmu.study.sweeps.measures import function_digest, read_measures
 
 T = np.linspace(0.0, 2.0, 201)
 Q = np.column_stack([np.sin(T), 0.5 * T])
@@ -91,3 +93,43 @@ def test_what_is_no_measure_is_said(text, words):
 def test_a_measure_is_there_once():
     with pytest.raises(UsageError, match="measure m: expected once"):
         read_measures(["m=peak(a.b)", "m=rms(a.b)"])
+
+
+class Asked:
+    """A measure that is an object."""
+
+    def __init__(self, least):
+        self.least = least
+
+    def __call__(self, results):
+        """Return what it keeps."""
+        return self.least
+
+    def less(self, results):
+        """Return its negative."""
+        return -self.least
+
+
+class Again(Asked):
+    """The same values, and other code."""
+
+    def __call__(self, results):
+        """Return the double."""
+        return 2.0 * self.least
+
+
+def test_the_digest_of_an_object_or_a_partial_function_has_its_code_and_its_values():
+    def power(results, exponent):
+        return len(results) ** exponent
+
+    def product(results, exponent):
+        return len(results) * exponent
+
+    makers = [
+        lambda: Asked(1.0), lambda: Asked(2.0), lambda: Again(1.0), lambda: Asked(1.0).less, lambda: Asked(2.0).less,
+        lambda: partial(power, exponent=2), lambda: partial(power, exponent=3), lambda: partial(product, exponent=2),
+        lambda: partial(Asked(1.0)), lambda: np.max, lambda: np.min,
+    ]  # fmt: skip
+    found = [function_digest(make()) for make in makers]
+    assert len(set(found)) == len(found)
+    assert found == [function_digest(make()) for make in makers]

@@ -71,7 +71,7 @@ LAWS = {law.unit: law for law in _ALL}
 
 @dataclass(frozen=True)
 class Mismatch:
-    """A difference of the plant, or of what is between it and the law, of which the law does not know."""
+    """A difference of the plant, or of what is between it and the law, unknown to the law."""
 
     text: str
     factors: Mapping[str, float] = field(default_factory=dict[str, float])

@@ -23,6 +23,7 @@ from vdfmu.base.progress import counted
 from vdfmu.base.show_progress import with_progress
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.base.text import close_to
+from vdfmu.base.toml_file import locate
 from vdfmu.base.version import __version__
 from vdfmu.engine.run.simulator import Simulator
 from vdfmu.study.compare.axes import ARMS, LAWS, MISMATCHES, MOTIONS, ComparedLaw, corner_of
@@ -53,6 +54,8 @@ _OFF = 0.05
 """Tool error, as a share of the arm's length, from which an arm has left its path."""
 _STEPS, _TIMES = 200, 7
 """Steps that are timed together, and how often; the shortest run has 1500."""
+
+_KNOWN: Mapping[str, Mapping[str, Any]] = {"laws": LAWS, "motions": MOTIONS, "mismatches": MISMATCHES}
 
 
 class Tuning(NamedTuple):
@@ -106,17 +109,9 @@ def compare(**options: Unpack[CompareOptions]) -> LawComparison:
     UsageError, ModelError
         For unknown names, and for another comparison in the folder.
     """
-    known = {"laws": LAWS, "motions": MOTIONS, "mismatches": MISMATCHES}
-    chosen = {axis: list(options[axis] or names) for axis, names in known.items()}
-    problems = [
-        f"{axis}: expected {', '.join(known[axis])}, got {name}{close_to(name, known[axis]) or '.'}"
-        for axis, names in chosen.items()
-        for name in names
-        if name not in known[axis]
-    ]
+    chosen = {axis: list(options[axis] or names) for axis, names in _KNOWN.items()}
     arms = list(options["arms"] or ARMS)
-    problems += [f"{n}: expected at least 1, got {options[n]}." for n in ("budget", "repeats") if options[n] < 1]
-    if problems:
+    if problems := [*_wrong_names(chosen, arms), *_wrong_numbers(options)]:
         raise UsageError("\n".join(problems))
     check_workers(options)
     folder = Path("results/compare" if options["out"] is None else options["out"])
@@ -136,6 +131,36 @@ def compare(**options: Unpack[CompareOptions]) -> LawComparison:
     write_whole(folder / "summary.md", [in_words(study).encode()])
     write_comparison(study)
     return study
+
+
+def _wrong_names(chosen: Mapping[str, Sequence[str]], arms: Sequence[str]) -> Iterator[str]:
+    """Yield a line for each name that is unknown, and for names that are given twice."""
+    for axis, names in chosen.items():
+        for name in dict.fromkeys(names):
+            if name == "iterative_learning":
+                yield f"{axis}: {name} learns over repeated cycles, and none of these motions repeats."
+            elif name not in _KNOWN[axis]:
+                yield f"{axis}: expected {', '.join(_KNOWN[axis])}, got {name}{close_to(name, _KNOWN[axis]) or '.'}"
+            if names.count(name) > 1:
+                yield f"{axis}: expected each once, got {name} {names.count(name)} times."
+    stems: dict[str, list[str]] = {}
+    for arm in arms:
+        try:
+            stems.setdefault(locate(arm, "robots").stem, []).append(arm)
+        except UsageError as error:
+            yield f"arms: {error}"
+    for stem, same in stems.items():
+        if len(same) > 1:
+            yield f"arms: expected one of each name, got {', '.join(same)}, all of which are {stem}."
+
+
+def _wrong_numbers(options: CompareOptions) -> Iterator[str]:
+    """Yield a line for each number out of its range."""
+    for name in ("budget", "repeats"):
+        if options[name] < 1:
+            yield f"{name}: expected at least 1, got {options[name]}."
+    if not 0.0 < options["margin"] < 1.0:
+        yield f"margin: expected a number above 0 and below 1, got {options['margin']:g}."
 
 
 def _tuned(arm: ComparedArm, law: ComparedLaw, options: CompareOptions) -> Tuning:
@@ -270,12 +295,10 @@ def _cell(arm: ComparedArm, repeats: Sequence[Row]) -> dict[str, Any]:
     of = {n: np.array([[row[f"{n}[{i + 1}]"] for i in range(size)] for row in repeats]) for n in ("crossing", "place")}
     cycles = of["crossing"].reshape(len(repeats), -1, 3)
     cell |= {"AT": path_accuracy(of["place"][0].reshape(-1, 3), cycles), "RT": path_repeatability(cycles)}
-    unstable = first["unstable"]
-    if MISMATCHES[first["mismatch"]].structure == "sensed":  # a step has no derivative
-        cell["modulus"] = unstable = np.nan
-    verdict = "at limits" if first["limited"] > _LIMITED else "stable"
+    verdict = "no margin" if first["modulus"] == 0.0 else "stable"
+    verdict = "at limits" if first["limited"] > _LIMITED else verdict
     verdict = "off the path" if cell["peak_tool"] > _OFF * arm.length else verdict
-    return cell | {"verdict": "unstable" if unstable == 1.0 else verdict, "limited": first["limited"]}
+    return cell | {"verdict": "unstable" if first["unstable"] == 1.0 else verdict, "limited": first["limited"]}
 
 
 def _table(folder: Path, rows: Sequence[dict[str, Any]], about: dict[str, Any]) -> LawComparison:

@@ -125,7 +125,7 @@ def corner_deviation(run: PathRun) -> float:
 
 
 def _from_end(run: PathRun) -> Floats:
-    """Distance of the tool from where it comes to rest, from the row before the command's end on [m]."""
+    """Distance of the tool from where it comes to rest, from the first row at the command's end on [m]."""
     return np.linalg.norm(run.p[run.end :] - run.p[-1], axis=1)
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,15 +15,17 @@ BY = "rms_tool"
 """Measure by which laws are ranked."""
 _CLOSE = 1.1
 """Ratio below which two laws are said to be equally good."""
-_LEAST = 1e-12
-"""Measure below which the ratio to the best says nothing."""
+_LEAST = 1e-6
+"""Error [m] below which laws are equally good: a tool does not show it."""
 
 
 class Ranked(NamedTuple):
-    """A law with a mismatch: cells without a stable run, and the mean ratio of the others to the best."""
+    """A law with a mismatch."""
 
     broken: int
+    """Cells with another verdict than `GOOD`, also those of arms on which it is not tuned."""
     mean: float
+    """Geometric mean of its error over the first law's, of the cells in which both are good; inf without any."""
     law: str
 
 
@@ -48,10 +50,12 @@ def in_words(study: LawComparison) -> str:
         "",
         *(f"- {_advice(mismatch, order, title)}" for mismatch, order in orders.items()),
         "",
-        f"## {title}, times that of the best",
+        f"## {title}, times that of the best law of the row",
         "",
-        "Geometric mean over arms and motions of the ratio to the best law of each; in brackets the number of cells "
-        "without a stable run, also of arms on which the law is not tuned, which the mean leaves out.",
+        "The best law has the most stable cells with the mismatch, and of such laws the smallest error. The others are "
+        "compared with it by the geometric mean over the arms and motions in which both are stable, so that a law with "
+        "fewer stable cells may be below 1. Errors below 1 um are equally good: they count as 1 um. In brackets: the "
+        "number of cells that are not stable, including those of arms on which the law is not tuned.",
         "",
         f"| | {' | '.join(f'`{law}`' for law in laws)} |",
         f"| --- |{' ---: |' * len(laws)}",
@@ -70,22 +74,28 @@ def in_words(study: LawComparison) -> str:
     return "\n".join(lines) + "\n"
 
 
-def ranked(study: LawComparison, mismatch: str, measure: str = BY) -> list[Ranked]:
-    """Return the laws that are tuned, the best first: those with the fewest broken cells, of these by the mean."""
-    cells: dict[tuple[str, str], dict[str, float]] = {}
-    rows = [row for row in study.rows if row["mismatch"] == mismatch]
+def ranked(study: LawComparison, mismatch: str) -> list[Ranked]:
+    """Return the laws that are tuned: first the best of those with the fewest broken cells, the others against it."""
+    found: dict[str, dict[tuple[str, str], float]] = {}
+    for row in study.rows:
+        if row["mismatch"] == mismatch:
+            cells = found.setdefault(row["law"], {})
+            if row["verdict"] in GOOD:
+                cells[row["arm"], row["motion"]] = np.log(max(row[BY], _LEAST))
     number = len(study.about["arms"]) * len(study.about["motions"])
-    broken = {row["law"]: number for row in rows}
-    for row in rows:
-        good = row["verdict"] in GOOD
-        broken[row["law"]] -= good
-        if good and row[measure] is not None and np.isfinite(row[measure]):
-            cells.setdefault((row["arm"], row["motion"]), {})[row["law"]] = max(row[measure], _LEAST)
-    ratios: dict[str, list[float]] = {law: [] for law in broken}
-    for each in cells.values():
-        for law, value in each.items():
-            ratios[law].append(np.log(value / min(each.values())))
-    return sorted(Ranked(broken[law], float(np.exp(np.mean(x))) if x else np.inf, law) for law, x in ratios.items())
+    most = max(map(len, found.values()))
+    best = {law: cells for law, cells in found.items() if len(cells) == most}
+    first = min(best, key=lambda law: sum(x for x in (_ratio(best[law], each) for each in best.values()) if x < np.inf))
+    order = [
+        Ranked(number - len(cells), float(np.exp(_ratio(cells, found[first]))), law) for law, cells in found.items()
+    ]
+    return sorted(order, key=lambda one: (one.broken, one.law != first, one.mean))
+
+
+def _ratio(cells: Mapping[Any, float], other: Mapping[Any, float]) -> float:
+    """Return the mean difference over the cells that both have; inf without any."""
+    common = [value - other[cell] for cell, value in cells.items() if cell in other]
+    return float(np.mean(common)) if common else np.inf
 
 
 def _advice(mismatch: str, order: list[Ranked], title: str) -> str:
@@ -93,14 +103,14 @@ def _advice(mismatch: str, order: list[Ranked], title: str) -> str:
     text, first = MISMATCHES[mismatch].text[:1].upper() + MISMATCHES[mismatch].text[1:], order[0]
     if not np.isfinite(first.mean):
         return f"{text}: no law is stable."
-    best = [one.law for one in order if one.broken == first.broken and one.mean <= _CLOSE * first.mean]
+    best = [one.law for one in order if one.broken == first.broken and one.mean <= _CLOSE]
     rest = [one for one in order if one.law not in best and one.broken == first.broken]
     names = " or ".join(f"`{law}`" for law in best)
     words = [f"{text}: {names}"]
     if first.broken:
         words.append(f"stable in all but {first.broken} cell{'s' if first.broken > 1 else ''}")
-    if rest:
-        words.append(f"{_times(rest[0].mean / first.mean)} times less {title} than `{rest[0].law}`")
+    if rest and np.isfinite(rest[0].mean):
+        words.append(f"{_times(rest[0].mean)} times less {title} than `{rest[0].law}`")
     worse = len(order) - len(best) - len(rest)
     if worse:
         words.append(f"{worse} {'laws are' if worse > 1 else 'law is'} stable in fewer cells")

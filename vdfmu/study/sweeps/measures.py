@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from types import CodeType
 from typing import Any
 
@@ -122,11 +123,20 @@ class Measure:
 
 
 def function_digest(function: Callable[..., Any]) -> str:
-    """Digest of a function: its code, and values that it has kept, if they can be pickled."""
+    """Digest of a function, or of an object that is called: its code, and the values that it keeps.
+
+    Values that cannot be pickled do not count.
+    """
     code = getattr(function, "__code__", None)
-    kept = [cell.cell_contents for cell in getattr(function, "__closure__", None) or ()]
+    if isinstance(function, partial):
+        values = [function_digest(function.func), *function.args, *sorted(function.keywords.items())]
+    elif code is None:
+        code, values = getattr(type(function).__call__, "__code__", None), [function]
+    else:
+        values = [cell.cell_contents for cell in getattr(function, "__closure__", None) or ()]
+        values += [*(getattr(function, "__defaults__", None) or ()), getattr(function, "__self__", None)]
     parts = [] if code is None else _code(code)
-    for value in (*kept, *(getattr(function, "__defaults__", None) or ())):
+    for value in values:
         with suppress(Exception):  # it counts only where it can
             parts.append(pickle.dumps(value))
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
