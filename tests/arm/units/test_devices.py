@@ -226,8 +226,13 @@ def test_a_stop_is_remembered(planar):
 @pytest.mark.parametrize(
     ("unit", "values", "message"),
     [
-        ("encoder", {"T_d": 0.0151}, "at most 15 periods"),
-        ("communication", {"T_d": 0.01, "T_j": 0.006}, "at most 15 periods"),
+        ("encoder", {"T_d": 0.0151}, r"T_d up to 15 periods; .*, got T_d = 0.0151 s, period = 0.001 s"),
+        ("encoder", {"bits[2]": 17.5}, r"whole numbers, got bits\[1\] = 17, bits\[2\] = 17.5"),
+        (
+            "communication",
+            {"T_d": 0.01, "T_j": 0.006},
+            r"T_d \+ T_j up to 15 periods; .*, got T_d = 0.01 s, T_j = 0.006 s, period = 0.001 s",
+        ),
         ("communication", {"seed": 0.5}, "whole number"),
         ("torque_sensor", {"seed": 1.5}, "whole number"),
     ],

@@ -117,11 +117,23 @@ def test_it_holds_before_and_after_the_cycles():
     assert not seen[250:].any()
 
 
+def test_nothing_is_learned_without_a_duration():
+    robot = vdfmu.load_robot("planar_2dof")
+    unit = find_unit("iterative_learning")(robot, q_d=[0.01, 0.02])
+    unit.start()
+    for k in range(1600):
+        unit.t = k * PERIOD
+        unit.update()
+        assert not unit.u.any() and unit.cycle == 0.0 and unit.tau.all()
+
+
 def test_a_cycle_has_whole_samples(tmp_path):
     robot = vdfmu.load_robot("planar_2dof")
     (path,) = vdfmu.build_fmus(robot, tmp_path, units=["iterative_learning"], backend="python").values()
-    simulate_fmu(str(path), stop_time=0.01, start_values={"T": 0.123})
-    for wrong in ({"T": 0.1234}, {"T": 0.01, "harmonics": 5.0}):
+    for right in ({}, {"T": 0.123}):
+        simulate_fmu(str(path), stop_time=0.01, start_values=right)
+    wrongs = [{"T": 0.1234}, {"T": 0.01, "harmonics": 5.0}, {"T": 0.1, "harmonics": 5.5}, {"T": 0.1, "cycles": 2.5}]
+    for wrong in wrongs:
         with pytest.raises(Exception, match="InitializationMode failed"):
             simulate_fmu(str(path), stop_time=0.01, start_values=wrong)
 

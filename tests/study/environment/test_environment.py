@@ -19,6 +19,16 @@ def short(stop=0.2):
     return dataclasses.replace(load_scenario("planar_tracking"), stop=stop)
 
 
+def with_devices(folder, units, connections):
+    """Write `planar_tracking` of 0.1 s with units of its own."""
+    system = f'extends = "system"\n[units]\n{units}\n[connections]\n{connections}\n'
+    (folder / "s.toml").write_text(system)
+    models = load_scenario("planar_tracking").system.path.parents[1] / "models"
+    text = (models / "scenarios/planar_tracking.toml").read_text()
+    (folder / "x.toml").write_text(text.replace("stop = 2.0", 'stop = 0.1\nsystem = "s.toml"'))
+    return folder / "x.toml"
+
+
 @pytest.fixture(scope="module")
 def arm():
     with vdfmu.ArmEnv(short(), vary=VARY) as env:
@@ -101,24 +111,21 @@ def test_a_step_that_fails_ends_the_episode_and_the_next_begins():
 
 @pytest.mark.heavy
 def test_devices_of_a_system_are_part_of_what_the_agent_acts_through(tmp_path):
-    (tmp_path / "s.toml").write_text(
-        'extends = "system"\n[units]\nencoder = "encoder"\nactuator = "actuator"\n[connections]\n'
-        '"plant.q" = ["encoder.q"]\n"actuator.tau" = ["plant.tau"]\n'
+    units, links = (
+        'encoder = "encoder"\nactuator = "actuator"',
+        '"plant.q" = ["encoder.q"]\n"actuator.tau" = ["plant.tau"]',
     )
-    text = (
-        load_scenario("planar_tracking").system.path.parents[1] / "models/scenarios/planar_tracking.toml"
-    ).read_text()
-    (tmp_path / "x.toml").write_text(text.replace("stop = 2.0", 'stop = 0.1\nsystem = "s.toml"'))
+    path = with_devices(tmp_path, units, links)
     seen = ("encoder.q_m", "encoder.q_dot_m", "trajectory.q_d")
     track = ("trajectory.q_d", "encoder.q_m")
     task = {"action": "actuator.tau_c", "seen": seen, "track": track}
-    env = vdfmu.ArmEnv(tmp_path / "x.toml", **task)
+    env = vdfmu.ArmEnv(path, **task)
     assert set(env.task.scenario.system.parts) == {"trajectory", "plant", "encoder", "actuator"}
     counts = env.reset()[0][:2] / (2.0 * np.pi / 2**17)
     np.testing.assert_allclose(counts, np.rint(counts), rtol=0, atol=1e-9)  # of 3e4 steps, rounded
     env.close()
     with pytest.raises(UsageError, match="encoder: sampled states"):
-        vdfmu.ArmVectorEnv(2, tmp_path / "x.toml", **task)
+        vdfmu.ArmVectorEnv(2, path, **task)
 
 
 @pytest.mark.parametrize(
@@ -130,11 +137,58 @@ def test_devices_of_a_system_are_part_of_what_the_agent_acts_through(tmp_path):
         ({"seen": ("arm.q",)}, "arm: expected components of"),
         ({"track": ("trajectory.q_d", "plant.kappa")}, "plant.kappa: expected one of what is seen"),
         ({"limits": {"plant.x": 1.0}}, "plant.x: expected one of what is seen"),
+        ({"limits": {"plant.q": np.nan}}, "limits: plant.q: expected a finite number above 0, got nan"),
+        ({"hold": 2.5}, "whole multiple, got 2.5"),
+        ({"limit": 0.0}, "limit: expected a finite number above 0, got 0"),
+        ({"limit": [1.0, -1.0]}, "limit: expected a finite number above 0, got -1"),
+        ({"limit": [1, 2, 3]}, "limit: expected one number, or 2 for plant.tau, got"),
+        ({"error": 0.0}, "error: expected a finite number above 0, got 0"),
+        ({"effort": -1.0}, "effort: expected a finite number of at least 0, got -1"),
+        (
+            {"vary": {"plant.mass[2]": (1.5, 0.5)}},
+            r"vary: plant.mass\[2\]: expected two finite numbers, the lower first",
+        ),
+        ({"vary": {"plant.mass[2]": (0.5, np.nan)}}, "expected two finite numbers, the lower first, got"),
+        ({"vary": {"plant.mass[2]": 1.0}}, "expected two finite numbers, the lower first, got 1.0"),
+        ({"vary": {"plant.mas[2]": (0.5, 1.5)}}, "plant.mas"),
+        ({"vary": {"plant.mass[2]": (-1.0, 1.5)}}, "plant.mass"),
+        ({"vary": {"plant.mass": (0.5, 1.5)}}, "vary: plant.mass: expected one parameter"),
     ],
 )
 def test_what_is_not_there_is_refused(options, message):
     with pytest.raises(UsageError, match=message):
         TrackingTask(short(), **options)
+
+
+@pytest.mark.heavy
+def test_steps_need_a_reset_and_actions_are_finite(arm):
+    one, many = vdfmu.ArmEnv(short()), vdfmu.ArmVectorEnv(2, short())
+    for env in (one, many):
+        with pytest.raises(UsageError, match=r"expected reset\(\) before the first step"):
+            env.step(env.action_space.sample())
+    one.close(), many.reset(), arm.reset()
+    for wrong in (np.zeros(3), np.array([0.0, np.nan]), np.array([np.inf, 0.0])):
+        with pytest.raises(UsageError, match=r"action: expected finite numbers of shape \(2,\), got"):
+            arm.step(wrong)
+        with pytest.raises(UsageError, match="action: expected finite numbers of shape"):
+            many.step(np.array([wrong, wrong]))
+    with pytest.raises(UsageError, match="num_envs: expected a whole number of at least 1, got 0"):
+        vdfmu.ArmVectorEnv(0, short())
+
+
+def test_a_seed_reaches_the_random_numbers_of_devices(tmp_path):
+    path = with_devices(tmp_path, 'sensor = "torque_sensor"', '"plant.tau_s" = ["sensor.tau_s"]')
+    with vdfmu.ArmEnv(path, seen=("sensor.tau_s_m", "plant.q", "trajectory.q_d")) as env:
+
+        def episode(**options):
+            env.reset(**options)
+            return np.array([env.step(np.zeros(2))[0] for _ in range(3)])
+
+        first, next_one, again = episode(seed=1), episode(), episode(seed=1)
+        assert np.array_equal(first, again) and not np.array_equal(first, next_one)
+        fixed = {"parameters": {"sensor.seed": 7}}
+        assert np.array_equal(episode(seed=1, options=fixed), episode(seed=2, options=fixed))
+        assert env.task.seeds == ["sensor.seed"]
 
 
 # ---------------------------------------------------------------- many arms
@@ -176,7 +230,8 @@ def test_an_arm_whose_episode_ends_begins_anew_while_the_others_go_on():
     calm, wild = np.zeros((3, 2)), np.zeros((3, 2))
     wild[1] = [1e6, -1e6]
     for k in range(20):
-        seen, reward, ended, late, _ = many.step(wild if k == 4 else calm)
+        seen, reward, ended, late, info = many.step(wild if k == 4 else calm)
+        assert info.get("_error", np.zeros(3, bool)).tolist() == [False, k == 4, False]
         expected, *_ = alone.step(calm[:1])
         assert np.array_equal(seen[[0, 2]], expected[[0, 0]])  # lanes do not meet
         assert ended.tolist() == [False, k == 4, False]

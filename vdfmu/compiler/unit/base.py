@@ -175,11 +175,12 @@ class BaseUnit:
         """
         raise NotImplementedError
 
-    def requirements(self) -> Mapping[str, tuple[str, Any]]:
+    def requirements(self) -> Mapping[Any, tuple[str, Any]]:
         """Return what parameters must meet that their limits cannot say.
 
-        A parameter's name to what is expected of it, and a number that is above 0 where that holds. It is calculated
-        from parameters alone, without choices. A scenario is refused before its run, an FMU at its initialization.
+        A parameter's name, or names of several, to what is expected of it, and a number that is above 0 where that
+        holds. It is calculated from parameters alone, without choices. A scenario is refused before its run, an FMU at
+        its initialization.
         """
         return {}
 

@@ -57,16 +57,20 @@ def _listed(interface: Interface, found: Any) -> list[tuple[Requirement, Any]]:
     if not isinstance(found, Mapping):
         raise _other(interface, repr(found))
     listed: list[tuple[Requirement, Any]] = []
-    for group, one in found.items():
+    for key, one in found.items():
+        groups = key if isinstance(key, tuple) else (key,)
         match one:
             case (str() as expected, size) if np.ndim(size) == 0:
                 pass
             case _:
-                raise _other(interface, f"{group!r}: {one!r}")
-        parameters = [v for v in interface.memory[interface.groups.get(group, slice(0))] if v.causality == "parameter"]
-        if not parameters:
-            raise _other(interface, f"{group!r}, which is not a parameter")
-        listed.append((Requirement(expected, tuple(Entry(group, v.index) for v in parameters)), size - STRICT))
+                raise _other(interface, f"{key!r}: {one!r}")
+        entries: list[Entry] = []
+        for group in groups:
+            own = [v for v in interface.memory[interface.groups.get(group, slice(0))] if v.causality == "parameter"]
+            if not own:
+                raise _other(interface, f"{group!r}, which is not a parameter")
+            entries += [Entry(group, v.index) for v in own]
+        listed.append((Requirement(expected, tuple(entries)), size - STRICT))
     return listed
 
 

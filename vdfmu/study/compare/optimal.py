@@ -29,7 +29,7 @@ def _gain(name: str, unit: str, text: str) -> Parameter:
 class OptimalStateFeedback(StateFeedback):
     """Feedback of the whole state of links and rotors, with gravity, with gains that are optimal at q_pose.
 
-    What is equally bad are an error of a link, a velocity of a rotor and a torque of a motor; see
+    Each weight is the size of an error that counts as equally bad: of a link, a rotor, a motor; see
     :func:`vdfmu.study.analysis.lqr.state_gains`.
     """
 

@@ -28,6 +28,9 @@ try:
 except ImportError:
     raise UsageError("environments need gymnasium: pip install 'vdfmu[learn]'.") from None
 
+_NOT_BEGUN = "step: expected reset() before the first step."
+_FAILED = "the step was not solved; ArmEnv with the same parameters and actions says why"
+
 
 def _spaces(task: TrackingTask) -> tuple[Any, Any]:
     """Return the spaces of actions and of what is seen."""
@@ -58,7 +61,7 @@ class ArmEnv(gymnasium.Env[Floats, Floats]):
         self.task = TrackingTask(scenario, **options)
         self.action_space, self.observation_space = _spaces(self.task)
         scenario = self.task.scenario
-        self._held = ExitStack()
+        self._held, self._done = ExitStack(), -1
         folder = self._held.enter_context(temporary_folder("vdfmu_environment_"))
         values = system_values(scenario)
         package = write_ssp(scenario, cached_fmus(scenario, folder), Path(folder) / "system.ssp", values)
@@ -79,7 +82,9 @@ class ArmEnv(gymnasium.Env[Floats, Floats]):
 
     def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
         """Hold an action for `hold` communication steps."""
-        action, info = np.clip(action, -self.task.limit, self.task.limit), dict[str, Any]()
+        if self._done < 0:
+            raise UsageError(_NOT_BEGUN)
+        action, info = self.task.limited(action), dict[str, Any]()
         self._done += 1
         try:
             self._simulator.set(self.task.action, action)
@@ -116,12 +121,14 @@ class ArmVectorEnv(VectorEnv[Floats, Floats, Floats]):
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
 
     def __init__(self, num_envs: int = 8, scenario: Any = "planar_tracking", **options: Any) -> None:
-        self.num_envs, self.task = num_envs, TrackingTask(scenario, **options)
+        if num_envs < 1 or num_envs % 1:
+            raise UsageError(f"num_envs: expected a whole number of at least 1, got {num_envs}.")
+        self.num_envs, self.task, self._given = num_envs, TrackingTask(scenario, **options), None
         self.single_action_space, self.single_observation_space = _spaces(self.task)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         task = self.task
-        program = make_program(SystemDescription(task.scenario), task.vary)
+        program = make_program(SystemDescription(task.scenario), [*task.vary, *task.seeds])
         self._lanes = SteppedLanes(program, num_envs, task.inputs, task.signals)
         self._done, self._over = np.zeros(num_envs, np.intp), np.zeros(num_envs, np.bool_)
 
@@ -130,30 +137,34 @@ class ArmVectorEnv(VectorEnv[Floats, Floats, Floats]):
     ) -> tuple[Floats, dict[str, Any]]:
         """Begin all episodes; `options` may have ``parameters`` of all of them."""
         super().reset(seed=seed)
-        self._given = dict((options or {}).get("parameters", {}))
-        self._begin(range(self.num_envs))
+        self._given = given = dict((options or {}).get("parameters", {}))
+        self._begin(range(self.num_envs), given)
         return self.task.clipped(self._lanes.read()), {}
 
-    def _begin(self, chosen: Any) -> None:
+    def _begin(self, chosen: Any, given: dict[str, Any]) -> None:
         chosen = [int(i) for i in chosen]
-        self._lanes.reset({i: self.task.drawn(self.np_random) | self._given for i in chosen})
+        self._lanes.reset({i: self.task.drawn(self.np_random) | given for i in chosen})
         self._done[chosen], self._over[chosen] = 0, False
         if not self._lanes.good[chosen].all():
             raise CosimError("lanes", "initialization", 0.0, "parameters are refused; ArmEnv says why")
 
     def step(self, actions: Floats) -> tuple[Floats, Floats, Any, Any, dict[str, Any]]:
         """Hold an action of each arm for `hold` communication steps."""
-        actions, begun = np.clip(actions, -self.task.limit, self.task.limit), self._over.copy()
+        if self._given is None:
+            raise UsageError(_NOT_BEGUN)
+        actions, begun, info = self.task.limited(actions, (self.num_envs,)), self._over.copy(), dict[str, Any]()
         self._lanes.step(actions, self.task.hold)
         self._done += 1
         seen, rewards, ended = self.task.outcome(self._lanes.read(), actions, self._done, self._lanes.good)
         late = ~ended & (self._done == self.task.length)
+        for i in np.flatnonzero(~self._lanes.good & ~begun):
+            info = self._add_info(info, {"error": _FAILED}, int(i))
         self._over = ended | late
         if begun.any():
-            self._begin(np.flatnonzero(begun))
+            self._begin(np.flatnonzero(begun), self._given)
             seen[begun] = self.task.clipped(self._lanes.read())[begun]
             rewards[begun], ended[begun], late[begun] = 0.0, False, False
-        return seen, rewards, ended, late, {}
+        return seen, rewards, ended, late, info
 
 
 gymnasium.register("vdfmu/Arm-v0", entry_point=ArmEnv, vector_entry_point=ArmVectorEnv)

@@ -13,6 +13,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.system.scenario import Scenario, load_scenario
 from vdfmu.system.scenario.system_file import SystemFile
+from vdfmu.system.scenario.values import override
 
 LIMITS = {"rad": 2.0 * math.pi, "rad/s": 50.0, "m": 5.0, "m/s": 10.0, "N.m": 1e3, "N": 1e4, "1": 1e6}
 """Largest absolute value of a signal that is seen, by its unit of measurement, where none is given."""
@@ -43,12 +44,14 @@ class TrackingTask:
     effort : float
         Cost of all actions at their limits.
     vary : mapping of str to (low, high)
-        Parameters, ``component.variable``, that are drawn uniformly at each reset.
+        Parameters, ``component.variable``, that are drawn uniformly at each reset. Each parameter ``seed`` of a
+        component that is not among them gets a whole number below 2^31.
 
     Raises
     ------
     UsageError
-        For signals that are not there, or an episode that is not a whole number of actions.
+        For signals and parameters that are not there, numbers that cannot be, or an episode that is not a whole number
+        of actions.
     """
 
     def __init__(
@@ -67,8 +70,10 @@ class TrackingTask:
     ) -> None:
         loaded = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
         self.action, self.hold, self.error, self.effort, self.vary = action, hold, error, effort, dict(vary or {})
+        _check_number("error", error, 0.0)
+        _check_number("effort", effort, 0.0, among=True)
         self.scenario = opened(loaded, action, seen)
-        self.length = round(loaded.stop / (loaded.step * hold)) if hold >= 1 else 0
+        self.length = round(loaded.stop / (loaded.step * hold)) if hold >= 1 and hold % 1 == 0 else 0
         if self.length < 1 or not math.isclose(self.length * hold * loaded.step, loaded.stop, rel_tol=1e-9):
             raise UsageError(f"hold: expected steps of which {loaded.stop:g} s is a whole multiple, got {hold}.")
         tables = self.scenario.resolved.tables
@@ -83,8 +88,26 @@ class TrackingTask:
         self._desired, self._actual = where[track[0]], where[track[1]]
         self.high = np.array([LIMITS.get(unit, LIMITS["1"]) for unit in self.units])
         for group, value in (limits or {}).items():
+            _check_number(f"limits: {group}", value, 0.0)
             self.high[where[group]] = value
+        if np.ndim(limit) and np.shape(limit) != (len(self.inputs),):
+            raise UsageError(f"limit: expected one number, or {len(self.inputs)} for {action}, got {limit}.")
+        for each in np.ravel(limit):
+            _check_number("limit", each, 0.0)
         self.limit = np.broadcast_to(np.asarray(limit, np.float64), (len(self.inputs),)).copy()
+        parameters = [f"{name}.{v.name}" for name, table in tables.items() for v in table if v.causality == "parameter"]
+        self.seeds = [name for name in parameters if name.endswith(".seed") and name not in self.vary]
+        self._check_varied(parameters)
+
+    def _check_varied(self, parameters: Sequence[str]) -> None:
+        """Check names and bounds of what varies; values are held against the limits of each parameter."""
+        for name, bounds in self.vary.items():
+            if np.shape(bounds) != (2,) or not (np.isfinite(bounds).all() and bounds[0] <= bounds[1]):
+                raise UsageError(f"vary: {name}: expected two finite numbers, the lower first, got {bounds}.")
+            for value in bounds:
+                override(self.scenario, {name: float(value)})
+            if name not in parameters:
+                raise UsageError(f"vary: {name}: expected one parameter of a component, such as {parameters[0]}.")
 
     @staticmethod
     def _named(tables: Mapping[str, Any], group: str, causality: str) -> tuple[list[str], list[str]]:
@@ -96,7 +119,16 @@ class TrackingTask:
 
     def drawn(self, generator: np.random.Generator) -> dict[str, float]:
         """Return values of what varies."""
-        return {name: float(generator.uniform(*bounds)) for name, bounds in self.vary.items()}
+        varied = {name: float(generator.uniform(*bounds)) for name, bounds in self.vary.items()}
+        return varied | {name: int(generator.integers(2**31)) for name in self.seeds}
+
+    def limited(self, action: Any, arms: tuple[int, ...] = ()) -> Floats:
+        """Return an action (.., inputs), of one arm or several, within its limits; UsageError if it is not finite."""
+        shape = (*arms, len(self.inputs))
+        if np.shape(action) != shape or not np.isfinite(action).all():
+            got = np.array2string(np.asarray(action), threshold=9)
+            raise UsageError(f"action: expected finite numbers of shape {shape}, got {got}.")
+        return np.clip(action, -self.limit, self.limit)
 
     def outcome(self, numbers: Floats, action: Floats, done: Any, good: Any) -> tuple[Floats, Floats, Any]:
         """Return what is seen, the rewards, and whether episodes end before their time.
@@ -119,6 +151,14 @@ class TrackingTask:
     def clipped(self, numbers: Floats) -> Floats:
         """Return numbers within what can be seen."""
         return np.clip(np.nan_to_num(numbers), -self.high, self.high)
+
+
+def _check_number(name: str, value: Any, least: float, among: bool = False) -> None:
+    """Check that a number is finite and above `least`, or `among` what is allowed also that."""
+    if not (np.ndim(value) == 0 and np.isfinite(value) and (value > least or (among and value == least))):
+        raise UsageError(
+            f"{name}: expected a finite number {'of at least' if among else 'above'} {least:g}, got {value}."
+        )
 
 
 def opened(scenario: Scenario, action: str, seen: Sequence[str]) -> Scenario:

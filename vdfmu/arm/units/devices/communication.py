@@ -38,11 +38,14 @@ class Communication(Unit):
     age = Sampled("s", text="time since the output was sent")
     tau = Sampled("N.m", JOINTS, "torque that has arrived, motor-side")
 
-    def requirements(self) -> dict[str, tuple[str, Any]]:
+    def requirements(self) -> dict[Any, tuple[str, Any]]:
         """Require a whole seed, and that the delay is remembered."""
         room = (PAST - 1) * self.period - self.T_d - self.T_j
         return {
-            "T_d": (f"with T_j at most {PAST - 1} periods", room + 1e-9 * self.period),
+            ("T_d", "T_j", "period"): (
+                f"T_d + T_j up to {PAST - 1} periods; lower them, or raise period",
+                room + 1e-9 * self.period,
+            ),
             "seed": ("a whole number", whole(self.seed)),
         }
 

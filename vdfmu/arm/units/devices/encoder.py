@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.units.devices._common import PAST, rounded, shifted
+from vdfmu.arm.units.devices._common import PAST, rounded, shifted, whole
 from vdfmu.compiler.unit import JOINTS, Input, Parameter, Sampled, Unit, maximum, where
 
 
@@ -34,9 +34,13 @@ class Encoder(Unit):
     q_m = Sampled("position", JOINTS, "measured position")
     q_dot_m = Sampled("velocity", JOINTS, "measured velocity")
 
-    def requirements(self) -> dict[str, tuple[str, Any]]:
-        """Require that the delay is remembered."""
-        return {"T_d": (f"at most {PAST - 1} periods", (PAST - 1) * self.period - self.T_d + 1e-9 * self.period)}
+    def requirements(self) -> dict[Any, tuple[str, Any]]:
+        """Require whole bits, and that the delay is remembered."""
+        room = (PAST - 1) * self.period - self.T_d
+        return {
+            ("T_d", "period"): (f"T_d up to {PAST - 1} periods; lower it, or raise period", room + 1e-9 * self.period),
+            "bits": ("whole numbers", whole(self.bits)),
+        }
 
     def start(self) -> None:
         """At rest where the joints are."""

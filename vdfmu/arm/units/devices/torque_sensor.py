@@ -18,7 +18,7 @@ class TorqueSensor(Unit):
 
     w_k is white, of mean 0 and standard deviation 1, the sum of twelve uniform numbers less 6, and at most 6. All is
     link-side. The random numbers are those of MRG32k3a, the same on every platform; another seed gives others, and two
-    sensors need two seeds, lest their noise is the same.
+    sensors need two seeds, or their noise is the same.
     """
 
     tau_s = Input(*MEASURED["tau_s"])

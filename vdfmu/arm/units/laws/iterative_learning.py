@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.arm.units.devices._common import whole
 from vdfmu.arm.units.laws._law import SampledPD
-from vdfmu.compiler.unit import JOINTS, Parameter, Sampled, clip, where
+from vdfmu.compiler.unit import JOINTS, Parameter, Sampled, clip, minimum, where
 
 HARMONICS = 20
 """Most harmonics of a cycle that are learned."""
@@ -31,45 +32,52 @@ class IterativeLearningPD(SampledPD):
     what the motors gave in cycles before, filtered, so it does not wind up while they are at their limit.
 
     Cycles start at t_start, and end after `cycles`: before and after u stays what it is there. The motion ends each
-    cycle where it starts.
+    cycle where it starts. T has to be given: with T = 0, where it starts, this is feedforward and feedback alone.
 
     Source: D. Bristow, M. Tharayil, A. Alleyne, "A survey of iterative learning control", IEEE Control Systems Magazine
     26(3), 2006; that the feedback's torque is the error to learn from: M. Kawato, K. Furukawa, R. Suzuki, "A
     hierarchical neural-network model for control and learning of voluntary movement", Biological Cybernetics 57, 1987.
     """
 
-    T = Parameter("s", text="duration of a cycle", start=0.5, minimum=1e-6)
+    T = Parameter("s", text="duration of a cycle; 0: nothing is learned", minimum=0.0)
     t_start = Parameter("s", text="start of the first cycle")
     cycles = Parameter("1", text="number of cycles", start=1e9, minimum=1.0)
-    L = Parameter("1", JOINTS, "share of the feedback torque that is learned", start=1.0, minimum=0.0, tunable=True)
+    L = Parameter(
+        "1", JOINTS, "share of the feedback torque that is learned", start=1.0, minimum=0.0, maximum=2.0, tunable=True
+    )
     harmonics = Parameter("1", text="number of harmonics that are learned", start=5.0, minimum=0.0, maximum=HARMONICS)
     cycle = Sampled("1", text="number of the cycle, from 0 on")
     u = Sampled("N.m", JOINTS, "learned torque, motor-side")
     learned = Sampled("N.m", (2 * HARMONICS + 1, JOINTS), "coefficient of u, c_0, c_1 .., then s_1 ..; motor-side")
     seen = Sampled("N.m", (2 * HARMONICS + 1, JOINTS), "coefficient of tau - tau_m so far in this cycle, motor-side")
 
-    def requirements(self) -> dict[str, tuple[str, Any]]:
+    def requirements(self) -> dict[Any, tuple[str, Any]]:
         """Require samples in whole numbers a cycle, and enough of them."""
         samples = self.T / self.period
         return {
-            "T": ("a whole number of periods", 1e-6 - np.abs(samples - np.floor(samples + 0.5))),
-            "harmonics": ("less than half of the samples of a cycle", 0.5 * samples - self.harmonics),
+            ("T", "period"): ("T a whole number of periods", 1e-6 - np.abs(samples - np.floor(samples + 0.5))),
+            ("harmonics", "T", "period"): (
+                "harmonics a whole number, less than half of the samples of a cycle",
+                minimum(whole(self.harmonics), where(self.T > 0.0, 0.5 * samples - self.harmonics, 1.0)),
+            ),
+            "cycles": ("a whole number", whole(self.cycles)),
         }
 
     def update(self) -> None:
         """Learn from the cycle before at the start of one, then the torque, and its part in what is seen."""
-        passed = (self.t - self.t_start) / self.T + 0.5 * self.period / self.T  # half a sample: times are rounded
-        cycle = clip(np.floor(passed), 0.0, np.floor(self.cycles))
-        running = where((passed >= 0.0) & (passed < np.floor(self.cycles)), 1.0, 0.0)
+        T = where(self.T > 0.0, self.T, 1.0)
+        passed = (self.t - self.t_start) / T + 0.5 * self.period / T  # half a sample: times are rounded
+        cycle = where(self.T > 0.0, clip(np.floor(passed), 0.0, self.cycles), 0.0)
+        running = where((self.T > 0.0) & (passed >= 0.0) & (passed < self.cycles), 1.0, 0.0)
         orders = np.arange(HARMONICS + 1)
         Q = clip(self.harmonics + 1.0 - orders, 0.0, 1.0)
         Q = np.concatenate([Q, Q[1:]])[:, None]
-        angle = running * 2.0 * np.pi / self.T * (self.t - self.t_start) * orders
+        angle = running * 2.0 * np.pi / T * (self.t - self.t_start) * orders
         wave = np.concatenate([np.cos(angle), np.sin(angle[1:])])
         ends = cycle > self.cycle
         self.learned = where(ends, Q * (self.learned + self.L * (self.seen - self.learned)), self.learned)
         self.u = wave @ self.learned
         self.tau = self.pd(self.u)
-        share = running * self.period / self.T * np.where(np.arange(wave.size) == 0, 1.0, 2.0)
+        share = running * self.period / T * np.where(np.arange(wave.size) == 0, 1.0, 2.0)
         self.seen = where(ends, 0.0, self.seen) + (share * wave)[:, None] * (self.tau - self.tau_m)
         self.cycle = cycle
