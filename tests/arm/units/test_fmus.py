@@ -51,8 +51,13 @@ def test_nothing_is_wrong_with_the_fmu(unit, form, general, tmp_path):
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 @pytest.mark.parametrize("unit", UNITS)
 def test_directional_derivatives_are_slopes(unit, version, planar, tmp_path):
-    """Of outputs at the initialization, and of the next sample in step mode, by the inputs."""
-    path = build_fmus(planar, tmp_path, units=[unit], fmi_version=version)[unit]
+    """Of outputs at the initialization, and of the next sample in step mode, by the inputs.
+
+    The rounding of an encoder counts as its line in samples, not at the initialization; here its steps are 2e-14 rad.
+    """
+    rounds = unit == "encoder"
+    fine = {"encoder": {"bits[1]": 48.0, "bits[2]": 48.0}} if rounds else None
+    path = build_fmus(planar, tmp_path, units=[unit], fmi_version=version, start_values=fine)[unit]
     instance = Instance(Model(Path(fmpy.extract(str(path), str(tmp_path / "x"))))).setup().enter()
     inputs = instance.model.of("input")
     point = np.random.default_rng(8).uniform(0.2, 0.9, len(elements(inputs)))
@@ -74,7 +79,7 @@ def test_directional_derivatives_are_slopes(unit, version, planar, tmp_path):
         assert_slopes(found, slopes(evaluate, point, steps), value, steps)
         return found.any()
 
-    any_found = compare(at_start, instance.model.of("output"))
+    any_found = not rounds and compare(at_start, instance.model.of("output"))
     names = {name for name, d in find_unit(unit).declared.items() if isinstance(d, Sampled)}
     samples = [v for v in instance.model.of("output") if v.group in names]
     if samples:
