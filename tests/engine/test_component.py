@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import re
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
-from wasmtime import Engine
+from wasmtime import Engine, _ffi, wat2wasm
 from wasmtime.component import Component
 
 import vdfmu
-from vdfmu.base.errors import SspError
+from vdfmu.base.errors import CosimError, SspError
+from vdfmu.engine.fmu import component_values as cv
+from vdfmu.engine.fmu.classes import class_of
 from vdfmu.engine.fmu.component import sandboxed
+from vdfmu.engine.fmu.messages import MessageBox
+from vdfmu.engine.inspect.abilities import described
 from vdfmu.engine.inspect.inspection import check_file
 
 ADDER = Path(__file__).parent / "components" / "adder_wat_fmu.fmu"
@@ -48,6 +53,37 @@ FILES = """(import "wasi:filesystem/types@0.2.6" (instance $types (export "descr
     (export "descriptor" (type $f (eq $e)))
     (export "get-directories" (func (result (list (tuple (own $f) string)))))))"""
 
+MAKE = """(param "name" string) (param "token" string) (param "path" string) (param "visible" bool)
+  (param "logging" bool) (param "events" bool) (param "early" bool) (param "needed" (list u32))"""
+LIFT = """(memory (core memory $c "memory")) (realloc (core func $c "realloc"))"""
+TYPED = """(component
+  (core module $code (import "own" "new" (func $new (param i32) (result i32))) (memory (export "memory") 1)
+    (func (export "realloc") (param i32 i32 i32 i32) (result i32) i32.const 4096)
+    (func (export "make") (param i32 i32 i32 i32 i32 i32 i32 i32 i32 i32 i32 i32) (result i32)
+      (i32.store (i32.const 0) (i32.const 1)) (i32.store (i32.const 4) (call $new (i32.const 7))) i32.const 0)
+    (func (export "get") (param i32 i32 i32) (result i32) i32.const 16))
+  (type $r (resource (rep i32)))
+  (core func $new (canon resource.new $r))
+  (core instance $c (instantiate $code (with "own" (instance (export "new" (func $new))))))
+  (type $s (enum "ok" "warning" "discard" "error" "fatal"))
+  (func $make {make} (result (option (own $r))) (canon lift (core func $c "make") {lift}))
+  (func $get (param "self" (borrow $r)) {get} (canon lift (core func $c "get") {lift}))
+  (component $names
+    (import "r" (type $r0 (sub resource)))
+    (type $enum (enum "ok" "warning" "discard" "error" "fatal"))
+    (import "s" (type $s0 (eq $enum)))
+    (import "make" (func $make {make} (result (option (own $r0)))))
+    (import "get" (func $get (param "self" (borrow $r0)) {get0}))
+    (export $r "co-simulation-instance" (type $r0))
+    (export $s "status" (type $s0))
+    (export "[static]co-simulation-instance.instantiate-co-simulation" (func $make)
+      (func {make} (result (option (own $r)))))
+    (export "[method]co-simulation-instance.get-float64" (func $get) (func (param "self" (borrow $r)) {get})))
+  (instance $i (instantiate $names (with "r" (type $r)) (with "s" (type $s)) (with "make" (func $make))
+    (with "get" (func $get))))
+  (export "fmi:fmi3/co-simulation@3.0.0" (instance $i)))"""
+"""A component with a getter of floats of a type of choice."""
+
 
 @pytest.fixture
 def package(tmp_path: Path) -> Path:
@@ -74,6 +110,44 @@ def test_the_drafts_example_is_checked() -> None:
 def test_a_sandbox_can_be_refused(package: Path) -> None:
     with pytest.raises(SspError, match=r"no binary for this platform .*; it has wasm32-wasip2"):
         vdfmu.simulate(package, stop=0.5, step=0.1, sandbox=False)
+
+
+STATUS = "enum{ok,warning,discard,error,fatal}"
+
+
+@pytest.mark.parametrize(
+    ("element", "result", "found"),
+    [
+        ("u32", "string", "string"),
+        ("s32", "(result (list f64) (error $s))", f"result<list<f64>,{STATUS}>"),
+        ("u32", "(result (list f32) (error $s))", f"result<list<f32>,{STATUS}>"),
+        ("u32", "(result (list f64))", "result<list<f64>,_>"),
+        ("u32", "(option (list f64))", "option<list<f64>>"),
+        ("u32", "(tuple f64 u64)", "tuple<f64,u64>"),
+    ],
+)
+def test_a_function_of_another_type_is_refused(tmp_path: Path, element: str, result: str, found: str) -> None:
+    get = f'(param "v" (list {element})) (result {result})'
+    description = described(ADDER)
+    assert description is not None
+    binary = tmp_path / description.binary
+    binary.parent.mkdir(parents=True)
+    text = TYPED.format(make=MAKE, get=get, get0=get.replace("$s", "$s0"), lift=LIFT)
+    binary.write_bytes(wat2wasm(text))
+    instance = class_of(description)("adder", description, tmp_path, MessageBox(lambda message: None), set())
+    instance.instantiate()
+    types = f"expected (borrow,list<u32>)->result<list<f64>,{STATUS}>, got (borrow,list<{element}>)->{found}"
+    with pytest.raises(CosimError, match=f"get-float64 has another type .*: {re.escape(types)}$"):
+        instance.access("Get", description.elements("sum"), np.zeros(1))
+    assert instance.close() is None
+
+
+def test_kinds_of_values_are_those_of_wasmtime() -> None:
+    names = "BOOL S8 U8 S16 U16 S32 U32 S64 U64 F32 F64"
+    assert [getattr(_ffi, f"WASMTIME_COMPONENT_{name}").value for name in names.split()] == [*cv._TYPES]
+    names = "STRING LIST RECORD ENUM OPTION RESULT RESOURCE"
+    kinds = [cv._STRING, cv._LIST, cv._RECORD, cv._ENUM, cv._OPTION, cv._RESULT, cv._RESOURCE]
+    assert [getattr(_ffi, f"WASMTIME_COMPONENT_{name}").value for name in names.split()] == kinds
 
 
 @pytest.mark.parametrize(
