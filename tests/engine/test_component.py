@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import re
+import shutil
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
-from wasmtime import Engine, _ffi, wat2wasm
+import wasmtime
+from wasmtime import Engine, WasiConfig, wat2wasm
 from wasmtime.component import Component
 
 import vdfmu
 from vdfmu.base.errors import CosimError, SspError
-from vdfmu.engine.fmu import component_values as cv
 from vdfmu.engine.fmu.classes import class_of
 from vdfmu.engine.fmu.component import sandboxed
+from vdfmu.engine.fmu.description import library_name
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.inspect.abilities import described
 from vdfmu.engine.inspect.inspection import check_file
+from vdfmu.engine.package.read import load_ssp
+from vdfmu.engine.plan.check import check_system
+from vdfmu.engine.plan.unpacked import unpack_units
 
 ADDER = Path(__file__).parent / "components" / "adder_wat_fmu.fmu"
 """The draft's example in WAT, of modelica/fmi-ls-wasm c1aac17, without names of functions. It imports WASI."""
@@ -142,22 +147,46 @@ def test_a_function_of_another_type_is_refused(tmp_path: Path, element: str, res
     assert instance.close() is None
 
 
-def test_kinds_of_values_are_those_of_wasmtime() -> None:
-    names = "BOOL S8 U8 S16 U16 S32 U32 S64 U64 F32 F64"
-    assert [getattr(_ffi, f"WASMTIME_COMPONENT_{name}").value for name in names.split()] == [*cv._TYPES]
-    names = "STRING LIST RECORD ENUM OPTION RESULT RESOURCE"
-    kinds = [cv._STRING, cv._LIST, cv._RECORD, cv._ENUM, cv._OPTION, cv._RESULT, cv._RESOURCE]
-    assert [getattr(_ffi, f"WASMTIME_COMPONENT_{name}").value for name in names.split()] == kinds
+def test_a_forged_mark_lets_no_library_run(tmp_path: Path) -> None:
+    description = described(ADDER)
+    assert description is not None
+    forged, system = tmp_path / "adder.fmu", tmp_path / "forged.ssp"
+    shutil.copy(ADDER, forged)
+    with zipfile.ZipFile(forged, "a") as archive:
+        archive.writestr("extra/vdfmu/vdfmu.json", "{}")
+        archive.writestr(library_name(description.identifier, description.version), b"not a library")
+    with zipfile.ZipFile(system, "w") as archive:
+        archive.writestr("SystemStructure.ssd", SSD)
+        archive.write(forged, "resources/adder.fmu")
+    checked = check_system(load_ssp(system))
+    assert unpack_units(checked, tmp_path / "unpacked")[1]  # isolated, so that time and memory are limited
+    values = {"first.input_a": 1.5, "first.input_b": 2.25}
+    results = vdfmu.simulate(system, stop=0.5, step=0.1, parameters=values, isolate=False)
+    assert results["first.sum"][-1] == 3.75
+    with pytest.raises(CosimError, match="load"):
+        vdfmu.simulate(system, stop=0.5, step=0.1, isolate=False, sandbox=False)
 
 
 @pytest.mark.parametrize(
     ("imports", "function"),
     [(ENVIRONMENT, "get-environment"), (ENVIRONMENT, "get-arguments"), (FILES, "get-directories")],
 )
-def test_a_component_reaches_nothing_of_the_machine(imports: str, function: str) -> None:
+def test_a_component_reaches_nothing_of_the_machine(
+    imports: str, function: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     engine = Engine()
     component = Component(engine, REACHES.format(imports=imports, function=function))
-    store, instance = sandboxed(engine, component, lambda *text: None)
-    count = instance.get_func(store, "count")
-    assert count is not None
-    assert count(store) == 0
+
+    def counted() -> int:
+        store, instance = sandboxed(engine, component, lambda *text: None)
+        count = instance.get_func(store, "count")
+        assert count is not None
+        return count(store)
+
+    assert counted() == 0
+    rights = WasiConfig()
+    rights.inherit_env()
+    rights.argv = ["unit"]
+    rights.preopen_dir(str(tmp_path), "/")
+    monkeypatch.setattr(wasmtime, "WasiConfig", lambda: rights)
+    assert counted() > 0  # it would reach them
