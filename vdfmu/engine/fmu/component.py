@@ -22,6 +22,7 @@ from vdfmu.base.errors import CosimError
 from vdfmu.base.process import is_limited
 from vdfmu.engine.fmu import component_values as cv
 from vdfmu.engine.fmu.access import Call, Transfer
+from vdfmu.engine.fmu.component_types import drafted, type_of
 from vdfmu.engine.fmu.instance3 import Instance3
 from vdfmu.engine.fmu.messages import STATUS, boxes, on_message
 
@@ -125,6 +126,10 @@ class ComponentInstance(Instance3):
             function = index and self._instance.get_func(self._store, index)
             if not function:
                 raise CosimError(self.name, call, self.box.time, f"the component has no function {name}")
+            expected, found = drafted(self._kind_name).get(name), type_of(function.type(self._store))
+            if found != expected:
+                reason = f"the component's function {name} has another type than in FMI-LS-WASM: "
+                raise CosimError(self.name, call, self.box.time, f"{reason}expected {expected}, got {found}")
             self._kept.append(function)
             head = _address(ct.addressof(function._func)), _address(self._context)
             self._functions[name] = self._watch(
@@ -136,13 +141,13 @@ class ComponentInstance(Instance3):
         return partial(self._functions[name], *places), answer
 
     def _trapped(self, call: str, error: int) -> None:
-        """End an instance whose code broke off."""
+        """End an instance whose code trapped."""
         from wasmtime import WasmtimeError, _ffi
 
         pointer = ct.cast(error, ct.POINTER(_ffi.wasmtime_error_t))
         failure = WasmtimeError._from_ptr(pointer)  # pyright: ignore[reportPrivateUsage]
         lines = [line.strip() for line in str(failure).splitlines() if line.strip()]
-        text = f"its code broke off: {lines[-1]}"
+        text = f"its code trapped: {lines[-1]}"
         on_message(self.token, STATUS.index("fatal"), b"logStatusFatal", text.encode())
         self.judge(STATUS.index("fatal"), call)
 

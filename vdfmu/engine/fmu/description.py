@@ -107,7 +107,7 @@ class Description:
 
 
 def is_ours(names: Collection[str]) -> bool:
-    """Whether an FMU with these members was built by this project, and has no unit in Python of a user's."""
+    """Whether an FMU with these members says that this project built it, as any may, and has no unit of a user's."""
     return not _OURS.isdisjoint(names) and _UNIT not in names
 
 
@@ -133,7 +133,7 @@ def inspect_description(
 
     `source` is its name in messages, `implementation` the one that the SSD asks for; `sizes` are values of structural
     parameters, which decide the shapes of arrays, instead of their start values; `sandbox` whether its component of
-    WebAssembly runs, default: where this project did not build it.
+    WebAssembly runs, default: where it has one.
     """
     try:
         return _inspect(unit, source, implementation, sizes or {}, sandbox)
@@ -177,7 +177,7 @@ def _inspect(
     identifier = "" if part is None else str(part.modelIdentifier)
     library = library_name(identifier, version)
     component = version.arrays and component_name(identifier) in names
-    sandboxed = component and (not is_ours(names) or library not in names if sandbox is None else sandbox)
+    sandboxed = component and sandbox is not False
     if sandbox and not component:
         text = f"{source}: has no component of WebAssembly ({component_name(identifier)}) to run in a sandbox"
         problems.append(finding("FMI017", text))

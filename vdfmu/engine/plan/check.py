@@ -51,7 +51,7 @@ def check_system(
         Makes a bound parameter that no variable matches a note, following SSP 1.0. By default it is a
         problem, because it is nearly always a misspelling.
     sandbox : bool, optional
-        Whether components of WebAssembly run instead of libraries; default: in FMUs that this project did not build.
+        Whether components of WebAssembly run instead of libraries; default: in FMUs that have one.
 
     Returns
     -------

@@ -13,23 +13,26 @@ from vdfmu.engine.plan.checked import Checked
 
 
 def unpack_units(checked: Checked, folder: Path) -> tuple[dict[str, Path], bool]:
-    """Unpack the FMUs of a system; return the folder of each by source, and whether this project did not build one.
+    """Unpack the FMUs of a system; return the folder of each by source, and whether to isolate them by default.
+
+    That is for FMUs that this project did not build, by a mark that can be forged, and for components of WebAssembly,
+    whose time and memory the sandbox leaves to isolation.
 
     VdfmuError if there is no room, or the folder's name keeps a Python FMU from running.
     """
     unpacked: dict[str, Path] = {}
-    path, foreign = checked.system.path, False
+    path, isolated = checked.system.path, any(d.sandboxed for d in checked.descriptions.values())
     with Archive(path, path.name) as package:
         for source in dict.fromkeys(d.source for d in checked.descriptions.values()):
             unpacked[source] = folder / f"{len(unpacked)}"
             try:
                 with package.opened(source, source) as unit:
-                    foreign = foreign or not is_ours(unit.names)
+                    isolated = isolated or not is_ours(unit.names)
                     unit.extract(unpacked[source], _needed)
             except OSError as error:
                 raise no_room(str(folder), error) from error
             _refuse_escapes(unpacked[source])
-    return unpacked, foreign
+    return unpacked, isolated
 
 
 def _refuse_escapes(folder: Path) -> None:

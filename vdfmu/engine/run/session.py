@@ -82,8 +82,8 @@ class Run:
             self.box.pending.append(LogMessage("", 0.0, "note", "", note))
         self.box.flush()
         try:
-            folders, foreign = unpack_units(self.checked, folder)
-            self.isolated = foreign if self.isolated is None else self.isolated
+            folders, isolated = unpack_units(self.checked, folder)
+            self.isolated = isolated if self.isolated is None else self.isolated
             if self.isolated:
                 self.components = self._apart(self.checked, folders, self.box, folder, self._limits)
             else:
