@@ -95,3 +95,8 @@ def test_what_the_importer_does_not_do(tmp_path: Path) -> None:
     last = forward(x, 0.7, 0, one, 1.0).full()
     # a direction that is all zero repeats the last answer
     np.testing.assert_array_equal(forward(x, 0.7, 0, 0.0 * one, 0.0).full(), last)
+    reverse = imported_rate(swing(tmp_path, "3.0"), uses_adjoint_derivatives=True).reverse
+    seeds = np.array([[0.6, 0.2], [-1.1, 0.5]])
+    # of several adjoint directions the first column has the last one
+    both, last = reverse(2)(x, 0.7, 0, seeds)[0].full(), reverse(1)(x, 0.7, 0, seeds[:, 1])[0].full()
+    np.testing.assert_array_equal(both, np.hstack([last, 0.0 * last]))
