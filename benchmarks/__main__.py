@@ -18,7 +18,7 @@ from vdfmu.compiler.c.compile import native_available
 
 NAMES = (
     "fmu_growth", "coupling", "native", "interop", "work_precision", "engines", "whole", "sweeps", "arms", "verdict",
-    "kr300", "exporters", "environments",
+    "kr300", "exporters", "environments", "optimal_motion",
 )  # fmt: skip
 
 

@@ -219,6 +219,12 @@ static inline unsigned settable_roles(const Instance *I)
     }
 }
 
+/* FMI has a function of its own for states; CasADi and others set them as variables, which comes to the same. */
+static inline bool settable_state(const Instance *I, Reference ref)
+{
+    return I->core->phase == CONTINUOUS && unit.n_x && ref >= unit.x && ref < unit.x + unit.n_x;
+}
+
 static Status refuse_setting(const Instance *I, Reference ref)
 {
     const char *name = name_at(I, ref);
@@ -275,7 +281,7 @@ static inline Status set(Instance *I, Type type, Format format, const Reference 
         if (!resolve(I, type, refs[k], &size))
             return STATUS_ERROR;
         const unsigned role = 1u << unit.variables[refs[k]].role;
-        if (!(role & settable))
+        if (!(role & settable) && !settable_state(I, refs[k]))
             return refuse_setting(I, refs[k]);
         total += size;
     }

@@ -132,7 +132,7 @@ def test_room_for_dependencies_of_the_wrong_size_is_refused(native: Native) -> N
 def test_what_can_be_set_depends_on_role_and_phase(native: Native, version: str, kind: str, phase: str) -> None:
     unit = bring(native("plant", version, kind=kind), phase)
     early, running = phase in ("instantiated", "initialization"), phase in ("step", "event", "continuous")
-    settable = {"mass": early, "tau": early or running, "q": False, "time": False, "der": False}
+    settable = {"mass": early, "tau": early or running, "q": phase == "continuous", "time": False, "der": False}
     for group, can in settable.items():
         if group == "time" and version == "2.0":
             continue

@@ -1,0 +1,102 @@
+"""CasADi's importer of FMUs: the plant's right-hand side, its derivatives, the shortest motion by IPOPT."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from benchmarks.optimal_motion import MOST, ROBOT, TO, imported_rate, shortest_motion, traced_rate
+from vdfmu.arm.fmus import build_fmus
+from vdfmu.arm.robot import load_robot
+
+SWING = """
+import numpy as np
+from vdfmu.unit import Derivative, Input, Parameter, State, Unit
+
+class Swing(Unit):
+    F = Input("N")
+    k = Parameter("N/m", start=3.0)
+    x, v = State("m"), State("m/s")
+    der_x, der_v = Derivative(x), Derivative(v)
+
+    def derivatives(self):
+        self.der_x = self.v
+        self.der_v = self.F * np.cos(self.x) - self.k * self.x**3 - np.tanh(self.v)
+"""
+
+
+@pytest.fixture(scope="module")
+def rates(tmp_path_factory: pytest.TempPathFactory) -> tuple[ca.Function, ca.Function]:
+    """Return the plant's derivatives of its states, from the trace and from the FMU."""
+    robot = load_robot(ROBOT)
+    fmu = build_fmus(robot, tmp_path_factory.mktemp("casadi"), units=["plant"], backend="native")["plant"]
+    return traced_rate(robot), imported_rate(fmu)
+
+
+def swing(folder: Path, version: str) -> Path:
+    (folder / "swing.py").write_text(SWING, encoding="utf-8")
+    return build_fmus(None, folder, units=[str(folder / "swing.py")], backend="native", fmi_version=version)["swing"]
+
+
+def test_the_plant_and_its_jacobians_are_those_of_the_trace(rates) -> None:
+    traced, imported = rates
+    rng = np.random.default_rng(27)
+    for _ in range(5):
+        x, u = (rng.uniform(-0.9, 0.9, traced.size1_in(i)) for i in range(2))
+        expected = traced(x, u).full()
+        # the same operations, of which the compiler may join two, on numbers of up to 1e3
+        np.testing.assert_allclose(imported(x, u).full(), expected, rtol=0, atol=1e-13 * np.abs(expected).max())
+        pairs = zip(imported.jacobian()(x, u, 0), traced.jacobian()(x, u, 0), strict=True)
+        for found, exact in pairs:
+            assert found.nnz() == exact.nnz()
+            # directional derivatives add in another order than the columns of the trace
+            np.testing.assert_allclose(found.full(), exact.full(), rtol=0, atol=1e-13 * np.abs(exact.full()).max())
+
+
+@pytest.mark.heavy
+def test_the_shortest_motion_is_that_of_the_trace(rates) -> None:
+    (expected, said), (found, also) = (shortest_motion(rate, exact_hessian=True) for rate in rates)
+    assert said["return_status"] == also["return_status"] == "Solve_Succeeded"
+    # Both stop at a residual of 1e-10, the last step of a quadratic convergence: 1e-8 leaves the problem a condition of
+    # 100 in its scaled variables. Second derivatives through the FMU are differences, which change the way alone.
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8)
+    assert 0.05 < found[-5] < 1.0  # the duration is at none of its limits
+    torques = found[-5 - 2 * 15 : -5]
+    assert np.abs(torques).max() == pytest.approx(MOST, abs=1e-6)  # a shortest motion uses the limit
+    np.testing.assert_array_equal(found[8 * 30 : 8 * 30 + 2], TO)
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_scalars_of_both_versions(tmp_path: Path, version: str) -> None:
+    """With FMI 3.0 there are adjoint derivatives."""
+    own = {"uses_adjoint_derivatives": True} if version == "3.0" else {}
+    imported = imported_rate(swing(tmp_path, version), **own)
+    x, F, seed = np.array([0.4, -0.3]), 0.7, np.array([0.6, -1.1])
+    value = [x[1], F * np.cos(x[0]) - 3.0 * x[0] ** 3 - np.tanh(x[1])]
+    J = np.array([[0.0, 1.0], [-F * np.sin(x[0]) - 9.0 * x[0] ** 2, -1.0 / np.cosh(x[1]) ** 2]])
+    # some roundings of numbers of order 1
+    np.testing.assert_allclose(imported(x, F).full().ravel(), value, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(imported.jacobian()(x, F, 0)[0].full(), J, rtol=0, atol=1e-15)
+    adjoint = imported.reverse(1)(x, F, 0, seed)
+    np.testing.assert_allclose(adjoint[0].full().ravel(), seed @ J, rtol=0, atol=2e-15)
+    assert float(adjoint[1]) == pytest.approx(seed[1] * np.cos(x[0]), abs=1e-15)
+
+
+def test_what_the_importer_does_not_do(tmp_path: Path) -> None:
+    """The rows of docs/importers.md: a change of CasADi shows here."""
+    fmu = build_fmus(load_robot(ROBOT), tmp_path, units=["plant"], backend="native", fmi_version="3.0")["plant"]
+    with pytest.raises(RuntimeError, match="get_in failed"):  # arrays
+        imported_rate(fmu)
+    forward = imported_rate(swing(tmp_path, "2.0"), new_forward=True).forward(1)
+    x, one = np.array([0.4, -0.3]), np.ones(2)
+    last = forward(x, 0.7, 0, one, 1.0).full()
+    # a direction that is all zero repeats the last answer
+    np.testing.assert_array_equal(forward(x, 0.7, 0, 0.0 * one, 0.0).full(), last)
+    reverse = imported_rate(swing(tmp_path, "3.0"), uses_adjoint_derivatives=True).reverse
+    seeds = np.array([[0.6, 0.2], [-1.1, 0.5]])
+    # of several adjoint directions the first column has the last one
+    both, last = reverse(2)(x, 0.7, 0, seeds)[0].full(), reverse(1)(x, 0.7, 0, seeds[:, 1])[0].full()
+    np.testing.assert_array_equal(both, np.hstack([last, 0.0 * last]))
