@@ -49,14 +49,15 @@ class Efmu:
 
     def size(self, name: str) -> int:
         """Return the number of elements of a variable."""
-        dimension = self._variable(name).find("Dimensions/Dimension")
+        dimension = self.variable(name).find("Dimensions/Dimension")
         return 1 if dimension is None else int(dimension.attrib["size"])
 
     def is_array(self, name: str) -> bool:
         """Whether a variable is an array."""
-        return self._variable(name).find("Dimensions") is not None
+        return self.variable(name).find("Dimensions") is not None
 
-    def _variable(self, name: str) -> ET.Element:
+    def variable(self, name: str) -> ET.Element:
+        """Return a variable of the manifest of the algorithm code."""
         (variable,) = (v for v in self.variables.values() if v.attrib["name"] == name)
         return variable
 

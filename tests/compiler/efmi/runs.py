@@ -41,7 +41,11 @@ def grouped(columns: Mapping[str, np.ndarray], names: list[str]) -> Rows:
 
 
 def of_fmu(path: Path, inputs: Rows, steps: int) -> Rows:
-    """Return the outputs of an FMU for the inputs of each step."""
+    """Return the outputs of an FMU for the inputs of each step.
+
+    They are those that the order of docs/cosimulation.md passes to others in the step: of a unit with inputs what its
+    doStep from t_k makes of those at t_k, of one without, what it gave for t_k before that doStep.
+    """
     with tempfile.TemporaryDirectory() as folder:
         fmpy.extract(str(path), folder)
         description = fmpy.read_model_description(folder)
@@ -55,6 +59,7 @@ def of_fmu(path: Path, inputs: Rows, steps: int) -> Rows:
             dict.fromkeys(v.name.split("[")[0] for v in description.modelVariables if v.causality == "output")
         )
         found: dict[str, list[list[float]]] = {name: [] for name in outputs}
+        has_inputs = any(v.causality == "input" for v in description.modelVariables)
         unit.instantiate()
         unit.setupExperiment(startTime=0.0)
         unit.enterInitializationMode()
@@ -63,9 +68,12 @@ def of_fmu(path: Path, inputs: Rows, steps: int) -> Rows:
                 unit.setReal(places[name], values[k].tolist())
             if k == 0:
                 unit.exitInitializationMode()
-            unit.doStep(k * STEP, STEP)
+            if has_inputs:
+                unit.doStep(k * STEP, STEP)
             for name in outputs:
                 found[name].append(unit.getReal(places[name]))
+            if not has_inputs:
+                unit.doStep(k * STEP, (k + 1) * STEP - k * STEP)  # exact, and so is its end (k + 1) STEP: Sterbenz
         unit.freeInstance()
     return {argument_name(name): np.array(values) for name, values in found.items()}
 

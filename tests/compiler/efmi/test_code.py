@@ -10,7 +10,7 @@ import pytest
 
 from tests.compiler.efmi.conftest import SHIPPED, SINGLE
 from tests.compiler.efmi.efmu import Efmu, Production, Rows
-from tests.compiler.efmi.galec import Program
+from tests.compiler.efmi.galec import Program, Vector
 from tests.compiler.efmi.runs import experiment, of_fmu
 from tests.compiler.native.conftest import program
 
@@ -20,7 +20,7 @@ USERS = [f"examples/units/{name}.py" for name in ("spline", "encoder", "wall", "
 
 
 def assert_same(found: Rows, expected: Rows) -> None:
-    """Hold runs against each other, bit by bit."""
+    """Compare runs bit by bit."""
     assert found.keys() == expected.keys()
     for name, values in expected.items():
         np.testing.assert_array_equal(found[name], values, err_msg=name)
@@ -68,17 +68,17 @@ def test_production_code_in_single_precision(efmu: Callable[..., Path], unit: st
 
 @pytest.mark.parametrize("unit", QUICK)
 def test_algorithm_code_gives_the_bits_of_the_fmu(efmu: Callable[..., Path], unit: str):
-    _hold_algorithm(efmu(unit), 50)
+    _compare_algorithm(efmu(unit), 50)
 
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("unit", [*SHIPPED, *USERS])
 def test_algorithm_code_of_all_units(efmu: Callable[..., Path], unit: str):
-    _hold_algorithm(efmu(unit), 200)
+    _compare_algorithm(efmu(unit), 200)
 
 
-def _hold_algorithm(path: Path, steps: int) -> None:
-    """Run the program in GALEC beside the FMU."""
+def _compare_algorithm(path: Path, steps: int) -> None:
+    """Compare the program in GALEC with the FMU."""
     inputs = experiment(Efmu(path), steps)
     found = Program(Efmu(path)).run(inputs, steps)
     for name, values in of_fmu(path, inputs, steps).items():
@@ -88,17 +88,81 @@ def _hold_algorithm(path: Path, steps: int) -> None:
         np.testing.assert_allclose(found[name], values, rtol=0.0, atol=tolerance, err_msg=name)
 
 
+def test_first_step_is_of_time_0(efmu: Callable[..., Path], tmp_path: Path):
+    whole = Efmu(efmu("trajectory"))
+    start = np.array(whole.variable("q_start").attrib["start"].split(), dtype=float)
+    found = Production(whole, tmp_path).run({}, 2)["q_d"]
+    np.testing.assert_array_equal(found[0], np.broadcast_to(start, 2))  # the motion is at rest at its start
+    assert (found[1] != found[0]).all()
+
+
+class Both:
+    """Production code and the program in GALEC of an eFMU, which must signal and hold alike."""
+
+    def __init__(self, path: Path, folder: Path) -> None:
+        self._production, self._algorithm = Production(Efmu(path), folder), Program(Efmu(path))
+        self._names = Efmu(path).names("output", "state")
+        assert self.call("Startup") == self.call("Recalibrate") == 0
+
+    def set(self, name: str, values: list[float]) -> None:
+        """Set an array."""
+        self._production.set(name, values)
+        self._algorithm.variables[name] = Vector(values)
+
+    def call(self, method: str) -> int:
+        """Call a method; return the error signals."""
+        bits = sum({"INVALID_ARGUMENT": 1, "NAN": 4}[signal] for signal in self._algorithm.call(method))
+        assert self._production.call(method) == bits
+        return bits
+
+    def kept(self) -> Rows:
+        """Return outputs and states."""
+        found = {name: self._production.get(name) for name in self._names}
+        for name, values in found.items():
+            np.testing.assert_array_equal(np.ravel(self._algorithm.variables[name]), values, err_msg=name)
+        return found
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("unit", ["controller", "disturbance_observer"])
-def test_error_signals(efmu: Callable[..., Path], unit: str, tmp_path: Path):
-    path = efmu(unit)
-    production, algorithm = Production(Efmu(path), tmp_path), Program(Efmu(path))
-    for one in (production, algorithm):
-        assert not one.call("Startup")
-        assert not one.call("Recalibrate")
-    production.set("K_p", [1000.0, -1.0])
-    algorithm.variables["K_p"][2] = -1.0
-    assert (production.call("Recalibrate"), algorithm.call("Recalibrate")) == (1, {"INVALID_ARGUMENT"})
-    production.set("q_d", [0.0, np.nan])
-    algorithm.variables["q_d"][2] = np.nan
-    nan = unit == "controller"  # whose error is an output too; a torque at its limit is a number
-    assert bool(production.call("DoStep") & 4) == bool(algorithm.call("DoStep")) == nan
+def test_what_is_not_finite_is_signalled_and_changes_nothing(
+    efmu: Callable[..., Path], unit: str, value: float, tmp_path: Path
+):
+    both = Both(efmu(unit), tmp_path)
+    inputs = Efmu(efmu(unit)).names("input")
+
+    def refused(name: str, before: list[float]) -> None:
+        kept = both.kept()
+        both.set(name, [before[0], value])
+        assert both.call("DoStep") == 4, name  # NAN
+        assert_same(both.kept(), kept)
+        both.set(name, before)
+
+    for name in inputs:  # in the first step, which begins with the start
+        refused(name, [0.0, 0.0])
+    for k, name in enumerate(inputs):
+        both.set(name, [0.01 * k, -0.02])
+    assert both.call("DoStep") == 0
+    for k, name in enumerate(inputs):
+        refused(name, [0.01 * k, -0.02])
+    both.set("K_p", [1000.0, value])
+    assert both.call("Recalibrate") == 1  # INVALID_ARGUMENT
+    refused("K_p", [1000.0, 1000.0])
+    assert both.call("Recalibrate") == both.call("DoStep") == 0
+
+
+def test_parameter_below_its_limit_is_signalled(efmu: Callable[..., Path], tmp_path: Path):
+    both = Both(efmu("controller"), tmp_path)
+    both.set("K_p", [1000.0, -1.0])
+    assert both.call("Recalibrate") == 1
+
+
+def test_what_overflows_is_signalled_and_no_state(efmu: Callable[..., Path], tmp_path: Path):
+    both = Both(efmu("disturbance_observer"), tmp_path)
+    both.set("kappa_dot", [1e308, 0.0])
+    both.set("kappa_dot_d", [-1e308, 0.0])  # their difference is an output
+    assert both.call("DoStep") == 4
+    both.set("kappa_dot", [0.0, 0.0])
+    both.set("kappa_dot_d", [0.0, 0.0])
+    assert both.call("DoStep") == 0
+    assert all(np.isfinite(values).all() for values in both.kept().values())

@@ -92,16 +92,15 @@ class SampledBlock:
     ----------
     start, update, outputs : tuple of Call
         What the first step begins with, and what each step does.
-    has_time, has_end : bool
-        Whether a step reads the time, and whether that of its end, which outputs are of.
+    has_time : bool
+        Whether a step reads the time: k periods in step k, from 0.
     variables : tuple of BlockVariable
     """
 
     def __init__(self, interface: Interface, step: float) -> None:
         self.interface, program = interface, interface.program
         self.start, self.update, self.outputs = map(self._chosen, (program.start, program.update, program.outputs))
-        self.has_end = any("t" in call.reads for call in self.outputs)
-        self.has_time = self.has_end or any("t" in call.reads for call in self.update)
+        self.has_time = any("t" in call.reads for call in (*self.start, *self.update, *self.outputs))
         self.is_sampled = bool(program.update)
         self.period = float(interface.find(PERIOD).start) if self.is_sampled else step
         self.variables = tuple(self._variables())
@@ -197,11 +196,12 @@ class SampledBlock:
         return [v for v in self.variables if v.causality in causalities]
 
     @property
-    def bounded(self) -> list[tuple[BlockVariable, float, str]]:
-        """Tunable parameters with a bound, the bound, and the relation that breaks it."""
-        found = [(v, bound, sign) for v in self.of("tunableParameter")
-                 for bound, sign in ((v.minimum, "<"), (v.maximum, ">"))]  # fmt: skip
-        return [(v, bound, sign) for v, bound, sign in found if bound is not None]
+    def tunable(self) -> list[tuple[BlockVariable, list[tuple[str, float]]]]:
+        """Tunable parameters with their bounds: the relation that breaks each, and its number."""
+        return [
+            (v, [(sign, bound) for sign, bound in (("<", v.minimum), (">", v.maximum)) if bound is not None])
+            for v in self.of("tunableParameter")
+        ]
 
     def is_before(self, call: Call, name: str) -> bool:
         """Whether a call means by a name what a sampled state was, or begins as: updates read it, a start sets it."""

@@ -44,6 +44,8 @@ _OTHERS = {
 _EXPRESSIONS = EXPRESSIONS | {k: f"(if {text} then 1.0 else 0.0)" for k, text in _TRUTHS.items()} | _OTHERS
 """Operation to its text: C's, but for those that GALEC calls otherwise. It has no function for some."""
 
+_INFINITE = "not isFinite({0})"
+
 
 def galec_number(value: float) -> str:
     """Return a number: with a point, and a sign in the exponent."""
@@ -79,7 +81,7 @@ def galec_text(block: SampledBlock) -> str:
             *(f"    {_DECLARED[v.causality]}{_declaration(v)}" for v in block.of("constant", "state")),
             "public",
             *_method("Startup", [], _startup(block)),
-            *_method("Recalibrate", ["    signals INVALID_ARGUMENT;"] if block.bounded else [], _recalibrate(block)),
+            *_method("Recalibrate", ["    signals INVALID_ARGUMENT;"] if block.tunable else [], _recalibrate(block)),
             *_step(block),
             f"end {block.name};",
             "",
@@ -112,14 +114,15 @@ def _listed(values: Iterable[str]) -> str:
 
 
 def _recalibrate(block: SampledBlock) -> Iterator[str]:
-    for v, bound, sign in block.bounded:
-        yield from _each(v, f"{{}} {sign} {galec_number(bound)}", "INVALID_ARGUMENT")
+    for v, bounds in block.tunable:
+        broken = [_INFINITE, *(f"{{0}} {sign} {galec_number(bound)}" for sign, bound in bounds)]
+        yield from _each(v, " or ".join(broken), ["signal INVALID_ARGUMENT;"])
 
 
-def _each(v: BlockVariable, broken: str, signal: str) -> list[str]:
-    """Lines that signal what is true for an element of a variable."""
+def _each(v: BlockVariable, broken: str, then: Sequence[str]) -> list[str]:
+    """Lines that do something where a condition is true for an element of a variable."""
     element = f"self.{galec_name(v)}{'[i]' if v.size else ''}"
-    lines = [f"if {broken.format(element)} then", f"    signal {signal};", "end if;"]
+    lines = [f"if {broken.format(element)} then", *(f"    {line}" for line in then), "end if;"]
     return [f"for i in 1:{v.size} loop", *(f"    {line}" for line in lines), "end for;"] if v.size else lines
 
 
@@ -135,20 +138,24 @@ def _step(block: SampledBlock) -> list[str]:
                 values = max([values, *(i + 1 for i in operation.writes)])
                 yield operation.text
 
+    def check(variables: Iterable[BlockVariable]) -> list[str]:
+        return [line for v in variables for line in _each(v, _INFINITE, ["signal NAN;", "valid := false;"])]
+
+    def when(condition: str, listed: Iterable[str]) -> list[str]:
+        return [f"if {condition} then", *(f"    {line}" for line in listed), "end if;"]
+
     body: list[str] = []
+    states = [v for v in block.variables if v.before]
+    if block.has_time:
+        body += [f"t := real(self.{STEPS});", f"t := t * self.{PERIOD};", f"self.{STEPS} := self.{STEPS} + 1;"]
+    body += ["valid := true;", *check(block.of("input", "tunableParameter"))]
     if block.start:
-        started = [*lines(block.start), f"self.{FIRST} := false;"]
-        body += [f"if self.{FIRST} then", *(f"    {line}" for line in started), "end if;"]
-    if block.has_time:
-        body += [f"t := real(self.{STEPS});", f"t := t * self.{PERIOD};"]
-    body += lines(block.update)
-    if block.has_time:
-        body += [f"t := t + self.{PERIOD};"] * block.has_end + [f"self.{STEPS} := self.{STEPS} + 1;"]
-    body += lines(block.outputs)
-    body += [f"self.{galec_name(v)} := self.{v.name};" for v in block.variables if v.before]
-    for v in block.of("output"):
-        body += _each(v, "not isFinite({})", "NAN")
-    local = [f"    Real w{i};" for i in range(values)] + ["    Real t;"] * block.has_time
+        body += when(f"valid and self.{FIRST}", [*lines(block.start), *check(states)])
+    first = [f"self.{FIRST} := false;"] * bool(block.start)
+    body += when("valid", [*first, *lines(block.update), *lines(block.outputs), *check(block.of("output"))])
+    if states:
+        body += when("valid", [f"self.{galec_name(v)} := self.{v.name};" for v in states])
+    local = [f"    Real w{i};" for i in range(values)] + ["    Real t;"] * block.has_time + ["    Boolean valid;"]
     local += ["    Integer place;"] * any(line.startswith("place := ") for line in body)
     return _method("DoStep", ["    signals NAN;", "protected", *local], body)
 

@@ -91,7 +91,7 @@ def algorithm_manifest(block: SampledBlock, origin: Origin, program: tuple[str, 
     period = next(v for v in block.variables if v.name == PERIOD)
     _add(root, "Clock", id="clock", variableRefId=_identifier(period))
     methods = _add(root, "BlockMethods")
-    signals = {"DoStep": "NAN"} | ({"Recalibrate": "INVALID_ARGUMENT"} if block.bounded else {})
+    signals = {"DoStep": "NAN"} | ({"Recalibrate": "INVALID_ARGUMENT"} if block.tunable else {})
     for name in METHODS:
         method = _add(methods, "BlockMethod", id=f"method.{name}", kind=name)
         if name in signals:

@@ -40,6 +40,9 @@ _TRUTH = re.compile(r"(\{0\} [<>=!]+ (?:\{1\}|0\.0)) \?")
 _CALL = re.compile(r"\b([a-z]\w*)\(")
 
 
+_INFINITE = "!isfinite({0})"
+
+
 def c_name(v: BlockVariable) -> str:
     """Name of a variable as a member of the structure."""
     return f"previous_{v.name}" if v.before else v.name
@@ -67,7 +70,7 @@ def header_text(block: SampledBlock, precision: Precision) -> str:
         f"    {c_type(v, block)} {c_name(v)}{_size(v)}; {_remark(v.causality, v.unit, v.description)}\n"
         for v in members(block)
     )
-    used = {signal: bit for signal, bit in SIGNALS.items() if signal == "NAN" or block.bounded}
+    used = {signal: bit for signal, bit in SIGNALS.items() if signal == "NAN" or block.tunable}
     bits = "".join(f"#define {name}_{signal} {bit}U\n" for signal, bit in used.items())
     methods = "".join(f"void {name}_{method}({name} *self);\n" for method in METHODS)
     return f"""{_head(block)}#ifndef {name.upper()}_H
@@ -249,30 +252,47 @@ def _check(v: BlockVariable, broken: str, signal: str) -> Iterator[str]:
 
 def _recalibrate(block: SampledBlock, precision: Precision) -> Iterator[str]:
     yield "self->errorSignals = 0U;"
-    for v, bound, sign in block.bounded:
-        yield from _check(v, f"{{}} {sign} {_literal(bound, precision)}", f"{block.name}_INVALID_ARGUMENT")
+    for v, bounds in block.tunable:
+        broken = ["(!isfinite({0}))", *(f"({{0}} {sign} {_literal(bound, precision)})" for sign, bound in bounds)]
+        text = " || ".join(broken) if bounds else _INFINITE
+        yield from _check(v, text, f"{block.name}_INVALID_ARGUMENT")
 
 
 def _step(block: SampledBlock) -> Iterator[str]:
+    """Yield the lines of a step: nothing is calculated from what is not finite, and no such state is kept."""
+
     def calls(listed: Sequence[Call]) -> Iterator[str]:
         for call in listed:
             yield f"{call.function}(self{', t' if 't' in call.reads else ''});"
 
-    if block.has_time:
-        yield f"{block.name}_Real t = ({block.name}_Real)self->{STEPS} * {block.name}_{PERIOD};"
-    yield "self->errorSignals = 0U;"
-    if block.start:
-        yield f"if (self->{FIRST}) {{"
-        yield from (f"    {line}" for line in (*calls(block.start), f"self->{FIRST} = false;"))
+    def check(variables: Iterable[BlockVariable]) -> Iterator[str]:
+        for v in variables:
+            yield from _check(v, _INFINITE, f"{block.name}_NAN")
+
+    fine = "self->errorSignals == 0U"
+
+    def when(condition: str, lines: Iterable[str]) -> Iterator[str]:
+        yield f"if ({condition}) {{"
+        yield from (f"    {line}" for line in lines)
         yield "}"
-    yield from calls(block.update)
+
+    states = [v for v in block.variables if v.before]
+    given = list(check(block.of("input", "tunableParameter")))
     if block.has_time:
-        if block.has_end:
-            yield f"t += {block.name}_{PERIOD};"
+        yield f"const {block.name}_Real t = ({block.name}_Real)self->{STEPS} * {block.name}_{PERIOD};"
         yield f"self->{STEPS}++;"
-    yield from calls(block.outputs)
-    for v in block.variables:
-        if v.before:
-            yield from _loop(v.size, [f"self->{c_name(v)}{{0}} = self->{v.name}{{0}};".format("[i]" * bool(v.size))])
-    for v in block.of("output"):
-        yield from _check(v, "!isfinite({})", f"{block.name}_NAN")
+    yield "self->errorSignals = 0U;"
+    yield from given
+    if block.start:
+        first = f"({fine}) && self->{FIRST}" if given else f"self->{FIRST}"
+        yield from when(first, [*calls(block.start), *check(states)])
+    started = [f"self->{FIRST} = false;"] * bool(block.start)
+    step = [*started, *calls(block.update), *calls(block.outputs), *check(block.of("output"))]
+    yield from when(fine, step) if given or block.start else step
+    kept = [
+        line
+        for v in states
+        for line in _loop(v.size, [f"self->{c_name(v)}{{0}} = self->{v.name}{{0}};".format("[i]" * bool(v.size))])
+    ]
+    if kept:
+        yield from when(fine, kept)
