@@ -16,7 +16,7 @@ from vdfmu.compiler.efmi.block import reason_against
 
 SHIPPED = [name for name, unit in package_units().items() if not reason_against(unit) and name != "wall"]
 """Units of the package without continuous states, which control or observe an arm."""
-DOUBLE = {"communication", "torque_sensor"}
+DOUBLE = {"communication", "torque_noise", "torque_sensor"}
 """Units that draw random numbers, which need double precision."""
 SINGLE = [name for name in SHIPPED if name not in DOUBLE]
 START = {"momentum_observer": {"damping": 0.01}}

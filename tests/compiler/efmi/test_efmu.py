@@ -22,6 +22,19 @@ from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import UsageError
 from vdfmu.compiler.unit.interface import interface_of
+from vdfmu.unit import Input, Output, Unit
+
+
+class Small(Unit):
+    """A unit with a number that single precision does not have."""
+
+    u = Input("1", text="input")
+    y = Output("1", text="output")
+
+    def outputs(self) -> None:
+        """Add the number."""
+        self.y = self.u + 1e-60
+
 
 CHECKER = Path(__file__).with_name("check.py")
 
@@ -133,6 +146,14 @@ def test_words_of_refusal(planar: Robot, tmp_path: Path):
         ({"target": "efmi", "backend": "python"}, "expected the backend native, got python"),
         ({"target": "c"}, "There is no target 'c'. There are: fmi, efmi."),
         ({"target": "efmi", "precision": "half"}, "There is no precision 'half'. There are: double, float32."),
+        *(
+            (
+                {"target": "efmi", "precision": "float32", "start_values": {"controller": {"K_p[1]": value}}},
+                f"controller: K_p: expected 0 or a size from 1.18e-38 to 3.4e.38, .* got {value!r}".replace("+", "[+]"),
+            )
+            for value in (1e-60, 1e39)
+        ),
+        ({"target": "efmi", "precision": "float32", "units": [Small]}, "small: a number of its equations: .* 1e-60"),
         ({"target": "efmi", "step": 0.0}, "step: expected a finite number above 0 s, got 0.0."),
         (
             {"target": "efmi", "precision": "float32", "units": ["torque_sensor"]},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -35,6 +36,7 @@ class Precision:
 
 PRECISIONS = {"double": Precision("double", "", 64), "float32": Precision("float", "f", 32)}
 """Name to type of the numbers in production code."""
+_SINGLE = np.finfo(np.float32)
 _LITERAL = re.compile(r"\b\d+\.\d*(?:e[+-]?\d+)?")
 _TRUTH = re.compile(r"(\{0\} [<>=!]+ (?:\{1\}|0\.0)) \?")
 _CALL = re.compile(r"\b([a-z]\w*)\(")
@@ -140,13 +142,20 @@ def _size(v: BlockVariable) -> str:
     return f"[{v.size}]" if v.size else ""
 
 
-def _value(v: BlockVariable, value: float, precision: Precision) -> str:
+def _value(v: BlockVariable, value: float, block: SampledBlock, precision: Precision) -> str:
     if v.type == "Real":
-        return _literal(value, precision)
+        return _literal(value, precision, f"{block.interface.name}: {v.name}")
     return str(int(value)) if v.type == "Integer" else str(bool(value)).lower()
 
 
-def _literal(value: float, precision: Precision) -> str:
+def _literal(value: float, precision: Precision, what: str) -> str:
+    """Return a number; `what` says whose, for where the precision has no such number."""
+    size = abs(value)
+    if precision.bits == 32 and math.isfinite(size) and size and not _SINGLE.tiny <= size <= _SINGLE.max:
+        raise UsageError(
+            f"{what}: expected 0 or a size from {_SINGLE.tiny:.3g} to {_SINGLE.max:.3g}, which single precision has, "
+            f"got {value!r}. Change it, or build it with double precision."
+        )
     text = c_constant(value)
     return (
         text
@@ -156,7 +165,7 @@ def _literal(value: float, precision: Precision) -> str:
 
 
 def _constant(v: BlockVariable, block: SampledBlock, precision: Precision) -> str:
-    values = [_value(v, value, precision) for value in v.start]
+    values = [_value(v, value, block, precision) for value in v.start]
     text = f"{{\n{fields(values)}\n}}" if v.size else values[0]
     scope = "" if v.name == PERIOD else "static "  # the period is for the caller
     declared = f"{scope}const {c_type(v, block)} {constant_name(block, v)}{_size(v)}"
@@ -203,7 +212,7 @@ def _language(block: SampledBlock, call: Call, precision: Precision) -> Language
                 f"{block.interface.name}: its equations have the odd number {value:.0f}, which single precision does "
                 "not hold, such as the generator of random numbers. Build it with double precision."
             )
-        return _literal(value, precision)
+        return _literal(value, precision, f"{block.interface.name}: a number of its equations")
 
     return Language(_expressions(precision), number, element, element, row)
 
@@ -237,7 +246,7 @@ def _loop(size: int, lines: Iterable[str]) -> Iterator[str]:
 
 def _startup(block: SampledBlock, precision: Precision) -> Iterator[str]:
     for v in members(block):
-        values = [_value(v, value, precision) for value in v.start]
+        values = [_value(v, value, block, precision) for value in v.start]
         if len(set(values)) == 1:
             yield from _loop(v.size, [f"self->{c_name(v)}{'[i]' * bool(v.size)} = {values[0]};"])
         else:
@@ -253,7 +262,10 @@ def _check(v: BlockVariable, broken: str, signal: str) -> Iterator[str]:
 def _recalibrate(block: SampledBlock, precision: Precision) -> Iterator[str]:
     yield "self->errorSignals = 0U;"
     for v, bounds in block.tunable:
-        broken = ["(!isfinite({0}))", *(f"({{0}} {sign} {_literal(bound, precision)})" for sign, bound in bounds)]
+        broken = [
+            "(!isfinite({0}))",
+            *(f"({{0}} {sign} {_literal(bound, precision, v.name)})" for sign, bound in bounds),
+        ]
         text = " || ".join(broken) if bounds else _INFINITE
         yield from _check(v, text, f"{block.name}_INVALID_ARGUMENT")
 
