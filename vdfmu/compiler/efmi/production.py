@@ -36,7 +36,7 @@ class Precision:
 
 PRECISIONS = {"double": Precision("double", "", 64), "float32": Precision("float", "f", 32)}
 """Name to type of the numbers in production code."""
-_SINGLE = np.finfo(np.float32)
+_SMALLEST, _LARGEST = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
 _LITERAL = re.compile(r"\b\d+\.\d*(?:e[+-]?\d+)?")
 _TRUTH = re.compile(r"(\{0\} [<>=!]+ (?:\{1\}|0\.0)) \?")
 _CALL = re.compile(r"\b([a-z]\w*)\(")
@@ -151,9 +151,9 @@ def _value(v: BlockVariable, value: float, block: SampledBlock, precision: Preci
 def _literal(value: float, precision: Precision, what: str) -> str:
     """Return a number; `what` says whose, for where the precision has no such number."""
     size = abs(value)
-    if precision.bits == 32 and math.isfinite(size) and size and not _SINGLE.tiny <= size <= _SINGLE.max:
+    if precision.bits == 32 and math.isfinite(size) and size and not _SMALLEST <= size <= _LARGEST:
         raise UsageError(
-            f"{what}: expected 0 or a size from {_SINGLE.tiny:.3g} to {_SINGLE.max:.3g}, which single precision has, "
+            f"{what}: expected 0 or a size from {_SMALLEST:.3g} to {_LARGEST:.3g}, which single precision has, "
             f"got {value!r}. Change it, or build it with double precision."
         )
     text = c_constant(value)
