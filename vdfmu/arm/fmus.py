@@ -65,8 +65,8 @@ def build_fmus(
         What is built: FMUs, or eFMUs, which are FMUs with code for microcontrollers in them.
     precision : "double" or "float32", optional
         Numbers of that code.
-    step : float, optional
-        Time from one step to the next [s] of an eFMU without sampled states; others have their period.
+    step : float, optional [s]
+        Time from one step to the next of an eFMU without sampled states; others have their period.
     progress : callable or bool, optional
         Called with stage, done, total; True shows bars, on the terminal or in the notebook.
 

@@ -53,10 +53,10 @@ def test_nothing_is_wrong_with_the_fmu(unit, form, general, tmp_path):
 def test_directional_derivatives_are_slopes(unit, version, planar, tmp_path):
     """Of outputs at the initialization, and of the next sample in step mode, by the inputs.
 
-    The rounding of an encoder counts as its line in samples, not at the initialization; here its steps are 2e-14 rad.
+    Roundings count as their line in samples, not at the initialization; their steps are 2e-14 rad and 1e-9 N.m here.
     """
-    rounds = unit == "encoder"
-    fine = {"encoder": {"bits[1]": 48.0, "bits[2]": 48.0}} if rounds else None
+    rounds = unit in ("encoder", "torque_sensor")
+    fine = {"encoder": {"bits[1]": 48.0, "bits[2]": 48.0}} if unit == "encoder" else None
     path = build_fmus(planar, tmp_path, units=[unit], fmi_version=version, start_values=fine)[unit]
     instance = Instance(Model(Path(fmpy.extract(str(path), str(tmp_path / "x"))))).setup().enter()
     inputs = instance.model.of("input")
