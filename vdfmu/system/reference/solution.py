@@ -115,7 +115,11 @@ class _Mover:
         # not by `integrate`, which takes longer than a short way; of what a signal raises in a call of the right-hand
         # side this solver would make a number or a ValueError
         with InterruptGuard(), suppress(ValueError, UserWarning):
-            x[:] = solver.run(self._rate.function, None, x.copy(), t, to, (), ())[0]
+            try:
+                x[:] = solver.run(self._rate.function, None, x.copy(), t, to, (), ())[0]
+            except SystemError:  # it calls on after what the right-hand side raises
+                if self._rate.error is None:
+                    raise
         self._steps = int(solver.iwork[18])
         if self._rate.error is not None:
             raise self._rate.error
