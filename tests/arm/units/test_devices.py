@@ -262,13 +262,19 @@ brake = "emergency_stop"
 """
 
 
+def written(folder):
+    """Write the system and a scenario of it; return the scenario's file."""
+    (folder / "system.toml").write_text(SYSTEM)
+    scenario = vdfmu.load_scenario("planar_tracking")
+    text = (scenario.system.path.parent.parent / "models" / "scenarios" / "planar_tracking.toml").read_text()
+    path = folder / "run.toml"
+    path.write_text(text.replace('robot = "', 'system = "system.toml"\nrobot = "'))
+    return path
+
+
 @pytest.mark.heavy
 def test_a_system_with_devices_equals_its_references_and_stops(tmp_path):
     """What a file feeds takes the place of what fed it in the system that it extends."""
-    (tmp_path / "system.toml").write_text(SYSTEM)
-    scenario = vdfmu.load_scenario("planar_tracking")
-    text = (scenario.system.path.parent.parent / "models" / "scenarios" / "planar_tracking.toml").read_text()
-    (tmp_path / "run.toml").write_text(text.replace('robot = "', 'system = "system.toml"\nrobot = "'))
     settings = {
         "encoder.bits": 30.0,
         "communication.loss": 0.1,
@@ -276,7 +282,7 @@ def test_a_system_with_devices_equals_its_references_and_stops(tmp_path):
         "communication.T_j": 1e-3,
         "brake.t_stop": 0.6,
     }
-    results = vdfmu.run(tmp_path / "run.toml", stop=0.8, settings=settings, out=False)
+    results = vdfmu.run(written(tmp_path), stop=0.8, settings=settings, out=False)
     assert (
         results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-8
     )  # a tenth of the solver's tolerance
@@ -288,12 +294,8 @@ def test_a_system_with_devices_equals_its_references_and_stops(tmp_path):
 
 @pytest.mark.heavy
 def test_a_loop_that_a_stop_has_opened_has_the_margins_of_no_loop(tmp_path):
-    (tmp_path / "system.toml").write_text(SYSTEM)
-    scenario = vdfmu.load_scenario("planar_tracking")
-    text = (scenario.system.path.parent.parent / "models" / "scenarios" / "planar_tracking.toml").read_text()
-    (tmp_path / "run.toml").write_text(text.replace('robot = "', 'system = "system.toml"\nrobot = "'))
     package = vdfmu.write_ssp(
-        loaded := vdfmu.load_scenario(tmp_path / "run.toml"), cached_fmus(loaded, tmp_path), tmp_path / "x.ssp"
+        loaded := vdfmu.load_scenario(written(tmp_path)), cached_fmus(loaded, tmp_path), tmp_path / "x.ssp"
     )
     for stop, modulus in ((0.2, 1.0), (100.0, None)):  # between stop and brakes no torque depends on anything
         system = linear_system(package, 0.22, parameters={"brake.t_stop": stop})

@@ -26,7 +26,7 @@ def assert_same(found: Rows, expected: Rows) -> None:
         np.testing.assert_array_equal(found[name], values, err_msg=name)
 
 
-@pytest.mark.parametrize("unit", QUICK)
+@pytest.mark.parametrize("unit", [*QUICK, *(pytest.param(unit, marks=pytest.mark.heavy) for unit in USERS)])
 def test_production_code_gives_the_bits_of_the_fmu(efmu: Callable[..., Path], unit: str, tmp_path: Path):
     path = efmu(unit)
     inputs = experiment(Efmu(path), STEPS)
@@ -42,14 +42,6 @@ def test_production_code_of_the_papers_arm(efmu: Callable[..., Path], unit: str,
     assert_same(Production(Efmu(path), tmp_path).run(inputs, STEPS), expected)
     gcc = program("gcc", "gcc")
     assert_same(Production(Efmu(path), tmp_path, gcc).run(inputs, STEPS), expected)
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("unit", USERS)
-def test_production_code_of_units_of_users(efmu: Callable[..., Path], unit: str, tmp_path: Path):
-    path = efmu(unit)
-    inputs = experiment(Efmu(path), STEPS)
-    assert_same(Production(Efmu(path), tmp_path).run(inputs, STEPS), of_fmu(path, inputs, STEPS))
 
 
 @pytest.mark.heavy

@@ -7,17 +7,13 @@ import pytest
 
 import vdfmu
 from tests.compiler.fmu.test_about import UNIT
+from tests.compiler.fmu.test_native_content import members
 from tests.compiler.unit.conftest import command
 from vdfmu.base.errors import FmuError, UsageError
 from vdfmu.base.files import pack_zip
 from vdfmu.compiler.fmu.verify import verify
 
 INSIDE = "extra/vdfmu/vdfmu.json"
-
-
-def members(path):
-    with zipfile.ZipFile(path) as archive:
-        return {name: archive.read(name) for name in archive.namelist()}
 
 
 @pytest.fixture(scope="module")

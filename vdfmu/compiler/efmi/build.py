@@ -20,7 +20,7 @@ from vdfmu.compiler.efmi.manifest import (
     production_manifest,
 )
 from vdfmu.compiler.efmi.production import PRECISIONS, header_text, source_text
-from vdfmu.compiler.fmu.content import Content
+from vdfmu.compiler.fmu.content import EFMU, Content
 from vdfmu.compiler.fmu.description import document
 
 
@@ -41,7 +41,9 @@ def make_efmu(path: Path, fmu: Content, precision: str, step: float) -> None:
         whole = path.read_bytes()
         with zipfile.ZipFile(path) as archive:
             members = {name: archive.read(name) for name in archive.namelist()}
-        pack_zip(path, members | {f"eFMU/{name}": text for name, text in _folder(fmu, whole, precision, step).items()})
+        pack_zip(
+            path, members | {f"{EFMU}/{name}": text for name, text in _folder(fmu, whole, precision, step).items()}
+        )
 
 
 def _folder(fmu: Content, whole: bytes, precision: str, step: float) -> dict[str, bytes]:

@@ -27,6 +27,10 @@ from vdfmu.compiler.unit.load import load_units
 from vdfmu.compiler.unit.machine import Machine
 
 CONTENT_FILE = "vdfmu.json"
+CONTENT_PLACES = {"native": f"extra/vdfmu/{CONTENT_FILE}", "python": f"resources/{CONTENT_FILE}"}
+"""Backend to the member of an FMU."""
+EFMU = "eFMU"
+"""Folder of an eFMU in its FMU."""
 UNIT_FILE = "unit.py"
 """Source of a unit that is not one of the package, in a Python FMU."""
 BACKENDS = ("python", "native")
@@ -150,12 +154,12 @@ class Content:
             If it cannot be used, or another vdfmu than the installed one built it.
         """
         source = resources / UNIT_FILE
-        with _using(f"resources/{CONTENT_FILE}"):
+        with _using(CONTENT_PLACES["python"]):
             data = json.loads((resources / CONTENT_FILE).read_text(encoding="utf-8"))
             name, version, digest = str(data["unit"]), str(data["version"]), str(data["digest"])
             _check_version(f"{model_name}.fmu", version, digest)
             own = load_units(source).get(name) if source.is_file() else None
-        return Content.of(data, own, f"resources/{CONTENT_FILE}", model_name)
+        return Content.of(data, own, CONTENT_PLACES["python"], model_name)
 
     @staticmethod
     def of(data: Mapping[str, Any], unit: type[BaseUnit] | None, file: str, model_name: str) -> Content:

@@ -17,7 +17,7 @@ from vdfmu.compiler.c.compile import WRITTEN, Compilation, compile_libraries
 from vdfmu.compiler.c.generate import generated_sources
 from vdfmu.compiler.c.platforms import COMPONENT, binaries, chosen_platforms
 from vdfmu.compiler.fmu.about import terms
-from vdfmu.compiler.fmu.content import CONTENT_FILE, Content, is_built, keep_record
+from vdfmu.compiler.fmu.content import CONTENT_PLACES, Content, is_built, keep_record
 from vdfmu.compiler.fmu.description import document, model_description
 from vdfmu.compiler.fmu.description3 import build_description, model_description_3
 from vdfmu.compiler.fmu.documentation import documentation_files
@@ -26,7 +26,7 @@ from vdfmu.compiler.fmu.terminals import icon_files
 
 _RARE = ("derivative.c", "instance.c", "message.c", "state.c")
 """Files of `fmu_src/c` whose functions a step does not call: to optimise them takes a third of the time of all."""
-_CONTENT = f"extra/vdfmu/{CONTENT_FILE}"
+_CONTENT = CONTENT_PLACES["native"]
 _WASM = "org.modelica.fmi-ls-wasm", "0.1.0", "FMI Layered Standard for WebAssembly"
 """Name, version and description of the layered standard of components."""
 THIRD_PARTY = """

@@ -12,13 +12,9 @@ from xml.etree import ElementTree
 from vdfmu.base.errors import FmuError, UsageError
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.base.version import __version__
-from vdfmu.compiler.fmu.content import CONTENT_FILE, Content, installed_digest, tool_of
+from vdfmu.compiler.fmu.content import CONTENT_PLACES, EFMU, Content, installed_digest, tool_of
 from vdfmu.compiler.functions.cache import COMPILER, cache_folder
 from vdfmu.compiler.unit.base import BaseUnit
-
-EFMU = "eFMU"
-"""Folder of an eFMU."""
-_PLACES = (f"extra/vdfmu/{CONTENT_FILE}", f"resources/{CONTENT_FILE}")
 
 
 def verify(path: Path, unit: type[BaseUnit] | None = None) -> list[str]:
@@ -39,7 +35,7 @@ def verify(path: Path, unit: type[BaseUnit] | None = None) -> list[str]:
         If its unit is missing.
     """
     members = _members(path)
-    place = next((place for place in _PLACES if place in members), "")
+    place = next((place for place in CONTENT_PLACES.values() if place in members), "")
     try:
         data = json.loads(members[place])
         name, backend, made = str(data["unit"]), str(data["backend"]), (str(data["digest"]), str(data["tool"]))
@@ -48,7 +44,8 @@ def verify(path: Path, unit: type[BaseUnit] | None = None) -> list[str]:
         here = installed_digest(backend), tool_of(backend)
     except (ValueError, LookupError, TypeError, ElementTree.ParseError):
         raise FmuError(
-            f"{path}: not an FMU of a unit that vdfmu built: {_PLACES[0]} does not say which unit it is of."
+            f"{path}: not an FMU of a unit that vdfmu built: {CONTENT_PLACES['native']} does not say which unit it is "
+            "of."
         ) from None
     if made != here:
         raise FmuError(

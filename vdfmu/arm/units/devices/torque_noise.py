@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from vdfmu.arm.units.devices._common import seed, whole
-from vdfmu.compiler.scalar.random_numbers import normal, seeded
-from vdfmu.compiler.unit import JOINTS, Input, Parameter, Sampled, Unit
+from vdfmu.compiler.unit import JOINTS, Input, Parameter, Sampled, Unit, normal, seeded
 
 
 class TorqueNoise(Unit):

@@ -95,11 +95,14 @@ class PlantJoint(Piece):
         else:
             self.kappa_dot, self.tau_s = self.kappa_dot_0, self.tau_s_0
 
+    def _state(self) -> PlantState:
+        """Return the state, (1,) each."""
+        return PlantState(*(np.array([x]) for x in (self.q, self.q_dot, self.kappa_dot, self.tau_s)))
+
     def _drive(self) -> tuple[Any, Any, Any]:
         """Return the robot of this joint, and torques on link and rotor, (1,) each."""
         robot = self.one(friction=self.friction, rotor_coupling=self.rotor_coupling)
-        q, q_dot, kappa_dot, tau_s = (np.array([x]) for x in (self.q, self.q_dot, self.kappa_dot, self.tau_s))
-        state = PlantState(q, q_dot, kappa_dot, tau_s)
+        state = self._state()
         tau_l, tau_k = plant_torques(robot, state, np.array([self.tau]))
         return robot, tau_l + link_torques(robot, state.q), tau_k
 
@@ -130,12 +133,14 @@ class PlantJoint(Piece):
         for name, value in self._motion(robot, *torques).items():
             if not name.startswith("der"):
                 setattr(self, name, value)
-        self.kappa = rotor_position(robot, np.array([self.q]), np.array([self.tau_s]))[0]
+        state = self._state()
+        self.kappa = rotor_position(robot, state.q, state.tau_s)[0]
 
     def derivatives(self) -> None:
         """Link, rotor and spring."""
         robot, *torques = self._drive()
+        state = self._state()
         motion = self._motion(robot, *torques)
         self.der_q, self.der_q_dot, self.der_kappa_dot = self.q_dot, motion["der_q_dot"], motion["der_kappa_dot"]
-        q, q_dot, kappa_dot, tau_s = (np.array([x]) for x in (self.q, self.q_dot, self.kappa_dot, self.tau_s))
-        self.der_tau_s = spring_rate(robot, rotor_position(robot, q, tau_s), kappa_dot, q_dot, tau_s)[0]
+        kappa = rotor_position(robot, state.q, state.tau_s)
+        self.der_tau_s = spring_rate(robot, kappa, state.kappa_dot, state.q_dot, state.tau_s)[0]
