@@ -97,7 +97,8 @@ class PlantJoint(Piece):
 
     def _state(self) -> PlantState:
         """Return the state, (1,) each."""
-        return PlantState(*(np.array([x]) for x in (self.q, self.q_dot, self.kappa_dot, self.tau_s)))
+        q, q_dot, kappa_dot, tau_s = (np.array([x]) for x in (self.q, self.q_dot, self.kappa_dot, self.tau_s))
+        return PlantState(q, q_dot, kappa_dot, tau_s)
 
     def _drive(self) -> tuple[Any, Any, Any]:
         """Return the robot of this joint, and torques on link and rotor, (1,) each."""
