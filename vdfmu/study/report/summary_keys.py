@@ -70,6 +70,7 @@ _ARM = Record({
     "shapes": List(Keyed(ANY)),
 })  # fmt: skip
 _WITNESS = {"components": _LINES, "left_out": _LINES, "times_s": _VECTOR, "numbers": WHOLE, "faults": _LINES}
+_FIGURE = Record({"value": NUMBER, "at_s": NUMBER}, {"unit": TEXT, "joint": WHOLE, "place": TEXT, "limit": NUMBER})
 _CHECK = Record({"name": TEXT, "passed": FLAG, "text": TEXT})
 _VERDICT = Record({"passed": FLAG, "checks": List(_CHECK)}, {"not_checked": _LINES})
 _PAPER = {"source": TEXT, **dict.fromkeys(TRACKING, _VECTOR)}
@@ -131,6 +132,10 @@ KEYS: Mapping[str, Key] = {
     "reference": Key(Keyed(_REFERENCE), "Largest differences to each reference."),
     "no_reference": Key(TEXT, "Why there is no reference."),
     "separation": Key(_SEPARATION, "How far the run is from itself with a change that should not show."),
+    "key_figures": Key(
+        {name: _FIGURE for name in ("tool_error", "joint_error", "torque", "margin", "unstable", "mode")},
+        "Largest errors of tool [m] and joints, largest torque, smallest modulus margin, lowest mode [Hz], and when.",
+    ),
     "verdict": Key(_VERDICT, "Checks of the run, and what could not be checked."),
     "error": Key(TEXT, "Why the run did not reach its end."),
 }

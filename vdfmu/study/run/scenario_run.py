@@ -44,6 +44,7 @@ from vdfmu.study.report.content import arm_of
 from vdfmu.study.report.page import NAME, ShownRun, write_report
 from vdfmu.study.report.pictures import PICTURES, SIGNALS, write_pictures
 from vdfmu.study.run.at_limits import limits_of, time_at_limits
+from vdfmu.study.run.key_figures import key_figures
 from vdfmu.study.run.stability import explain, loop_checks, simulated
 from vdfmu.study.run.summary import (
     compare,
@@ -194,7 +195,9 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
         except (CosimError, Interrupted) as error:
             unstable = explain(error, poses)
             if out is not False:
-                keep(error, partial, unstable)
+                if error.results is not None and unstable:
+                    error.results.summary["key_figures"] = unstable[0].figures
+                keep(error, partial, [found.check for found in unstable])
             raise
         summary = results.summary
         summary["witness"] = witness.summary(results)
@@ -215,7 +218,11 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
             write_summary(summary, partial)
         if options["reference"]:
             summary |= _references(system, package, results)
-        found = [*loop_checks(poses, system, package), *run_checks(summary)]
+        loops = list(loop_checks(poses, system, package))
+        changed = bool(scenario.plant_factors) or any(key.startswith("plant.") for key in text_settings)
+        figures = {} if robot is None else key_figures(results, robot, limits, changed)
+        summary["key_figures"] = figures | {name: one for loop in loops for name, one in loop.figures.items()}
+        found = [*(loop.check for loop in loops), *run_checks(summary)]
         summary["verdict"] = verdict_of(found, [f"stability: {poses.lacking}"] if poses.lacking else [])
         if out is False:
             return results

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from vdfmu.arm.equations.friction import dry_friction
 from vdfmu.arm.robot import Robot
@@ -23,6 +23,14 @@ from vdfmu.system.scenario import Scenario
 _NAME = "Sampled loops"
 
 
+class LoopCheck(NamedTuple):
+    """The check of a run's loops."""
+
+    check: Check
+    figures: dict[str, Any]
+    """Entries of ``key_figures`` of a summary: ``margin``, or where disturbances grow, ``unstable``."""
+
+
 def simulated(scenario: Scenario, package: Path, parameters: Any = None, **options: Any) -> Results:
     """Co-simulate a scenario; for `options` see :meth:`vdfmu.Simulator.run`, and `log`."""
     own: SimulatorOptions = {
@@ -32,19 +40,19 @@ def simulated(scenario: Scenario, package: Path, parameters: Any = None, **optio
         return simulator.run(start=0.0, stop=scenario.stop, step=scenario.step, **options)
 
 
-def explain(error: CosimError | Interrupted, poses: Poses) -> list[Check]:
+def explain(error: CosimError | Interrupted, poses: Poses) -> list[LoopCheck]:
     """Return the check of the loops of a run that failed, if they are unstable, and say so in the error."""
     if not poses.systems or isinstance(error, Interrupted):
         return []
     growth = poses.growth(0.0, error.time)
     if growth.rate <= GROWTH:
         return []
-    check = Check(_NAME, False, _unstable(growth, poses))
-    error.add_note(f"{_NAME}: {check.text}")
-    return [check]
+    found = _unstable(growth, poses)
+    error.add_note(f"{_NAME}: {found.check.text}")
+    return [found]
 
 
-def loop_checks(poses: Poses, system: SystemDescription, package: Path) -> Iterator[Check]:
+def loop_checks(poses: Poses, system: SystemDescription, package: Path) -> Iterator[LoopCheck]:
     """Yield the check of a run's loops, if they were linearised."""
     if poses.lacking or not poses.systems:
         return
@@ -52,7 +60,7 @@ def loop_checks(poses: Poses, system: SystemDescription, package: Path) -> Itera
     growth = poses.growth(0.0, scenario.stop)
     split = {p: robot for p in system.resolved.plants if (robot := robots[p]) and robot.friction == "split"}
     if not growth.unstable:
-        yield Check(_NAME, True, _stable(poses))
+        yield _stable(poses)
     elif split:
         with doing("stability"):
             smooth, still = Poses("tau"), _without_dry_friction(split, system.values)
@@ -60,11 +68,11 @@ def loop_checks(poses: Poses, system: SystemDescription, package: Path) -> Itera
         alone = smooth.growth(0.0, scenario.stop)
         excited = f"friction 'split' excites itself, most at {_place(growth.state, poses)}; without dry friction"
         if not alone.unstable:
-            yield Check(_NAME, True, f"{excited} {_stable(smooth)}")
+            yield _stable(smooth, f"{excited} ")
         else:
-            yield Check(_NAME, False, f"{excited} {_unstable(alone, smooth)}")
+            yield _unstable(alone, smooth, f"{excited} ")
     else:
-        yield Check(_NAME, False, _unstable(growth, poses))
+        yield _unstable(growth, poses)
 
 
 def _without_dry_friction(
@@ -78,22 +86,27 @@ def _without_dry_friction(
     }
 
 
-def _stable(poses: Poses) -> str:
+def _stable(poses: Poses, before: str = "") -> LoopCheck:
     margin = poses.margin()
     if margin is None:
-        return "stable; margins are those of sampled signals"
+        return LoopCheck(Check(_NAME, True, f"{before}stable; margins are those of sampled signals"), {})
     modulus, time, opened = margin
+    where = f"at {_place(opened, poses)}, {time:.3g} s"
+    text = f"stable with a modulus margin of {modulus:.2g} {where}"
     if not modulus:
-        return f"stable over the run, but without a margin at {_place(opened, poses)}, {time:.3g} s"
-    return f"stable with a modulus margin of {modulus:.2g} at {_place(opened, poses)}, {time:.3g} s"
+        text = f"stable over the run, but without a margin {where}"
+    figure = {"value": modulus, "place": _place(opened, poses), "at_s": time}
+    return LoopCheck(Check(_NAME, True, f"{before}{text}"), {"margin": figure})
 
 
-def _unstable(growth: Growth, poses: Poses) -> str:
-    factor = f"a factor of {math.exp(growth.rate * poses.systems[0][1].step):.3g} a step"
-    return (
-        f"unstable since {growth.begin:.3g} s, {_place(growth.state, poses)}: disturbances grow by {factor}; "
+def _unstable(growth: Growth, poses: Poses, before: str = "") -> LoopCheck:
+    factor, place = math.exp(growth.rate * poses.systems[0][1].step), _place(growth.state, poses)
+    text = (
+        f"unstable since {growth.begin:.3g} s, {place}: disturbances grow by a factor of {factor:.3g} a step; "
         "its gains are too high, or too low, for this step"
     )
+    figure = {"value": factor, "place": place, "at_s": growth.begin}
+    return LoopCheck(Check(_NAME, False, f"{before}{text}"), {"unstable": figure})
 
 
 def _place(name: str, poses: Poses) -> str:
