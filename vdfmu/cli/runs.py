@@ -10,6 +10,7 @@ import typer
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.option import pick
+from vdfmu.cli.opening import OpenOption, say_page, say_verdict
 from vdfmu.cli.options import typer_option
 from vdfmu.cli.terminal import ScenarioArgument, UnpackOption, console, load, say, say_notes, tell, unit_messages
 from vdfmu.cli.view import LiveOption, PortOption, live_view
@@ -33,6 +34,7 @@ def run(
     by: Annotated[str | None, typer.Option(help="Of worst and best: by which measure; default the first.")] = None,
     live: LiveOption = False,
     port: PortOption = None,
+    opened: OpenOption = False,
     **options: Unpack[ScenarioRunOptions],
 ) -> None:
     """Run a scenario: build what is stale, co-simulate, solve the references, compare, write tables and figures.
@@ -64,6 +66,7 @@ def run(
         for name in ("units", "settings"):
             given[name] = point.get(name, {}) | (options[name] or {})
     from vdfmu.study.report import tables
+    from vdfmu.study.report.page import NAME
     from vdfmu.study.report.sheets import sheets
     from vdfmu.study.run.scenario_run import RUN_OUTPUTS
     from vdfmu.study.run.scenario_run import run as run_study
@@ -76,7 +79,10 @@ def run(
         passed = summary["verdict"]["passed"]
         tell(tables.run_panel(summary), *map(tables.sheet_table, sheets(summary)))
         (tell if passed else console.print)(tables.verdict_table(summary))
-        _say_written(Path(options["out"] or Path("results", summary["scenario"])), RUN_OUTPUTS)
+        folder = Path(options["out"] or Path("results", summary["scenario"]))
+        _say_written(folder, RUN_OUTPUTS)
+        say_verdict(summary)
+        say_page(folder / NAME, opened)
     if not passed:
         raise typer.Exit(1)
 
@@ -164,14 +170,22 @@ def report(
     simulate: Annotated[
         bool, typer.Option(help="Let the page run them again, with sliders, where the compiler is installed.")
     ] = True,
+    pdf: Annotated[
+        bool, typer.Option("--pdf", help="Write two printed pages beside it too, with Chromium or Chrome.")
+    ] = False,
+    opened: OpenOption = False,
 ) -> None:
     """Write the page of a run, or of several side by side: one file, which any browser opens."""
     from vdfmu.study.report.page import NAME, newest_run, read_run, write_report
+    from vdfmu.study.report.printed import write_pdf
 
     folders = folders or [newest_run(Path("results"))]
     runs = [read_run(folder) for folder in folders]
     default = folders[0] / NAME if len(runs) == 1 else folders[0].parent / "comparison.html"
-    say(f"Written to {write_report(runs, out or default, simulate=simulate)}")
+    page = write_report(runs, out or default, simulate=simulate)
+    printed = [write_pdf(page, page.with_suffix(".pdf"))] if pdf else []
+    say(f"Written to {', '.join(map(str, [page, *printed]))}")
+    say_page(page, opened)
 
 
 def _run_package(package: Path, unpack_limit: int | None, **options: Unpack[SystemOptions]) -> None:

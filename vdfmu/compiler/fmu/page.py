@@ -20,21 +20,26 @@ img { max-width: 100%; display: block; margin: 1rem 0; }
 """
 
 
-def page(title: str, what: str, body: str, width: int, head: str = "") -> bytes:
-    """Return a page of a width [rem] with its title, a line on what it is about, and HTML, also for its head."""
+def page(title: str, what: str, body: str, width: int, head: str = "", *, tab: str = "", lead: str = "") -> bytes:
+    """Return a page of a width [rem] with its title, a line on what it is about, and HTML, also for its head.
+
+    `tab` is the title of the browser's tab if it is another one, `lead` HTML below the title.
+    """
     return f"""<!DOCTYPE html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width">
-<title>{escape(title)}</title>
+<title>{escape(tab or title)}</title>
 <style>{_STYLE}body {{ max-width: {width}rem; }}
 </style>{head}
 </head>
 <body>
+<main>
 <h1>{escape(title)}</h1>
-<p class="what">{escape(what)}</p>
+{lead}<p class="what">{escape(what)}</p>
 {body}
+</main>
 </body>
 </html>
 """.encode("utf-8", "backslashreplace")

@@ -71,7 +71,7 @@ def page_title(name: str, summary: Summary) -> str:
 
 
 def _time(figure: Summary) -> str:
-    return quantity(figure["at_s"], "s")
+    return f"{figure['at_s']:.3g} s"
 
 
 def _told(figures: Summary) -> Iterator[str]:
@@ -106,7 +106,7 @@ def _tiles(summary: Summary, figures: Summary) -> Iterator[Tile]:
         note = f"a step, {unstable['place']} since {_time(unstable)}"
         yield Tile("Disturbances grow", f"× {unstable['value']:.3g}", note, "tracking", unstable["at_s"])
     if (mode := figures.get("mode")) is not None:
-        rate = f"; sampling {quantity(1.0 / summary['step'], 'Hz')}" if summary.get("step") else ""
+        rate = f"; loop {quantity(1.0 / summary['step'], 'Hz')}" if summary.get("step") else ""
         yield Tile("Lowest mode", quantity(mode["value"], "Hz"), f"motors held{rate}", "torsion", mode["at_s"])
     bond: Summary | None = summary.get("power_bond")
     if bond is not None:

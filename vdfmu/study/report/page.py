@@ -10,9 +10,11 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
+from hashlib import sha256
 from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
+from urllib.parse import quote
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import write_whole
@@ -22,7 +24,9 @@ from vdfmu.compiler.fmu.page import page, table
 from vdfmu.engine.results.formats import result_files
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import checks_of, not_checked
+from vdfmu.study.report.command import run_command
 from vdfmu.study.report.content import content_of
+from vdfmu.study.report.headline import Tile, checks_line, headline, page_title
 from vdfmu.study.report.sheets import Sheet, comparison_sheet, facts, sheets
 from vdfmu.study.report.simulation import compressed, simulation_of
 from vdfmu.study.report.summary import read_summary
@@ -32,8 +36,8 @@ from vdfmu.system.package.drawing import system_diagram
 NAME = "report.html"
 _WEB = Path(__file__).parent / "web"
 MODULES = (
-    "packed.js", "vendor.js", "state.js", "data.js", "chart.js", "figures.js", "arm.js", "player.js", "system.js", "worker.js",
-    "simulation.js", "main.js",
+    "packed.js", "vendor.js", "state.js", "data.js", "numbers.js", "chart.js", "figures.js", "arm.js", "timeline.js", "player.js", "system.js", "worker.js",
+    "simulation.js", "share.js", "main.js",
 )  # fmt: skip
 """In an order in which each comes after the modules that it imports."""
 WORKER = ("packed.js", "fmu.js", "master.js")
@@ -47,10 +51,19 @@ _POLICY = (
 """Makes a browser refuse every request to a network; WebAssembly runs, and so do workers made by the page."""
 
 _ALONE = (
-    "body { max-width: none; padding: 0 } body > :not(#arm, noscript) { display: none } #arm { margin: 0 } "
-    "@media (min-width: 560px) { .stage { grid-template-columns: minmax(0, 1fr) 16rem } .canvas { height: 58vh } }"
+    "body { max-width: none; padding: 0 } main > :not(.bench, noscript), .side { display: none } .bench #arm { margin: 0; "
+    "display: block; position: static; height: auto } .bench .canvas { height: 58vh } .bench .stage { position: static } "
+    "@media (min-width: 560px) { .bench #arm { display: grid; grid: 'h h' 's r' 't t' 'b b' / minmax(0, 1fr) 16rem; "
+    "gap: 0 1.2rem } #arm h2 { grid-area: h } .stage { grid-area: s } .transport { grid-area: t } #arm > .bar { "
+    "grid-area: b } .readout { grid-area: r; align-self: center } }"
 )
 """Style of a page with the arm alone."""
+_ICON = (
+    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect width="32" height="32" rx="7" fill="#0b63c4"/>'
+    '<path d="M8 26V14l9-7 8 8" fill="none" stroke="#fff" stroke-width="4" stroke-linejoin="round"/>'
+    '<g fill="#f2b632"><circle cx="8" cy="14" r="3"/><circle cx="17" cy="7" r="3"/></g></svg>'
+)
+"""Icon of the page: an arm."""
 
 
 class ShownRun(NamedTuple):
@@ -107,6 +120,8 @@ def report_page(runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: 
             "name": name,
             **content_of(run.results, run.summary),
             "simulation": simulation_of(run.results, run.summary, run.package, binaries if simulate else None),
+            "command": run_command(run.summary),
+            "marks": _marks(run.summary),
         }
         for name, run in zip(names, runs, strict=True)
     ]
@@ -118,12 +133,16 @@ def report_page(runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: 
     summaries = [run.summary for run in runs]
     each = [f"robot {s['robot']}" if "robot" in s else f"system {s.get('system', '')}" for s in summaries]
     about = "; ".join(dict.fromkeys(each))
+    verdicts = [headline(one) for one in summaries]
     body = "\n".join(
         [
             *_checks(names, runs),
-            '<section id="arm" class="card" hidden aria-label="The arm in 3D"></section>',
+            '<a class="skip" href="#figures">Skip to the figures</a>',
+            '<div class="bench"><section id="arm" class="card" hidden aria-label="The arm in 3D"></section>',
+            '<div class="side">',
+            *(_tiles(verdicts[0].tiles) if len(runs) == 1 else ()),
             '<section id="simulate" class="card" hidden aria-label="Simulate"></section>',
-            '<section id="figures" class="card" hidden aria-label="Figures"></section>',
+            '<section id="figures" class="card" hidden aria-label="Figures"></section></div></div>',
             f'<section id="system" class="card" hidden><h2>System</h2><div class="wide">{diagram}</div></section>',
             *_tables(names, runs),
             *_facts(names, runs),
@@ -134,10 +153,20 @@ def report_page(runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: 
             f'<script type="module">\n{script()}\n</script>',
         ]
     )
-    head = f'{look()}<link rel="icon" href="data:,"><style>{_text(_VENDOR[1])}{_ALONE if arm_alone else ""}</style>'
+    told = [(f"{name}: " if len(runs) > 1 else "", one) for name, one in zip(names, verdicts, strict=True) if one.text]
+    lead = "".join(
+        f'<p class="verdict{"" if one.passed else " fail"}">{escape(before + one.text)}</p>\n' for before, one in told
+    )
+    description = escape("; ".join(before + one.text for before, one in told) or about)
+    head = (
+        f'<meta name="description" content="{description}"><link rel="icon" href="data:image/svg+xml,{quote(_ICON)}">'
+        f"{look()}<style>{_text(_VENDOR[1])}{_ALONE if arm_alone else ''}</style>"
+    )
     count, version = "one run" if len(runs) == 1 else f"{len(runs)} runs", summaries[0].get("vdfmu", "")
-    what = f"{about[0].upper()}{about[1:]}, {count} of vdfmu {version}".strip()
-    return page(", ".join(names), what, body, 84, head)
+    made = f" on {summaries[0]['date'][:10]}" if len(runs) == 1 and "date" in summaries[0] else ""
+    what = f"{about[0].upper()}{about[1:]}, {count} of vdfmu {version}{made}".strip()
+    tab = page_title(names[0], summaries[0]) if len(runs) == 1 else ""
+    return page(", ".join(names), what, body, 92, head, tab=tab, lead=lead)
 
 
 def look() -> str:
@@ -174,6 +203,7 @@ def _names(runs: Sequence[ShownRun]) -> list[str]:
 
 
 def _checks(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
+    """Yield the checks of each run in a line that opens, and is open where one failed."""
     for name, run in zip(names, runs, strict=True):
         found = checks_of(run.summary)
         if found:
@@ -183,9 +213,29 @@ def _checks(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
                 for one in found
             )
             rows += "".join(f"<li>not checked <small>{escape(text)}</small></li>" for text in not_checked(run.summary))
-            title = "Checks" if len(runs) == 1 else f"Checks of {escape(name)}"
-            shown = "" if len(runs) > 1 else ' class="hidden"'
-            yield f'<section class="checks"><h2{shown}>{title}</h2><ul>{rows}</ul></section>'
+            title = ("" if len(runs) == 1 else f"{escape(name)}: ") + checks_line(run.summary)
+            shown = "" if all(one.passed for one in found) else " open"
+            yield f'<details class="checks"{shown}><summary>{title}</summary><ul>{rows}</ul></details>'
+
+
+def _tiles(tiles: Sequence[Tile]) -> Iterator[str]:
+    """Yield the numbers of the first screen, as buttons that go to their times and figures."""
+    buttons = "".join(
+        f'<button type="button" class="tile" data-figure="{tile.figure}"'
+        f"{'' if tile.at is None else f' data-time={tile.at!r}'}><span>{escape(tile.name)}</span> "
+        f"<b>{escape(tile.value)}</b> <small>{escape(tile.note)}</small></button>"
+        for tile in tiles
+    )
+    if buttons:
+        yield f'<section class="tiles" aria-label="Numbers of the run">{buttons}</section>'
+
+
+def _marks(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the times that the line of time of a run marks, with what is there."""
+    figures: Mapping[str, Any] = summary.get("key_figures") or {}
+    words = {"tool_error": "largest tool error", "unstable": "unstable from here"}
+    return [{"time": figures[key]["at_s"], "words": text, "bad": key == "unstable"} for key, text in words.items()
+            if key in figures]  # fmt: skip
 
 
 def _tables(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
@@ -199,20 +249,23 @@ def _tables(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
         notes = "".join(f"<p class=note>{escape(note)}</p>" for note in sheet.notes)
         yield (
             f'<section class="card"><h2>{escape(before + sheet.title)}</h2><div class="wide">'
-            f"{_table(heads, sheet.rows)}</div>{notes}</section>"
+            f"{_table(heads, sheet.rows, before + sheet.title)}</div>{notes}</section>"
         )
 
 
 def _facts(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
-    yield '<section class="card"><h2>What was run</h2>'
-    columns = [dict(_facts_of(run.summary)) for run in runs]
+    yield '<section class="card" id="facts"><h2>What was run</h2>'
+    columns = [dict(_facts_of(run)) for run in runs]
     rows = [(key, *(column.get(key, "") for column in columns)) for key in dict.fromkeys(k for c in columns for k in c)]
     heads = ("", *(map(escape, names) if len(runs) > 1 else [""]))
-    yield f'<div class="wide facts">{_table(heads, rows)}</div></section>'
+    yield f'<div class="wide facts">{_table(heads, rows, "What was run")}</div></section>'
 
 
-def _facts_of(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    found = facts(summary)
+def _facts_of(run: ShownRun) -> list[tuple[str, str]]:
+    summary = run.summary
+    found = [*facts(summary), *([("Date", summary["date"])] if "date" in summary else [])]
+    if run.package.is_file():
+        found.append(("system.ssp, SHA-256", sha256(run.package.read_bytes()).hexdigest()[:16]))
     if "scenario" in summary and "settings" in summary and not summary["settings"]:
         found.append(("Settings", "none: all values are those of the scenario"))
     for key, factor in (summary.get("plant_factors") or {}).items():
@@ -223,5 +276,6 @@ def _facts_of(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     return [*found, ("Versions", ", ".join(f"{name} {version}" for name, version in versions.items()))]
 
 
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    return table(heads, ([escape(cell) for cell in row] for row in rows), ("name", *[""] * (len(heads) - 1)))
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], caption: str) -> str:
+    made = table(heads, ([escape(cell) for cell in row] for row in rows), ("name", *[""] * (len(heads) - 1)))
+    return made.replace("<table>", f'<table>\n<caption class="hidden">{escape(caption)}</caption>', 1)

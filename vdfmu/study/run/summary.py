@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Iterable, Mapping
+from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any
 
@@ -32,6 +33,7 @@ def run_facts(scenario: Scenario) -> dict[str, Any]:
         "scenario": scenario.name,
         **({} if robot is None else {"robot": robot.name, "friction": robot.friction, "joints": robot.n}),
         "vdfmu": __version__,
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "versions": _versions(),
         "master": scenario.master,
         "adaptive": scenario.adaptive,

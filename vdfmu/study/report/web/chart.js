@@ -13,7 +13,7 @@ export class Chart {
     Object.assign(this, { unit, curves, log: false, seen: false, stale: true });
     this.unitText = make("span", { class: "unit" }, unit);
     this.place = make("div", { class: "plot", tabindex: 0, "aria-label": `${title}: values at the time shown`, focus: () => this.moveMark(), blur: () => this.plot?.setCursor({ left: -10, top: -10 }) });
-    this.tip = make("div", { class: "tip", role: "status", hidden: true });
+    this.tip = make("div", { class: "tip", hidden: true });
     this.mark = make("div", { class: "mark" });
     this.element = make("figure", { class: "chart", "aria-label": `${title} in ${unit || "no unit"} over time in seconds` },
       make("figcaption", {}, make("span", {}, make("strong", {}, title), " ", this.unitText),
@@ -153,6 +153,7 @@ export class Chart {
       const value = this.plot.series[k + 1].show && idxs[k + 1] !== null ? this.plot.data[k + 1][idxs[k + 1]] : null;
       return value === null || value === undefined ? [] : [{ ...curve, value, time: this.plot.data[0][idxs[k + 1]] }];
     });
+    this.tip.setAttribute("role", document.activeElement === this.place ? "status" : "presentation"); // said where keys read, not at every move of the pointer
     this.tip.hidden = left < 0 || !found.length;
     if (this.tip.hidden) return;
     const places = [...new Set(found.map(({ run }) => run))], several = places.length > 1, rows = Map.groupBy(found, ({ label }) => label);

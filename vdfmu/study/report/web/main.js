@@ -1,10 +1,12 @@
 // Put the page together.
 
-import { binaries, recorded, runs, view } from "./data.js";
+import { binaries, merged, recorded, runs, view } from "./data.js";
 import { Chain, Motion, toolErrors } from "./arm.js";
 import { showFigures } from "./figures.js";
 import { Player } from "./player.js";
+import { follow, pictureButtons, printSheet, shareButtons } from "./share.js";
 import { showSimulation } from "./simulation.js";
+import { recalled, remember, whenRecalled } from "./state.js";
 import { showSystem } from "./system.js";
 import { SimulationWorker, difference } from "./worker.js";
 
@@ -22,6 +24,27 @@ const charts = showFigures(section("figures"), more);
 const simulation = showSimulation(section("simulate"));
 showSystem(section("system"));
 
+const keys = [...merged("figures").keys()];
+charts.forEach(({ element }, k) => { element.dataset.figure = keys[k] ?? "tool"; });
+document.querySelector("h1").after(shareButtons(simulation));
+if (player?.bar) player.bar.append(...pictureButtons(player));
+
+/** Show the time, and the figure, that the address has. */
+function recall() {
+  const [first, last] = view.full(), time = Number(recalled("t") ?? NaN);
+  view.change("time", Number.isFinite(time) ? Math.min(Math.max(time, first), last) : first);
+  if (recalled("figure")) follow({ dataset: { figure: recalled("figure") } }, charts);
+}
+for (const tile of document.querySelectorAll(".tile")) {
+  tile.addEventListener("click", () => {
+    follow(tile, charts);
+    remember("figure", tile.dataset.figure);
+  });
+}
+view.addEventListener("time", () => { if (!player?.playing) remember("t", view.time === view.full()[0] ? null : Number(view.time.toPrecision(6))); });
+whenRecalled(recall);
+if (recalled("t") || recalled("figure")) recall();
+
 /** For the console and for tests; what is around the page hears when it is there. */
-globalThis.report = { binaries, charts, difference, player, runs, simulation, view, Chain, Motion, SimulationWorker, toolErrors };
+globalThis.report = { binaries, charts, difference, player, printSheet: () => printSheet(player, charts), runs, simulation, view, Chain, Motion, SimulationWorker, toolErrors };
 dispatchEvent(new Event("report"));

@@ -2,6 +2,8 @@
 
 import { choice, make, raised, recorded, simulated, text, toggle, view } from "./data.js";
 import { Scene3D } from "./arm.js";
+import { quantity } from "./numbers.js";
+import { Timeline } from "./timeline.js";
 
 const UNITS = { // factor and unit for revolute and prismatic joints
   torque: { words: "Control torque", revolute: [1, "N.m"], prismatic: [1, "N"] },
@@ -11,24 +13,26 @@ const UNITS = { // factor and unit for revolute and prismatic joints
   error: { words: "Tracking error", revolute: [180 / Math.PI, "deg"], prismatic: [1e3, "mm"] },
 };
 const STEPS = 200;
+const HINT = 1500; // ms
 
 export class Player {
   constructor(section) {
     const shown = recorded.filter((run) => run.arm);
     this.playing = false;
     this.speed = 1;
-    const host = make("div", { class: "canvas", role: "img", "aria-label": "The arm in 3D; drag to turn, two fingers or the wheel to come nearer" });
+    const host = make("div", { class: "canvas", role: "img", "aria-label": "The arm in 3D; drag to turn, two fingers or Ctrl and the wheel to come nearer" });
     section.hidden = false;
     section.append(make("h2", {}, "The arm"));
     this.readout = make("div", { class: "readout" });
-    section.append(make("div", { class: "stage" }, host, this.readout));
+    section.append(make("div", { class: "stage" }, host));
     try {
       this.scene = new Scene3D(host, shown[0]);
     } catch (error) {
       host.replaceWith(make("p", {}, `The arm cannot be drawn here: ${error.message}`));
       return;
     }
-    section.append(...this.controls(shown));
+    this.letWheelPass(host);
+    section.append(...this.controls(shown), this.readout);
     this.setRun(shown[0]);
     this.play(false);
     view.addEventListener("time", () => this.show());
@@ -40,10 +44,27 @@ export class Player {
     return this.scene.motion;
   }
 
+  /** The wheel scrolls the page; with Ctrl, or after a click into the scene until the pointer leaves it, it comes nearer. */
+  letWheelPass(host) {
+    const hint = make("span", { class: "hint", "aria-hidden": "true" }, "Ctrl and the wheel, or a click first, to come nearer");
+    let inside = false;
+    host.append(hint);
+    host.addEventListener("pointerdown", () => { inside = true; });
+    host.addEventListener("pointerleave", () => { inside = false; });
+    host.addEventListener("wheel", (event) => {
+      if (inside || event.ctrlKey || event.metaKey) return;
+      event.stopPropagation();
+      hint.classList.add("on");
+      clearTimeout(this.hinting);
+      this.hinting = setTimeout(() => hint.classList.remove("on"), HINT);
+    }, { capture: true, passive: true });
+  }
+
   controls(shown) {
     this.button = make("button", { type: "button", class: "play", click: () => this.play(!this.playing) });
     this.slider = make("input", { type: "range", min: 0, step: 1, value: 0, "aria-label": "Time", input: () => { this.play(false); view.change("time", this.motion.time[this.slider.value]); } });
-    this.clock = make("output", { class: "clock" });
+    this.clock = make("output", { class: "clock", "aria-live": "off" });
+    this.timeline = new Timeline(this.slider);
     const quantities = Object.keys(UNITS).filter((name) => this.motion[name]);
     this.scene.quantity = quantities[0];
     const powers = [0, 1, 2, 3, 4, 5].map((p) => [10 ** p, p ? `× 10${raised(p)}` : "as it is"]);
@@ -54,8 +75,8 @@ export class Player {
     view.addEventListener("run", () => { picker.querySelector("select").value = shown.indexOf(view.run); this.setRun(view.run); });
     const layer = (words, name) => toggle(words, true, (on) => this.scene.layer({ [name]: on }), { class: "chip" });
     return [
-      make("div", { class: "transport" }, this.button, this.slider, this.clock),
-      make("div", { class: "bar" },
+      make("div", { class: "transport" }, this.button, this.timeline.element, this.clock),
+      this.bar = make("div", { class: "bar" },
         ...(shown.length > 1 ? [picker, others] : []),
         ...(quantities.length ? [choice("Colour", quantities.map((name) => [name, UNITS[name].words]), (name) => { this.scene.quantity = name; this.show(); })] : []),
         choice("Speed", [[1, "1"], [0.1, "0.1"], [0.3, "0.3"], [3, "3"], [10, "10"]], (speed) => { this.speed = Number(speed); }),
@@ -76,11 +97,12 @@ export class Player {
     this.scene.beside(other === run ? null : other ?? null);
     this.slider.max = this.motion.time.length - 1;
     this.rows = run.arm.types.map((type, i) => {
-      const cells = this.scene.puppets.map((_, k) => ({ fill: make("i", { class: k ? "second" : "" }), value: make("output", { class: k ? "second" : "" }) }));
+      const cells = this.scene.puppets.map((_, k) => ({ fill: make("i", { class: k ? "second" : "" }), value: make("output", { class: k ? "second" : "", "aria-live": "off" }) }));
       const row = make("tr", {}, make("th", { scope: "row" }, `Joint ${i + 1}`), make("td", { class: "level" }, ...cells.map(({ fill }) => fill)), make("td", { class: "number" }, ...cells.map(({ value }) => value)));
       return { type, cells, row };
     });
     this.heading = make("caption");
+    this.timeline.draw(run, this.motion.time[0], this.motion.time.at(-1));
     this.readout.replaceChildren(make("table", {}, this.heading, make("tbody", {}, ...this.rows.map(({ row }) => row))));
     this.show();
   }
@@ -99,7 +121,7 @@ export class Player {
     this.rows.forEach(({ type, cells }, i) => cells.forEach(({ fill, value }, k) => {
       const [factor, unit] = UNITS[name][type], now = all[k][i] ?? NaN, share = Math.min(1, Math.abs(now) / (peaks[i] || 1));
       fill.style.cssText = `width:${50 * share}%;${now < 0 ? "right" : "left"}:50%;background:var(--${now < 0 ? "negative" : "positive"})`;
-      value.textContent = Number.isNaN(now) ? "" : `${text(factor * now, 3)} ${unit}`;
+      value.textContent = Number.isNaN(now) ? "" : quantity(factor * now, unit, factor * peaks[i]);
     }));
   }
 
