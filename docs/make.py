@@ -23,6 +23,7 @@ PAGES = {
 }
 """Page to what makes it; none of them is kept with the sources."""
 
+_FROM_ROOT = re.compile(r'(\b(?:href|src)=")/([^"/][^"]*)?"')
 _SHIM = re.compile(r'src="https://[^"]*iframe-worker[^"]*"')
 
 
@@ -47,6 +48,9 @@ def main() -> int:
     for built in site.rglob("*.html"):  # what search needs from disk comes with the pages, not from a network
         root = "../" * (len(built.relative_to(site).parts) - 1)
         text = _SHIM.sub(f'src="{root}js/iframe-worker.js"', built.read_text(encoding="utf-8"))
+        if built.name == "404.html":  # the only one whose addresses start at the root of a server
+            text = _FROM_ROOT.sub(lambda found: f'{found[1]}{found[2] or "index.html"}"', text)
+            text = text.replace('"base":"/"', '"base":"."').replace('"search":"/', '"search":"')
         built.write_text(text, encoding="utf-8")
     return done.returncode
 

