@@ -1,4 +1,4 @@
-"""The first screen and the bench: what is in sight together, where tiles lead, what an address keeps, what is printed."""
+"""The first screen and the bench: what is in sight together, where tiles lead, what an address keeps, the print."""
 
 import json
 import re
@@ -139,8 +139,8 @@ def test_the_command_has_what_the_sliders_changed(run, browser):
 
 def test_the_arm_is_saved_as_a_picture_and_as_a_film(run, browser):
     show(browser, run / "report.html")
-    browser.run("URL.createObjectURL = (content) => { globalThis.kept = [content.type, content.size]; return 'data:,'; }; "
-                "HTMLAnchorElement.prototype.click = () => {}")  # fmt: skip
+    browser.run("""HTMLAnchorElement.prototype.click = () => {};
+        URL.createObjectURL = ({ type, size }) => { globalThis.kept = [type, size]; return 'data:,'; };""")
     clicked(browser, "Picture")
     time.sleep(0.5)
     kind, size = browser.run("kept")
@@ -171,17 +171,12 @@ def test_print_has_the_legend_and_says_what_is_hidden(run, browser):
     browser.run("document.querySelectorAll('#figures .chip')[1].click()")
     browser.call("Emulation.setEmulatedMedia", media="print")
     browser.settle()
-    chips = browser.run(
-        "[...document.querySelectorAll('#figures .chip')].map(e => [e.offsetHeight > 0, getComputedStyle(e, '::after').content])"
-    )
-    assert [shown for shown, _ in chips[:6]] == [True] * 6 and [words for _, words in chips[:3]] == [
-        "none",
-        '" (hidden)"',
-        "none",
-    ]
-    assert browser.run(
-        "[...document.querySelectorAll('.transport, .share, figcaption button')].every(e => !e.offsetHeight)"
-    )
+    chips = "[...document.querySelectorAll('#figures .chip')].slice(0, 3)"
+    assert browser.run(f"{chips}.every(e => e.offsetHeight > 0)")
+    after = browser.run(f"{chips}.map(e => getComputedStyle(e, '::after').content)")
+    assert after == ["none", '" (hidden)"', "none"]
+    buttons = "[...document.querySelectorAll('.transport, .share, figcaption button')]"
+    assert browser.run(f"{buttons}.every(e => !e.offsetHeight)")
     assert browser.run("getComputedStyle(document.querySelector('.chart')).breakInside") == "avoid"
     browser.call("Emulation.setEmulatedMedia", media="")
 

@@ -117,7 +117,8 @@ def test_a_slider_draws_the_run_of_the_fmus_with_that_value(run, browser):
     assert browser.run("report.charts[1].plot.series.map(s => s.alpha ?? 1)") == [1] + 6 * [0.4] + 6 * [1]
     drawn = browser.run("report.charts[1].plot.data.slice(7).map(row => row.filter(v => v !== null).length)")
     assert drawn == 6 * [1001]
-    assert (np.abs(pixels(browser, ".canvas") - arm) > 30).mean() > 0.01
+    now = pixels(browser, ".canvas")[: len(arm)]  # a second row of numbers takes some pixels of its height
+    assert (np.abs(now - arm[: len(now)]) > 30).mean() > 0.01
     assert words_of(browser, ".canvas").split() == ["recorded", "simulated"]
     browser.run("report.view.change('time', 1)")
     recorded, second = words_of(browser, ".readout tr:nth-child(2) .number").split("\n")

@@ -36,8 +36,8 @@ from vdfmu.system.package.drawing import system_diagram
 NAME = "report.html"
 _WEB = Path(__file__).parent / "web"
 MODULES = (
-    "packed.js", "vendor.js", "state.js", "data.js", "numbers.js", "chart.js", "figures.js", "arm.js", "timeline.js", "player.js", "system.js", "worker.js",
-    "simulation.js", "share.js", "main.js",
+    "packed.js", "vendor.js", "state.js", "data.js", "numbers.js", "chart.js", "figures.js", "arm.js", "timeline.js",
+    "player.js", "system.js", "worker.js", "simulation.js", "share.js", "main.js",
 )  # fmt: skip
 """In an order in which each comes after the modules that it imports."""
 WORKER = ("packed.js", "fmu.js", "master.js")
@@ -51,11 +51,12 @@ _POLICY = (
 """Makes a browser refuse every request to a network; WebAssembly runs, and so do workers made by the page."""
 
 _ALONE = (
-    "body { max-width: none; padding: 0 } main > :not(.bench, noscript), .side { display: none } .bench #arm { margin: 0; "
-    "display: block; position: static; height: auto } .bench .canvas { height: 58vh } .bench .stage { position: static } "
-    "@media (min-width: 560px) { .bench #arm { display: grid; grid: 'h h' 's r' 't t' 'b b' / minmax(0, 1fr) 16rem; "
-    "gap: 0 1.2rem } #arm h2 { grid-area: h } .stage { grid-area: s } .transport { grid-area: t } #arm > .bar { "
-    "grid-area: b } .readout { grid-area: r; align-self: center } }"
+    "body { max-width: none; padding: 0 } main > :not(.bench, noscript) { display: none } .bench .side { display: none "
+    "!important } .bench { display: block !important; margin: 0 } .bench #arm { display: block !important; margin: 0; "
+    "position: static; height: auto } .bench .stage { position: static; margin: 0 } .bench .canvas { height: 58vh } "
+    "@media (min-width: 560px) { .bench #arm { display: grid !important; grid: 's r' 't t' 'b b' / minmax(0, 1fr) "
+    "16rem; gap: 0 1.2rem } .stage { grid-area: s } .transport { grid-area: t } #arm > .bar { grid-area: b } "
+    ".bench .readout { grid-area: r; align-self: center; max-height: none } }"
 )
 """Style of a page with the arm alone."""
 _ICON = (
