@@ -247,7 +247,7 @@ def test_an_output_that_feeds_itself_is_refused(packed):
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_the_motor_tends_to_the_exponential_with_the_square_of_the_step(pack, xml, blocks, version):
-    """Of L I' = U - R I - k w and J w' = k I + M_load - d w; inline sets that state version 2.0, as there, are refused."""
+    """Of L I' = U - R I - k w and J w' = k I + M_load - d w; inline sets of version 2.0, as there, are refused."""
     ports = {"Machine": "U:input w:input M:output", "Mass": "M_A:input M_B:input wA:output",
              "Stimuli": "U:output M_load:output"}  # fmt: skip
     elements = [xml.component(unit.lower(), f"blocks/{unit}", text) for unit, text in ports.items()]
