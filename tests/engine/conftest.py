@@ -300,7 +300,7 @@ def real(name: str, value: float, unit: str = "") -> str:
 IN_PROCESS = {
     "test_algorithms", "test_clocks", "test_continuous", "test_derivatives", "test_events", "test_experiment",
     "test_fmi3", "test_inputs", "test_loops", "test_model_exchange", "test_multirate", "test_observer", "test_picture",
-    "test_recorder", "test_reference_models", "test_simulator", "test_systems",
+    "test_recorder", "test_reference_models", "test_signal_fixtures", "test_simulator", "test_systems",
 }  # fmt: skip
 """Tests of signals and steps, which are the same in this process and in one of their own, except for its start."""
 
@@ -372,6 +372,7 @@ class Xml:
     values = staticmethod(values)
     real = staticmethod(real)
     integer = staticmethod(integer)
+    connector_list = staticmethod(connector_list)
 
 
 @pytest.fixture(scope="session")

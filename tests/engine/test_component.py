@@ -147,6 +147,20 @@ def test_a_function_of_another_type_is_refused(tmp_path: Path, element: str, res
     assert instance.close() is None
 
 
+def test_a_saved_state_may_be_empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As of a unit without memory."""
+    description = described(ADDER)
+    assert description is not None
+    with zipfile.ZipFile(ADDER) as archive:
+        archive.extractall(tmp_path)
+    instance = class_of(description)("adder", description, tmp_path, MessageBox(lambda message: None), set())
+    asked: list[bytes] = []
+    monkeypatch.setattr(instance, "ask", lambda call, *values: asked.extend(v.tobytes() for v in values) or [])
+    state = instance.saved_state()
+    instance.restore_state(instance.fmu.deserializeFMUState(instance.fmu.serializeFMUState(state)))
+    assert asked == [b""]
+
+
 def test_a_forged_mark_lets_no_library_run(tmp_path: Path) -> None:
     description = described(ADDER)
     assert description is not None

@@ -253,6 +253,11 @@ BROKEN = {
         "extra/org.example/fmi-ls-manifest.xml":
         '<m xmlns:fmi-ls="http://fmi-standard.org/fmi-ls-manifest" fmi-ls:fmi-ls-version="1.0"/>'
     }),
+    "FMI022": lambda: unit(**{
+        "extra/org.fmi-standard.fmi-ls-ref/fmi-ls-manifest.xml":
+        '<fmiReferences xmlns:l="http://fmi-standard.org/fmi-ls-manifest" l:fmi-ls-name="n" l:fmi-ls-version="1.0">'
+        '<Related source="a" role="results"/></fmiReferences>'
+    }),
     "RUN006": lambda: unit(),
     "RUN007": lambda: package(
         component(),

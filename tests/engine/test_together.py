@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
 from tests.engine.reference import models
 from tests.engine.reference.models import Model, V
-from vdfmu.base.errors import UsageError
+from vdfmu.base.errors import CosimError, SspError, UsageError
 from vdfmu.engine.container import write_container
 from vdfmu.engine.run import simulate
 
@@ -56,3 +58,50 @@ def test_a_container_and_co_simulation_do_not_take_them(system, tmp_path):
     path = system(chain("2.0"), CHAIN)
     with pytest.raises(UsageError, match="a container FMU steps co-simulation"):
         write_container(path, tmp_path / "c.fmu", step=0.5)
+
+
+RELAY = Model(
+    "Relay",
+    [
+        V("x", "output", start=0.0), V("der(x)"), V("u", "input", start=0.0), V("f", "input", start=0.0),
+        V("y", "output", start=0.0, needs=("u",)), V("r", "output", start=0.0, needs=("f", "u")),
+        V("at", "parameter", start=1e9), V("up", start=0.0), V("on", "output", "Boolean", False, "discrete"),
+        V("go", "input", "Boolean", False, "discrete"),
+    ],
+    "static void begin(Instance *I) { I->next = I->d.at; }\n"
+    "static void outputs(Instance *I)\n{\n"
+    "    I->d.y = I->d.up;\n    I->d.r = I->d.f + I->d.x + 0 * I->d.u;\n    I->d.der_x = I->d.up;\n}\n"
+    "static void event(Instance *I)\n{\n"
+    "    if (I->time + 1e-9 >= I->d.at || I->d.u > 0.5)\n        I->d.up = 1;\n    I->next = INFINITY;\n"
+    "    I->d.at = I->d.up ? 1e9 : I->d.at;\n    I->next = I->d.at;\n}\n",
+    step=1e-2, states=("x",), kinds=("ModelExchange",),
+)  # fmt: skip
+WIRES = ["a.y -> b.u", "b.y -> c.u", "c.r -> b.f", "b.r -> a.f"]
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_an_event_passes_through_all_at_its_time(system, xml, version):
+    """The first switches at 0.75 s, within a step, and the others by it; x is the time since."""
+    path = system({name: (RELAY, version) for name in "bca"}, WIRES, {"a": xml.values(xml.real("at", 0.75))})
+    results = simulate(path, stop=2.0, step=0.5)
+    for name in "abc":
+        # a constant rate is integrated without error, but for the rounding of times
+        np.testing.assert_allclose(results[f"{name}.x"], np.maximum(results.time - 0.75, 0.0), rtol=0, atol=1e-8)
+
+
+def test_an_event_that_does_not_settle_is_an_error(system, xml):
+    """Each of two counts on with what the other has counted."""
+    code = RELAY.code.replace("        I->d.up = 1;", "        I->d.up = 1 + I->d.u + I->d.f;").replace(
+        "I->d.r = I->d.f + I->d.x + 0 * I->d.u;", "I->d.r = I->d.up;")  # fmt: skip
+    restless = replace(RELAY, name="Restless", code=code)
+    path = system({name: (restless, "2.0") for name in "bca"}, WIRES, {"a": xml.values(xml.real("at", 0.75))})
+    with pytest.raises(CosimError, match="an event does not settle: what b, c, a pass to each other still changes"):
+        simulate(path, stop=2.0, step=0.5, isolate=False)
+
+
+def test_values_that_are_no_reals_are_refused_between_them(system):
+    path = system({name: (RELAY, "2.0") for name in "bca"}, [*WIRES, "a.on -> b.go"])
+    with pytest.raises(
+        SspError, match=r"a\.on -> b\.go: is of type Boolean; b, c, a depend on each other within a step"
+    ):
+        simulate(path, stop=1.0, step=0.5, isolate=False)

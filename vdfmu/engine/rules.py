@@ -161,6 +161,7 @@ FMI018 | A library is one of its platform and processor | build the FMU for it
 FMI019 note | An FMU has co-simulation | export it for co-simulation
 FMI020 | A nominal value is a finite number other than 0 | state the size of the values
 FMI021 | The manifest of a layered standard states its name and version | add what is missing
+FMI022 note | The manifest of FMI-LS-REF gives each related file a source and a role of the standard | correct the entry
 RUN001 | Ten steps do not fail | see what the component says
 RUN002 | A component neither ends its process nor takes too long | see what the component does
 RUN003 | Reference results can be read, and the unit gives them | correct the table, or the unit

@@ -151,6 +151,7 @@ def test_twins_are_refused(tmp_path):
     [
         ({}, "stable"), ({"modulus": 0.0}, "no margin"), ({"modulus": 0.0, "limited": 0.5}, "at limits"),
         ({"modulus": 0.0, "unstable": 1.0}, "unstable"), ({"peak_tool": 1.0}, "off the path"),
+        ({"unstable": np.nan}, "not judged"), ({"unstable": np.nan, "peak_tool": 1.0}, "off the path"),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("mismatch", ["none", "encoder_delay"])

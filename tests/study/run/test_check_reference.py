@@ -183,3 +183,40 @@ def test_a_unit_that_fails_the_comparison_says_why(tmp_path, version):
     assert re.search(
         "cannot be compared: .*state x is not finite, and the internal step reached.*fmi[23]DoStep failed", problem
     )
+
+
+EXPERIMENT = """<Experiments name="e"><Experiment name="one" {times}>{kind}<Stimuli source="../given.csv"/>
+<References source="seen.csv"/></Experiment><Experiment name="two"><Parameters source="p.ssv"/>
+<References source="seen.csv"/></Experiment><Experiment name="three"/>
+<Experiment name="four"><References source="seen.hdf5" type="application/hdf5"/></Experiment></Experiments>"""
+
+
+@pytest.mark.parametrize(
+    ("times", "kind"), [('startTime="0" stopTime="1"', ""), ("", '<TransientSimulation stopTime="1"/>')]
+)
+def test_an_experiment_pairs_inputs_and_results_of_any_name(fmus, tmp_path, times, kind):
+    """Times as the draft's text has them, and as its schema."""
+    content = members(fmus["controller"])
+    for name, other in (("out", "experiments/seen"), ("in", "given")):
+        content[f"{FOLDER}{other}.csv"] = content.pop(f"{FOLDER}PDController_{name}.csv")
+    content[f"{FOLDER}experiments/a.exp"] = EXPERIMENT.format(times=times, kind=kind).encode()
+    manifest = re.sub(rb"<Related .*/>", b"", content[f"{FOLDER}fmi-ls-manifest.xml"])
+    related = (
+        b'<Related type="application/x-ma-hs-experiments" source="experiments/a.exp" role="experiment/validation"/>'
+    )
+    content[f"{FOLDER}fmi-ls-manifest.xml"] = manifest.replace(b"</fmiR", related + b"</fmiR")
+    pack_zip(tmp_path / "good.fmu", content)
+    report = inspect_file(tmp_path / "good.fmu")
+    assert (report.problems, report.compared) == ([], ["seen.csv"])
+    assert [note.partition("experiment ")[2] for note in report.notes] == [
+        "'two': not compared: it sets the parameters of 'p.ssv'",
+        "'three': not compared: it has no reference results",
+        f"'four': not compared: expected a .csv file of the FMU, got {FOLDER}experiments/seen.hdf5",
+    ]
+    content[f"{FOLDER}given.csv"] = content[f"{FOLDER}given.csv"].replace(b" ", b"1 ")  # other inputs
+    pack_zip(tmp_path / "wrong.fmu", content)
+    assert any(problem.startswith("seen.csv: ") for problem in compare(tmp_path / "wrong.fmu").problems)
+    content[f"{FOLDER}experiments/a.exp"] = b"<Experiments"
+    pack_zip(tmp_path / "broken.fmu", content)
+    (problem,) = compare(tmp_path / "broken.fmu").problems
+    assert problem.rule.number == "RUN003"

@@ -332,6 +332,10 @@ class _Methods:
     def completedIntegratorStep(self) -> Any:
         return self._instance.ask("completedIntegratorStep", True)
 
+    def getFMUState(self) -> Any:
+        """Return the bytes of a state; of an empty list there is no telling what it is a list of."""
+        return np.asarray(self._instance.ask("getFMUState"), np.uint8)
+
     def freeFMUState(self, state: Any) -> None:
         """Do nothing: a state is bytes."""
 

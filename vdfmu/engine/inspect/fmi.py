@@ -16,6 +16,7 @@ from vdfmu.engine.rules import finding
 
 TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
 BUILD = "sources/buildDescription.xml"
+REFERENCES = "extra/org.fmi-standard.fmi-ls-ref/fmi-ls-manifest.xml"
 _SHOWN = 5
 """Most missing source files that a message names."""
 
@@ -61,6 +62,34 @@ def manifest_faults(name: str, root: Any) -> list[str]:
     if not missing:
         return []
     return [finding("FMI021", f"{name}: lacks {', '.join(missing)}", (name, root.sourceline or 0))]
+
+
+_ROLES = (
+    "document", "requirement", "specification", "model", "parameter", "system", "testcase", "experiment", "result",
+    "method", "rationale", "report", "request", "delivery", "configuration", "signature", "serialized-state",
+    "meta-data", "other",
+)  # fmt: skip
+_PURPOSES = ("smoke-test", "validation", "uncertainty-analysis")
+"""Roles of related files, and what follows experiment/ (FMI-LS-REF 1.0.0-alpha.1, July 2026)."""
+
+
+def related_notes(root: Any) -> list[str]:
+    """Return what breaks the rules of FMI-LS-REF, a draft, in its manifest."""
+    name, faults = REFERENCES, list[str]()
+    if root.tag != "fmiReferences":
+        faults.append(finding("FMI022", f"{name}: expected the root fmiReferences, got {root.tag!r}", root))
+    for item in root.iterfind("Related"):
+        where = f"{name}, line {item.sourceline}: {item.get('source')!r}"
+        if not item.get("source"):
+            faults.append(finding("FMI022", f"{name}, line {item.sourceline}: a related file has no source", item))
+        role, slash, purpose = (item.get("role") or "").partition("/")
+        free = role == "serialized-state" or not slash or (role == "experiment" and purpose in _PURPOSES)
+        if role not in _ROLES or not free:
+            text = f"role is {item.get('role')!r}; expected one of {', '.join(_ROLES)}"
+            faults.append(finding("FMI022", f"{where}: {text}", item))
+        if any(not label.get("name") for label in item.iterfind("Label")):
+            faults.append(finding("FMI022", f"{where}: a label has no name", item))
+    return faults
 
 
 def _range_faults(value: Any, declared: Any) -> list[str]:

@@ -17,7 +17,16 @@ from vdfmu.engine.fmu.description import COMPONENTS, component_name
 from vdfmu.engine.inspect.binary import ENDINGS, architecture_fault, library_fault
 from vdfmu.engine.inspect.description import DESCRIPTION, description_faults
 from vdfmu.engine.inspect.findings import Findings
-from vdfmu.engine.inspect.fmi import BUILD, TERMINALS, build_faults, manifest_faults, terminal_faults, variable_faults
+from vdfmu.engine.inspect.fmi import (
+    BUILD,
+    REFERENCES,
+    TERMINALS,
+    build_faults,
+    manifest_faults,
+    related_notes,
+    terminal_faults,
+    variable_faults,
+)
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.parse import parse_xml
 from vdfmu.engine.rules import breach, finding, reworded
@@ -121,11 +130,12 @@ def _rules(unit: _FmuContents) -> tuple[Findings, Any]:
     for name, other in unit.roots.items():
         if name.endswith("/fmi-ls-manifest.xml"):
             ours += manifest_faults(name, other)
+    notes = related_notes(unit.roots[REFERENCES]) if REFERENCES in unit.roots else []
     build = build_faults(root, unit.roots.get(BUILD), unit.names)
     problems, description = description_faults(root)
     if description is None:  # only faults against the schema are reported
         return Findings(problems), None
-    return Findings([*problems, *ours, *build.problems], build.notes), description
+    return Findings([*problems, *ours, *build.problems], [*notes, *build.notes]), description
 
 
 def read_unit(path: Path) -> Any:

@@ -24,12 +24,12 @@ from vdfmu.engine.fmu.component import ComponentInstance
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.inspect.abilities import described
 from vdfmu.engine.inspect.findings import Findings
+from vdfmu.engine.inspect.fmi import REFERENCES
 from vdfmu.engine.inspect.said import Said
 from vdfmu.engine.package.parse import parse_xml
 from vdfmu.engine.rules import finding
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref/"
-MANIFEST = f"{FOLDER}fmi-ls-manifest.xml"
 # Reference results say nothing of the solver's tolerance. This is far above those in use and far below a wrong result.
 AGREEMENT = 1e-3
 
@@ -64,17 +64,14 @@ def compare(path: Path) -> Findings:
     description = fmpy.read_model_description(str(path), validate=False)
     variables = {v.name: v for v in description.modelVariables}
     with zipfile.ZipFile(path) as archive:
-        tables, missing = _tables(archive)
-        text = f"not compared: {MANIFEST} names it, and the FMU does not have it"
-        findings.notes += [finding("RUN004", f"{posixpath.basename(name)}: {text}") for name in missing]
-        for name in tables:
+        for name, inputs in _tables(archive, findings).items():
             short, said = posixpath.basename(name), Said()
             try:
                 version = description.fmiVersion or ""
                 if version == "1.0":
                     raise _NotComparedError("reference results are defined for FMI 2.0 and 3.0")
                 expected = _results_of(archive, name, variables, findings)
-                signals = _inputs_of(archive, name, variables)
+                signals = _inputs_of(archive, inputs, variables)
                 results = (
                     _results_3(path, description, variables, expected, signals, said)
                     if version.startswith("3") and description.coSimulation is not None
@@ -85,31 +82,78 @@ def compare(path: Path) -> Findings:
                 ]
                 findings.compared.append(short)
             except _NotComparedError as reason:
-                findings.note("RUN004", f"{short}: not compared: {reason}")
+                _leave(findings, name, str(reason))
             except Exception as error:  # foreign files and units
                 text = f"{short}: the reference results cannot be compared: {said.with_error(error)}"
                 findings.problem("RUN003", text)
     return findings
 
 
-def _tables(archive: zipfile.ZipFile) -> tuple[list[str], list[str]]:
-    """Return the tables of results, by the manifest or by their own names, and the tables that are missing.
+def _tables(archive: zipfile.ZipFile, findings: Findings) -> dict[str, str | None]:
+    """Return the tables of results, each with that of its inputs: by the manifest, experiments, or their own names.
 
     A manifest may name a file that is not there: other tools may have removed it (FMI-LS-REF, Related Files).
     """
     names = set(archive.namelist())
-    tables = [n for n in archive.namelist() if n.startswith(FOLDER) and n.endswith(("_out.csv", "_ref.csv"))]
-    missing: list[str] = []
-    if MANIFEST in names:
-        try:
-            root = parse_xml(archive.read(MANIFEST), MANIFEST)
-        except SspError:
-            return tables, []  # reported with the other files
-        for related in root.iterfind(".//{*}Related"):
-            name = posixpath.normpath(posixpath.join(FOLDER, unquote(related.get("source", ""))))
-            if (related.get("role") or "").split("/")[0] == "result" and name.endswith(".csv"):
-                (tables if name in names else missing).append(name)
-    return list(dict.fromkeys(tables)), list(dict.fromkeys(missing))
+    tables = {n: _beside(n, names) for n in archive.namelist() if n.startswith(FOLDER) and n.endswith(_RESULTS)}
+    if REFERENCES not in names:
+        return tables
+    try:
+        root = parse_xml(archive.read(REFERENCES), REFERENCES)
+    except SspError:
+        return tables  # reported with the other files
+    for related in root.iterfind(".//{*}Related"):
+        name, role = _named(related, REFERENCES), (related.get("role") or "").split("/")[0]
+        if role not in ("result", "experiment") or (role == "result" and not name.endswith(".csv")):
+            continue
+        if name not in names:
+            _leave(findings, name, f"{REFERENCES} names it, and the FMU does not have it")
+        elif role == "result":
+            tables.setdefault(name, _beside(name, names))
+        else:
+            try:
+                tables |= _experiments(parse_xml(archive.read(name), name), name, names, findings)
+            except SspError as error:
+                findings.problems += [finding("RUN003", text) for text in error.problems]
+    return tables
+
+
+_RESULTS = ("_out.csv", "_ref.csv")
+
+
+def _beside(name: str, names: set[str]) -> str | None:
+    """Return the inputs of a table of results, by its own name."""
+    inputs = next((f"{name.removesuffix(ending)}_in.csv" for ending in _RESULTS if name.endswith(ending)), "")
+    return inputs if inputs in names else None
+
+
+def _named(element: Any, owner: str) -> str:
+    """Return the member that a source names, from the folder of the file that does."""
+    return posixpath.normpath(posixpath.join(posixpath.dirname(owner), unquote(element.get("source", ""))))
+
+
+def _leave(findings: Findings, name: str, why: str) -> None:
+    findings.note("RUN004", f"{posixpath.basename(name)}: not compared: {why}")
+
+
+def _experiments(root: Any, owner: str, names: set[str], findings: Findings) -> dict[str, str | None]:
+    """Return the tables of a file of experiments (modelica/ma-hs-experiments), each with that of its inputs."""
+    found: dict[str, str | None] = {}
+    for experiment in root.iterfind("{*}Experiment"):
+        given = {tag: experiment.find(f"{{*}}{tag}") for tag in ("References", "Stimuli", "Parameters")}
+        tables = [_named(each, owner) for each in (given["References"], given["Stimuli"]) if each is not None]
+        where = f"{posixpath.basename(owner)}, experiment {experiment.get('name')!r}"
+        if given["References"] is None:
+            _leave(findings, where, "it has no reference results")
+        elif given["Parameters"] is not None:
+            _leave(findings, where, f"it sets the parameters of {given['Parameters'].get('source')!r}")
+        elif lacking := [name for name in tables if name not in names or not name.endswith(".csv")]:
+            _leave(findings, where, f"expected a .csv file of the FMU, got {', '.join(lacking)}")
+        else:
+            found[tables[0]] = tables[1] if given["Stimuli"] is not None else None
+    if not root.tag.endswith("Experiments"):
+        _leave(findings, owner, f"its root is {root.tag!r}, not 'Experiments'")
+    return found
 
 
 def _results_of(
@@ -139,13 +183,9 @@ def _results_of(
     return table
 
 
-def _inputs_of(archive: zipfile.ZipFile, name: str, variables: Mapping[str, Any]) -> ReferenceTable | None:
+def _inputs_of(archive: zipfile.ZipFile, inputs: str | None, variables: Mapping[str, Any]) -> ReferenceTable | None:
     """Return the inputs that belong to a table of results; raise for a column that cannot be fed."""
-    for ending in ("_out.csv", "_ref.csv"):
-        inputs = name.removesuffix(ending) + "_in.csv"
-        if name.endswith(ending) and inputs in archive.namelist():
-            break
-    else:
+    if inputs is None:
         return None
 
     def check(column: str) -> bool:

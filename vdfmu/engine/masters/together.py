@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import Call
 from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.fmu.instance import Instance
@@ -17,6 +18,9 @@ from vdfmu.engine.fmu.integrator import ModelExchangeIntegrator
 from vdfmu.engine.masters.bank import Bank
 from vdfmu.engine.plan.link import Link, Port
 from vdfmu.engine.plan.schedule import topological, variable_graph
+
+_ROUNDS = 100
+"""Most rounds of an event between members."""
 
 
 class Together:
@@ -44,7 +48,8 @@ class Together:
         self.name, self.box = members[0].name, members[0].box
         self._sizes = [member.sizes() for member in members]
         names = {member.name for member in members}
-        inner = [k for k in links if k.stepped and {k.start[0], k.end[0]} <= names and k.sink.kind == "Real"]
+        inner = [k for k in links if k.stepped and {k.start[0], k.end[0]} <= names]
+        self._inner = np.array([bank.position[k.end] - bank.outputs.size for k in inner], np.intp)
         self._passes = self._planned({name: descriptions[name] for name in names}, inner)
         self._integrator = ModelExchangeIntegrator(self, members[0].tolerance)
 
@@ -120,13 +125,20 @@ class Together:
             member.transfer(member.derivatives_name if name == self.derivatives_name else name, values[begin:end])
 
     def update(self, time: float) -> None:
-        """Update the discrete states of all at an event."""
+        """Update the discrete states of all at an event, until what they pass on stays."""
         self.pass_on()
-        for member in self.members:
-            member.update(time)
-            if member.name in self.box.ended:
-                self.box.ended[self.name] = time
-        self.pass_on()
+        for _ in range(_ROUNDS):
+            passed = self.bank.inputs[self._inner]
+            for member in self.members:
+                member.update(time)
+                if member.name in self.box.ended:
+                    self.box.ended[self.name] = time
+            self.pass_on()
+            if np.array_equal(self.bank.inputs[self._inner], passed, equal_nan=True) or self.name in self.box.ended:
+                return
+        names = ", ".join(member.name for member in self.members)
+        reason = f"an event does not settle: what {names} pass to each other still changes after {_ROUNDS} updates"
+        raise CosimError(self.name, "updateDiscreteStates", time, reason)
 
     def completed_step(self) -> bool:
         """Tell all that the solver has done a step; return whether that is an event for any."""

@@ -169,6 +169,13 @@ def make_schedule(
             if joined.keys() >= set(part):
                 group = tuple(name for name in names if name in joined[part[0]])
                 groups |= dict.fromkeys(group, group)
+                inner = (k for k in links if k.stepped and {k.start[0], k.end[0]} <= set(group))
+                problems += [
+                    f"{k}: is of type {k.sink.type}; {', '.join(group)} depend on each other within a step and are "
+                    "integrated together, and such components pass reals to each other; use jacobi, or iterative"
+                    for k in inner
+                    if {k.source.kind, k.sink.kind} != {"Real"}
+                ]
                 continue
             joins = [next(str(k) for k in fresh if (k.start[0], k.end[0]) == pair) for pair in pairwise(cycle)]
             problems.append(

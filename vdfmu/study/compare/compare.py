@@ -295,7 +295,7 @@ def _cell(arm: ComparedArm, repeats: Sequence[Row]) -> dict[str, Any]:
     of = {n: np.array([[row[f"{n}[{i + 1}]"] for i in range(size)] for row in repeats]) for n in ("crossing", "place")}
     cycles = of["crossing"].reshape(len(repeats), -1, 3)
     cell |= {"AT": path_accuracy(of["place"][0].reshape(-1, 3), cycles), "RT": path_repeatability(cycles)}
-    verdict = "no margin" if first["modulus"] == 0.0 else "stable"
+    verdict = "not judged" if np.isnan(first["unstable"]) else "no margin" if first["modulus"] == 0.0 else "stable"
     verdict = "at limits" if first["limited"] > _LIMITED else verdict
     verdict = "off the path" if cell["peak_tool"] > _OFF * arm.length else verdict
     return cell | {"verdict": "unstable" if first["unstable"] == 1.0 else verdict, "limited": first["limited"]}

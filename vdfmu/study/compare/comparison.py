@@ -8,7 +8,7 @@ from vdfmu.study.sweeps.study import Sweep
 
 AXES = ("arm", "motion", "mismatch", "law")
 GOOD = ("stable",)
-VERDICTS = (*GOOD, "no margin", "at limits", "off the path", "unstable", "failed")
+VERDICTS = (*GOOD, "not judged", "no margin", "at limits", "off the path", "unstable", "failed")
 """Verdicts on cells; measures of the others than `GOOD` are not compared."""
 
 

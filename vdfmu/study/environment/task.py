@@ -155,7 +155,8 @@ class TrackingTask:
 
 def _check_number(name: str, value: Any, least: float, among: bool = False) -> None:
     """Check that a number is finite and above `least`, or `among` what is allowed also that."""
-    if not (np.ndim(value) == 0 and np.isfinite(value) and (value > least or (among and value == least))):
+    number = value if np.ndim(value) == 0 and isinstance(value, (int, float, np.number)) else math.nan
+    if not (math.isfinite(number) and (number > least or (among and number == least))):
         raise UsageError(
             f"{name}: expected a finite number {'of at least' if among else 'above'} {least:g}, got {value}."
         )
