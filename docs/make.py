@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+from gallery import gallery_page
 from interface_pages import interface_page, robot_file_page
 from notebook_pages import NOTEBOOKS, page
 from reference_pages import command_line_page, scenario_file_page
@@ -16,6 +17,7 @@ from vdfmu.base.files import write_whole
 
 DOCS = Path(__file__).resolve().parent
 PAGES = {
+    "gallery.md": gallery_page,
     "interface.md": interface_page,
     "robot_file.md": robot_file_page,
     "command_line.md": command_line_page,
