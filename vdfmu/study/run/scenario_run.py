@@ -43,6 +43,7 @@ from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
 from vdfmu.study.report.content import arm_of
 from vdfmu.study.report.page import NAME, ShownRun, write_report
 from vdfmu.study.report.pictures import PICTURES, SIGNALS, write_pictures
+from vdfmu.study.report.world import scene_of
 from vdfmu.study.run.at_limits import limits_of, time_at_limits
 from vdfmu.study.run.stability import explain, loop_checks, simulated
 from vdfmu.study.run.summary import (
@@ -182,6 +183,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
             "left_out": list(scenario.system.dropped),
             "joined": list(scenario.system.joined),
             **({} if robot is None else {"arm": arm_of(robot, values.get("plant", {}))}),
+            "scene": scene_of(system),
         }
         witness = Witness(system)
         poses = Poses("tau")
