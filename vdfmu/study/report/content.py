@@ -138,8 +138,7 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
             table.add(part.time, [values], distinct(np.concatenate(rows)))
     first, *more = [each.packed(copies) for each in moving]
     return {
-        **{key: first[key] for key in ("arm", "frames")},
-        "component": first["name"],
+        **first,
         "more": more,
         "objects": objects,
         **{

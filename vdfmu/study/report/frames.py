@@ -71,7 +71,8 @@ class ArmFrames:
         kept: NDArray[np.intp] = np.sort(np.argsort(-distances, kind="stable")[:most])
         recipes = {name: recipes_of(curves, copies) for name, curves in self.motion.items()}
         return {
-            "name": self._name,
+            "component": self._name,
+            "mounted": (self._arm or {}).get("mounted", ""),
             "arm": self._arm and drawing_of(self._arm, self._travel),
             "frames": self._table.packed([*self.motion], kept) | {"recipes": recipes},
         }

@@ -81,7 +81,7 @@ _OBJECT = Record(
     {"pitch": NUMBER, "turn_seat": NUMBER, "turn": TEXT, "tool": TEXT, "forces": Keyed(TEXT)},
 )
 _SCENE = Record({
-    "arms": List(_arm(False, component=TEXT, signals=Keyed(List(TEXT)), mounted=FLAG)), "objects": List(_OBJECT),
+    "arms": List(_arm(False, component=TEXT, signals=Keyed(List(TEXT)), mounted=TEXT)), "objects": List(_OBJECT),
 })  # fmt: skip
 _WITNESS = {"components": _LINES, "left_out": _LINES, "times_s": _VECTOR, "numbers": WHOLE, "faults": _LINES}
 _CHECK = Record({"name": TEXT, "passed": FLAG, "text": TEXT})

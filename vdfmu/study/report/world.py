@@ -27,8 +27,8 @@ def scene_of(system: SystemDescription) -> dict[str, Any]:
     """Return the entry ``scene`` of a summary.
 
     ``arms``: the facts of each plant, see :func:`vdfmu.study.report.content.arm_of`; its component; ``signals``, by the
-    names of the shipped systems and those of :mod:`vdfmu.study.report.forces`; ``mounted``, if its base is the tool of
-    another. ``objects``: planes and screws, with direction and distance from the origin of {I} along it.
+    names of the shipped systems and those of :mod:`vdfmu.study.report.forces`; ``mounted``, the plant whose tool is its
+    base, or empty. ``objects``: planes and screws, with direction and distance from the origin of {I} along it.
     """
     scenario, resolved = system.scenario, system.resolved
     robot = scenario.plant_robot if scenario.robot else None
@@ -38,7 +38,8 @@ def scene_of(system: SystemDescription) -> dict[str, Any]:
         own = scenario.system.parts[name].robot_of(robot)
         if own is not None and resolved.units[name].needs_robot():
             facts = arm_of(own, system.values[name])
-            mounted = feeds.get(f"{name}.p_S", "").partition(".")[0] in resolved.plants
+            carrier = feeds.get(f"{name}.p_S", "").partition(".")[0]
+            mounted = carrier if carrier in resolved.plants else ""
             arms.append(facts | {"component": name, "signals": _signals(system, feeds, name), "mounted": mounted})
     return {"arms": arms, "objects": [one for name in resolved.units for one in _object(system, name)]}
 
