@@ -71,7 +71,7 @@ def arm_of(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
         numbers: Floats = np.array(of_file, dtype=float)
         for place in np.ndindex(numbers.shape):
             index = ",".join(str(i + 1) for i in place)
-            numbers[place] = values.get(f"{name}[{index}]", numbers[place])
+            numbers[place] = values.get(f"{name}[{index}]" if index else name, numbers[place])
         return numbers.tolist()
 
     numbers = frames(robot) | {"gravity": robot.gravity, "ell": robot.ell}
@@ -117,7 +117,10 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
     ] or [ArmFrames("", None, {}, m)]
     copies = {signal.name: signal for signal in results.signals if signal.of}
     figures = itertools.chain(
-        *(_figures(name if len(arms) > 1 else "", arm, sums) for name, arm, _, sums in arms),
+        *(
+            _figures(f"{name}." if k else "", f"{name}: " if len(arms) > 1 else "", arm, sums)
+            for k, (name, arm, _, sums) in enumerate(arms)
+        ),
         force_figures(results, summary),
         _cutting_points(results),
     )
@@ -191,13 +194,12 @@ def _sums(ell: Sequence[float], signals: Mapping[str, Sequence[str]]) -> dict[st
     }
 
 
-def _figures(name: str, arm: Mapping[str, Any], sums: Mapping[str, Sequence[Terms]]) -> Iterator[Figure]:
+def _figures(before: str, of: str, arm: Mapping[str, Any], sums: Mapping[str, Sequence[Terms]]) -> Iterator[Figure]:
     """Yield positions, torques, their errors and torsion; joints of other units in figures of their own.
 
-    `name` is that of one of several arms, else empty.
+    `before` and `of` stand before keys and titles.
     """
     types: Sequence[str] = arm["types"]
-    before, of = (f"{name}.", f"{name}: ") if name else ("", "")
     for kind, unit in UNITS.items():
         joints = [i for i, each in enumerate(types) if each == kind]
         suffix = f", {kind}" if len(set(types)) > 1 else ""

@@ -130,7 +130,7 @@ export class Scene3D {
     Object.assign(camera, { left: -half, right: half, top: half, bottom: -half }).updateProjectionMatrix();
     const from = this.controls ? this.camera.position.clone().sub(this.controls.target) : this.from("perspective");
     this.camera.up.copy(this.up);
-    this.camera.position.copy(from.normalize().multiplyScalar((this.second ? 2.4 : 3) * size).add(centre));
+    this.camera.position.copy(from.normalize().multiplyScalar((this.second ? 2.6 : 3.3) * size).add(centre));
     Object.assign(this.camera, { near: 0.02 * size, far: 60 * size });
     this.controls?.dispose();
     this.controls = new vendor.OrbitControls(this.camera, this.renderer.domElement);

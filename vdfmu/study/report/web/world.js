@@ -38,7 +38,7 @@ function plane(object, points, reach) {
 
 /** A screw larger than life, whose head is where the tool presses on it, and the block that takes it. */
 function screw(object, points, reach) {
-  const group = new vendor.Group(), turning = new vendor.Group(), r = 0.03 * reach, length = 5 * r;
+  const group = new vendor.Group(), turning = new vendor.Group(), r = 0.045 * reach, length = 4 * r;
   const part = (geometry, z, look) => {
     const mesh = new vendor.Mesh(geometry, look);
     mesh.position.z = z;
@@ -48,7 +48,7 @@ function screw(object, points, reach) {
   const cylinder = (radius, height, sides) => new vendor.CylinderGeometry(radius, radius, height, sides).rotateX(Math.PI / 2);
   turning.add(part(cylinder(r, 0.6 * r, 6), 0.3 * r, solid("#c9a227")), part(cylinder(0.45 * r, length, 24), 0.6 * r + length / 2, solid("#8d7a3a")));
   const seat = 0.6 * r + (object.pitch * object.turn_seat) / (2 * Math.PI);
-  group.add(turning, part(new vendor.BoxGeometry(8 * r, 8 * r, length), seat + length / 2, seeThrough(darkScheme.matches ? "#8fa1b5" : "#7b8b9c", 0.35)));
+  group.add(turning, part(new vendor.BoxGeometry(5 * r, 5 * r, length), seat + length / 2, seeThrough(darkScheme.matches ? "#8fa1b5" : "#7b8b9c", 0.25)));
   group.quaternion.setFromUnitVectors(Z, new vendor.Vector3(...object.direction));
   group.position.copy(touched(object, points));
   group.turn = (angle) => {
