@@ -95,8 +95,8 @@ class Chain:
     def mount(self, travel: Floats) -> Floats:
         """Return the side of {I} on which the base is fixed, whose joints are at most at +-`travel`: unit vector, (3,).
 
-        Behind the first link, where it begins away from {I}; else below, above, or beside the first joint: the first of
-        these sides from which the first link stays 60 degrees away.
+        Behind the first joint, where it is away from {I}; else below it, above it or beside it: the first of these to
+        which the first link never points.
         """
         if np.linalg.norm(self.offset[0]) > 1e-9:
             return -self.offset[0] / float(np.linalg.norm(self.offset[0]))
@@ -108,7 +108,7 @@ class Chain:
         swept = self.rotation[0] @ local / (np.linalg.norm(link) or 1.0)
         stretched = self.points(np.zeros(self.n))[-1] @ self.up
         sides = (-self.up, self.up, -axis, axis) if stretched >= -1e-9 else (self.up, -self.up, -axis, axis)
-        clear = [side for side in sides if (side @ swept).max() < 0.5]
+        clear = [side for side in sides if (side @ swept).max() < 0.1]
         return np.array(clear[0] if clear else sides[0], dtype=np.float64)
 
 

@@ -3,7 +3,9 @@
 import { colourOf, darkScheme, framesOf } from "./data.js";
 
 const T = vendor;
-export const POSITIVE = new T.Color("#e2570d"), NEGATIVE = new T.Color("#1667c7"), NEUTRAL = new T.Color("#a3aeba");
+export const POSITIVE = new T.Color("#e2570d");
+export const NEGATIVE = new T.Color("#1667c7");
+export const NEUTRAL = new T.Color("#a3aeba");
 
 /** The arms of a run, each with its drawing and its frames. */
 export const armsOf = (run) => [run, ...(run.more ?? []).map((one) => ({ ...one, result: run.result }))];
