@@ -106,6 +106,23 @@ def test_a_payload_is_a_box_of_its_inertia():
     assert cube.size == pytest.approx([0.1] * 3)  # 2.7 kg of aluminium
 
 
+def test_a_base_moves_as_its_signals_say_and_inputs_that_nothing_feeds_are_constant():
+    results = still_and_quick(501, 2.5)
+    base = [f"boat.p_S[{i}]" for i in (1, 2, 3)] + [f"boat.R_S[{i},{j}]" for i in (1, 2, 3) for j in (1, 2, 3)]
+    arm = results.summary["arm"] | {
+        "component": "boat", "mounted": "", "signals": {"plant.q": ["plant.q[1]", "plant.q[2]"], "base": base},
+        "constants": {"boat.R_S[1,1]": 1.0, "boat.R_S[2,2]": 1.0, "boat.R_S[3,3]": 1.0, "boat.p_S[3]": 0.5},
+    }  # fmt: skip
+    signals = [*results.signals, Signal("boat.p_S[1]", "real", "m", 2)]
+    data = np.column_stack([results.data["real"], 0.1 * results.time])
+    moved = Results(results.time, signals, {"real": data}, results.summary | {"scene": {"arms": [arm], "objects": []}})
+    made = content_of(moved, moved.summary)
+    found = numbers(made["frames"]["base"]).reshape(12, -1)
+    np.testing.assert_array_equal(found[0], (0.1 * results.time).astype("<f4"))
+    assert found[1:, 7].tolist() == [0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+    assert made["frames"]["recipes"]["base"][2] == [1.0, [[0.5, "", 0]]]
+
+
 def test_the_scene_has_what_the_system_has():
     scene = scene_of(SystemDescription(load_scenario("two_arms")))
     assert [(arm["component"], arm["mounted"], len(arm["types"])) for arm in scene["arms"]] == [

@@ -112,8 +112,7 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
     objects = summary.get("scene", {}).get("objects", []) if arms else []
     turns = {one["turn"]: [[(1.0, one["turn"])]] for one in objects if one.get("turn") in results.names}
     moving = [
-        ArmFrames(name, arm, _motion(sums, signals) | ({} if k else turns), m)
-        for k, (name, arm, signals, sums) in enumerate(arms)
+        ArmFrames(name, arm, motion | ({} if k else turns), m) for k, (name, arm, motion, _) in enumerate(arms)
     ] or [ArmFrames("", None, {}, m)]
     copies = {signal.name: signal for signal in results.signals if signal.of}
     figures = itertools.chain(
@@ -153,7 +152,7 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _arms(results: Results, summary: Mapping[str, Any]) -> list[tuple[str, Any, Any, Any]]:
-    """Return the arms whose positions were recorded: component, facts, signals by the names in `SUMS`, and sums."""
+    """Return the arms whose positions were recorded: component, facts, what is drawn, and sums."""
     known = summary.get("scene", {}).get("arms") or []
     if not known and "arm" in summary:
         known = [summary["arm"] | {"component": "plant", "signals": summary.get("joint_signals", {})}]
@@ -165,14 +164,20 @@ def _arms(results: Results, summary: Mapping[str, Any]) -> list[tuple[str, Any, 
             signals = {name: each for name in of_names if (each := _joints(results, name, len(arm["ell"])))} | signals
         sums = _sums(arm["ell"], signals)
         if "q" in sums:
-            found.append((arm["component"], arm, signals, sums))
+            found.append((arm["component"], arm, _motion(arm, sums, names), sums))
     return found
 
 
-def _motion(sums: Mapping[str, Any], signals: Mapping[str, Sequence[str]]) -> dict[str, Any]:
+def _motion(arm: Mapping[str, Any], sums: Mapping[str, Any], names: Container[str]) -> dict[str, Any]:
     """Return what a drawn arm shows: of its joints, of its base, and the wrenches that act on it."""
+    constants: Mapping[str, float] = arm.get("constants", {})
+    found = {key: arm["signals"][key] for key in (BASE, *WRENCHES) if key in arm["signals"]}
+    if arm.get("mounted"):
+        found.pop(BASE, None)
     return {name: sums[name] for name in _FRAMES if name in sums} | {
-        name: [[(1.0, signal)] for signal in signals[name]] for name in (BASE, *WRENCHES) if name in signals
+        key: [[(1.0, name) if name in names else (constants.get(name, 0.0), "")] for name in each]
+        for key, each in found.items()
+        if any(name in names or name in constants for name in each)
     }
 
 

@@ -15,7 +15,7 @@ from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
 
 Terms = Sequence[tuple[float, str]]
-"""Factors, and names of signals."""
+"""Factors, and names of signals; an empty name is 1."""
 
 
 class Curve(NamedTuple):
@@ -34,7 +34,8 @@ class Curve(NamedTuple):
 
     def values(self, results: Results) -> Floats:
         """Return its values: (m,)."""
-        return self.scale * reduce(np.add, [factor * results[name] for factor, name in self.terms])
+        one = np.ones(len(results))
+        return self.scale * reduce(np.add, [factor * (results[name] if name else one) for factor, name in self.terms])
 
 
 class Figure(NamedTuple):

@@ -27,8 +27,9 @@ def force_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Figu
         for key, (words, _) in WRENCHES.items():
             signals = arm["signals"].get(key, [])
             for what, unit, part in (("Force", "N", signals[:3]), ("Moment", "N.m", signals[3:])):
-                if names.issuperset(part) and any(np.any(results[name]) for name in part):
-                    curves = [Curve(axis, 0, [(1.0, name)]) for axis, name in zip("xyz", part, strict=True)]
+                known = [(axis, name) for axis, name in zip("xyz", part, strict=False) if name in names]
+                if any(np.any(results[name]) for _, name in known):
+                    curves = [Curve(axis, 0, [(1.0, name)]) for axis, name in known]
                     title = f"{arm['component']}: {what.lower()} {words}"
                     yield Figure(f"{arm['component']}.{key}.{unit}", title, unit, curves, f"{what} {words}")
     for one in scene.get("objects", []):

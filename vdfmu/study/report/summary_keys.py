@@ -80,9 +80,8 @@ _OBJECT = Record(
     {"component": TEXT, "kind": ("plane", "screw"), "direction": _PLACE, "distance": NUMBER},
     {"pitch": NUMBER, "turn_seat": NUMBER, "turn": TEXT, "tool": TEXT, "forces": Keyed(TEXT)},
 )
-_SCENE = Record({
-    "arms": List(_arm(False, component=TEXT, signals=Keyed(List(TEXT)), mounted=TEXT)), "objects": List(_OBJECT),
-})  # fmt: skip
+_ARMS = List(_arm(False, component=TEXT, signals=Keyed(List(TEXT)), constants=Keyed(NUMBER), mounted=TEXT))
+_SCENE = Record({"arms": _ARMS, "objects": List(_OBJECT)})
 _WITNESS = {"components": _LINES, "left_out": _LINES, "times_s": _VECTOR, "numbers": WHOLE, "faults": _LINES}
 _CHECK = Record({"name": TEXT, "passed": FLAG, "text": TEXT})
 _VERDICT = Record({"passed": FLAG, "checks": List(_CHECK)}, {"not_checked": _LINES})

@@ -20,15 +20,15 @@ from vdfmu.system.scenario.values import group_of
 
 _OBJECTS = {Wall: ("plane", "normal", ()), Screw: ("screw", "axis", ("pitch", "turn_seat"))}
 """Unit to how it is drawn, the parameter of its direction, and more of them."""
-_LOADED = ("F_e", "M_e")
 
 
 def scene_of(system: SystemDescription) -> dict[str, Any]:
     """Return the entry ``scene`` of a summary.
 
     ``arms``: the facts of each plant, see :func:`vdfmu.study.report.content.arm_of`; its component; ``signals``, by the
-    names of the shipped systems and those of :mod:`vdfmu.study.report.forces`; ``mounted``, the plant whose tool is its
-    base, or empty. ``objects``: planes and screws, with direction and distance from the origin of {I} along it.
+    names of the shipped systems and those of :mod:`vdfmu.study.report.forces`; ``constants``, values that its inputs
+    have where nothing feeds them, unless 0; ``mounted``, the plant whose tool is its base, or empty.
+    ``objects``: planes and screws, with direction, and distance from the origin of {I} along it.
     """
     scenario, resolved = system.scenario, system.resolved
     robot = scenario.plant_robot if scenario.robot else None
@@ -40,7 +40,16 @@ def scene_of(system: SystemDescription) -> dict[str, Any]:
             facts = arm_of(own, system.values[name])
             carrier = feeds.get(f"{name}.p_S", "").partition(".")[0]
             mounted = carrier if carrier in resolved.plants else ""
-            arms.append(facts | {"component": name, "signals": _signals(system, feeds, name), "mounted": mounted})
+            constants = {
+                f"{name}.{v.name}": float(system.values[name].get(v.name, v.start) or 0.0)
+                for v in system.tables[name]
+                if v.causality == "input" and v.group in ("F_e", "p_S", "R_S")
+            }
+            arms.append(
+                facts
+                | {"component": name, "mounted": mounted, "signals": _signals(system, feeds, name)}
+                | {"constants": {key: value for key, value in constants.items() if value}}
+            )
     return {"arms": arms, "objects": [one for name in resolved.units for one in _object(system, name)]}
 
 

@@ -100,12 +100,12 @@ export function framesOf(run) {
   return { time: thinned(time), ...found };
 }
 
-/** A recipe is a scale, and the terms whose sum it scales: a factor, a signal, and by how many rows that comes later. */
+/** A recipe is a scale, and the terms whose sum it scales: a factor, a signal, or 1 for no name, and by how many rows that comes later. */
 function summed([scale, terms], signals, rows) {
   const sum = new Float64Array(rows);
   for (const [factor, name, late] of terms) {
     const values = signals.get(name) ?? [];
-    for (let k = 0; k < rows; k += 1) sum[k] += factor * (values[Math.max(k - late, 0)] ?? NaN);
+    for (let k = 0; k < rows; k += 1) sum[k] += factor * (name ? values[Math.max(k - late, 0)] ?? NaN : 1);
   }
   return sum.map((value) => scale * value);
 }
