@@ -18,8 +18,6 @@ from vdfmu.engine.results.results import Results
 from vdfmu.study.report.browser import Browser
 from vdfmu.study.report.page import ShownRun, read_run, report_page
 
-_ROWS = 501
-"""Most rows; between them the arm moves on straight lines."""
 _HEIGHT = 620
 """Height of the frame in a notebook before the page is there [px]."""
 _WINDOW, _CANVAS = (1000, 700), 600
@@ -77,7 +75,7 @@ class Animation:
     """The arm of a run, moving; made by :func:`vdfmu.animate`."""
 
     def __init__(self, run: ShownRun) -> None:
-        self._page = report_page([run._replace(results=run.results.thinned(_ROWS))], arm_alone=True)
+        self._page = report_page([run], arm_alone=True)
         self._name = f"{run.summary.get('scenario', run.name)}, {run.summary.get('robot', 'an arm')}"
 
     def __repr__(self) -> str:

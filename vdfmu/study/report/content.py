@@ -7,65 +7,29 @@ rows, never between them.
 
 from __future__ import annotations
 
-import base64
 import itertools
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
-from functools import reduce
-from typing import Any, NamedTuple
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vdfmu.arm.equations.kinematics import frames
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats, distinct
 from vdfmu.base.thinning import extremes
-from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
+from vdfmu.study.report.curves import Curve, CurveTable, Figure, Terms, recipes_of, values_of
+from vdfmu.study.report.forces import BASE, WRENCHES, force_figures
+from vdfmu.study.report.frames import FRAMES, ArmFrames
 from vdfmu.study.report.joints import UNITS
-from vdfmu.study.report.shapes import drawing_of
 from vdfmu.study.report.wired import joints_of
 
-FRAMES = 1000
-"""Most intervals between the rows at equal distances, at which the arm is drawn."""
 EXTREMES = 1000
 """Stretches whose smallest and largest values are kept, shared among the curves of a figure."""
+_DENSITY = 2700.0
+"""Of a payload that is drawn as a cube, aluminium [kg/m3]."""
 _BLOCK = 20_000
 """Rows that are in memory at a time."""
-
-
-Terms = Sequence[tuple[float, str]]
-"""Factors, and names of signals."""
-
-
-class Curve(NamedTuple):
-    """A curve of a figure: `scale` times the sum of signals, each times its factor.
-
-    The page evaluates the same sums for a run that it has simulated.
-    """
-
-    label: str
-    joint: int
-    """From 1; 0 for none."""
-    terms: Terms
-    """At least one."""
-    scale: float = 1.0
-    dashed: bool = False
-
-    def values(self, results: Results) -> Floats:
-        """Return its values: (m,)."""
-        return self.scale * reduce(np.add, [factor * results[name] for factor, name in self.terms])
-
-
-class Figure(NamedTuple):
-    """Curves of one unit of measurement over time."""
-
-    key: str
-    title: str
-    unit: str
-    curves: Sequence[Curve]
-    peak: str = ""
-    """Name of its largest absolute value; empty if not of interest."""
 
 
 SUMS: Mapping[str, Terms] = {
@@ -107,15 +71,31 @@ def arm_of(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
         numbers: Floats = np.array(of_file, dtype=float)
         for place in np.ndindex(numbers.shape):
             index = ",".join(str(i + 1) for i in place)
-            numbers[place] = values.get(f"{name}[{index}]", numbers[place])
+            numbers[place] = values.get(f"{name}[{index}]" if index else name, numbers[place])
         return numbers.tolist()
 
     numbers = frames(robot) | {"gravity": robot.gravity, "ell": robot.ell}
     return {
         "types": list(robot.joint_types),
         **{name: listed(name, of_file) for name, of_file in numbers.items()},
+        **({"payload": _payload(robot, listed)} if robot.payload else {}),
         "shapes": [] if any(v.shape == "mesh" for v in robot.visuals) else [v.to_dict() for v in robot.visuals],
     }
+
+
+def _payload(robot: Robot, listed: Callable[[str, Any], Any]) -> dict[str, Any]:
+    """Return sides, offset and rotation in {O} of the uniform box with the inertia of the payload; a cube of a point.
+
+    Sides by ``a^2 = 6 (I_y + I_z - I_x) / m`` (Meriam and Kraige, Engineering Mechanics: Dynamics, Table D/4).
+    """
+    numbers = [listed(key, getattr(robot, key)) for key in ("payload_mass", "payload_centroid", "payload_inertia")]
+    mass, centroid, inertia = (np.array(each, dtype=float) for each in numbers)
+    moments, axes = np.linalg.eigh((inertia + inertia.T) / 2.0)
+    axes[:, 2] *= np.sign(np.linalg.det(axes))
+    squares = 6.0 * (moments.sum() - 2.0 * moments) / max(float(mass), 1e-9)
+    cube = (float(mass) / _DENSITY) ** (1.0 / 3.0)
+    sides = np.sqrt(np.maximum(squares, cube**2 / 25.0)) if squares.max() > cube**2 / 25.0 else np.full(3, cube)
+    return {"size": sides.tolist(), "offset": centroid.tolist(), "rotation": axes.tolist()}
 
 
 def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
@@ -125,89 +105,80 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
     joint positions, tracking errors, control torques and torsion at every k-th row. ``figures`` and ``signals``: lists
     of figures, with rows, time and values as base64 of little-endian numbers, curve by curve.
     """
-    arm: Mapping[str, Any] | None = summary.get("arm")
-    n = len(arm["types"]) if arm else int(summary.get("joints", 0))
+    arms = _arms(results, summary)
+    n = len(summary["arm"]["types"]) if "arm" in summary else int(summary.get("joints", 0))
     m, parts = len(results), -(-len(results) // _BLOCK)
     stride = max(1, -(-(m - 1) // FRAMES))
-    sums = _sums(results, arm["ell"], summary.get("joint_signals", {})) if arm else {}
-    shown = arm if "q" in sums else None
-    motion = {
-        name: [Curve("", i + 1, terms) for i, terms in enumerate(sums[name])]
-        for name in _FRAMES
-        if shown and name in sums
-    }
+    objects = summary.get("scene", {}).get("objects", []) if arms else []
+    turns = {one["turn"]: [[(1.0, one["turn"])]] for one in objects if one.get("turn") in results.names}
+    moving = [
+        ArmFrames(name, arm, motion | ({} if k else turns), m) for k, (name, arm, motion, _) in enumerate(arms)
+    ] or [ArmFrames("", None, {}, m)]
     copies = {signal.name: signal for signal in results.signals if signal.of}
-    frames, travel = _CurveTable(), np.zeros(n)
+    figures = itertools.chain(
+        *(
+            _figures(f"{name}." if k else "", f"{name}: " if len(arms) > 1 else "", arm, sums)
+            for k, (name, arm, _, sums) in enumerate(arms)
+        ),
+        force_figures(results, summary),
+        _cutting_points(results),
+    )
     tables = {
-        "figures": [
-            _CurveTable(figure)
-            for figure in (*_figures(results, summary, sums if shown else {}), *_cutting_points(results))
-        ],
-        "signals": [_CurveTable(figure) for figure in _groups(results, n, copies)],
+        "figures": [CurveTable(figure) for figure in figures],
+        "signals": [CurveTable(figure) for figure in _groups(results, n, copies)],
     }
     for k, part in enumerate(results.blocks(_BLOCK)):
+        for each in moving:
+            each.add(part, k * _BLOCK)
         even = np.arange(-k * _BLOCK % stride, len(part), stride)  # every k-th row of the whole
         if k == parts - 1:
             even = distinct(np.append(even, len(part) - 1))
-        moved = {name: _values(curves, part) for name, curves in motion.items()}
-        frames.add(part.time, [*moved.values()], even)
-        if shown:
-            travel = np.maximum(travel, np.abs(moved["q"]).max(axis=1))
         for table in itertools.chain(*tables.values()):
-            values = _values(table.curves, part)
+            values = values_of(table.curves, part)
             buckets = max(1, EXTREMES // (len(values) * parts))
             rows = [even, *(extremes(row, buckets) for row in values)]
             table.add(part.time, [values], distinct(np.concatenate(rows)))
-    motion_recipes = {name: _recipes(curves, copies) for name, curves in motion.items()}
+    first, *more = [each.packed(copies) for each in moving]
     return {
-        "arm": shown and drawing_of(shown, travel),
-        "frames": frames.packed(list(motion)) | {"recipes": motion_recipes},
+        **first,
+        "more": more,
+        "objects": objects,
         **{
-            kind: [table.packed(["values"]) | {"recipes": _recipes(table.curves, copies)} for table in found]
+            kind: [table.packed(["values"]) | {"recipes": recipes_of(table.curves, copies)} for table in found]
             for kind, found in tables.items()
         },
         "copies": {name: signal.of for name, signal in copies.items()},
     }
 
 
-class _CurveTable:
-    """Rows of curves, gathered stretch by stretch."""
-
-    def __init__(self, figure: Figure | None = None) -> None:
-        self._facts: dict[str, Any] = figure._asdict() if figure else {}
-        self.curves: Sequence[Curve] = self._facts.pop("curves", ())
-        if figure:
-            self._facts["curves"] = [[curve.label, curve.joint, int(curve.dashed)] for curve in self.curves]
-        self._time: list[Floats] = []
-        self._parts: list[list[Floats]] = []
-
-    def add(self, time: Floats, arrays: Sequence[Floats], rows: NDArray[np.intp]) -> None:
-        """Add the rows of arrays (curves, m)."""
-        self._time.append(time[rows])
-        self._parts.append([array[:, rows] for array in arrays])
-
-    def packed(self, names: Sequence[str]) -> dict[str, Any]:
-        """Return the description of the figure, its times, and the arrays by name, curve by curve."""
-        joined = (np.hstack(array) for array in zip(*self._parts, strict=True))
-        return {
-            **self._facts,
-            "time": _packed(np.concatenate(self._time), "<f8"),
-            **{name: _packed(array, "<f4") for name, array in zip(names, joined, strict=True)},
-        }
+def _arms(results: Results, summary: Mapping[str, Any]) -> list[tuple[str, Any, Any, Any]]:
+    """Return the arms whose positions were recorded: component, facts, what is drawn, and sums."""
+    known = summary.get("scene", {}).get("arms") or []
+    if not known and "arm" in summary:
+        known = [summary["arm"] | {"component": "plant", "signals": summary.get("joint_signals", {})}]
+    names, found = {*results.names}, []
+    for k, arm in enumerate(known):
+        signals = {key: each for key, each in arm["signals"].items() if names.issuperset(each)}
+        if k == 0:  # of a system that says no more, by the names of the shipped ones
+            of_names = {name for terms in SUMS.values() for _, name in terms}
+            signals = {name: each for name in of_names if (each := _joints(results, name, len(arm["ell"])))} | signals
+        sums = _sums(arm["ell"], signals)
+        if "q" in sums:
+            found.append((arm["component"], arm, _motion(arm, sums, names), sums))
+    return found
 
 
-def _values(curves: Iterable[Curve], results: Results) -> Floats:
-    """Return the values of curves: (curves, m)."""
-    return np.array([curve.values(results) for curve in curves])
-
-
-def _recipes(curves: Iterable[Curve], copies: Mapping[str, Signal]) -> list[Any]:
-    """Return how curves come from outputs, for the page: scale; factor, signal and its delay in rows."""
-
-    def source(name: str) -> tuple[str, int]:
-        return (copies[name].of, copies[name].late) if name in copies else (name, 0)
-
-    return [[curve.scale, [[factor, *source(name)] for factor, name in curve.terms]] for curve in curves]
+def _motion(arm: Mapping[str, Any], sums: Mapping[str, Any], names: Container[str]) -> dict[str, Any]:
+    """Return what a drawn arm shows: of its joints, of its base, and the wrenches that act on it."""
+    constants: Mapping[str, float] = arm.get("constants", {})
+    found = {key: arm["signals"][key] for key in (BASE, *WRENCHES) if key in arm["signals"]}
+    if arm.get("mounted"):
+        found.pop(BASE, None)
+    return {name: sums[name] for name in _FRAMES if name in sums} | {
+        key: [[(1.0, name) if name in names else (constants.get(name, 0.0), "")] for name in each]
+        for key, each in found.items()
+        if any(name in names or name in constants for name in each)
+    }
 
 
 def _joints(results: Results, name: str, n: int) -> list[str]:
@@ -216,26 +187,26 @@ def _joints(results: Results, name: str, n: int) -> list[str]:
     return [group[index] for index in sorted(group)] if group and results.shape_of(name) == (n,) else []
 
 
-def _sums(results: Results, ell: Sequence[float], wired: Mapping[str, Sequence[str]]) -> dict[str, list[Terms]]:
-    """Return the sums of `SUMS` whose signals were recorded, joint by joint; `wired`: those of single joints."""
-    signals = {
-        name: wired.get(name) or _joints(results, name, len(ell)) for terms in SUMS.values() for _, name in terms
-    }
+def _sums(ell: Sequence[float], signals: Mapping[str, Sequence[str]]) -> dict[str, list[Terms]]:
+    """Return the sums of `SUMS` whose signals there are, joint by joint."""
     return {
         key: [
             [(factor * (r if name in MOTOR_SIDE else 1.0), signals[name][i]) for factor, name in terms]
             for i, r in enumerate(ell)
         ]
         for key, terms in SUMS.items()
-        if all(signals[name] for _, name in terms)
+        if all(name in signals for _, name in terms)
     }
 
 
-def _figures(results: Results, summary: Mapping[str, Any], sums: Mapping[str, Sequence[Terms]]) -> Iterator[Figure]:
-    """Yield positions, torques, their errors and torsion; joints of other units in figures of their own."""
-    types: Sequence[str] = summary["arm"]["types"] if sums else ()
+def _figures(before: str, of: str, arm: Mapping[str, Any], sums: Mapping[str, Sequence[Terms]]) -> Iterator[Figure]:
+    """Yield positions, torques, their errors and torsion; joints of other units in figures of their own.
+
+    `before` and `of` stand before keys and titles.
+    """
+    types: Sequence[str] = arm["types"]
     for kind, unit in UNITS.items():
-        joints = [i for i, of in enumerate(types) if of == kind]
+        joints = [i for i, each in enumerate(types) if each == kind]
         suffix = f", {kind}" if len(set(types)) > 1 else ""
         for key, title, peak, drawn in _FIGURES:
             torques = key in ("torque", "compensation")
@@ -254,8 +225,8 @@ def _figures(results: Results, summary: Mapping[str, Any], sums: Mapping[str, Se
             ]
             if curves:
                 measure = unit.torque if torques else unit.position
-                words = [f"{text}{suffix}".format(noun) if text else "" for text in (title, peak)]
-                yield Figure(f"{key}.{kind}", words[0], measure, curves, words[1])
+                words = [of + f"{text}{suffix}".format(noun) if text else "" for text in (title, peak)]
+                yield Figure(f"{before}{key}.{kind}", words[0], measure, curves, words[1])
 
 
 def _cutting_points(results: Results) -> Iterator[Figure]:
@@ -289,8 +260,3 @@ def _groups(results: Results, n: int, copies: Container[str]) -> Iterator[Figure
                 if results.units[name] == unit
             ]
             yield Figure(f"{group}, {unit}" if len(units) > 1 else group, group, unit, curves)
-
-
-def _packed(values: NDArray[Any], kind: str) -> str:
-    with np.errstate(over="ignore"):  # values beyond single precision are drawn as gaps
-        return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode()

@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike
 from vdfmu.arm.equations.kinematics import joint_placements, poses
 from vdfmu.base.arrays import Floats
 
+PAYLOAD = "#b07a2a"
+"""Colour of a payload."""
 _FRAMES = ("offset", "rotation", "tool_offset", "tool_rotation")
 
 
@@ -41,6 +43,7 @@ class Chain:
             np.array(arm[name], dtype=np.float64) for name in (*_FRAMES, "ell", "gravity")
         )
         self.shapes: Sequence[Mapping[str, Any]] = arm["shapes"]
+        self.payload: Mapping[str, Any] | None = arm.get("payload")
         length = float(np.linalg.norm(gravity))
         self.up: Floats = gravity / length if length else np.array([0.0, 0.0, 1.0])
         """Unit vector against the pull of gravity: its parameter is written upward."""
@@ -84,6 +87,29 @@ class Chain:
             if length > 1e-9:
                 r = 0.68 * radius(min(max(body - 1, 0) + 0.5, self.n - 1))
                 yield DrawnShape(body, "capsule", (r, length), to / 2.0, turn_to(to))
+        if self.payload:
+            offset, R = self.tool_offset, self.tool_rotation
+            centre, axes = (np.array(self.payload[key]) for key in ("offset", "rotation"))
+            yield DrawnShape(self.n, "box", self.payload["size"], offset + R @ centre, R @ axes, PAYLOAD)
+
+    def mount(self, travel: Floats) -> Floats:
+        """Return the side of {I} on which the base is fixed, whose joints are at most at +-`travel`: unit vector, (3,).
+
+        Behind the first joint, where it is away from {I}; else below it, above it or beside it: the first of these to
+        which the first link never points.
+        """
+        if np.linalg.norm(self.offset[0]) > 1e-9:
+            return -self.offset[0] / float(np.linalg.norm(self.offset[0]))
+        chain, axis = [*self.offset[1:], self.tool_offset], self.rotation[0][:, 2]
+        link = next((np.array(each) for each in chain if np.linalg.norm(each) > 1e-9), np.zeros(3))
+        angles = np.linspace(-1.0, 1.0, 37) * (min(travel[0], np.pi) if self.types[0] == "revolute" else 0.0)
+        c, s, zero = np.cos(angles), np.sin(angles), np.zeros_like(angles)
+        local = np.array([c * link[0] - s * link[1], s * link[0] + c * link[1], zero + link[2]])
+        swept = self.rotation[0] @ local / (np.linalg.norm(link) or 1.0)
+        stretched = self.points(np.zeros(self.n))[-1] @ self.up
+        sides = (-self.up, self.up, -axis, axis) if stretched >= -1e-9 else (self.up, -self.up, -axis, axis)
+        clear = [side for side in sides if (side @ swept).max() < 0.1]
+        return np.array(clear[0] if clear else sides[0], dtype=np.float64)
 
 
 def drawing_of(arm: Mapping[str, Any], travel: Floats) -> dict[str, Any]:
@@ -96,7 +122,7 @@ def drawing_of(arm: Mapping[str, Any], travel: Floats) -> dict[str, Any]:
         for part in chain.parts(travel, reach)
     ]
     numbers = {name: arm[name] for name in ("types", *_FRAMES)}
-    return numbers | {"up": chain.up.tolist(), "reach": reach, "parts": parts}
+    return numbers | {"up": chain.up.tolist(), "reach": reach, "parts": parts, "mount": chain.mount(travel).tolist()}
 
 
 def own_shapes(shapes: Sequence[Mapping[str, Any]]) -> Iterator[DrawnShape]:

@@ -56,6 +56,15 @@ def _contradictions(summary: Mapping[str, Any], lengths: Mapping[str, int]) -> I
     for keys in TOGETHER:
         if any(key in summary for key in keys):
             yield from (f"{key}: is missing" for key in keys if key not in summary)
+    for k, arm in enumerate(summary.get("scene", {}).get("arms", []), 1):
+        of_joints = {key: len(arm[key]) for key in ("types", "ell", "rotation", "offset")}
+        of_signals = {key: len(each) for key, each in arm["signals"].items() if "." in key}
+        sizes = of_joints | of_signals
+        if len(set(sizes.values())) > 1:
+            yield f"scene.arms[{k}]: expected an entry for each joint, got {sizes}"
+        for key, size in {"base": 12, "F_e": 6, "F_S": 6}.items():
+            if len(arm["signals"].get(key, [None] * size)) != size:
+                yield f"scene.arms[{k}].signals.{key}: expected {size} signals"
     for name, shares in summary.get("limits", {}).items():
         sizes = {len(each) for each in shares.values() if isinstance(each, list)}
         if len(sizes) > 1 or 0 in sizes:

@@ -64,11 +64,24 @@ _REFERENCE = {
     "name": TEXT, "max_difference": Keyed(NUMBER), "max_position_difference_rad": NUMBER, "at_s": NUMBER,
     "max_torque_difference_nm": NUMBER, "rms_position_difference": NUMBER, "rms_torque_difference": NUMBER,
 }  # fmt: skip
-_ARM = Record({
-    "types": List(("revolute", "prismatic"), True), "ell": _JOINTS, "rotation": List(_TURN, True),
-    "offset": List(_PLACE, True), "tool_offset": _PLACE, "tool_rotation": _TURN, "gravity": _PLACE,
-    "shapes": List(Keyed(ANY)),
-})  # fmt: skip
+
+
+def _arm(joints: bool, **more: Any) -> Record:
+    """Return the facts of which an arm is drawn; `joints`: of the arm of which the summary's other lists are."""
+    facts = {
+        "types": List(("revolute", "prismatic"), joints), "ell": List(NUMBER, joints), "rotation": List(_TURN, joints),
+        "offset": List(_PLACE, joints), "tool_offset": _PLACE, "tool_rotation": _TURN, "gravity": _PLACE,
+        "shapes": List(Keyed(ANY)),
+    }  # fmt: skip
+    return Record(facts | more, {"payload": Record({"size": _PLACE, "offset": _PLACE, "rotation": _TURN})})
+
+
+_OBJECT = Record(
+    {"component": TEXT, "kind": ("plane", "screw"), "direction": _PLACE, "distance": NUMBER},
+    {"pitch": NUMBER, "turn_seat": NUMBER, "turn": TEXT, "tool": TEXT, "forces": Keyed(TEXT)},
+)
+_ARMS = List(_arm(False, component=TEXT, signals=Keyed(List(TEXT)), constants=Keyed(NUMBER), mounted=TEXT))
+_SCENE = Record({"arms": _ARMS, "objects": List(_OBJECT)})
 _WITNESS = {"components": _LINES, "left_out": _LINES, "times_s": _VECTOR, "numbers": WHOLE, "faults": _LINES}
 _FIGURE = Record({"value": NUMBER, "at_s": NUMBER}, {"unit": TEXT, "joint": WHOLE, "place": TEXT, "limit": NUMBER})
 _CHECK = Record({"name": TEXT, "passed": FLAG, "text": TEXT})
@@ -97,7 +110,8 @@ KEYS: Mapping[str, Key] = {
     "fmi": Key(TEXT, "Version of FMI of the FMUs."),
     "left_out": Key(_LINES, "Connections that a unit instead of the system's does not have."),
     "joined": Key(_LINES, "Connections that a unit instead of the system's has in addition."),
-    "arm": Key(_ARM, "Geometry of the arm, of which it is drawn."),
+    "arm": Key(_arm(True), "Geometry of the arm, of which it is drawn."),
+    "scene": Key(_SCENE, "Every arm of the system, with the signals that its drawing shows, and what the arms touch."),
     "package": Key(TEXT, "The package that was run."),
     "system": Key(TEXT, "Name of the system."),
     "algorithm": Key(TEXT, "Master algorithm of the run."),

@@ -43,6 +43,7 @@ from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
 from vdfmu.study.report.content import arm_of
 from vdfmu.study.report.page import NAME, ShownRun, write_report
 from vdfmu.study.report.pictures import PICTURES, SIGNALS, write_pictures
+from vdfmu.study.report.world import scene_of
 from vdfmu.study.run.at_limits import limits_of, time_at_limits
 from vdfmu.study.run.key_figures import key_figures
 from vdfmu.study.run.stability import explain, loop_checks, simulated
@@ -183,6 +184,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
             "left_out": list(scenario.system.dropped),
             "joined": list(scenario.system.joined),
             **({} if robot is None else {"arm": arm_of(robot, values.get("plant", {}))}),
+            "scene": scene_of(system),
         }
         witness = Witness(system)
         poses = Poses("tau")

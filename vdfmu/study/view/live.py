@@ -21,7 +21,7 @@ from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.isolated import mapped
-from vdfmu.study.report.content import FRAMES
+from vdfmu.study.report.frames import FRAMES
 from vdfmu.study.view.scene import PERIOD, needed
 
 SIGNALS = {"q": "plant.q", "q_d": "trajectory.q_d", "tau": "controller.tau", "kappa": "plant.kappa"}

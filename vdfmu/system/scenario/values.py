@@ -136,7 +136,11 @@ def group_value(scenario: Scenario, name: str, settings: Mapping[str, Any] | Non
     """
     component, _, group = name.partition(".")
     table = scenario.resolved.tables.get(component, ())
-    values = system_values(scenario, settings).get(component, {})
+    return group_of(table, system_values(scenario, settings).get(component, {}), group)
+
+
+def group_of(table: Iterable[Variable], values: Mapping[str, Any], group: str) -> Any:
+    """Value of a group of a component with these variables and values; see :func:`group_value`."""
     found = {v.index: values.get(v.name, v.start) for v in table if v.group == group}
     if not found:
         return None

@@ -17,6 +17,9 @@ export const simulated = {
   get figures() { return this.of.figures; },
   get signals() { return this.of.signals; },
   get frames() { return this.of.frames; },
+  get component() { return this.of.component; },
+  get more() { return this.of.more; },
+  get objects() { return this.of.objects; },
   copies: {},
 };
 if (simulated.of) runs.push(simulated);
@@ -79,26 +82,30 @@ export function rowsOf(figure, result) {
   return { time, values: figure.recipes.map((recipe) => summed(recipe, signals, time.length)) };
 }
 
-/** Times of the frames of a run, and by name the values of each joint: every k-th row of what was simulated, as of what was recorded. */
+/** Times of the frames of a run, and by name the values of each joint; of a simulated run those at the recorded times. */
 export function framesOf(run) {
-  const { time: times, recipes, ...packed } = run.frames, found = {};
+  const { time: times, recipes, ...packed } = run.frames, found = {}, taken = unpack(times, Float64Array);
   if (!run.result) {
     for (const [name, values] of Object.entries(packed)) found[name] = split(unpack(values), recipes[name].length);
-    return { time: unpack(times, Float64Array), ...found };
+    return { time: taken, ...found };
   }
-  const { time, signals } = run.result, last = time.length - 1;
-  const stride = Math.max(1, Math.ceil(last / FRAMES)), count = time.length ? Math.ceil(last / stride) + 1 : 0;
-  const thinned = (values) => Float64Array.from({ length: count }, (_, k) => values[Math.min(k * stride, last)]);
+  const { time, signals } = run.result, last = time.length - 1, rows = [];
+  if (last <= FRAMES) rows.push(...time.keys());
+  else for (let k = 0, row = 0; row < last; k += 1) {
+    while (row < last && !(time[row] >= taken[k] - 1e-9)) row += 1;
+    if (row !== rows.at(-1)) rows.push(row);
+  }
+  const thinned = (values) => Float64Array.from(rows, (row) => values[row]);
   for (const [name, sums] of Object.entries(recipes)) found[name] = sums.map((recipe) => thinned(summed(recipe, signals, time.length)));
   return { time: thinned(time), ...found };
 }
 
-/** A recipe is a scale, and the terms whose sum it scales: a factor, a signal, and by how many rows that comes later. */
+/** A recipe is a scale, and the terms whose sum it scales: a factor, a signal, or 1 for no name, and by how many rows that comes later. */
 function summed([scale, terms], signals, rows) {
   const sum = new Float64Array(rows);
   for (const [factor, name, late] of terms) {
     const values = signals.get(name) ?? [];
-    for (let k = 0; k < rows; k += 1) sum[k] += factor * (values[Math.max(k - late, 0)] ?? NaN);
+    for (let k = 0; k < rows; k += 1) sum[k] += factor * (name ? values[Math.max(k - late, 0)] ?? NaN : 1);
   }
   return sum.map((value) => scale * value);
 }

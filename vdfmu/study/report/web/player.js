@@ -1,8 +1,9 @@
 // The section of the arm: picture, values of the joints, and what plays it.
 
 import { choice, make, raised, recorded, simulated, text, toggle, view } from "./data.js";
-import { Scene3D } from "./arm.js";
+import { armsOf } from "./arm.js";
 import { quantity } from "./numbers.js";
+import { Scene3D, VIEWS } from "./scene.js";
 import { Timeline } from "./timeline.js";
 
 const UNITS = { // factor and unit for revolute and prismatic joints
@@ -20,7 +21,7 @@ export class Player {
     const shown = recorded.filter((run) => run.arm);
     this.playing = false;
     this.speed = 1;
-    const host = make("div", { class: "canvas", role: "img", "aria-label": "The arm in 3D; drag to turn, two fingers or Ctrl and the wheel to come nearer" });
+    const host = make("div", { class: "canvas", role: "img", "aria-label": "The arm in 3D" });
     section.hidden = false;
     section.append(make("h2", {}, "The arm"));
     this.readout = make("div", { class: "readout" });
@@ -62,7 +63,7 @@ export class Player {
 
   controls(shown) {
     this.button = make("button", { type: "button", class: "play", click: () => this.play(!this.playing) });
-    this.slider = make("input", { type: "range", min: 0, step: 1, value: 0, "aria-label": "Time", input: () => { this.play(false); view.change("time", this.motion.time[this.slider.value]); } });
+    this.slider = make("input", { type: "range", min: 0, step: "any", value: 0, "aria-label": "Time", input: () => { this.play(false); view.change("time", Number(this.slider.value)); } });
     this.clock = make("output", { class: "clock", "aria-live": "off" });
     this.timeline = new Timeline(this.slider);
     const quantities = Object.keys(UNITS).filter((name) => this.motion[name]);
@@ -83,8 +84,9 @@ export class Player {
         ...(this.motion.error ? [choice("Errors drawn", powers, (factor) => { this.scene.magnify = Number(factor); this.show(); })] : []),
         make("div", { class: "chips", role: "group", "aria-label": "Shown" },
           ...(this.motion.error ? [layer("desired arm", "desired")] : []),
-          layer("path", "path")),
-        make("small", { class: "note" }, "Space plays, arrow keys step, Home and End go to the ends.")),
+          layer("path", "path"), layer("forces", "forces")),
+        choice("View", Object.keys(VIEWS).reverse().map((name) => [name, name]), (name) => this.scene.look(name)),
+        make("small", { class: "note" }, "Space plays, arrow keys step, Home and End go to the ends; 1 to 4 are the views.")),
     ];
   }
 
@@ -95,10 +97,11 @@ export class Player {
     }
     const other = simulated.of === run && simulated.result.time.length ? simulated : this.other;
     this.scene.beside(other === run ? null : other ?? null);
-    this.slider.max = this.motion.time.length - 1;
-    this.rows = run.arm.types.map((type, i) => {
+    [this.slider.min, this.slider.max] = [this.motion.time[0], this.motion.time.at(-1)];
+    const arms = armsOf(run), joints = arms.flatMap(({ arm, component }) => arm.types.map((type, i) => [type, arms.length > 1 ? `${component}, ${i + 1}` : `Joint ${i + 1}`]));
+    this.rows = joints.map(([type, joint]) => {
       const cells = this.scene.puppets.map((_, k) => ({ fill: make("i", { class: k ? "second" : "" }), value: make("output", { class: k ? "second" : "", "aria-live": "off" }) }));
-      const row = make("tr", {}, make("th", { scope: "row" }, `Joint ${i + 1}`), make("td", { class: "level" }, ...cells.map(({ fill }) => fill)), make("td", { class: "number" }, ...cells.map(({ value }) => value)));
+      const row = make("tr", {}, make("th", { scope: "row" }, joint), make("td", { class: "level" }, ...cells.map(({ fill }) => fill)), make("td", { class: "number" }, ...cells.map(({ value }) => value)));
       return { type, cells, row };
     });
     this.heading = make("caption");
@@ -110,13 +113,12 @@ export class Player {
   show() {
     const { time } = this.motion, t = Math.min(Math.max(view.time, time[0]), time.at(-1));
     this.scene.show(t);
-    const row = Math.round(((t - time[0]) / (time.at(-1) - time[0] || 1)) * (time.length - 1));
-    this.slider.value = row;
+    this.slider.value = t;
     this.slider.setAttribute("aria-valuetext", `${text(t, 4)} s`);
     this.clock.textContent = `${t.toFixed(time.at(-1) < 1 ? 3 : 2)} s`;
     const name = this.scene.quantity;
     if (!this.motion[name]) return;
-    const all = this.scene.puppets.map(({ motion }) => (motion[name] ? motion.at(name, t) : [])), peaks = this.scene.peaks();
+    const all = this.scene.puppets.map((puppet) => puppet.values(name, t)), peaks = this.scene.peaks();
     this.heading.textContent = `${UNITS[name].words}; bars: share of the joint's largest${all.length > 1 ? `; below: ${this.scene.second.name}` : ""}`;
     this.rows.forEach(({ type, cells }, i) => cells.forEach(({ fill, value }, k) => {
       const [factor, unit] = UNITS[name][type], now = all[k][i] ?? NaN, share = Math.min(1, Math.abs(now) / (peaks[i] || 1));

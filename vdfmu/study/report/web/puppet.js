@@ -1,0 +1,195 @@
+// The arms of a run in a scene, each as it is and as it is desired, its path, and what it touches.
+
+import { darkScheme } from "./data.js";
+import { Chain, Motion, NEGATIVE, NEUTRAL, POSITIVE, armsOf, dress, ghost, solid } from "./arm.js";
+import { Arc, Arrow, drawn, plate } from "./world.js";
+
+/** An arm: `actual`, `desired`, and the path of its tool in {I}. */
+class Arm {
+  constructor(one, tint) {
+    const { arm } = one;
+    Object.assign(this, { arm, component: one.component ?? one.name, mounted: one.mounted, error: !!one.frames.error });
+    this.actual = new Chain(arm);
+    this.desired = this.error ? new Chain(arm) : null;
+    this.path = new Path(0.0045 * arm.reach, "#e2570d", 1);
+    this.trace = new Path(0.0025 * arm.reach, darkScheme.matches ? "#9aa7b5" : "#66717d", 0.55);
+    dress(this.actual, arm, solid, tint);
+    if (this.desired) dress(this.desired, arm, ghost, tint);
+    if (!this.mounted) this.actual.root.add((this.plate = plate(arm)));
+    this.arcs = arm.types.map((type, i) => (type === "prismatic" || arm.types.length > 8 ? null : new Arc(0.12 * arm.reach * (1 - (0.42 * i) / Math.max(1, arm.types.length - 1)))));
+    this.arcs.forEach((arc, i) => arc && this.actual.links[i].add(arc.turned));
+    this.arrows = ["F_e", "F_S"].filter((name) => one.frames[name]).map((name) => {
+      const force = new Arrow(0.4 * arm.reach), moment = new Arc(0.13 * arm.reach);
+      (name === "F_e" ? this.actual.tool : this.actual.root).add(force, moment.turned);
+      return { name, force, moment };
+    });
+  }
+
+  /** Positions of the joints, by `magnify` times as far from the desired ones. */
+  position(t, magnify) {
+    const q = this.motion.at("q", t), error = this.error && this.motion.at("error", t);
+    return { q: error ? q.map((v, i) => v - (magnify - 1) * error[i]) : q, desired: error ? q.map((v, i) => v + error[i]) : q };
+  }
+
+  base(t) {
+    return this.motion.base && !this.mounted ? this.motion.at("base", t) : null;
+  }
+
+  /** Largest length of the force or the moment of a wrench. */
+  largest(name, first) {
+    this.lengths ??= {};
+    const rows = this.motion[name].slice(first, first + 3);
+    this.lengths[name + first] ??= rows[0].reduce((most, _, k) => Math.max(most, Math.hypot(...rows.map((row) => row[k]))), 0);
+    return this.lengths[name + first];
+  }
+
+  /** Show joints by the share of their largest values, and wrenches. */
+  show(t, quantity, peaks, forces) {
+    const values = this.motion[quantity] && this.motion.at(quantity, t);
+    this.actual.marked.forEach((material, i) => {
+      const share = values ? values[i] / (peaks[i] || 1) : 0;
+      material.color.copy(NEUTRAL).lerp(share < 0 ? NEGATIVE : POSITIVE, Math.min(1, Math.abs(share)));
+      this.arcs[i]?.wind(forces && quantity === "torque" ? share : 0, material.color);
+    });
+    for (const { name, force, moment } of this.arrows) {
+      const wrench = forces ? this.motion.at(name, t) : [0, 0, 0, 0, 0, 0];
+      force.point(wrench.slice(0, 3), this.largest(name, 0));
+      moment.point(wrench.slice(3), this.largest(name, 3));
+    }
+    if (!this.plate) return;
+    const at = new vendor.Vector3(), centre = new vendor.Vector3().setFromMatrixPosition(this.plate.matrixWorld);
+    const within = [...this.actual.links.slice(1), this.actual.tool].some((link) => at.setFromMatrixPosition(link.matrixWorld).distanceTo(centre) < this.plate.inside);
+    Object.assign(this.plate.material, { transparent: within, opacity: within ? 0.35 : 1 });
+  }
+}
+
+/** A tube along the way of a tool, as far as it has come. */
+class Path extends vendor.Group {
+  constructor(radius, color, opacity) {
+    super();
+    const look = new vendor.MeshBasicMaterial({ color, transparent: opacity < 1, opacity });
+    this.tube = new vendor.Mesh(undefined, look);
+    this.end = new vendor.Mesh(new vendor.CylinderGeometry(radius, radius, 1, 6).rotateX(Math.PI / 2).translate(0, 0, 0.5), look);
+    this.end.visible = false;
+    this.add(this.tube, this.end);
+    this.radius = radius;
+  }
+
+  /** Lead straight from point to point, which are reached at `times`; those that are hardly elsewhere are left out. */
+  along(points, times) {
+    const kept = [...points.keys()].filter(((last) => (k) => {
+      const far = k === 0 || points[k].distanceTo(points[last]) > 0.2 * this.radius;
+      if (far) last = k;
+      return far;
+    })(0));
+    this.points = kept.map((k) => points[k]);
+    this.times = kept.map((k) => times[k]);
+    const { length } = this.points, curve = new vendor.CatmullRomCurve3(this.points);
+    curve.getPointAt = (u, to = new vendor.Vector3()) => to.copy(this.points[Math.round(u * (length - 1))]);
+    curve.getTangentAt = (u, to = new vendor.Vector3()) => {
+      const k = Math.round(u * (length - 1));
+      return to.subVectors(this.points[Math.min(k + 1, length - 1)], this.points[Math.max(k - 1, 0)]).normalize();
+    };
+    this.tube.geometry.dispose();
+    this.tube.visible = length > 1;
+    if (length > 1) this.tube.geometry = new vendor.TubeGeometry(curve, length - 1, this.radius, 6);
+  }
+
+  /** Show it up to a time, and from there to the tool. */
+  until(t, tool) {
+    const next = this.times.findIndex((time) => time > t), k = (next < 0 ? this.times.length : Math.max(1, next)) - 1;
+    this.tube.geometry.setDrawRange(0, 36 * k); // 6 sides of 2 triangles
+    const from = this.points[k], length = from.distanceTo(tool);
+    this.end.visible = length > 0;
+    this.end.position.copy(from);
+    this.end.scale.z = length;
+    if (length > 0) this.end.quaternion.setFromUnitVectors(new vendor.Vector3(0, 0, 1), tool.clone().sub(from).divideScalar(length));
+  }
+}
+
+/** The arms of a run, and what they touch. */
+export class Puppet {
+  constructor(run, tint = null) {
+    this.root = new vendor.Group();
+    this.arms = armsOf(run).map((one) => new Arm(one, tint));
+    for (const arm of this.arms) {
+      const carrier = this.arms.find(({ component }) => component === arm.mounted);
+      (carrier?.actual.tool ?? this.root).add(arm.actual.root);
+      if (arm.desired) (carrier?.desired?.tool ?? carrier?.actual.tool ?? this.root).add(arm.desired.root);
+      this.root.add(arm.path, arm.trace);
+    }
+    this.objects = [];
+    this.follow(run);
+    this.objects = (run.objects ?? []).map((object) => {
+      const arm = this.arms.find(({ component }) => component === object.tool) ?? this.arms[0];
+      return drawn(object, arm.trace.points, arm.arm.reach);
+    });
+    for (const object of this.objects) {
+      this.root.add(object);
+      this.box.union(new vendor.Box3().setFromCenterAndSize(object.position, new vendor.Vector3().setScalar(0.4 * run.arm.reach)));
+    }
+  }
+
+  get motion() {
+    return this.arms[0].motion;
+  }
+
+  /** Take over the motion of a run: its paths, and the space that it needs. */
+  follow(run) {
+    armsOf(run).forEach((one, k) => { Object.assign(this.arms[k], { motion: new Motion(one), lengths: {} }); });
+    this.magnify = undefined;
+    this.lead(1, (this.box = new vendor.Box3()));
+  }
+
+  /** Place all arms at a time, without what colours them. */
+  pose(t, magnify) {
+    for (const arm of this.arms) {
+      const { q, desired } = arm.position(t, magnify), base = arm.base(t);
+      arm.actual.set(q, base);
+      arm.desired?.set(desired, base);
+    }
+    this.root.updateMatrixWorld(true);
+  }
+
+  /** Lead the paths through the tools as they are drawn. */
+  lead(magnify, box = null) {
+    if (magnify === this.magnify) return;
+    this.magnify = magnify;
+    const place = this.root.position.clone(), point = new vendor.Vector3();
+    this.root.position.set(0, 0, 0);
+    for (const arm of this.arms) {
+      const times = arm.motion.time, step = Math.max(1, Math.floor(times.length / 250));
+      const points = Array.from(times, (t, k) => {
+        this.pose(t, magnify);
+        for (const link of box && k % step === 0 ? [arm.actual.root, ...arm.actual.links] : []) box.expandByPoint(point.setFromMatrixPosition(link.matrixWorld));
+        const tool = new vendor.Vector3().setFromMatrixPosition(arm.actual.tool.matrixWorld);
+        box?.expandByPoint(tool);
+        return tool;
+      });
+      arm.path.along(points, times);
+      arm.trace.along(points, times);
+    }
+    this.root.position.copy(place);
+  }
+
+  /** Values of a quantity of all joints, arm after arm; NaN where it is not known. */
+  values(name, t) {
+    return this.arms.flatMap(({ motion, arm }) => (motion[name] ? motion.at(name, t) : arm.types.map(() => NaN)));
+  }
+
+  peaks(name) {
+    return this.arms.flatMap(({ motion, arm }) => (motion[name] ? motion.peaks(name) : arm.types.map(() => 0)));
+  }
+
+  show(t, quantity, magnify, peaks, forces) {
+    this.lead(magnify);
+    this.pose(t, magnify);
+    let first = 0;
+    for (const arm of this.arms) {
+      arm.show(t, quantity, peaks.slice(first), forces);
+      first += arm.arm.types.length;
+      arm.path.until(t, this.root.worldToLocal(new vendor.Vector3().setFromMatrixPosition(arm.actual.tool.matrixWorld)));
+    }
+    for (const drawing of this.objects) if (this.motion[drawing.object.turn]) drawing.turn(this.motion.at(drawing.object.turn, t)[0]);
+  }
+}

@@ -1,0 +1,96 @@
+"""What a run is about, for its picture: every arm of a system, and what the arms touch.
+
+Roles follow from what a unit is and from the connections, never from the name of a component.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from vdfmu.arm.units.screw import Screw
+from vdfmu.arm.units.wall import Wall
+from vdfmu.compiler.unit.interface import general_description
+from vdfmu.study.report.content import arm_of
+from vdfmu.study.report.forces import BASE
+from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.scenario.values import group_of
+
+_OBJECTS = {Wall: ("plane", "normal", ()), Screw: ("screw", "axis", ("pitch", "turn_seat"))}
+"""Unit to how it is drawn, the parameter of its direction, and more of them."""
+
+
+def scene_of(system: SystemDescription) -> dict[str, Any]:
+    """Return the entry ``scene`` of a summary.
+
+    ``arms``: the facts of each plant, see :func:`vdfmu.study.report.content.arm_of`; its component; ``signals``, by the
+    names of the shipped systems and those of :mod:`vdfmu.study.report.forces`; ``constants``, values that its inputs
+    have where nothing feeds them, unless 0; ``mounted``, the plant whose tool is its base, or empty.
+    ``objects``: planes and screws, with direction, and distance from the origin of {I} along it.
+    """
+    scenario, resolved = system.scenario, system.resolved
+    robot = scenario.plant_robot if scenario.robot else None
+    feeds = {target: source for source, targets in system.groups.items() for target in targets}
+    arms: list[dict[str, Any]] = []
+    for name in resolved.plants:
+        own = scenario.system.parts[name].robot_of(robot)
+        if own is not None and resolved.units[name].needs_robot():
+            facts = arm_of(own, system.values[name])
+            carrier = feeds.get(f"{name}.p_S", "").partition(".")[0]
+            mounted = carrier if carrier in resolved.plants else ""
+            constants = {
+                f"{name}.{v.name}": float(system.values[name].get(v.name, v.start) or 0.0)
+                for v in system.tables[name]
+                if v.causality == "input" and v.group in ("F_e", "p_S", "R_S")
+            }
+            arms.append(
+                facts
+                | {"component": name, "mounted": mounted, "signals": _signals(system, feeds, name)}
+                | {"constants": {key: value for key, value in constants.items() if value}}
+            )
+    return {"arms": arms, "objects": [one for name in resolved.units for one in _object(system, name)]}
+
+
+def _signals(system: SystemDescription, feeds: Mapping[str, str], name: str) -> dict[str, list[str]]:
+    """Return the signals that the drawing of a plant shows; those of inputs are what feeds them."""
+
+    def elements(component: str, group: str) -> list[str]:
+        return [f"{component}.{v.name}" for v in system.tables[component] if v.group == group]
+
+    def of(component: str, group: str) -> list[str]:
+        source, _, output = feeds.get(f"{component}.{group}", "").partition(".")
+        return (elements(source, output) if source else []) or elements(component, group)
+
+    groups = {component: {v.group for v in table} for component, table in system.tables.items()}
+    leader, seen = feeds.get(f"{name}.tau", "").partition(".")[0], {name}
+    while leader and "q_d" not in groups[leader] and leader not in seen:  # an actuator, a brake, a bus
+        seen.add(leader)
+        leader = feeds.get(f"{leader}.tau", "").partition(".")[0]
+    found = {"plant.q": elements(name, "q"), "plant.kappa": elements(name, "kappa")}
+    found |= {"F_S": elements(name, "F_S"), BASE: of(name, "p_S") + of(name, "R_S")}
+    found["F_e"] = [] if f"{name}.M_e" in feeds else of(name, "F_e")
+    if leader and "q_d" in groups[leader]:
+        found |= {"trajectory.q_d": of(leader, "q_d"), "controller.tau": elements(leader, "tau")}
+        found["controller.tau_m"] = elements(leader, "tau_m")
+    return {key: each for key, each in found.items() if each}
+
+
+def _object(system: SystemDescription, name: str) -> list[dict[str, Any]]:
+    """Return the drawing of a component that an arm touches, in a list; none of others."""
+    unit, values, table = system.resolved.units[name], system.values[name], system.tables[name]
+    for kind, (look, direction, more) in _OBJECTS.items():
+        if issubclass(unit, kind):
+            along = np.array(group_of(table, values, direction), dtype=float)
+            length = float(np.linalg.norm(along)) or 1.0
+            outputs = [v for v in table if v.causality == "output" and not v.index and v.unit in ("N", "N.m")]
+            return [{
+                "component": name, "kind": look, "direction": (along / length).tolist(),
+                **{key: float(group_of(table, values, key)) for key in ("distance", *more)},
+                **({"turn": f"{name}.turn"} if look == "screw" else {}),
+                "tool": next((c for c in system.resolved.plants if f"{c}.p_O" in system.groups
+                              and f"{name}.p_O" in system.groups[f"{c}.p_O"]), ""),
+                "forces": {f"{name}.{v.name}": general_description(v.description) for v in outputs},
+            }]  # fmt: skip
+    return []
