@@ -26,6 +26,7 @@ from matplotlib.ticker import ScalarFormatter
 from matplotlib.transforms import Bbox
 from PIL import Image
 
+from vdfmu.base import palette
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import write_whole
@@ -37,8 +38,7 @@ DPI = 150
 WIDTH = 8.0
 """Width of a figure [in]."""
 
-COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Okabe and Ito (2008), safe for colour-blind readers; their yellow is left out, too faint on white."""
+COLORS = palette.LIGHT
 
 DASHES = ("-", "--", "-.", ":")
 _GREY = "#555555"

@@ -1,9 +1,9 @@
 // The arm in 3D. Frame {B_i} of joint i is a group of three.js, placed as Eq. (32)-(36) place it in {B_(i-1)}.
 
-import { darkScheme, framesOf, make, reducedMotion } from "./data.js";
+import { darkScheme, framesOf, inkOf, make, reducedMotion } from "./data.js";
 
 const T = vendor;
-const POSITIVE = new T.Color("#e2570d"), NEGATIVE = new T.Color("#1667c7"), NEUTRAL = new T.Color("#a3aeba"), SECOND = new T.Color("#f2b632");
+const POSITIVE = new T.Color(inkOf("positive")), NEGATIVE = new T.Color(inkOf("negative")), NEUTRAL = new T.Color("#a3aeba"), SECOND = new T.Color("#f2b632");
 
 /** The frames of an arm. */
 export class Chain {
@@ -93,7 +93,7 @@ class Puppet {
   constructor(run, tint = null) {
     const { reach } = run.arm;
     Object.assign(this, { root: new T.Group(), actual: new Chain(run.arm), desired: run.frames.error ? new Chain(run.arm) : null });
-    this.path = tube(0.0045 * reach, "#e2570d", 1);
+    this.path = tube(0.0045 * reach, inkOf("positive"), 1);
     this.trace = tube(0.0025 * reach, darkScheme.matches ? "#9aa7b5" : "#66717d", 0.55);
     this.follow(run);
     dress(this.actual, run.arm, solid, tint);
