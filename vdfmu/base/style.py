@@ -30,6 +30,7 @@ from vdfmu.base import palette
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import write_whole
+from vdfmu.base.measure import fitted
 from vdfmu.base.thinning import extremes
 
 P = ParamSpec("P")
@@ -41,9 +42,11 @@ WIDTH = 8.0
 COLORS = palette.LIGHT
 
 DASHES = ("-", "--", "-.", ":")
+BACK: dict[str, Any] = {"color": COLORS[5], "linewidth": 3.2}
+ON_TOP: dict[str, Any] = {"color": "#000000", "linewidth": 1.1, "linestyle": (0, (5, 3))}
+"""Looks of two curves that may lie on each other: a broad one, and a dashed one over it."""
 _GREY = "#555555"
 _MARGIN = 0.1
-_PLAIN = range(-2, 4)  # decades that an axis shows without a power of ten
 _CAPTION_CHARACTERS = 15.6  # that fit into an inch
 _RC: dict[str, Any] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib
@@ -126,7 +129,7 @@ def new_figure(
 def dress(axes: Axes, title: str, quantity: str, unit: str, time: Floats | None = None) -> None:
     """Give a panel with its curves a title, a y label with unit and, over time, the limits of its x axis.
 
-    Very small or large values get a power of ten in the label, never a separate factor above the axis. Values
+    Very small or large values get a unit that fits, or a power of ten in the label, never a factor above the axis. Values
     that are constant except for rounding are drawn from 0. A logarithmic axis shows whole decades, three to nine.
     """
     axes.set_title(title)
@@ -139,12 +142,12 @@ def dress(axes: Axes, title: str, quantity: str, unit: str, time: Floats | None 
     else:
         if high - low < 1e-6 * largest < math.inf:
             axes.set_ylim(min(0.0, 1.1 * low), max(0.0, 1.1 * high))
-        exponent = math.floor(math.log10(largest)) if 0.0 < largest < math.inf else 0
+        fit, exponent = fitted(unit, largest)
         formatter = ScalarFormatter(useOffset=False)
-        formatter.set_scientific(exponent not in _PLAIN)
-        if exponent not in _PLAIN:
+        formatter.set_scientific(exponent != 0)
+        if exponent:
             formatter.set_powerlimits((exponent, exponent))
-            unit = rf"$10^{{{exponent}}}$ {unit}"
+        unit = fit if fit or not exponent else rf"$10^{{{exponent}}}$ {unit}"
         axes.yaxis.set_major_formatter(formatter)
         axes.yaxis.get_offset_text().set_visible(False)
     axes.set_ylabel(" ".join(part for part in (quantity, f"[{unit}]" if unit else "") if part))

@@ -18,7 +18,9 @@ DEUTERANOPIA = np.array(
     [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]
 )
 """Machado, Oliveira and Fernandes (2009), severity 1: linear sRGB as such readers see it."""
-XYZ = np.array([[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]])
+XYZ = np.array(
+    [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
+)
 """Linear sRGB to CIE XYZ (IEC 61966-2-1)."""
 SIZE = 0.1
 """Angle at the eye [degrees] that a line and its mark in a legend take: 1 mm from 60 cm."""

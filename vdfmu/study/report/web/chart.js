@@ -2,8 +2,8 @@
 
 import { COLOURS, colourOf, darkScheme, fitted, inkOf, make, raised, recorded, runs, simulated, text, toggle, view } from "./data.js";
 import { Heat } from "./heat.js";
-import { drawEnds, keyOf, roomForNames } from "./labels.js";
-import { saveMenu } from "./save.js";
+import { drawEnds, endsOf, keyOf, roomForNames } from "./labels.js";
+import { FILES, saveMenu } from "./save.js";
 
 const { uPlot } = vendor;
 const DASHES = [[], [9, 4], [9, 3, 2, 3], [2, 3]]; // as `DASHES` of vdfmu/base/style.py
@@ -71,7 +71,6 @@ export class Chart {
     });
     const [min, max] = view.range ?? view.full();
     if (this.plot.scales.x.min !== min || this.plot.scales.x.max !== max) this.plot.setScale("x", { min, max });
-    this.heat?.draw();
   }
 
   /** Fade what is not pointed to; of many joints, show the one that is. */
@@ -104,6 +103,15 @@ export class Chart {
     return DASHES[(recorded.length > 1 && runs[run] !== simulated ? run : Math.floor(Math.max(colour - 1, 0) / COLOURS)) % DASHES.length];
   }
 
+  ends() {
+    return endsOf(this);
+  }
+
+  /** Content of a file: of SVG, PNG or CSV. */
+  async file(kind) {
+    return FILES[kind](this);
+  }
+
   fit(largest) {
     return fitted(this.unit, largest);
   }
@@ -125,6 +133,7 @@ export class Chart {
     this.unpacked ??= this.curves();
     this.plot?.destroy();
     this.worst = Heat.worst(this.unpacked);
+    if (this.worst) this.heat ??= new Heat(this);
     const [ink, line, names] = ["muted", "line", "ink"].map(inkOf);
     const axis = { stroke: ink, grid: { stroke: line, width: 1 }, ticks: { stroke: line, width: 1, size: 4 }, font: "12px system-ui, sans-serif" };
     const [min, max] = view.range ?? view.full();
@@ -152,16 +161,12 @@ export class Chart {
       }))],
       hooks: {
         setCursor: [() => this.showTip()],
-        draw: [(plot) => drawEnds(plot, this, names), () => this.moveMark()],
+        draw: [(plot) => drawEnds(plot, this, names), () => this.moveMark(), (plot) => this.worst && this.heat.draw(plot)],
         setScale: [(plot, key) => key === "x" && plot.status && this.zoomed(plot.scales.x)],
       },
     }, this.table(), this.place);
     this.plot.over.append(this.mark, this.tip);
-    if (this.worst) {
-      this.heat ??= new Heat(this);
-      this.heat.draw();
-    }
-    this.plot.over.addEventListener("mousemove", () => this.point());
+    this.plot.over.addEventListener("mousemove", ({ buttons }) => buttons || this.point());
     this.plot.over.addEventListener("mouseleave", () => view.change("focus", null));
     this.plot.over.addEventListener("click", () => this.plot.select.width < 2 && this.plot.cursor.idx !== null && view.change("time", this.plot.posToVal(this.plot.cursor.left, "x")));
     this.plot.over.addEventListener("touchmove", (event) => {

@@ -115,7 +115,7 @@ export const text = (value, digits = 6) => {
 export function fitted(unit, largest) {
   if (!largest || !Number.isFinite(largest) || (largest >= 0.1 && largest < 1e4)) return [unit, 0];
   const exponent = 3 * Math.floor(Math.log10(largest) / 3), [, thousandth, base, rest] = /^(m(?=m))?(deg|rad|m|N|W|J|V|A)((?![\w²³⁴]).*)$/.exec(unit) ?? [];
-  const prefix = { 3: "kNWJVA".includes(base) ? "k" : undefined, 0: "", "-3": "m", "-6": "µ", "-9": "n" }[exponent - (thousandth ? 3 : 0)];
+  const prefix = { 3: "NWJVA".includes(base) ? "k" : undefined, 0: "", "-3": "m", "-6": "µ", "-9": "n" }[exponent - (thousandth ? 3 : 0)];
   if (base && prefix !== undefined) return [prefix + base + rest, exponent];
   return largest >= 0.01 && largest < 1e5 ? [unit, 0] : [`10${raised(exponent)} ${unit}`, exponent];
 }

@@ -24,10 +24,12 @@ export class Heat {
     return largest.size > MOST_CURVES ? [...largest].sort((a, b) => b[1] - a[1]).slice(0, WORST_JOINTS).map(([joint]) => joint) : null;
   }
 
-  draw() {
-    const { chart, canvas } = this, { plot } = chart, width = plot.over.clientWidth;
-    this.rows = chart.unpacked.filter(({ joint, dashed, run }) => joint && !dashed && run === (chart.unpacked[0].run));
-    const { min, max } = plot.scales.x, count = this.rows.length;
+  draw(plot) {
+    const { chart, canvas } = this, { min, max } = plot.scales.x, width = plot.over.clientWidth, asked = [chart.unpacked, plot, min, max, width, view.hiddenJoints.size];
+    if (!width || asked.every((one, k) => one === this.asked?.[k])) return;
+    this.asked = asked;
+    this.rows = chart.unpacked.filter(({ joint, dashed, run }) => joint && !dashed && run === chart.unpacked[0].run);
+    const count = this.rows.length;
     Object.assign(canvas, { width, height: count });
     canvas.style.cssText = `margin-left:${plot.over.offsetLeft}px;width:${width}px;height:${HEAT_ROW * count}px`;
     const cells = this.rows.map(({ time, values }) => {
@@ -52,8 +54,8 @@ export class Heat {
     }));
     canvas.getContext("2d").putImageData(image, 0, 0);
     const [unit, exponent] = chart.fit(most);
-    const words = `Joint 1 above to ${count} below; blue to orange: −${text(most / 10 ** exponent, 3)} to ${text(most / 10 ** exponent, 3)} ${unit}, as a root.`;
-    this.words.textContent = `${words} ${view.hiddenJoints.size ? "Curves: the joints chosen." : `Curves: those with the largest values, joints ${[...chart.worst].sort((a, b) => a - b).join(", ")}, and the one pointed to.`}`;
+    const words = `Joint 1 (top) to ${count}; blue −${text(most / 10 ** exponent, 3)} to orange ${text(most / 10 ** exponent, 3)} ${unit}, by the square root.`;
+    this.words.textContent = `${words} ${view.hiddenJoints.size ? "Curves: the joints chosen." : `Curves: the largest, joints ${[...chart.worst].sort((a, b) => a - b).join(", ")}, and the one pointed to.`}`;
     canvas.setAttribute("aria-label", `${chart.title}: map of all joints over time. ${words}`);
   }
 

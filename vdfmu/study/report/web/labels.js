@@ -40,8 +40,8 @@ export function apart(wanted, gap, top, bottom) {
 }
 
 /** Names with the height at which their curve ends, and their own [px of the plot]. */
-export function endsOf(plot, chart) {
-  const height = plot.over.clientHeight, last = plot.valToIdx(plot.scales.x.max);
+export function endsOf(chart) {
+  const { plot } = chart, height = plot.over.clientHeight, last = plot.valToIdx(plot.scales.x.max);
   const found = namedCurves(chart).flatMap((k) => {
     let row = last;
     while (row >= 0 && (plot.data[k + 1][row] ?? null) === null) row -= 1;
@@ -59,7 +59,7 @@ export function drawEnds(plot, chart, ink) {
   ctx.translate(bbox.left + bbox.width, bbox.top);
   ctx.scale(ratio, ratio);
   Object.assign(ctx, { font: NAME_FONT, textBaseline: "middle", textAlign: "left", lineWidth: 1.6 });
-  for (const { text, end, place, colour, alpha, stub } of endsOf(plot, chart)) {
+  for (const { text, end, place, colour, alpha, stub } of chart.ends()) {
     Object.assign(ctx, { globalAlpha: alpha, strokeStyle: colour, fillStyle: ink });
     ctx.beginPath();
     ctx.moveTo(1, end);

@@ -1,22 +1,27 @@
 // A figure as a file: SVG, PNG, or the rows shown as CSV. The page makes it itself and hands it to the browser's downloads.
 
 import { inkOf, make, runs, view } from "./data.js";
-import { endsOf } from "./labels.js";
 
 const TITLE_ROOM = 26; // px, for the title
 const PNG_PIXELS = 3; // pixels of a PNG per px
 
+/** Kind of file to the function that makes its content. */
+export const FILES = {
+  SVG: (chart) => new Blob([svgOf(chart)], { type: "image/svg+xml" }),
+  PNG: pngOf,
+  CSV: (chart) => new Blob([csvOf(chart)], { type: "text/csv" }),
+};
+
 /** The menu of a figure's caption. */
 export function saveMenu(chart) {
   const menu = make("select", { class: "save", "aria-label": `${chart.title}: save`, change: () => { const kind = menu.value; menu.selectedIndex = 0; saveFigure(chart, kind); } },
-    make("option", {}, "save"), ...["SVG", "PNG", "CSV"].map((kind) => make("option", { value: kind }, kind)));
+    make("option", {}, "save"), ...Object.keys(FILES).map((kind) => make("option", { value: kind }, kind)));
   return menu;
 }
 
 async function saveFigure(chart, kind) {
   const file = `${document.title} ${chart.title}.${kind.toLowerCase()}`.replaceAll(/[^\w.,() -]+/g, "_");
-  const content = kind === "CSV" ? new Blob([csvOf(chart)], { type: "text/csv" }) : kind === "SVG" ? new Blob([svgOf(chart)], { type: "image/svg+xml" }) : await pngOf(chart);
-  const link = make("a", { href: URL.createObjectURL(content), download: file });
+  const link = make("a", { href: URL.createObjectURL(await FILES[kind](chart)), download: file });
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
 }
@@ -24,7 +29,7 @@ async function saveFigure(chart, kind) {
 const curvesShown = (chart) => [...chart.unpacked.keys()].filter((k) => chart.plot.series[k + 1].show);
 
 /** Rows of the stretch of time shown, of the curves shown, in the figure's unit. */
-export function csvOf(chart) {
+function csvOf(chart) {
   const { min, max } = chart.plot.scales.x, [time, ...columns] = chart.table(false), chosen = curvesShown(chart);
   const quoted = (text) => `"${text.replaceAll('"', '""')}"`;
   const heads = chosen.map((k) => chart.unpacked[k]).map(({ label, run }) => quoted(`${runs.length > 1 ? `${runs[run].name}: ` : ""}${label}${chart.unit && ` [${chart.unit}]`}`));
@@ -33,7 +38,7 @@ export function csvOf(chart) {
 }
 
 /** The figure as it is shown, drawn as lines. */
-export function svgOf(chart) {
+function svgOf(chart) {
   const { plot } = chart, { clientWidth: width, clientHeight: height, offsetLeft: left } = plot.over, ink = inkOf("ink"), soft = inkOf("muted"), line = inkOf("line");
   const safe = (text) => String(text).replaceAll("&", "&amp;").replaceAll("<", "&lt;");
   const write = (x, y, anchor, text, colour = soft, more = "") => `<text x="${x.toFixed(1)}" y="${(y + 4).toFixed(1)}" text-anchor="${anchor}" fill="${colour}"${more}>${safe(text)}</text>`;
@@ -51,7 +56,7 @@ export function svgOf(chart) {
     }
     return `<path d="M${points.join("L")}" fill="none" stroke="${chart.strokeOf(chart.unpacked[k])}" stroke-width="${series.width}" stroke-dasharray="${(series.dash ?? []).join(" ")}" opacity="${series.alpha}" stroke-linejoin="round"/>`;
   });
-  const names = endsOf(plot, chart).map(({ text, end, place, colour, alpha, stub }) => `<g opacity="${alpha}"><path d="M${width + 1} ${end}L${width + stub - 5} ${place}h4" fill="none" stroke="${colour}" stroke-width="1.6"/>${write(width + stub + 1, place, "start", text, ink)}</g>`);
+  const names = chart.ends().map(({ text, end, place, colour, alpha, stub }) => `<g opacity="${alpha}"><path d="M${width + 1} ${end}L${width + stub - 5} ${place}h4" fill="none" stroke="${colour}" stroke-width="1.6"/>${write(width + stub + 1, place, "start", text, ink)}</g>`);
   const heat = chart.heat?.canvas, above = heat ? heat.clientHeight + 10 : 0;
   const map = heat ? `<image x="${left}" y="${TITLE_ROOM}" width="${width}" height="${heat.clientHeight}" preserveAspectRatio="none" image-rendering="pixelated" href="${heat.toDataURL()}"/>` : "";
   const [w, h] = [plot.width, plot.height + TITLE_ROOM + above];
