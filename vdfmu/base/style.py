@@ -18,6 +18,7 @@ import matplotlib.style
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -129,8 +130,9 @@ def new_figure(
 def dress(axes: Axes, title: str, quantity: str, unit: str, time: Floats | None = None) -> None:
     """Give a panel with its curves a title, a y label with unit and, over time, the limits of its x axis.
 
-    Very small or large values get a unit that fits, or a power of ten in the label, never a factor above the axis. Values
-    that are constant except for rounding are drawn from 0. A logarithmic axis shows whole decades, three to nine.
+    Very small or large values get a unit that fits, or a power of ten in the label, never a factor above the axis.
+    Values that are constant except for rounding are drawn from 0. A logarithmic axis shows whole decades, three to
+    nine.
     """
     axes.set_title(title)
     low, high = axes.dataLim.intervaly
@@ -142,17 +144,22 @@ def dress(axes: Axes, title: str, quantity: str, unit: str, time: Floats | None 
     else:
         if high - low < 1e-6 * largest < math.inf:
             axes.set_ylim(min(0.0, 1.1 * low), max(0.0, 1.1 * high))
-        fit, exponent = fitted(unit, largest)
-        formatter = ScalarFormatter(useOffset=False)
-        formatter.set_scientific(exponent != 0)
-        if exponent:
-            formatter.set_powerlimits((exponent, exponent))
-        unit = fit if fit or not exponent else rf"$10^{{{exponent}}}$ {unit}"
-        axes.yaxis.set_major_formatter(formatter)
-        axes.yaxis.get_offset_text().set_visible(False)
+        unit = fit_axis(axes.yaxis, unit, largest)
     axes.set_ylabel(" ".join(part for part in (quantity, f"[{unit}]" if unit else "") if part))
     if time is not None and len(time) and time[-1] > time[0]:
         axes.set_xlim(float(time[0]), float(time[-1]))
+
+
+def fit_axis(axis: Axis, unit: str, largest: float) -> str:
+    """Let a linear axis show values up to `largest` in the unit that fits them; return it."""
+    fit, exponent = fitted(unit, largest)
+    formatter = ScalarFormatter(useOffset=False)
+    formatter.set_scientific(exponent != 0)
+    if exponent:
+        formatter.set_powerlimits((exponent, exponent))
+    axis.set_major_formatter(formatter)
+    axis.get_offset_text().set_visible(False)
+    return fit if fit or not exponent else rf"$10^{{{exponent}}}$ {unit}".strip()
 
 
 def label_time(panels: Sequence[Axes], columns: int) -> None:

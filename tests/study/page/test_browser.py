@@ -154,9 +154,10 @@ def test_pointing_to_a_joint_fades_the_others_and_alt_shows_it_alone(run, browse
     browser.mouse("mouseMoved", x, y + 60)
     assert browser.run("report.view.focus") is None
     # the middle of a figure without its curve nearby points to none, next to a curve to that one
-    curve = browser.run("""(() => { const { plot } = report.charts[1], box = plot.over.getBoundingClientRect();
-        const row = plot.data[0].length >> 1;
-        return [box.left + plot.valToPos(plot.data[0][row], "x"), box.top + plot.valToPos(plot.data[2][row], "y")]; })()""")
+    curve = browser.run("""(() => {
+        const { plot } = report.charts[1], box = plot.over.getBoundingClientRect(), row = plot.data[0].length >> 1;
+        return [box.left + plot.valToPos(plot.data[0][row], "x"), box.top + plot.valToPos(plot.data[2][row], "y")];
+    })()""")
     browser.mouse("mouseMoved", *curve)
     assert browser.run("report.view.focus") in range(1, 7)
 
@@ -185,9 +186,8 @@ def test_a_figure_is_saved_as_drawing_picture_and_table(run, browser):
 def test_units_that_fit_are_those_of_the_pictures(run, browser):
     show(browser, run / "report.html")
     cases = [(unit, 2.5 * 10.0**k) for unit in ("deg", "mm", "N.m", "rad/s", "m²", "Hz", "") for k in range(-14, 8)]
-    made = browser.run(
-        f"{json.dumps(cases)}.map(([unit, v]) => report.charts[0].constructor.prototype.fit.call({{ unit }}, v))"
-    )
+    fit = "report.charts[0].fit.call({ unit }, value)"
+    made = browser.run(f"{json.dumps(cases)}.map(([unit, value]) => {fit})")
     for (unit, value), (name, exponent) in zip(cases, made, strict=True):
         wanted, power = fitted(unit, value)
         assert exponent == power and (name == wanted or (name.startswith("10") and not wanted)), (unit, value)

@@ -94,8 +94,9 @@ def draw_modes(
             time, frequency, joint = (np.array(column) for column in zip(*track, strict=True))
             axes.plot(time, frequency, label=f"mode {mode + 1}", **style.joint_look(mode))
             for k in [0, *(np.flatnonzero(np.diff(joint)) + 1)]:
+                place = (2, (-8, 2)[mode % 2])  # of two neighbours one below its curve and one above
                 axes.annotate(
-                    str(joint[k] + 1), (time[k], frequency[k]), (2, 2), textcoords="offset points", fontsize=7.5
+                    str(joint[k] + 1), (time[k], frequency[k]), place, textcoords="offset points", fontsize=7.5
                 )
         style.dress(axes, f"Motors {motors}", "frequency", "Hz", times)
         style.legend_beside(axes, axes.lines[::-1])

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 
 from vdfmu.base import style
 from vdfmu.study.sweeps.indices import CONFIDENCE, indices
-from vdfmu.study.sweeps.looks import COLOUR_MAP, HIGH, LOW, new_figure
+from vdfmu.study.sweeps.looks import COLOUR_MAP, HIGH, LOW, fitted_label, new_figure
 from vdfmu.study.sweeps.sides import View, groups
 
 _BARS = 20
@@ -51,8 +51,7 @@ def draw_tornado(shown: View) -> Figure:
             )  # fmt: skip
     axes.axvline(mean, color="#333333", linewidth=0.8)
     axes.set_yticks(range(len(sides)), [side.label for side in reversed(sides)])
-    axes.set_xlabel(shown.value.label)
-    axes.xaxis.set_major_formatter("{x:.3g}")
+    axes.set_xlabel(fitted_label(axes.xaxis, shown.value))
     axes.margins(x=0.12)
     axes.grid(visible=False, axis="y")
     return figure
@@ -100,7 +99,7 @@ def draw_indices(shown: View) -> Figure:
     second, widths = found.values["second"], found.widths["second"]
     sure = second > widths  # of the others the interval has zero in it
     right.imshow(np.where(np.isnan(second), np.nan, 0.0), cmap=ListedColormap([_UNSURE]))
-    image = right.imshow(np.where(sure, second, np.nan), cmap=COLOUR_MAP, vmin=0.0, vmax=max(_MOST, *second[sure]))
+    image = right.imshow(np.where(sure, second, np.nan), cmap=COLOUR_MAP, vmin=0.0, vmax=max([_MOST, *second[sure]]))
     for i, j in zip(*np.triu_indices(d, 1), strict=True):
         dark = sure[i, j] and second[i, j] < 0.6 * image.norm.vmax
         right.text(j, i, f"{second[i, j]:.2f}\n± {widths[i, j]:.2f}", ha="center", va="center", fontsize=8.0,
