@@ -18,10 +18,10 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 from fmpy import extract, read_model_description
 from fmpy.fmi2 import FMU2Slave
+from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, ScalarFormatter
 
 from benchmarks.chains import random_motion, repeated_link
@@ -31,6 +31,7 @@ from benchmarks.timing import Case, measure
 from vdfmu.arm.equations.plant import equilibrium_torque
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
+from vdfmu.base import style
 from vdfmu.compiler.functions.cache import COMPILER, cache_folder
 
 pin: Any = import_module("pinocchio")  # a binary module that no type checker sees into
@@ -127,28 +128,30 @@ def _exponent(rows: list[_Row], y: list[float]) -> float:
     return float(np.polyfit(np.log([row.n for row in rows]), np.log(y), 1)[0])
 
 
-def _draw(n: list[int], measured: dict[str, tuple[list[float], float]], path: Path) -> None:
-    """Draw what grows with the joints on logarithmic axes, each with its fitted slope."""
+@style.styled
+def _draw(n: list[int], measured: dict[str, tuple[list[float], float]], path: Path) -> Figure:
+    """Draw what grows with the joints on logarithmic axes, each with its fitted slope; write and return it."""
     units = {"a step": "µs", "a build": "s of processor time", "C": "kB", "memory of the build": "MB"}
-    figure, panels = plt.subplots(2, 2, figsize=(8.0, 5.6), sharex=True, layout="constrained")
+    figure = style.new_figure("Growth with the joints", "Logarithmic axes; dashed: the fitted power.", height=5.8)
+    panels = figure.subplots(2, 2)
     for axes, (what, (y, slope)) in zip(panels.flat, measured.items(), strict=True):
-        axes.loglog(n, y, "o", base=10)
+        axes.loglog(n, y, "o", base=10, color=style.COLORS[0])
         middle = np.exp(np.mean(np.log(y)) + slope * (np.log(n) - np.mean(np.log(n))))
         axes.loglog(n, middle, "--", color="0.4", label=f"n^{slope:.2f}")
-        axes.set_title(what, fontsize=10)
-        axes.set_ylabel(units[what])
+        axes.set_title(what[0].upper() + what[1:])
+        axes.set_ylabel(f"[{units[what]}]")
         axes.set_xticks(n, map(str, n))
         axes.minorticks_off()
         middle_of_axis = math.sqrt(min(y) * max(y))
         axes.set_ylim(min(min(y) / 1.5, middle_of_axis / 4.0), max(1.5 * max(y), middle_of_axis * 4.0))
         axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.yaxis.set_major_formatter(ScalarFormatter())
-        axes.grid(alpha=0.3)
-        axes.legend(frameon=False)
+        axes.legend()
+    style.label_time(panels.ravel().tolist(), 2)
     for axes in panels[1]:
-        axes.set_xlabel("joints")
-    figure.savefig(path)
-    plt.close(figure)
+        axes.set_xlabel("Joints")
+    style.save(figure, path)
+    return figure
 
 
 def _others(robot: Robot, rounds: int) -> dict[str, float]:

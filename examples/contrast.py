@@ -9,12 +9,13 @@ constant of 9.80 instead of 9.81 m/s2 makes. The other reading is a thousandth o
 import sys
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.lines import Line2D
 
 import vdfmu
 from vdfmu.arm.equations.trajectory import desired_motion
 from vdfmu.arm.kernel import Kernel
+from vdfmu.base import style
 
 Q_END = np.radians([90, 60, 60, 90, 60, 90])
 T, STEP = 10.0, 1e-3
@@ -42,28 +43,42 @@ def rms(values):
     return np.sqrt(np.mean(values**2, axis=0))
 
 
-def draw(time, vd, newton_euler, low, folder):
-    """Write the figures 7 and 8 of the paper."""
-    figure, axes = plt.subplots(2, 3, figsize=(11, 6), sharex=True, layout="constrained")
-    for i, panel in enumerate(axes.flat):
-        panel.plot(time, vd[:, i], lw=3, label="virtual decomposition")
-        panel.plot(time, newton_euler[:, i], "k--", lw=1, label="Newton-Euler")
-        panel.set(title=f"Joint {i + 1}", xlabel="Time [s]", ylabel="Torque [N.m]")
-    axes[0, 0].legend(fontsize=8)
-    figure.savefig(folder / "figure_7.png", dpi=110)
-    figure, (rounding, gravity, bars) = plt.subplots(3, 1, figsize=(8, 9), layout="constrained")
+@style.styled
+def figure_7(time, vd, newton_euler):
+    """Draw the torques of both formulations over each other."""
+    looks = {"virtual decomposition": style.BACK, "Newton-Euler": style.ON_TOP}
+    handles = [Line2D([], [], label=label, **look) for label, look in looks.items()]
+    words = "As figure 7 of the paper: the rigid arm along Eq. (57)."
+    figure = style.new_figure("Torques by two formulations", words, width=10.5, height=5.4, legend=handles)
+    panels = figure.subplots(2, 3).ravel().tolist()
+    for i, axes in enumerate(panels):
+        for values, look in zip((vd, newton_euler), looks.values(), strict=True):
+            style.curve(axes, time, values[:, i], **look)
+        style.dress(axes, f"Joint {i + 1}", "Torque" if i % 3 == 0 else "", "N.m", time)
+    style.label_time(panels, 3)
+    return figure
+
+
+@style.styled
+def figure_8(time, vd, newton_euler, low):
+    """Draw the differences of both formulations, and of both gravity constants, beside the paper's Table 3."""
+    figure = style.new_figure("Differences of two formulations", "As figure 8 of the paper.", height=8.2)
+    rounding, gravity, bars = figure.subplots(3, 1)
     for i in range(6):
-        rounding.semilogy(time, 1e3 * np.abs(vd - newton_euler)[:, i], ".", ms=2, label=f"Joint {i + 1}")
-        gravity.plot(time, 1e3 * (vd - low)[:, i])
-    shown = {"g = 9.81 minus g = 9.80": 1e3 * rms(vd - low), "Table 3": TABLE_3, "1e-3 of the torque": rms(vd)}
+        look = {"color": style.joint_look(i)["color"]}
+        rounding.semilogy(time, np.abs(vd - newton_euler)[:, i], ".", ms=2, **look)
+        style.curve(gravity, time, (vd - low)[:, i], **look)
+    style.dress(rounding, "Virtual decomposition minus Newton-Euler: rounding", "", "N.m", time)
+    style.dress(gravity, "g = 9.81 minus g = 9.80", "", "N.m", time)
+    style.label_time([rounding, gravity], 1)
+    style.legend_beside(rounding, style.joint_handles(range(6)))
+    shown = {"g = 9.81 minus 9.80": rms(vd - low), "Table 3": 1e-3 * np.array(TABLE_3), "torque / 1000": 1e-3 * rms(vd)}
     for k, (label, heights) in enumerate(shown.items()):
-        bars.bar(np.arange(1, 7) + 0.27 * (k - 1), heights, width=0.25, label=label)
-    rounding.set(title="Virtual decomposition minus Newton-Euler: rounding", xlabel="Time [s]", ylabel="N.mm")
-    gravity.set(title="g = 9.81 minus g = 9.80", xlabel="Time [s]", ylabel="N.mm")
-    bars.set(title="RMS, Table 3, and 1e-3 of the RMS torque", xlabel="Joint", ylabel="N.mm")
-    rounding.legend(fontsize=8, ncols=6)
-    bars.legend(fontsize=8)
-    figure.savefig(folder / "figure_8.png", dpi=110)
+        bars.bar(np.arange(1, 7) + 0.27 * (k - 1), heights, width=0.25, label=label, color=style.COLORS[(5, 6, 4)[k]])
+    style.dress(bars, "RMS, Table 3, and a thousandth of the RMS torque", "", "N.m")
+    bars.set_xlabel("Joint")
+    style.legend_beside(bars, bars.containers)
+    return figure
 
 
 def main(folder="results/contrast"):
@@ -73,8 +88,8 @@ def main(folder="results/contrast"):
     print("joint  torque N.m  VD - NE N.mm  g 9.81 - 9.80 N.mm  Table 3 N.mm")
     for i, row in enumerate(zip(*columns, strict=True)):
         print("{:5}{:12.3g}{:14.2g}{:20.3g}{:14}".format(i + 1, *row))
-    Path(folder).mkdir(parents=True, exist_ok=True)
-    draw(time, vd, newton_euler, low, Path(folder))
+    style.save(figure_7(time, vd, newton_euler), Path(folder, "figure_7.png"))
+    style.save(figure_8(time, vd, newton_euler, low), Path(folder, "figure_8.png"))
     print(f"Written to {folder}: figure_7.png, figure_8.png")
 
 

@@ -12,12 +12,13 @@ where they start. Axes 4 to 6 have no encoders behind their gears: the position 
 import sys
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.lines import Line2D
 from scipy.signal import butter, sosfiltfilt
 
 import vdfmu
 from vdfmu import Results
+from vdfmu.base import style
 from vdfmu.base.option import read_settings
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.study.identify.fit import identify
@@ -105,28 +106,23 @@ def table(name, here, there, file_law):
         print(line)
 
 
+@style.styled
 def draw(path, name, time, here, there):
     """Draw tracking errors, torques and deflections, measured and simulated."""
-    rows = (("tracking error [mrad]", 1e3), ("torque [N.m]", 1.0), ("deflection [µrad]", 1e6))
-    figure, axes = plt.subplots(3, 6, figsize=(17, 8), sharex=True)
-    for row, (words, factor), (one, other) in zip(axes, rows, errors(here, there), strict=True):
-        row[0].set_ylabel(words)
-        for i, panel in enumerate(row):
-            if factor == 1e6 and i > 2:
-                panel.remove()
-                continue
-            panel.plot(time, factor * other[:, i], lw=0.6, color="#d55e00", label="measured")
-            panel.plot(time, factor * one[:, i], lw=1.2, color="#0072b2", label="simulated")
-            panel.grid(alpha=0.3)
-            if factor == 1e6 or (i > 2 and factor == 1.0):  # the last of its column
-                panel.set_xlabel("time [s]")
-                panel.tick_params(labelbottom=True)
-    for i, panel in enumerate(axes[0]):
-        panel.set_title(f"axis {i + 1}", fontsize=10)
-    axes[0, 0].legend(fontsize=8)
-    figure.suptitle(f"KUKA KR 300, record {name}")
-    figure.tight_layout()
-    figure.savefig(path, dpi=80)
+    quantities = (("Tracking error", "rad"), ("Torque", "N.m"), ("Deflection", "rad"))
+    measured, simulated = ({"color": style.COLORS[k], "linewidth": width} for k, width in ((1, 0.7), (0, 1.2)))
+    looks = {"measured": measured, "simulated": simulated}
+    handles = [Line2D([], [], label=label, **look) for label, look in looks.items()]
+    figure = style.new_figure(f"KUKA KR 300, record {name}", "", width=17.0, height=7.4, legend=handles)
+    for row, ((quantity, unit), (one, other)) in enumerate(zip(quantities, errors(here, there), strict=True)):
+        for i in range(3 if quantity == "Deflection" else 6):
+            panel = figure.add_subplot(3, 6, 6 * row + i + 1)
+            for values, look in zip((other, one), looks.values(), strict=True):
+                style.curve(panel, time, values[:, i], **look)
+            style.dress(panel, f"Axis {i + 1}", quantity if i == 0 else "", unit, time)
+            if row == 2 or (i > 2 and row == 1):  # the last of its column
+                panel.set_xlabel("Time [s]")
+    style.save(figure, Path(path))
 
 
 def main(folder="results", *changes):

@@ -10,11 +10,12 @@ import csv
 import sys
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 
 import vdfmu
+from vdfmu.base import style
 
+NAMES = {"position": "rad", "motor current": "A", "gear deflection, motor-side": "rad"}
 ROTATION = (-1, 1, 1, -1, 1, -1)
 """Directions in which the motors turn: signs of the library's gear ratios."""
 
@@ -45,34 +46,45 @@ def simulated(**options):
     return results.time, q, ROTATION * results["axis.i"], deflection[:, :3]
 
 
+@style.styled
+def draw(t, signals):
+    """Draw name, unit, ours and theirs over each other (m, n) of each signal, and their difference."""
+    words = (
+        "Wide: the library's published trajectories; thin and dashed: this scenario. Right: this scenario minus those."
+    )
+    figure = style.new_figure("The robot r3 of the Modelica Standard Library", words, width=11.0, height=8.0)
+    panels = figure.subplots(len(signals), 2).ravel().tolist()
+    for k, (name, unit, here, there) in enumerate(signals):
+        left, right = panels[2 * k : 2 * k + 2]
+        for i in range(here.shape[1]):
+            look = style.joint_look(i)
+            style.curve(left, t, there[:, i], **look, linewidth=3.0, alpha=0.5)
+            style.curve(left, t, here[:, i], **{**look, "linestyle": (0, (5, 3))}, linewidth=1.1)
+            style.curve(right, t, here[:, i] - there[:, i], **look)
+        style.dress(left, name.capitalize(), "", unit, t)
+        style.dress(right, "Difference", "", unit, t)
+    style.label_time(panels, 2)
+    style.legend_beside(panels[1], style.joint_handles(range(6)))
+    return figure
+
+
 def main(path):
     """Print the differences and draw positions, currents and differences."""
     time, *theirs = published(path)
     t, *ours = simulated(out="results/robot_r3", reference=False)
     inside = t <= time[-1]
     t = t[inside]
-    names = ("position [rad]", "motor current [A]", "gear deflection, motor-side [rad]")
-    figure, axes = plt.subplots(3, 2, figsize=(11, 9), sharex=True)
-    for name, here, there, row in zip(names, ours, theirs, axes, strict=True):
+    signals = []
+    for (name, unit), here, there in zip(NAMES.items(), ours, theirs, strict=True):
         here = here[inside]
         reference = np.column_stack([np.interp(t, time, signal) for signal in there.T])
         difference = here - reference
-        print(f"{name:36}{'largest':>10}{'difference':>12}{'rms':>10}")
+        signals.append((name, unit, here, reference))
+        print(f"{f'{name} [{unit}]':36}{'largest':>10}{'difference':>12}{'rms':>10}")
         for i in range(here.shape[1]):
             largest, rms = np.abs(difference[:, i]).max(), np.sqrt(np.mean(difference[:, i] ** 2))
             print(f"  joint {i + 1:<28}{np.abs(reference[:, i]).max():10.4g}{largest:12.2e}{rms:10.1e}")
-        for i, (one, other, d) in enumerate(zip(here.T, reference.T, difference.T, strict=True)):
-            (line,) = row[0].plot(t, other, lw=2.5, alpha=0.35)
-            row[0].plot(t, one, lw=0.9, color=line.get_color(), label=f"joint {i + 1}")
-            row[1].plot(t, d, lw=0.9, color=line.get_color())
-        row[0].set_ylabel(name)
-        row[1].set_ylabel("difference")
-    axes[0, 0].set_title("wide: published; thin: this scenario", fontsize=10)
-    axes[0, 0].legend(ncols=3, fontsize=8)
-    for axis in axes[-1]:
-        axis.set_xlabel("time [s]")
-    figure.tight_layout()
-    figure.savefig("results/robot_r3/comparison.png", dpi=110)
+    style.save(draw(t, signals), Path("results/robot_r3/comparison.png"))
     print("Written to results/robot_r3: comparison.png")
 
 

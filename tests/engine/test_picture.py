@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tests.conftest import heavy
-from vdfmu.engine.results.picture import PANELS, draw_signals, signals_figure
+from vdfmu.base import style
+from vdfmu.engine.results.picture import PANELS, draw_signals, plot, signals_figure
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
 
@@ -34,7 +35,9 @@ def test_elements_of_an_array_share_a_panel_unless_their_units_differ():
         ("a.q[1]", "real", "rad"), ("a.q[2]", "real", "m"), ("a.q[3]", "real", "rad"), ("a.R[1,2]", "real", "")
     )  # fmt: skip
     figure = draw_signals(results)
-    assert titles(figure) == ["a.q", "a.q", "a.R"]
+    assert titles(figure) == ["a.q[1, 3]", "a.q[2]", "a.R"]
+    colours = [[line.get_color() for line in axes.lines] for axes in figure.axes[:2]]
+    assert colours == [[style.COLORS[0], style.COLORS[2]], [style.COLORS[1]]]  # by the index, in all panels
     assert [axes.get_ylabel() for axes in figure.axes] == ["[rad]", "[m]", ""]
     first = figure.axes[0]
     assert [line.get_label() for line in first.lines] == ["[1]", "[3]"]
@@ -58,7 +61,9 @@ def test_each_component_gets_its_share_of_the_panels():
     assert shown[:3] == ["a.x0", "a.x1", "a.x2"]
     left = len(names) - len(shown)
     caption = figure.texts[-1].get_text().replace("\n", " ")
-    assert caption == f"s.ssp, jacobi, step 1 ms. {left} more variables are in the results; --record chooses others."
+    first = ", ".join([name for name in names if name not in shown][:8])
+    end = f"{first} and {left - 8} more; they are in the results, --record chooses others."
+    assert left == 12 and caption == f"s.ssp, jacobi, step 1 ms. Not drawn: {end}"
 
 
 def test_more_components_than_panels():
@@ -76,6 +81,12 @@ def test_the_time_is_below_the_lowest_panel_of_every_column(count):
         below = [a for a in axes if abs(a.get_position().x0 - one.get_position().x0) < 0.05
                  and a.get_position().y1 < one.get_position().y0]  # fmt: skip
         assert bool(one.get_xlabel()) == (not below)
+
+
+def test_panels_come_in_the_order_asked_for():
+    results = make(("a.u", "real", ""), ("a.y", "real", ""), ("b.x[1]", "real", ""), ("b.x[2]", "real", ""))
+    assert titles(plot(results, ["b.x", "a.y", "a.u"], {}, None)) == ["b.x", "a.y", "a.u"]
+    assert titles(plot(results, [], {}, None)) == ["a.u", "a.y", "b.x"]
 
 
 def test_hidden_signals_have_no_panel_and_no_signals_no_picture(tmp_path):

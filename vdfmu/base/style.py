@@ -18,6 +18,7 @@ import matplotlib.style
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -26,9 +27,11 @@ from matplotlib.ticker import ScalarFormatter
 from matplotlib.transforms import Bbox
 from PIL import Image
 
+from vdfmu.base import palette
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import write_whole
+from vdfmu.base.measure import fitted
 from vdfmu.base.thinning import extremes
 
 P = ParamSpec("P")
@@ -37,13 +40,14 @@ DPI = 150
 WIDTH = 8.0
 """Width of a figure [in]."""
 
-COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Okabe and Ito (2008), safe for colour-blind readers; their yellow is left out, too faint on white."""
+COLORS = palette.LIGHT
 
 DASHES = ("-", "--", "-.", ":")
+BACK: dict[str, Any] = {"color": COLORS[5], "linewidth": 3.2}
+ON_TOP: dict[str, Any] = {"color": "#000000", "linewidth": 1.1, "linestyle": (0, (5, 3))}
+"""Looks of two curves that may lie on each other: a broad one, and a dashed one over it."""
 _GREY = "#555555"
 _MARGIN = 0.1
-_PLAIN = range(-2, 4)  # decades that an axis shows without a power of ten
 _CAPTION_CHARACTERS = 15.6  # that fit into an inch
 _RC: dict[str, Any] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib
@@ -126,8 +130,9 @@ def new_figure(
 def dress(axes: Axes, title: str, quantity: str, unit: str, time: Floats | None = None) -> None:
     """Give a panel with its curves a title, a y label with unit and, over time, the limits of its x axis.
 
-    Very small or large values get a power of ten in the label, never a separate factor above the axis. Values
-    that are constant except for rounding are drawn from 0. A logarithmic axis shows whole decades, three to nine.
+    Very small or large values get a unit that fits, or a power of ten in the label, never a factor above the axis.
+    Values that are constant except for rounding are drawn from 0. A logarithmic axis shows whole decades, three to
+    nine.
     """
     axes.set_title(title)
     low, high = axes.dataLim.intervaly
@@ -139,17 +144,22 @@ def dress(axes: Axes, title: str, quantity: str, unit: str, time: Floats | None 
     else:
         if high - low < 1e-6 * largest < math.inf:
             axes.set_ylim(min(0.0, 1.1 * low), max(0.0, 1.1 * high))
-        exponent = math.floor(math.log10(largest)) if 0.0 < largest < math.inf else 0
-        formatter = ScalarFormatter(useOffset=False)
-        formatter.set_scientific(exponent not in _PLAIN)
-        if exponent not in _PLAIN:
-            formatter.set_powerlimits((exponent, exponent))
-            unit = rf"$10^{{{exponent}}}$ {unit}"
-        axes.yaxis.set_major_formatter(formatter)
-        axes.yaxis.get_offset_text().set_visible(False)
+        unit = fit_axis(axes.yaxis, unit, largest)
     axes.set_ylabel(" ".join(part for part in (quantity, f"[{unit}]" if unit else "") if part))
     if time is not None and len(time) and time[-1] > time[0]:
         axes.set_xlim(float(time[0]), float(time[-1]))
+
+
+def fit_axis(axis: Axis, unit: str, largest: float) -> str:
+    """Let a linear axis show values up to `largest` in the unit that fits them; return it."""
+    fit, exponent = fitted(unit, largest)
+    formatter = ScalarFormatter(useOffset=False)
+    formatter.set_scientific(exponent != 0)
+    if exponent:
+        formatter.set_powerlimits((exponent, exponent))
+    axis.set_major_formatter(formatter)
+    axis.get_offset_text().set_visible(False)
+    return fit if fit or not exponent else rf"$10^{{{exponent}}}$ {unit}".strip()
 
 
 def label_time(panels: Sequence[Axes], columns: int) -> None:

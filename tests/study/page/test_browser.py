@@ -1,6 +1,9 @@
 """The page of a run in a browser: what it shows, what it does, what it asks for."""
 
+import csv
+import json
 import re
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -8,6 +11,8 @@ import pytest
 import vdfmu
 from tests.study.page.browser import centre, number, pixels, show
 from vdfmu.arm.dynamics import forward_kinematics
+from vdfmu.base import palette
+from vdfmu.base.measure import fitted
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.simulate import run_system
 from vdfmu.study.report.page import read_run, write_report
@@ -81,10 +86,13 @@ def test_pointing_shows_the_value_of_the_file(run, browser):
     time = float(re.match(r"([\d.]+) s", words)[1])
     row = int(np.rint(1e3 * time))
     assert 400 < row < 600  # in the middle
-    shown = re.findall(r"joint (\d)\s*(\S+) deg", words)
-    assert [joint for joint, _ in shown] == list("123456")
+    shown = re.findall(r"joint (\d)\s*(\S+) (.?)deg", words)
+    assert [joint for joint, *_ in shown] == list("123456")
     error = np.degrees(results["trajectory.q_d"] - results["plant.q"])[row]
-    np.testing.assert_allclose([number(value) for _, value in shown], error, rtol=5e-6)  # six digits
+    low, high = browser.run("[report.charts[1].plot.scales.y.min, report.charts[1].plot.scales.y.max]")
+    # three digits of the stretch that the axis spans: half of its third
+    found = [{"": 1.0, "m": 1e-3, "µ": 1e-6}[prefix] * number(value) for _, value, prefix in shown]
+    np.testing.assert_allclose(found, error, rtol=0, atol=5e-3 * (high - low))
 
 
 def test_dragging_zooms_all_figures_and_a_double_click_ends_it(run, browser):
@@ -113,6 +121,76 @@ def test_selector_of_joints_and_logarithmic_scale(run, browser):
     browser.settle()
     assert browser.run("report.charts[1].plot.scales.y.distr") == 3
     assert browser.run("report.charts[1].plot.data.slice(1).flat().every(v => v === null || v > 0)")
+
+
+def test_names_stand_at_the_ends_of_curves_without_overlaps(run, browser):
+    show(browser, run / "report.html", 1280, 1400)
+    for chart, n in ((0, 6), (1, 6), (2, 6)):
+        ends = browser.run(f"report.charts[{chart}].ends()")
+        assert sorted(one["text"] for one in ends) == [f"joint {i}" for i in range(1, n + 1)]
+        places = [one["place"] for one in ends]
+        assert min(np.diff(places)) >= 11.99  # 12 px apart, and sums of such numbers
+        assert all(np.diff([one["end"] for one in ends]) >= 0.0)  # no two lines to names cross
+    centre(browser, "#figures .chart:nth-child(6)")
+    strokes = [browser.run(f"report.charts[{k}].strokeOf(report.charts[{k}].unpacked[0])") for k in (1, 5)]
+    assert strokes == [
+        palette.LIGHT[0],
+        browser.run("getComputedStyle(document.body).getPropertyValue('--ink').trim()"),
+    ]
+
+
+def test_pointing_to_a_joint_fades_the_others_and_alt_shows_it_alone(run, browser):
+    show(browser, run / "report.html", 1280, 1400)
+    x, y = centre(browser, "#figures .bar .chip:nth-child(4)")  # after a word, of joint 3
+    browser.mouse("mouseMoved", x, y)
+    alphas = "report.charts[1].plot.series.slice(1).map(s => s.alpha)"
+    assert browser.run(alphas) == [0.15, 0.15, 1, 0.15, 0.15, 0.15]
+    for _ in range(2):
+        for kind in ("mousePressed", "mouseReleased"):
+            browser.mouse(kind, x, y, button="left", clickCount=1, modifiers=1)
+        shown = browser.run("report.charts[1].plot.series.slice(1).map(s => s.show)")
+        assert shown == [k == 2 for k in range(6)] or _ == 1
+    assert shown == [True] * 6
+    browser.mouse("mouseMoved", x, y + 60)
+    assert browser.run("report.view.focus") is None
+    # the middle of a figure without its curve nearby points to none, next to a curve to that one
+    curve = browser.run("""(() => {
+        const { plot } = report.charts[1], box = plot.over.getBoundingClientRect(), row = plot.data[0].length >> 1;
+        return [box.left + plot.valToPos(plot.data[0][row], "x"), box.top + plot.valToPos(plot.data[2][row], "y")];
+    })()""")
+    browser.mouse("mouseMoved", *curve)
+    assert browser.run("report.view.focus") in range(1, 7)
+
+
+def test_a_figure_is_saved_as_drawing_picture_and_table(run, browser):
+    show(browser, run / "report.html", 1280, 1400)
+    results = Results.read(run / "results.csv")
+    browser.run("report.view.change('range', [0.2, 0.4])")
+    browser.settle()
+    heads, *rows = csv.reader(browser.run("report.charts[1].file('CSV').then(f => f.text())").splitlines())
+    assert heads == ["time [s]", *(f"joint {i} [deg]" for i in range(1, 7))]
+    table = np.array(rows, dtype=float)
+    places = np.rint(1e3 * table[:, 0]).astype(int)
+    assert places[0] == 200 and places[-1] == 400
+    error = np.degrees(results["trajectory.q_d"] - results["plant.q"])[places]
+    np.testing.assert_allclose(table[:, 1:], error, rtol=2**-24, atol=1e-30)  # single precision
+    drawing = ElementTree.fromstring(browser.run("report.charts[1].file('SVG').then(f => f.text())"))
+    texts = {text.text for text in drawing.iter("{http://www.w3.org/2000/svg}text")}
+    unit = browser.run("report.charts[1].unitText.textContent")
+    assert {"joint 1", "joint 6", f"Position tracking errors: q_d − q [{unit}]"} <= texts and unit.endswith("deg")
+    size = browser.run("report.charts[1].file('PNG').then(createImageBitmap).then(i => [i.width, i.height])")
+    wanted = browser.run("[report.charts[1].plot.width, report.charts[1].plot.height]")
+    assert size == [3 * wanted[0], 3 * (wanted[1] + 26)]  # with the title
+
+
+def test_units_that_fit_are_those_of_the_pictures(run, browser):
+    show(browser, run / "report.html")
+    cases = [(unit, 2.5 * 10.0**k) for unit in ("deg", "mm", "N.m", "rad/s", "m²", "Hz", "") for k in range(-14, 8)]
+    fit = "report.charts[0].fit.call({ unit }, value)"
+    made = browser.run(f"{json.dumps(cases)}.map(([unit, value]) => {fit})")
+    for (unit, value), (name, exponent) in zip(cases, made, strict=True):
+        wanted, power = fitted(unit, value)
+        assert exponent == power and (name == wanted or (name.startswith("10") and not wanted)), (unit, value)
 
 
 def test_a_click_on_a_wire_shows_its_signal(run, browser):

@@ -87,7 +87,7 @@ def test_errors_have_one_panel_a_unit(made, types):
         # one product of two doubles more or less: 2 units in the last place of values up to 0.1
         np.testing.assert_allclose(curves(positions), factor * error[:, joints].T, rtol=0, atol=1e-15)
         np.testing.assert_allclose(curves(torques), compensation[:, joints].T, rtol=0, atol=1e-13)
-        assert unit in positions.get_ylabel() and torques.get_ylabel().endswith(torque)
+        assert unit.lstrip("m") in positions.get_ylabel() and torques.get_ylabel().endswith(torque)
 
 
 def test_a_joint_has_one_look_in_all_panels(made):
@@ -211,7 +211,7 @@ def test_nothing_hides_data_or_leaves_the_picture(made, types):
 
 
 @pytest.mark.parametrize("exponent", range(-14, 8))
-def test_tick_labels_times_the_power_in_the_label_are_the_values(exponent):
+def test_tick_labels_in_the_unit_of_the_label_are_the_values(exponent):
     @style.styled
     def draw() -> Figure:
         figure = style.new_figure("title", "caption", height=3.0)
@@ -226,6 +226,8 @@ def test_tick_labels_times_the_power_in_the_label_are_the_values(exponent):
     (axes,) = figure.axes
     label = axes.get_ylabel()
     power = 10.0 ** int(label.split("{")[1].split("}")[0]) if "{" in label else 1.0
+    power *= {"[": 1.0, " ": 1.0, "k": 1e3, "m": 1e-3, "µ": 1e-6, "n": 1e-9}[label[-5]]
+    assert ("{" in label) == (exponent not in range(-9, 6))  # from nN.m to kN.m
     ticks = [(tick, text.get_text()) for tick, text in zip(axes.get_yticks(), axes.get_yticklabels(), strict=True)]
     shown = [float(text.replace("\N{MINUS SIGN}", "-")) * power for _, text in ticks]
     # labels have the few digits that tell the ticks apart, which are multiples of 1, 2, 2.5 or 5
@@ -292,7 +294,7 @@ def test_torsion_and_the_error_of_the_tool_in_mm(made):
     results, scenario = made.results(3), made.scenario(MIXED)
     figure = draw_tool(results, scenario)
     first, second, tool = figure.axes
-    assert [axes.get_ylabel() for axes in (first, second)] == [r"$\kappa - q$ [deg]", r"$\kappa - q$ [mm]"]
+    assert [axes.get_ylabel() for axes in (first, second)] == [r"$\kappa - q$ [mdeg]", r"$\kappa - q$ [mm]"]
     # the torsions that the run was made with, 1e-4 times 1, 2, 3; the sum with q leaves their last four digits
     np.testing.assert_allclose(first.lines[1].get_ydata(), np.rad2deg(3e-4), rtol=1e-11)
     np.testing.assert_allclose(second.lines[0].get_ydata(), 0.2, rtol=1e-11)

@@ -8,11 +8,13 @@ import pytest
 from typer.testing import CliRunner
 
 import vdfmu
+from vdfmu.base import palette
 from vdfmu.base.errors import UsageError
 from vdfmu.cli.commands import app
 from vdfmu.study.sweeps.axes import read_axes
 from vdfmu.study.sweeps.indices import morris_indices, sobol_indices
 from vdfmu.study.sweeps.ledger import Ledger
+from vdfmu.study.sweeps.looks import FAILED
 from vdfmu.study.sweeps.measures import read_measures, unit_of
 from vdfmu.study.sweeps.points import draw, shares
 from vdfmu.study.sweeps.sides import groups, view
@@ -128,8 +130,8 @@ def test_all_figures_that_fit_are_drawn_with_failed_points_in_them(tmp_path, ove
     for file in files:
         picture = matplotlib.image.imread(file)[..., :3]
         assert picture.shape[0] > 300 and picture.shape[1] > 1000
-        if "tornado" not in file.name:  # #D55E00, of the crosses: more than a stray pixel
-            assert (np.abs(picture - np.array([0xD5, 0x5E, 0]) / 255).max(axis=-1) < 0.02).sum() > 5, file
+        if "tornado" not in file.name:  # of the crosses: more than a stray pixel
+            assert (np.abs(picture - np.array(palette.rgb(FAILED)) / 255).max(axis=-1) < 0.02).sum() > 5, file
 
 
 def test_indices_are_drawn(saltelli, tmp_path):

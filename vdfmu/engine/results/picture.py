@@ -22,6 +22,8 @@ _CURVES, _CURVES_ALONE = 8, 28
 """Curves of a panel whose legend fits next to it, and of one that is alone; its curves differ in colour or dashes."""
 _TITLE, _TITLE_ALONE = 38, 80
 """Characters of the title of a panel."""
+_NAMED = 8
+"""Names of panels that were left out, in the caption."""
 _LEAST, _LARGEST = 1e-290, 1e290
 """Values that matplotlib can draw."""
 
@@ -30,8 +32,8 @@ class _Panel(NamedTuple):
     component: str
     title: str
     unit: str
-    curves: list[tuple[str, str]]
-    """Label and name of the signal."""
+    curves: list[tuple[int, str, str]]
+    """Place in its array from 0, which has its colour in all panels; label; name of the signal."""
 
 
 def signals_figure(
@@ -50,14 +52,17 @@ def plot(results: Recorded, names: Sequence[str], over: Mapping[str, Recorded], 
     if not all(isinstance(run, Recorded) for run in runs):
         raise UsageError(f"plot: expected results by what they are called, over={{'soft': other}}, got {over!r:.60}.")
     wanted = [signal for name in names or results.names for signal in results.members(name)]
-    figure = draw_signals(results, set(results.names).difference(wanted), over)
+    figure = draw_signals(results, set(results.names).difference(wanted), over, wanted)
     if path is not None:
         style.save(figure, Path(path))
     return figure
 
 
 @style.styled
-def draw_signals(results: Recorded, hidden: Collection[str] = (), over: Mapping[str, Recorded] | None = None) -> Figure:
+def draw_signals(
+    results: Recorded, hidden: Collection[str] = (), over: Mapping[str, Recorded] | None = None,
+    order: Sequence[str] = (),
+) -> Figure:  # fmt: skip
     """Draw the recorded variables over time.
 
     With more than `PANELS` variables each component shows its first ones.
@@ -69,17 +74,20 @@ def draw_signals(results: Recorded, hidden: Collection[str] = (), over: Mapping[
         Signals to leave out.
     over : mapping of str to Recorded, optional
         Other runs to draw over these, by what they are called.
+    order : sequence of str, optional
+        Signals in the order of their panels; by default that of the results.
     """
-    panels = _panels(results, hidden)
+    panels = _panels(results, hidden, order)
     shown = _chosen(panels)
     facts = results.summary
     runs = {str(facts.get("scenario") or "this run"): results, **(over or {})}
     about = [Path(facts.get("package", "")).name, str(facts.get("algorithm", ""))]
     about += [f"step {1e3 * facts['step']:g} ms"] if "step" in facts else []
     caption = ", ".join(filter(None, about)) + "." if any(about) else ""
-    left = len(panels) - len(shown)
+    left = [panel.title for panel in panels if panel not in shown]
     if left:
-        caption += f" {left} more variables are in the results; --record chooses others."
+        more = f" and {len(left) - _NAMED} more" if len(left) > _NAMED else ""
+        caption += f" Not drawn: {', '.join(left[:_NAMED])}{more}; they are in the results, --record chooses others."
     alone = len(shown) == 1
     most = _CURVES_ALONE if alone else _CURVES
     if any(len(p.curves) > most for p in shown):
@@ -87,7 +95,7 @@ def draw_signals(results: Recorded, hidden: Collection[str] = (), over: Mapping[
     columns = 1 if alone else 2 if len(shown) <= 6 else 3
     rows = -(-len(shown) // columns)
     figure = style.new_figure(
-        _plain(f"Signals of {facts.get('system', 'a run')}", _TITLE_ALONE),
+        _plain(f"Signals of {facts.get('scenario') or facts.get('system', 'a run')}", _TITLE_ALONE),
         _plain(caption, 10 * _TITLE_ALONE),
         width=3.9 * columns if columns > 1 else style.WIDTH,
         height=1.0 + (3.2 if rows == 1 else 2.2) * rows,
@@ -112,7 +120,7 @@ def _run_look(k: int) -> dict[str, Any]:
 
 def _draw(axes: Axes, runs: Sequence[Recorded], panel: _Panel, most: int, length: int) -> None:
     handles: list[Line2D] = []
-    for i, (label, name) in enumerate(panel.curves[:most]):
+    for i, label, name in panel.curves[:most]:
         for k, results in enumerate(runs):
             if name not in results.kinds:
                 continue
@@ -137,17 +145,27 @@ def _plain(text: str, length: int) -> str:
     return text.replace("$", r"\$")
 
 
-def _panels(results: Recorded, hidden: Collection[str]) -> list[_Panel]:
-    """Return the groups in the order of the results; elements with another unit get another panel."""
+def _panels(results: Recorded, hidden: Collection[str], order: Sequence[str] = ()) -> list[_Panel]:
+    """Return the groups in the order of the results or of signals; elements with another unit get another panel.
+
+    Such panels say of which elements they are.
+    """
     panels: dict[tuple[str, str], _Panel] = {}
     for group, elements in results.groups.items():
-        for name in elements.values():
+        units = {results.units[name] for name in elements.values()}
+        for place, (index, name) in enumerate(sorted(elements.items())):
             if name in hidden:
                 continue
-            unit = results.units[name]
+            unit, label = results.units[name], name.removeprefix(group) or name
             panel = panels.setdefault((group, unit), _Panel(group.rpartition(".")[0], group, unit, []))
-            panel.curves.append((name.removeprefix(group) or name, name))
-    return list(panels.values())
+            panel.curves.append((index[0] - 1 if len(index) == 1 else place, label, name))
+        for unit in units if len(units) > 1 else ():
+            if (group, unit) in panels:
+                panel = panels[group, unit]
+                indices = ", ".join(label.strip("[]") for _, label, _ in panel.curves)
+                panels[group, unit] = panel._replace(title=f"{group}[{indices}]")
+    places = {name: place for place, name in reversed(list(enumerate(order)))}
+    return sorted(panels.values(), key=lambda panel: min(places.get(name, 0) for _, _, name in panel.curves))
 
 
 def _chosen(panels: list[_Panel]) -> list[_Panel]:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from vdfmu.arm.robot import Robot
 from vdfmu.base import style
@@ -51,15 +51,19 @@ def draw_motion(title: str, robot: Robot, t: Floats, q: Floats) -> Figure:
 
 @style.styled
 def draw_torques(title: str, t: Floats, torque: Floats, error: Floats, units: tuple[str, ...]) -> Figure:
-    """Draw measured torques (m, n) over time, link-side, and the part that the model leaves, a panel each joint."""
+    """Draw measured torques (m, n) over time, link-side, with the model over them, and their differences."""
     n = torque.shape[1]
-    words = "Motor torques times ell, in the band of the estimation, and what the model leaves of them."
-    figure = style.new_figure(title, words, height=1.8 * n + 1.0)
+    words = "Motor torques times ell, in the band of the estimation; right: measured minus model."
+    handles = [Line2D([], [], label=name, **look) for name, look in (("measured", style.BACK), ("model", style.ON_TOP))]
+    figure = style.new_figure(title, words, height=1.8 * n + 1.3, legend=handles)
     panels = _panels(figure, n, 2)
-    for i, axes in enumerate(panels):
-        joint, name = i // 2, ("measured", "measured minus model")[i % 2]
-        style.curve(axes, t, (torque, error)[i % 2][:, joint], **style.joint_look(joint))
-        style.dress(axes, f"Joint {joint + 1}, {name}", "torque", units[joint], t)
+    for joint in range(n):
+        left, right = panels[2 * joint : 2 * joint + 2]
+        style.curve(left, t, torque[:, joint], **style.BACK)
+        style.curve(left, t, torque[:, joint] - error[:, joint], **style.ON_TOP)
+        style.curve(right, t, error[:, joint], **style.joint_look(joint))
+        for axes, name in ((left, ""), (right, ", measured minus model")):
+            style.dress(axes, f"Joint {joint + 1}{name}", "torque", units[joint], t)
     style.label_time(panels, 2)
     return figure
 
@@ -73,19 +77,29 @@ def draw_modes(
     A panel has m pairs: frequencies [Hz] of the modes at a time, and which joint's spring has most of the energy of
     each.
     """
-    joints = sorted({int(i) for along in panels.values() for _, joint in along for i in joint})
-    handles = style.joint_handles(joints)
-    for handle in handles:
-        handle.set(marker="o", markersize=4.0, linestyle="none")
-    words = "At rest at poses of the desired motion, the fastest modes. Colour: the joint whose spring has most energy."
-    figure = style.new_figure(title, words, height=2.2 * len(panels) + 1.0, legend=handles)
+    words = (
+        "At rest at poses of the desired motion, the fastest modes, a colour each. Numbers on a curve, from there on: "
+        "the joint whose spring has most of its energy."
+    )
+    n = max(len(frequency) for along in panels.values() for frequency, _ in along)
+    figure = style.new_figure(title, words, height=2.6 * len(panels) + 1.0)
     shown = _panels(figure, len(panels), 1)
     for axes, (motors, along) in zip(shown, panels.items(), strict=True):
-        for joint in joints:
-            here = [(t, f) for t, (each, of) in zip(times, along, strict=True) for f in each[of == joint]]
-            if here:
-                axes.plot(*np.transpose(here), ".", color=style.joint_look(joint)["color"], markersize=4.0)
+        for mode in range(n):
+            track = [
+                (t, f[mode - n], of[mode - n]) for t, (f, of) in zip(times, along, strict=True) if len(f) >= n - mode
+            ]
+            if not track:
+                continue
+            time, frequency, joint = (np.array(column) for column in zip(*track, strict=True))
+            axes.plot(time, frequency, label=f"mode {mode + 1}", **style.joint_look(mode))
+            for k in [0, *(np.flatnonzero(np.diff(joint)) + 1)]:
+                place = (2, (-8, 2)[mode % 2])  # of two neighbours one below its curve and one above
+                axes.annotate(
+                    str(joint[k] + 1), (time[k], frequency[k]), place, textcoords="offset points", fontsize=7.5
+                )
         style.dress(axes, f"Motors {motors}", "frequency", "Hz", times)
+        style.legend_beside(axes, axes.lines[::-1])
     style.label_time(shown, 1)
     return figure
 
@@ -120,6 +134,8 @@ def draw_bode(
                            ha="center", va=side)  # fmt: skip
     style.dress(above, "Amplitude", "", unit)
     style.dress(below, "Phase", "", "deg", frequency)
+    low, high = below.get_ylim()
+    below.yaxis.set_major_locator(MultipleLocator(90.0 * max(1, round((high - low) / 630.0))))
     below.set_xlabel("Frequency [Hz]")
     return figure
 

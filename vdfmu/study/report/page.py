@@ -19,6 +19,7 @@ from urllib.parse import quote
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import write_whole
 from vdfmu.base.json_text import to_json
+from vdfmu.base.palette import style_sheet
 from vdfmu.compiler.fmu.native import THIRD_PARTY
 from vdfmu.compiler.fmu.page import page, table
 from vdfmu.engine.results.formats import result_files
@@ -36,9 +37,9 @@ from vdfmu.system.package.drawing import system_diagram
 NAME = "report.html"
 _WEB = Path(__file__).parent / "web"
 MODULES = (
-    "packed.js", "vendor.js", "state.js", "data.js", "numbers.js", "chart.js", "figures.js", "arm.js", "world.js",
-    "puppet.js", "scene.js", "timeline.js", "player.js", "system.js", "worker.js", "simulation.js", "share.js",
-    "main.js",
+    "packed.js", "vendor.js", "state.js", "data.js", "numbers.js", "labels.js", "heat.js", "save.js", "chart.js",
+    "figures.js", "arm.js", "world.js", "puppet.js", "scene.js", "timeline.js", "player.js", "system.js", "worker.js",
+    "simulation.js", "share.js", "main.js",
 )  # fmt: skip
 """In an order in which each comes after the modules that it imports."""
 WORKER = ("packed.js", "fmu.js", "master.js")
@@ -173,7 +174,7 @@ def report_page(runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: 
 
 def look() -> str:
     """Return the content of a page's head: its style, light or dark, and the policy that forbids network requests."""
-    return f"{_POLICY}<style>{_text('report.css')}</style>"
+    return f"{_POLICY}<style>{style_sheet()}{_text('report.css')}</style>"
 
 
 @lru_cache

@@ -26,10 +26,6 @@ from vdfmu.study.report.joints import UNITS, Group, group_joints, panel_letter
 from vdfmu.study.report.tool import draw_tool
 from vdfmu.system.scenario import Scenario
 
-_BACK: dict[str, Any] = {"color": style.COLORS[5], "linewidth": 3.2}
-_ON_TOP: dict[str, Any] = {"color": "#000000", "linewidth": 1.1, "linestyle": (0, (5, 3))}
-
-
 # --- figures ---------------------------------------------------------------------------------------------
 
 
@@ -84,11 +80,11 @@ def draw_moving_positions(results: Results, scenario: Scenario) -> Figure:
         unit, time = group.unit, results.time
         for i in group.joints:
             style.curve(axes, time, unit.factor * q[:, i], **{**style.joint_look(i), "linewidth": 3.2})
-            style.curve(axes, time, unit.factor * q_d[:, i], **_ON_TOP)
+            style.curve(axes, time, unit.factor * q_d[:, i], **style.ON_TOP)
         style.dress(axes, f"Desired and actual positions{group.suffix}", "Position", unit.position, time)
         _position_errors(grid[1, column], results, group)
     style.label_time(grid.ravel().tolist(), len(groups))
-    desired = Line2D([], [], label="desired", **_ON_TOP)
+    desired = Line2D([], [], label="desired", **style.ON_TOP)
     style.legend_beside(grid[0, -1], [*style.joint_handles(moving), desired])
     return _lettered(figure)
 
@@ -172,16 +168,16 @@ def _unit_columns(title: str, caption: str, groups: Sequence[Group], rows: int) 
 def _legend() -> list[Line2D]:
     """Entries of two curves that may lie on each other: a broad one and a dashed one over it."""
     return [
-        Line2D([], [], label=r"control $\ell\,\tau$", **_BACK),
-        Line2D([], [], label=r"feedforward $\ell\,\tau_m$", **_ON_TOP),
+        Line2D([], [], label=r"control $\ell\,\tau$", **style.BACK),
+        Line2D([], [], label=r"feedforward $\ell\,\tau_m$", **style.ON_TOP),
     ]
 
 
 def _over_each_other(axes: Axes, title: str, robot: Robot, i: int, time: Floats, back: Floats, on_top: Floats) -> None:
     """Draw two torques (m, n) of joint `i` over each other."""
     unit = UNITS[robot.joint_types[i]]
-    style.curve(axes, time, back[:, i], **_BACK)
-    style.curve(axes, time, on_top[:, i], **_ON_TOP)
+    style.curve(axes, time, back[:, i], **style.BACK)
+    style.curve(axes, time, on_top[:, i], **style.ON_TOP)
     style.dress(axes, title, unit.noun.capitalize(), unit.torque, time)
 
 

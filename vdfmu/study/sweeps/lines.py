@@ -6,16 +6,19 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from vdfmu.base import style
 from vdfmu.study.sweeps.indices import CONFIDENCE, indices
-from vdfmu.study.sweeps.looks import COLOUR_MAP, HIGH, LOW, new_figure
+from vdfmu.study.sweeps.looks import COLOUR_MAP, HIGH, LOW, fitted_label, new_figure
 from vdfmu.study.sweeps.sides import View, groups
 
 _BARS = 20
 """Most axes; the most influential are shown."""
+_UNSURE, _MOST = "#e4e4e4", 0.1
+"""Colour of an index that may be zero; least end of the scale of pairs."""
 
 
 @style.styled
@@ -30,7 +33,7 @@ def draw_tornado(shown: View) -> Figure:
     words = (
         "Bars: mean of the measure at the lowest and at the highest value of an axis, or in the lowest and highest "
         "fifth of its points, where it has more than five values; of words the least and the largest mean. Thin line: "
-        "range of the means of all fifths. Vertical line: mean of all points."
+        "range of the means of all fifths. Vertical line: mean of all points. Words at the bars: values of the axis."
     )
     title = f"{shown.value.label} from low to high of each axis"
     figure = new_figure(shown, title, words, 1.9 + 0.55 * len(sides), legend=handles)
@@ -43,13 +46,12 @@ def draw_tornado(shown: View) -> Figure:
             axes.barh(y, height - mean, left=mean, height=0.3, color=color)
             left = height < mean
             axes.annotate(
-                side.text(at), (height, y), (-4 if left else 4, 0), textcoords="offset points", va="center",
+                f"at {side.text(at)}", (height, y), (-4 if left else 4, 0), textcoords="offset points", va="center",
                 ha="right" if left else "left", fontsize=8.0,
             )  # fmt: skip
     axes.axvline(mean, color="#333333", linewidth=0.8)
     axes.set_yticks(range(len(sides)), [side.label for side in reversed(sides)])
-    axes.set_xlabel(shown.value.label)
-    axes.xaxis.set_major_formatter("{x:.3g}")
+    axes.set_xlabel(fitted_label(axes.xaxis, shown.value))
     axes.margins(x=0.12)
     axes.grid(visible=False, axis="y")
     return figure
@@ -64,6 +66,8 @@ def draw_indices(shown: View) -> Figure:
     """Draw Sobol or Morris indices with their confidence intervals."""
     found = indices(shown.study, shown.measure)
     d, words = len(found.axes), f"Bars of error: {100.0 * CONFIDENCE:.0f} % by bootstrap."
+    if found.kind == "sobol":
+        words += " Grey pairs: their interval has zero in it."
     if found.kind == "morris":
         figure = new_figure(shown, f"{shown.value.label}: Morris", words, 4.6)
         axes: Axes = figure.subplots()
@@ -93,10 +97,13 @@ def draw_indices(shown: View) -> Figure:
     left.set_title("One axis: first order and total")
     left.grid(visible=False, axis="y")
     second, widths = found.values["second"], found.widths["second"]
-    image = right.imshow(second, cmap=COLOUR_MAP, vmin=0.0, vmax=max(float(np.nanmax(second)), 0.1))
+    sure = second > widths  # of the others the interval has zero in it
+    right.imshow(np.where(np.isnan(second), np.nan, 0.0), cmap=ListedColormap([_UNSURE]))
+    image = right.imshow(np.where(sure, second, np.nan), cmap=COLOUR_MAP, vmin=0.0, vmax=max([_MOST, *second[sure]]))
     for i, j in zip(*np.triu_indices(d, 1), strict=True):
+        dark = sure[i, j] and second[i, j] < 0.6 * image.norm.vmax
         right.text(j, i, f"{second[i, j]:.2f}\n± {widths[i, j]:.2f}", ha="center", va="center", fontsize=8.0,
-                   color="white" if second[i, j] < 0.6 * image.norm.vmax else "black")  # fmt: skip
+                   color="white" if dark else "black")  # fmt: skip
     names = [name.rpartition(".")[2] for name in found.axes]
     right.set_xticks(range(d), names, rotation=30, ha="right")
     right.set_yticks(range(d), names)

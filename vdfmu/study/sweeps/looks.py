@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
@@ -45,7 +47,8 @@ def colours_of(shown: View) -> ScalarMappable:
 
 def dress(axes: Axes, side: Side, which: str, label: bool = True) -> None:
     """Give an axis, ``x`` or ``y``, the scale, the words and the name of a side."""
-    words = side.label.replace(" (", "\n(")
+    axis: Any = getattr(axes, f"{which}axis")
+    words = (side.label if side.words or side.log else fitted_label(axis, side)).replace(" (", "\n(")
     if len(words) > _LONG:
         words = words.replace(" [", "\n[")
     getattr(axes, f"set_{which}label")(words if label else "")
@@ -56,10 +59,15 @@ def dress(axes: Axes, side: Side, which: str, label: bool = True) -> None:
         getattr(axes, f"set_{which}scale")("log")
         low, high = float(np.nanmin(side.values)), float(np.nanmax(side.values))
         if high < 100.0 * low:  # decades alone would leave one label, or none
-            axis: Any = getattr(axes, f"{which}axis")
             axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             axis.set_minor_locator(NullLocator())
             axis.set_major_formatter("{x:g}")
+
+
+def fitted_label(axis: Axis, side: Side) -> str:
+    """Let a linear axis show the values of a side in a unit that fits; return its name with this unit."""
+    unit = style.fit_axis(axis, side.unit, float(np.nanmax(np.abs(side.values))))
+    return replace(side, unit=unit).label
 
 
 def legend_of(shown: View) -> list[Line2D]:

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.base import palette
 from vdfmu.base.arrays import Floats
 from vdfmu.base.child import Parent
 from vdfmu.base.errors import VdfmuError
@@ -181,7 +182,7 @@ def _factor(key: str, kind: str) -> float:
 _KEYS = {signal: key for key, signal in SIGNALS.items()}
 NEEDS = {name: {_KEYS[signal] for _, signal in SUMS[name]} for name in QUANTITIES}
 """Quantity to the signals that it takes."""
-COLOURS = ("#1667c7", "#e2570d", "#2f9e44", "#9c36b5", "#c2255c", "#0b7285", "#868e96", "#a17c1a")
+COLOURS = palette.LIGHT
 
 
 class ViewServer:

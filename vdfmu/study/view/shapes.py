@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from vdfmu.arm.robot import Robot
+from vdfmu.base import palette
 from vdfmu.base.arrays import Floats
 from vdfmu.study.report.shapes import DrawnShape
 
 Colour = tuple[int, int, int]
 LOOKS = {"light": "#dee4eb", "dark": "#586473", "joint": "#a3aeba"}
 """Colours of parts without their own colour."""
-POSITIVE, NEGATIVE = (226, 87, 13), (22, 103, 199)
+POSITIVE, NEGATIVE = (palette.rgb(palette.LIGHT[i]) for i in (palette.POSITIVE, palette.NEGATIVE))
 
 
 def half_axes(mass: float, moments: Floats) -> Floats:
@@ -62,8 +63,7 @@ def centres(robot: Robot) -> list[tuple[int, Floats]]:
 
 def rgb(colour: str) -> Colour:
     """Red, green and blue of the colour of a part."""
-    red, green, blue = bytes.fromhex(LOOKS.get(colour, colour)[1:])
-    return red, green, blue
+    return palette.rgb(LOOKS.get(colour, colour))
 
 
 def blend(share: float) -> Colour:

@@ -1,10 +1,10 @@
 // The arm in 3D. Frame {B_i} of joint i is a group of three.js, placed as Eq. (32)-(36) place it in {B_(i-1)}.
 
-import { colourOf, darkScheme, framesOf } from "./data.js";
+import { colourOf, darkScheme, framesOf, inkOf } from "./data.js";
 
 const T = vendor;
-export const POSITIVE = new T.Color("#e2570d");
-export const NEGATIVE = new T.Color("#1667c7");
+export const POSITIVE = new T.Color(inkOf("positive"));
+export const NEGATIVE = new T.Color(inkOf("negative"));
 export const NEUTRAL = new T.Color("#a3aeba");
 
 /** The arms of a run, each with its drawing and its frames. */

@@ -1,23 +1,27 @@
 // A figure: curves over time that zoom together, show their values under the pointer, and have a logarithmic scale.
 
-import { colourOf, darkScheme, make, raised, runs, simulated, text, toggle, view } from "./data.js";
+import { COLOURS, colourOf, darkScheme, fitted, inkOf, make, raised, recorded, runs, simulated, text, toggle, view } from "./data.js";
+import { Heat } from "./heat.js";
+import { drawEnds, endsOf, keyOf, roomForNames } from "./labels.js";
+import { FILES, saveMenu } from "./save.js";
 
 const { uPlot } = vendor;
-const DASHES = [[], [9, 4], [2, 3], [9, 3, 2, 3]];
+const DASHES = [[], [9, 4], [9, 3, 2, 3], [2, 3]]; // as `DASHES` of vdfmu/base/style.py
 const HEIGHT = 240;
-const PALE = 0.4;
+const PALE = 0.4, FADED = 0.15;
+const NEAR = 14; // px, of the pointer to a curve
 
 export class Chart {
   /** `curves` is a function that gives them: it is called when the chart first comes into sight, and when the simulated ones have changed. */
   constructor(title, unit, curves) {
-    Object.assign(this, { unit, curves, log: false, seen: false, stale: true });
+    Object.assign(this, { title, unit, curves, worst: null, log: false, seen: false, stale: true });
     this.unitText = make("span", { class: "unit" }, unit);
     this.place = make("div", { class: "plot", tabindex: 0, "aria-label": `${title}: values at the time shown`, focus: () => this.moveMark(), blur: () => this.plot?.setCursor({ left: -10, top: -10 }) });
     this.tip = make("div", { class: "tip", hidden: true });
     this.mark = make("div", { class: "mark" });
     this.element = make("figure", { class: "chart", "aria-label": `${title} in ${unit || "no unit"} over time in seconds` },
       make("figcaption", {}, make("span", {}, make("strong", {}, title), " ", this.unitText),
-        toggle("log", false, (on) => { this.log = on; this.build(); }, { "aria-label": `${title}: logarithmic scale of absolute values` })),
+        saveMenu(this), toggle("log", false, (on) => { this.log = on; this.build(); }, { "aria-label": `${title}: logarithmic scale of absolute values` })),
       this.place);
     new IntersectionObserver(([entry]) => {
       this.seen = entry.isIntersecting;
@@ -27,6 +31,7 @@ export class Chart {
     new ResizeObserver(() => this.plot && this.plot.setSize({ width: this.place.clientWidth, height: HEIGHT })).observe(this.place);
     addEventListener("beforeprint", () => { if (this.stale) this.build(); });
     view.addEventListener("time", () => this.moveMark());
+    view.addEventListener("focus", () => this.refocus());
     for (const event of ["range", "shown"]) view.addEventListener(event, () => this.refresh());
     view.addEventListener("simulated", () => this.update());
     darkScheme.addEventListener("change", () => this.rebuild());
@@ -40,7 +45,7 @@ export class Chart {
       return;
     }
     this.unpacked = this.curves();
-    if (this.unpacked.length !== before?.length) {
+    if (this.unpacked.length !== before?.length || this.worst) {
       this.build();
       return;
     }
@@ -68,18 +73,52 @@ export class Chart {
     if (this.plot.scales.x.min !== min || this.plot.scales.x.max !== max) this.plot.setScale("x", { min, max });
   }
 
-  shows(curve) {
-    return !view.hiddenJoints.has(curve.joint) && !view.hiddenRuns.has(curve.run);
+  /** Fade what is not pointed to; of many joints, show the one that is. */
+  refocus() {
+    if (!this.seen || !this.plot) return;
+    this.unpacked.forEach((curve, k) => { this.plot.series[k + 1].alpha = this.alpha(curve); });
+    if (this.worst) this.refresh();
+    this.plot.redraw(false);
   }
 
-  /** Recorded lines are pale beside simulated ones. */
-  alpha({ run }) {
-    return runs[run] !== simulated && simulated.result.time.length ? PALE : 1;
+  /** Of many joints those with the largest values, until the reader chooses. */
+  shows(curve) {
+    if (view.hiddenRuns.has(curve.run)) return false;
+    if (!this.worst || !curve.joint || view.hiddenJoints.size) return !view.hiddenJoints.has(curve.joint);
+    return this.worst.includes(curve.joint) || curve.joint === view.focus;
+  }
+
+  /** Recorded lines are pale beside simulated ones, and all beside what is pointed to. */
+  alpha(curve) {
+    const pale = runs[curve.run] !== simulated && simulated.result.time.length ? PALE : 1;
+    return view.focus !== null && keyOf(curve) !== view.focus && this.unpacked.some((one) => keyOf(one) === view.focus && this.shows(one)) ? FADED : pale;
+  }
+
+  strokeOf(curve) {
+    return curve.dashed ? inkOf("ink") : colourOf(curve.colour);
+  }
+
+  dashOf({ dashed, run, colour }) {
+    if (dashed) return [5, 4];
+    return DASHES[(recorded.length > 1 && runs[run] !== simulated ? run : Math.floor(Math.max(colour - 1, 0) / COLOURS)) % DASHES.length];
+  }
+
+  ends() {
+    return endsOf(this);
+  }
+
+  /** Content of a file: of SVG, PNG or CSV. */
+  async file(kind) {
+    return FILES[kind](this);
+  }
+
+  fit(largest) {
+    return fitted(this.unit, largest);
   }
 
   /** Columns of one table: time, and a column a curve with nulls where it has no number. */
-  table() {
-    const seen = (v) => (Number.isFinite(v) && !(this.log && v === 0) ? (this.log ? Math.abs(v) : v) : null);
+  table(log = this.log) {
+    const seen = (v) => (Number.isFinite(v) && !(log && v === 0) ? (log ? Math.abs(v) : v) : null);
     const byTime = new Map();
     for (const curve of this.unpacked) {
       if (!byTime.has(curve.time)) byTime.set(curve.time, []);
@@ -93,15 +132,17 @@ export class Chart {
     this.stale = false;
     this.unpacked ??= this.curves();
     this.plot?.destroy();
-    const style = getComputedStyle(document.documentElement);
-    const [ink, line] = ["--muted", "--line"].map((name) => style.getPropertyValue(name).trim());
+    this.worst = Heat.worst(this.unpacked);
+    if (this.worst) this.heat ??= new Heat(this);
+    const [ink, line, names] = ["muted", "line", "ink"].map(inkOf);
     const axis = { stroke: ink, grid: { stroke: line, width: 1 }, ticks: { stroke: line, width: 1, size: 4 }, font: "12px system-ui, sans-serif" };
     const [min, max] = view.range ?? view.full();
     this.plot = new uPlot({
       width: this.place.clientWidth || 300,
       height: HEIGHT,
       legend: { show: false },
-      padding: [8, 10, 0, 0],
+      padding: [8, roomForNames(this), 0, 0],
+      pxAlign: 0, // else curves become stairs, each point in the middle of a pixel
       cursor: { y: false, points: { size: 7 }, drag: { x: true, y: false }, dataIdx: nearest },
       scales: { x: { time: false, min, max }, y: this.log ? { distr: 3 } : { range: padded } },
       axes: [
@@ -110,9 +151,9 @@ export class Chart {
       ],
       series: [{}, ...this.unpacked.map((curve) => ({
         label: curve.label,
-        stroke: curve.dashed ? style.getPropertyValue("--ink").trim() : colourOf(curve.colour),
+        stroke: this.strokeOf(curve),
         width: curve.dashed ? 1 : this.unpacked.some((one) => one.dashed) ? 2.6 : 1.4,
-        dash: curve.dashed ? [5, 4] : DASHES[runs[curve.run] === simulated ? 0 : curve.run % DASHES.length],
+        dash: this.dashOf(curve),
         alpha: this.alpha(curve),
         points: { show: false },
         spanGaps: true,
@@ -120,11 +161,13 @@ export class Chart {
       }))],
       hooks: {
         setCursor: [() => this.showTip()],
-        draw: [() => this.moveMark()],
+        draw: [(plot) => drawEnds(plot, this, names), () => this.moveMark(), (plot) => this.worst && this.heat.draw(plot)],
         setScale: [(plot, key) => key === "x" && plot.status && this.zoomed(plot.scales.x)],
       },
     }, this.table(), this.place);
     this.plot.over.append(this.mark, this.tip);
+    this.plot.over.addEventListener("mousemove", ({ buttons }) => buttons || this.point());
+    this.plot.over.addEventListener("mouseleave", () => view.change("focus", null));
     this.plot.over.addEventListener("click", () => this.plot.select.width < 2 && this.plot.cursor.idx !== null && view.change("time", this.plot.posToVal(this.plot.cursor.left, "x")));
     this.plot.over.addEventListener("touchmove", (event) => {
       const box = this.plot.over.getBoundingClientRect();
@@ -138,13 +181,30 @@ export class Chart {
     if (String(range) !== String(view.range)) view.change("range", range);
   }
 
-  /** Numbers of the vertical axis; a common power of ten stands beside the unit. */
+  /** Point to the curve that is nearest to the pointer. */
+  point() {
+    const { top, idxs } = this.plot.cursor;
+    const far = (k) => (this.plot.series[k + 1].show && (this.plot.data[k + 1][idxs?.[k + 1]] ?? null) !== null ? Math.abs(this.plot.valToPos(this.plot.data[k + 1][idxs[k + 1]], "y") - top) : Infinity);
+    const nearby = [...this.unpacked.keys()].map((k) => [far(k), k]).sort(([a], [b]) => a - b)[0];
+    const focus = nearby?.[0] < NEAR ? keyOf(this.unpacked[nearby[1]]) : null;
+    if (focus !== view.focus) view.change("focus", focus);
+  }
+
+  /** Numbers of the vertical axis, in a unit that fits them. */
   labels(splits) {
     const largest = Math.max(...splits.map((v) => Math.abs(v ?? 0)));
-    const scaled = this.log || !largest || (largest >= 0.01 && largest < 1e5) ? 0 : 3 * Math.floor(Math.log10(largest) / 3);
-    this.unitText.textContent = `${scaled ? `10${raised(scaled)} ` : ""}${this.unit}`;
+    const [unit, scaled] = this.log ? [this.unit, 0] : this.fit(largest);
+    this.unitText.textContent = unit;
     if (this.log) return decades(null, splits).map((v) => (v === null ? "" : `10${raised(Math.round(Math.log10(v)))}`));
     return splits.map((v) => text(v / 10 ** scaled, 5));
+  }
+
+  /** A value in the unit of the axis, with three digits of the stretch that this spans. */
+  written(value) {
+    if (this.log) return `${text(value, 3)} ${this.unit}`;
+    const { min, max } = this.plot.scales.y, [unit, scaled] = this.fit(Math.max(Math.abs(min), Math.abs(max)));
+    const digits = Math.max(0, Math.min(9, 2 - Math.floor(Math.log10((max - min) / 10 ** scaled))));
+    return `${text(Number((value / 10 ** scaled).toFixed(digits)), 9)} ${unit}`;
   }
 
   showTip() {
@@ -158,10 +218,10 @@ export class Chart {
     if (this.tip.hidden) return;
     const places = [...new Set(found.map(({ run }) => run))], several = places.length > 1, rows = Map.groupBy(found, ({ label }) => label);
     this.tip.style.gridTemplateColumns = `repeat(${places.length + 1}, auto)`;
-    this.tip.replaceChildren(make("b", {}, `${text(found[0].time)} s${several ? ` [${this.unit}]` : ""}`), ...places.map((place) => make("b", {}, several ? runs[place].name : "")),
+    this.tip.replaceChildren(make("b", {}, `${text(found[0].time)} s`), ...places.map((place) => make("b", {}, several ? runs[place].name : "")),
       ...[...rows].flatMap(([label, [first, ...more]]) => [
         make("span", {}, make("i", { style: `background:${first.dashed ? "var(--ink)" : colourOf(first.colour)}` }), label),
-        ...places.map((place) => [first, ...more].find(({ run }) => run === place)).map((one) => make("output", {}, one ? `${text(one.value)}${several ? "" : ` ${this.unit}`}` : "")),
+        ...places.map((place) => [first, ...more].find(({ run }) => run === place)).map((one) => make("output", {}, one ? this.written(one.value) : "")),
       ]));
     const free = this.plot.over.clientWidth - this.tip.offsetWidth; // a broad one reaches over the axis
     this.tip.style.left = `${Math.max(Math.min(0, free), 2 * left > this.plot.over.clientWidth ? left - this.tip.offsetWidth - 12 : Math.min(left + 12, free))}px`;

@@ -32,16 +32,13 @@ const FRAMES = 1000;
 export const reducedMotion = matchMedia("(prefers-reduced-motion: reduce)");
 export const darkScheme = matchMedia("(prefers-color-scheme: dark)");
 
-/** Colours of the joints: those of Okabe and Ito, lighter on a dark page. */
-const COLOURS = {
-  light: ["#0072b2", "#d55e00", "#009e73", "#b8558f", "#c98600", "#3a9bd8", "#444444"],
-  dark: ["#5db0f0", "#ff8f52", "#3ecfa4", "#ef9fcf", "#f3bd45", "#a5dcff", "#dddddd"],
-};
+export const COLOURS = 7; // of vdfmu/base/palette.py
 
-export const colourOf = (number) => {
-  const colours = COLOURS[darkScheme.matches ? "dark" : "light"];
-  return colours[(number - 1) % colours.length];
-};
+/** A colour of the page by the name of its variable. */
+export const inkOf = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+
+/** Colour of a joint, from 1; ink for 0, of what is no joint. */
+export const colourOf = (number) => inkOf(number ? `joint-${((number - 1) % COLOURS) + 1}` : "ink");
 
 /** Array of the little-endian numbers in a base64 text. */
 export function unpack(text, Kind = Float32Array) {
@@ -121,6 +118,15 @@ export const text = (value, digits = 6) => {
   return String(Number(value.toPrecision(digits))).replace("-", "−");
 };
 
+/** The unit in which a largest value has at most three digits before its point, and the power of ten that it stands for: as `fitted` of vdfmu/base/measure.py. */
+export function fitted(unit, largest) {
+  if (!largest || !Number.isFinite(largest) || (largest >= 0.1 && largest < 1e4)) return [unit, 0];
+  const exponent = 3 * Math.floor(Math.log10(largest) / 3), [, thousandth, base, rest] = /^(m(?=m))?(deg|rad|m|N|W|J|V|A)((?![\w²³⁴]).*)$/.exec(unit) ?? [];
+  const prefix = { 3: "NWJVA".includes(base) ? "k" : undefined, 0: "", "-3": "m", "-6": "µ", "-9": "n" }[exponent - (thousandth ? 3 : 0)];
+  if (base && prefix !== undefined) return [prefix + base + rest, exponent];
+  return largest >= 0.01 && largest < 1e5 ? [unit, 0] : [`10${raised(exponent)} ${unit}`, exponent];
+}
+
 /** A number as an exponent. */
 export const raised = (number) => [...String(number)].map((c) => (c === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[c])).join("");
 
@@ -159,6 +165,8 @@ export function toggle(label, pressed, change, attributes = {}) {
 export const view = new (class extends EventTarget {
   time = 0;
   range = null;
+  /** Joint, or name of a curve, beside which the others are pale. */
+  focus = null;
   hiddenJoints = new Set();
   hiddenRuns = new Set();
 
@@ -171,6 +179,14 @@ export const view = new (class extends EventTarget {
   change(what, value) {
     this[what] = value;
     this.dispatchEvent(new Event(what));
+  }
+
+  /** Show one joint of those up to `count`, or all again if it is alone. */
+  isolate(joint, count) {
+    const others = Array.from({ length: count }, (_, i) => i + 1).filter((one) => one !== joint);
+    const alone = !this.hiddenJoints.has(joint) && others.every((one) => this.hiddenJoints.has(one));
+    this.hiddenJoints = new Set(alone ? [] : others);
+    this.dispatchEvent(new Event("shown"));
   }
 
   show(what, entry, shown) {

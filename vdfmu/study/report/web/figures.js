@@ -1,6 +1,6 @@
 // The figures of the runs, with one selector of joints and one zoom for all.
 
-import { colourOf, curvesOf, make, merged, runs, simulated, toggle, view } from "./data.js";
+import { COLOURS, curvesOf, make, merged, runs, simulated, toggle, view } from "./data.js";
 import { Chart } from "./chart.js";
 
 /** Fill the section of the figures; `more` are figures that the page has calculated. */
@@ -20,9 +20,21 @@ export function showFigures(section, more) {
 
 function jointChips() {
   const count = Math.max(0, ...runs.flatMap((run) => run.figures.flatMap((figure) => figure.curves.map(([, joint]) => joint))));
-  const chips = Array.from({ length: count }, (_, i) =>
-    toggle(String(i + 1), true, (on) => view.show("hiddenJoints", i + 1, on), { class: "chip", "aria-label": `Joint ${i + 1}`, style: `--chip:${colourOf(i + 1)}` }));
+  const chips = Array.from({ length: count }, (_, i) => jointChip(i + 1, count));
+  view.addEventListener("shown", () => chips.forEach((chip, i) => chip.setAttribute("aria-pressed", String(!view.hiddenJoints.has(i + 1)))));
   return make("div", { class: "chips", role: "group", "aria-label": "Joints shown" }, make("span", {}, "Joints"), ...chips);
+}
+
+/** Hides a joint and shows it again; pointed to, the others fade; with Alt or twice it shows this one alone. */
+function jointChip(joint, count) {
+  const focus = (one) => () => view.change("focus", one), alone = () => view.isolate(joint, count);
+  return make("button", {
+    type: "button", class: "chip", "aria-pressed": "true", "aria-label": `Joint ${joint}`, style: `--chip:var(--joint-${((joint - 1) % COLOURS) + 1})`,
+    title: `Joint ${joint}: a click hides it, Alt and a click (or Enter), or a double click, show it alone`,
+    click: (event) => (event.altKey ? alone() : view.show("hiddenJoints", joint, view.hiddenJoints.has(joint))),
+    keydown: (event) => { if (event.altKey && event.key === "Enter") { event.preventDefault(); alone(); } },
+    dblclick: alone, mouseenter: focus(joint), mouseleave: focus(null), focus: focus(joint), blur: focus(null),
+  }, String(joint));
 }
 
 function runChips() {

@@ -17,7 +17,7 @@ const places = [...runs.keys()].filter((k) => runs[k].arm && runs[k].frames.erro
 const more = places.length
   ? [{
     title: "Error of the end effector", unit: "mm",
-    curves: () => places.map((k) => ({ label: "distance", joint: 0, colour: 1, dashed: false, run: k, ...toolErrors(runs[k]) })),
+    curves: () => places.map((k) => ({ label: "distance", joint: 0, colour: 0, dashed: false, run: k, ...toolErrors(runs[k]) })),
   }]
   : [];
 const player = recorded.some((run) => run.arm) ? new Player(section("arm")) : null;

@@ -1,6 +1,6 @@
 // The arms of a run in a scene, each as it is and as it is desired, its path, and what it touches.
 
-import { darkScheme } from "./data.js";
+import { darkScheme, inkOf } from "./data.js";
 import { Chain, Motion, NEGATIVE, NEUTRAL, POSITIVE, armsOf, dress, ghost, solid } from "./arm.js";
 import { Arc, Arrow, drawn, plate } from "./world.js";
 
@@ -11,7 +11,7 @@ class Arm {
     Object.assign(this, { arm, component: one.component ?? one.name, mounted: one.mounted, error: !!one.frames.error });
     this.actual = new Chain(arm);
     this.desired = this.error ? new Chain(arm) : null;
-    this.path = new Path(0.0045 * arm.reach, "#e2570d", 1);
+    this.path = new Path(0.0045 * arm.reach, inkOf("positive"), 1);
     this.trace = new Path(0.0025 * arm.reach, darkScheme.matches ? "#9aa7b5" : "#66717d", 0.55);
     dress(this.actual, arm, solid, tint);
     if (this.desired) dress(this.desired, arm, ghost, tint);
