@@ -11,7 +11,8 @@ import base64
 import gzip
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,7 +24,7 @@ from vdfmu.base.arrays import distinct
 from vdfmu.base.data import data_path
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.standards import FMI_2
-from vdfmu.compiler.c.compile import Compilation, compile_libraries, native_available
+from vdfmu.compiler.c.compile import Compilation, compile_libraries, compiling, native_available
 from vdfmu.compiler.c.platforms import WASM
 from vdfmu.compiler.fmu.content import installed_digest
 from vdfmu.compiler.fmu.native import fmi_headers
@@ -50,8 +51,8 @@ _SEPARATES = "Single solutions of this loop separate: two runs whose last digits
 MOST_VALUES = 20_000_000
 """Values of a run that a page keeps, 160 MB."""
 NOT_MADE = (
-    "This page has no simulation: 'vdfmu report' with the folder of the run makes one that has, and so does "
-    "'vdfmu run --simulate'."
+    "This page has no simulation: 'vdfmu report' with the folder of the run makes one that has, and so do 'vdfmu run' "
+    "and simulate=True in Python."
 )
 """Shown instead of one."""
 MOST_C = 2_400_000
@@ -158,20 +159,46 @@ def _checked(summary: Mapping[str, Any], package: Path) -> Checked:
     return checked
 
 
-def _modules(checked: Checked, binaries: dict[str, str]) -> dict[str, str]:
-    """Return the digest of the module of each unit's FMU, and add the modules."""
+@contextmanager
+def compiling_modules(summary: Mapping[str, Any], package: Path) -> Generator[Callable[[], None]]:
+    """Compile what a page's simulation needs while the block runs; the yielded function waits until the cache has it.
+
+    Nothing is compiled for a run that :func:`simulation_of` refuses.
+    """
+    with ExitStack() as stack:
+        made: Callable[[], object] = list[bytes]
+        with suppress(_CannotError, VdfmuError):
+            _refuse(summary, package)
+            jobs = _compilations(_checked(summary, package))
+            made = stack.enter_context(compiling(jobs.values()))
+
+        def wait() -> None:
+            with suppress(VdfmuError):  # which the page will say
+                made()
+
+        yield wait
+
+
+def _compilations(checked: Checked) -> dict[str, Compilation]:
+    """Return the module to make of each FMU, by source."""
     sources = {d.source: d for d in checked.descriptions.values()}
-    jobs: list[Compilation] = []
+    jobs: dict[str, Compilation] = {}
     path = checked.system.path
     with Archive(path, path.name) as package:
         for source, description in sources.items():
             with package.opened(source, source) as unit:
-                files = _sources(unit, source)
-            jobs.append(Compilation(description.identifier, files | fmi_headers(FMI_2.name), WASM, exported=_FUNCTIONS))
-    size = sum(len(c) for job in jobs for name, c in job.sources.items() if name.startswith("kernel_"))
+                files = _sources(unit, source) | fmi_headers(FMI_2.name)
+            jobs[source] = Compilation(description.identifier, files, WASM, exported=_FUNCTIONS)
+    size = sum(len(c) for job in jobs.values() for name, c in job.sources.items() if name.startswith("kernel_"))
     if size > MOST_C:
         raise _CannotError(f"its units, {size / 1e6:.1f} MB of C, would make the page larger than 1 MB")
-    modules = dict(zip(sources, compile_libraries(jobs), strict=True))
+    return jobs
+
+
+def _modules(checked: Checked, binaries: dict[str, str]) -> dict[str, str]:
+    """Return the digest of the module of each unit's FMU, and add the modules."""
+    jobs = _compilations(checked)
+    modules = dict(zip(jobs, compile_libraries(jobs.values()), strict=True))
     found = {source: sha256(module).hexdigest()[:16] for source, module in modules.items()}
     added = {found[source]: compressed(module) for source, module in modules.items()}
     if binaries and sum(map(len, (binaries | added).values())) > MOST_MODULES:
