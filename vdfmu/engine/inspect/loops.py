@@ -198,6 +198,12 @@ def system_loop(system: LinearSystem, opened: Sequence[str], growth: float = 0.0
     return Loop(0.0, plant, returned, system.step, growth, discrete=True, points=points)
 
 
+def opened_at(system: LinearSystem, group: str) -> list[str]:
+    """Return the connected inputs of a name, at any component."""
+    connected = (system.parts.inputs[i].split("[")[0] for i in np.flatnonzero(system.links.any(axis=1)).tolist())
+    return [name for name in dict.fromkeys(connected) if name.endswith(f".{group}")]
+
+
 def fastest_mode(system: LinearSystem) -> tuple[float, str]:
     """Return the largest rate [1/s] of a mode, and the state with the largest part in it.
 
@@ -304,8 +310,7 @@ class Poses:
             found = self._linearisation.at(time, values=False)
             found = replace(found, parts=of_positions(found.parts))
             self.lacking = "; ".join(found.parts.notes)
-            connected = (found.parts.inputs[i].split("[")[0] for i in np.flatnonzero(found.links.any(axis=1)).tolist())
-            self.opened = [name for name in dict.fromkeys(connected) if name.endswith(f".{self._group}")]
+            self.opened = opened_at(found, self._group)
             if not self.opened:
                 self.lacking = f"nothing is connected to an input {self._group}"
             if not self.lacking:

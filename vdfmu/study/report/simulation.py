@@ -19,7 +19,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.arrays import distinct
 from vdfmu.base.data import data_path
 from vdfmu.base.errors import VdfmuError
@@ -36,6 +35,8 @@ from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.link import Link
 from vdfmu.engine.results.results import Results
+from vdfmu.study.report.causes import LESS, causes, scaled_as
+from vdfmu.study.report.tracks import GOOD, OWN, POOR, tracks
 
 ROWS = 100
 """Intervals between the recorded rows to which the page's own run is compared."""
@@ -85,18 +86,13 @@ class Knob(NamedTuple):
     """Whether the feedforward has them too and may know the change."""
 
 
-def _scaled_as(what: str) -> tuple[str, ...]:
-    """Return the parameters of a robot that are scaled together."""
-    return tuple(name for name, row in PARAMETERS.items() if row.scaled_as == what)
-
-
 KNOBS = (
     Knob("Proportional gains", "PDController", ("K_p",)),
     Knob("Derivative gains", "PDController", ("K_v",)),
-    Knob("Masses and inertias of the links", "Plant", _scaled_as("mass"), 0.5, 2.0, True),
-    Knob("Mass of the payload", "Plant", _scaled_as("payload"), 0.0, 3.0, True),
-    Knob("Stiffness of the drives", "Plant", _scaled_as("stiffness"), 0.2, 5.0, True),
-    Knob("Friction", "Plant", _scaled_as("friction"), 0.0, 3.0, True),
+    Knob("Masses and inertias of the links", "Plant", scaled_as("mass"), 0.5, 2.0, True),
+    Knob("Mass of the payload", "Plant", scaled_as("payload"), 0.0, 3.0, True),
+    Knob("Stiffness of the drives", "Plant", scaled_as("stiffness"), 0.2, 5.0, True),
+    Knob("Friction", "Plant", scaled_as("friction"), 0.0, 3.0, True),
     Knob("Duration of the motion", "Trajectory", ("T",), 0.5, 2.0),
     Knob("Speed of the motion", "", ("speed",), 0.5, 2.0),
 )
@@ -246,6 +242,12 @@ def _simulation(
     }
     begin, stop, step, steps = (summary[key] for key in ("start", "stop", "step", "steps"))
     time = begin + (steps - 1) * step
+    sliders = list(knobs(checked))
+    passed = (summary.get("verdict") or {}).get("passed", False)
+    values = {name: {v.name: value for v, value in _parameters(checked, name).items()} for name in names}
+    for slider, found in zip(sliders, tracks(checked, sliders, values, (begin, stop, step)), strict=True):
+        # friction that excites itself makes loops grow for moments of a run that is stable
+        slider["tracks"] = found if found[0] is None or found[0]["modulus"][OWN] or not passed else [None]
     return {
         "units": [_unit(checked, name, modules, places) for name in names],
         "order": [names.index(name) for name in checked.schedule.units],
@@ -255,7 +257,9 @@ def _simulation(
         "step": step,
         "steps": steps,
         "last": step if time + step == stop else largest_step(time, stop),
-        "knobs": list(knobs(checked)),
+        "knobs": sliders,
+        "causes": list(causes(values, sliders, steps * len(places) * LESS <= MOST_VALUES)),
+        "margins": {"good": GOOD, "poor": POOR},
         "recorded": _recorded(results, summary, [".".join(port) for port in places]),
     }
 
