@@ -32,8 +32,8 @@ from vdfmu.system.package.drawing import system_diagram
 NAME = "report.html"
 _WEB = Path(__file__).parent / "web"
 MODULES = (
-    "packed.js", "vendor.js", "state.js", "data.js", "chart.js", "figures.js", "arm.js", "player.js", "system.js", "worker.js",
-    "knob.js", "budget.js", "simulation.js", "main.js",
+    "packed.js", "vendor.js", "state.js", "data.js", "chart.js", "figures.js", "arm.js", "player.js", "system.js",
+    "worker.js", "knob.js", "budget.js", "simulation.js", "main.js",
 )  # fmt: skip
 """In an order in which each comes after the modules that it imports."""
 WORKER = ("packed.js", "fmu.js", "master.js")

@@ -244,7 +244,7 @@ def _simulation(
     time = begin + (steps - 1) * step
     sliders = list(knobs(checked))
     passed = (summary.get("verdict") or {}).get("passed", False)
-    values = {name: {v.name: value for v, value in _parameters(checked, name).items()} for name in names}
+    values = values_of(checked)
     for slider, found in zip(sliders, tracks(checked, sliders, values, (begin, stop, step)), strict=True):
         # friction that excites itself makes loops grow for moments of a run that is stable
         slider["tracks"] = found if found[0] is None or found[0]["modulus"][OWN] or not passed else [None]
@@ -301,6 +301,11 @@ def _parameters(checked: Checked, name: str) -> dict[FmuVariable, float]:
     return {
         v: float(given.get(v.name, v.start)) for v in checked.descriptions[name].named("parameter") if v.type == "Real"
     }
+
+
+def values_of(checked: Checked) -> dict[str, dict[str, float]]:
+    """Return the real parameters of all units by their names."""
+    return {name: {v.name: value for v, value in _parameters(checked, name).items()} for name in checked.descriptions}
 
 
 def _carried(link: Link, names: Sequence[str]) -> list[float]:

@@ -63,7 +63,7 @@ export class Budget {
     this.table.replaceChildren(make("caption", {}, "Error of the end effector"),
       make("thead", {}, make("tr", {}, ...["", "", "largest", "RMS", "change"].map((head) => make("th", { scope: "col" }, head)))),
       make("tbody", {}, ...rows.map((row) => make("tr", {}, make("th", { scope: "row" }, row.words),
-        ...(row.failure ? [make("td", { colspan: 4 }, make("small", {}, row.failure))] : [bar(row.max), make("td", {}, metres(row.max)), make("td", {}, metres(row.rms)), make("td", {}, row === whole ? "" : changeOf(whole.max, row.max))])))));
+        ...(row.failure ? [make("td", { colspan: 4 }, make("small", {}, row.failure))] : [bar(row.max), make("td", {}, metres(row.max, most)), make("td", {}, metres(row.rms, most)), make("td", {}, row === whole ? "" : changeOf(whole.max, row.max))])))));
   }
 }
 
@@ -81,8 +81,8 @@ export function changeOf(before, after) {
   return ratio >= 2 || ratio <= 0.5 ? `× ${text(ratio, 3)}` : `${ratio > 1 ? "+" : ""}${text(100 * (ratio - 1), 2)} %`;
 }
 
-/** A length in the unit that suits it. */
-function metres(value) {
-  const [factor, unit] = value >= 1e-3 || value === 0 ? [1e3, "mm"] : value >= 1e-6 ? [1e6, "µm"] : [1e9, "nm"];
+/** A length in the unit that suits the largest of several. */
+function metres(value, most) {
+  const [factor, unit] = most >= 1e-3 || most === 0 ? [1e3, "mm"] : most >= 1e-6 ? [1e6, "µm"] : [1e9, "nm"];
   return `${text(factor * value, 3)} ${unit}`;
 }

@@ -92,11 +92,11 @@ export class Knob {
   /** State as text: the factors of all joints and of each, "known" if the feedforward knows; "" with all at 1. */
   get state() {
     const last = this.places.findLastIndex((place) => place !== 0);
-    return [...this.places.slice(0, last + 1).map((place) => this.factor(place)), ...(this.known ? ["known"] : [])].join(",");
+    return [...this.places.slice(0, last + 1).map((place) => this.factor(place)), ...(this.known ? ["known"] : [])].join("_");
   }
 
   set state(given) {
-    const parts = given.split(",").filter((part) => part !== "known").map(Number);
+    const parts = given.split("_").filter((part) => part !== "known").map(Number);
     this.places = this.places.map((_, k) => (parts[k] >= 0 && given ? this.placeOf(parts[k]) : 0));
     this.known = given.endsWith("known") && !!this.knows;
     this.knows?.setAttribute("aria-pressed", String(this.known));

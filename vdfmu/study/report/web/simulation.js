@@ -139,10 +139,11 @@ const WORSE = 2; // times its largest error in the recorded run that a joint is 
 
 /** Time from which on a joint of a run is further off than ever in another run; null if it never is. */
 function departure(run, other) {
-  const figure = run.figures.find(({ key }) => key === "tracking");
-  if (!figure) return null;
-  const { time, values } = rowsOf(figure, run.result), limits = rowsOf(figure, other.result).values.map((row) => WORSE * largest(row));
-  const first = Math.min(...values.map((row, joint) => { const k = row.findIndex((value) => Math.abs(value) > limits[joint]); return k < 0 ? Infinity : time[k]; }));
+  const times = run.figures.filter(({ key }) => key.startsWith("tracking.")).flatMap((figure) => {
+    const { time, values } = rowsOf(figure, run.result), limits = rowsOf(figure, other.result).values.map((row) => WORSE * largest(row));
+    return values.map((row, joint) => time[row.findIndex((value) => Math.abs(value) > limits[joint])] ?? Infinity);
+  });
+  const first = Math.min(Infinity, ...times);
   return first < Infinity ? first : null;
 }
 
