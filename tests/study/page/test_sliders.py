@@ -168,7 +168,7 @@ def test_a_run_that_fails_says_why_and_shows_how(run, browser):
     slide(browser, "Proportional", 100)
     slide(browser, "Derivative", -100)
     said, message = words_of(browser, "#simulate [role=alert]").split("\n")
-    assert said.startswith("Unstable from 0.") and "derivative gains × 0.1, stable down to about × " in said
+    assert said.startswith("Unstable from 0.") and "proportional gains × 10, stable up to about × " in said
     assert message.startswith("plant: doStep at t = 0.") and "Check its inputs and the gains" in message
     begin = browser.run("report.view.marks[0].time")
     assert 0.0 < begin <= simulated(browser, 1).shape[1] * 1e-3
@@ -190,20 +190,23 @@ def test_a_track_shows_the_margin_before_the_limit_is_passed(run, browser):
     opened(browser, run / "report.html")
     gains = browser.run("report.runs[0].simulation.knobs[1]")
     low, high = gains["tracks"][0]["limits"]
-    assert low < 0 < high
-    track = ".knob:nth-child(2) .track"
-    lines = browser.run(f"[...document.querySelectorAll('{track} b')].map(e => parseFloat(e.style.left))")
-    assert lines == pytest.approx([50 + low / 2, 50 + high / 2], abs=1e-3)  # percent, as written
-    colours = browser.run(f"[...document.querySelectorAll('{track} i')].map(e => e.className)")
-    assert colours[0] == colours[-1] == "poor" and "good" in colours and "fair" in colours
-    ends = browser.run(f"""(() => {{ const all = [...document.querySelectorAll('{track} i')].map(e => e.getBoundingClientRect());
-        return all.map((e, k) => k ? e.left - all[k - 1].right : e.left - document.querySelector('{track}').getBoundingClientRect().left); }})()""")
-    assert np.abs(ends).max() < 0.1  # pixels: nothing is left out
+    assert low is None and 0 < high < 100  # with the motors fast, viscous friction damps enough
+    track = "document.querySelector('.knob:nth-child(2) .track')"
+    places = browser.run(f"[...{track}.querySelectorAll('b')].map(e => parseFloat(e.style.left))")
+    assert places == [pytest.approx(50 + high / 2, abs=1e-3)]  # percent, as written
+    bands = browser.run(f"""[{track}, ...{track}.querySelectorAll('i')].map(e => {{
+        const {{ left, right }} = e.getBoundingClientRect();
+        return [e.className, left, right];
+    }})""")
+    (_, begin, end), *bands = bands
+    assert [colour for colour, *_ in bands] == ["poor", "fair", "good", "fair", "poor"]
+    edges = np.array([[begin, *(right for *_, right in bands)], [*(left for _, left, _ in bands), end]])
+    assert np.abs(edges[0] - edges[1]).max() < 0.1  # pixels: nothing is left out
     # stable below the limit and unstable above it, in words too, and so it is in the run
     for place, word in ((high - 3, "modulus margin"), (high + 3, "unstable")):
         slide(browser, "Derivative", round(place))
         said = words_of(browser, ".knob:nth-child(2) small")
-        assert said.startswith(word) and "; stable from × " in said
+        assert said.startswith(word) and "; stable up to × 4." in said
         assert word in browser.run("document.querySelectorAll('.knob input')[1].getAttribute('aria-valuetext')")
     assert "derivative gains × " in words_of(browser, "#simulate [role=alert]")
     slide(browser, "Derivative", 0)
@@ -226,6 +229,7 @@ def test_a_link_opens_the_sliders_as_they_were(run, browser):
     browser.run(f"(async () => {{ await new Promise(d => setTimeout(d, 50)); {DONE} }})()")
     assert browser.run("report.simulation.changes()") == changes
     np.testing.assert_array_equal(simulated(browser, 1), curves)
+    browser.requests[:] = browser.asked  # the page was opened twice
 
 
 def test_what_limits_a_run_is_found_by_running_again(run, browser):
@@ -310,7 +314,9 @@ def test_keys_and_names_of_the_sliders(run, browser):
     browser.run(f"(async () => {{ {DONE} }})()")
     assert browser.run("report.view.time") == 0.0  # it is not the arm that was moved
     assert browser.run("report.simulation.sliders[1].places[0]") == -1
-    assert browser.run("document.querySelectorAll('.knob input')[1].getAttribute('aria-valuetext')") == "times 0.977"
+    assert browser.run("document.querySelectorAll('.knob input')[1].getAttribute('aria-valuetext')").startswith(
+        "times 0.977; modulus margin 0."
+    )
     unnamed = browser.run("""[...document.querySelectorAll("#simulate :is(button, select, input, progress)")]
         .filter(e => !(e.getAttribute("aria-label") || e.textContent.trim())).map(e => e.outerHTML)""")
     assert unnamed == []
