@@ -48,6 +48,8 @@ def run(
     if way:
         raise UsageError(f"{scenario}: expected a scenario; this {way}.")
     given: dict[str, Any] = {**options}
+    if given["simulate"] is None:
+        given["simulate"] = True
     if study is None:
         if row is not None or by is not None:
             raise UsageError("row, by: expected --from with a parameter study, of which they choose a point.")

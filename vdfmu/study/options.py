@@ -79,8 +79,9 @@ class ScenarioRunOptions(ScenarioOptions, ResultOptions, LogOptions, ObserverOpt
         default=PYTHON_FMI.name, flag="--fmi")]
     pictures: Annotated[Sequence[str], Option("Kinds of the figures: png, svg and pdf, separated by commas.",
         "sequence of str", default=("png",), typed=str)]
-    simulate: Annotated[bool, Option("Let report.html run the scenario again, with sliders.",
-        more="Its units are compiled once more for that, for WebAssembly.", default=False)]
+    simulate: Annotated[bool | None, Option("Let report.html run the scenario again, with sliders.",
+        more="Its units are compiled for WebAssembly for that, once for each structure; default on the command line, "
+        "but not in Python.", flag="--simulate/--no-simulate")]
 
 
 class SeedOptions(TypedDict, total=False):

@@ -1,5 +1,6 @@
 """The panel that simulates: sliders, what they change in the figures, the arm and the tables, and what goes wrong."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -167,14 +168,95 @@ def test_a_run_that_fails_says_why_and_shows_how(run, browser):
     opened(browser, run / "report.html")
     slide(browser, "Proportional", 100)
     slide(browser, "Derivative", -100)
-    message = words_of(browser, "#simulate [role=alert]")
+    said, message = words_of(browser, "#simulate [role=alert]").split("\n")
+    assert said.startswith("Unstable from 0.") and "proportional gains × 10, stable up to about × " in said
     assert message.startswith("plant: doStep at t = 0.") and "Check its inputs and the gains" in message
+    begin = browser.run("report.view.marks[0].time")
+    assert 0.0 < begin <= simulated(browser, 1).shape[1] * 1e-3
+    # marked in each figure that is in sight, and in the table only what came before the end is compared
+    assert browser.run("report.charts.filter(c => c.plot && c.seen).every(c => c.place.querySelector('.event'))")
+    assert re.match(r"Largest to 0\.\d+ s", words_of(browser, "#simulate .found th"))
+    assert browser.run("document.querySelector('#simulate .checks ul').classList.contains('other')")
     reached = simulated(browser, 1)
     assert 100 < reached.shape[1] < 1000 and np.abs(reached).max() > 1.0  # degrees
     assert "Stopped at 0." in words_of(browser, "#simulate [role=status]")
     browser.run(f"(async () => {{ document.querySelector('#simulate button').click(); {DONE} }})()")
     assert browser.run("document.querySelector('#simulate [role=alert]').hidden")
+    assert browser.run("report.view.marks.length + document.querySelectorAll('.event').length") == 0
+    assert words_of(browser, "#simulate .found th") == "Largest"
     assert 0 <= browser.run("report.simulation.apart") < EQUAL
+
+
+def test_a_track_shows_the_margin_before_the_limit_is_passed(run, browser):
+    opened(browser, run / "report.html")
+    gains = browser.run("report.runs[0].simulation.knobs[1]")
+    low, high = gains["tracks"][0]["limits"]
+    assert low is None and 0 < high < 100  # with the motors fast, viscous friction damps enough
+    track = "document.querySelector('.knob:nth-child(2) .track')"
+    places = browser.run(f"[...{track}.querySelectorAll('b')].map(e => parseFloat(e.style.left))")
+    assert places == [pytest.approx(50 + high / 2, abs=1e-3)]  # percent, as written
+    bands = browser.run(f"""[{track}, ...{track}.querySelectorAll('i')].map(e => {{
+        const {{ left, right }} = e.getBoundingClientRect();
+        return [e.className, left, right];
+    }})""")
+    (_, begin, end), *bands = bands
+    assert [colour for colour, *_ in bands] == ["poor", "fair", "good", "fair", "poor"]
+    edges = np.array([[begin, *(right for *_, right in bands)], [*(left for _, left, _ in bands), end]])
+    assert np.abs(edges[0] - edges[1]).max() < 0.1  # pixels: nothing is left out
+    # stable below the limit and unstable above it, in words too, and so it is in the run
+    for place, word in ((high - 3, "modulus margin"), (high + 3, "unstable")):
+        slide(browser, "Derivative", round(place))
+        said = words_of(browser, ".knob:nth-child(2) small")
+        assert said.startswith(word) and "; stable up to × 4." in said
+        assert word in browser.run("document.querySelectorAll('.knob input')[1].getAttribute('aria-valuetext')")
+    assert "derivative gains × " in words_of(browser, "#simulate [role=alert]")
+    slide(browser, "Derivative", 0)
+
+
+def test_a_link_opens_the_sliders_as_they_were(run, browser):
+    opened(browser, run / "report.html")
+    slide(browser, "Proportional", 20, joint=2)
+    slide(browser, "Masses", 100)
+    browser.run("document.querySelectorAll('.knob .chip')[0].click()")
+    browser.run(f"(async () => {{ {DONE} await new Promise(d => setTimeout(d, 400)); }})()")
+    address, changes, curves = (
+        browser.run("location.href"),
+        browser.run("report.simulation.changes()"),
+        simulated(browser, 1),
+    )
+    assert address.endswith("#controller.K_p=1_1_1.58&plant.mass=2_known")
+    browser.open("about:blank")
+    browser.open(address)
+    browser.run(f"(async () => {{ await new Promise(d => setTimeout(d, 50)); {DONE} }})()")
+    assert browser.run("report.simulation.changes()") == changes
+    np.testing.assert_array_equal(simulated(browser, 1), curves)
+    browser.requests[:] = browser.asked  # the page was opened twice
+
+
+def test_what_limits_a_run_is_found_by_running_again(run, browser):
+    opened(browser, run / "report.html")
+    browser.run("""(async () => {
+        document.querySelector('.budget button').click();
+        while (document.querySelector('.budget button').disabled) await new Promise((done) => setTimeout(done, 10));
+    })()""")
+    rows = browser.run(
+        "[...document.querySelectorAll('.budget tbody tr')].map(r => [...r.children].map(c => c.innerText))"
+    )
+    assert [row[0] for row in rows] == [
+        "As recorded", "Sampled 4 times as often", "No friction, and none expected",
+        "Drives 4 times as stiff, and known to be",
+    ]  # fmt: skip
+    largest = [float(row[2].split()[0]) for row in rows]
+    # the torque is held over a step: an error in proportion to it, and what else there is
+    assert 0.2 < largest[1] / largest[0] < 0.35
+    # a run with a quarter of the step, by the FMUs
+    fine = vdfmu.run("tracking", stop=1.0, step=2.5e-4, out=False, settings={"trajectory.T": 1.0}, reference=False)
+    coarse = Results.read(run / "results.csv")
+    ratio = [np.abs(each["trajectory.q_d"] - each["plant.q"]).max() for each in (fine, coarse)]
+    assert largest[1] / largest[0] == pytest.approx(ratio[0] / ratio[1], rel=0.25)  # of the tool, not of a joint
+    browser.run("document.querySelector('.budget button').click()")
+    slide(browser, "Proportional", 5)
+    assert words_of(browser, ".budget [role=status]") == "Stopped for a slider."
 
 
 def test_a_value_that_a_unit_refuses_is_said(run, browser):
@@ -233,7 +315,9 @@ def test_keys_and_names_of_the_sliders(run, browser):
     browser.run(f"(async () => {{ {DONE} }})()")
     assert browser.run("report.view.time") == 0.0  # it is not the arm that was moved
     assert browser.run("report.simulation.sliders[1].places[0]") == -1
-    assert browser.run("document.querySelectorAll('.knob input')[1].getAttribute('aria-valuetext')") == "times 0.977"
+    assert browser.run("document.querySelectorAll('.knob input')[1].getAttribute('aria-valuetext')").startswith(
+        "times 0.977; modulus margin 0."
+    )
     unnamed = browser.run("""[...document.querySelectorAll("#simulate :is(button, select, input, progress)")]
         .filter(e => !(e.getAttribute("aria-label") || e.textContent.trim())).map(e => e.outerHTML)""")
     assert unnamed == []

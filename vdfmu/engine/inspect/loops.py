@@ -161,7 +161,16 @@ class Loop:
 
 
 def system_margins(system: LinearSystem, opened: Sequence[str], growth: float = 0.0, points: int = _GRID) -> Margins:
-    """Margins of the sampled loops of any system, with the delays that its master gives them.
+    """Margins of the sampled loops of any system; for parameters and errors see :func:`system_loop`."""
+    loop = system_loop(system, opened, growth, points)
+    if not len(loop.plant.A):  # nothing comes back, as between an emergency stop and its brakes
+        none = np.full(len(loop.K), np.inf)
+        return Margins(np.ones(len(loop.K)), none, none, none, 0.0)
+    return loop.margins(delay=0)
+
+
+def system_loop(system: LinearSystem, opened: Sequence[str], growth: float = 0.0, points: int = _GRID) -> Loop:
+    """Return the sampled loops of any system, with the delays that its master gives them; their own is 0.
 
     Parameters
     ----------
@@ -186,10 +195,13 @@ def system_margins(system: LinearSystem, opened: Sequence[str], growth: float = 
     plant = Linear(loops.A, loops.B[:, cut])
     while not (seen := np.vstack([plant.A, returned]).any(axis=0)).all():  # places that wait for nothing
         plant, returned = Linear(plant.A[np.ix_(seen, seen)], plant.B[seen]), returned[:, seen]
-    if not len(plant.A):  # nothing comes back, as between an emergency stop and its brakes
-        none = np.full(len(cut), np.inf)
-        return Margins(np.ones(len(cut)), none, none, none, 0.0)
-    return Loop(0.0, plant, returned, system.step, growth, discrete=True, points=points).margins(delay=0)
+    return Loop(0.0, plant, returned, system.step, growth, discrete=True, points=points)
+
+
+def opened_at(system: LinearSystem, group: str) -> list[str]:
+    """Return the connected inputs of a name, at any component."""
+    connected = (system.parts.inputs[i].split("[")[0] for i in np.flatnonzero(system.links.any(axis=1)).tolist())
+    return [name for name in dict.fromkeys(connected) if name.endswith(f".{group}")]
 
 
 def fastest_mode(system: LinearSystem) -> tuple[float, str]:
@@ -298,8 +310,7 @@ class Poses:
             found = self._linearisation.at(time, values=False)
             found = replace(found, parts=of_positions(found.parts))
             self.lacking = "; ".join(found.parts.notes)
-            connected = (found.parts.inputs[i].split("[")[0] for i in np.flatnonzero(found.links.any(axis=1)).tolist())
-            self.opened = [name for name in dict.fromkeys(connected) if name.endswith(f".{self._group}")]
+            self.opened = opened_at(found, self._group)
             if not self.opened:
                 self.lacking = f"nothing is connected to an input {self._group}"
             if not self.lacking:

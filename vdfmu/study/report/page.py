@@ -39,7 +39,7 @@ _WEB = Path(__file__).parent / "web"
 MODULES = (
     "packed.js", "vendor.js", "state.js", "data.js", "numbers.js", "labels.js", "heat.js", "save.js", "chart.js",
     "figures.js", "arm.js", "world.js", "puppet.js", "scene.js", "timeline.js", "player.js", "system.js", "worker.js",
-    "simulation.js", "share.js", "main.js",
+    "knob.js", "budget.js", "simulation.js", "share.js", "main.js",
 )  # fmt: skip
 """In an order in which each comes after the modules that it imports."""
 WORKER = ("packed.js", "fmu.js", "master.js")

@@ -11,19 +11,19 @@ import base64
 import gzip
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.arrays import distinct
 from vdfmu.base.data import data_path
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.standards import FMI_2
-from vdfmu.compiler.c.compile import Compilation, compile_libraries, native_available
+from vdfmu.compiler.c.compile import Compilation, compile_libraries, compiling, native_available
 from vdfmu.compiler.c.platforms import WASM
 from vdfmu.compiler.fmu.content import installed_digest
 from vdfmu.compiler.fmu.native import fmi_headers
@@ -35,6 +35,8 @@ from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.link import Link
 from vdfmu.engine.results.results import Results
+from vdfmu.study.report.causes import LESS, causes, scaled_as
+from vdfmu.study.report.tracks import GOOD, OWN, POOR, tracks
 
 ROWS = 100
 """Intervals between the recorded rows to which the page's own run is compared."""
@@ -50,8 +52,8 @@ _SEPARATES = "Single solutions of this loop separate: two runs whose last digits
 MOST_VALUES = 20_000_000
 """Values of a run that a page keeps, 160 MB."""
 NOT_MADE = (
-    "This page has no simulation: 'vdfmu report' with the folder of the run makes one that has, and so does "
-    "'vdfmu run --simulate'."
+    "This page has no simulation: 'vdfmu report' with the folder of the run makes one that has, and so do 'vdfmu run' "
+    "and simulate=True in Python."
 )
 """Shown instead of one."""
 MOST_C = 2_400_000
@@ -84,18 +86,13 @@ class Knob(NamedTuple):
     """Whether the feedforward has them too and may know the change."""
 
 
-def _scaled_as(what: str) -> tuple[str, ...]:
-    """Return the parameters of a robot that are scaled together."""
-    return tuple(name for name, row in PARAMETERS.items() if row.scaled_as == what)
-
-
 KNOBS = (
     Knob("Proportional gains", "PDController", ("K_p",)),
     Knob("Derivative gains", "PDController", ("K_v",)),
-    Knob("Masses and inertias of the links", "Plant", _scaled_as("mass"), 0.5, 2.0, True),
-    Knob("Mass of the payload", "Plant", _scaled_as("payload"), 0.0, 3.0, True),
-    Knob("Stiffness of the drives", "Plant", _scaled_as("stiffness"), 0.2, 5.0, True),
-    Knob("Friction", "Plant", _scaled_as("friction"), 0.0, 3.0, True),
+    Knob("Masses and inertias of the links", "Plant", scaled_as("mass"), 0.5, 2.0, True),
+    Knob("Mass of the payload", "Plant", scaled_as("payload"), 0.0, 3.0, True),
+    Knob("Stiffness of the drives", "Plant", scaled_as("stiffness"), 0.2, 5.0, True),
+    Knob("Friction", "Plant", scaled_as("friction"), 0.0, 3.0, True),
     Knob("Duration of the motion", "Trajectory", ("T",), 0.5, 2.0),
     Knob("Speed of the motion", "", ("speed",), 0.5, 2.0),
 )
@@ -158,20 +155,46 @@ def _checked(summary: Mapping[str, Any], package: Path) -> Checked:
     return checked
 
 
-def _modules(checked: Checked, binaries: dict[str, str]) -> dict[str, str]:
-    """Return the digest of the module of each unit's FMU, and add the modules."""
+@contextmanager
+def compiling_modules(summary: Mapping[str, Any], package: Path) -> Generator[Callable[[], None]]:
+    """Compile what a page's simulation needs while the block runs; the yielded function waits until the cache has it.
+
+    Nothing is compiled for a run that :func:`simulation_of` refuses.
+    """
+    with ExitStack() as stack:
+        made: Callable[[], object] = list[bytes]
+        with suppress(_CannotError, VdfmuError):
+            _refuse(summary, package)
+            jobs = _compilations(_checked(summary, package))
+            made = stack.enter_context(compiling(jobs.values()))
+
+        def wait() -> None:
+            with suppress(VdfmuError):  # which the page will say
+                made()
+
+        yield wait
+
+
+def _compilations(checked: Checked) -> dict[str, Compilation]:
+    """Return the module to make of each FMU, by source."""
     sources = {d.source: d for d in checked.descriptions.values()}
-    jobs: list[Compilation] = []
+    jobs: dict[str, Compilation] = {}
     path = checked.system.path
     with Archive(path, path.name) as package:
         for source, description in sources.items():
             with package.opened(source, source) as unit:
-                files = _sources(unit, source)
-            jobs.append(Compilation(description.identifier, files | fmi_headers(FMI_2.name), WASM, exported=_FUNCTIONS))
-    size = sum(len(c) for job in jobs for name, c in job.sources.items() if name.startswith("kernel_"))
+                files = _sources(unit, source) | fmi_headers(FMI_2.name)
+            jobs[source] = Compilation(description.identifier, files, WASM, exported=_FUNCTIONS)
+    size = sum(len(c) for job in jobs.values() for name, c in job.sources.items() if name.startswith("kernel_"))
     if size > MOST_C:
         raise _CannotError(f"its units, {size / 1e6:.1f} MB of C, would make the page larger than 1 MB")
-    modules = dict(zip(sources, compile_libraries(jobs), strict=True))
+    return jobs
+
+
+def _modules(checked: Checked, binaries: dict[str, str]) -> dict[str, str]:
+    """Return the digest of the module of each unit's FMU, and add the modules."""
+    jobs = _compilations(checked)
+    modules = dict(zip(jobs, compile_libraries(jobs.values()), strict=True))
     found = {source: sha256(module).hexdigest()[:16] for source, module in modules.items()}
     added = {found[source]: compressed(module) for source, module in modules.items()}
     if binaries and sum(map(len, (binaries | added).values())) > MOST_MODULES:
@@ -219,6 +242,12 @@ def _simulation(
     }
     begin, stop, step, steps = (summary[key] for key in ("start", "stop", "step", "steps"))
     time = begin + (steps - 1) * step
+    sliders = list(knobs(checked))
+    passed = (summary.get("verdict") or {}).get("passed", False)
+    values = values_of(checked)
+    for slider, found in zip(sliders, tracks(checked, sliders, values, (begin, stop, step)), strict=True):
+        # friction that excites itself makes loops grow for moments of a run that is stable
+        slider["tracks"] = found if found[0] is None or found[0]["modulus"][OWN] or not passed else [None]
     return {
         "units": [_unit(checked, name, modules, places) for name in names],
         "order": [names.index(name) for name in checked.schedule.units],
@@ -228,7 +257,9 @@ def _simulation(
         "step": step,
         "steps": steps,
         "last": step if time + step == stop else largest_step(time, stop),
-        "knobs": list(knobs(checked)),
+        "knobs": sliders,
+        "causes": list(causes(values, sliders, steps * len(places) * LESS <= MOST_VALUES)),
+        "margins": {"good": GOOD, "poor": POOR},
         "recorded": _recorded(results, summary, [".".join(port) for port in places]),
     }
 
@@ -270,6 +301,11 @@ def _parameters(checked: Checked, name: str) -> dict[FmuVariable, float]:
     return {
         v: float(given.get(v.name, v.start)) for v in checked.descriptions[name].named("parameter") if v.type == "Real"
     }
+
+
+def values_of(checked: Checked) -> dict[str, dict[str, float]]:
+    """Return the real parameters of all units by their names."""
+    return {name: {v.name: value for v, value in _parameters(checked, name).items()} for name in checked.descriptions}
 
 
 def _carried(link: Link, names: Sequence[str]) -> list[float]:

@@ -6,6 +6,7 @@ import dataclasses
 import math
 import os
 from collections.abc import Iterable
+from contextlib import ExitStack
 from functools import partial as bound
 from itertools import chain
 from pathlib import Path
@@ -43,6 +44,7 @@ from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
 from vdfmu.study.report.content import arm_of
 from vdfmu.study.report.page import NAME, ShownRun, write_report
 from vdfmu.study.report.pictures import PICTURES, SIGNALS, write_pictures
+from vdfmu.study.report.simulation import compiling_modules
 from vdfmu.study.report.world import scene_of
 from vdfmu.study.run.at_limits import limits_of, time_at_limits
 from vdfmu.study.run.key_figures import key_figures
@@ -172,7 +174,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
             log(LogMessage("", 0.0, "note", "", f"{connection}: {_JOINED}"))
         for note in (*model_notes(scenario), *build_notes(scenario.robot, backend)):
             log(LogMessage("", 0.0, "note", "", f"{(scenario.robot or scenario).name}: {note}"))
-    with place as made:
+    with place as made, ExitStack() as stack:
         partial = Path(made)
         with doing("build"), temporary_folder("vdfmu_fmus_") as fmus:
             built = cached_fmus(scenario, fmus, backend, fmi_version)
@@ -218,6 +220,8 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
         summary["paper"] = dict(scenario.paper)
         if out is not False:
             write_summary(summary, partial)
+        simulate = options["simulate"] and out is not False
+        modules = stack.enter_context(compiling_modules(summary, package)) if simulate else None
         if options["reference"]:
             summary |= _references(system, package, results)
         loops = list(loop_checks(poses, system, package))
@@ -236,8 +240,10 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
 
                 signals_figure(results.thinned(DRAWN), partial, pictures=pictures)
         with doing("page"):
+            if modules is not None:
+                modules()
             page = [ShownRun(scenario.name, results, summary, partial / "system.ssp")]
-            write_report(page, partial / NAME, simulate=options["simulate"])
+            write_report(page, partial / NAME, simulate=bool(simulate))
         write_summary(summary, partial)
         return results
 

@@ -30,7 +30,7 @@ export class Chart {
     }, { rootMargin: "200px" }).observe(this.element);
     new ResizeObserver(() => this.plot && this.plot.setSize({ width: this.place.clientWidth, height: HEIGHT })).observe(this.place);
     addEventListener("beforeprint", () => { if (this.stale) this.build(); });
-    view.addEventListener("time", () => this.moveMark());
+    for (const event of ["time", "marks"]) view.addEventListener(event, () => this.moveMark());
     view.addEventListener("focus", () => this.refocus());
     for (const event of ["range", "shown"]) view.addEventListener(event, () => this.refresh());
     view.addEventListener("simulated", () => this.update());
@@ -232,6 +232,9 @@ export class Chart {
     const place = this.plot.valToPos(view.time, "x");
     this.mark.hidden = place < 0 || place > this.plot.over.clientWidth;
     this.mark.style.transform = `translateX(${place}px)`;
+    this.events?.forEach((event) => event.remove());
+    this.events = (view.marks ?? []).filter(({ time }) => time >= this.plot.scales.x.min && time <= this.plot.scales.x.max).map(({ time, words }) => make("div", { class: "event", style: `transform:translateX(${this.plot.valToPos(time, "x")}px)` }, make("span", {}, words)));
+    this.plot.over.append(...this.events);
     if (document.activeElement === this.place) this.plot.setCursor({ left: place, top: 0 }); // keys read values too
   }
 }

@@ -1,56 +1,13 @@
 // The panel that simulates: sliders, the page's own run, and what it found beside what was recorded.
 
-import { binaries, choice, make, NOTHING, recorded, rowsOf, simulated, text, toggle, view } from "./data.js";
+import { binaries, choice, make, NOTHING, recorded, rowsOf, simulated, text, view } from "./data.js";
+import { recalled, remember, whenRecalled } from "./state.js";
 import { toolErrors } from "./arm.js";
+import { Knob } from "./knob.js";
+import { Budget, changeOf } from "./budget.js";
 import { SimulationWorker, difference } from "./worker.js";
 
-const NOTCHES = 100; // of a slider to either side
 const PATIENCE = 1000; // ms; a run that takes longer is stopped for a newer one
-
-/** A slider of factors around 1, for all joints and for each. */
-class Knob {
-  constructor(knob, changed) {
-    Object.assign(this, { knob, places: Array(knob.values.length + 1).fill(0), chosen: 0, known: false });
-    this.output = make("output");
-    this.slider = make("input", { type: "range", min: -NOTCHES, max: NOTCHES, "aria-label": knob.words,
-      input: () => { this.places[this.chosen] = Number(this.slider.value); this.show(); changed(); },
-      dblclick: () => { this.slider.value = 0; this.slider.dispatchEvent(new Event("input")); } });
-    const joints = knob.values.length > 1 ? [choice("", [[0, "all joints"], ...knob.values.map((_, i) => [i + 1, `joint ${i + 1}`])], (k) => { this.chosen = Number(k); this.show(); })] : [];
-    joints[0]?.querySelector("select").setAttribute("aria-label", `${knob.words}: joint`);
-    const known = knob.known.length ? [toggle("feedforward knows it", false, (on) => { this.known = on; changed(); }, { class: "chip", "aria-label": `${knob.words}: the feedforward knows it` })] : [];
-    this.element = make("div", { class: "knob" }, make("span", {}, knob.words), this.output, this.slider, make("div", { class: "chips" }, ...joints, ...known));
-    this.show();
-  }
-
-  /** Factor of a place of the slider, with three digits. */
-  factor(place) {
-    const { least, most } = this.knob, share = Math.abs(place) / NOTCHES;
-    return Number((place > 0 ? most ** share : least ? least ** share : 1 - share).toPrecision(3));
-  }
-
-  show() {
-    const [all, ...own] = this.places.map((place) => this.factor(place)), { values, units } = this.knob, joint = this.chosen - 1;
-    const found = values.map((value, i) => all * own[i] * value), one = joint >= 0 ? found[joint] : found.every((value, i) => value === found[0] && units[i] === units[0]) ? found[0] : null;
-    this.slider.value = this.places[this.chosen];
-    this.output.textContent = `× ${text(joint < 0 ? all : all * own[joint], 3)}${one === null ? "" : ` = ${text(one, 4)} ${units[Math.max(joint, 0)]}`}`;
-    this.slider.setAttribute("aria-valuetext", this.output.textContent.replace("×", "times"));
-    this.element.querySelectorAll("option").forEach((option, k) => { option.textContent = `${k ? `joint ${k}` : "all joints"}${this.places[k] ? ` × ${text(this.factor(this.places[k]), 3)}` : ""}`; });
-  }
-
-  reset() {
-    this.places.fill(0);
-    this.show();
-  }
-
-  /** Changes of the parameters of units, by their full names. */
-  changes({ units }) {
-    const { targets, known } = this.knob, [all, ...own] = this.places.map((place) => this.factor(place));
-    return own.flatMap((factor, i) => (all * factor === 1 ? [] : [...targets, ...(this.known ? known : [])].flatMap(({ unit, name }) =>
-      Object.keys(units.find((one) => one.name === unit).parameters)
-        .filter((one) => one === name || one.startsWith(`${name}[${i + 1}]`) || one.startsWith(`${name}[${i + 1},`))
-        .map((one) => ({ unit, name: one, factor: all * factor })))));
-  }
-}
 
 class Simulation {
   constructor(section, able) {
@@ -58,15 +15,18 @@ class Simulation {
     this.status = make("p", { class: "note", role: "status" });
     this.bar = make("progress", { max: 1, "aria-label": "Progress of the simulation" });
     this.verdict = make("ul");
-    this.failure = make("p", { class: "failure", role: "alert", hidden: true });
+    this.failure = make("div", { class: "failure", role: "alert", hidden: true });
+    this.legend = make("p", { class: "note" });
     this.knobs = make("div", { class: "knobs" });
     this.results = make("table");
     section.append(
       make("div", { class: "bar" }, make("h2", {}, "Simulate"), ...(able.length > 1 ? [choice("Run", able.map((run, k) => [k, run.name]), (k) => this.choose(able[k]))] : []), make("button", { type: "button", click: () => this.reset() }, "Reset"), this.status, this.bar),
       make("p", { class: "note" }, "Move a slider: this browser runs the C of the FMUs again, and draws the simulated run over the recorded one. A double click puts a slider back."),
-      this.knobs, this.failure, make("div", { class: "found" }, this.results, make("div", { class: "checks" }, this.verdict)),
+      this.legend, this.knobs, this.failure, make("div", { class: "found" }, this.results, make("div", { class: "checks" }, this.verdict)),
     );
+    this.budget = new Budget(section);
     this.choose(able[0], false);
+    whenRecalled(() => { this.recall(); this.rerun(); });
     const seen = new IntersectionObserver(([entry]) => {
       if (!entry.isIntersecting) return;
       seen.disconnect();
@@ -78,11 +38,21 @@ class Simulation {
   choose(run, start = true) {
     this.show(NOTHING);
     this.of = simulated.of = run;
-    this.before = null;
     view.change("run", run);
-    this.sliders = run.simulation.knobs.map((knob) => new Knob(knob, () => this.rerun()));
+    const { knobs, margins: { good, poor } } = run.simulation;
+    this.sliders = knobs.map((knob) => new Knob(knob, run.simulation.margins, () => this.rerun()));
     this.knobs.replaceChildren(...this.sliders.map(({ element }) => element));
-    if (start) this.rerun();
+    this.legend.hidden = !this.sliders.some(({ judged }) => judged);
+    this.legend.replaceChildren("Tracks: modulus margin of the loops, linearised along the recorded run, with this slider alone moved: ",
+      ...[["good", `from ${good}`], ["fair", `from ${poor}`], ["poor", "below, or unstable"]].map(([colour, words]) => make("span", { class: "key" }, make("i", { class: colour }), words)), "A line marks where the loops become unstable.");
+    this.budget.of(run);
+    this.recall();
+    if (start || this.changes().length) this.rerun();
+  }
+
+  /** Set the sliders as the address has them. */
+  recall() {
+    for (const slider of this.sliders) slider.state = recalled(slider.knob.key) ?? "";
   }
 
   reset() {
@@ -97,6 +67,8 @@ class Simulation {
   /** Run with the sliders as they are: after the run that is under way, which is stopped if it is slow. */
   async rerun() {
     this.again = true;
+    this.budget.cancel();
+    for (const slider of this.sliders) remember(slider.knob.key, slider.state);
     if (this.busy) {
       this.stopping ??= setTimeout(() => this.worker.cancel(), PATIENCE + this.began - performance.now());
       return;
@@ -120,12 +92,25 @@ class Simulation {
   /** Show what a run found, up to its failure if it has failed. */
   take(found, changes, failure = "") {
     const { time } = found, { stop, start } = this.of.simulation;
-    this.failure.textContent = failure;
-    this.failure.hidden = !failure;
+    this.explain(found, failure);
     this.status.textContent = failure ? `Stopped${time.length ? ` at ${text(time.at(-1), 4)} s` : ""}.` : `${text(stop - start, 4)} s simulated in ${text(found.seconds, 2)} s.`;
     if (!changes.length) this.judge(found, failure);
-    this.tabulate(found);
+    this.verdict.classList.toggle("other", changes.length > 0);
+    this.tabulate(found, failure);
     this.show(changes.length ? found : NOTHING);
+  }
+
+  /** Say when the run became unstable, by which sliders, and mark the time in the figures. */
+  explain(found, failure) {
+    const moved = this.sliders.flatMap((slider) => slider.moved()), unstable = moved.filter((one) => one.unstable), end = found.time.at(-1);
+    const begin = (unstable.length ? departure({ ...this.of, result: found }, this.of) : null) ?? (failure && found.time.length ? end : null);
+    const words = (list) => list.map((one) => one.words + (one.limit ? `, stable ${one.above ? "up" : "down"} to about × ${text(one.limit, 2)}` : "")).join("; ");
+    let said = "";
+    if (unstable.length) said = `${begin === null ? "Unstable if linearised, though errors stay small here" : `Unstable from ${text(begin, 3)} s`}: ${words(unstable)} (by the loops linearised along the recorded run).`;
+    else if (failure && moved.length && begin !== null) said = `Stopped at ${text(end, 3)} s with ${words(moved)}${moved.length > 1 && moved.every((one) => one.judged) ? "; each of them alone is stable" : ""}.`;
+    this.failure.replaceChildren(...(said ? [make("strong", {}, said)] : []), ...(failure ? [make(said ? "small" : "span", {}, failure)] : []));
+    this.failure.hidden = !said && !failure;
+    view.change("marks", begin === null || !(said || failure) ? [] : [{ time: begin, words: unstable.length ? "unstable" : "stopped" }]);
   }
 
   show(found) {
@@ -141,32 +126,39 @@ class Simulation {
       make("small", {}, failure || `with all sliders at 1, they differ by ${text(position, 2)} ${unit} at most in the rows that the page has in double precision; limit ${text(limit, 2)} ${unit}${why && `. ${why}`}`)));
   }
 
-  tabulate(found) {
-    this.before ??= peaksOf(this.of);
-    const { before } = this, after = found.time.length ? peaksOf({ ...this.of, result: found }) : before.map(() => ({ value: NaN }));
+  tabulate(found, failure) {
+    const until = failure && found.time.length ? found.time.at(-1) : Infinity, part = until < Infinity ? ` to ${text(until, 3)} s` : "";
+    const before = peaksOf(this.of, until), after = found.time.length ? peaksOf({ ...this.of, result: found }, until) : before.map(() => ({ value: NaN }));
     const cell = ({ value, joint }) => make("td", {}, text(value, 3), ...(joint ? [make("small", {}, ` joint ${joint}`)] : []));
-    this.results.replaceChildren(make("thead", {}, make("tr", {}, ...["Largest", "recorded", "simulated", "change"].map((head) => make("th", { scope: "col" }, head)))),
+    this.results.replaceChildren(make("thead", {}, make("tr", {}, ...[`Largest${part}`, "recorded", "simulated", "change"].map((head) => make("th", { scope: "col" }, head)))),
       make("tbody", {}, ...before.map((was, k) => make("tr", {}, make("th", { scope: "row" }, was.words, make("small", {}, ` ${was.unit}`)), cell(was), cell(after[k]), make("td", {}, changeOf(was.value, after[k].value))))));
   }
 }
 
-/** Largest absolute values of the figures of a run, and of the error of its end effector. */
-function peaksOf(run) {
-  const largest = (values) => values.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
-  const found = run.figures.filter(({ peak }) => peak).map((figure) => {
-    const peaks = rowsOf(figure, run.result).values.map((values, k) => (figure.curves[k][2] ? 0 : largest(values)));
+const WORSE = 2; // times its largest error in the recorded run that a joint is off when it has left the motion
+
+/** Time from which on a joint of a run is further off than ever in another run; null if it never is. */
+function departure(run, other) {
+  const times = run.figures.filter(({ key }) => key.startsWith("tracking.")).flatMap((figure) => {
+    const { time, values } = rowsOf(figure, run.result), limits = rowsOf(figure, other.result).values.map((row) => WORSE * largest(row));
+    return values.map((row, joint) => time[row.findIndex((value) => Math.abs(value) > limits[joint])] ?? Infinity);
+  });
+  const first = Math.min(Infinity, ...times);
+  return first < Infinity ? first : null;
+}
+
+const largest = (values) => values.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
+
+/** Largest absolute values of the figures of a run up to a time, and of the error of its end effector. */
+function peaksOf(run, until) {
+  const peak = ({ time, values }) => largest(until < time.at(-1) ? values.filter((_, k) => time[k] <= until) : values);
+  const found = run.figures.filter((figure) => figure.peak).map((figure) => {
+    const { time, values } = rowsOf(figure, run.result), peaks = values.map((row, k) => (figure.curves[k][2] ? 0 : peak({ time, values: row })));
     const value = largest(peaks);
     return { words: figure.peak, unit: figure.unit, value, joint: value ? figure.curves[peaks.indexOf(value)][1] : 0 };
   });
-  if (run.arm && run.frames.error) found.push({ words: "Error of the end effector", unit: "mm", value: largest(toolErrors(run).values) });
+  if (run.arm && run.frames.error) found.push({ words: "Error of the end effector", unit: "mm", value: peak(toolErrors(run)) });
   return found;
-}
-
-function changeOf(before, after) {
-  const ratio = after / before;
-  if (!Number.isFinite(ratio)) return "–";
-  if (Math.abs(ratio - 1) < 1e-6) return "none";
-  return ratio >= 2 || ratio <= 0.5 ? `× ${text(ratio, 3)}` : `${ratio > 1 ? "+" : ""}${text(100 * (ratio - 1), 2)} %`;
 }
 
 /** Fill the section of the simulation: sliders, and why runs without them have none. */

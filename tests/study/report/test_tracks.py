@@ -1,0 +1,113 @@
+"""The margins along the sliders of a page, and the causes that it takes away."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vdfmu
+from vdfmu.engine.inspect.changed import changed, with_part
+from vdfmu.engine.inspect.linear import Linearisation
+from vdfmu.engine.inspect.loops import GROWTH
+from vdfmu.engine.masters.components import Components
+from vdfmu.engine.package.read import load_ssp
+from vdfmu.engine.plan.check import check_system
+from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.run.simulator import Simulator
+from vdfmu.study.analysis.system import margins_along
+from vdfmu.study.report.causes import LESS, causes
+from vdfmu.study.report.simulation import knobs, values_of
+from vdfmu.study.report.tracks import NOTCHES, OWN, factor, tracks
+
+STOP, STEP = 0.4, 1e-3
+GAIN = {
+    "words": "Loop gain", "values": [1.0, 1.0], "least": 0.1, "most": 10.0, "known": [],
+    "targets": [{"unit": "controller", "name": name} for name in ("K_p", "K_v")],
+}  # fmt: skip
+"""A slider of the whole gain of each joint's loop, as a gain margin has it."""
+
+
+@pytest.fixture(scope="module")
+def planar(tmp_path_factory) -> Checked:
+    """Return the system of the planar arm, with a fast motion."""
+    folder = tmp_path_factory.mktemp("tracks")
+    vdfmu.run("planar_tracking", stop=0.01, out=folder, reference=False)
+    return check_system(load_ssp(folder / "system.ssp"), algorithm="gauss-seidel")
+
+
+def found(checked: Checked, chosen: list[dict[str, Any]]) -> list[list[Any]]:
+    return tracks(checked, chosen, values_of(checked), (0.0, STOP, STEP))
+
+
+def test_the_limit_of_a_loops_gain_is_its_gain_margin(planar):
+    times = [round(k * STOP / 4 / STEP) * STEP for k in range(5)]
+    along = margins_along(planar.system.path, at=times, growth=GROWTH)
+    (own,) = found(planar, [GAIN])
+    # a track ends at the last place that is found stable, 1 / 16 of 25 notches before one that is not; margins
+    # lie between frequencies 10^(4 / 400) apart, which is below that
+    notches = NOTCHES / 4 / 16
+    for joint in range(2):
+        margin = min(float(each.gain[joint]) for each in along.margins)
+        place = NOTCHES * np.log10(margin)
+        assert own[1 + joint]["limits"][1] == pytest.approx(place - notches / 2.0, abs=notches)
+    least = min(float(each.modulus.min()) for each in along.margins)
+    # 30 frequencies and those around poles, of 400: a minimum is flat
+    assert own[0]["modulus"][OWN] == pytest.approx(least, rel=0.02)
+
+
+def test_sliders_of_gains_and_of_the_arm_have_tracks_and_friction_and_motion_none(planar):
+    chosen = list(knobs(planar))
+    of = {knob["key"]: each for knob, each in zip(chosen, found(planar, chosen), strict=True)}
+    assert [len(of[key]) for key in ("controller.K_p", "controller.K_v", "plant.mass", "plant.K_f0")] == [3, 3, 1, 1]
+    assert of["plant.f_c"] == of["trajectory.T"] == [None]
+    for tracked in of.values():
+        for track in filter(None, tracked):
+            assert track["modulus"][OWN] == of["controller.K_v"][0]["modulus"][OWN] > 0.0
+            assert all(0.0 <= each <= 1.0 for each in track["modulus"])
+    assert found(planar, chosen) == list(of.values())  # from the cache
+
+
+def test_factors_of_a_slider():
+    knob = {"least": 0.1, "most": 10.0}
+    assert [factor(knob, place) for place in (-100, 0, 50, 100)] == [0.1, 1.0, pytest.approx(10**0.5, rel=1e-15), 10.0]
+    assert factor({"least": 0.0, "most": 3.0}, -100) == 0.0
+
+
+class Visitor:
+    """Linearises the arm at a row, as it is and as another instance of it."""
+
+    def rows(self, n: int) -> frozenset[int]:
+        """Return the row in the middle."""
+        return frozenset({n // 2})
+
+    def visit(self, components: Components, time: float, step: float) -> None:
+        """Linearise all components, then the arm by itself with its own and with another mass."""
+        self.system = Linearisation(components, step).at(time)
+        with changed(components, "plant", {}) as arm:
+            self.same = with_part(self.system, arm, time)
+        with changed(components, "plant", {"mass[2]": 20.0}) as arm:
+            self.other = with_part(self.system, arm, time)
+
+
+def test_another_instance_has_the_same_derivatives_at_the_same_place(planar):
+    visitor = Visitor()
+    with Simulator(planar.system, isolate=False, algorithm="gauss-seidel") as simulator:
+        simulator.run(start=0.0, stop=STOP, step=STEP, record=(), visitor=visitor)
+    for name in "ABCD":
+        ours, same = getattr(visitor.system.parts, name), getattr(visitor.same.parts, name)
+        np.testing.assert_array_equal(ours, same)
+    assert np.abs(visitor.other.parts.A - visitor.system.parts.A).max() > 1.0
+
+
+def test_causes_are_those_that_the_system_has(planar):
+    values, chosen = values_of(planar), list(knobs(planar))
+    words = [cause["words"] for cause in causes(values, chosen, True)]
+    assert words == [f"Sampled {LESS} times as often", "No friction, and none expected",
+                     f"Drives {LESS} times as stiff, and known to be"]  # fmt: skip
+    assert len(list(causes(values, chosen, False))) == 2
+    heavy = {**values, "plant": {**values["plant"], "mass[2]": 9.0}, "encoder": {"T_d": 1e-3, "bits[1]": 17.0}}
+    more = list(causes(heavy, chosen, False))[2:]
+    assert [cause["words"] for cause in more] == [
+        "No delay of signals", "Encoders of 48 bits", "Masses and inertias of the links known to the feedforward",
+    ]  # fmt: skip
+    assert more[-1]["changes"] == [{"unit": "feedforward", "name": "mass[2]", "value": 9.0}]

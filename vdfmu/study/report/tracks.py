@@ -1,0 +1,243 @@
+"""Tracks of a page's sliders: the modulus margin of the sampled loops along each, and where they become unstable.
+
+The run is linearised at some times. There each slider is moved alone: the components whose parameters it scales are
+linearised again with the new ones, at the states and inputs that the run had. The states of a faster or heavier arm
+would be others; what a gain or a stiffness does to the loops depends little on them.
+
+A margin of `GOOD` is a largest sensitivity of 2, the upper end of what is recommended (Astrom and Hagglund, Advanced
+PID Control, 2006, section 4.5); of `POOR` one of 4, above which both performance and robustness are poor (Skogestad and
+Postlethwaite, Multivariable Feedback Control, 2005, section 2.4.3).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, nullcontext
+from dataclasses import replace
+from functools import partial
+from hashlib import sha256
+from typing import Any
+
+import numpy as np
+
+from vdfmu.arm.robot.parameters import section
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import VdfmuError
+from vdfmu.compiler.functions.cache import cache_folder, load, store
+from vdfmu.compiler.functions.sources import source_digest
+from vdfmu.engine.fmu.variables import Value
+from vdfmu.engine.inspect.changed import can_change, changed, with_part
+from vdfmu.engine.inspect.linear import Linearisation, LinearSystem
+from vdfmu.engine.inspect.loops import GROWTH, Loop, of_positions, opened_at, system_loop
+from vdfmu.engine.masters.components import Components
+from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.run.simulator import Simulator
+
+GOOD, POOR = 0.5, 0.25
+"""Modulus margins from which a track is green, and below which it is red."""
+NOTCHES = 100
+"""Places of a slider to either side of 0, where its factor is 1."""
+_PLACES = range(-NOTCHES, NOTCHES + 1, NOTCHES // 4)
+OWN = len(_PLACES) // 2
+"""Place of the run's own margin among these."""
+_HALVINGS = 4
+"""Of the distance of two places, for the limit of stability: to 1.6 notches, 4 % of a factor of up to 10."""
+_TIMES, _WORST = 5, 2
+"""Times of the run at which all joints are tried, and at which each joint or the arm is: those of the least margins."""
+_JOINTS = 8
+"""Most joints that have tracks of their own."""
+_POINTS = 30
+"""Frequencies, in addition to those around poles, where margins are least."""
+_ROUNDING = 1e-9
+"""Rounding of derivatives that are in proportion, relative."""
+
+_FRICTION = {row.name for row in section("friction")}
+"""Parameters without a track: near standstill friction that falls with speed makes a loop grow for a moment, whatever
+the motion before and after."""
+
+Names = Mapping[str, Mapping[str, float]]
+"""Component, to parameter, to its value in the run."""
+Track = dict[str, Any]
+
+
+def factor(knob: Mapping[str, Any], place: float) -> float:
+    """Return the factor of a place of a slider, as ``web/simulation.js`` does."""
+    share = abs(place) / NOTCHES
+    if place > 0:
+        return knob["most"] ** share
+    return knob["least"] ** share if knob["least"] else 1.0 - share
+
+
+def tracks(
+    checked: Checked, knobs: Sequence[Mapping[str, Any]], parameters: Names, span: tuple[float, float, float]
+) -> list[list[Track | None]]:
+    """Return the tracks of each slider: of all joints, then of each joint; None where it has none.
+
+    A track has ``places``, the least modulus margin at each, ``modulus``, and in ``limits`` the places below and above
+    which the loops are unstable, or None.
+
+    Parameters
+    ----------
+    span : tuple of float [s]
+        Start, stop and step of the run.
+    """
+    content = json.dumps([source_digest("study.report.tracks"), str(checked.algorithm), knobs, parameters, span])
+    digest = sha256(content.encode() + sha256(checked.system.path.read_bytes()).digest()).hexdigest()
+    path = cache_folder() / "tracks" / digest
+    if (stored := load(path)) is not None:
+        return json.loads(stored)
+    try:
+        found = _tracks(checked, knobs, parameters, span)
+    except VdfmuError:  # there are no loops, or the FMUs do not tell them
+        found = [[None] for _ in knobs]
+    store(path, json.dumps(found).encode())
+    return found
+
+
+def _tracks(
+    checked: Checked, knobs: Sequence[Mapping[str, Any]], parameters: Names, span: tuple[float, float, float]
+) -> list[list[Track | None]]:
+    start, stop, step = span
+    poses = _Poses()
+    with Simulator(checked.system, isolate=False, algorithm=checked.algorithm) as simulator:
+        simulator.run(start=start, stop=stop, step=step, record=(), visitor=poses)
+        loops = _Loops(poses, parameters)
+        return [list(_of_knob(loops, knob)) for knob in knobs]
+
+
+class _Poses:
+    """Linearises all components of a run at some rows."""
+
+    def __init__(self) -> None:
+        self.systems: list[tuple[float, LinearSystem]] = []
+        self.components: Components | None = None
+        self._linearisation: Linearisation | None = None
+
+    def rows(self, n: int) -> frozenset[int]:
+        """Return the rows of a run with n steps."""
+        return frozenset(round(k * n / (_TIMES - 1)) for k in range(_TIMES))
+
+    def visit(self, components: Components, time: float, step: float) -> None:
+        """Linearise the components."""
+        if self._linearisation is None:
+            self.components, self._linearisation = components, Linearisation(components, step, loops=True)
+        self.systems.append((time, self._linearisation.at(time)))
+
+
+class _Loops:
+    """The loops at all poses, with the run's parameters and with those of a slider."""
+
+    def __init__(self, poses: _Poses, parameters: Names) -> None:
+        assert poses.components is not None
+        self.components, self.parameters, self._systems = poses.components, parameters, poses.systems
+        self._opened = opened_at(self._systems[0][1], "tau")
+        self.own = [self._loop(system) for _, system in self._systems]
+        self.least = [float(loop.margins(delay=0).modulus.min()) for loop in self.own]
+        self.worst: list[int] = np.argsort(self.least).tolist()
+        """Poses, the one with the least margin first."""
+
+    def _loop(self, system: LinearSystem) -> Loop:
+        found = replace(system, parts=of_positions(system.parts))
+        return system_loop(found, self._opened, GROWTH, _POINTS)
+
+    @contextmanager
+    def moved(self, knob: Mapping[str, Any], place: float, joint: int | None) -> Generator[Callable[[int], Loop]]:
+        """Yield a function of the pose: its loop with a slider at a place, of all joints or of one."""
+        changes: dict[str, dict[str, Value]] = {}
+        for target in knob["targets"]:
+            for name, value in self.parameters[target["unit"]].items():
+                group, _, index = name.partition("[")
+                if group == target["name"] and (joint is None or index.rstrip("]").split(",")[0] == str(joint + 1)):
+                    changes.setdefault(target["unit"], {})[name] = factor(knob, place) * value
+        with ExitStack() as stack:
+            instances = [stack.enter_context(changed(self.components, unit, new)) for unit, new in changes.items()]
+
+            def loop(pose: int) -> Loop:
+                time, system = self._systems[pose]
+                for instance in instances:
+                    system = with_part(system, instance, time)
+                return self._loop(system)
+
+            yield loop
+
+    def open_as_own(self, pose: int, loop: Loop) -> bool:
+        """Whether a loop differs from the run's in its feedback at most."""
+        return all(np.array_equal(*pair) for pair in zip(loop.plant, self.own[pose].plant, strict=True))
+
+    def feedback(self, knob: Mapping[str, Any], poses: Sequence[int], joint: int | None) -> dict[int, Floats] | None:
+        """Return by how much the feedback at poses changes if a slider adds 1 to its factor.
+
+        None if the slider changes more than the feedback, or this not in proportion.
+        """
+        found: list[list[Floats]] = []
+        for place in (-NOTCHES, NOTCHES):
+            with self.moved(knob, place, joint) as moved:
+                loops = [moved(pose) for pose in poses]
+            if not all(map(self.open_as_own, poses, loops)):
+                return None
+            by = factor(knob, place) - 1.0
+            found.append([(loop.K - self.own[pose].K) / by for pose, loop in zip(poses, loops, strict=True)])
+        if not all(map(partial(np.allclose, rtol=_ROUNDING, atol=0.0), *found)):
+            return None
+        return dict(zip(poses, found[0], strict=True))
+
+
+def _of_knob(loops: _Loops, knob: Mapping[str, Any]) -> Iterator[Track | None]:
+    pose = loops.worst[0]
+    able = all(can_change(loops.components, target["unit"]) for target in knob["targets"])
+    if not able or any(target["name"] in _FRICTION for target in knob["targets"]):
+        yield None
+        return
+    with loops.moved(knob, NOTCHES, None) as moved:
+        there = moved(pose)
+    alike = loops.open_as_own(pose, there)
+    if alike and np.array_equal(there.K, loops.own[pose].K):  # none of its parameters is in a loop
+        yield None
+        return
+    yield _track(loops, knob, loops.worst if alike else loops.worst[:_WORST], None)
+    joints = len(knob["values"])
+    if alike and 1 < joints <= _JOINTS:
+        for joint in range(joints):
+            yield _track(loops, knob, loops.worst[:_WORST], joint)
+
+
+def _track(loops: _Loops, knob: Mapping[str, Any], poses: Sequence[int], joint: int | None) -> Track:
+    feedback = loops.feedback(knob, poses, joint)
+
+    def margin(pose: int, loop: Loop | None, place: float) -> float:
+        own = loops.own[pose]
+        if feedback is not None:
+            return _modulus(own, own.K + (factor(knob, place) - 1.0) * feedback[pose])
+        assert loop is not None
+        return _modulus(own, loop.K) if loops.open_as_own(pose, loop) else _modulus(loop, loop.K)
+
+    def least(place: float) -> float:
+        found = math.inf
+        with nullcontext() if feedback is not None else loops.moved(knob, place, joint) as moved:
+            for pose in poses:
+                found = min(found, margin(pose, moved and moved(pose), place))
+                if not found:
+                    break
+        return found
+
+    own = min(loops.least[pose] for pose in poses)
+    margins = {place: least(place) if place else own for place in _PLACES}
+    limits: list[float | None] = []
+    for side in (-1, 1):
+        ordered = [side * abs(place) for place in _PLACES if place >= 0]
+        beyond = next((k for k, place in enumerate(ordered) if not margins[place]), None)
+        if not beyond:  # stable everywhere, or nowhere
+            limits.append(0.0 if beyond == 0 else None)
+            continue
+        inside, outside = float(ordered[beyond - 1]), float(ordered[beyond])
+        for _ in range(_HALVINGS):
+            middle = (inside + outside) / 2.0
+            inside, outside = (middle, outside) if least(middle) else (inside, middle)
+        limits.append(inside)
+    return {"places": list(margins), "modulus": [round(each, 3) for each in margins.values()], "limits": limits}
+
+
+def _modulus(loop: Loop, K: Floats) -> float:
+    return float(loop.margins(K, delay=0).modulus.min())
