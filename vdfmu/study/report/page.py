@@ -114,7 +114,8 @@ def report_page(runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: 
         parts = [part | {"figures": [], "signals": [], "simulation": None} for part in parts]
     data = {"runs": parts} | ({"binaries": binaries} if binaries else {})
     inert = to_json(data, indent=None).replace("<", "\\u003c")  # nothing in it ends the script that contains it
-    diagram = next(filter(None, (system_diagram(run.package) for run in runs)), "")
+    held = ({signal.name for signal in run.results.signals if signal.late} for run in runs)
+    diagram = next(filter(None, (system_diagram(run.package, own) for run, own in zip(runs, held, strict=True))), "")
     summaries = [run.summary for run in runs]
     each = [f"robot {s['robot']}" if "robot" in s else f"system {s.get('system', '')}" for s in summaries]
     about = "; ".join(dict.fromkeys(each))
