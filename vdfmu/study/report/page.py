@@ -22,8 +22,9 @@ from vdfmu.compiler.fmu.page import page, table
 from vdfmu.engine.results.formats import result_files
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import checks_of, not_checked
+from vdfmu.study.report.comparison import difference_sheet, joint_sheets
 from vdfmu.study.report.content import content_of
-from vdfmu.study.report.sheets import Sheet, comparison_sheet, facts, sheets
+from vdfmu.study.report.sheets import Sheet, facts, sheets
 from vdfmu.study.report.simulation import compressed, simulation_of
 from vdfmu.study.report.summary import read_summary
 from vdfmu.study.report.wired import wired_arm
@@ -33,7 +34,7 @@ NAME = "report.html"
 _WEB = Path(__file__).parent / "web"
 MODULES = (
     "packed.js", "vendor.js", "data.js", "chart.js", "figures.js", "arm.js", "player.js", "system.js", "worker.js",
-    "simulation.js", "main.js",
+    "simulation.js", "comparison.js", "main.js",
 )  # fmt: skip
 """In an order in which each comes after the modules that it imports."""
 WORKER = ("packed.js", "fmu.js", "master.js")
@@ -122,6 +123,7 @@ def report_page(runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: 
     body = "\n".join(
         [
             *_checks(names, runs),
+            *(_comparison(names, runs) if len(runs) > 1 and not arm_alone else ()),
             '<section id="arm" class="card" hidden aria-label="The arm in 3D"></section>',
             '<section id="simulate" class="card" hidden aria-label="Simulate"></section>',
             '<section id="figures" class="card" hidden aria-label="Figures"></section>',
@@ -191,17 +193,26 @@ def _checks(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
 
 def _tables(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
     shown: list[tuple[str, Sheet]] = []
-    if len(runs) > 1:
-        shown += [("", sheet) for sheet in comparison_sheet(names, [run.summary for run in runs])]
     for name, run in zip(names, runs, strict=True):
         shown += [(f"{name}: " if len(runs) > 1 else "", sheet) for sheet in sheets(run.summary)]
     for before, sheet in shown:
-        heads = [escape(head).replace("\n", "<br>") for head in sheet.columns]
-        notes = "".join(f"<p class=note>{escape(note)}</p>" for note in sheet.notes)
-        yield (
-            f'<section class="card"><h2>{escape(before + sheet.title)}</h2><div class="wide">'
-            f"{_table(heads, sheet.rows)}</div>{notes}</section>"
-        )
+        yield f'<section class="card"><h2>{escape(before + sheet.title)}</h2>{_sheet(sheet)}</section>'
+
+
+def _comparison(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
+    """Yield what differs in the settings of runs, and in what they did; the page adds largest values and figures."""
+    summaries = [run.summary for run in runs]
+    settings = difference_sheet(names, summaries, [run.package for run in runs])
+    yield f'<section class="card differs"><h2>{settings.title}</h2>{_sheet(settings)}</section>'
+    tables = "".join(f"<div><h3>{escape(one.title)}</h3>{_sheet(one)}</div>" for one in joint_sheets(names, summaries))
+    yield f'<section id="comparison" class="card"><h2>What it does</h2><div class="tables">{tables}</div></section>'
+
+
+def _sheet(sheet: Sheet) -> str:
+    heads = [escape(head).replace("\n", "<br>") for head in sheet.columns]
+    notes = "".join(f"<p class=note>{escape(note)}</p>" for note in sheet.notes)
+    made = f'<div class="wide">{_table(heads, sheet.rows)}</div>' if sheet.rows else ""
+    return f"{made}{notes}"
 
 
 def _facts(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:

@@ -1,7 +1,8 @@
 // Put the page together.
 
-import { binaries, recorded, runs, view } from "./data.js";
+import { binaries, curvesOf, recorded, runs, view } from "./data.js";
 import { Chain, Motion, toolErrors } from "./arm.js";
+import { differences, showComparison } from "./comparison.js";
 import { showFigures } from "./figures.js";
 import { Player } from "./player.js";
 import { showSimulation } from "./simulation.js";
@@ -21,7 +22,8 @@ const player = recorded.some((run) => run.arm) ? new Player(section("arm")) : nu
 const charts = showFigures(section("figures"), more);
 const simulation = showSimulation(section("simulate"));
 showSystem(section("system"));
+showComparison(section("comparison"));
 
 /** For the console and for tests; what is around the page hears when it is there. */
-globalThis.report = { binaries, charts, difference, player, runs, simulation, view, Chain, Motion, SimulationWorker, toolErrors };
+globalThis.report = { binaries, charts, curvesOf, difference, differences, player, runs, simulation, view, Chain, Motion, SimulationWorker, toolErrors };
 dispatchEvent(new Event("report"));

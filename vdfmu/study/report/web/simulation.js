@@ -151,7 +151,7 @@ class Simulation {
 }
 
 /** Largest absolute values of the figures of a run, and of the error of its end effector. */
-function peaksOf(run) {
+export function peaksOf(run) {
   const largest = (values) => values.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
   const found = run.figures.filter(({ peak }) => peak).map((figure) => {
     const peaks = rowsOf(figure, run.result).values.map((values, k) => (figure.curves[k][2] ? 0 : largest(values)));
@@ -162,7 +162,7 @@ function peaksOf(run) {
   return found;
 }
 
-function changeOf(before, after) {
+export function changeOf(before, after) {
   const ratio = after / before;
   if (!Number.isFinite(ratio)) return "–";
   if (Math.abs(ratio - 1) < 1e-6) return "none";
