@@ -26,9 +26,10 @@ from vdfmu.engine.results.formats import result_files
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import checks_of, not_checked
 from vdfmu.study.report.command import run_command
+from vdfmu.study.report.comparison import difference_sheet, joint_sheets
 from vdfmu.study.report.content import content_of
 from vdfmu.study.report.headline import Tile, checks_line, headline, page_title
-from vdfmu.study.report.sheets import Sheet, comparison_sheet, facts, sheets
+from vdfmu.study.report.sheets import Sheet, facts, sheets
 from vdfmu.study.report.simulation import compressed, simulation_of
 from vdfmu.study.report.summary import read_summary
 from vdfmu.study.report.wired import wired_arm
@@ -39,7 +40,7 @@ _WEB = Path(__file__).parent / "web"
 MODULES = (
     "packed.js", "vendor.js", "state.js", "data.js", "numbers.js", "labels.js", "heat.js", "save.js", "chart.js",
     "figures.js", "arm.js", "world.js", "puppet.js", "scene.js", "timeline.js", "player.js", "system.js", "worker.js",
-    "knob.js", "budget.js", "simulation.js", "share.js", "main.js",
+    "knob.js", "budget.js", "simulation.js", "comparison.js", "share.js", "main.js",
 )  # fmt: skip
 """In an order in which each comes after the modules that it imports."""
 WORKER = ("packed.js", "fmu.js", "master.js")
@@ -132,7 +133,8 @@ def report_page(runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: 
         parts = [part | {"figures": [], "signals": [], "simulation": None} for part in parts]
     data = {"runs": parts} | ({"binaries": binaries} if binaries else {})
     inert = to_json(data, indent=None).replace("<", "\\u003c")  # nothing in it ends the script that contains it
-    diagram = next(filter(None, (system_diagram(run.package) for run in runs)), "")
+    held = ({signal.name for signal in run.results.signals if signal.late} for run in runs)
+    diagram = next(filter(None, (system_diagram(run.package, own) for run, own in zip(runs, held, strict=True))), "")
     summaries = [run.summary for run in runs]
     each = [f"robot {s['robot']}" if "robot" in s else f"system {s.get('system', '')}" for s in summaries]
     about = "; ".join(dict.fromkeys(each))
@@ -141,6 +143,7 @@ def report_page(runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: 
         [
             *_checks(names, runs),
             '<a class="skip" href="#figures">Skip to the figures</a>',
+            *(_comparison(names, runs) if len(runs) > 1 and not arm_alone else ()),
             '<div class="bench"><section id="arm" class="card" hidden aria-label="The arm in 3D"></section>',
             '<div class="side">',
             *(_tiles(verdicts[0].tiles) if len(runs) == 1 else ()),
@@ -243,17 +246,28 @@ def _marks(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def _tables(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
     shown: list[tuple[str, Sheet]] = []
-    if len(runs) > 1:
-        shown += [("", sheet) for sheet in comparison_sheet(names, [run.summary for run in runs])]
     for name, run in zip(names, runs, strict=True):
         shown += [(f"{name}: " if len(runs) > 1 else "", sheet) for sheet in sheets(run.summary)]
     for before, sheet in shown:
-        heads = [escape(head).replace("\n", "<br>") for head in sheet.columns]
-        notes = "".join(f"<p class=note>{escape(note)}</p>" for note in sheet.notes)
-        yield (
-            f'<section class="card"><h2>{escape(before + sheet.title)}</h2><div class="wide">'
-            f"{_table(heads, sheet.rows, before + sheet.title)}</div>{notes}</section>"
-        )
+        title = before + sheet.title
+        yield f'<section class="card"><h2>{escape(title)}</h2>{_sheet(sheet, title)}</section>'
+
+
+def _comparison(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
+    """Yield what differs in the settings of runs, and in what they did; the page adds largest values and figures."""
+    summaries = [run.summary for run in runs]
+    settings = difference_sheet(names, summaries, [run.package for run in runs])
+    yield f'<section class="card differs"><h2>{settings.title}</h2>{_sheet(settings, settings.title)}</section>'
+    each = joint_sheets(names, summaries)
+    tables = "".join(f"<div><h3>{escape(one.title)}</h3>{_sheet(one, one.title)}</div>" for one in each)
+    yield f'<section id="comparison" class="card"><h2>What it does</h2><div class="tables">{tables}</div></section>'
+
+
+def _sheet(sheet: Sheet, title: str) -> str:
+    heads = [escape(head).replace("\n", "<br>") for head in sheet.columns]
+    notes = "".join(f"<p class=note>{escape(note)}</p>" for note in sheet.notes)
+    made = f'<div class="wide">{_table(heads, sheet.rows, title)}</div>' if sheet.rows else ""
+    return f"{made}{notes}"
 
 
 def _facts(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:

@@ -26,8 +26,8 @@ def system_page(
 <div class="wide">
 {draw_system(ssd, icons)}
 </div>
-<p>Filled connectors are connected; open ones are free: outputs to record, and inputs, which have the values
-of the parameter sets. Lines of one group run together.</p>
+<p>A wire is an array, with its size, or a scalar. Free are outputs to record, and inputs, which have the values of the
+parameter sets.</p>
 <h2>Components</h2>
 {_components(description)}
 <h2>Run</h2>

@@ -1,143 +1,234 @@
-"""The diagram of a system as SVG, from the geometry that its SSD holds."""
+"""The diagram of a system as SVG: a card a component, a wire a vector, for light and dark schemes."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping
+import re
+from collections.abc import Container, Iterable, Mapping, Sequence
 from html import escape
-from itertools import groupby
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
+from vdfmu.base.errors import SspError
 from vdfmu.base.files import read_member
 from vdfmu.engine.package.parse import NAMESPACES, parse_xml
+from vdfmu.engine.package.read import load_ssp
+from vdfmu.system.package.diagram import HEAD, LETTER, Card, Net, Point, Port, Wire, arrange, free_words, vectors
 
-_COLOURS = ("#1f4e79", "#d9730d", "#2e7d4f", "#8e3b8c")
-_ICON = 10.0
-"""Size of an icon [mm]."""
+_COLOURS = 4
+"""Colours of wires, by their source."""
 _STYLE = """
-svg.system { font-family: system-ui, sans-serif; max-width: 100%; height: auto; background: #ffffff; }
-.system .box { fill: #f4f7fa; stroke: #1f2328; stroke-width: .6; }
-.system .name { font-size: 7px; font-weight: 600; fill: #1f2328; }
-.system .label { font-size: 4.2px; fill: #1f2328; }
-.system .wire { fill: none; stroke-width: .5; stroke-linejoin: round; }
-.system .open { fill: #ffffff; stroke: #57606a; stroke-width: .4; }
+svg.system { font: 13px system-ui, "DejaVu Sans", Arial, sans-serif; color: #24292f; --back: #fff; --card: #f2f5f9;
+  --soft: #57606a; --w0: #0b5cad; --w1: #b8500c; --w2: #1a7f37; --w3: #8e3b8c; }
+@media (prefers-color-scheme: dark) { svg.system { color: #e6edf3; --back: #18212b; --card: #243040; --soft: #aab4c0;
+  --w0: #79b8ff; --w1: #ffa066; --w2: #56d364; --w3: #e3a3e0; } }
+.system text { fill: currentColor; } .system .end { text-anchor: end; }
+.system .name { font-size: 14px; font-weight: 600; }
+.system .soft { fill: var(--soft); font-size: 12px; } .system :is(.width, .value, .free) { font-size: 11px; }
+.system :is(.value, .free) { fill: var(--soft); } .system .width { font-weight: 700; }
+.system .value { font-variant-numeric: tabular-nums; }
+.system .card { fill: var(--card); stroke: currentColor; stroke-width: 1.2; }
+.system .w0 { color: var(--w0); } .system .w1 { color: var(--w1); } .system .w2 { color: var(--w2); }
+.system .w3 { color: var(--w3); } .system .wire path { fill: none; stroke: currentColor; stroke-width: 1.5; }
+.system .wire path { stroke-linejoin: round; } .system .wire path.tip { fill: currentColor; stroke: none; }
+.system .wire circle { fill: currentColor; } .system .wire .held { fill: var(--back); stroke: currentColor; }
 """
+_GREEK = dict(
+    alpha="α", beta="β", gamma="γ", delta="δ", epsilon="ε", zeta="ζ", eta="η", theta="θ", kappa="κ", mu="μ", nu="ν",
+    xi="ξ", rho="ρ", sigma="σ", tau="τ", phi="φ", chi="χ", psi="ψ", omega="ω", ell="ℓ",
+)  # fmt: skip
+_MARKS = {"dot": "\u0307", "ddot": "\u0308", "hat": "\u0302"}
+_POWERS = {"dddot": "(3)", "ddddot": "(4)"}
 
 
-def system_diagram(package: Path) -> str:
-    """Return the picture of the system in a package; empty where there is none, or not all of it has a place."""
+def system_diagram(package: Path, held: Container[str] = ()) -> str:
+    """Return the picture of the system in a package, of any tool; empty where it has no components or cannot be read.
+
+    `held` has the connectors, ``component.name``, which get what their source had a step before.
+    """
+    if not package.is_file():
+        return ""
+    try:
+        system = load_ssp(package)
+    except SspError:
+        return ""
+    kinds = {
+        c.name: {kind: [n for n, own in c.connectors.items() if own.kind == kind] for kind in ("input", "output")}
+        for c in system.components
+    }
+    words = {c.name: PurePosixPath(c.source).stem for c in system.components}
     data = read_member(package, "SystemStructure.ssd")
-    if data is None:
-        return ""
-    ssd = parse_xml(data, str(package))
-    places = [ssd.find("ssd:System/ssd:SystemGeometry", NAMESPACES)]
-    sources: set[str] = set()
-    for component in ssd.iterfind("ssd:System/ssd:Elements/*", NAMESPACES):
-        geometry = component.find("ssd:ElementGeometry", NAMESPACES)
-        places += [geometry, *(c.find("*") for c in component.iterfind("ssd:Connectors/*", NAMESPACES))]
-        sources |= set() if geometry is None else {geometry.get("iconSource", "")}
-    if any(place is None for place in places):
-        return ""
-    icons = {source: read_member(package, source) for source in sources if source}
-    return draw_system(ssd, {source: icon for source, icon in icons.items() if icon is not None})
+    places = _places(() if data is None else parse_xml(data, str(package)).iterfind(_COMPONENTS, NAMESPACES))
+    icons = {source: read_member(package, source) for *_, source in places.values() if source.endswith(".svg")}
+    links = [(c.start, c.end) for c in system.connections]
+    return _draw(kinds, words, links, _sizes(system), places, icons, held)
+
+
+def _places(components: Iterable[Any]) -> dict[str, tuple[float, float, str]]:
+    """Return where components of an SSD have their left and upper edge, and the source of their icon."""
+    geometry = {c.get("name"): c.find("ssd:ElementGeometry", NAMESPACES) for c in components}
+    return {
+        name: (float(place.get("x1")), -float(place.get("y2")), place.get("iconSource", ""))
+        for name, place in geometry.items()
+        if place is not None
+    }
+
+
+_COMPONENTS = "ssd:System/ssd:Elements/ssd:Component"
+
+
+def _sizes(system: Any) -> dict[Port, str]:
+    return {
+        (component.name, name): " × ".join(str(size or "n") for size in connector.dimensions)
+        for component in system.components
+        for name, connector in component.connectors.items()
+        if connector.dimensions
+    }
 
 
 def draw_system(ssd: Any, icons: Mapping[str, bytes]) -> str:
-    """Picture of the system of an SSD: boxes, connectors, and connections along their bends.
-
-    All elements of the SSD have their geometry; `icons` has the SVG file of an icon by its source.
-    """
-    system = ssd.find("ssd:System", NAMESPACES)
-    x1, y1, x2, y2 = _corners(system.find("ssd:SystemGeometry", NAMESPACES))
-    width, height = x2 - x1, y2 - y1
-    components = system.findall("ssd:Elements/ssd:Component", NAMESPACES)
-    colours = {c.get("name"): _COLOURS[i % len(_COLOURS)] for i, c in enumerate(components)}
-    places: dict[tuple[str, str], tuple[float, float]] = {}
-    boxes = [_box(component, (x1, y2), icons, places) for component in components]
-    connections = system.findall("ssd:Connections/ssd:Connection", NAMESPACES)
-    wires: list[str] = []
-    used: dict[tuple[str, str], str] = {}
-    for connection in connections:
-        colour = colours[connection.get("startElement")]
-        start = (connection.get("startElement"), connection.get("startConnector"))
-        end = (connection.get("endElement"), connection.get("endConnector"))
-        used[start] = used[end] = colour
-        geometry = connection.find("ssd:ConnectionGeometry", NAMESPACES)
-        bends = zip(geometry.get("pointsX").split(), geometry.get("pointsY").split(), strict=True)
-        path = [places[start], *((float(x) - x1, y2 - float(y)) for x, y in bends), places[end]]
-        points = " ".join(f"{x:.4g},{y:.4g}" for x, y in path)
-        title = f"{start[0]}.{start[1]} to {end[0]}.{end[1]}"
-        wires.append(f'<polyline class="wire" stroke="{colour}" points="{points}"><title>{title}</title></polyline>')
-    marks = [
-        f'<circle cx="{x:.4g}" cy="{y:.4g}" r=".9" fill="{used[key]}"/>'
-        if key in used
-        else f'<circle class="open" cx="{x:.4g}" cy="{y:.4g}" r=".8"/>'
-        for key, (x, y) in places.items()
+    """Return the picture of the system of an SSD without nested systems; `icons`: SVG files by their sources."""
+    components = ssd.findall(_COMPONENTS, NAMESPACES)
+    kinds: dict[str, dict[str, list[str]]] = {}
+    sizes: dict[Port, str] = {}
+    for component in components:
+        name = component.get("name")
+        kinds[name] = {"input": [], "output": []}
+        for connector in component.iterfind("ssd:Connectors/ssd:Connector", NAMESPACES):
+            kinds[name].setdefault(connector.get("kind"), []).append(connector.get("name"))
+            if dimensions := [d.get("size") for d in connector.iterfind("ssc:Dimension", NAMESPACES)]:
+                sizes[name, connector.get("name")] = " × ".join(dimensions)
+    words = {c.get("name"): PurePosixPath(c.get("source")).stem for c in components}
+    links = [
+        ((c.get("startElement"), c.get("startConnector")), (c.get("endElement"), c.get("endConnector")))
+        for c in ssd.iterfind("ssd:System/ssd:Connections/ssd:Connection", NAMESPACES)
     ]
+    return _draw(kinds, words, links, sizes, _places(components), icons)
+
+
+def _draw(
+    kinds: Mapping[str, Mapping[str, Sequence[str]]], words: Mapping[str, str], links: Iterable[tuple[Port, Port]],
+    sizes: Mapping[Port, str], places: Mapping[str, tuple[float, float, str]], icons: Mapping[str, bytes | None],
+    held: Container[str] = (),
+) -> str:  # fmt: skip
+    """Draw components with connectors by their kind, and what is connected, element by element or as arrays.
+
+    If all have a place, they stand in its order from left to right.
+    """
+    if not kinds:
+        return ""
+    ends: dict[Port, dict[Port, None]] = {}
+    late: set[tuple[Port, Port]] = set()
+    elements: dict[Port, set[str]] = {}
+    for start, end in links:
+        source, sink = ((part, name.partition("[")[0]) for part, name in (start, end))
+        ends.setdefault(source, {})[sink] = None
+        elements.setdefault(source, set()).add(start[1])
+        if ".".join(end) in held:
+            late.add((source, sink))
+    cards: dict[str, Card] = {}
+    ordered = all(name in places for name in kinds)
+    for name in sorted(kinds, key=places.__getitem__) if ordered else kinds:
+        own = kinds[name]
+        used = {
+            "input": dict.fromkeys(port for found in ends.values() for unit, port in found if unit == name),
+            "output": dict.fromkeys(port for unit, port in ends if unit == name),
+        }
+        known = {kind: vectors(own.get(kind, ())) for kind in used}
+        connected = {
+            kind: [n for n in {**known[kind], **names} if n in names] for kind, names in used.items()
+        }  # in the order in which they are declared, and without a declaration where they are connected
+        free = {kind: [n for n in names if n not in used[kind]] for kind, names in known.items()}
+        same = "" if words[name].lower() == name.lower() else words[name]
+        *_, icon = places.get(name, ("",))
+        cards[name] = Card(name, same, connected["input"], connected["output"], free, icons.get(icon))
+    nets = [Net(source, list(sinks), sizes.get(source) or _shape(elements[source])) for source, sinks in ends.items()]
+    layout = arrange(list(cards.values()), nets, ordered)
+    colours = {name: k % _COLOURS for k, name in enumerate(cards)}
+    note = '<text class="soft" x="14" y="{:g}">Hollow dot: gets the value of the step before.</text>'
+    height = layout.height + (20.0 if late else 0.0)
     return "\n".join(
         [
-            f'<svg class="system" xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" '
-            f'width="{2.4 * width:.0f}" role="img" aria-label="Diagram of the system">',
+            f'<svg class="system" xmlns="http://www.w3.org/2000/svg" viewBox="0 -10 {layout.width:g} {height + 10:g}" '
+            f'style="width: 100%; min-width: {0.6 * layout.width:.0f}px; max-width: {layout.width:.0f}px" '
+            'role="img" aria-label="Diagram of the system">',
             f"<style>{_STYLE}</style>",
-            *wires,
-            *boxes,
-            *marks,
+            *(_wire(wire, colours[wire.source], late) for wire in layout.wires),
+            *map(_card, cards.values()),
+            *([note.format(height - 8.0)] if late else []),
             "</svg>",
         ]
     )
 
 
-def _corners(geometry: Any) -> tuple[float, float, float, float]:
-    x1, y1, x2, y2 = (float(geometry.get(key)) for key in ("x1", "y1", "x2", "y2"))
-    return x1, y1, x2, y2
+def _shape(names: Iterable[str]) -> str:
+    """Return the size of a vector of which these elements are connected; empty for a scalar."""
+    indices = [[int(i) for i in found.group(1).split(",")] for n in names if (found := re.search(r"\[([\d,]+)\]$", n))]
+    return " × ".join(str(max(index)) for index in zip(*indices, strict=False)) if indices else ""
 
 
-def _box(
-    component: Any,
-    origin: tuple[float, float],
-    icons: Mapping[str, bytes],
-    places: dict[tuple[str, str], tuple[float, float]],
-) -> str:
-    """Box of a component with its name, icon and the names of its groups; the places of its connectors."""
-    geometry = component.find("ssd:ElementGeometry", NAMESPACES)
-    x1, y1, x2, y2 = _corners(geometry)
-    left, top, width, height = x1 - origin[0], origin[1] - y2, x2 - x1, y2 - y1
-    name = component.get("name")
-    parts = [f'<rect class="box" x="{left:g}" y="{top:g}" width="{width:g}" height="{height:g}" rx="2"/>']
-    icon = icons.get(geometry.get("iconSource"))
-    indent = 0.0
-    if icon is not None:  # above the box, where no label of a connector is
-        data = base64.b64encode(icon).decode()
+def _wire(wire: Wire, colour: int, late: Container[tuple[Port, Port]]) -> str:
+    net = wire.net
+    signal = ".".join(net.start)
+    ends = ", ".join(".".join(end) for end in net.ends)
+    title = f"{signal}{f', {net.width} elements' if net.width else ''}, to {ends}"
+    path = "".join("M" + "L".join(f"{x:g} {y:g}" for x, y in line) for line in wire.lines)
+    marks = [f'<circle cx="{x:g}" cy="{y:g}" r="3"/>' for x, y in wire.dots]
+    for end, line in zip(net.ends, wire.lines, strict=True):
+        x, y = line[-1]
+        marks.append(f'<path class="tip" d="M{x:g} {y:g}l-8 -4v8z"/>')
+        if (net.start, end) in late:
+            marks.append(f'<circle class="held" cx="{x - 12:g}" cy="{y:g}" r="3"/>')
+    x, y = wire.lines[0][0]
+    if net.width:
+        marks.append(f'<path d="M{x + 6:g} {y + 4:g}l5 -8"/>')
+        marks.append(f'<text class="width" x="{x + 13:g}" y="{y - 4:g}">{net.width}</text>')
+    at = x + 13 + (LETTER * 11.0 * len(net.width) + 8 if net.width else 0)
+    marks.append(f'<text class="value" x="{at:g}" y="{y - 4:g}"></text>')
+    return (
+        f'<g class="wire w{colour}" data-signal="{escape(signal)}" '
+        f'data-ends="{escape(" ".join(".".join(end) for end in net.ends))}"><title>{escape(title)}</title>'
+        f'<path class="line" d="{path}"/>{"".join(marks)}</g>'
+    )
+
+
+def _card(card: Card) -> str:
+    x, y = card.x, card.y
+    parts = [f'<rect class="card" x="{x:g}" y="{y:g}" width="{card.width:g}" height="{card.height:g}" rx="7"/>']
+    left = x + 10
+    if card.icon is not None:
+        data = base64.b64encode(card.icon).decode()
         parts.append(
-            f'<image x="{left:g}" y="{top - 1 - _ICON:g}" width="{_ICON:g}" height="{_ICON:g}" '
-            f'href="data:image/svg+xml;base64,{data}"/>'
+            f'<image x="{left:g}" y="{y + 8:g}" width="34" height="34" href="data:image/svg+xml;base64,{data}"/>'
         )
-        indent = _ICON + 1.5
-    parts.append(f'<text class="name" x="{left + indent:g}" y="{top - 3:g}">{escape(name)}</text>')
-    connectors = component.findall("ssd:Connectors/ssd:Connector", NAMESPACES)
-    for (group, kind), found in groupby(connectors, lambda c: (c.get("name").split("[")[0], c.get("kind"))):
-        members = list(found)
-        heights: list[float] = []
-        for connector in members:
-            place = connector.find("ssd:ConnectorGeometry", NAMESPACES)
-            x = left + float(place.get("x")) * width
-            y = top + (1.0 - float(place.get("y"))) * height
-            places[name, connector.get("name")] = (x, y)
-            heights.append(y)
-        at_left = kind == "input"
-        x = left + 2.5 if at_left else left + width - 2.5
-        y = sum(heights) / len(heights) + 1.4
-        count = f"[1..{len(members)}]" if len(members) > 1 else _shape_text(members[0])
+        left += 42
+    middle = y + (HEAD - 10) / 2 + 8
+    parts.append(
+        f'<text class="name" x="{left:g}" y="{middle - (4 if card.words else 0):g}">{escape(card.name)}</text>'
+    )
+    if card.words:
+        parts.append(f'<text class="soft" x="{left:g}" y="{middle + 13:g}">{escape(card.words)}</text>')
+    for kind, at, style in (("input", x + 10, ""), ("output", x + card.width - 10, "end")):
+        for name in card.inputs if kind == "input" else card.outputs:
+            parts.append(_label((at, y + card.port(kind, name) + 4), name, style))
+    if words := free_words(card):
+        names = "; ".join(f"{kind}s {', '.join(own)}" for kind, own in card.free.items() if own)
+        end = y + card.height - 6
         parts.append(
-            f'<text class="label" x="{x:g}" y="{y:.4g}" text-anchor="{"start" if at_left else "end"}">'
-            f"{escape(group)}{count}</text>"
+            f'<text class="free" x="{x + 10:g}" y="{end:g}"><title>Not connected: {escape(names)}</title>{words}</text>'
         )
     return "\n".join(parts)
 
 
-def _shape_text(connector: Any) -> str:
-    sizes = [d.get("size") for d in connector.iterfind("ssc:Dimension", NAMESPACES)]
-    if sizes:
-        return f"[{', '.join(f'1..{size}' for size in sizes)}]"
-    return "[" + connector.get("name").partition("[")[2] if "[" in connector.get("name") else ""
+def _label(place: Point, name: str, style: str) -> str:
+    """Text of a variable as the paper writes it: ``kappa_dot_d`` as κ̇ with the index d; other names as they are."""
+    first, *rest = name.split("_")
+    text = f'<text class="{style}" x="{place[0]:g}" y="{place[1]:g}"><title>{escape(name)}</title>'
+    if not (len(first) == 1 or first in _GREEK):
+        return f"{text}{escape(name)}</text>"
+    marks = "".join(_MARKS[part] for part in rest if part in _MARKS)
+    power = "".join(_POWERS[part] for part in rest if part in _POWERS)
+    below = ", ".join(part for part in rest if part not in _MARKS and part not in _POWERS)
+    small = '<tspan dy="{}" font-size="75%">{}</tspan><tspan dy="{}">&#8203;</tspan>'
+    raised = (small.format(-5, power, 5) if power else "") + (small.format(3, escape(below), -3) if below else "")
+    return f"{text}{escape(_GREEK.get(first, first))}{marks}{raised}</text>"

@@ -1,11 +1,13 @@
 // The figures of the runs, with one selector of joints and one zoom for all.
 
-import { COLOURS, curvesOf, make, merged, runs, simulated, toggle, view } from "./data.js";
+import { COLOURS, curvesOf, make, merged, recorded, runs, simulated, toggle, view } from "./data.js";
 import { Chart } from "./chart.js";
 
 /** Fill the section of the figures; `more` are figures that the page has calculated. */
 export function showFigures(section, more) {
-  const charts = [...merged("figures")].map(([key, { title, unit }]) => new Chart(title, unit, () => curvesOf("figures", key)));
+  const several = recorded.length > 1; // then dashes are for the runs, and what is desired is not drawn
+  const charts = [...merged("figures")].map(([key, { title, unit }]) => new Chart(several ? title.replace(/, [^,]*dashed/, "") : title, unit,
+    () => curvesOf("figures", key).filter(({ dashed }) => !several || !dashed)));
   charts.push(...more.map(({ title, unit, curves }) => new Chart(title, unit, curves)));
   if (!charts.length) return charts;
   section.hidden = false;

@@ -1,7 +1,8 @@
 // Put the page together.
 
-import { binaries, merged, recorded, runs, view } from "./data.js";
+import { binaries, curvesOf, merged, recorded, runs, view } from "./data.js";
 import { Chain, Motion, toolErrors } from "./arm.js";
+import { differences, showComparison } from "./comparison.js";
 import { showFigures } from "./figures.js";
 import { quantity } from "./numbers.js";
 import { Player } from "./player.js";
@@ -24,6 +25,7 @@ const player = recorded.some((run) => run.arm) ? new Player(section("arm")) : nu
 const charts = showFigures(section("figures"), more);
 const simulation = showSimulation(section("simulate"));
 showSystem(section("system"));
+showComparison(section("comparison"));
 
 const keys = [...merged("figures").keys()];
 charts.forEach(({ element }, k) => { element.dataset.figure = keys[k] ?? "tool"; });
@@ -47,5 +49,5 @@ whenRecalled(recall);
 if (recalled("t") || recalled("figure")) recall();
 
 /** For the console and for tests; what is around the page hears when it is there. */
-globalThis.report = { binaries, charts, difference, player, printSheet: () => printSheet(player, charts), quantity, runs, simulation, view, Chain, Motion, SimulationWorker, toolErrors };
+globalThis.report = { binaries, charts, curvesOf, difference, differences, player, printSheet: () => printSheet(player, charts), quantity, runs, simulation, view, Chain, Motion, SimulationWorker, toolErrors };
 dispatchEvent(new Event("report"));

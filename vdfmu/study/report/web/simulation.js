@@ -150,7 +150,7 @@ function departure(run, other) {
 const largest = (values) => values.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
 
 /** Largest absolute values of the figures of a run up to a time, and of the error of its end effector. */
-function peaksOf(run, until) {
+export function peaksOf(run, until = Infinity) {
   const peak = ({ time, values }) => largest(until < time.at(-1) ? values.filter((_, k) => time[k] <= until) : values);
   const found = run.figures.filter((figure) => figure.peak).map((figure) => {
     const { time, values } = rowsOf(figure, run.result), peaks = values.map((row, k) => (figure.curves[k][2] ? 0 : peak({ time, values: row })));

@@ -1,9 +1,7 @@
-// The diagram of the system: a click on a wire shows its signal, and so does the list below it.
+// The diagram of the system: its wires show the values at the time shown; a click on one, or the list, shows its signal.
 
-import { choice, curvesOf, make, merged, runs } from "./data.js";
+import { choice, curvesOf, make, merged, runs, simulated, text, view } from "./data.js";
 import { Chart } from "./chart.js";
-
-const groupOf = (signal) => signal.replace(/\[[\d,]+\]$/, "");
 
 /** Fill the section of the system. */
 export function showSystem(section) {
@@ -12,31 +10,85 @@ export function showSystem(section) {
   if (!signals.size) return;
   section.hidden = false;
   if (!svg) section.querySelector("h2").textContent = "Recorded signals";
-  const copies = Object.assign({}, ...runs.map((run) => run.copies));
-  const wires = svg ? [...svg.querySelectorAll(".wire")].map((wire) => wired(wire, copies, signals)) : [];
+  const wires = svg ? [...svg.querySelectorAll(".wire")].map((element) => new Wire(element, signals)).filter(({ key }) => key) : [];
   const place = make("div", { class: "grid single", "aria-live": "polite" });
   const list = choice("Signal", [...signals.keys()].map((key) => [key, key]), (key) => show(key));
   const show = (key) => {
     list.querySelector("select").value = key;
-    for (const wire of wires) wire.line.classList.toggle("on", wire.key === key);
+    for (const wire of wires) wire.choose(wire.key === key);
     const { title, unit } = signals.get(key);
     place.replaceChildren(new Chart(title, unit, () => curvesOf("signals", key)).element);
   };
-  for (const wire of wires) if (wire.key) wire.hit.addEventListener("click", () => show(wire.key));
+  for (const wire of wires) wire.listen(() => show(wire.key));
   section.append(
-    make("div", { class: "bar" }, list, ...(svg ? [make("small", { class: "note" }, "A click on a wire shows what it carries.")] : [])),
+    make("div", { class: "bar" }, list, ...(wires.length ? [make("small", { class: "note" }, "On the wires: the largest element at the time shown. A click on a wire shows what it carries.")] : [])),
     place,
   );
-  show(wires.find((wire) => wire.key === "controller.tau")?.key ?? [...signals.keys()][0]);
+  show(wires.find(({ key }) => key === "controller.tau")?.key ?? [...signals.keys()][0]);
+  if (wires.length) keepCurrent(svg, wires);
 }
 
-/** A wire with a broad line over it that takes clicks, and the group of the signal that it carries. */
-function wired(line, copies, signals) {
-  const [start, end] = line.querySelector("title").textContent.split(" to ");
-  const groups = [start, end, copies[start], copies[end]].filter(Boolean).map(groupOf);
-  const key = [...signals.keys()].find((one) => groups.includes(signals.get(one).title));
-  const hit = line.cloneNode(true);
-  hit.setAttribute("class", key ? "hit" : "hit none");
-  line.after(hit);
-  return { line, hit, key };
+/** Write the values at the time shown, while the diagram is in sight. */
+function keepCurrent(svg, wires) {
+  let seen = false;
+  svg.setAttribute("role", "group"); // its wires are buttons
+  const update = () => { if (seen) for (const wire of wires) wire.update(); };
+  new IntersectionObserver(([entry]) => { seen = entry.isIntersecting; update(); }).observe(svg);
+  view.addEventListener("time", update);
+  view.addEventListener("simulated", () => { for (const wire of wires) wire.curves = null; update(); });
+}
+
+class Wire {
+  constructor(element, signals) {
+    Object.assign(this, { element, title: element.querySelector("title"), value: element.querySelector(".value"), curves: null });
+    this.words = this.title.textContent;
+    const names = [element.dataset.signal, ...element.dataset.ends.split(" ")];
+    this.key = [...signals.keys()].find((key) => names.includes(signals.get(key).title));
+    this.unit = signals.get(this.key)?.unit;
+  }
+
+  listen(show) {
+    const hit = this.element.querySelector(".line").cloneNode(); // a broad line that takes clicks
+    hit.setAttribute("class", "hit");
+    this.element.append(hit);
+    for (const [name, value] of Object.entries({ tabindex: 0, role: "button", "aria-pressed": "false", "aria-label": this.words })) this.element.setAttribute(name, value);
+    this.element.addEventListener("click", show);
+    this.element.addEventListener("keydown", (event) => {
+      if (event.key !== "Enter" && event.key !== " ") return;
+      event.preventDefault();
+      event.stopPropagation();
+      show();
+    });
+  }
+
+  choose(on) {
+    this.element.classList.toggle("on", on);
+    this.element.setAttribute("aria-pressed", String(on));
+  }
+
+  /** Values of the simulated run, if there is one, else of the first that has the signal. */
+  update() {
+    this.curves ??= newest(curvesOf("signals", this.key));
+    const values = this.curves.map(({ time, values: own }) => own[rowAt(time, view.time)]);
+    const place = values.reduce((most, value, k) => (Math.abs(value) > Math.abs(values[most]) ? k : most), 0);
+    this.value.textContent = `${text(values[place], 3)} ${this.unit === "1" ? "" : this.unit}`.trim();
+    this.title.textContent = `${this.words}; ${values.length > 1 ? "the largest, " : ""}${this.curves[place].label}, is ${this.value.textContent}`;
+  }
+}
+
+function newest(curves) {
+  const shown = curves.filter(({ time }) => time.length), mine = shown.filter(({ run }) => runs[run] === simulated);
+  const run = (mine[0] ?? shown[0]).run;
+  return shown.filter((curve) => curve.run === run);
+}
+
+/** The last row that is not later than a time. */
+function rowAt(time, t) {
+  let low = 0, high = time.length - 1;
+  while (low < high) {
+    const middle = (low + high + 1) >> 1;
+    if (time[middle] <= t + 1e-9) low = middle;
+    else high = middle - 1;
+  }
+  return low;
 }

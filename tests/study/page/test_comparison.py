@@ -1,0 +1,100 @@
+"""The page of several runs: what differs in their settings, and in what they did."""
+
+import numpy as np
+import pytest
+
+import vdfmu
+from tests.study.page.browser import show
+from vdfmu.engine.results.results import Results
+from vdfmu.study.report.comparison import change, difference_sheet, joint_sheets
+from vdfmu.study.report.page import read_run, report_page, write_report
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory):
+    """Return the folders of two short runs of an arm with two joints, with other gains and another step."""
+    folder = tmp_path_factory.mktemp("two")
+    gains = {"controller.K_p": [100.0, 150.0], "controller.K_v[2]": 5.0}
+    given = {"references": (), "pictures": (), "stop": 0.2}
+    vdfmu.run("planar_tracking", out=folder / "first", **given)
+    vdfmu.run("planar_tracking", out=folder / "second", settings=gains, step=0.002, **given)
+    return [folder / "first", folder / "second"]
+
+
+def sheet_of(folders, without=False):
+    runs = [read_run(folder) for folder in folders]
+    packages = [folder / ("none" if without else "system.ssp") for folder in folders]
+    return difference_sheet(["a", "b"], [run.summary for run in runs], packages)
+
+
+def test_what_differs_has_the_values_of_both_and_nothing_else(two):
+    scenario = vdfmu.load_scenario("planar_tracking")
+    was = scenario.values["controller"]
+    rows = {row[0]: row[1:] for row in sheet_of(two).rows}
+    assert rows["Step"] == ("0.001 s", "0.002 s", "")
+    assert rows["controller.K_p [N.m/rad]"][1] == "100, 150"
+    assert rows["controller.K_v[2] [N.m.s/rad]"][1:] == ("5", change(was["K_v"][1], 5.0))
+    assert len(rows) == 3
+    assert sheet_of([two[0], two[0]]).notes == ["The settings of the runs are the same."]
+
+
+def test_without_packages_the_settings_are_compared(two):
+    sheet = sheet_of(two, without=True)
+    assert [row[0] for row in sheet.rows] == ["Step", "controller.K_p", "controller.K_v[2]"]
+    assert sheet.rows[1][1:] == ("as in the scenario", "[100.0, 150.0]")
+    assert sheet.notes
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [(2.0, 2.0, "none"), (2.0, 2.0002, "< 0.1 %"), (2.0, 2.5, "+25 %"), (2.0, 1.5, "−25 %"), (2.0, 8.0, "× 4"),
+     (2.0, 0.2, "× 0.1"), (0.0, 1.0, ""), (None, 1.0, "")],
+)  # fmt: skip
+def test_changes_are_in_per_cent_or_factors(before, after, words):
+    assert change(before, after) == words
+
+
+def test_errors_of_two_runs_have_their_change_and_those_of_three_have_not(two):
+    summaries = [read_run(folder).summary for folder in two]
+    sheet = joint_sheets(["a", "b"], summaries)[0]
+    first, second = (one["rms_position_error_deg"] for one in summaries)
+    assert sheet.columns[-1] == "change"
+    # the change is that of numbers with three digits: 0.5 % of each
+    assert [row[-1] for row in sheet.rows] == [
+        change(float(f"{a:.3g}"), float(f"{b:.3g}")) for a, b in zip(first, second, strict=True)
+    ]
+    assert len(joint_sheets(["a", "b", "c"], [*summaries, summaries[0]])[0].columns) == 4
+
+
+def test_a_page_of_one_run_compares_nothing(two):
+    runs = [read_run(folder) for folder in two]
+    assert b'id="comparison"' not in report_page(runs[:1])
+    page = report_page(runs).decode()
+    assert page.index("What differs") < page.index("What it does") < page.index('id="arm"')
+
+
+@pytest.mark.heavy
+def test_joints_are_drawn_one_by_one_over_each_other_or_as_differences(two, browser, quiet, tmp_path):
+    show(browser, write_report([read_run(folder) for folder in two], tmp_path / "comparison.html"), 1280, 1600)
+    grid = "[...document.querySelectorAll('#comparison .chart')]"
+    browser.run("document.querySelector('#comparison .grid').scrollIntoView()")
+    browser.settle()
+    assert browser.run(f"{grid}.map(e => e.querySelector('strong').textContent)") == ["Joint 1", "Joint 2"]
+    rows = browser.run("[...document.querySelectorAll('#comparison tbody tr')].map(r => r.firstChild.textContent)")
+    assert "Tracking error [deg]" in rows
+    first, second = (Results.read(folder / "results.csv") for folder in two)
+    found = browser.run("""(() => {
+        const curves = report.curvesOf("figures", "tracking.revolute").filter(c => c.joint === 2);
+        const { time, values } = report.differences(curves)[0];
+        return [[...time], [...values]];
+    })()""")
+    times, values = map(np.array, found)
+    rows = np.round(times / 0.002).astype(int)
+    error = [np.degrees(one["trajectory.q_d[2]"] - one["plant.q[2]"]) for one in (first, second)]
+    # single precision of errors up to their largest: 2^-24 of it, each of two
+    limit = 2 * 2.0**-24 * max(np.abs(one).max() for one in error)
+    np.testing.assert_allclose(values, error[1][rows] - error[0][2 * rows], rtol=0, atol=limit)
+    browser.run("document.querySelector('#comparison .bar button').click()")
+    browser.settle()
+    names = "document.querySelectorAll('#figures figcaption strong')"
+    assert not browser.run(f"[...{names}].some(e => e.textContent.includes('dashed'))")
