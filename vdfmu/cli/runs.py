@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Unpack
 
@@ -10,8 +9,17 @@ import typer
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.option import pick
-from vdfmu.cli.options import typer_option
-from vdfmu.cli.terminal import ScenarioArgument, UnpackOption, console, load, say, say_notes, tell, unit_messages
+from vdfmu.cli.options import choice, typer_option
+from vdfmu.cli.terminal import (
+    ScenarioArgument,
+    UnpackOption,
+    console,
+    load,
+    say_notes,
+    say_written,
+    tell,
+    unit_messages,
+)
 from vdfmu.cli.view import LiveOption, PortOption, live_view
 from vdfmu.engine.options import PackageOptions, SystemOptions
 from vdfmu.study.options import RobotOptions, ScenarioOptions, ScenarioRunOptions
@@ -30,7 +38,9 @@ def run(
     row: Annotated[
         str | None, typer.Option(help="Of --from: worst, best, or the number of a point; default worst.")
     ] = None,
-    by: Annotated[str | None, typer.Option(help="Of worst and best: by which measure; default the first.")] = None,
+    by: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of worst and best: by which measure; default the first.")
+    ] = None,
     live: LiveOption = False,
     port: PortOption = None,
     **options: Unpack[ScenarioRunOptions],
@@ -63,6 +73,7 @@ def run(
         given |= point | {name: value for name, value in changed.items() if value not in (None, {}, [])}
         for name in ("units", "settings"):
             given[name] = point.get(name, {}) | (options[name] or {})
+    from vdfmu.engine.results.folder import written
     from vdfmu.study.report import tables
     from vdfmu.study.report.sheets import sheets
     from vdfmu.study.run.scenario_run import RUN_OUTPUTS
@@ -76,7 +87,8 @@ def run(
         passed = summary["verdict"]["passed"]
         tell(tables.run_panel(summary), *map(tables.sheet_table, sheets(summary)))
         (tell if passed else console.print)(tables.verdict_table(summary))
-        _say_written(Path(options["out"] or Path("results", summary["scenario"])), RUN_OUTPUTS)
+        folder = Path(options["out"] or Path("results", summary["scenario"]))
+        say_written(*(folder / name for name in written(folder, RUN_OUTPUTS)))
     if not passed:
         raise typer.Exit(1)
 
@@ -130,7 +142,10 @@ def federate(
         ),
     ] = None,
     core: Annotated[
-        str, typer.Option(help="How HELICS carries messages: tcp_ss, tcp, zmq, or ipc on one machine.")
+        str,
+        typer.Option(
+            **choice("tcp_ss", "tcp", "zmq", "ipc"), help="How HELICS carries messages; ipc on one machine only."
+        ),
     ] = "tcp_ss",
     unpack_limit: UnpackOption = None,
     **options: Unpack[PackageOptions],
@@ -159,7 +174,11 @@ def report(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="File to write; default report.html in the folder, of several comparison.html beside it."),
+        typer.Option(
+            "--out",
+            "-o",
+            help="File to write; default report.html in the folder, of several comparison.html beside it.",
+        ),
     ] = None,
     simulate: Annotated[
         bool, typer.Option(help="Let the page run them again, with sliders, where the compiler is installed.")
@@ -171,13 +190,13 @@ def report(
     folders = folders or [newest_run(Path("results"))]
     runs = [read_run(folder) for folder in folders]
     default = folders[0] / NAME if len(runs) == 1 else folders[0].parent / "comparison.html"
-    say(f"Written to {write_report(runs, out or default, simulate=simulate)}")
+    say_written(Path(write_report(runs, out or default, simulate=simulate)))
 
 
 def _run_package(package: Path, unpack_limit: int | None, **options: Unpack[SystemOptions]) -> None:
     """Run a package with what a command line says, and print what the run was."""
     from vdfmu.engine.package.limits import package_limit
-    from vdfmu.engine.results.folder import SYSTEM_OUTPUTS
+    from vdfmu.engine.results.folder import SYSTEM_OUTPUTS, written
     from vdfmu.engine.simulate import default_folder, run_system
     from vdfmu.study.report import tables
 
@@ -185,10 +204,5 @@ def _run_package(package: Path, unpack_limit: int | None, **options: Unpack[Syst
         options["log"] = log
         results = run_system(package, **options)
     tell(tables.run_panel(results.summary))
-    _say_written(Path(options["out"] or default_folder(package)), SYSTEM_OUTPUTS)
-
-
-def _say_written(folder: Path, outputs: Sequence[str]) -> None:
-    from vdfmu.engine.results.folder import written
-
-    say(f"Written to {folder}: {', '.join(written(folder, outputs))}")
+    folder = Path(options["out"] or default_folder(package))
+    say_written(*(folder / name for name in written(folder, SYSTEM_OUTPUTS)))
