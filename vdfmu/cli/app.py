@@ -55,7 +55,7 @@ class CommandGroup(TyperGroup):
             return super().invoke(ctx)
 
 
-_CLICK = typer.BadParameter.__mro__[2]
+_CLICK: Any = typer.BadParameter.__mro__[2]
 """What all errors of usage are, of click or of its copy in typer."""
 
 
@@ -75,11 +75,12 @@ def _usage_errors() -> Generator[None]:
 def _usage(error: Any, path: str, context: Any) -> str:
     """Return the message of wrong usage, with the way out."""
     message = error.format_message().rstrip(".")
-    option = getattr(error, "option_name", None)
+    option: str = getattr(error, "option_name", None) or ""
     if type(error).__name__ == "NoSuchOption":
         new = new_word(path.removesuffix(" run"), option)
         known = [word for one in context.command.params for word in (*one.opts, *one.secondary_opts)]
-        message = f"{option} is now {new}" if new else f"No such option: {option}{close_to(option, known)}"
+        close = re.sub(r"([\w-]+)(?=[,?])", r"--\1", close_to(option.lstrip("-"), [word.lstrip("-") for word in known]))
+        message = f"{option} is now {new}" if new else f"No such option: {option}{close}"
     elif found := re.fullmatch(r"No such command '(.*?)'.*", message):
         new = new_word(path, found[1])
         message = f"'{found[1]}' is now {new}" if new else message
@@ -116,7 +117,7 @@ def _quick(command: Any) -> Any:
     """Let a command, and those in it, read texts and paths without pydantic, which takes 0.08 s."""
     for parameter in command.get_params(typer.Context(command)):
         parameter.process_value = partial(_value, parameter, parameter.process_value)
-        if parameter.metavar is None and parameter.param_type_name == "option":
+        if parameter.metavar is None or parameter.param_type_name == "argument":
             parameter.display_type = partial(_type_name, parameter)
     for one in getattr(command, "commands", {}).values():
         _quick(one)
@@ -125,7 +126,7 @@ def _quick(command: Any) -> Any:
 
 def _type_name(parameter: Any, _: Any) -> str | None:
     """Return a word for the values of an option; None for a switch."""
-    if parameter.is_flag:
+    if parameter.param_type_name == "argument" or parameter.is_flag:
         return None
     kind = re.sub(r"list\[(.*)\]", r"\1", parameter.bare_type())
     return {"str": "TEXT", "Path": "PATH", "int": "INTEGER"}.get(kind, "NUMBER")

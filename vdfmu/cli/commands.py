@@ -123,7 +123,7 @@ def _say_first(context: typer.Context) -> None:
     """Name the commands that are needed most, and where the others are."""
     known: Any = getattr(context.command, "commands", {})
     console.print(f"[bold]vdfmu[/bold]  {context.command.help}")
-    shown = table("", "", "", title="\n", show_header=False)
+    shown = table("", "", "", title=" ", show_header=False)
     for group, names in FIRST.items():
         for name in names:
             short = re.split("[:,]", " ".join((known[name].help or "").split()))[0].rstrip(".")

@@ -217,7 +217,7 @@ def _print(found: Identified, labels: list[str], true: list[float] | None) -> No
             cells += [f"{true[i]:.5g}", error]
         shown.add_row(*cells)
     console.print(shown)
-    drives = table("joint", "torque left", "of", "%", "deformation left", "stiffness", "95 %", title="\n")
+    drives = table("joint", "torque left", "of", "%", "deformation left", "stiffness", "95 %", title=" ")
     for i in range(found.torque.shape[1]):
         left, whole = (float((each[:, i] ** 2).mean() ** 0.5) for each in (found.torque_error, found.torque))
         bent = found.deformation_error if found.seen[i] else None

@@ -180,7 +180,7 @@ def list_drives(
         numbers = (f"{gear[number]:g}" for number in ("rated", "repeated", "K1", "K3"))
         shown.add_row(key, *numbers, f"{math.degrees(residual) * 60.0:.2f} arcmin, {share:.1%}")
     console.print(shown)
-    shown = table("motor", "inertia\nkg.m2", "winding", title="\n")
+    shown = table("motor", "inertia\nkg.m2", "winding", title=" ")
     for key, motor in motors.items():
         shown.add_row(key, f"{motor['inertia']:g}", "yes" if "winding" in motor else "no")
     console.print(shown)

@@ -66,8 +66,8 @@ class Tuned:
 def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **options: Unpack[TuneOptions]) -> Tuned:
     """Search the values of parameters that make a cost smallest, over a spread of robots and within limits.
 
-    Every run is kept: after Ctrl-C or a kill the same call continues where it stopped. So does one with more evaluations
-    or another method, which reuses the runs that it needs and finds.
+    Every run is kept: after Ctrl-C or a kill the same call continues where it stopped. So does one with more
+    evaluations or another method, which reuses the runs that it needs and finds.
 
     Parameters
     ----------
