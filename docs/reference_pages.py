@@ -147,7 +147,7 @@ hide: [toc]
 
 # Scenario file
 
-Every key of a scenario file, made from its schema, `vdfmu models schema scenario`. A scenario is one TOML file: robot,
+Every key of a scenario file, made from its schema, `vdfmu schema scenario`. A scenario is one TOML file: robot,
 system, values, duration and master of a run. [The scenarios](scenarios.md) has those that are shipped. Beside the
 keys below it has a table for each component of its system, here those of the shipped one, with the component's
 parameters; one value stands for all joints. SI units, angles in rad.

@@ -127,7 +127,7 @@ def draw(path, name, time, here, there):
 
 def main(folder="results", *changes):
     """Compare both records; `changes`: controller.f_n=0 and so on."""
-    settings = read_settings(changes, "changes", "UNIT.PARAMETER=VALUE")
+    settings = read_settings(changes, "changes", "COMPONENT.VARIABLE=VALUE")
     robot = vdfmu.load_robot("kr300_6dof")
     constants, delays = corrections(robot)
     folder = Path(folder)

@@ -12,7 +12,7 @@ WRITERS = [
     ("build slider_tracking --backend native --fmi 3.0", 4),
     ("ssp planar_tracking --backend python", 1),
     ("ssp slider_tracking --backend native", 1),
-    ("ssp planar_tracking --format 2.0", 1),
+    ("ssp planar_tracking --ssp 2.0", 1),
     ("container planar_tracking", 1),
     ("container slider_tracking --step 0.0005", 1),
     ("run planar_tracking --stop 0.02 --no-reference", 1),

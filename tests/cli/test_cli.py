@@ -101,11 +101,11 @@ def test_build_ssp_check_models_work_together(tmp_path):
 
 
 @pytest.mark.heavy
-def test_models_are_listed_and_shown(tmp_path):
-    listed = vdfmu("models", "list", cwd=tmp_path)
-    for name in ("manipulator_6dof", "planar_2dof", "slider_3dof", "tracking", "two_joint"):
+def test_robots_are_listed_and_shown(tmp_path):
+    listed = vdfmu("robot", "list", cwd=tmp_path)
+    for name in ("manipulator_6dof", "planar_2dof", "slider_3dof"):
         assert name in listed.stdout
-    shown = vdfmu("models", "show", "manipulator_6dof", cwd=tmp_path, env={**os.environ, "COLUMNS": "200"})
+    shown = vdfmu("robot", "show", "manipulator_6dof", cwd=tmp_path, env={**os.environ, "COLUMNS": "200"})
     assert "28433" in shown.stdout
     assert "Table 1" in shown.stdout
 
@@ -115,7 +115,7 @@ def test_models_are_listed_and_shown(tmp_path):
 def test_a_robot_is_shown_whole_in_80_columns(tmp_path, name):
     """No word is cut: every number, heading and word of a source is there as it is in a wide terminal."""
     narrow, wide = (
-        vdfmu("models", "show", name, cwd=tmp_path, env={**os.environ, "COLUMNS": columns}).stdout
+        vdfmu("robot", "show", name, cwd=tmp_path, env={**os.environ, "COLUMNS": columns}).stdout
         for columns in ("80", "400")
     )
     assert max(len(line) for line in narrow.splitlines()) <= 80
@@ -127,7 +127,7 @@ def test_a_robot_is_shown_whole_in_80_columns(tmp_path, name):
 
 @pytest.mark.heavy
 def test_a_scenario_is_shown_as_its_file(tmp_path):
-    shown = vdfmu("models", "show", "tracking", cwd=tmp_path, env={**os.environ, "COLUMNS": "40"})
+    shown = vdfmu("scenario", "show", "tracking", cwd=tmp_path, env={**os.environ, "COLUMNS": "40"})
     assert tomllib.loads(shown.stdout)["name"] == "tracking"
 
 
@@ -150,7 +150,7 @@ def test_check_lists_the_problems_of_a_broken_fmu(tmp_path):
     ("arguments", "words"),
     [
         (["run", "trackng"], "trackng"),
-        (["run", "planar_tracking", "--set", "controller.K_p"], "expected UNIT.PARAMETER=VALUE"),
+        (["run", "planar_tracking", "--set", "controller.K_p"], "expected COMPONENT.VARIABLE=VALUE"),
         (
             ["run", "planar_tracking", "--unit", "controller"],
             "--unit controller: expected COMPONENT=UNIT, such as controller=my_unit.py.",
@@ -163,7 +163,7 @@ def test_check_lists_the_problems_of_a_broken_fmu(tmp_path):
         (["simulate", "tracking"], "expected a system package, NAME.ssp"),
         (["simulate", "system.ssp"], "there is no such file"),
         (["check", "missing.fmu"], "there is no such file"),
-        (["models", "show", "robot.toml"], "robot.toml"),
+        (["robot", "show", "robot.toml"], "robot.toml"),
     ],
 )
 def test_wrong_usage_ends_with_code_2_and_the_way_out(tmp_path, arguments, words):
@@ -213,8 +213,8 @@ def test_a_unit_that_fails_ends_with_code_1_and_its_words(tmp_path):
         ["build"],
         ["ssp"],
         ["check"],
-        ["models", "list"],
-        ["models", "show"],
+        ["robot", "list"],
+        ["scenario", "show"],
         ["cache"],
         ["cache", "clear"],
     ],

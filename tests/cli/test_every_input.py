@@ -60,11 +60,11 @@ def test_an_input_that_cannot_be_used_is_named(arguments: tuple[str, ...]) -> No
     ids=["ascii", "C locale"],
 )
 def test_streams_of_ascii_take_every_text(environment: dict[str, str]) -> None:
-    done = vdfmu("models", "show", "tést·", **environment)
+    done = vdfmu("robot", "show", "tést·", **environment)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("error: no robot 't\\")
     assert done.stderr.isascii()
-    listed = vdfmu("models", "list", **environment)
+    listed = vdfmu("robot", "list", **environment)
     assert listed.returncode == 0
     assert listed.stdout.isascii()
 
@@ -114,7 +114,7 @@ def test_help_needs_only_what_draws_it(package: str, tmp_path: Path) -> None:
 
 def test_a_package_that_does_not_load_says_why(tmp_path: Path) -> None:
     (tmp_path / "numpy.py").write_text("raise ImportError('libgone.so: no such file', name='numpy')\n")
-    done = vdfmu("models", "list", PYTHONPATH=os.pathsep.join([str(tmp_path), str(ROOT)]))
+    done = vdfmu("robot", "list", PYTHONPATH=os.pathsep.join([str(tmp_path), str(ROOT)]))
     assert done.returncode == 1
     assert done.stderr.startswith("error: the Python package numpy cannot be imported: libgone.so: no such file. ")
     assert "Traceback" not in done.stderr

@@ -135,7 +135,7 @@ def test_the_pages_of_the_command_line_and_the_scenario_file_have_every_name(mon
     for name in ("run", "sweep", "sweep plot", "robot import", "doctor", "unit new"):
         assert f"# vdfmu {name}\n" in commands
     for option in (
-        "`--set` `UNIT.PARAMETER=VALUE`",
+        "`--set` `COMPONENT.VARIABLE=VALUE`",
         "`--pictures` | `png`",
         "`--isolate`, `--no-isolate`",
         "| `PACKAGE` |",

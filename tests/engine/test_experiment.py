@@ -104,7 +104,7 @@ def test_a_picture_that_cannot_be_drawn_is_a_note_and_the_results_stay(packed, t
     monkeypatch.setattr("vdfmu.engine.results.picture.draw_signals", fail)
     said = []
     path = packed('communicationStepSize="0.25"')
-    run_system(path, out=tmp_path / "out", log=said.append, plot=True)
+    run_system(path, out=tmp_path / "out", log=said.append, pictures=["png"])
     note = "the picture could not be drawn: no ink"
     assert [message.text for message in said if message.status == "note"][-1] == note
     assert note in json.loads((tmp_path / "out" / "summary.json").read_text())["notes"]

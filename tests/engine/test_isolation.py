@@ -79,8 +79,8 @@ def fails(package: Path, way: str, **options) -> CosimError:
         *heavy(
             (
                 "hang",
-                {"time_limit": 5.0},
-                r"no return within 5 s; a longer time_limit \(simulate --time-limit\) gives it more",
+                {"wait_limit": 5.0},
+                r"no return within 5 s; a longer wait_limit \(simulate --wait-limit\) gives it more",
             )
         ),
         ("eat", {"memory_limit": 400.0}, r"SIGSEGV\), of which the memory had reached \d+ MB of 400 MB"),
@@ -156,7 +156,7 @@ def test_what_fails_after_the_last_step_is_said_and_costs_no_row(package, way, c
     [("crash_free", "freeInstance", "crashed the process"), *heavy(("hang_end", "terminate", "no return within 5 s"))],
 )
 def test_a_process_that_ends_after_the_last_step_costs_no_row(package, way, call, said):
-    error = fails(package, way, time_limit=5.0)
+    error = fails(package, way, wait_limit=5.0)
     assert (error.unit, error.call, error.time) == ("unit", call, 1.0)
     assert said in error.reason
     assert error.results["unit.y"].tolist() == [0.0, 0.25, 0.5, 0.75, 1.0]
@@ -206,7 +206,7 @@ def silent(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     ("way", "options"),
-    [("", {}), ("crash", {}), ("leave", {}), *heavy(("hang", {"time_limit": 5.0})), ("eat", {"memory_limit": 400.0})],
+    [("", {}), ("crash", {}), ("leave", {}), *heavy(("hang", {"wait_limit": 5.0})), ("eat", {"memory_limit": 400.0})],
 )
 def test_processes_of_a_component_end_with_the_run(package, silent, way, options):
     if way:
@@ -316,7 +316,7 @@ def test_ctrl_c_ends_a_step_that_hangs(package):
     assert took < 10.0  # half a second, and a busy machine; the time limit is 300 s
 
 
-@pytest.mark.parametrize("options", [{"time_limit": 0.0}, {"memory_limit": -1.0}, {"time_limit": float("nan")}])
+@pytest.mark.parametrize("options", [{"wait_limit": 0.0}, {"memory_limit": -1.0}, {"wait_limit": float("nan")}])
 def test_limits_must_be_positive(package, options):
     with pytest.raises(UsageError, match=f"{next(iter(options))} must be positive"):
         simulate(package, step=0.25, **options)
@@ -327,7 +327,7 @@ def test_the_command_says_who_ended_the_process_and_keeps_the_rows(package, tmp_
     started = time.monotonic()
     for options, said in (
         (["--set", "unit.way=2"], "unit: doStep at t = 0.5 s failed: the component ended the process (exit code 0)"),
-        (["--set", "unit.way=3", "--time-limit", "1"], "unit: doStep at t = 0.5 s failed: no return within 1 s"),
+        (["--set", "unit.way=3", "--wait-limit", "1"], "unit: doStep at t = 0.5 s failed: no return within 1 s"),
         (["--set", "unit.way=5"], "unit: freeInstance at t = 1 s failed: the component crashed the process"),
     ):
         done = subprocess.run(
@@ -411,7 +411,7 @@ def test_a_child_that_fled_does_not_hold_the_run_and_faults_of_ours_blame_no_com
     fleeing(rest)
     began = time.monotonic()
     with pytest.raises(CosimError, match=said):
-        simulate(package, step=0.25, isolate=True, time_limit=3.0)
+        simulate(package, step=0.25, isolate=True, wait_limit=3.0)
     # 3 s of the limit and the start of Python; the child lives 30 s
     assert time.monotonic() - began < 20.0
 

@@ -28,7 +28,9 @@ def vdfmu(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 def test_components_whose_libraries_warn_run_without_a_word(pack, xml, tmp_path, way):
     # the font of the picture has none of these letters
     package = pack([xml.component("\u4e2d\u6587" * 20, "Loud", "y:output")])
-    done = vdfmu(tmp_path, "simulate", str(package), "--step", "0.1", "--stop", "1", way, "--plot", "--out", "out")
+    done = vdfmu(
+        tmp_path, "simulate", str(package), "--step", "0.1", "--stop", "1", way, "--pictures", "png", "--out", "out"
+    )
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     assert (tmp_path / "out" / "signals.png").exists()

@@ -115,7 +115,7 @@ FAULTS = (
     Fault("a name too long", (*SSP, f"{LONG}.ssp"), named="too long"),
     Fault("no working folder", (*RUN, "0.1"), before=_GONE, named="out"),
     Fault("no working folder", BUILD, before=_GONE, named="out"),
-    Fault("output to a full disk", ("models", "list"), before=_NO_OUTPUT, named="output"),
+    Fault("output to a full disk", ("robot", "list"), before=_NO_OUTPUT, named="output"),
     Fault("full temporary folder", *_COMMANDS["run"], before=_small("tmp", 200), named="tmp"),
     Fault("full temporary folder", *_COMMANDS["simulate"], before=_small("tmp", 200), named="tmp"),
     Fault("no temporary folder", _COMMANDS["run"][0], environment=(("TMPDIR", "/nowhere"),), harmless=True),

@@ -61,12 +61,12 @@ def begin(folder: Path) -> None:
 
 _EARLIER = (*RUN, "0.02", *OTHER)
 _SWEEP = (
-    "sweep", "planar_tracking", "--over", "controller.K_p=900,1000", "--stop", "0.02", "--workers", "1", "--chunk", "1",
+    "sweep", "planar_tracking", "--vary", "controller.K_p=900,1000", "--stop", "0.02", "--workers", "1", "--chunk", "1",
     "--out", "out", "--engine", "fmu",
 )  # fmt: skip
 _TUNE = (
     "tune", "planar_tracking", "--vary", "controller.K_p", "--cost", "rms(trajectory.q_d - plant.q)", "--stop", "0.02",
-    "--workers", "1", "--method", "global", "--out", "out", "--budget",
+    "--workers", "1", "--method", "global", "--out", "out", "--evaluations",
 )  # fmt: skip
 _PACKAGE = ("ssp", "planar_tracking", "--out", "arm.ssp")
 _SSP = ("ssp", "planar_tracking", "--out", "out/arm.ssp")

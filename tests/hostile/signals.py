@@ -28,7 +28,7 @@ COMMANDS = (
     *(
         Job(tuple(words.split()))
         for words in (
-            "models list", "models show manipulator_6dof", "models schema robot", "margins planar_tracking",
+            "robot list", "robot show manipulator_6dof", "schema robot", "margins planar_tracking",
             "modes planar_2dof --bode 1 -o out/bode.png",
             "robot drives", "unit examples out", "doctor", "cache",
         )

@@ -103,7 +103,7 @@ def fled(number: int, folder: Path) -> None:
     shutil.copytree(start.folder, place)
     site.mkdir()
     (site / "sitecustomize.py").write_text(_FLED.format(way))
-    process = Process(place, (*job.words, "--time-limit", "3"), PYTHONPATH=str(site))
+    process = Process(place, (*job.words, "--wait-limit", "3"), PYTHONPATH=str(site))
     begin = time.monotonic()
     try:
         code, told = _ended(process, f"a component that leaves a process and does: {way}")

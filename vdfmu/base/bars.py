@@ -33,7 +33,7 @@ class EscapedTerminal(Console):
 errors = EscapedTerminal(stderr=True, highlight=False)
 """All but results; ``errors.quiet`` lets nothing through."""
 _SOON = 0.5
-"""Time [s] after which a line that moves appears."""
+"""Time [s] after which a line that moves appears, and a rate."""
 
 
 class Bars:
@@ -117,9 +117,11 @@ def _progress() -> Progress:
     from rich.text import Text
 
     class Rate(ProgressColumn):
-        """Steps in a second."""
+        """Steps in a second, once a stage is long enough to tell."""
 
         def render(self, task: Task) -> Text:
+            if (task.elapsed or 0.0) < _SOON:
+                return Text("")
             rate = task.finished_speed or task.speed
             return Text(f"{rate:.3g}/s" if rate and task.total != 1 else "")
 

@@ -9,6 +9,7 @@ import zipfile
 import zlib
 from collections.abc import Generator, Iterable, Mapping
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import BinaryIO
 
@@ -99,13 +100,26 @@ def regular_target(path: Path) -> Path:
     return target
 
 
+_REPLACING = ContextVar("_REPLACING", default=False)
+
+
+@contextmanager
+def replacing_foreign(wanted: bool) -> Generator[None]:
+    """Let `require_ours` accept in the block what vdfmu did not write, if that is wanted."""
+    token = _REPLACING.set(wanted)
+    try:
+        yield
+    finally:
+        _REPLACING.reset(token)
+
+
 def require_ours(*paths: Path) -> None:
     """Raise UsageError for files that are there and that vdfmu did not write; FMUs and packages say what did."""
-    foreign = [str(path) for path in paths if path.is_file() and not _is_ours(path)]
+    foreign = [] if _REPLACING.get() else [str(path) for path in paths if path.is_file() and not _is_ours(path)]
     if foreign:
         raise UsageError(
-            f"{', '.join(foreign)}: expected no file of this name, or one that vdfmu wrote. Move it away, or choose "
-            "another name or folder with --out."
+            f"{', '.join(foreign)}: expected no file of this name, or one that vdfmu wrote. Move it away, choose "
+            "another name or folder with --out, or replace it with --overwrite."
         )
 
 

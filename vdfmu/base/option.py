@@ -16,6 +16,7 @@ from typing import Any, ForwardRef, ParamSpec, TypeVar, cast, get_args
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.text import close_to
+from vdfmu.base.words import new_word
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -43,6 +44,8 @@ class Option:
     """Makes its value of what the command line has."""
     names: Callable[[], Iterable[str]] | None = None
     """Returns names that the shell completes."""
+    choices: tuple[str, ...] = ()
+    """Values that there are, which ``--help`` shows and the shell completes."""
 
 
 @dataclass(frozen=True)
@@ -101,8 +104,9 @@ def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
     @wraps(function)
     def called(*args: _P.args, **kwargs: _P.kwargs) -> _T:
         for unknown in kwargs.keys() - signature.parameters.keys():
-            close = close_to(unknown, signature.parameters)
-            raise TypeError(f"{name}() got an unexpected keyword argument {unknown!r}{close}")
+            new = new_word(name, unknown)
+            way = f"; it is now {new!r}" if new else close_to(unknown, signature.parameters)
+            raise TypeError(f"{name}() got an unexpected keyword argument {unknown!r}{way}")
         try:
             bound = signature.bind(*args, **kwargs)
         except TypeError as error:
@@ -136,7 +140,7 @@ def pick(kind: type[_T], options: Mapping[str, Any]) -> _T:
 def read_settings(
     items: Iterable[str] | None,
     option: str = "--set",
-    form: str = "UNIT.PARAMETER=VALUE, such as controller.K_p[1]=3000",
+    form: str = "COMPONENT.VARIABLE=VALUE, such as controller.K_p[1]=3000",
 ) -> dict[str, str]:
     """Read ``--set`` options, or others of a form ``NAME=TEXT``: name to text."""
     settings: dict[str, str] = {}

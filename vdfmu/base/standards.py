@@ -63,3 +63,5 @@ SSP_1 = SspFormat("1.0", FMI_2, ("fmpy", "ssp/schema"), True, False, False)
 SSP_2 = SspFormat("2.0", FMI_3, ("pyssp_standard", "resources/ssp2"), False, True, True)
 SSP_FORMATS = {form.name: form for form in (SSP_1, SSP_2)}
 """Name to version."""
+BACKENDS = ("python", "native")
+"""Languages of FMUs."""

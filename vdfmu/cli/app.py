@@ -6,21 +6,26 @@ import inspect
 import logging
 import os
 import platform
+import re
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from copy import copy
 from functools import partial, wraps
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from vdfmu.base.bars import Bars, errors
 from vdfmu.base.progress import LOG, showing
+from vdfmu.base.text import close_to
 from vdfmu.base.version import __version__
+from vdfmu.base.words import new_word
 from vdfmu.cli.options import expanded
-from vdfmu.cli.terminal import console
+from vdfmu.cli.terminal import console, say_error
 
 _Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 QuietOption = Annotated[
@@ -34,6 +39,53 @@ QuietOption = Annotated[
 VerboseOption = Annotated[
     bool, typer.Option("--verbose", "-v", help="Say what is done and how long it takes, and where errors come from.")
 ]
+
+
+class CommandGroup(TyperGroup):
+    """All commands: wrong usage is an error as any other; old words are answered with the new ones."""
+
+    def make_context(self, *args: Any, **kwargs: Any) -> Any:
+        """Read the words before the command."""
+        with _usage_errors():
+            return super().make_context(*args, **kwargs)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command."""
+        with _usage_errors():
+            return super().invoke(ctx)
+
+
+_CLICK: Any = typer.BadParameter.__mro__[2]
+"""What all errors of usage are, of click or of its copy in typer."""
+
+
+@contextmanager
+def _usage_errors() -> Generator[None]:
+    try:
+        yield
+    except _CLICK as error:
+        context = getattr(error, "ctx", None)
+        if type(error).__name__ == "NoArgsIsHelpError":  # the message is the help
+            raise
+        path = context.command_path.partition(" ")[2] if context else ""
+        say_error(_usage(error, path, context))
+        raise typer.Exit(2) from None
+
+
+def _usage(error: Any, path: str, context: Any) -> str:
+    """Return the message of wrong usage, with the way out."""
+    message = error.format_message().rstrip(".")
+    option: str = getattr(error, "option_name", None) or ""
+    if type(error).__name__ == "NoSuchOption":
+        new = new_word(path.removesuffix(" run"), option)
+        known = [word for one in context.command.params for word in (*one.opts, *one.secondary_opts)]
+        close = re.sub(r"([\w-]+)(?=[,?])", r"--\1", close_to(option.lstrip("-"), [word.lstrip("-") for word in known]))
+        message = f"{option} is now {new}" if new else f"No such option: {option}{close}"
+    elif found := re.fullmatch(r"No such command '(.*?)'.*", message):
+        new = new_word(path, found[1])
+        message = f"'{found[1]}' is now {new}" if new else message
+    stop = "" if message.endswith("?") else "."
+    return f"{message}{stop} See '{' '.join(filter(None, ('vdfmu', path)))} --help'."
 
 
 class App(typer.Typer):
@@ -65,9 +117,19 @@ def _quick(command: Any) -> Any:
     """Let a command, and those in it, read texts and paths without pydantic, which takes 0.08 s."""
     for parameter in command.get_params(typer.Context(command)):
         parameter.process_value = partial(_value, parameter, parameter.process_value)
+        if parameter.metavar is None or parameter.param_type_name == "argument":
+            parameter.display_type = partial(_type_name, parameter)
     for one in getattr(command, "commands", {}).values():
         _quick(one)
     return command
+
+
+def _type_name(parameter: Any, _: Any) -> str | None:
+    """Return a word for the values of an option; None for a switch."""
+    if parameter.param_type_name == "argument" or parameter.is_flag:
+        return None
+    kind = re.sub(r"list\[(.*)\]", r"\1", parameter.bare_type())
+    return {"str": "TEXT", "Path": "PATH", "int": "INTEGER"}.get(kind, "NUMBER")
 
 
 def _value(parameter: Any, asked: Callable[[Any, Any], Any], context: Any, value: Any) -> Any:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import io
 import logging
 import os
+import re
 import sys
 import warnings
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from rich.markup import escape
 
 from vdfmu.base.errors import ModelError, SspError, UsageError, VdfmuError
 from vdfmu.base.once import one_job
@@ -21,52 +23,79 @@ from vdfmu.cli import (
     files,
     identify,
     margins,
-    models,
     modes,
     motions,
     robots,
     runs,
+    scenarios,
     sweeps,
     tunes,
     units,
     view,
 )
-from vdfmu.cli.app import App, QuietOption, VerboseOption, look, look_anew
-from vdfmu.cli.terminal import console, fail
+from vdfmu.cli.app import App, CommandGroup, QuietOption, VerboseOption, look, look_anew
+from vdfmu.cli.terminal import console, fail, table
 
 app = App(
-    no_args_is_help=True,
+    cls=CommandGroup,
+    invoke_without_command=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     help="Flexible-joint manipulators as co-simulation FMUs: build them, wire them, run them, check them.",
 )
-for function, example in (
-    (runs.run, "vdfmu run tracking --set controller.K_p=1500 --out results/soft"),
-    (runs.simulate, "vdfmu simulate tracking.ssp --master jacobi --out results/jacobi"),
-    (runs.report, "vdfmu report results/tracking results/soft"),
-    (runs.federate, "vdfmu federate tracking.ssp --split plant --split feedforward,controller"),
-    (
-        tunes.tune,
-        "vdfmu tune tracking --vary controller.K_p --vary controller.K_v --cost 'rms(trajectory.q_d - plant.q)' "
-        "--spread 'plant.mass=*normal(1, 0.05)' --margin same",
+COMMANDS: dict[str, tuple[tuple[Any, str], ...]] = {
+    "Run": (
+        (runs.run, "vdfmu run tracking --set controller.K_p=1500 --out results/soft"),
+        (runs.simulate, "vdfmu simulate tracking.ssp --master jacobi --out results/jacobi"),
+        (runs.federate, "vdfmu federate tracking.ssp --split plant --split feedforward,controller"),
+        (sweeps.app, ""),
+        (
+            tunes.tune,
+            "vdfmu tune tracking --vary controller.K_p --vary controller.K_v --cost 'rms(trajectory.q_d - plant.q)' "
+            "--spread 'plant.mass=*normal(1, 0.05)' --margin same",
+        ),
+        (compares.compare, "vdfmu compare --arms ur5e_6dof --laws controller,pd_gravity --mismatch none,payload"),
     ),
-    (compares.compare, "vdfmu compare --arms ur5e_6dof --laws controller,pd_gravity --mismatch none,payload"),
-    (motions.motion, "vdfmu motion path.toml --robot planar_2dof -o path.png"),
-    (modes.modes, "vdfmu modes manipulator_6dof --pose '0 0.5 0.5 0 0 0'"),
-    (view.view, "vdfmu view panda_7dof"),
-    (margins.margins, "vdfmu margins tracking --master jacobi --at 2.5"),
-    (identify.identify, "vdfmu identify results/tracking/results.csv --robot manipulator_6dof -o identified.toml"),
-    (files.build, "vdfmu build tracking --backend native --fmi 3.0 --platform all --out fmus"),
-    (files.container, "vdfmu container tracking --out tracking.fmu"),
-    (files.ssp, "vdfmu ssp two_joint --format 2.0 --out two_joint.ssp"),
-    (files.reference, "vdfmu reference two_joint --out reference"),
-    (files.check, "vdfmu check fmus/Plant.fmu"),
-    (files.verify, "vdfmu verify fmus/Plant.fmu"),
-    (doctor.doctor, "vdfmu doctor"),
-):
-    app.command(epilog=f"Example: [bold]{example}[/bold]")(function)
-for group in (sweeps.app, models.app, robots.app, cache.app, units.app):
-    app.add_typer(group, name=group.info.name)
+    "Look": (
+        (runs.report, "vdfmu report results/tracking results/soft"),
+        (view.view, "vdfmu view panda_7dof"),
+        (motions.motion, "vdfmu motion path.toml --robot planar_2dof -o path.png"),
+    ),
+    "Analyse": (
+        (modes.modes, "vdfmu modes manipulator_6dof --pose '0 0.5 0.5 0 0 0'"),
+        (margins.margins, "vdfmu margins tracking --master jacobi --at 2.5"),
+        (identify.identify, "vdfmu identify results/tracking/results.csv --robot manipulator_6dof -o identified.toml"),
+    ),
+    "Exchange": (
+        (files.build, "vdfmu build tracking --backend native --fmi 3.0 --platform all --out fmus"),
+        (files.container, "vdfmu container tracking --out tracking.fmu"),
+        (files.ssp, "vdfmu ssp two_joint --ssp 2.0 --out two_joint.ssp"),
+        (files.reference, "vdfmu reference two_joint --out reference"),
+        (files.check, "vdfmu check fmus/Plant.fmu"),
+        (files.verify, "vdfmu verify fmus/Plant.fmu"),
+    ),
+    "Models": (
+        (robots.app, ""),
+        (scenarios.app, ""),
+        (units.app, ""),
+        (scenarios.schema, "vdfmu schema robot > robot.schema.json"),
+    ),
+    "Installation": ((doctor.doctor, "vdfmu doctor"), (cache.app, "")),
+}
+"""The commands in groups, each with an example; those of a group of their own have theirs."""
+for panel, listed in COMMANDS.items():
+    for one, example in listed:
+        if isinstance(one, App):
+            app.add_typer(one, name=one.info.name, rich_help_panel=panel)
+        else:
+            app.command(epilog=f"Example: [bold]{example}[/bold]", rich_help_panel=panel)(one)
+FIRST = {
+    "Run": ("run", "sweep", "tune"),
+    "Look": ("report", "view"),
+    "Analyse": ("margins",),
+    "Exchange": ("ssp", "check"),
+}
+"""The commands that are needed most, which ``vdfmu`` names."""
 
 
 def _show_version(wanted: bool) -> None:
@@ -77,6 +106,7 @@ def _show_version(wanted: bool) -> None:
 
 @app.callback()
 def _options(
+    context: typer.Context,
     version: Annotated[
         bool, typer.Option("--version", help="Show the version and exit.", is_eager=True, callback=_show_version)
     ] = False,
@@ -85,6 +115,23 @@ def _options(
 ) -> None:
     look_anew()
     look(quiet, verbose)
+    if context.invoked_subcommand is None:
+        _say_first(context)
+
+
+def _say_first(context: typer.Context) -> None:
+    """Name the commands that are needed most, and where the others are."""
+    known: Any = getattr(context.command, "commands", {})
+    console.print(f"[bold]vdfmu[/bold]  {context.command.help}")
+    shown = table("", "", "", title=" ", show_header=False)
+    for group, names in FIRST.items():
+        for name in names:
+            short = re.split("[:,]", " ".join((known[name].help or "").split()))[0].rstrip(".")
+            shown.add_row(group if name == names[0] else "", f"[bold cyan]{name}[/bold cyan]", escape(short))
+    console.print(shown)
+    others = ", ".join(name for name in known if name not in {each for names in FIRST.values() for each in names})
+    console.print(f"\nBegin with [bold]vdfmu run[/bold]. Also: {others}.")
+    console.print("[bold]vdfmu --help[/bold] lists all commands, [bold]vdfmu COMMAND --help[/bold] their options.")
 
 
 def command() -> None:

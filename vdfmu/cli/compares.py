@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Unpack
 
-from vdfmu.cli.terminal import say, say_notes, tell
+from vdfmu.cli.terminal import say_notes, say_written, tell
 from vdfmu.study.options import CompareOptions
 
 
@@ -23,4 +23,5 @@ def compare(**options: Unpack[CompareOptions]) -> None:
         raise
     say_notes(found.notes)
     tell(in_words(found).rstrip())
-    say(f"Written to {found.folder}: {len(found)} cells, report.html, summary.md, sweep.parquet, sweep.csv")
+    names = ("report.html", "summary.md", "sweep.parquet", "sweep.csv")
+    say_written(*(found.folder / name for name in names), more=f"; {len(found)} cells")

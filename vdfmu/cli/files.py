@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,23 +10,29 @@ import typer
 
 from vdfmu.base.data import PACKAGE
 from vdfmu.base.errors import StorageError
-from vdfmu.base.files import require_ours
+from vdfmu.base.files import replacing_foreign, require_ours
 from vdfmu.base.option import read_settings
 from vdfmu.base.standards import PYTHON_FMI, SSP_1, SSP_FORMATS
 from vdfmu.base.text import first_few
+from vdfmu.cli.options import choice, typer_option
 from vdfmu.cli.terminal import (
     BackendOption,
+    FmiOption,
+    ForeignOption,
+    JsonOption,
     RobotOption,
     ScenarioArgument,
     SetOption,
     UnpackOption,
-    console,
     fail,
     load,
     say,
+    say_json,
     say_notes,
+    say_written,
 )
 from vdfmu.engine.rules import Finding
+from vdfmu.study.options import RobotOptions
 
 if TYPE_CHECKING:
     from vdfmu.system.scenario import Scenario
@@ -44,9 +47,9 @@ def build(
         ),
     ] = "tracking",
     robot: RobotOption = None,
-    out: Annotated[Path, typer.Option(help="Folder of the FMUs.")] = Path("fmus"),
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the FMUs.")] = Path("fmus"),
     backend: BackendOption = None,
-    fmi: Annotated[str, typer.Option(help="Version of FMI: 2.0, or 3.0 for native FMUs.")] = PYTHON_FMI.name,
+    fmi: FmiOption = PYTHON_FMI.name,
     platform: Annotated[
         list[str] | None,
         typer.Option(
@@ -57,13 +60,16 @@ def build(
     sources: Annotated[bool, typer.Option(help="Carry the C of native FMUs in them.")] = True,
     target: Annotated[
         str,
-        typer.Option(help="What to build: fmi, or efmi: FMUs of controllers, with code for microcontrollers in them."),
+        typer.Option(
+            **choice("fmi", "efmi"), help="What to build; efmi: FMUs of controllers, with code for microcontrollers."
+        ),
     ] = "fmi",
-    precision: Annotated[str, typer.Option(help="Numbers of that code: double or float32.")] = "double",
+    precision: Annotated[str, typer.Option(**choice("double", "float32"), help="Numbers of that code.")] = "double",
     step: Annotated[
         float | None, typer.Option(help="Time between steps of that code [s]; default the scenario's, or 0.001.")
     ] = None,
     settings: SetOption = None,
+    overwrite: ForeignOption = False,
 ) -> None:
     """Build the FMUs of a scenario's system, with the scenario's values as start values, or the FMU of a unit."""
     chosen = None if _is_unit(scenario) else load(scenario, robot, settings)
@@ -75,34 +81,21 @@ def build(
     from vdfmu.system.scenario.parts import build_parts, left_out
     from vdfmu.system.scenario.values import start_values
 
-    if chosen is None:
-        unit = find_unit(scenario)
-        fixed = load_robot(robot) if robot is not None else None
-        values = start_values(unit, fixed, read_settings(settings))
-        built = build_fmus(
-            fixed,
-            out,
-            units=[unit],
-            start_values={unit_name(unit): values},
-            backend=backend,
-            fmi_version=fmi,
-            platforms=platform,
-            sources=sources,
-            target=target,
-            precision=precision,
-            step=1e-3 if step is None else step,
-        )
-    else:
-        if step is not None:
-            chosen = prepare(chosen, step=step)
-        values = _values(chosen, backend, settings)
-        built = build_parts(
-            chosen, out, values, backend=backend, fmi_version=fmi, platforms=platform, sources=sources, target=target,
-            precision=precision,
-        )  # fmt: skip
-        say_notes(left_out(chosen, target))
-    for path in dict.fromkeys(built.values()):
-        say(str(path))
+    asked: Any = {"backend": backend, "fmi_version": fmi, "platforms": platform, "sources": sources, "target": target,
+                  "precision": precision}  # fmt: skip
+    with replacing_foreign(overwrite):
+        if chosen is None:
+            unit = find_unit(scenario)
+            fixed = load_robot(robot) if robot is not None else None
+            values = {unit_name(unit): start_values(unit, fixed, read_settings(settings))}
+            asked["step"] = 1e-3 if step is None else step
+            built = build_fmus(fixed, out, units=[unit], start_values=values, **asked)
+        else:
+            if step is not None:
+                chosen = prepare(chosen, step=step)
+            built = build_parts(chosen, out, _values(chosen, backend, settings), **asked)
+            say_notes(left_out(chosen, target))
+    say_written(*dict.fromkeys(built.values()))
 
 
 def _is_unit(name: str) -> bool:
@@ -130,9 +123,10 @@ def _values(scenario: Scenario, backend: str | None, settings: list[str] | None)
 def container(
     scenario: ScenarioArgument = "tracking",
     robot: RobotOption = None,
-    out: Annotated[Path | None, typer.Option(help="File to write; default SCENARIO.fmu.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="File to write; default SCENARIO.fmu.")] = None,
     step: Annotated[float | None, typer.Option(help="Step at which the units exchange values.")] = None,
     settings: SetOption = None,
+    overwrite: ForeignOption = False,
 ) -> None:
     """Fold the system of a scenario into one native FMU that steps its units without a master."""
     chosen = load(scenario, robot, settings)
@@ -145,25 +139,28 @@ def container(
     chosen = prepare(chosen, step=step)
     values = _values(chosen, "native", settings)
     path = out if out is not None else Path(f"{chosen.name}.fmu")
-    require_ours(path)
-    with temporary_folder("vdfmu_") as folder:
+    with replacing_foreign(overwrite), temporary_folder("vdfmu_") as folder:
+        require_ours(path)
         package = write_ssp(chosen, cached_fmus(chosen, folder, "native"), Path(folder) / "system.ssp", values)
         written = write_container(package, path, step=chosen.step)
-    say(str(written))
+    say_written(written)
 
 
 def ssp(
     scenario: ScenarioArgument = "tracking",
     robot: RobotOption = None,
     form: Annotated[
-        str, typer.Option("--format", help="1.0 or 2.0: version of SSP, 2.0 with native units of FMI 3.0.")
+        str, typer.Option("--ssp", **choice(*SSP_FORMATS), help="Version of SSP; 2.0 has native units of FMI 3.0.")
     ] = SSP_1.name,
-    out: Annotated[Path | None, typer.Option(help="File to write, default SCENARIO.ssp or SCENARIO_2.0.ssp.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="File to write; default SCENARIO.ssp or SCENARIO_2.0.ssp.")
+    ] = None,
     apart: Annotated[
         bool, typer.Option("--decomposed", help="Wire arms from their links and joints: SCENARIO_decomposed.ssp.")
     ] = False,
     backend: BackendOption = None,
     settings: SetOption = None,
+    overwrite: ForeignOption = False,
 ) -> None:
     """Pack the system of a scenario as an SSP, with FMUs and parameters inside.
 
@@ -178,24 +175,24 @@ def ssp(
     fmi_version = fmi_of_format(form, backend)
     name = f"{chosen.name}{'_decomposed' * apart}{f'_{form}' * (form != SSP_1.name)}"
     target = out or Path(f"{name}.ssp")
-    require_ours(target)
+    with replacing_foreign(overwrite):
+        require_ours(target)
     values = _values(chosen, backend, settings)
     if apart:
         from vdfmu.system.scenario.decomposed import decomposed
 
         chosen, values = decomposed(chosen, read_settings(settings))
-    with temporary_folder("vdfmu_") as folder:
+    with replacing_foreign(overwrite), temporary_folder("vdfmu_") as folder:
         fmus = build_parts(chosen, folder, values, backend=backend, fmi_version=fmi_version)
-        say(str(write_ssp(chosen, fmus, target, values, version=form)))
+        say_written(write_ssp(chosen, fmus, target, values, version=form))
 
 
 def reference(
     scenario: ScenarioArgument = "tracking",
     robot: RobotOption = None,
-    out: Annotated[Path, typer.Option(help="Folder to write; what it has of the same names is replaced.")] = Path(
-        "reference"
-    ),
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder to write.")] = Path("reference"),
     settings: SetOption = None,
+    overwrite: ForeignOption = False,
 ) -> None:
     """Write a folder for other tools: the system as SSP 1.0 and 2.0, its results, a script that compares."""
     chosen = load(scenario, robot, settings)
@@ -205,9 +202,8 @@ def reference(
 
     for form in SSP_FORMATS:
         fmi_of_format(form, None)
-    written = write_reference(chosen, out, system_values(chosen, read_settings(settings)))
-    for path in written:
-        say(str(path))
+    with replacing_foreign(overwrite):
+        say_written(*write_reference(chosen, out, system_values(chosen, read_settings(settings))))
 
 
 def check(
@@ -215,9 +211,11 @@ def check(
         Path, typer.Argument(help="An FMU, SSP or SSD of any tool; a robot, scenario or system file; my_unit.py.")
     ],
     no_run: Annotated[bool, typer.Option("--no-run", help="Read only; do not run the units' code.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+    as_json: JsonOption = False,
     unpack_limit: UnpackOption = None,
-    robot: Annotated[str, typer.Option(help="The robot for a unit or a system of one's own.")] = "planar_2dof",
+    robot: Annotated[
+        str, typer_option(RobotOptions, "robot", help="Robot for a unit or a system of one's own.")
+    ] = "planar_2dof",
 ) -> None:
     """Check an FMU or a system: schema, rules, binaries for this platform, ten steps, reference results.
 
@@ -241,16 +239,7 @@ def check(
     except StorageError as error:
         fail(error, 2)
     if as_json:
-        if sys.stdout is None:
-            fail("the findings cannot be written: the standard output is closed", 2)
-        try:
-            console.rest()
-            print(json.dumps(report.to_dict(), indent=1), flush=True)
-        except BrokenPipeError:
-            raise
-        except OSError as error:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            fail(f"the findings cannot be written: {error.strerror}", 2)
+        say_json(report.to_dict())
     else:
         _report(file, report.kind if source else report.standard, report.problems, report.notes)
     if report.problems:

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vdfmu.base.option import read_settings
-from vdfmu.cli.robots import OverwriteOption, target_file
-from vdfmu.cli.terminal import console, say, say_notes
+from vdfmu.cli.options import typer_option
+from vdfmu.cli.terminal import OverwriteOption, console, say, say_notes, say_written, table, target_file
+from vdfmu.study.options import RobotOptions
 
 if TYPE_CHECKING:
     from vdfmu.arm.robot import Robot
@@ -28,7 +29,8 @@ def identify(
         Path | None, typer.Argument(help="Results of a run, CSV of any tool, Parquet, a MATLAB file, or MCAP of ROS 2.")
     ] = None,
     robot: Annotated[
-        str | None, typer.Option("--robot", help="Robot to start from: kinematics, ratios, and what is not identified.")
+        str | None,
+        typer_option(RobotOptions, "robot", help="Robot to start from: kinematics, ratios, what is not identified."),
     ] = None,
     column: Annotated[
         list[str] | None,
@@ -77,9 +79,12 @@ def identify(
         ),
     ] = None,
     duration: Annotated[float | None, typer.Option(help="With --design: s of the motion; default 60.")] = None,
-    start: Annotated[
+    pose: Annotated[
         str | None,
-        typer.Option(help="With --design: pose about which joints move, '0.3 -0.5'; default several about the middle."),
+        typer.Option(
+            metavar="'Q1 Q2 ...'",
+            help="With --design: pose about which joints move, '0.3 -0.5'; default several about the middle.",
+        ),
     ] = None,
     step: Annotated[
         float | None, typer.Option(help="With --design: s from row to row of the log; default 0.002.")
@@ -99,7 +104,7 @@ def identify(
 
     of_log = {"--robot": robot, "--column": column, "--time": time, "--score": other, "--truth": truth, "--plot": plot,
               "--residuals": residuals}  # fmt: skip
-    of_design = {"--duration": duration, "--start": start, "--step": step, "--bits": bits, "--noise": noise,
+    of_design = {"--duration": duration, "--pose": pose, "--step": step, "--bits": bits, "--noise": noise,
                  "--no-links": no_links or None}  # fmt: skip
     if (log is None) == (design is None):
         got = "neither" if log is None else "both"
@@ -110,7 +115,7 @@ def identify(
         raise UsageError("\n".join(f"identify: {name} {way}." for name in wrong))
     if design is not None:
         sensors = {"step": step, "bits": bits, "noise": noise, "links": not no_links}
-        _design(design, duration, start, sensors, band, prior, out, overwrite)
+        _design(design, duration, pose, sensors, band, prior, out, overwrite)
         return
     assert log is not None
     if robot is None:
@@ -138,13 +143,14 @@ def identify(
 
         scored = score(found, arm, rows, second)
         _print_score(other.name, scored, arm.joint_labels, units)
+    written: list[Path] = []
     if plot is not None:
         from vdfmu.base.style import save
         from vdfmu.study.report.drawings import draw_torques
 
         title = f"Identification of {arm.name} from {log.name}"
         save(draw_torques(title, found.t, found.torque, found.torque_error, units), targets[plot])
-        say(f"{plot}: torques, and what the model leaves of them")
+        written.append(plot)
     if residuals is not None:
         from vdfmu.base.style import save
         from vdfmu.study.identify.score import score
@@ -153,7 +159,7 @@ def identify(
         left = scored or score(found, arm, rows, rows)
         title = f"What {arm.name}, identified from {log.name}, leaves of {(other or log).name}"
         save(draw_residuals(title, left, arm), targets[residuals])
-        say(f"{residuals}: what is left of torques and deformations")
+        written.append(residuals)
     if out is not None:
         from vdfmu.base.files import write_whole
         from vdfmu.study.identify.robot import identified_robot, robot_text
@@ -163,11 +169,13 @@ def identify(
         write_whole(
             targets[out], [robot_text(made, f"{arm.name}, identified from {log.name} by vdfmu identify.").encode()]
         )
-        say(f"{out}: {arm.name} with the identified values")
+        written.append(out)
+    if written:
+        say_written(*written)
 
 
 def _design(
-    robot: str, duration: float | None, start: str | None, sensors: dict[str, Any], band: float | None, prior: float,
+    robot: str, duration: float | None, pose: str | None, sensors: dict[str, Any], band: float | None, prior: float,
     out: Path | None, overwrite: bool,
 ) -> None:  # fmt: skip
     """Choose a motion, write it, and print what to expect of it."""
@@ -180,8 +188,8 @@ def _design(
     target = None if out is None else target_file(out, "", overwrite)
     noise = SensorNoise(**{name: value for name, value in sensors.items() if value is not None})
     length = {} if duration is None else {"duration": duration}
-    pose = None if start is None else read_pose("--start", start)
-    found = design(arm, **length, start=pose, sensors=noise, band=band, prior=prior)
+    start = None if pose is None else read_pose("--pose", pose)
+    found = design(arm, **length, start=start, sensors=noise, band=band, prior=prior)
     say_notes(found.notes)
     _print(found.expected, arm.joint_labels, None)
     text = found.text(f"Motion to identify {arm.name}, {found.motion.duration:g} s, chosen by vdfmu identify --design.")
@@ -189,24 +197,14 @@ def _design(
         say(f"\n{text}")
     else:
         write_whole(target, [text.encode()])
-        say(f"{target}: the motion, {found.motion.duration:g} s")
+        say_written(target, more=f": the motion, {found.motion.duration:g} s")
 
 
 def _print(found: Identified, labels: list[str], true: list[float] | None) -> None:
-    from rich.table import Column, Table
-
-    table = Table(
-        "parameter",
-        Column("value", no_wrap=True),
-        "95 %",
-        "unit",
-        "robot file",
-        *(("truth", "error") if true else ()),
-        box=None,
-    )
-    table.title_justify = "left"
+    shown = table("parameter", "value", "95 %", "unit", "robot file", *(("truth", "error") if true else ()))
+    shown.columns[1].no_wrap = True
     late = 1.96 * found.deviation[found.names.index("delay_tau")]
-    table.title = (
+    shown.title = (
         f"{len(found.t)} rows, band {found.band:.3g} Hz, torques {1e3 * found.delay:.2f} +- {1e3 * late:.2g} ms late"
     )
     rows = list(zip(found.names, found.values, found.deviation, found.units, found.nominal, strict=True))
@@ -217,9 +215,9 @@ def _print(found: Identified, labels: list[str], true: list[float] | None) -> No
         if true:
             error = f"{100.0 * (value / true[i] - 1.0):+.2f} %" if true[i] and not kept else ""
             cells += [f"{true[i]:.5g}", error]
-        table.add_row(*cells)
-    console.print(table)
-    drives = Table("joint", "torque left", "of", "%", "deformation left", "stiffness", "95 %", box=None)
+        shown.add_row(*cells)
+    console.print(shown)
+    drives = table("joint", "torque left", "of", "%", "deformation left", "stiffness", "95 %", title=" ")
     for i in range(found.torque.shape[1]):
         left, whole = (float((each[:, i] ** 2).mean() ** 0.5) for each in (found.torque_error, found.torque))
         bent = found.deformation_error if found.seen[i] else None
@@ -266,14 +264,13 @@ def _weak(found: Identified) -> list[str]:
 
 def _print_score(name: str, score: LogScore, labels: list[str], units: tuple[str, ...]) -> None:
     import numpy as np
-    from rich.table import Table
 
     unit = " or ".join(dict.fromkeys(units))
     angle = " or ".join(dict.fromkeys("m" if each == "N" else "rad" for each in units))
-    table = Table(
+    shown = table(
         "joint", f"torque\n{unit}", f"left\n{unit}", "left\n%", f"most\n{unit}", "5 terms\n%",
-        f"deform.\n{angle}", f"left\n{angle}", "left\n%", f"most\n{angle}", box=None, title_justify="left",
-        title=f"{name}, link-side: root mean squares and most of what is left; % left by five terms of a rigid model",
+        f"deform.\n{angle}", f"left\n{angle}", "left\n%", f"most\n{angle}",
+        title=f"\n{name}, link-side: root mean squares and most of what is left; % left by five terms of a rigid model",
     )  # fmt: skip
 
     def cells(values: Sequence[Floats], i: int) -> list[str]:
@@ -282,9 +279,9 @@ def _print_score(name: str, score: LogScore, labels: list[str], units: tuple[str
     for i, label in enumerate(labels):
         share, rigid = (100.0 * each[i] / score.torque[i] for each in (score.torque_left, score.rigid_left))
         bent = 100.0 * score.deformation_left[i] / score.deformation[i]
-        table.add_row(
+        shown.add_row(
             label, *cells([score.torque, score.torque_left], i), f"{share:.1f}", *cells([score.torque_most], i),
             f"{rigid:.1f}", *cells([score.deformation, score.deformation_left], i),
             "" if np.isnan(bent) else f"{bent:.0f}", *cells([score.deformation_most], i),
         )  # fmt: skip
-    console.print(table)
+    console.print(shown)

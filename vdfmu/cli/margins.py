@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from vdfmu.base.option import read_settings
-from vdfmu.cli.terminal import BackendOption, RobotOption, SetOption, console, load, say_error, say_notes
+from vdfmu.cli.options import choice
+from vdfmu.cli.terminal import (
+    BackendOption,
+    JsonOption,
+    RobotOption,
+    SetOption,
+    console,
+    load,
+    say_error,
+    say_json,
+    say_notes,
+    table,
+)
 
 
 def margins(
@@ -22,22 +34,22 @@ def margins(
     opened: Annotated[
         list[str] | None,
         typer.Option(
-            "--open", metavar="INPUT", help="Connected inputs at which loops are opened; default plant.tau. Repeatable."
+            "--loop", metavar="INPUT", help="Connected inputs at which loops are opened; default plant.tau. Repeatable."
         ),
     ] = None,
     master: Annotated[
-        str | None, typer.Option(help="gauss-seidel, or jacobi with a sample of delay; default the system's.")
+        str | None,
+        typer.Option(**choice("gauss-seidel", "jacobi"), help="jacobi has a sample of delay; default the system's."),
     ] = None,
     growth: Annotated[float, typer.Option(help="Rate in 1/s up to which what grows counts as stable.")] = 0.0,
     settings: SetOption = None,
     backend: BackendOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Print margins of stability of the sampled loops of a system, with the delays of its master.
 
     The exit code is 1 if it is unstable at one of the times.
     """
-    from rich.table import Table
-
     from vdfmu.base.errors import UsageError
     from vdfmu.study.analysis.system import margins_along
 
@@ -48,18 +60,24 @@ def margins(
         system if package else load(system, robot), opened or ["plant.tau"], at, growth=growth, master=master,
         settings=read_settings(settings), backend=backend,
     )  # fmt: skip
-    table = Table("t", "opened at", "modulus", "gain", "phase", "delay", "largest pole", box=None)
+    shown = table("t", "opened at", "modulus", "gain", "phase", "delay", "largest pole",
+                  title=f"Sampled at {found.step:g} s, {found.algorithm}")  # fmt: skip
+    rows: list[dict[str, Any]] = []
     for t, each, growing in zip(found.times, found.margins, found.growing, strict=True):
         for i, name in enumerate(found.names):
             modulus, gain, phase, delay = (float(column[i]) for column in each[:4])
+            rows.append({"t": t, "opened_at": name, "modulus": modulus, "gain": gain, "phase": phase, "delay": delay,
+                         "largest_pole": each.radius, "stable": not growing})  # fmt: skip
             late = f"{delay:.3g} s" if delay >= 1.0 else f"{1e3 * delay:.3g} ms"
             numbers = (f"{modulus:.3f}", f"{gain:.3g}", f"{math.degrees(phase):.1f} deg", late)
-            table.add_row(
+            shown.add_row(
                 f"{t:g} s" * (i == 0), name, *(numbers if not growing else ("unstable", "", "", "")),
                 f"{each.radius:.6f}" * (i == 0), style="red" if growing else None,
             )  # fmt: skip
-    table.title, table.title_justify = f"Sampled at {found.step:g} s, {found.algorithm}", "left"
-    console.print(table)
+    if as_json:
+        say_json({"step": found.step, "master": found.algorithm, "margins": rows})
+    else:
+        console.print(shown)
     say_notes(found.notes)
     if any(found.growing):
         worst = max(range(len(found.times)), key=lambda k: found.margins[k].radius)

@@ -7,8 +7,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from vdfmu.cli.robots import OverwriteOption, target_file
-from vdfmu.cli.terminal import console, load, say
+from vdfmu.cli.terminal import (
+    JsonOption,
+    OverwriteOption,
+    complete_scenario,
+    console,
+    load,
+    say,
+    say_json,
+    say_written,
+    table,
+    target_file,
+)
 
 if TYPE_CHECKING:
     from vdfmu.arm.robot import Robot
@@ -24,10 +34,12 @@ def modes(
             help="Positions of the joints in rad or m; default 0, or the middle between end stops that exclude 0.",
         ),
     ] = None,
-    path: Annotated[
+    scenario: Annotated[
         str | None,
         typer.Option(
-            metavar="SCENARIO", help="Over the desired motion of a scenario, instead of one pose, with a picture."
+            metavar="SCENARIO",
+            help="Over the desired motion of a scenario, instead of one pose, with a picture.",
+            autocompletion=complete_scenario,
         ),
     ] = None,
     bode: Annotated[
@@ -39,21 +51,24 @@ def modes(
     ] = False,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Picture of --path or --bode; default SCENARIO_modes.png or ROBOT_bode.png."),
+        typer.Option(
+            "--out", "-o", help="Picture of --scenario or --bode; default SCENARIO_modes.png or ROBOT_bode.png."
+        ),
     ] = None,
     overwrite: OverwriteOption = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Print natural frequencies, damping and shapes of the modes of an arm at rest, with motors free and held."""
     from vdfmu.base.errors import UsageError
 
-    if path is not None:
+    if scenario is not None:
         if pose is not None or bode is not None:
-            raise UsageError("modes: expected --pose or --path, got both." if pose is not None else
-                             "modes: --bode is for one pose, not for --path.")  # fmt: skip
-        _over_path(robot, path, dry, out, overwrite)
+            raise UsageError("modes: expected --pose or --scenario, got both." if pose is not None else
+                             "modes: --bode is for one pose, not for --scenario.")  # fmt: skip
+        _over_path(robot, scenario, dry, out, overwrite, as_json)
         return
     if out is not None and bode is None:
-        raise UsageError("modes: --out is for the picture of --path SCENARIO or --bode JOINT; neither is given.")
+        raise UsageError("modes: --out is for the picture of --scenario SCENARIO or --bode JOINT; neither is given.")
     from vdfmu.arm.robot import load_robot
     from vdfmu.study.analysis.modes import MOTORS, natural_modes
 
@@ -62,10 +77,14 @@ def modes(
         raise UsageError(f"--bode {bode}: expected a joint, 1 to {arm.n}.")
     target = None if bode is None else target_file(out, f"{arm.name}_bode.png", overwrite)
     q = _pose(arm, pose)
-    for motors in MOTORS:
-        _print(motors, q, natural_modes(arm, q, motors=motors, dry=dry))
+    found = {motors: natural_modes(arm, q, motors=motors, dry=dry) for motors in MOTORS}
+    if as_json:
+        say_json({"pose": q} | {f"motors_{motors}": _numbers(each) for motors, each in found.items()})
+    else:
+        for motors, each in found.items():
+            _print(motors, q, each)
     if bode is not None and target is not None:
-        _draw_bode(arm, q, bode, dry, target)
+        _draw_bode(arm, q, bode, dry, target, as_json)
 
 
 def _pose(robot: Robot, text: str | None) -> list[float]:
@@ -86,29 +105,36 @@ def read_pose(option: str, text: str) -> list[float]:
         raise UsageError(f"{option} {text}: expected numbers, such as '0.3 -0.5'.") from None
 
 
-def _print(motors: str, q: list[float], found: Modes) -> None:
-    from rich.table import Table
+def _numbers(found: Modes) -> dict[str, Any]:
+    """Return modes for JSON: Hz, damping ratio, shapes of the sides that move."""
+    return {
+        "frequency": found.frequency.tolist(), "damping": found.damping.tolist(), "rates": found.rates.tolist(),
+        "joint": (found.joint + 1).tolist(), "links": found.links.real.tolist(), "rotors": found.rotors.real.tolist(),
+    }  # fmt: skip
 
+
+def _print(motors: str, q: list[float], found: Modes) -> None:
     where = " ".join(f"{number:g}" for number in q)
-    table = Table("Hz", "damping", "spring", "", "displacement of joints 1, 2, ...", box=None)
-    table.title, table.title_justify = f"Motors {motors}, at {where}", "left"
+    shown = table(
+        "Hz", "damping", "spring", "", "displacement of joints 1, 2, ...", title=f"Motors {motors}, at {where}"
+    )
     for i, (frequency, damping) in enumerate(zip(found.frequency, found.damping, strict=True)):
         joint = found.joint[i]
         shapes = {"links": found.links[i]} | ({"rotors": found.rotors[i]} if motors == "free" else {})
-        table.add_row(
+        shown.add_row(
             f"{frequency:.2f}",
             f"{round(damping, 4) + 0.0:.4f}",  # no minus before what rounds to 0
             f"{joint + 1} ({100.0 * found.share[i, joint]:.0f} %)",
             "\n".join(shapes),
             "\n".join(" ".join(f"{round(v, 2) + 0.0:5.2f}" for v in shape.real) for shape in shapes.values()),
         )
-    console.print(table)
+    console.print(shown)
     if len(found.rates):
         say("Not oscillating, 1/s: " + " ".join(f"{round(rate, 3) + 0.0:.4g}" for rate in found.rates))
     console.print()
 
 
-def _draw_bode(robot: Robot, q: list[float], joint: int, dry: bool, target: Path) -> None:
+def _draw_bode(robot: Robot, q: list[float], joint: int, dry: bool, target: Path, as_json: bool) -> None:
     from vdfmu.base.style import save
     from vdfmu.study.analysis.arm_space import linearize
     from vdfmu.study.analysis.bode import joint_bode
@@ -121,14 +147,14 @@ def _draw_bode(robot: Robot, q: list[float], joint: int, dry: bool, target: Path
     curves: dict[str, Any] = dict(zip(("rotor", "link"), found.response, strict=True))
     title = f"Motor torque of joint {joint} to velocities: {robot.name} at {where}"
     save(draw_bode(title, found.frequency, curves, f"({unit})/(N.m)", found.resonance, found.antiresonance[0]), target)
+    if as_json:
+        return
     for what, each in (("resonances", found.resonance), ("anti-resonances at the motor", found.antiresonance[0])):
         say(f"Joint {joint}, {what}: {', '.join(f'{one:.2f}' for one in each) or 'none'} Hz")
-    say(f"{target}: rotor and link, by the motor torque")
+    say_written(target)
 
 
-def _over_path(robot: str, path: str, dry: bool, out: Path | None, overwrite: bool) -> None:
-    from rich.table import Table
-
+def _over_path(robot: str, path: str, dry: bool, out: Path | None, overwrite: bool, as_json: bool) -> None:
     scenario = load(path, robot)
     target = target_file(out, f"{scenario.name}_modes.png", overwrite)
     from vdfmu.base.style import save
@@ -137,14 +163,17 @@ def _over_path(robot: str, path: str, dry: bool, out: Path | None, overwrite: bo
 
     times, along = modes_along(scenario, dry=dry)
     n = scenario.arm.n
-    table = Table("mode", *(f"motors {motors}, Hz" for motors in MOTORS), box=None)
+    pairs = {motors: [(each.frequency[-n:], each.joint[-n:]) for each in found] for motors, found in along.items()}
+    save(draw_modes(f"Natural frequencies: {scenario.arm.name}, {scenario.name}", times, pairs), target)
+    if as_json:
+        say_json({"t": list(times)} | {f"motors_{name}": list(map(_numbers, each)) for name, each in along.items()})
+        return
+    shown = table("mode", *(f"motors {motors}, Hz" for motors in MOTORS))
     columns = [
         [f"{pair[0]:.2f} to {pair[1]:.2f}" if pair else "does not oscillate" for pair in ranges(along[motors], n)]
         for motors in MOTORS
     ]  # fmt: skip
     for i, cells in enumerate(zip(*columns, strict=True)):
-        table.add_row(str(i + 1), *cells)
-    console.print(table)
-    pairs = {motors: [(each.frequency[-n:], each.joint[-n:]) for each in found] for motors, found in along.items()}
-    save(draw_modes(f"Natural frequencies: {scenario.arm.name}, {scenario.name}", times, pairs), target)
-    say(f"{target}: natural frequencies over the motion, at rest at {len(times)} poses")
+        shown.add_row(str(i + 1), *cells)
+    console.print(shown)
+    say_written(target, more=f": natural frequencies over the motion, at rest at {len(times)} poses")

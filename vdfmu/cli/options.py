@@ -26,13 +26,19 @@ def typer_option(options: Any, name: str, help: str = "") -> Any:
     return _told(next(each for each in declared(options) if each.name == name), help)
 
 
+def choice(*values: str) -> dict[str, Any]:
+    """Return what typer is told of an option with these values."""
+    return {"metavar": "|".join(values), "autocompletion": completing(lambda: values)}
+
+
 def _told(each: DeclaredOption, help: str = "") -> Any:
     option = each.option
     return typer.Option(
         option.flag or f"--{each.name.replace('_', '-')}",
-        metavar=option.metavar,
+        *(("-o",) if each.name == "out" else ()),
+        metavar=option.metavar or "|".join(option.choices) or None,
         help=help or (f"{option.text} Repeatable." if option.typed == TEXTS else option.text),
-        autocompletion=completing(option.names) if option.names else None,
+        autocompletion=completing(option.names or (lambda: option.choices)),
         show_default=option.default is not None and option.default is not False,
     )
 
@@ -81,5 +87,5 @@ def _read(option: Option, value: Any) -> Any:
     if option.read is not None:
         return option.read(value)
     if option.typed is str and isinstance(option.default, tuple):
-        return value.split(",")
+        return value.split(",") if value else option.default
     return value or option.default if option.typed in (TEXTS, bool) else value

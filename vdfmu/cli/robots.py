@@ -1,24 +1,81 @@
-"""``vdfmu robot import`` and ``reach``."""
+"""``vdfmu robot list``, ``show``, ``import``, ``reach`` and ``drives``."""
 
 from __future__ import annotations
 
 import math
+from itertools import groupby
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from rich.markup import escape
 
 from vdfmu.cli.app import App
-from vdfmu.cli.terminal import console, say, say_notes
+from vdfmu.cli.options import completing
+from vdfmu.cli.terminal import (
+    JsonOption,
+    OverwriteOption,
+    console,
+    say_json,
+    say_list,
+    say_notes,
+    say_written,
+    table,
+    target_file,
+)
+from vdfmu.study.options import known_robots
 
-app = App(name="robot", no_args_is_help=True, help="Robots from the files of other tools.")
-
-OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace a file of this name.")]
+app = App(name="robot", no_args_is_help=True, help="List and show robots, and import them from files of other tools.")
 
 
-@app.callback()
-def _group() -> None:
-    """Robots from the files of other tools."""
+@app.command("list", epilog="Example: [bold]vdfmu robot list[/bold]")
+def list_robots(as_json: JsonOption = False) -> None:
+    """List the robots that travel with the package."""
+    from vdfmu.arm.robot import load_robot, robot_names
+
+    say_list("robot", {name: load_robot(name).description for name in robot_names()}, as_json)
+
+
+@app.command("show", epilog="Example: [bold]vdfmu robot show manipulator_6dof[/bold]")
+def show_robot(
+    name: Annotated[
+        str, typer.Argument(help="Name of a robot, or path of its TOML file.", autocompletion=completing(known_robots))
+    ],
+) -> None:
+    """Show the parameters of a robot, with their sources."""
+    import numpy as np
+
+    from vdfmu.arm.robot import load_robot
+    from vdfmu.arm.robot.parameters import OPTIONAL, PARAMETERS, section
+
+    robot = load_robot(name)
+    console.print(f"[bold]{escape(robot.name)}[/bold]: {escape(robot.description)}")
+    for row in section("robot"):
+        source, array = robot.source_of(row.path), getattr(robot, row.name)
+        if source or row.default is None or (array != np.full(row.shape, row.default)).any():
+            number = " ".join(filter(None, (row.name, _number(array), row.unit())))
+            console.print(f"{number}: {source or 'no source'}", markup=False)
+    console.print(f"friction {robot.friction}, rotor_coupling {str(robot.rotor_coupling).lower()}")
+    if robot.payload:
+        load = [f"{row.name} {_number(getattr(robot, row.name))} {row.unit()}".rstrip() for row in section("payload")]
+        console.print(", ".join(load))
+    per_joint = [row for row in PARAMETERS.values() if row.per_joint and row.fold != "always"]
+    for part, group in groupby(per_joint, lambda row: row.section):
+        if part in OPTIONAL and not getattr(robot, part):
+            continue
+        rows = list(group)
+        units = [" or ".join(dict.fromkeys(map(row.unit, robot.joint_types))) for row in rows]
+        shown = table("joint", *(f"{row.name}\n{unit}" for row, unit in zip(rows, units, strict=True)),
+                      title=f"\n{part.capitalize()}")  # fmt: skip
+        for i, kind in enumerate(robot.joint_types):
+            shown.add_row(f"{robot.joint_labels[i]} {kind}", *(_number(getattr(robot, row.name)[i]) for row in rows))
+        console.print(shown)
+        sources: dict[str, list[str]] = {}
+        for row in rows:
+            source = robot.source_of(row.path.replace("joints", "joints[1]")) or "no source"
+            sources.setdefault(source, []).append(row.name)
+        for source, those in sources.items():
+            console.print(f"{', '.join(those)}: {source}", markup=False)
 
 
 @app.command("import", epilog="Example: [bold]vdfmu robot import panda.urdf --tip panda_hand -o panda.toml[/bold]")
@@ -55,7 +112,7 @@ def import_file(
     if assumed:
         names = ", ".join(key.removeprefix("joints.") for key in dict.fromkeys(assumed))
         say_notes([f"assumed, for --drives to give what is known: {names}."])
-    say(f"{target}: {robot.n} joint{'s' * (robot.n > 1)}")
+    say_written(target, more=f", {robot.n} joint{'s' * (robot.n > 1)}")
 
 
 @app.command("reach", epilog="Example: [bold]vdfmu robot reach ./panda.toml -o reach.toml[/bold]")
@@ -67,24 +124,24 @@ def reach(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Write the scenario of a first motion, with gains by one rule, and print the margins of the arm's loops."""
-    from rich.table import Table
-
     from vdfmu.arm.robot import load_robot
     from vdfmu.base.toml_file import locate
     from vdfmu.study.analysis.reach import write_reach
 
     target = target_file(out, f"{locate(robot, 'robots').stem}_reach.toml", overwrite)
     found = write_reach(robot, target)
-    table = Table("joint", "K_p", "K_v", "modulus margin", "gain margin", "phase margin deg", box=None)
+    shown = table("joint", "K_p", "K_v", "modulus margin", "gain margin", "phase margin deg")
     labels = load_robot(robot).joint_labels
     for i, (K_p, K_v) in enumerate(zip(found.gains.K_p, found.gains.K_v, strict=True)):
         modulus, gain, phase = (float(margin[i]) for margin in found.margins[:3])
-        table.add_row(
+        shown.add_row(
             labels[i], f"{K_p:.4g}", f"{K_v:.4g}", f"{modulus:.2f}", f"{gain:.2f}", f"{math.degrees(phase):.0f}"
         )
-    console.print(table)
+    console.print(shown)
     say_notes(found.notes)
-    say(f"{target}: run it with 'vdfmu run {target}'; margins are with a sample of delay, all joints moving")
+    say_written(
+        target, more=f". Run it with 'vdfmu run {target}'; margins are with a sample of delay, all joints moving"
+    )
 
 
 @app.command("drives", epilog="Example: [bold]vdfmu robot drives CSG-25-100[/bold]")
@@ -92,10 +149,9 @@ def list_drives(
     name: Annotated[
         str | None, typer.Argument(help="A gear or a motor, for its numbers and where they are from.")
     ] = None,
+    as_json: JsonOption = False,
 ) -> None:
     """List the gears and motors that a joint's gear = ".." and motor = ".." can name."""
-    from rich.table import Table
-
     from vdfmu.arm.drive.fit import catalogue_torsion, fit_spring
     from vdfmu.arm.robot.catalogue import catalogue
     from vdfmu.base.errors import UsageError
@@ -114,25 +170,24 @@ def list_drives(
         for source, keys in of_gear.items():
             console.print(f"{', '.join(keys)}: {texts[source]}", markup=False, soft_wrap=True)
         return
-    table = Table("gear", "rated N.m", "repeated N.m", "K1 N.m/rad", "K3 N.m/rad", "fit off by", box=None)
+    if as_json:
+        return say_json({"gears": gears, "motors": motors})
+    shown = table("gear", "rated\nN.m", "repeated\nN.m", "K1\nN.m/rad", "K3\nN.m/rad", "fit off by")
     for key, gear in gears.items():
         K, T = [gear[f"K{i}"] for i in (1, 2, 3)], [gear[f"T{i}"] for i in (1, 2)]
         residual = fit_spring(gear["ratio"], K, T, gear["repeated"])[1]
         share = residual / float(catalogue_torsion(gear["repeated"], K, T))
         numbers = (f"{gear[number]:g}" for number in ("rated", "repeated", "K1", "K3"))
-        table.add_row(key, *numbers, f"{math.degrees(residual) * 60.0:.2f} arcmin, {share:.1%}")
-    console.print(table)
-    table = Table("motor", "inertia kg.m2", "winding", box=None)
+        shown.add_row(key, *numbers, f"{math.degrees(residual) * 60.0:.2f} arcmin, {share:.1%}")
+    console.print(shown)
+    shown = table("motor", "inertia\nkg.m2", "winding", title=" ")
     for key, motor in motors.items():
-        table.add_row(key, f"{motor['inertia']:g}", "yes" if "winding" in motor else "no")
-    console.print(table)
+        shown.add_row(key, f"{motor['inertia']:g}", "yes" if "winding" in motor else "no")
+    console.print(shown)
 
 
-def target_file(out: Path | None, name: str, overwrite: bool) -> Path:
-    """Return the file to write; UsageError for one that is there, unless it may be replaced."""
-    from vdfmu.base.errors import UsageError
-
-    target = out if out is not None else Path(name)
-    if target.exists() and not overwrite:
-        raise UsageError(f"{target}: expected no file of this name. --overwrite replaces it, -o names another.")
-    return target
+def _number(value: Any) -> str:
+    if getattr(value, "ndim", 0) == 2:
+        diagonal = [value[k, k] for k in range(3)]
+        return _number(diagonal[0]) if len(set(diagonal)) == 1 else " ".join(_number(v) for v in diagonal)
+    return " ".join(_number(v) for v in value) if getattr(value, "ndim", 0) == 1 else f"{value:g}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Unpack
 
@@ -11,8 +10,17 @@ import typer
 from vdfmu.base.errors import UsageError
 from vdfmu.base.option import pick
 from vdfmu.cli.opening import OpenOption, say_page, say_verdict
-from vdfmu.cli.options import typer_option
-from vdfmu.cli.terminal import ScenarioArgument, UnpackOption, console, load, say, say_notes, tell, unit_messages
+from vdfmu.cli.options import choice, typer_option
+from vdfmu.cli.terminal import (
+    ScenarioArgument,
+    UnpackOption,
+    console,
+    load,
+    say_notes,
+    say_written,
+    tell,
+    unit_messages,
+)
 from vdfmu.cli.view import LiveOption, PortOption, live_view
 from vdfmu.engine.options import PackageOptions, SystemOptions
 from vdfmu.study.options import RobotOptions, ScenarioOptions, ScenarioRunOptions
@@ -31,7 +39,9 @@ def run(
     row: Annotated[
         str | None, typer.Option(help="Of --from: worst, best, or the number of a point; default worst.")
     ] = None,
-    by: Annotated[str | None, typer.Option(help="Of worst and best: by which measure; default the first.")] = None,
+    by: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of worst and best: by which measure; default the first.")
+    ] = None,
     live: LiveOption = False,
     port: PortOption = None,
     opened: OpenOption = False,
@@ -67,6 +77,7 @@ def run(
         given |= point | {name: value for name, value in changed.items() if value not in (None, {}, [])}
         for name in ("units", "settings"):
             given[name] = point.get(name, {}) | (options[name] or {})
+    from vdfmu.engine.results.folder import written
     from vdfmu.study.report import tables
     from vdfmu.study.report.page import NAME
     from vdfmu.study.report.sheets import sheets
@@ -82,7 +93,7 @@ def run(
         tell(tables.run_panel(summary), *map(tables.sheet_table, sheets(summary)))
         (tell if passed else console.print)(tables.verdict_table(summary))
         folder = Path(options["out"] or Path("results", summary["scenario"]))
-        _say_written(folder, RUN_OUTPUTS)
+        say_written(*(folder / name for name in written(folder, RUN_OUTPUTS)))
         say_verdict(summary)
         say_page(folder / NAME, opened)
     if not passed:
@@ -138,7 +149,10 @@ def federate(
         ),
     ] = None,
     core: Annotated[
-        str, typer.Option(help="How HELICS carries messages: tcp_ss, tcp, zmq, or ipc on one machine.")
+        str,
+        typer.Option(
+            **choice("tcp_ss", "tcp", "zmq", "ipc"), help="How HELICS carries messages; ipc on one machine only."
+        ),
     ] = "tcp_ss",
     unpack_limit: UnpackOption = None,
     **options: Unpack[PackageOptions],
@@ -167,7 +181,11 @@ def report(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="File to write; default report.html in the folder, of several comparison.html beside it."),
+        typer.Option(
+            "--out",
+            "-o",
+            help="File to write; default report.html in the folder, of several comparison.html beside it.",
+        ),
     ] = None,
     simulate: Annotated[
         bool, typer.Option(help="Let the page run them again, with sliders, where the compiler is installed.")
@@ -185,15 +203,14 @@ def report(
     runs = [read_run(folder) for folder in folders]
     default = folders[0] / NAME if len(runs) == 1 else folders[0].parent / "comparison.html"
     page = write_report(runs, out or default, simulate=simulate)
-    printed = [write_pdf(page, page.with_suffix(".pdf"))] if pdf else []
-    say(f"Written to {', '.join(map(str, [page, *printed]))}")
+    say_written(page, *([write_pdf(page, page.with_suffix(".pdf"))] if pdf else []))
     say_page(page, opened)
 
 
 def _run_package(package: Path, unpack_limit: int | None, **options: Unpack[SystemOptions]) -> None:
     """Run a package with what a command line says, and print what the run was."""
     from vdfmu.engine.package.limits import package_limit
-    from vdfmu.engine.results.folder import SYSTEM_OUTPUTS
+    from vdfmu.engine.results.folder import SYSTEM_OUTPUTS, written
     from vdfmu.engine.simulate import default_folder, run_system
     from vdfmu.study.report import tables
 
@@ -201,10 +218,5 @@ def _run_package(package: Path, unpack_limit: int | None, **options: Unpack[Syst
         options["log"] = log
         results = run_system(package, **options)
     tell(tables.run_panel(results.summary))
-    _say_written(Path(options["out"] or default_folder(package)), SYSTEM_OUTPUTS)
-
-
-def _say_written(folder: Path, outputs: Sequence[str]) -> None:
-    from vdfmu.engine.results.folder import written
-
-    say(f"Written to {folder}: {', '.join(written(folder, outputs))}")
+    folder = Path(options["out"] or default_folder(package))
+    say_written(*(folder / name for name in written(folder, SYSTEM_OUTPUTS)))

@@ -9,7 +9,8 @@ import typer
 from typer.core import TyperGroup
 
 from vdfmu.cli.app import App
-from vdfmu.cli.terminal import console, say, say_notes, tell
+from vdfmu.cli.options import choice
+from vdfmu.cli.terminal import JsonOption, console, say, say_json, say_notes, say_written, table, tell
 from vdfmu.study.options import SweepOptions
 
 _SHOWN = 5
@@ -30,20 +31,20 @@ app = App(
     name="sweep",
     cls=_SweepGroup,
     no_args_is_help=True,
-    help="Run a scenario at many points: vdfmu sweep SCENARIO --over ...",
+    help="Run a scenario at many points: vdfmu sweep SCENARIO --vary ...",
     context_settings={"ignore_unknown_options": True},
 )
 
 
 @app.command(
-    epilog="Example: [bold]vdfmu sweep tracking --over 'controller.K_p[2]=*lin(0.5, 2, 20)' "
+    epilog="Example: [bold]vdfmu sweep tracking --vary 'controller.K_p[2]=*lin(0.5, 2, 20)' "
     "--measure 'error=rms(trajectory.q_d - plant.q)'[/bold]"
 )
 def run(
     scenario: Annotated[
         str, typer.Argument(help="Name of a shipped scenario, path of a TOML file, or a system package, .ssp.")
     ],
-    over: Annotated[
+    vary: Annotated[
         list[str] | None,
         typer.Option(
             metavar="TARGET=FORM",
@@ -62,72 +63,76 @@ def run(
 
     options["out"] = options["out"] or default_folder(scenario)
     try:
-        found = sweep(scenario, over or (), **options)
+        found = sweep(scenario, vary or (), **options)
     except KeyboardInterrupt as error:
         error.add_note(f"What was done is in {options['out']}: give the same command again to go on.")
         raise
     say_notes(found.notes)
     _say_measures(found)
-    say(f"Written to {found.path}: {len(found)} points")
+    say_written(found.path, more=f", {len(found)} points")
 
 
 StudyArgument = Annotated[Path, typer.Argument(help="sweep.parquet of a study, or its folder.")]
-MeasureOption = Annotated[
-    str | None, typer.Option(help="A measure, of whose elements the largest counts, or a column; default the first.")
+ByOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME", help="A measure, of whose elements the largest counts, or a column; default the first."
+    ),
 ]
 
 
-@app.command(epilog="Example: [bold]vdfmu sweep plot results/sweep_tracking --measure error[/bold]")
+@app.command(epilog="Example: [bold]vdfmu sweep plot results/sweep_tracking --by error[/bold]")
 def plot(
     study: StudyArgument,
-    measure: MeasureOption = None,
+    by: ByOption = None,
     kind: Annotated[
-        str | None, typer.Option(help="scatter, surface, parallel, tornado or indices; default all that fit.")
+        str | None,
+        typer.Option(
+            **choice("scatter", "surface", "parallel", "tornado", "indices"), help="Figure; default all that fit."
+        ),
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder; default that of the study.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder; default the study's.")] = None,
 ) -> None:
     """Draw a measure of a study over its axes."""
     from vdfmu.study.sweeps.study import Sweep
 
-    for path in Sweep(study).plot(kind, measure, out):
-        say(f"Written: {path}")
+    say_written(*Sweep(study).plot(kind, by, out))
 
 
-@app.command(epilog="Example: [bold]vdfmu sweep indices results/sweep_tracking --measure error[/bold]")
-def indices(study: StudyArgument, measure: MeasureOption = None) -> None:
+@app.command(epilog="Example: [bold]vdfmu sweep indices results/sweep_tracking --by error[/bold]")
+def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = False) -> None:
     """Print Sobol or Morris indices of a study with --sample saltelli or morris."""
-    from rich.table import Table
-
     from vdfmu.study.sweeps.indices import CONFIDENCE
     from vdfmu.study.sweeps.study import Sweep
 
-    found = Sweep(study).indices(measure)
-    table = Table("axis", *found.values, box=None)
+    found = Sweep(study).indices(by)
+    if as_json:
+        say_json({name: row for name, row in found.rows()})
+        return
+    shown = table("axis", *found.values)
     for name, row in found.rows():
-        table.add_row(name, *(row.get(index, "") for index in found.values))
-    console.print(table)
+        shown.add_row(name, *(row.get(index, "") for index in found.values))
+    console.print(shown)
     say(f"± the half-width of the {100 * CONFIDENCE:.0f} % confidence interval, by bootstrap.")
 
 
 @app.command()
 def report(
     study: StudyArgument,
-    out: Annotated[Path | None, typer.Option(help="File; default report.html in the folder.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="File; default report.html in the folder.")] = None,
 ) -> None:
     """Write a page of a study: its measures, failed points and figures."""
     from vdfmu.study.sweeps.study import Sweep
 
-    say(f"Written: {Sweep(study).report(out)}")
+    say_written(Sweep(study).report(out))
 
 
 def _say_measures(found: Any) -> None:
     """Print the range of each measure, and the points that failed."""
-    from rich.table import Table
-
-    table = Table("measure", "smallest", "median", "largest", "at point", box=None)
+    shown = table("measure", "smallest", "median", "largest", "at point")
     for row in found.ranges():
-        table.add_row(*row)
-    tell(table)
+        shown.add_row(*row)
+    tell(shown)
     failed = found.failed
     for point, words in list(failed.items())[:_SHOWN]:
         say(f"point {point} failed: {words}")

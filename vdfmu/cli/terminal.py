@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import logging
+import os
 import re
 import sys
 import traceback
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
@@ -15,11 +16,13 @@ import typer
 from rich.markup import escape
 
 from vdfmu.base.bars import Bars, EscapedTerminal, errors
+from vdfmu.base.errors import UsageError
 from vdfmu.base.option import read_settings
 from vdfmu.base.progress import LOG
+from vdfmu.base.table import plain_table as table
 from vdfmu.base.text import elided, error_text, first_few
 from vdfmu.cli.options import typer_option
-from vdfmu.study.options import RobotOptions
+from vdfmu.study.options import RobotOptions, ScenarioRunOptions
 
 if TYPE_CHECKING:
     from rich.panel import Panel
@@ -70,6 +73,12 @@ ScenarioArgument = Annotated[
 ]
 RobotOption = Annotated[str | None, typer_option(RobotOptions, "robot")]
 BackendOption = Annotated[str | None, typer_option(RobotOptions, "backend")]
+OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace a file of this name.")]
+ForeignOption = Annotated[
+    bool, typer.Option("--overwrite", help="Replace files of these names too that vdfmu did not write.")
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
+FmiOption = Annotated[str, typer_option(ScenarioRunOptions, "fmi_version")]
 SetOption = Annotated[list[str] | None, typer_option(RobotOptions, "settings")]
 
 
@@ -98,6 +107,55 @@ def say(text: str) -> None:
     console.print(text, markup=False, soft_wrap=True)
 
 
+def say_written(*paths: Path, more: str = "") -> None:
+    """Say what was written: a file by its path, several in a folder by the folder and their names."""
+    folder = paths[0].parent
+    if len(paths) > 1 and all(path.parent == folder for path in paths):
+        say(f"Written to {folder}: {', '.join(path.name for path in paths)}{more}")
+    else:
+        say(f"Written to {', '.join(map(str, paths))}{more}")
+
+
+def say_json(content: Mapping[str, Any]) -> None:
+    """Print JSON, and nothing in addition to it; an output that takes none is an error."""
+    from vdfmu.base.json_text import to_json
+
+    if sys.stdout is None:
+        fail("the findings cannot be written: the standard output is closed", 2)
+    try:
+        console.rest()
+        print(to_json(content, 1), flush=True)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        fail(f"the findings cannot be written: {error.strerror}", 2)
+
+
+def say_list(heading: str, found: Mapping[str, str], as_json: bool) -> None:
+    """Print names with their descriptions."""
+    if as_json:
+        say_json(dict(found))
+        return
+    shown = table(heading, "what it is")
+    for name, text in found.items():
+        shown.add_row(name, escape(text))
+    console.print(shown)
+
+
+def target_file(out: Path | None, name: str, overwrite: bool) -> Path:
+    """Return the file to write; UsageError for one that is there, unless it may be replaced."""
+    target = out if out is not None else Path(name)
+    if target.exists() and not overwrite:
+        raise UsageError(f"{target}: expected no file of this name. --overwrite replaces it, -o names another.")
+    return target
+
+
+def _aside(text: str, markup: bool = False) -> None:
+    """Print a line on standard error: broken between words on a terminal, unbroken elsewhere, for programs."""
+    errors.print(text, markup=markup, soft_wrap=not errors.is_terminal)
+
+
 def tell(*shown: Table | Panel | str) -> None:
     """Print what the files that a command writes have too; ``--quiet`` leaves it out."""
     if not errors.quiet:
@@ -108,7 +166,7 @@ def tell(*shown: Table | Panel | str) -> None:
 def say_notes(notes: Sequence[str]) -> None:
     """Print notes in addition to what a command writes."""
     for note in first_few(notes):
-        errors.print(f"note: {elided(note)}", markup=False, soft_wrap=True)
+        _aside(f"note: {elided(note)}")
 
 
 def load(scenario: str, robot: str | None, settings: list[str] | None = None) -> Scenario:
@@ -141,7 +199,7 @@ def say_error(error: object) -> None:
     errors.quiet = False
     if LOG.isEnabledFor(logging.INFO) and sys.exception():
         errors.print(traceback.format_exc().rstrip(), markup=False, soft_wrap=True)
-    errors.print(f"[red]error:[/red] {escape(error_text(error))}", soft_wrap=True)
+    _aside(f"[red]error:[/red] {escape(error_text(error))}", markup=True)
 
 
 @contextmanager
@@ -155,7 +213,7 @@ def unit_messages() -> Generator[Callable[[LogMessage], None]]:
             notes.setdefault(what if colon else name, []).extend([name] if colon else [])
         elif message.status not in ("ok", "error", "fatal"):  # the error that ends the run quotes these
             text = str(message) if message.unit else f"{message.status}: {message.text}"
-            errors.print(elided(text), markup=False, soft_wrap=True)
+            _aside(elided(text))
 
     try:
         yield show

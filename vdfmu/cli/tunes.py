@@ -6,7 +6,7 @@ from typing import Annotated, Unpack
 
 import typer
 
-from vdfmu.cli.terminal import ScenarioArgument, say, say_notes, tell
+from vdfmu.cli.terminal import ScenarioArgument, say, say_notes, say_written, table, tell
 from vdfmu.study.options import TuneOptions
 
 
@@ -34,19 +34,18 @@ def tune(
 
     Every run is kept: after Ctrl-C or a kill the same command continues where it stopped.
     """
-    from rich.table import Table
-
     from vdfmu.study.sweeps.study import Sweep
     from vdfmu.study.tuning.tune import tune as run_tune
 
     found = run_tune(scenario, vary, cost, **options)
     say_notes(found.notes)
     units = Sweep(found.folder).facts["units"] | {"phase": "rad", "delay": "s"}
-    table = Table("", "before", "after", "", box=None)
+    shown = table("", "before", "after", "")
     for name, before, after in found.table():
-        table.add_row(name, f"{before:.4g}", f"{after:.4g}", units.get(name.partition("[")[0], ""))
-    tell(table, (found.folder / "tuned.toml").read_text().rstrip())
+        shown.add_row(name, f"{before:.4g}", f"{after:.4g}", units.get(name.partition("[")[0], ""))
+    tell(shown, (found.folder / "tuned.toml").read_text().rstrip())
     say(
         f"{found.evaluations} evaluations, {found.failed} runs failed, {found.missed} values missed the margin and "
-        f"were not run. Written to {found.folder}: tuned.toml, tune.json, sweep.parquet, tuning.png"
+        "were not run."
     )
+    say_written(*(found.folder / name for name in ("tuned.toml", "tune.json", "sweep.parquet", "tuning.png")))

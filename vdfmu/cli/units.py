@@ -1,48 +1,63 @@
-"""``vdfmu unit list``, ``new``, ``from`` and ``examples``."""
+"""``vdfmu unit list``, ``show``, ``new``, ``from`` and ``examples``."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from rich.markup import escape
 
 from vdfmu.cli.app import App
-from vdfmu.cli.terminal import console, say
+from vdfmu.cli.terminal import JsonOption, console, say, say_json, say_written, table
 
-app = App(name="unit", no_args_is_help=True, help="List units, and write your own.")
-
-
-@app.callback()
-def _group() -> None:
-    """List units, and write your own."""
+app = App(name="unit", no_args_is_help=True, help="List and show units, and write your own.")
 
 
 @app.command("list", epilog="Example: [bold]vdfmu unit list[/bold]")
-def list_units() -> None:
+def list_units(as_json: JsonOption = False) -> None:
     """List the units of the package, by the name that systems and ``--unit`` take."""
-    from rich.table import Table
-
     from vdfmu.arm.units import package_units
 
-    table = Table("unit", "kind", "what it is", box=None)
-    for name, unit in sorted(package_units().items(), key=lambda item: item[1].__module__.split(".")[3:-1]):
-        folder = unit.__module__.split(".")[3:-1]
-        table.add_row(name, folder[0] if folder else "system", unit.description())
-    console.print(table)
+    units = [(name, _kind(unit), unit.description()) for name, unit in package_units().items()]
+    if as_json:
+        say_json({name: {"kind": kind, "description": text} for name, kind, text in units})
+        return
+    shown = table("unit", "kind", "what it is")
+    for row in sorted(units, key=lambda row: row[1]):
+        shown.add_row(*row)
+    console.print(shown)
+
+
+def _kind(unit: Any) -> str:
+    return next(iter(unit.__module__.split(".")[3:-1]), "system")
+
+
+@app.command("show", epilog="Example: [bold]vdfmu unit show pd_gravity[/bold]")
+def show_unit(name: Annotated[str, typer.Argument(help="Name of a unit, my_unit.py or my_units.py:Name.")]) -> None:
+    """Show the variables of a unit: kind, unit of measurement, meaning."""
+    from vdfmu.arm.units import find_unit
+
+    found = find_unit(name)
+    console.print(f"[bold]{escape(name)}[/bold]: {escape(found.description())}")
+    shown = table("variable", "kind", "unit of measurement", "what it is")
+    for one in found.declared.values():
+        unit, text = (each if isinstance(each, str) else ", ".join(each) for each in (one.unit, one.text))
+        shown.add_row(one.name, type(one).__name__.lower(), unit, escape(text))
+    console.print(shown)
 
 
 @app.command("new", epilog="Example: [bold]vdfmu unit new MyFilter[/bold]")
 def new(
     name: Annotated[str, typer.Argument(help="Name of the unit, MyFilter or my_filter.")],
-    out: Annotated[Path | None, typer.Option(help="File to write; default my_filter.py.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="File to write; default my_filter.py.")] = None,
 ) -> None:
     """Write a first file of a unit, which builds, and a test beside it, which passes."""
     from vdfmu.compiler.unit.new import new_unit
 
     path, test = new_unit(name, out)
-    say(f"{path}: build it with 'vdfmu build {path}'")
-    say(f"{test}: run it with 'python -m pytest {test}'")
+    say_written(path, test)
+    say(f"Build it with 'vdfmu build {path}', test it with 'python -m pytest {test}'.")
 
 
 @app.command("from", epilog="Example: [bold]vdfmu unit from design.py:plant --name Plant[/bold]")
@@ -55,15 +70,14 @@ def from_(
         ),
     ],
     name: Annotated[str | None, typer.Option(help="Name of the unit; default that of the source.")] = None,
-    out: Annotated[Path | None, typer.Option(help="File to write; default after the name.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="File to write; default after the name.")] = None,
 ) -> None:
     """Write the file of a unit of what is there: a linear system, a CasADi function, a table of data."""
     from vdfmu.compiler.unit.wrap import unit_from
 
     path, *beside = unit_from(source, name, out)
-    for file in beside:
-        say(str(file))
-    say(f"{path}: build it with 'vdfmu build {path}'")
+    say_written(path, *beside)
+    say(f"Build it with 'vdfmu build {path}'.")
 
 
 @app.command("examples", epilog="Example: [bold]vdfmu unit examples[/bold]")
@@ -71,5 +85,5 @@ def examples(folder: Annotated[Path, typer.Argument(help="Folder to write them t
     """Write the example units, with a system and a scenario of them."""
     from vdfmu.compiler.unit.new import copy_examples
 
-    for file in copy_examples(folder):
-        say(f"{file}: run it with 'vdfmu run {file}'" if file.name == "scenario.toml" else str(file))
+    say_written(*copy_examples(folder))
+    say(f"Run them with 'vdfmu run {folder / 'scenario.toml'}'.")

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypedDict
 
 from vdfmu.base.option import Option, read_settings
-from vdfmu.engine.algorithms import choice
-from vdfmu.engine.results.formats import FORMATS, choice_of_formats
+from vdfmu.engine.algorithms import ALGORITHMS, choice
+from vdfmu.engine.results.formats import FORMATS, SUFFIXES, choice_of_formats
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,8 +31,9 @@ TEXTS = list[str] | None
 master_option = Option(f"{choice()}.", more="The first two sample the coupled signals at the communication points; "
     "the others take them as continuous and are of second order in the step. Default: from the scenario, or from "
     "the package's annotation with its `adaptive`; else gauss-seidel, or, with a note, jacobi where the dependencies "
-    "leave no order for it.")
-settings_option = Option("Set a parameter or input; without an index, of all elements.", "mapping of str to value",
+    "leave no order for it.", choices=tuple(ALGORITHMS))
+settings_option = Option("Set a parameter or input; without an index, all elements, to one value or to one each: "
+    "0.3,-0.5.", "mapping of str to value",
     "By ``component.variable``, in the unit of the FMU; they win over the values of the package. Without an index "
     "one value, or a list or array with one for each.", flag="--set", metavar="COMPONENT.VARIABLE=VALUE", typed=TEXTS,
     read=read_settings)
@@ -109,8 +110,8 @@ class MemberOptions(InputOptions, LogOptions, total=False):
     tolerance: Annotated[float | None, Option("Relative tolerance for the units' solvers.")]
     ignore_unmatched: Annotated[bool, Option("Ignore values of the package's parameter sets that no variable takes.",
         default=False)]
-    time_limit: Annotated[float | None, Option(
-        "Seconds that isolated components have for a step, and federates for each wait for others; default 300.",
+    wait_limit: Annotated[float | None, Option(
+        "Seconds to wait for a step of isolated components, and for other federates; default 300.",
         "float [s]", "And for loading, initialization and freeing each.")]
 
 
@@ -201,4 +202,5 @@ class SystemOptions(PackageOptions, LoadedOptions, FederationOptions, total=Fals
     """Options of `vdfmu.engine.simulate.run_system`."""
 
     master: Annotated[str | None, master_option]
-    plot: Annotated[bool, Option("Draw the signals: signals.png.", default=False)]
+    pictures: Annotated[Sequence[str], Option("Kinds of signals.png, the drawn signals: png, svg and pdf, separated by "
+        "commas; default none.", "sequence of str", default=(), typed=str, choices=SUFFIXES)]

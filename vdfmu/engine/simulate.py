@@ -15,7 +15,15 @@ from vdfmu.base.version import __version__
 from vdfmu.engine.options import SimulateOptions, SystemOptions
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.inputs import read_inputs
-from vdfmu.engine.results.folder import DRAWN, SYSTEM_OUTPUTS, keep, known_formats, replacing_results, write_summary
+from vdfmu.engine.results.folder import (
+    DRAWN,
+    SYSTEM_OUTPUTS,
+    keep,
+    known_formats,
+    known_pictures,
+    replacing_results,
+    write_summary,
+)
 from vdfmu.engine.run import Interrupted, LogMessage, Results, simulate
 
 
@@ -52,6 +60,7 @@ def run_system(package: str | os.PathLike[str], **options: Unpack[SystemOptions]
     if package.suffix.lower() != ".ssp":
         raise UsageError(f"{package}: expected a system package, NAME.ssp. 'vdfmu ssp' writes one.")
     known_formats(options["formats"])
+    known_pictures(options["pictures"])
     tables = read_inputs(options["inputs"], bool(options["input_hold"]))
     system = load_ssp(package, options["variant"])
     folder = Path(options["out"]) if options["out"] is not None else default_folder(package)
@@ -80,11 +89,13 @@ def run_system(package: str | os.PathLike[str], **options: Unpack[SystemOptions]
         write_summary(results.summary, partial)
         copies = {".".join(connection.end) for connection in system.connections}
         try:
-            if options["plot"]:
+            if options["pictures"]:
                 from vdfmu.engine.results.picture import signals_figure  # takes long to import
 
                 with doing("picture"):
-                    signals_figure(results.thinned(DRAWN), partial, () if options["record"] else copies)
+                    signals_figure(
+                        results.thinned(DRAWN), partial, () if options["record"] else copies, options["pictures"]
+                    )
         except VdfmuError:
             raise
         except Exception as error:

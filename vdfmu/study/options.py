@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict
 
 from vdfmu.base.option import Option, read_settings
-from vdfmu.base.standards import PYTHON_FMI
+from vdfmu.base.standards import BACKENDS, FMI_VERSIONS, PYTHON_FMI
 from vdfmu.engine.options import (
     TEXTS,
     CouplingOptions,
@@ -20,6 +20,7 @@ from vdfmu.engine.options import (
     SpanOptions,
     master_option,
 )
+from vdfmu.engine.results.formats import SUFFIXES
 
 if TYPE_CHECKING:
     from vdfmu.arm.robot import Robot
@@ -36,6 +37,10 @@ def _names(text: str | None) -> list[str] | None:
     return [name.strip() for name in text.split(",")] if text else None
 
 
+ENGINES = ("fmu", "batch")
+"""Who runs the points of a study: FMUs, or one program of all units."""
+
+
 # A table: an option in some lines.
 # fmt: off
 class RobotOptions(TypedDict, total=False):
@@ -45,17 +50,18 @@ class RobotOptions(TypedDict, total=False):
         "Robot instead of the scenario's: a name or the path of a TOML file.", "Robot, str or path",
         typed=str | None, names=known_robots)]
     settings: Annotated[Mapping[str, Any] | None, Option(
-        "Set a parameter or free input; without an index, all elements, to one value or to one each: 0.3,-0.5.",
+        "Set a parameter or input; without an index, all elements, to one value or to one each: 0.3,-0.5.",
         "mapping of str to value",
         'Such as ``{"controller.K_p[1]": 3000}``: a value, or a list or array with one for each.', flag="--set",
-        metavar="UNIT.PARAMETER=VALUE", typed=TEXTS, read=read_settings)]
+        metavar="COMPONENT.VARIABLE=VALUE", typed=TEXTS, read=read_settings)]
     backend: Annotated[str | None, Option(
-        "Kind of FMU, native or python; default native where its compiler is installed.")]
+        "Kind of FMU; default native where its compiler is installed.", choices=BACKENDS)]
 
 
 class ScenarioOptions(RobotOptions, SpanOptions, CouplingOptions, InputOptions, total=False):
     """Changes of a scenario, in a run or in all runs of a study."""
 
+    tolerance: Annotated[float | None, Option("Relative tolerance for the units' solvers.")]
     master: Annotated[str | None, master_option]
     units: Annotated[Mapping[str, Any] | None, Option(
         "Unit instead of a component's: my_unit.py, my_units.py:Name, or an FMU of any tool.",
@@ -76,9 +82,9 @@ class ScenarioRunOptions(ScenarioOptions, ResultOptions, LogOptions, ObserverOpt
     reference: Annotated[bool, Option("Solve the references and compare, which takes longer than the run itself.",
         default=True, flag="--reference/--no-reference")]
     fmi_version: Annotated[str, Option("Version of FMI: 2.0, or 3.0 for native FMUs.",
-        default=PYTHON_FMI.name, flag="--fmi")]
+        default=PYTHON_FMI.name, flag="--fmi", choices=tuple(FMI_VERSIONS))]
     pictures: Annotated[Sequence[str], Option("Kinds of the figures: png, svg and pdf, separated by commas.",
-        "sequence of str", default=("png",), typed=str)]
+        "sequence of str", default=("png",), typed=str, choices=SUFFIXES)]
     simulate: Annotated[bool | None, Option("Let report.html run the scenario again, with sliders.",
         more="Its units are compiled for WebAssembly for that, once for each structure; default on the command line, "
         "but not in Python.", flag="--simulate/--no-simulate")]
@@ -103,19 +109,20 @@ class PlanOptions(SeedOptions, ScenarioOptions, total=False):
 
     sample: Annotated[str | os.PathLike[str], Option(
         "grid, lhs, sobol, random, saltelli, morris, or a CSV file: a line of targets, then points.", "str or path",
-        "How the axes' values are combined; see :func:`vdfmu.study.sweeps.points.draw`.", "grid", typed=str)]
-    n: Annotated[int | None, Option("Number of points, but of a grid or file.",
-        more="Of ``saltelli`` and ``morris`` that of base points or trajectories.", flag="--n")]
+        "How the axes' values are combined; see :func:`vdfmu.study.sweeps.points.draw`.", "grid", typed=str,
+        choices=("grid", "lhs", "sobol", "random", "saltelli", "morris"), metavar="METHOD|FILE.csv")]
+    points: Annotated[int | None, Option("Number of points, but of a grid or file.",
+        more="Of ``saltelli`` and ``morris`` that of base points or trajectories.")]
     measure: Annotated[Mapping[str, Any] | Sequence[str] | None, Option(
         "Measure of a run, such as 'error=rms(trajectory.q_d - plant.q)'.",
         'mapping of str to str or callable, or sequence of "NAME=EXPRESSION"', "See "
         ":mod:`vdfmu.study.sweeps.measures`; or a function of the :class:`vdfmu.Results`. Default for the loop of "
         "trajectory, controller and plant: RMS and peak position error and peak torque of each joint.",
         metavar="NAME=EXPRESSION", typed=TEXTS)]
-    keep: Annotated[Sequence[str], Option("Signals to keep whole, such as 'plant.q[*]'.", "sequence of str",
+    record: Annotated[Sequence[str], Option("Signals to record whole, such as 'plant.q[*]'.", "sequence of str",
         "A list a point.", (), metavar="SIGNAL", typed=TEXTS)]
     engine: Annotated[str | None, Option(
-        "fmu, or batch: several points at once. Default batch where all units are ours.",
+        "batch runs several points at once. Default batch where all units are ours.", choices=ENGINES,
         more="Engine of the points: the FMUs, or one program of all units, by default where there are points enough, "
         "see :mod:`vdfmu.study.batch`.")]
 
@@ -143,25 +150,25 @@ class ProblemOptions(SeedOptions, ScenarioOptions, total=False):
     spread: Annotated[Mapping[str, Any] | Sequence[str], Option(
         "Uncertain parameter, as in a sweep: 'plant.mass[3]=*normal(1, 0.1)'.", 'mapping, or sequence of "TARGET=FORM"',
         default=(), metavar="TARGET=FORM", typed=TEXTS)]
-    spread_n: Annotated[int, Option("Number of robots of the spread.", more="They are a Latin hypercube of it.",
+    spread_points: Annotated[int, Option("Number of robots of the spread.", more="They are a Latin hypercube of it.",
         default=8)]
-    over: Annotated[str, Option("mean or worst of the robots' costs.", default="mean")]
+    combine: Annotated[str, Option("Mean or worst of the robots' costs.", default="mean", choices=("mean", "worst"))]
     margin: Annotated[float | str | None, Option(
         "Modulus margin that every joint's loop has at least with one sample of delay, or same: that of the start.",
         more="It is min abs(1 + L) of the nominal robot along the motion.", typed=str | None)]
     growth: Annotated[float, Option("Rate in 1/s up to which what grows counts as stable for the margin.",
         "float [1/s]", "See :class:`vdfmu.study.analysis.margins.ArmLoops`.", 0.0)]
-    engine: Annotated[str, Option("fmu, or batch: several runs at once.",
+    engine: Annotated[str, Option("batch runs several robots at once.", choices=ENGINES,
         more="They are those of the robots of several values. See :func:`vdfmu.sweep`.", default="fmu")]
 
 
 class TuneOptions(ProblemOptions, WorkerOptions, total=False):
     """Options of `vdfmu.tune`."""
 
-    method: Annotated[str, Option("both, global or local.",
+    method: Annotated[str, Option("Global search, then local, or one of them.",
         more="Differential evolution over the whole range, then COBYQA from the best, or one of them.",
-        default="both")]
-    budget: Annotated[int, Option("Evaluations; each runs all robots.", default=300)]
+        default="both", choices=("both", "global", "local"))]
+    evaluations: Annotated[int, Option("Evaluations; each runs all robots.", default=300)]
     out: Annotated[str | os.PathLike[str] | None, Option("Folder; default results/tune_SCENARIO.", "path",
         typed=Path | None)]
 
@@ -177,7 +184,7 @@ class CompareOptions(SeedOptions, WorkerOptions, total=False):
         "sequence of str", flag="--mismatch", typed=str | None, read=_names)]
     motions: Annotated[Sequence[str] | None, Option("point_to_point, circle, time_optimal; default all.",
         "sequence of str", typed=str | None, read=_names)]
-    budget: Annotated[int, Option("Evaluations of the search of each law on each arm.", default=24)]
+    evaluations: Annotated[int, Option("Evaluations of the search of each law on each arm.", default=24)]
     margin: Annotated[float, Option("Modulus margin that every tuned law has at least on the plant that it knows.",
         default=0.5)]
     delayed: Annotated[bool, Option("Take this margin with one more sample of delay.", default=False)]

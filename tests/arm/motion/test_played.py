@@ -156,7 +156,7 @@ def test_python_fmus_and_lanes_play_the_same(scenario, tmp_path):
     assert (native["trajectory.q_d_ddddot"] == python["trajectory.q_d_ddddot"]).all()
     swept = vdfmu.sweep(
         scenario,
-        over={"trajectory.speed": np.linspace(0.5, 1.0, 16)},
+        vary={"trajectory.speed": np.linspace(0.5, 1.0, 16)},
         out=tmp_path / "sweep",
         workers=1,
         engine="batch",

@@ -166,7 +166,7 @@ def test_the_run_speaks_of_no_robot(ran, folder):
 @pytest.mark.heavy
 @pytest.mark.parametrize(("form", "name"), [("1.0", "motor.ssp"), ("2.0", "motor_2.0.ssp")])
 def test_packages_speak_of_no_robot(inside, form, name):
-    done = command("ssp", "motor.toml", "--format", form)
+    done = command("ssp", "motor.toml", "--ssp", form)
     assert done.exit_code == 0, done.output
     with zipfile.ZipFile(inside / name) as archive:
         texts = {entry: archive.read(entry) for entry in archive.namelist() if not entry.endswith(".fmu")}
@@ -190,7 +190,16 @@ def test_packages_speak_of_no_robot(inside, form, name):
         ("check", "motor.toml"),
         ("check", "drive.toml"),
         ("run", "motor.toml", "--fmi", "3.0", "--master", "iterative", "--adaptive", "1e-4", "--out", "adaptive"),
-        ("tune", "motor.toml", "--vary", "controller.K_p=lin(0.02,0.2)", "--cost", "peak(motor.w)", "--budget", "4"),
+        (
+            "tune",
+            "motor.toml",
+            "--vary",
+            "controller.K_p=lin(0.02,0.2)",
+            "--cost",
+            "peak(motor.w)",
+            "--evaluations",
+            "4",
+        ),
     ],
     ids=" ".join,
 )
@@ -204,7 +213,7 @@ def test_commands_work(inside, words):
 @pytest.mark.parametrize("engine", ["fmu", "batch"])
 def test_a_study_has_the_numbers_of_single_runs(inside, engine):
     over = {"controller.K_p": [0.05, 0.1]}
-    study = vdfmu.sweep("motor.toml", over=over, measure={"top": "peak(motor.w)"}, engine=engine, out=f"study_{engine}")
+    study = vdfmu.sweep("motor.toml", vary=over, measure={"top": "peak(motor.w)"}, engine=engine, out=f"study_{engine}")
     for gain, top in zip(over["controller.K_p"], study["top"], strict=True):
         alone = vdfmu.run("motor.toml", settings={"controller.K_p": gain}, out=False, reference=False)
         # both solve with an error of 1e-7 a step
@@ -215,7 +224,7 @@ def test_margins_and_linearization_are_those_of_the_matrices(inside):
     system = vdfmu.linearize("motor.toml", 0.0)
     assert system.states == ("controller.e", "motor.i", "motor.w")
     np.testing.assert_allclose(system.A, LOOP, rtol=1e-12, atol=1e-12)  # products of two or three numbers, by rounding
-    done = command("margins", "motor.toml", "--open", "motor.u", "--at", "0.0")
+    done = command("margins", "motor.toml", "--loop", "motor.u", "--at", "0.0")
     assert done.exit_code == 0, done.output
     held = expm(H * MOTOR)
     step = np.zeros((3, 3))
@@ -231,13 +240,13 @@ def test_margins_and_linearization_are_those_of_the_matrices(inside):
     [
         (("run", "motor.toml", "--robot", "planar_2dof"), "no component of which takes one, got planar_2dof"),
         (("container", "motor.toml", "--robot", "planar_2dof"), "no component of which takes one"),
-        (("modes", "planar_2dof", "--path", "motor.toml"), "no component of which takes one"),
+        (("modes", "planar_2dof", "--scenario", "motor.toml"), "no component of which takes one"),
         (("motion", "motor.toml"), "expected a robot, named in the file or by --robot"),
         (("run", "motor.toml", "--unit", "controller=controller"), "robot: expected one for controller, got none"),
         (("run", "motor.toml", "--set", "robot.mass=3"), "no component has a parameter mass of the robot"),
         (("run", "motor.toml", "--set", "motor.payload_mass=3"), "has no payload_mass"),
         (
-            ("sweep", "run", "motor.toml", "--over", "robot=planar_2dof", "--measure", "top=peak(motor.w)"),
+            ("sweep", "run", "motor.toml", "--vary", "robot=planar_2dof", "--measure", "top=peak(motor.w)"),
             "no component of which takes one",
         ),
         (

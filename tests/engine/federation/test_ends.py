@@ -154,7 +154,7 @@ def bad(tmp_path, pack):
 def test_a_component_that_takes_its_federate_along_is_named_with_it(bad, federates, code, reason):
     """The others wait for it; none is left, and their rows are kept."""
     with pytest.raises(CosimError, match=rf"bad: doStep at t = 0\.5 s failed: {reason}") as info:
-        vdfmu.federate(bad(code), ["p", "g,bad"], step=STEP, time_limit=6.0)  # joining has to take less
+        vdfmu.federate(bad(code), ["p", "g,bad"], step=STEP, wait_limit=6.0)  # joining has to take less
     assert len(info.value.results) == 6
 
 

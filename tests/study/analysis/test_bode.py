@@ -122,7 +122,7 @@ def test_the_command_draws_a_joint(tmp_path, monkeypatch):
     assert all(f"{f:.2f}" in said.output for f in (*found.resonance, *found.antiresonance[0]))
     for options, message in (
         (["--bode", "3"], "--bode 3: expected a joint, 1 to 2"),
-        (["--bode", "1", "--path", "planar_tracking"], "--bode is for one pose"),
+        (["--bode", "1", "--scenario", "planar_tracking"], "--bode is for one pose"),
     ):
         failed = CliRunner().invoke(app, ["modes", "planar_2dof", *options, "--overwrite"])
         assert isinstance(failed.exception, UsageError) and message in str(failed.exception), options

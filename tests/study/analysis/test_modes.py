@@ -266,13 +266,13 @@ def test_the_command_prints_a_pose_or_a_path(tmp_path, monkeypatch):
     modes = natural_modes(vdfmu.load_robot("planar_2dof"), [0.3, -0.5])
     assert said.exit_code == 0 and all(f"{f:.2f}" in said.output for f in modes.frequency)
     assert "Motors held, at 0.3 -0.5" in said.output and "Not oscillating, 1/s:" in said.output
-    said = run(app, ["modes", "planar_2dof", "--path", "planar_tracking"])
+    said = run(app, ["modes", "planar_2dof", "--scenario", "planar_tracking"])
     assert said.exit_code == 0 and " to " in said.output
     assert (tmp_path / "planar_tracking_modes.png").read_bytes().startswith(b"\x89PNG")
     for options, message in (
-        (["--path", "planar_tracking"], "expected no file of this name"),
-        (["--path", "planar_tracking", "--pose", "0 0"], "expected --pose or --path, got both"),
-        (["--out", "here.png"], "--out is for the picture of --path"),
+        (["--scenario", "planar_tracking"], "expected no file of this name"),
+        (["--scenario", "planar_tracking", "--pose", "0 0"], "expected --pose or --scenario, got both"),
+        (["--out", "here.png"], "--out is for the picture of --scenario"),
         (["--pose", "0 left"], "expected numbers, such as '0.3 -0.5'"),
     ):
         failed = run(app, ["modes", "planar_2dof", *options])

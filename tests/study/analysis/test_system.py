@@ -94,7 +94,7 @@ def test_the_command_prints_margins_of_a_scenario_and_of_a_package(tmp_path, mon
     assert run(app, ["ssp", "planar_tracking", "--out", "p.ssp"]).exit_code == 0
     again = run(app, ["margins", "p.ssp", "--master", "jacobi", "--at", "0.5"])
     assert again.exit_code == 0 and again.output.splitlines()[2:] == said.output.splitlines()[2:]
-    said = run(app, ["margins", "planar_tracking", "--open", "controller.q", "--stop"][:-1])
+    said = run(app, ["margins", "planar_tracking", "--loop", "controller.q", "--stop"][:-1])
     assert said.exit_code == 0 and len(said.output.splitlines()) >= 2 + 5 * 2  # five times, two joints
 
 

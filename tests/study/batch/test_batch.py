@@ -28,7 +28,7 @@ def bench(tmp_path):
     opened = []
 
     def run(scenario, over, *, apart=False, tasks=None, **options):
-        plan = make_plan(scenario, over, **{"keep": ["*"], "engine": "batch", **options})
+        plan = make_plan(scenario, over, **{"record": ["*"], "engine": "batch", **options})
         folder = tmp_path / str(len(opened))
         folder.mkdir()
         opened.append(Bench(dataclasses.replace(plan.job, compared=()), folder))
@@ -88,7 +88,7 @@ def test_all_that_can_vary_gives_the_runs_of_the_fmus(bench, with_options, scena
         scenario = dataclasses.replace(scenario, stop=0.1, sections=sections)
     else:
         scenario = dataclasses.replace(load_scenario(scenario), stop=0.1)
-    rows, others = bench(scenario, all_parameters(scenario), sample="lhs", n=11)
+    rows, others = bench(scenario, all_parameters(scenario), sample="lhs", points=11)
     assert_same_runs(rows, others)
     assert not bench.needed
     assert np.ptp([row["plant.q[1]"][-1] for row in rows]) > 1e3 * POSITION  # they are different runs
@@ -123,7 +123,7 @@ def test_lanes_that_fail_have_the_reason_of_the_fmus_and_disturb_no_other(bench)
 
 
 def test_a_value_out_of_its_limits_is_refused_as_by_the_fmus(bench):
-    rows, others = bench("planar_tracking", {"plant.mass[1]": "normal(0.5, 1.0)"}, sample="random", n=9, stop=0.02)
+    rows, others = bench("planar_tracking", {"plant.mass[1]": "normal(0.5, 1.0)"}, sample="random", points=9, stop=0.02)
     assert [row["failed"] for row in rows] == [row["failed"] for row in others]
     assert {row["failed"] is None for row in rows} == {True, False}
 

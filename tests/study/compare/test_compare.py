@@ -29,7 +29,7 @@ from vdfmu.system.scenario.replace import with_units
 SMALL = {
     "arms": ["planar_2dof"], "laws": ["controller", "disturbance_observer"], "motions": ["point_to_point"],
     "mismatches": ["none", "masses", "torque_noise", "delay_1", "encoder", "encoder_delay"],
-    "budget": 6, "repeats": 2, "seed": 3, "workers": 2,
+    "evaluations": 6, "repeats": 2, "seed": 3, "workers": 2,
 }  # fmt: skip
 
 
@@ -50,7 +50,7 @@ def test_every_law_is_tuned_by_the_same_search(monkeypatch, tmp_path):
     monkeypatch.setattr(module, "tune", tune)
     for law in LAWS:
         with pytest.raises(InterruptedError):
-            compare(arms=["planar_2dof"], laws=[law], budget=7, seed=5, out=tmp_path)
+            compare(arms=["planar_2dof"], laws=[law], evaluations=7, seed=5, out=tmp_path)
     assert len(asked) == len(LAWS)
     for scenario, vary, cost, options in asked:
         margin = options["limit"]["margin"]
@@ -119,8 +119,8 @@ def test_the_law_does_not_know_of_a_mismatch(motion, tmp_path):
 def test_unknown_names_are_refused_before_anything_is_written(tmp_path):
     with pytest.raises(UsageError, match=r"laws: expected controller, .*, got pd_gravty; did you mean pd_gravity\?"):
         compare(laws=["pd_gravty"], out=tmp_path / "none")
-    with pytest.raises(UsageError, match="budget: expected at least 1, got 0."):
-        compare(budget=0, out=tmp_path / "none")
+    with pytest.raises(UsageError, match="evaluations: expected at least 1, got 0."):
+        compare(evaluations=0, out=tmp_path / "none")
     with pytest.raises(
         UsageError, match=r"laws: iterative_learning learns over repeated cycles, .*\narms: no robot 'ur5'"
     ):

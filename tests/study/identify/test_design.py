@@ -43,7 +43,7 @@ def test_the_log_of_a_motion_is_what_the_feedforward_gives(name):
 
 def test_the_file_of_a_design_is_a_motion_and_its_table_that_of_an_identification(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    words = ["identify", "--design", "planar_2dof", "--duration", "10", "--start", "-1.2 0.4", "--step", "0.01"]
+    words = ["identify", "--design", "planar_2dof", "--duration", "10", "--pose", "-1.2 0.4", "--step", "0.01"]
     said = CliRunner().invoke(app, [*words, "-o", "motion.toml"])
     assert said.exit_code == 0, said.exception
     for part in (
@@ -78,7 +78,7 @@ def test_words_that_do_not_fit_are_named(robot):
         (["a.csv", "--robot", "planar_2dof", "--bits", "9", "--no-links"],
          "--bits goes with --design.\nidentify: --no-links goes with --design"),
         (["--design", "planar_2dof", "--robot", "planar_2dof"], "--robot goes with a log"),
-        (["--design", "planar_2dof", "--start", "up"], "--start up: expected numbers, such as"),
+        (["--design", "planar_2dof", "--pose", "up"], "--pose up: expected numbers, such as"),
         (["--design", "planar_2dof", "--step", "0", "--bits", "3", "--noise", "2"],
          "step: expected more than 0 and at most 0.1 s, got 0.\nbits: .* from 8 to 40, got 3.\nnoise: .* got 2."),
     ):  # fmt: skip

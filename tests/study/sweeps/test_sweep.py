@@ -58,7 +58,7 @@ def test_each_point_is_the_run_of_its_values(tmp_path):
     """To the bit: a reset component computes what a new one does, and each point is a run of its own."""
     axes = {"controller.K_p[2]": "lin(500, 2000, 2)", "plant.mass": "*0.9, 1.1", "master": "jacobi, gauss-seidel"}
     found = vdfmu.sweep(
-        "planar_tracking", axes, stop=0.2, workers=2, out=tmp_path / "study", keep=["plant.q[1]"],
+        "planar_tracking", axes, stop=0.2, workers=2, out=tmp_path / "study", record=["plant.q[1]"],
         measure={"error": "rms(trajectory.q_d - plant.q)"},
     )  # fmt: skip
     assert len(found) == 8 and not found.failed
@@ -92,7 +92,7 @@ def test_robots_motions_and_payloads_vary_together(tmp_path):
             "robot": robots, "unit:trajectory": ["trajectory", str(tmp_path / "late.py")],
             "plant.payload_mass": "lognormal(0.5, 0.5)", "controller.K_p": "*lin(0.5, 1)",
         },
-        sample="lhs", n=6, stop=0.05, out=tmp_path / "study",
+        sample="lhs", points=6, stop=0.05, out=tmp_path / "study",
     )  # fmt: skip
     assert not found.failed and np.ptp(found["plant.payload_mass"]) > 0.1
     rows = found.table().to_pylist()
@@ -559,7 +559,7 @@ def test_rows_are_found_by_what_they_measured(wild, tmp_path):
         ({"unit.nothing": [1.0]}, {}, "nothing"),
         ({"unit.at": [1.0]}, {"measure": ["m=final(unit.z)"]}, "no output or connected input is called unit.z"),
         ({"unit.at": [1.0]}, {"measure": None}, "measure: expected at least one"),
-        ({"unit.at": [1.0]}, {"keep": ["x*"]}, "keep: no output"),
+        ({"unit.at": [1.0]}, {"record": ["x*"]}, "record: no output"),
         ({"unit.at": [1.0]}, {"measure": ["m=at(unit.y, 2)"]}, "a time from 0 to 1 s, got 2 s"),
         ({"unit.at": [1.0]}, {"step": None}, "step: the package says none"),
         ({"unit.at": [1.0]}, {"measure": ["m=1 / 0 + final(unit.y)"]}, "ZeroDivisionError"),
@@ -668,12 +668,12 @@ def test_a_row_of_a_package_is_named(wild, tmp_path):
 
 @pytest.mark.heavy
 def test_the_command_says_what_it_found(wild, tmp_path):
-    words = ["sweep", str(wild), "--over", "unit.way=0, 1", "--measure", "end=final(unit.y)", "--step", "0.1"]
+    words = ["sweep", str(wild), "--vary", "unit.way=0, 1", "--measure", "end=final(unit.y)", "--step", "0.1"]
     done = CliRunner().invoke(app, [*words, "--out", str(tmp_path / "study")])
     assert done.exit_code == 0, done.output
     assert "point 1 failed: a component crashed the process (SIGSEGV)" in done.output
     assert "sweep.parquet: 2 points" in done.output
-    wrong = CliRunner().invoke(app, ["sweep", str(wild), "--over", "unit.way"])
+    wrong = CliRunner().invoke(app, ["sweep", str(wild), "--vary", "unit.way"])
     assert isinstance(wrong.exception, UsageError) and "TARGET=FORM" in str(wrong.exception)
 
 

@@ -179,7 +179,7 @@ def test_what_cannot_be_drawn_is_said(tmp_path):
 @pytest.mark.heavy
 def test_the_commands_write_figures_a_page_and_a_table(saltelli, tmp_path):
     runner = CliRunner()
-    made = runner.invoke(app, ["sweep", "indices", str(saltelli.folder), "--measure", "y"])
+    made = runner.invoke(app, ["sweep", "indices", str(saltelli.folder), "--by", "y"])
     assert made.exit_code == 0 and re.search(r"f\.x1 +0\.\d+ ± 0\.\d+", made.output), made.output
     made = runner.invoke(app, ["sweep", "plot", str(saltelli.folder), "--kind", "tornado", "--out", str(tmp_path)])
     assert made.exit_code == 0 and (tmp_path / "y_tornado.png").exists()

@@ -20,8 +20,8 @@ from vdfmu.study.tuning.problem import make_problem
 
 ERRORS = "rms(trajectory.q_d - plant.q)"
 SPREAD = {"plant.mass": "*lin(0.9, 1.1)"}
-SHORT = {"stop": 0.3, "spread": SPREAD, "spread_n": 2, "workers": 2}
-SEARCH = {"method": "local", "budget": 30}
+SHORT = {"stop": 0.3, "spread": SPREAD, "spread_points": 2, "workers": 2}
+SEARCH = {"method": "local", "evaluations": 30}
 GAINS = ["controller.K_p", "controller.K_v"]
 
 
@@ -51,7 +51,7 @@ def test_the_cost_is_that_of_runs_one_by_one(tuned, tmp_path):
     """To the bit: the values of the fragment are those that were run."""
     with open(tuned.folder / "tuned.toml", "rb") as file:
         gains = tomllib.load(file)["controller"]
-    problem = make_problem("planar_tracking", GAINS, ERRORS, spread=SPREAD, spread_n=2, stop=0.3)
+    problem = make_problem("planar_tracking", GAINS, ERRORS, spread=SPREAD, spread_points=2, stop=0.3)
     scenario = vdfmu.load_scenario("planar_tracking")
     package = vdfmu.write_ssp(scenario, vdfmu.build_fmus(scenario.robot, tmp_path / "fmus"), tmp_path / "p.ssp")
     costs = []
@@ -111,7 +111,7 @@ def test_a_search_that_was_stopped_goes_on_to_the_same_result(tuned, tmp_path, m
 def test_a_table_that_is_not_whole_is_set_aside_and_killed_runs_run_again(tmp_path):
     def search():
         return vdfmu.tune(
-            "planar_tracking", {"controller.K_p[1]": "*log(0.5, 2)"}, ERRORS, method="local", budget=3, stop=0.05,
+            "planar_tracking", {"controller.K_p[1]": "*log(0.5, 2)"}, ERRORS, method="local", evaluations=3, stop=0.05,
             workers=1, out=tmp_path / "s",
         )  # fmt: skip
 
@@ -141,7 +141,7 @@ def test_a_larger_budget_goes_on(tmp_path):
             ERRORS,
             stop=0.1,
             method="local",
-            budget=budget,
+            evaluations=budget,
             workers=1,
             out=tmp_path,
         )
@@ -155,7 +155,7 @@ def test_a_larger_budget_goes_on(tmp_path):
 @pytest.mark.heavy
 def test_a_start_without_margin_is_noted(tmp_path):
     """The loop of tracking grows by 1.1 1/s with one sample of delay."""
-    found = vdfmu.tune("tracking", ["controller.K_p[1]"], ERRORS, stop=0.01, margin="same", budget=1, out=tmp_path)
+    found = vdfmu.tune("tracking", ["controller.K_p[1]"], ERRORS, stop=0.01, margin="same", evaluations=1, out=tmp_path)
     assert "the loop of the start is unstable" in found.notes[0]
 
 
@@ -163,7 +163,7 @@ def test_a_start_without_margin_is_noted(tmp_path):
 def test_runs_that_fail_cost_infinity_and_are_counted(tmp_path):
     """Velocity gains of up to a hundredfold destabilise the sampled loop; the search stays where it runs."""
     found = vdfmu.tune(
-        "planar_tracking", {"controller.K_v[1]": "*log(0.5, 200)"}, f"worst({ERRORS})", method="global", budget=8,
+        "planar_tracking", {"controller.K_v[1]": "*log(0.5, 200)"}, f"worst({ERRORS})", method="global", evaluations=8,
         out=tmp_path / "search", stop=0.5, workers=2,
     )  # fmt: skip
     assert found.failed == len(Sweep(found.folder).failed) > 0
@@ -174,7 +174,7 @@ def test_runs_that_fail_cost_infinity_and_are_counted(tmp_path):
 def test_limits_hold_for_every_robot(tmp_path):
     found = vdfmu.tune(
         "planar_tracking", ["controller.K_p[2]=log(100, 5000)"], "rms(trajectory.q_d[2] - plant.q[2])",
-        limit=["peak(controller.tau_e[2]) < 0.0"], method="global", budget=8, out=tmp_path / "search", **SHORT,
+        limit=["peak(controller.tau_e[2]) < 0.0"], method="global", evaluations=8, out=tmp_path / "search", **SHORT,
     )  # fmt: skip
     assert not found.after.feasible  # no feedback torque at all
     assert any("no values within the limits" in note for note in found.notes)
@@ -185,7 +185,7 @@ def test_the_command_shows_before_and_after(tmp_path):
     result = CliRunner().invoke(
         app,
         [
-            "tune", "planar_tracking", "--vary", "controller.K_p[1]", "--cost", ERRORS, "--budget", "3",
+            "tune", "planar_tracking", "--vary", "controller.K_p[1]", "--cost", ERRORS, "--evaluations", "3",
             "--stop", "0.1", "--method", "local", "--out", str(tmp_path / "search"),
         ],
     )  # fmt: skip
@@ -207,8 +207,8 @@ def test_the_command_shows_before_and_after(tmp_path):
         ({"limit": ["peak(plant.q)"]}, "limit: expected EXPRESSION < NUMBER"),
         ({"margin": "big"}, "margin: expected a modulus margin from 0 to below 1, or same, got big"),
         ({"method": "best"}, "method: expected both, global, local, got best"),
-        ({"over": "all"}, "over: expected mean or worst, got all"),
-        ({"budget": 0}, "budget: expected at least 1, got 0"),
+        ({"combine": "all"}, "combine: expected mean or worst, got all"),
+        ({"evaluations": 0}, "evaluations: expected at least 1, got 0"),
         ({"time_limit": -1.0}, "time_limit: expected a positive time, got -1 s"),
         ({"growth": float("nan")}, "growth: expected a finite rate, got nan"),
         ({"vary": ["controller.tau_max"]}, r"tau_max.1.: expected a finite number to vary, got 1000000000000"),
@@ -227,7 +227,7 @@ def test_what_is_wrong_is_said_before_the_first_run(options, words, tmp_path):
 
 @pytest.mark.heavy
 def test_the_batch_engine_gives_the_same_costs(tmp_path):
-    options = {"method": "local", "budget": 8, **SHORT}
+    options = {"method": "local", "evaluations": 8, **SHORT}
     found = {
         e: vdfmu.tune("planar_tracking", GAINS, ERRORS, engine=e, out=tmp_path / e, **options) for e in ("fmu", "batch")
     }

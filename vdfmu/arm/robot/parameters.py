@@ -1,6 +1,6 @@
 """THE table of a robot's parameters: every number of a robot, once.
 
-`Robot`, the robot file with its checks, the kernel's parameter vector, the FMI variables, ``vdfmu models show`` and the
+`Robot`, the robot file with its checks, the kernel's parameter vector, the FMI variables, ``vdfmu robot show`` and the
 docs read it. A new parameter is a field of `Parameters`, or of an option in `vdfmu.arm.drive`, and an equation that
 uses it.
 """

@@ -11,11 +11,11 @@ from pathlib import Path
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import regular_target, require_ours, storing
 from vdfmu.base.once import one_job
-from vdfmu.base.standards import FMI_2, FMI_3, FMI_VERSIONS, PYTHON_FMI
+from vdfmu.base.standards import BACKENDS, FMI_2, FMI_3, FMI_VERSIONS, PYTHON_FMI
 from vdfmu.compiler.c import native_available
 from vdfmu.compiler.c.platforms import COMPONENT
 from vdfmu.compiler.efmi.production import PRECISIONS
-from vdfmu.compiler.fmu.content import BACKENDS, Content, is_built, keep_record
+from vdfmu.compiler.fmu.content import Content, is_built, keep_record
 from vdfmu.compiler.targets import FMI, TARGETS, BuildTarget
 from vdfmu.compiler.unit.base import BaseUnit, unit_name
 from vdfmu.compiler.unit.machine import Machine

@@ -66,7 +66,7 @@ class _Federate(Isolated):
     def idle(self, time: float, code: int | str) -> CosimError:
         why = f"its process ended ({code})"
         if self.late:
-            why = f"no answer of other federates within {self.limits.time:g} s (time_limit, --time-limit)"
+            why = f"no answer of other federates within {self.limits.time:g} s (wait_limit, --wait-limit)"
         return CosimError(f"federate {self.name}", "exchange", time, why)
 
     def lost(self) -> CosimError:

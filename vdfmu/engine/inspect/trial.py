@@ -223,7 +223,7 @@ def _run_system(path: Path, deadline: float) -> Findings:
             simulate(
                 system, start=start, stop=start + count * step, step=step, algorithm=master_of(system),
                 ignore_unmatched=True, log=lambda message: None, isolate=True,
-                time_limit=max(1.0, round(deadline - monotonic(), 1)),
+                wait_limit=max(1.0, round(deadline - monotonic(), 1)),
             )  # fmt: skip
     except (VdfmuError, OSError) as error:
         if isinstance(error, OSError) and error.errno in _FULL:

@@ -14,14 +14,12 @@ from typing import Any
 from vdfmu.base.errors import CosimError, UsageError, VdfmuError
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.json_text import to_json
-from vdfmu.engine.results.formats import FORMATS, choice_of_formats, format_of, result_files
+from vdfmu.engine.results.formats import FORMATS, SUFFIXES, choice_of_formats, format_of, result_files
 from vdfmu.engine.results.verdict import Check, verdict_of
 from vdfmu.engine.run import Interrupted
 
-SYSTEM_OUTPUTS = (*result_files(), "signals.png", "summary.json")
+SYSTEM_OUTPUTS = (*result_files(), *(f"signals.{suffix}" for suffix in SUFFIXES), "summary.json")
 """Files that a run of a package writes, and replaces in the folder of an earlier one; packages are not among them."""
-SUFFIXES = ("png", "svg", "pdf")
-"""Kinds of files of a picture."""
 DRAWN = 20_000
 """Rows that a picture shows at most: 8 for each of its pixels."""
 

@@ -13,6 +13,10 @@ if TYPE_CHECKING:
     from vdfmu.engine.results.recorded import Recorded, Signal
 
 
+SUFFIXES = ("png", "svg", "pdf")
+"""Kinds of files of a picture."""
+
+
 class Stream(NamedTuple):
     """A format of text whose rows are written as they come.
 

@@ -49,7 +49,7 @@ class Limits:
     def __init__(self, time: float | None = None, memory: float | None = None) -> None:
         self.time = 300.0 if time is None else time
         self.memory = _half_of_memory() if memory is None else memory
-        for name, value, unit in (("time_limit", self.time, "s"), ("memory_limit", self.memory, "MB")):
+        for name, value, unit in (("wait_limit", self.time, "s"), ("memory_limit", self.memory, "MB")):
             if not value > 0.0:
                 raise UsageError(f"{name} must be positive, got {value:g} {unit}")
 
@@ -214,7 +214,7 @@ class Isolated:
             what = f"did not continue within {self.limits.time:g} s" if self._late else f"ended ({code})"
             why = f"the process {what} after this call had returned: it left damage, or vdfmu has a fault"
         elif self._late:
-            why = f"no return within {self.limits.time:g} s; a longer time_limit (simulate --time-limit) gives it more"
+            why = f"no return within {self.limits.time:g} s; a longer wait_limit (simulate --wait-limit) gives it more"
         elif isinstance(code, str):
             why = f"the component crashed the process ({code})"
         else:

@@ -75,7 +75,7 @@ class Simulator:
         if tolerance is not None and not 0.0 < tolerance < np.inf:
             raise UsageError(f"tolerance must be positive and finite, got {tolerance}")
         check_coupling(options["algorithm"] or DEFAULT, options["adaptive"], options["convergence"])
-        self._options, self._limits = options, Limits(options["time_limit"], options["memory_limit"])
+        self._options, self._limits = options, Limits(options["wait_limit"], options["memory_limit"])
         self._checked: Checked | None = None
         self._run: Run | None = None
         self._by_hand: ByHand | None = None

@@ -131,18 +131,28 @@ def modes_along(scenario: Scenario, *, dry: bool = False, points: int = 101) -> 
     Returns times (points,) [s], evenly spread from the start to the end, and modes by the state of the motors. For
     errors see :func:`natural_modes`; UsageError if no component ``trajectory`` gives the desired motion.
     """
+    times, poses = desired_motion(scenario, ("q_d",), points)
+    systems = [linearize(scenario.arm, q, dry=dry) for q in counted("poses", poses[0], points)]
+    return times, {motors: [_modes(system, motors, dry) for system in systems] for motors in MOTORS}
+
+
+def desired_motion(scenario: Scenario, outputs: Sequence[str], points: int) -> tuple[Floats, Floats]:
+    """Return times (m,) [s], evenly spread, and outputs of the component ``trajectory``, (k, m, n).
+
+    UsageError if there is no such component, or it lacks one of them.
+    """
     system = WiredUnits(SystemDescription(scenario, system_values(scenario)))
     trajectory = system.units.get("trajectory")
-    if trajectory is None or "q_d" not in trajectory.interface.groups:
-        raise UsageError("modes: expected a system with a component trajectory that has an output q_d.")
+    if lacking := [name for name in outputs if trajectory is None or name not in trajectory.interface.groups]:
+        raise UsageError(f"expected a system with a component trajectory that has an output {', '.join(lacking)}.")
+    assert trajectory is not None
     system.start()
     run = system.python(system.evaluate)
-    times, poses = np.linspace(0.0, scenario.stop, points), []
+    times, rows = np.linspace(0.0, scenario.stop, points), []
     for t in times:
         run(t)
-        poses.append(trajectory.group("q_d").copy())
-    systems = [linearize(scenario.arm, q, dry=dry) for q in counted("poses", poses, len(poses))]
-    return times, {motors: [_modes(system, motors, dry) for system in systems] for motors in MOTORS}
+        rows.append([trajectory.group(name).copy() for name in outputs])
+    return times, np.array(rows).transpose(1, 0, 2)
 
 
 def ranges(along: Sequence[Modes], count: int) -> list[tuple[float, float] | None]:

@@ -124,7 +124,7 @@ def compare(**options: Unpack[CompareOptions]) -> LawComparison:
         if not found.why_not:
             rows += _cells(arm, LAWS[law], found, chosen, options)
     about = {
-        "budget": options["budget"], "margin": options["margin"], "seed": options["seed"], "tunings": tunings,
+        "budget": options["evaluations"], "margin": options["margin"], "seed": options["seed"], "tunings": tunings,
         "repeats": options["repeats"], "delayed": options["delayed"], "cost": COST, **chosen, "arms": list(tunings),
     }  # fmt: skip
     study = _table(folder, rows, about)
@@ -156,7 +156,7 @@ def _wrong_names(chosen: Mapping[str, Sequence[str]], arms: Sequence[str]) -> It
 
 def _wrong_numbers(options: CompareOptions) -> Iterator[str]:
     """Yield a line for each number out of its range."""
-    for name in ("budget", "repeats"):
+    for name in ("evaluations", "repeats"):
         if options[name] < 1:
             yield f"{name}: expected at least 1, got {options[name]}."
     if not 0.0 < options["margin"] < 1.0:

@@ -36,7 +36,7 @@ its other measures and the command that runs it again with everything that a run
 {rest}
 <script type="application/json" id="data">{content}</script>
 <script>{scripts["page.js"]}</script>"""
-    what = f"{len(study)} cells, budget {about['budget']}, seed {about['seed']}, vdfmu {study.facts['vdfmu']}"
+    what = f"{len(study)} cells, {about['budget']} evaluations, seed {about['seed']}, vdfmu {study.facts['vdfmu']}"
     path = study.folder / "report.html"
     write_whole(path, [page("Control laws compared", what, body, 76, f"{look()}<style>{scripts['page.css']}</style>")])
     return path

@@ -13,6 +13,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from vdfmu.base.table import plain_table
 from vdfmu.engine.results.verdict import checks_of, not_checked
 from vdfmu.study.report.sheets import Sheet, facts
 
@@ -31,16 +32,8 @@ def run_panel(summary: Summary) -> Panel:
 
 def sheet_table(sheet: Sheet) -> Table:
     """Return a sheet for the terminal."""
-    table = Table(
-        title=Text(f"\n{sheet.title}", style="bold"),
-        title_justify="left",
-        caption=Text("\n".join(sheet.notes), style="dim"),
-        caption_justify="left",
-        box=box.SIMPLE_HEAD,
-        show_edge=False,
-        padding=(0, 1, 0, 0),
-        pad_edge=False,
-    )
+    table = plain_table(title=f"\n{sheet.title}")
+    table.caption = Text("\n".join(sheet.notes), style="dim")
     for i, heading in enumerate(sheet.columns):
         justify = "left" if i == 0 else "right"
         table.add_column(Text(heading), justify=justify, overflow="fold")  # a digit is never cut off
@@ -54,10 +47,9 @@ def verdict_table(summary: Summary) -> Table:
     checks = checks_of(summary)
     failed = sum(not check.passed for check in checks)
     title = f"{failed} of {len(checks)} checks failed" if failed else f"{len(checks)} of {len(checks)} checks pass"
-    table = Table(
-        title=Text(f"\n{title}", style="bold red" if failed else "bold"), title_justify="left", box=None,
-        show_header=False, show_edge=False, padding=(0, 1, 0, 0), pad_edge=False,
-    )  # fmt: skip
+    table = plain_table(title=f"\n{title}", show_header=False)
+    if failed and isinstance(table.title, Text):
+        table.title.stylize("red")
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
     for check in checks:

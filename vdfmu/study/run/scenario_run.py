@@ -75,8 +75,6 @@ RUN_OUTPUTS = (
     *SYSTEM_OUTPUTS,
     "system.ssp",
     *(f"{name}.{suffix}" for name in sorted({*chain(*PICTURES.values())}) for suffix in SUFFIXES),
-    "signals.svg",
-    "signals.pdf",
     NAME,
 )
 """Files that the run of a scenario writes and replaces."""

@@ -22,15 +22,13 @@ from vdfmu.base.version import __version__
 from vdfmu.engine.options import CouplingOptions
 from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.study.batch.program import LANES, BatchProgram
-from vdfmu.study.options import PlanOptions, ScenarioOptions
+from vdfmu.study.options import ENGINES, PlanOptions, ScenarioOptions
 from vdfmu.study.sweeps.axes import Axis, is_option, read_axes
 from vdfmu.study.sweeps.checks import check_overlap, default_measures, recorded, signals_of, try_measures
 from vdfmu.study.sweeps.job import AxisBinding, Job, Task, WiredSystem
 from vdfmu.study.sweeps.measures import Measure, function_digest, read_measures, unit_of
 from vdfmu.study.sweeps.points import Points, draw
 
-ENGINES = ("fmu", "batch")
-"""Engines that run points: the FMUs of a system, or a program of it."""
 _FEW = 2 * LANES
 """Points of a system from which a program is compiled without being asked for."""
 _MOST_SYSTEMS = 200
@@ -74,11 +72,11 @@ class Plan:
 @with_options
 def make_plan(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **options: Unpack[PlanOptions]) -> Plan:
     """Plan a study; for arguments see `vdfmu.sweep`. Nothing has run yet when it has faults."""
-    engine, measure, keep = options["engine"], options["measure"], options["keep"]
+    engine, measure, keep = options["engine"], options["measure"], options["record"]
     sample, settings = os.fspath(options["sample"]), options["settings"] or {}
     if engine not in (None, *ENGINES):
         raise UsageError(f"engine: expected {' or '.join(ENGINES)}, got {engine!r}.")
-    axes, points = draw(read_axes(over), sample, options["n"], options["seed"])
+    axes, points = draw(read_axes(over), sample, options["points"], options["seed"])
     switches = [axis for axis in axes if is_option(axis.target)]
     for axis in switches:
         if axis.factor:
@@ -187,7 +185,7 @@ def _of_package(
     wrong = [target for target in switched if target not in ("master", "step", "stop")]
     wrong += [name for name in ("robot", "units") if options.get(name) is not None]
     wrong += [axis.target for axis in axes if axis.factor]
-    wrong += ["backend"] if options.get("backend") is not None else []
+    wrong += [name for name in ("backend", "tolerance") if options.get(name) is not None]
     if wrong:
         raise UsageError(f"{', '.join(wrong)}: for a scenario; {package} is a package, whose units are what they are.")
     given: dict[str, Any] = {**options, **switched}

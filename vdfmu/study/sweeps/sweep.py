@@ -26,7 +26,7 @@ from vdfmu.study.sweeps.worker import KILLED
 @with_progress
 @one_job()
 @with_options
-def sweep(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **options: Unpack[SweepOptions]) -> Sweep:
+def sweep(scenario: Any, vary: Mapping[str, Any] | Sequence[str] = (), **options: Unpack[SweepOptions]) -> Sweep:
     """Run a scenario or a system package at many points, and keep a row for each.
 
     Finished points are kept: after Ctrl-C, a kill or a full disk the same call continues where it stopped. A point that
@@ -36,7 +36,7 @@ def sweep(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **options
     ----------
     scenario : Scenario, str or path
         Loaded, the name of a shipped one, a file, or a system package, ``.ssp``.
-    over : mapping, or sequence of "TARGET=FORM"
+    vary : mapping, or sequence of "TARGET=FORM"
         What varies: ``component.parameter``, ``robot.parameter``, or ``robot``, ``master``, ``step``, ``stop`` and
         ``unit:COMPONENT``. Its form is ``lin(a, b)``, ``log(a, b)``, with the number of values as a third for a grid,
         ``normal(mean, deviation)``, ``lognormal(median, deviation of the logarithm)``, or values, ``"1, 2, 5"`` or a
@@ -62,7 +62,7 @@ def sweep(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **options
     if chunk is not None and not 1 <= chunk:
         raise UsageError(f"chunk: expected a number of points of at least 1, got {chunk}.")
     check_workers(options)
-    plan = make_plan(scenario, over, **pick(PlanOptions, options))
+    plan = make_plan(scenario, vary, **pick(PlanOptions, options))
     return run_plan(plan, default_folder(scenario) if options["out"] is None else Path(options["out"]), options)
 
 

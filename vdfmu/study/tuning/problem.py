@@ -93,10 +93,10 @@ def make_problem(
     scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **options: Unpack[ProblemOptions]
 ) -> Problem:
     """Read and check the problem; for arguments see :func:`vdfmu.tune`. Nothing has run yet when it has faults."""
-    over, limit, margin, growth = options["over"], options["limit"], options["margin"], options["growth"]
+    over, limit, margin, growth = options["combine"], options["limit"], options["margin"], options["growth"]
     given, settings = pick(ScenarioOptions, options), options["settings"] or {}
     if over not in ("mean", "worst"):
-        raise UsageError(f"over: expected mean or worst, got {over}.")
+        raise UsageError(f"combine: expected mean or worst, got {over}.")
     if isinstance(scenario, (str, os.PathLike)) and os.fspath(scenario).endswith(".ssp"):
         raise UsageError(f"{scenario}: expected a scenario, whose values are known; a package can be swept.")
     loaded = prepare(scenario, **given)
@@ -118,9 +118,9 @@ def make_problem(
     if {"trajectory", "controller", "plant"} <= loaded.system.parts.keys():
         measures |= {name: text for name, text in TRACKING.items() if name not in measures}
     over_all = {axis.target: str(axis).partition("=")[2] for axis in (*axes, *spread_axes)}
-    n = options["spread_n"] if spread_axes else 1
+    n = options["spread_points"] if spread_axes else 1
     plan = make_plan(
-        scenario, over_all, sample="lhs", n=n, seed=options["seed"], measure=measures, engine=options["engine"],
+        scenario, over_all, sample="lhs", points=n, seed=options["seed"], measure=measures, engine=options["engine"],
         **given,
     )  # fmt: skip
     facts = {**plan.facts, "tune": {"limits": list(limit), "over": over, "start": start}}

@@ -66,8 +66,8 @@ class Tuned:
 def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **options: Unpack[TuneOptions]) -> Tuned:
     """Search the values of parameters that make a cost smallest, over a spread of robots and within limits.
 
-    Every run is kept: after Ctrl-C or a kill the same call continues where it stopped. So does one with a larger budget
-    or another method, which reuses the runs that it needs and finds.
+    Every run is kept: after Ctrl-C or a kill the same call continues where it stopped. So does one with more
+    evaluations or another method, which reuses the runs that it needs and finds.
 
     Parameters
     ----------
@@ -93,11 +93,11 @@ def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **op
     VdfmuError
         If the runs of the start fail, or nothing can be written.
     """
-    method, budget, growth = options["method"], options["budget"], options["growth"]
+    method, budget, growth = options["method"], options["evaluations"], options["growth"]
     workers, time_limit, out = options["workers"], options["time_limit"], options["out"]
     if method not in METHODS:
         raise UsageError(f"method: expected {', '.join(METHODS)}, got {method}.")
-    for name, value in (("budget", budget), ("spread_n", options["spread_n"]), ("workers", workers)):
+    for name, value in (("evaluations", budget), ("spread_points", options["spread_points"]), ("workers", workers)):
         if value is not None and value < 1:
             raise UsageError(f"{name}: expected at least 1, got {value}.")
     if time_limit is not None and not time_limit > 0.0:
@@ -135,7 +135,7 @@ def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **op
                 "only; growth lets slow instability count as stable."
             )
         if not after.feasible:
-            found.notes.append("no values within the limits and the margin were found; a larger budget may find some.")
+            found.notes.append("no values within the limits and the margin were found; more evaluations may find some.")
         with doing("picture"):
             _write(found, evaluations.scores)
     return found

@@ -38,17 +38,17 @@ def fmi_of_format(form: str, backend: str | None) -> str:
     """
     held = {name: one.fmi.name for name, one in SSP_FORMATS.items()}
     if form not in held:
-        raise UsageError(f"--format {form}: expected one of {', '.join(held)}.")
+        raise UsageError(f"--ssp {form}: expected one of {', '.join(held)}.")
     version = held[form]
     if version != PYTHON_FMI.name and backend == "python":
         raise UsageError(
-            f"--format {form}: holds units of FMI {version}, but Python FMUs are of FMI {PYTHON_FMI.name}. "
-            f"Leave out --backend python, or take --format {SSP_1.name}."
+            f"--ssp {form}: holds units of FMI {version}, but Python FMUs are of FMI {PYTHON_FMI.name}. "
+            f"Leave out --backend python, or take --ssp {SSP_1.name}."
         )
     if version != PYTHON_FMI.name and not native_available():
         raise UsageError(
-            f"--format {form}: holds native units of FMI {version}, whose compiler is not installed. "
-            f"Install it (pip install vdfmu[native]), or take --format {SSP_1.name}."
+            f"--ssp {form}: holds native units of FMI {version}, whose compiler is not installed. "
+            f"Install it (pip install vdfmu[native]), or take --ssp {SSP_1.name}."
         )
     return version
 

@@ -1,0 +1,159 @@
+"""The words of the command line: one for each thing, groups of commands, old words, one kind of error."""
+
+import json
+import re
+
+import pytest
+import typer.main
+
+import vdfmu
+from tests.warm import command
+from vdfmu.base.words import RENAMED, new_word
+from vdfmu.cli.commands import COMMANDS, FIRST, app
+
+
+def commands(name="", found=None):
+    """Yield each command with its name, those in groups too."""
+    found = found or typer.main.get_command(app)
+    inner = getattr(found, "commands", {})
+    if not inner:
+        yield name, found
+    for word, below in inner.items():
+        yield from commands(f"{name} {word}".strip(), below)
+
+
+ALL = dict(commands())
+
+
+def options(found):
+    return {word: one for one in found.params if one.param_type_name == "option" for word in one.opts}
+
+
+def test_every_command_that_writes_takes_out_and_its_letter():
+    writes = {name for name, found in ALL.items() if "--out" in options(found)}
+    assert {"run", "simulate", "report", "ssp", "build", "sweep plot", "unit new", "compare", "tune"} <= writes
+    assert all(options(ALL[name])["-o"] is options(ALL[name])["--out"] for name in writes)
+
+
+@pytest.mark.parametrize("name", ["build", "container", "ssp", "reference", "run", "simulate", "modes", "motion"])
+def test_commands_that_write_files_replace_others_on_request(name):
+    assert "--overwrite" in options(ALL[name])
+
+
+@pytest.mark.parametrize(
+    "name", ["modes", "margins", "motion", "check", "sweep indices", "robot list", "scenario list", "unit list"]
+)
+def test_commands_that_print_tables_print_json_on_request(name):
+    assert "--json" in options(ALL[name])
+
+
+@pytest.mark.parametrize("group", ["robot", "scenario", "unit"])
+def test_nouns_have_the_same_verbs(group):
+    assert {f"{group} list", f"{group} show"} <= ALL.keys()
+
+
+def test_every_option_has_help_and_values_that_there_are_can_be_completed():
+    for name, found in ALL.items():
+        for word, one in options(found).items():
+            assert one.help, (name, word)
+    for name, word, values in (
+        ("run", "--master", "gauss-seidel|jacobi|extrapolated|iterative"),
+        ("run", "--backend", "python|native"),
+        ("run", "--fmi", "2.0|3.0"),
+        ("tune", "--combine", "mean|worst"),
+        ("ssp", "--ssp", "1.0|2.0"),
+        ("sweep plot", "--kind", "scatter|surface|parallel|tornado|indices"),
+    ):
+        assert options(ALL[name])[word].metavar == values
+
+
+def test_old_words_are_answered_with_words_that_there_are():
+    for name, words in RENAMED.items():
+        if name and name != "Simulator":
+            known = options(ALL["sweep run" if name == "sweep" else name])
+            for old in words:
+                assert f"--{old.replace('_', '-')}" not in known
+                assert new_word(name, f"--{old.replace('_', '-')}") in known
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("sweep tracking --keep plant.q", "--keep is now --record. See 'vdfmu sweep run --help'."),
+        ("sweep run tracking --over x=1", "--over is now --vary."),
+        ("tune tracking --over worst", "--over is now --combine."),
+        ("simulate x.ssp --time-limit 3", "--time-limit is now --wait-limit."),
+        ("ssp tracking --format 2.0", "--format is now --ssp."),
+        ("models list", "'models' is now robot, scenario or schema. See 'vdfmu --help'."),
+        ("run --mastre jacobi", "No such option: --mastre; did you mean --master"),
+        ("rum", "No such command 'rum'. Did you mean 'run'?"),
+        ("run --step fast", "Invalid value for '--step'"),
+    ],
+)
+def test_wrong_words_are_errors_of_one_kind(tmp_path, words, said):
+    done = command(*words.split(), cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith(f"error: {said}")
+    assert len(done.stderr.splitlines()) == 1
+    assert "--help'." in done.stderr
+
+
+def test_old_words_of_functions_are_answered_too():
+    with pytest.raises(TypeError, match=r"sweep\(\) got an unexpected keyword argument 'keep'; it is now 'record'"):
+        vdfmu.sweep("tracking", keep=["plant.q"])
+    with pytest.raises(TypeError, match="'time_limit'; it is now 'wait_limit'"):
+        vdfmu.simulate("x.ssp", time_limit=1.0)
+
+
+def test_the_bare_command_names_eight_commands_and_all_others(tmp_path):
+    done = command(cwd=tmp_path)
+    assert done.returncode == 0
+    words = set(re.findall(r"[a-z]+", done.stdout))
+    assert sum(map(len, FIRST.values())) == 8
+    assert {name.split()[0] for name in ALL} <= words
+    assert "vdfmu --help lists all commands" in done.stdout
+
+
+def test_help_has_all_commands_in_groups(tmp_path):
+    done = command("--help", cwd=tmp_path)
+    assert all(f"─ {group} ─" in done.stdout for group in COMMANDS)
+    assert "─ Commands ─" not in done.stdout
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_every_command_has_help_with_an_example_in_80_columns(name, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    with pytest.raises(SystemExit) as end:
+        app([*name.split(), "--help"])
+    said = capsys.readouterr().out
+    assert end.value.code == 0
+    assert max(map(len, said.splitlines())) <= 80
+    assert "Example: vdfmu" in said
+    assert not re.search(r"<(str|bool|path|float|int)\b", said)
+
+
+def test_a_package_of_another_tool_is_replaced_on_request_only(tmp_path):
+    (tmp_path / "mine.ssp").write_text("not of vdfmu")
+    words = ("ssp", "planar_tracking", "--backend", "python", "-o", "mine.ssp")
+    refused = command(*words, cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "or replace it with --overwrite" in refused.stderr
+    assert (tmp_path / "mine.ssp").read_text() == "not of vdfmu"
+    done = command(*words, "--overwrite", cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (0, "Written to mine.ssp\n")
+
+
+def test_margins_and_modes_as_json(tmp_path):
+    found = json.loads(command("margins", "planar_tracking", "--at", "0.5", "--json", cwd=tmp_path).stdout)
+    assert [row["opened_at"] for row in found["margins"]] == ["plant.tau[1]", "plant.tau[2]"]
+    assert all(row["stable"] and 0.0 < row["modulus"] < 1.0 for row in found["margins"])
+    found = json.loads(command("modes", "planar_2dof", "--json", cwd=tmp_path).stdout)
+    assert found["pose"] == [0.0, 0.0]
+    assert len(found["motors_free"]["frequency"]) == len(found["motors_held"]["frequency"]) == 2
+
+
+def test_the_motion_of_a_shipped_scenario_by_its_name(tmp_path):
+    done = command("motion", "planar_tracking", "--json", cwd=tmp_path)
+    joint = json.loads(done.stdout)["joints"][1]
+    # (57): the peak of the speed is 2 (q_end - q_start) / T, at T/2, which is a row; printed with 16 digits
+    assert joint["speed"] == pytest.approx(2.0 * (joint["to"] - joint["from"]) / 2.0, rel=1e-12)
