@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -20,16 +20,21 @@ def _group() -> None:
 
 @app.command("list", epilog="Example: [bold]vdfmu unit list[/bold]")
 def list_units() -> None:
-    """List the units of the package, by the name that systems and ``--unit`` take."""
+    """List all units, by the name that systems and ``--unit`` take."""
     from rich.table import Table
 
-    from vdfmu.arm.units import package_units
+    from vdfmu.arm.units import known_units
 
     table = Table("unit", "kind", "what it is", box=None)
-    for name, unit in sorted(package_units().items(), key=lambda item: item[1].__module__.split(".")[3:-1]):
-        folder = unit.__module__.split(".")[3:-1]
-        table.add_row(name, folder[0] if folder else "system", unit.description())
+    for name, unit in sorted(known_units().items(), key=lambda item: _kind(item[1])):
+        table.add_row(name, _kind(unit)[0] or "system", unit.description())
     console.print(table)
+
+
+def _kind(unit: Any) -> tuple[str, ...]:
+    """Return the folders of a unit: "" for one of the shipped systems, the package for one of another package."""
+    package, *path = unit.__module__.split(".")
+    return tuple(path[2:-1] or ("",)) if package == "vdfmu" else (package,)
 
 
 @app.command("new", epilog="Example: [bold]vdfmu unit new MyFilter[/bold]")
