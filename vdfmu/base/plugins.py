@@ -8,11 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.progress import LOG
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 _T = TypeVar("_T")
 
@@ -111,6 +113,8 @@ class PluginTable(dict[str, _T]):
 
 @cache
 def _points(group: str) -> dict[str, list[EntryPoint]]:
+    from importlib.metadata import entry_points
+
     found: dict[str, list[EntryPoint]] = {}
     for each in entry_points(group=f"vdfmu.{group}"):
         found.setdefault(each.name, []).append(each)
