@@ -11,7 +11,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from vdfmu.base.errors import UsageError
-from vdfmu.base.progress import LOG
+from vdfmu.base.progress import warn_once
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -54,12 +54,12 @@ class Plugins:
         for name, points in sorted(_points(self.group).items()):
             if name in shipped:
                 packages = " and ".join(map(_package, points))
-                _warn(f"{self.one} {name!r} of {packages} is left out: vdfmu itself has one of this name.")
+                warn_once(f"{self.one} {name!r} of {packages} is left out: vdfmu itself has one of this name.")
                 continue
             try:
                 found[name] = self.get(name)
             except UsageError as error:
-                _warn(f"left out: {error}")
+                warn_once(f"left out: {error}")
         return found
 
     def _load(self, point: EntryPoint) -> Any:
@@ -123,9 +123,3 @@ def _points(group: str) -> dict[str, list[EntryPoint]]:
 
 def _package(point: EntryPoint) -> str:
     return f"the package {point.dist.name} {point.dist.version}" if point.dist else f"a package with {point.value}"
-
-
-@cache
-def _warn(text: str) -> None:
-    """Warn once."""
-    LOG.warning("%s", text)
