@@ -9,7 +9,7 @@ PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 unexport PYTHONDONTWRITEBYTECODE
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test test-all hostile mutants bench docs lint sbom audit lock vendor clean
+.PHONY: demo test test-all hostile mutants bench docs lint sbom audit release lock vendor clean
 
 demo: $(VENV)/demo  ## run the paper's tracking simulation (Section IV-B)
 	$(BIN)/vdfmu run tracking
@@ -51,6 +51,9 @@ audit: $(VENV)/supply  ## ask for known vulnerabilities of the versions in const
 	@$(BIN)/python -c "import json, os; \
 		found = json.load(open('dist/audit.json'))['dependencies'] if os.path.exists('dist/audit.json') else []; \
 		print(sum('vulns' in one for one in found), 'of', len(found), 'packages were found at the advisory service')"
+
+release: sbom $(VENV)/test  ## write dist/vdfmu-VERSION: wheel, sdist, FMUs and packages of all arms, checksums
+	$(BIN)/python release.py $(RELEASE_ARGS)
 
 lock: $(VENV)/supply  ## choose the versions and write their hashes; LOCK=--upgrade takes the newest
 	$(VENV)/tools/bin/python requirements/lock.py $(LOCK)

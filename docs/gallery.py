@@ -25,9 +25,7 @@ def gallery_page() -> str:
     robots = [
         (name, vdfmu.load_robot(name).description, f"vdfmu run reach --robot {name}") for name in vdfmu.robot_names()
     ]
-    scenarios = [
-        (name, vdfmu.load_scenario(name).description, f"vdfmu run {name}") for name in vdfmu.scenario_names()
-    ]
+    scenarios = [(name, vdfmu.load_scenario(name).description, f"vdfmu run {name}") for name in vdfmu.scenario_names()]
     return "\n".join([
         "# Arms and scenarios\n",
         "Everything that is shipped, drawn by the page that each run writes. The line below a picture runs it; where "

@@ -8,8 +8,10 @@ from pathlib import Path
 
 from typer.testing import CliRunner
 
+from vdfmu.base.progress import warn_once
 from vdfmu.cli import doctor, extras
 from vdfmu.cli.commands import app
+from vdfmu.compiler.fmu import build
 
 PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
 OURS = {"test", "docs", "dev"}
@@ -53,3 +55,12 @@ def test_the_shell_completes_names(monkeypatch):
     assert completed("vdfmu run two_joint") == ["two_joint", "two_joint_table5"]
     assert completed("vdfmu run tracking --robot planar") == ["planar_2dof"]
     assert completed("vdfmu doc") == ["doctor"]
+
+
+def test_a_run_without_a_compiler_says_first_what_that_costs(monkeypatch, caplog):
+    monkeypatch.setattr(build, "native_available", lambda: False)
+    warn_once.cache_clear()
+    assert [build.choose_backend(None), build.choose_backend(None), build.choose_backend("python")] == ["python"] * 3
+    (said,) = (record.getMessage() for record in caplog.records)
+    assert said.startswith("FMUs are in Python: a run takes some 20 times as long")
+    assert "pip install vdfmu[native]" in said

@@ -204,3 +204,29 @@ def test_bounds_of_the_rotor_alone():
         assert (abs(1.0 - number) < 1.0) is stable
     for number, stable in ((0.99, True), (1.01, False)):
         assert bool(np.abs(np.roots([1.0, -1.0, number])).max() < 1.0) is stable
+
+
+def test_the_figures_of_paper_and_citation_are_those_of_the_pages():
+    paper, bib = ((ROOT / name).read_text(encoding="utf-8") for name in ("paper.md", "paper.bib"))
+    assert {*re.findall(r"@(\w+)\]", paper)} == {*re.findall(r"^@\w+\{(\w+),", bib, re.MULTILINE)}
+    benchmarks, measured = (
+        (ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("benchmarks.md", "measured.md")
+    )
+    for said, row in (
+        ("needs 3.2 ms", "| 10⁻⁶ | 3.2 | 16.4 (5.1) | | | 212 (66) | |"),
+        ("takes 5.1 times and Drake 66 times", "| 10⁻⁶ | 3.2 | 16.4 (5.1) | | | 212 (66) | |"),
+        (
+            "by 15 % for inverse and 7 % for forward",
+            "15 % fewer operations than ours with folded numbers in `rnea`, 7 % in `aba`",
+        ),
+        ("takes\n1.1 µs a step", "| vdfmu | 2.0 | CS, ME | nothing | yes | five | 1.27 | 89 | 1.1 |"),
+        ("2.2 µs with PythonFMU", "| PythonFMU 0.7 | 2.0 | CS | Python | no | Linux, Windows | 0.07 | 660 | 2.2 |"),
+        ("takes 12 µs", "| native FMUs, `gauss-seidel` | 12.0 |"),
+        ("ecos 18 µs", "| ecos 0.7.2 | 17.9 |"),
+        ("libcosim 35 to 76 µs", "Another run gave 35 µs for libcosim"),
+    ):
+        assert said in paper
+        assert row in benchmarks
+    assert "within 3 %" in paper and "3 %" in measured
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {vdfmu.__version__}\n" in citation

@@ -1,7 +1,12 @@
 """What is installed: versions that were tested together, named without a place to get them from."""
 
+import importlib.util
 import re
+import subprocess
+import sys
+import tarfile
 import tomllib
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -72,3 +77,46 @@ def test_the_install_without_make_takes_the_tested_versions() -> None:
         installs = [line for line in lines if re.match(r"(\.venv/bin/)?pip install", line)]
         assert installs
         assert all("-c constraints.txt" in line for line in installs)
+
+
+def built(target: str, folder: Path) -> Path:
+    """Build the sdist or the wheel; return its file."""
+    command = [sys.executable, "-m", "hatchling", "build", "-t", target, "-d", str(folder)]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+    (file,) = folder.iterdir()
+    return file
+
+
+@pytest.mark.heavy
+def test_the_sdist_has_every_file_of_the_project(tmp_path: Path) -> None:
+    with tarfile.open(built("sdist", tmp_path)) as archive:
+        found = {each.name.partition("/")[2] for each in archive if each.isfile()} - {"PKG-INFO"}
+    git = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
+    if (ROOT / "PKG-INFO").exists():  # unpacked from an sdist, where git knows no files
+        assert {"tests/docs/test_supply.py", "examples/units/wall.py", "hatch_build.py"} <= found
+        return
+    listed = subprocess.run(git, cwd=ROOT, check=True, capture_output=True, text=True).stdout.splitlines()
+    assert found == {name for name in listed if (ROOT / name).is_file()}
+
+
+def test_the_readme_of_an_index_has_no_link_that_leads_nowhere(tmp_path: Path) -> None:
+    with zipfile.ZipFile(built("wheel", tmp_path)) as archive:
+        (name,) = (name for name in archive.namelist() if name.endswith("dist-info/METADATA"))
+        text = archive.read(name).decode()
+        assert "vdfmu/py.typed" in archive.namelist()
+    assert "# vdfmu\n" in text and "vdfmu run tracking" in text
+    targets = re.findall(r"\]\(([^)]*)\)", text)
+    assert all(target.startswith("https://") for target in targets)
+
+
+def test_links_of_the_readme_follow_the_address_of_the_project() -> None:
+    spec = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
+    assert spec and spec.loader
+    hook = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(hook)
+    text = "A ![loop](docs/a.svg), [model](docs/model.md#errata) and [FMI](https://fmi-standard.org)."
+    assert hook.for_index(text, "", "1.0") == "A , model and [FMI](https://fmi-standard.org)."
+    assert hook.for_index(text, "https://host/x", "1.0") == (
+        "A ![loop](https://host/x/raw/v1.0/docs/a.svg), [model](https://host/x/blob/v1.0/docs/model.md#errata) "
+        "and [FMI](https://fmi-standard.org)."
+    )

@@ -6,6 +6,7 @@ import logging
 from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import cache
 from typing import TypeVar
 
 Progress = Callable[[str, int, int], None]
@@ -13,7 +14,13 @@ Progress = Callable[[str, int, int], None]
 _T = TypeVar("_T")
 _show: ContextVar[Progress | None] = ContextVar("progress", default=None)
 LOG = logging.getLogger("vdfmu")
-"""Details of the work: ``--verbose`` of a command shows it."""
+"""Details of the work: ``--verbose`` of a command shows it; warnings are shown without it too."""
+
+
+@cache
+def warn_once(text: str) -> None:
+    """Warn of what holds for the whole process."""
+    LOG.warning("%s", text)
 
 
 @contextmanager

@@ -39,6 +39,8 @@ FMI_VERSIONS = {version.name: version for version in (FMI_2, FMI_3)}
 """Name to version."""
 PYTHON_FMI = FMI_2
 """Version of FMUs in Python."""
+WITHOUT_NATIVE = "FMUs are in Python: a run takes some 20 times as long, and they run only where vdfmu is installed"
+"""What is not there without a C compiler, the extra ``native``."""
 
 
 @dataclass(frozen=True)

@@ -10,24 +10,34 @@ from typing import Any, cast
 
 from vdfmu.base.data import data_path
 from vdfmu.base.errors import ModelError, UsageError
+from vdfmu.base.plugins import Plugins
 from vdfmu.base.text import nearest, printable
+from vdfmu.base.version import format_problem
 
 _DEEPEST = 50
 """Levels of lists and tables in a file; a robot has 7."""
 _TOO_DEEP = "expected TOML, got lists or tables that are nested too deeply. Correct the brackets."
 
 
+ROBOTS = Plugins("robots", "robot", "the path of a TOML file", lambda found: Path(found).is_file())
+
+
 def _folder(kind: str) -> Path:
     return data_path("ssp") if kind == "systems" else data_path("models") / kind
 
 
-def toml_names(kind: str) -> list[str]:
-    """Return the names of the files of a kind that travel with the package: robots, scenarios or systems."""
+def _shipped(kind: str) -> list[str]:
     return sorted(path.stem for path in _folder(kind).glob("*.toml"))
 
 
+def toml_names(kind: str) -> list[str]:
+    """Return the names of files of a kind, robots, scenarios or systems: shipped ones, then those that others add."""
+    shipped = _shipped(kind)
+    return [*shipped, *ROBOTS.all(shipped)] if kind == "robots" else shipped
+
+
 def locate(path_or_name: str | os.PathLike[str], folder: str, start: Path | None = None) -> Path:
-    """Return the path of a file by its name or path; UsageError if no shipped one has the name."""
+    """Return the path of a file by its name or path; UsageError if no shipped or added one has the name."""
     text = os.fspath(path_or_name)
     path = (start or Path()) / text
     separators = tuple(s for s in (os.sep, os.altsep, "/") if s)
@@ -35,23 +45,25 @@ def locate(path_or_name: str | os.PathLike[str], folder: str, start: Path | None
         return path
     if not isinstance(path_or_name, str):
         return path
-    shipped = _folder(folder) / f"{text}.toml"
-    if text not in toml_names(folder):
+    if text in _shipped(folder):
+        return _folder(folder) / f"{text}.toml"
+    added = ROBOTS.get(text) if folder == "robots" else None
+    if added is None:
         raise UsageError(
             f"no {folder[:-1]} '{printable(text)}': expected a name or the path of a TOML file. "
             + nearest(text, toml_names(folder))
         )
-    return shipped
+    return Path(added)
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the content of a TOML file; ModelError if it cannot be read."""
+    """Return the content of a TOML file without its ``format``; ModelError if it cannot be read."""
     problem: str
     try:
         data = tomllib.loads(read_bytes(path, "a TOML file").decode("utf-8-sig"))
-        if not _too_deep(data):
+        problem = _TOO_DEEP if _too_deep(data) else format_problem(data.pop("format", 1))
+        if not problem:
             return data
-        problem = _TOO_DEEP
     except RecursionError:
         problem = _TOO_DEEP
     except UnicodeDecodeError as error:

@@ -150,6 +150,8 @@ def _name_of(command: typer.models.CommandInfo) -> str:
 
 def look(quiet: bool = False, verbose: bool = False) -> None:
     """Let notes, warnings and bars not be seen, or details too."""
+    if not any(isinstance(handler, _Lines) for handler in LOG.handlers):
+        LOG.addHandler(_Lines())
     if quiet:
         errors.quiet = True
         LOG.setLevel(logging.ERROR)
@@ -157,7 +159,6 @@ def look(quiet: bool = False, verbose: bool = False) -> None:
         from vdfmu.cli.extras import installed
 
         LOG.setLevel(logging.INFO)
-        LOG.addHandler(_Lines())
         there, _ = installed("")
         LOG.info("vdfmu %s, Python %s, %s", __version__, platform.python_version(), ", ".join(there))
 
@@ -198,7 +199,7 @@ def showing_signs(title: str) -> _Decorator:
 
 
 class _Lines(logging.Handler):
-    """Prints what is logged above the bars, with the time since the command began."""
+    """Prints what is logged above the bars: warnings as notes, details with the time since the command began."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -206,5 +207,5 @@ class _Lines(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print a record."""
-        seconds = time.perf_counter() - self._began
-        errors.print(f"{seconds:8.2f} s  {record.getMessage()}", markup=False, soft_wrap=True)
+        head = "note:" if record.levelno >= logging.WARNING else f"{time.perf_counter() - self._began:8.2f} s "
+        errors.print(f"{head} {record.getMessage()}", markup=False, soft_wrap=True)

@@ -8,8 +8,10 @@ import sys
 
 import typer
 
+from vdfmu.base.standards import WITHOUT_NATIVE
+
 WITHOUT = {
-    "native": "FMUs are in Python: a run takes some 20 times as long, and they run only where vdfmu is installed",
+    "native": WITHOUT_NATIVE,
     "wasm": "no FMUs as components of WebAssembly: none built with --platform wasm, none run in a sandbox",
     "parquet": "results are CSV, three times the size",
     "matlab": "no logs from MATLAB files of version 7.3; those of version 5 need nothing",

@@ -16,10 +16,10 @@ app = App(name="unit", no_args_is_help=True, help="List and show units, and writ
 
 @app.command("list", epilog="Example: [bold]vdfmu unit list[/bold]")
 def list_units(as_json: JsonOption = False) -> None:
-    """List the units of the package, by the name that systems and ``--unit`` take."""
-    from vdfmu.arm.units import package_units
+    """List all units, by the name that systems and ``--unit`` take."""
+    from vdfmu.arm.units import known_units
 
-    units = [(name, _kind(unit), unit.description()) for name, unit in package_units().items()]
+    units = [(name, _kind(unit)[0] or "system", unit.description()) for name, unit in known_units().items()]
     if as_json:
         say_json({name: {"kind": kind, "description": text} for name, kind, text in units})
         return
@@ -27,10 +27,6 @@ def list_units(as_json: JsonOption = False) -> None:
     for row in sorted(units, key=lambda row: row[1]):
         shown.add_row(*row)
     console.print(shown)
-
-
-def _kind(unit: Any) -> str:
-    return next(iter(unit.__module__.split(".")[3:-1]), "system")
 
 
 @app.command("show", epilog="Example: [bold]vdfmu unit show pd_gravity[/bold]")
@@ -45,6 +41,12 @@ def show_unit(name: Annotated[str, typer.Argument(help="Name of a unit, my_unit.
         unit, text = (each if isinstance(each, str) else ", ".join(each) for each in (one.unit, one.text))
         shown.add_row(one.name, type(one).__name__.lower(), unit, escape(text))
     console.print(shown)
+
+
+def _kind(unit: Any) -> tuple[str, ...]:
+    """Return the folders of a unit: "" for one of the shipped systems, the package for one of another package."""
+    package, *path = unit.__module__.split(".")
+    return tuple(path[2:-1] or ("",)) if package == "vdfmu" else (package,)
 
 
 @app.command("new", epilog="Example: [bold]vdfmu unit new MyFilter[/bold]")

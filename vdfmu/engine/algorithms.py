@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import Any
 
 from vdfmu.base.errors import UsageError
+from vdfmu.base.plugins import Plugins, PluginTable
 
 
 @dataclass(frozen=True)
@@ -33,17 +34,19 @@ class Algorithm:
 
 
 _STEPPERS = "vdfmu.engine.masters.steppers"
-ALGORITHMS: dict[str, Algorithm] = {
+_SHIPPED = {
     "gauss-seidel": Algorithm(f"{_STEPPERS}:held", ordered=True, reference="sampled"),
     "jacobi": Algorithm(f"{_STEPPERS}:held", reference="sampled-delayed"),
     "extrapolated": Algorithm(f"{_STEPPERS}:extrapolated", continuous=True),
     "iterative": Algorithm(f"{_STEPPERS}:iterative", continuous=True, repeats=True),
 }
+PLUGINS = Plugins("algorithms", "master algorithm", "an Algorithm", lambda found: isinstance(found, Algorithm))
+ALGORITHMS = PluginTable(PLUGINS, _SHIPPED)
 
 
 def is_continuous(name: str | None) -> bool:
     """Whether an algorithm is known and takes coupled signals as continuous."""
-    return name in ALGORITHMS and ALGORITHMS[name].continuous
+    return name is not None and name in ALGORITHMS and ALGORITHMS[name].continuous
 
 
 def choice(*, continuous: bool | None = None) -> str:

@@ -11,7 +11,7 @@ from vdfmu.base.errors import CosimError, UsageError, VdfmuError
 from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import doing, report
 from vdfmu.base.show_progress import with_progress
-from vdfmu.base.version import __version__
+from vdfmu.base.version import FORMAT, __version__
 from vdfmu.engine.options import SimulateOptions, SystemOptions
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.inputs import read_inputs
@@ -67,6 +67,7 @@ def run_system(package: str | os.PathLike[str], **options: Unpack[SystemOptions]
     summary: dict[str, Any] = {
         "package": str(package),
         "vdfmu": __version__,
+        "format": FORMAT,
         "settings": {name: str(value) for name, value in (options["settings"] or {}).items()},
         "inputs": [table.where for table in tables],
     }

@@ -12,10 +12,15 @@ from pathlib import Path
 from pkgutil import walk_packages
 
 from vdfmu.base.errors import UsageError
+from vdfmu.base.plugins import Plugins
 from vdfmu.compiler.unit.load import load_units
 from vdfmu.compiler.unit.unit import Unit
 
-__all__ = ["find_unit", "package_units", "shipped_units"]
+__all__ = ["find_unit", "known_units", "package_units", "shipped_units"]
+
+PLUGINS = Plugins(
+    "units", "unit", "a class of a unit", lambda found: isinstance(found, type) and issubclass(found, Unit)
+)
 
 
 def shipped_units() -> dict[str, type[Unit]]:
@@ -38,8 +43,14 @@ def package_units() -> dict[str, type[Unit]]:
     }
 
 
+def known_units() -> dict[str, type[Unit]]:
+    """Return the units of the package by name, and those that other packages add."""
+    shipped = package_units()
+    return shipped | PLUGINS.all(shipped)
+
+
 def find_unit(name: str | os.PathLike[str]) -> type[Unit]:
-    """Return a unit by what names it: ``plant`` of the package, ``my_unit.py``, or ``my_units.py:Name``.
+    """Return a unit by what names it: ``plant`` of this or another package, ``my_unit.py``, or ``my_units.py:Name``.
 
     Raises
     ------
@@ -54,9 +65,11 @@ def find_unit(name: str | os.PathLike[str]) -> type[Unit]:
         return shipped[text]
     file, _, wanted = text.partition(":") if not Path(text).is_file() else (text, "", "")
     if not file.endswith(".py"):
-        raise UsageError(
-            f"There is no unit {text!r}. There are: {', '.join(shipped)}, and files: my_unit.py, or my_units.py:Name."
-        )
+        added = PLUGINS.get(text)
+        if added is not None:
+            return added
+        names = ", ".join(known_units())
+        raise UsageError(f"There is no unit {text!r}. There are: {names}, and files: my_unit.py, or my_units.py:Name.")
     units = load_units(Path(file))
     classes = {unit.__name__: unit for unit in units.values()}
     if wanted:

@@ -11,7 +11,8 @@ from pathlib import Path
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import regular_target, require_ours, storing
 from vdfmu.base.once import one_job
-from vdfmu.base.standards import BACKENDS, FMI_2, FMI_3, FMI_VERSIONS, PYTHON_FMI
+from vdfmu.base.progress import warn_once
+from vdfmu.base.standards import BACKENDS, FMI_2, FMI_3, FMI_VERSIONS, PYTHON_FMI, WITHOUT_NATIVE
 from vdfmu.compiler.c import native_available
 from vdfmu.compiler.c.platforms import COMPONENT
 from vdfmu.compiler.efmi.production import PRECISIONS
@@ -49,6 +50,8 @@ def choose_backend(backend: str | None) -> str:
     ImportError
         If the package is missing that Python FMUs need.
     """
+    if backend is None and not native_available():
+        warn_once(f"{WITHOUT_NATIVE}. 'pip install vdfmu[native]' brings the compiler of native ones.")
     if backend is None:
         return "native" if native_available() else "python"
     if backend not in BACKENDS:

@@ -52,7 +52,7 @@ def read_experiment(root: Any, where: str) -> tuple[Experiment, list[str]]:
         algorithm = ours.get("algorithm")
         adaptive = reader.number(ours, "adaptive", "a relative error below 1", above=0.0, below=1.0)
         if algorithm is not None and algorithm not in ALGORITHMS:
-            reader.fault(f"expected algorithm {', '.join(ALGORITHMS)}, got {algorithm!r}")
+            reader.fault(f"expected algorithm {', '.join(ALGORITHMS.names())}, got {algorithm!r}")
         elif adaptive is not None and not is_continuous(algorithm):
             reader.fault(f"adaptive is for {choice(continuous=True)}, not for {algorithm}")
     return Experiment(start, stop, step, algorithm, adaptive), reader.problems

@@ -65,8 +65,8 @@ def check_system(
         An unknown algorithm, `inputs` that fit no free input, or `parameters` that name something unknown, not settable
         or of another type.
     """
-    if algorithm not in (None, *ALGORITHMS):
-        raise UsageError(f"unknown algorithm {algorithm!r}; there are {', '.join(ALGORITHMS)}")
+    if algorithm is not None and algorithm not in ALGORITHMS:
+        raise UsageError(f"unknown algorithm {algorithm!r}; there are {', '.join(ALGORITHMS.names())}")
     checker = Checker(system, strict, ignore_unmatched, parameters or {}, sandbox)
     checker.read()
     links = checker.link()

@@ -158,7 +158,7 @@ def _ours(folder: Path) -> set[str]:
 
 
 def _remove(folder: Path, names: Iterable[str]) -> None:
-    for name in names:
+    for name in written(folder, (*names,)):
         (folder / name).unlink(missing_ok=True)
 
 
@@ -190,8 +190,8 @@ def _publish(partial: Path, folder: Path, outputs: Sequence[str]) -> None:
 
 
 def written(folder: Path, outputs: Sequence[str]) -> list[str]:
-    """Return the names of the files that a run has written."""
-    return sorted(name for name in outputs if (folder / name).exists())
+    """Return the names of the files that a run has written, with results in formats of other packages."""
+    return sorted(name for name in {*outputs, *result_files(folder)} if os.path.lexists(folder / name))
 
 
 def write_summary(summary: dict[str, Any], folder: Path) -> None:

@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from vdfmu.base.plugins import Plugins, PluginTable
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -64,7 +66,9 @@ def _mcap() -> Format:
     return Format(needed, write_mcap, read_mcap)
 
 
-FORMATS: dict[str, Callable[[], Format]] = {".csv": _csv, ".parquet": _parquet, ".mat": _mat, ".mcap": _mcap}
+_SHIPPED = {".csv": _csv, ".parquet": _parquet, ".mat": _mat, ".mcap": _mcap}
+PLUGINS = Plugins("formats", "format of results", "a function that returns a Format", callable)
+FORMATS: PluginTable[Callable[[], Format]] = PluginTable(PLUGINS, _SHIPPED, prefix=".")
 """Formats by suffix; where a folder has several, the last is read. Each is imported when used."""
 
 
@@ -79,12 +83,14 @@ def format_of(path: Path) -> Format:
     return FORMATS[suffix_of(path)]()
 
 
-def result_files() -> tuple[str, ...]:
-    """Return the names of the files of results in the folder of a run."""
-    return tuple(f"results{suffix}" for suffix in FORMATS)
+def result_files(folder: Path | None = None) -> tuple[str, ...]:
+    """Return the names of the files of results in the folder of a run, of added formats if they are there."""
+    there = () if folder is None else sorted(path.suffix for path in folder.glob("results.*"))
+    suffixes = dict.fromkeys((*FORMATS, *(suffix for suffix in there if suffix in FORMATS)))
+    return tuple(f"results{suffix}" for suffix in suffixes)
 
 
 def choice_of_formats() -> str:
     """Return what may be asked for, in words."""
-    names = [suffix[1:] for suffix in FORMATS]
+    names = [suffix[1:] for suffix in FORMATS.names()]
     return f"{', '.join(names)}, or {','.join(names)} for all"

@@ -13,6 +13,7 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
+from vdfmu.base.plugins import Plugins, PluginTable
 from vdfmu.engine.results import mcap_file, parquet
 from vdfmu.engine.results.mat_file import mat_variables
 from vdfmu.engine.results.results import Results
@@ -42,7 +43,7 @@ def read_columns(path: Path, time: str, notes: list[str]) -> dict[str, LogColumn
     suffix = path.suffix.lower()
     if suffix == ".mcap":
         return _mcap(path, notes)
-    found = {".mat": _mat, ".parquet": _parquet}.get(suffix, _csv)(path)
+    found = READERS[suffix](path) if suffix in READERS else _csv(path)
     if isinstance(found, Results):
         return _of_results(found)
     name, unit = split_unit(time)
@@ -199,3 +200,10 @@ def _fields(name: str, value: Any, labels: Any = ()) -> Iterator[tuple[str, floa
         named = labels if len(labels) == len(value) and not isinstance(labels, str) else range(1, len(value) + 1)
         for label, each in zip(named, value, strict=True):
             yield from _fields(f"{name}[{label}]", each)
+
+
+PLUGINS = Plugins("logs", "reader of logs", "a function of the path of a log", callable)
+READERS: PluginTable[Callable[[Path], Results | _Found]] = PluginTable(
+    PLUGINS, {".csv": _csv, ".txt": _csv, ".mat": _mat, ".parquet": _parquet}, prefix="."
+)
+"""Readers by suffix; each returns results, or columns of one length: name to numbers and unit, "" for none."""

@@ -90,7 +90,7 @@ def newest_run(folder: Path) -> Path:
 
 def read_run(folder: Path) -> ShownRun:
     """Return the run whose results are in a folder; UsageError if it has none."""
-    tables = [folder / name for name in result_files()]
+    tables = [folder / name for name in result_files(folder)]
     table = next((file for file in reversed(tables) if file.exists()), tables[0])
     for file in (folder / "summary.json", table):
         if file.exists() and not file.is_file():

@@ -10,6 +10,7 @@ from typing import Any
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.text import elided
+from vdfmu.base.version import format_problem
 from vdfmu.engine.results.formats import result_files
 from vdfmu.study.report.summary_keys import ANY, FLAG, KEYS, NUMBER, TEXT, TOGETHER, WHOLE, Keyed, List, Record
 
@@ -31,6 +32,8 @@ def read_summary(file: Path) -> dict[str, Any]:
             f"{file.parent}: expected the folder of a run, with summary.json and {' or '.join(result_files())}: "
             f"{getattr(error, 'strerror', None) or elided(str(error))}. 'vdfmu run' writes one."
         ) from None
+    if isinstance(found, dict) and (problem := format_problem(found.get("format", 1))):
+        raise UsageError(f"{file}: {problem}")
     lengths: dict[str, int] = {}
     summary, problems = typed(found, {name: key.of for name, key in KEYS.items()}, lengths)
     if not problems:

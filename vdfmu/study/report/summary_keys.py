@@ -95,6 +95,7 @@ KEYS: Mapping[str, Key] = {
     "joint_names": Key(_UNITS, "Names of the joints, where the robot's file has some."),
     "vdfmu": Key(TEXT, "Version of vdfmu."),
     "date": Key(TEXT, "When the run was made, UTC."),
+    "format": Key(WHOLE, "Version of the layout of this file."),
     "versions": Key(Keyed(TEXT), "Versions of Python and of the packages on which the numbers depend."),
     "master": Key(TEXT, "Master algorithm of the scenario."),
     "adaptive": Key(NUMBER, "Largest relative error of a coupled signal in a step, if the steps are adapted."),

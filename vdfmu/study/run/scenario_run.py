@@ -117,6 +117,7 @@ def prepare(
     more = pick(CouplingOptions, {name: given[name] for name in given.keys() - own})
     scenario = dataclasses.replace(scenario, inputs=tables, options={**scenario.options, **more})
     if scenario.master not in ALGORITHMS:
+        ALGORITHMS.names()  # so that the choice has those of other packages
         raise UsageError(f"master: expected {choice()}, got {scenario.master!r}.")
     check_coupling(scenario.master, scenario.adaptive)
     count_steps(scenario.step, scenario.stop)

@@ -12,7 +12,7 @@ import numpy as np
 
 from vdfmu.arm.robot import Robot
 from vdfmu.base.measure import unit_of
-from vdfmu.base.version import __version__
+from vdfmu.base.version import FORMAT, __version__
 from vdfmu.engine.algorithms import is_continuous
 from vdfmu.engine.results.results import Results
 from vdfmu.study.run.at_limits import ArmLimits
@@ -34,6 +34,7 @@ def run_facts(scenario: Scenario) -> dict[str, Any]:
         **({} if robot is None else {"robot": robot.name, "friction": robot.friction, "joints": robot.n}),
         "vdfmu": __version__,
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "format": FORMAT,
         "versions": _versions(),
         "master": scenario.master,
         "adaptive": scenario.adaptive,

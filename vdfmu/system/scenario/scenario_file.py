@@ -96,7 +96,7 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None, system:
     stop = file.number("stop", "s", above=0, way_out="Give the end of the run.")
     step = file.number("step", "s", above=0, way_out="Give the communication step.")
     check_step(problems, stop, step)
-    master = file.text("master", "gauss-seidel", tuple(ALGORITHMS))
+    master = file.text("master", "gauss-seidel", ALGORITHMS.names(file.data.get("master", "gauss-seidel")))
     adaptive = _adaptive(file, master)
     way_out = f"{SOLVER_TOLERANCE:g} is a good start."
     tolerance = file.number("tolerance", "", SOLVER_TOLERANCE, above=0, way_out=way_out)

@@ -18,6 +18,7 @@ from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, PARAMETERS, Row, Sec
 from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES
 from vdfmu.arm.robot.visual import SHAPES
 from vdfmu.base.measure import unit_of
+from vdfmu.base.version import FORMAT
 from vdfmu.compiler.unit.declaration import Choice, Declared, Input, Parameter, Switch
 from vdfmu.compiler.unit.interface import general_description
 from vdfmu.compiler.unit.unit import Unit
@@ -29,6 +30,7 @@ from vdfmu.system.scenario.scenario_file import PAPER_LISTS
 
 Schema = dict[str, Any]
 _TEXT: Schema = {"type": "string"}
+_FORMAT: Schema = {"type": "integer", "minimum": 1, "maximum": FORMAT, "description": "Version of the file's layout"}
 _SIGNAL: Schema = {"type": "string", "pattern": r"^[^.]+\.[^.]+$"}
 
 
@@ -78,7 +80,7 @@ def scenario_schema(system: str = "system") -> Schema:
         "friction": {"enum": list(FRICTION_ARRANGEMENTS)} | {"description": "Instead of the robot's"},
         "stop": positive | {"description": "End of the run [s]"},
         "step": positive | {"description": "Communication step [s]"},
-        "master": {"enum": list(ALGORITHMS)} | {"description": "How the units are stepped"},
+        "master": {"enum": ALGORITHMS.names()} | {"description": "How the units are stepped"},
         "adaptive": share | {"description": "Largest relative error of a coupled signal in a step"},
         "tolerance": share | {"description": "Tolerance of the solvers"},
         "inputs": _TEXT | {"description": "CSV file of signals for inputs that nothing is connected to"},
@@ -111,7 +113,11 @@ def system_schema() -> Schema:
 
 
 def _file(title: str, properties: Mapping[str, Any], required: Sequence[str]) -> Schema:
-    return {"$schema": "http://json-schema.org/draft-07/schema#", "title": title, **_table(properties, required)}
+    return {
+        "$schema": "http://json-schema.org/draft-07/schema#",
+        "title": title,
+        **_table({"format": _FORMAT, **properties}, required),
+    }
 
 
 def _table(properties: Mapping[str, Any], required: Sequence[str]) -> Schema:

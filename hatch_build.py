@@ -1,0 +1,32 @@
+"""Build hook of hatchling: the README as a package index shows it, where links to files of the project lead nowhere."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from hatchling.metadata.plugin.interface import MetadataHookInterface
+
+_LINK = re.compile(r"(!?)\[([^\]]*)\]\((?!\w+:)([^)]*)\)")
+
+
+class IndexReadme(MetadataHookInterface):
+    """Gives the metadata the README for an index."""
+
+    def update(self, metadata: dict) -> None:
+        """Set ``readme``; [project.urls] in pyproject.toml is the one place that says where the project is."""
+        text = Path(self.root, "README.md").read_text(encoding="utf-8")
+        home = metadata.get("urls", {}).get("Repository", "")
+        metadata["readme"] = {"content-type": "text/markdown", "text": for_index(text, home, metadata["version"])}
+
+
+def for_index(text: str, home: str, version: str) -> str:
+    """Return a text whose links to files lead to a version in a repository; without one, links are their words."""
+
+    def absolute(found: re.Match[str]) -> str:
+        picture, words, target = found.groups()
+        if home:
+            return f"{picture}[{words}]({home}/{'raw' if picture else 'blob'}/v{version}/{target})"
+        return "" if picture else words
+
+    return _LINK.sub(absolute, text)

@@ -1,0 +1,155 @@
+"""A package adds a unit, a robot, a reader of logs, a format and a master algorithm: that of ``docs/plugins.md``."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import vdfmu
+from tests.docs.test_tutorials import ROOT, read_blocks
+from tests.study.identify.test_logs import T, motion
+from vdfmu.arm.units import find_unit, known_units
+from vdfmu.base import plugins
+from vdfmu.base.errors import UsageError
+from vdfmu.base.plugins import Plugins, PluginTable
+
+PAGE = ROOT / "docs" / "plugins.md"
+
+
+def installed(folder: Path, name: str, points: dict[str, dict[str, str]]) -> None:
+    """Write what an installer writes of a package beside its modules."""
+    about = folder / f"{name.replace('-', '_')}-1.0.dist-info"
+    about.mkdir(parents=True)
+    (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    lines = (f"[{group}]\n" + "".join(f"{key} = {value}\n" for key, value in each.items())
+             for group, each in points.items())  # fmt: skip
+    (about / "entry_points.txt").write_text("\n".join(lines))
+
+
+@pytest.fixture(scope="module")
+def acme(tmp_path_factory):
+    """Return the folder in which the package of the page is installed."""
+    folder = tmp_path_factory.mktemp("acme")
+    files = {options.split('"')[1]: body for _, options, body, _, _ in read_blocks(PAGE) if "title=" in options}
+    project = tomllib.loads(files.pop("pyproject.toml"))["project"]
+    for name, body in files.items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text(body)
+    robot = (ROOT / "models" / "robots" / "planar_2dof.toml").read_text()
+    (folder / "acme_arms" / "acme_2.toml").write_text(robot.replace('"planar_2dof"', '"acme_2"'))
+    installed(folder, project["name"], project["entry-points"])
+    return folder
+
+
+@pytest.fixture
+def added(monkeypatch):
+    """Return what installs a package for one test."""
+    plugins._points.cache_clear()
+
+    def add(folder: Path) -> None:
+        monkeypatch.syspath_prepend(str(folder))
+
+    yield add
+    plugins._points.cache_clear()
+
+
+def command(folder: Path, acme: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    path = os.pathsep.join([str(ROOT), str(acme)])
+    return subprocess.run(
+        [sys.executable, "-m", "vdfmu.cli", *words], cwd=folder, capture_output=True, text=True,
+        env=os.environ | {"PYTHONPATH": path, "COLUMNS": "200"},
+    )  # fmt: skip
+
+
+@pytest.mark.heavy
+def test_each_works_on_the_command_line(acme, tmp_path):
+    units, robots = (command(tmp_path, acme, *words) for words in (("unit", "list"), ("models", "list")))
+    assert "plain_pd" in units.stdout and "Feedback of the motors without limits" in units.stdout
+    assert "acme_2" in robots.stdout
+    words = "run planar_tracking --robot acme_2 --unit controller=plain_pd --master halving --format csv,npz --stop 0.1"
+    done = command(tmp_path, acme, *words.split(), "--no-reference")
+    assert done.returncode == 0, done.stderr
+    out = tmp_path / "results" / "planar_tracking"
+    assert "results.npz" in done.stdout and (out / "results.csv").exists()
+    summary = json.loads((out / "summary.json").read_text())
+    assert (summary["algorithm"], summary["robot"]) == ("halving", "acme_2")
+    assert "results.npz" in summary["files"]
+    (out / "results.csv").unlink()
+    assert command(tmp_path, acme, "report", str(out)).returncode == 0
+    # the next run replaces it
+    again = command(tmp_path, acme, "run", "planar_tracking", "--stop", "0.1", "--no-reference")
+    assert again.returncode == 0, again.stderr
+    assert not (out / "results.npz").exists()
+
+
+@pytest.mark.heavy
+def test_a_log_is_identified(acme, tmp_path):
+    kappa, q, tau = motion(vdfmu.load_robot("planar_2dof"), T)
+    table = np.hstack([T[:, None], q, kappa, tau])
+    table.tofile(tmp_path / "log.blog")
+    names = "t [s],q[1] [rad],q[2] [rad],kappa[1] [rad],kappa[2] [rad],tau[1] [N.m],tau[2] [N.m]"
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=names, comments="", fmt="%.17g")
+    own, csv = (command(tmp_path, acme, "identify", name, "--robot", "acme_2") for name in ("log.blog", "log.csv"))
+    assert own.returncode == 0, own.stderr
+    assert "I_m[1]" in own.stdout
+    assert own.stdout == csv.stdout  # the same numbers, to the bit, in another file
+
+
+def test_names_are_found_in_python(acme, added, tmp_path):
+    added(acme)
+    assert find_unit("plain_pd").__name__ == "PlainPD"
+    assert "plain_pd" in known_units()
+    assert vdfmu.load_robot("acme_2").name == "acme_2"
+    assert "acme_2" in vdfmu.robot_names()
+
+
+def broken(tmp_path: Path, added) -> Plugins:
+    """Install packages that do not work; return their group."""
+    points = {
+        "good": "math:pi", "shipped": "math:pi", "twice": "math:pi", "gone": "no_such_module:it", "wrong": "math:sin",
+    }  # fmt: skip
+    installed(tmp_path / "a", "one", {"vdfmu.toys": points})
+    installed(tmp_path / "b", "two", {"vdfmu.toys": {"twice": "math:e"}})
+    for name in ("a", "b"):
+        added(tmp_path / name)
+    return Plugins("toys", "toy", "a number", lambda found: isinstance(found, float))
+
+
+def test_a_package_that_does_not_work_is_named_and_the_others_are_there(added, tmp_path, caplog):
+    toys = PluginTable(broken(tmp_path, added), {".shipped": 1.0}, prefix=".")
+    assert (toys[".good"], toys[".shipped"], ".none" in toys, "good" in toys) == (np.pi, 1.0, False, False)
+    for name, said in (
+        (
+            ".gone",
+            r"toy 'gone' of the package one 1\.0 cannot be used: expected a number, got no_such_module:it: Module",
+        ),
+        (".wrong", r"toy 'wrong' of the package one 1\.0 .* got math:sin, which is builtin_function_or_method"),
+        (".twice", r"expected one package that adds it, got the package two 1\.0 and the package one 1\.0"),
+    ):
+        with pytest.raises(UsageError, match=said):
+            toys[name]
+    assert toys.names(".shipped") == [".shipped", ".good"]
+    assert not caplog.text
+    assert toys.names() == [".shipped", ".good"]
+    for name in ("gone", "wrong", "twice", "shipped"):
+        assert f"toy '{name}'" in caplog.text
+    assert "vdfmu itself has one of this name" in caplog.text
+    assert toys[".shipped"] == 1.0
+
+
+def test_entry_points_are_read_only_for_names_that_are_not_shipped(monkeypatch):
+    def refuse(group):
+        raise AssertionError(group)
+
+    monkeypatch.setattr(plugins, "_points", refuse)
+    assert find_unit("plant") and vdfmu.load_robot("planar_2dof")
+    vdfmu.load_scenario("planar_tracking")
+    with pytest.raises(AssertionError, match="units"):
+        find_unit("plaint")
