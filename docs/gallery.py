@@ -41,7 +41,8 @@ def gallery_page() -> str:
 def _cards(kind: str, rows: list[tuple[str, str, str]]) -> Iterator[str]:
     yield '<div class="gallery" markdown>\n'
     for name, description, command in rows:
-        yield f"![{name}](images/gallery/{kind}_{name}.webp){{ loading=lazy }} **{name}**<br>{description}<br>`{command}`\n"
+        picture = f"![{name}](images/gallery/{kind}_{name}.webp){{ loading=lazy }}"
+        yield f"{picture} **{name}**<br>{description}<br>`{command}`\n"
     yield "</div>\n"
 
 
