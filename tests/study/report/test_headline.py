@@ -131,6 +131,10 @@ def test_the_command_makes_the_run_again(planar):
     assert run_command(planar[0].summary) == "vdfmu run planar_tracking --stop 0.2"
     own = planar[0].summary | {"scenario": "my own", "settings": {"controller.K_p[1]": "3"}}
     assert run_command(own) == "vdfmu run 'my own' --set 'controller.K_p[1]=3'"
+    assert (
+        run_command(own | {"units": {"controller": "pid.py"}})[len("vdfmu run 'my own' ") :]
+        == "--unit controller=pid.py --set 'controller.K_p[1]=3'"
+    )
     assert run_command(own | {"inputs": ["a.csv"]}) == run_command({"system": "loop"}) == ""
 
 

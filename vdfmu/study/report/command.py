@@ -13,12 +13,12 @@ _OPTIONS = ("stop", "step", "master", "adaptive")
 
 
 def run_command(summary: Mapping[str, Any]) -> str:
-    """Return the command that makes the run of a scenario, with what differs from the scenario; empty for other runs.
+    """Return the command that makes the run of a scenario, with what differs from the scenario.
 
-    Units and inputs of the user's own are not in a summary as files, so a run that has them has no command.
+    Empty for other runs, and for those with inputs from outside, or units of Python instead of a file or name.
     """
-    name = summary.get("scenario")
-    if not name or summary.get("inputs") or summary.get("left_out") or summary.get("joined"):
+    name, units = summary.get("scenario"), summary.get("units") or {}
+    if not name or summary.get("inputs") or any("<" in unit for unit in units.values()):
         return ""
     words = ["vdfmu", "run", str(name)]
     try:
@@ -32,6 +32,8 @@ def run_command(summary: Mapping[str, Any]) -> str:
             value = summary.get(option)
             if value is not None and value != getattr(scenario, option):
                 words += [f"--{option}", f"{value:g}" if isinstance(value, float) else str(value)]
+    for component, unit in units.items():
+        words += ["--unit", f"{component}={unit}"]
     for key, value in (summary.get("settings") or {}).items():
         words += ["--set", f"{key}={value}"]
     return shlex.join(words)

@@ -56,10 +56,10 @@ _POLICY = (
 _ALONE = (
     "body { max-width: none; padding: 0 } main > :not(.bench, noscript) { display: none } .bench .side { display: none "
     "!important } .bench { display: block !important; margin: 0 } .bench #arm { display: block !important; margin: 0; "
-    "position: static; height: auto } .bench .stage { position: static; margin: 0 } .bench .canvas { height: 58vh } "
-    "@media (min-width: 560px) { .bench #arm { display: grid !important; grid: 's r' 't t' 'b b' / minmax(0, 1fr) "
-    "16rem; gap: 0 1.2rem } .stage { grid-area: s } .transport { grid-area: t } #arm > .bar { grid-area: b } "
-    ".bench .readout { grid-area: r; align-self: center; max-height: none } }"
+    "position: static; height: auto } .bench .stage { position: static; margin: 0 } .bench .canvas { height: 42vh } "
+    "@media (min-width: 560px) { .bench .canvas { height: 58vh } .bench #arm { display: grid !important; grid: "
+    "'s r' 't t' 'b b' / minmax(0, 1fr) 16rem; gap: 0 1.2rem } .stage { grid-area: s } .transport { grid-area: t } "
+    "#arm > .bar { grid-area: b } .bench .readout { grid-area: r; align-self: center; max-height: none } }"
 )
 """Style of a page with the arm alone."""
 _ICON = (

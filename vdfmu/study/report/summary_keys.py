@@ -107,6 +107,7 @@ KEYS: Mapping[str, Key] = {
     "inputs": Key(_LINES, "Files of signals from outside."),
     "plant_factors": Key(Keyed(ANY), "Numbers of the plant over those that others know, one or one a joint."),
     "settings": Key(Keyed(ANY), "Parameters and inputs that were set for this run."),
+    "units": Key(Keyed(TEXT), "Units instead of the scenario's, by component."),
     "backend": Key(TEXT, "Kind of the FMUs."),
     "fmi": Key(TEXT, "Version of FMI of the FMUs."),
     "left_out": Key(_LINES, "Connections that a unit instead of the system's does not have."),

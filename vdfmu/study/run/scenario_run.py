@@ -182,6 +182,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
             "backend": backend,
             "fmi": fmi_version,
             "settings": text_settings,
+            "units": {name: str(unit) for name, unit in (options["units"] or {}).items()},
             "left_out": list(scenario.system.dropped),
             "joined": list(scenario.system.joined),
             **({} if robot is None else {"arm": arm_of(robot, values.get("plant", {}))}),
