@@ -172,7 +172,7 @@ def test_a_second_arm_is_on_the_tool_of_the_first(folders, browser):
         np.testing.assert_allclose(second, results["plant_2.p_O"][row], atol=1e-6 + late)
     assert asked(browser, "[arms.length, arms.map((arm) => !!arm.plate)]") == [2, [True, False]]
     joints = browser.run("[...document.querySelectorAll('.readout th')].map((e) => e.textContent)")
-    assert joints == ["plant, 1", "plant, 2", "plant, 3", "plant_2, 1", "plant_2, 2"]
+    assert joints == [*(f"plant,\u00a0{i}" for i in (1, 2, 3)), "plant_2,\u00a01", "plant_2,\u00a02"]
 
 
 def test_views_and_the_canvas_turn_by_keys(browser, tmp_path):

@@ -1,4 +1,4 @@
-"""The rows at which an arm is drawn: half at equal distances in time, half where it moves."""
+"""The rows at which an arm is drawn: some at equal distances in time, more where it moves."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ from vdfmu.study.report.curves import Curve, CurveTable, Terms, recipes_of, valu
 from vdfmu.study.report.shapes import Chain, drawing_of
 
 FRAMES = 1000
-"""Most intervals between the rows at which an arm is drawn, or a figure has a value in any case."""
+"""Most intervals between the rows at equal distances, at which an arm is drawn and a figure has a value in any case."""
+_MORE = 500
+"""Most rows between them at which an arm is drawn too, since it moves there."""
 _LEAST = 1e-5
 """Deviation of a joint [rad], or of the base or a prismatic joint over the arm's reach, that nobody sees."""
 
@@ -40,7 +42,6 @@ class ArmFrames:
         self._table = CurveTable()
         self._distances: list[Floats] = []
         self._stride = max(1, -(-(m - 1) // FRAMES))
-        self._stride *= 2 if self._stride > 1 and arm else 1
         if arm:
             self._travel, reach = np.zeros(len(arm["types"])), Chain(arm).reach
             scale = [1.0 if kind == "revolute" else 1.0 / reach for kind in arm["types"]]
@@ -57,7 +58,7 @@ class ArmFrames:
             self._travel = np.maximum(self._travel, np.abs(moved["q"]).max(axis=1))
             if self._stride > 1:
                 shown = self._scale * np.concatenate([moved["q"], *([moved["base"]] if "base" in moved else [])])
-                more, found = bends(part.time, shown, even, FRAMES // 2, _LEAST)
+                more, found = bends(part.time, shown, even, _MORE, _LEAST)
                 rows, distances = np.append(even, more), np.append(distances, found)
                 order = np.argsort(rows)
                 rows, distances = rows[order], distances[order]
@@ -67,7 +68,7 @@ class ArmFrames:
     def packed(self, copies: Mapping[str, Signal]) -> dict[str, Any]:
         """Return name, drawing and frames, ready for JSON; of the rows where it moves those that matter most."""
         distances = np.concatenate(self._distances)
-        most = max(FRAMES + 1, int(np.isinf(distances).sum()))
+        most = int(np.isinf(distances).sum()) + _MORE
         kept: NDArray[np.intp] = np.sort(np.argsort(-distances, kind="stable")[:most])
         recipes = {name: recipes_of(curves, copies) for name, curves in self.motion.items()}
         return {

@@ -98,7 +98,7 @@ export class Player {
     const other = simulated.of === run && simulated.result.time.length ? simulated : this.other;
     this.scene.beside(other === run ? null : other ?? null);
     [this.slider.min, this.slider.max] = [this.motion.time[0], this.motion.time.at(-1)];
-    const arms = armsOf(run), joints = arms.flatMap(({ arm, component }) => arm.types.map((type, i) => [type, arms.length > 1 ? `${component}, ${i + 1}` : `Joint ${i + 1}`]));
+    const arms = armsOf(run), joints = arms.flatMap(({ arm, component }) => arm.types.map((type, i) => [type, arms.length > 1 ? `${component},\u00a0${i + 1}` : `Joint ${i + 1}`]));
     this.rows = joints.map(([type, joint]) => {
       const cells = this.scene.puppets.map((_, k) => ({ fill: make("i", { class: k ? "second" : "" }), value: make("output", { class: k ? "second" : "", "aria-live": "off" }) }));
       const row = make("tr", {}, make("th", { scope: "row" }, joint), make("td", { class: "level" }, ...cells.map(({ fill }) => fill)), make("td", { class: "number" }, ...cells.map(({ value }) => value)));

@@ -126,7 +126,8 @@ export class Puppet {
     });
     for (const object of this.objects) {
       this.root.add(object);
-      this.box.union(new vendor.Box3().setFromCenterAndSize(object.position, new vendor.Vector3().setScalar(0.4 * run.arm.reach)));
+      const along = new vendor.Vector3(...object.object.direction).multiplyScalar(0.4 * run.arm.reach); // of the largest arrow
+      this.box.union(new vendor.Box3().setFromCenterAndSize(object.position, new vendor.Vector3().setScalar(0.4 * run.arm.reach))).expandByPoint(along.add(object.position));
     }
   }
 
