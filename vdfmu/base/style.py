@@ -216,12 +216,12 @@ def thin(time: Floats, values: Floats, buckets: int = 1000) -> tuple[Floats, Flo
 
 
 class _MeasuredOnce(ConstrainedLayoutEngine):
-    """Constrained layout that measures a panel once, not in each of its two passes: labels seldom change between."""
+    """Constrained layout that measures a panel once, not in each of its two passes, unless its labels get longer."""
 
     def execute(self, fig: Figure) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Place the panels."""
         for axes in fig.axes:
-            axes.get_tightbbox = functools.partial(_beside, axes, axes.get_tightbbox, [])
+            axes.get_tightbbox = functools.partial(_beside, axes, axes.get_tightbbox, {})
         try:
             super().execute(fig)
         finally:
@@ -229,14 +229,15 @@ class _MeasuredOnce(ConstrainedLayoutEngine):
                 del axes.get_tightbbox
 
 
-def _beside(axes: Axes, measure: Callable[..., Bbox | None], kept: list[Floats], *args: Any, **kwargs: Any) -> Any:
-    """Return the box of a panel and what belongs to it, from how far that stood out of the panel at first."""
-    if not kept:
+def _beside(axes: Axes, measure: Callable[..., Bbox | None], kept: dict[int, Floats], *args: Any, **kwargs: Any) -> Any:
+    """Return the box of a panel and what belongs to it, from how far that stood out with labels as long as these."""
+    length = max((len(label.get_text()) for label in axes.get_yticklabels()), default=0)
+    if length not in kept:
         box = measure(*args, **kwargs)
         if box is None:
             return None
-        kept.append(np.subtract(box.extents, axes.bbox.extents))
-    return Bbox.from_extents(*np.add(axes.bbox.extents, kept[0]))
+        kept[length] = np.subtract(box.extents, axes.bbox.extents)
+    return Bbox.from_extents(*np.add(axes.bbox.extents, kept[length]))
 
 
 class _Picture(Figure):

@@ -164,10 +164,14 @@ class Scene:
             if key in self._plots:
                 self._plots[key].data, self._plots[key].title = data, title
                 continue
-            looks = [{"label": f"{i + 1}", "stroke": COLOURS[i % len(COLOURS)]} for i in range(self.chain.n)]
+            count = len(COLOURS)
+            looks = [
+                {"label": f"{i + 1}", "stroke": COLOURS[i % count], "dash": _DASHES[i // count % len(_DASHES)]}
+                for i in range(self.chain.n)
+            ]
             self._plots[key] = self._server.gui.add_uplot(
                 data, ({"label": "s"}, *({**look, "width": 1.5} for look in looks)), title=title, aspect=1.4,
-                scales={"x": {"time": False}}, legend={"show": True},
+                scales={"x": {"time": False}}, legend={"show": True}, padding=_ROOM,
             )  # fmt: skip
 
 
@@ -183,6 +187,9 @@ _KEYS = {signal: key for key, signal in SIGNALS.items()}
 NEEDS = {name: {_KEYS[signal] for _, signal in SUMS[name]} for name in QUANTITIES}
 """Quantity to the signals that it takes."""
 COLOURS = palette.LIGHT
+_DASHES = ((), (9, 4), (9, 3, 2, 3), (2, 3))
+_ROOM = (14, 16, 0, 0)
+"""Room above and right of curves for the last number of each axis [px]."""
 
 
 class ViewServer:
