@@ -6,11 +6,12 @@ from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from ctypes import c_double
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
 from vdfmu.engine.fmu.classes import class_of
-from vdfmu.engine.fmu.instance import Instance
+from vdfmu.engine.fmu.instance import Instance, Steps
 from vdfmu.engine.fmu.variables import Value
 from vdfmu.engine.inspect.linear import LinearSystem
 from vdfmu.engine.masters.components import Components
@@ -39,7 +40,7 @@ def changed(components: Components, name: str, values: Mapping[str, Value]) -> G
         instance.instantiate()
         instance.prepare(None, 0.0, 1.0, list(starts.values()))
         instance.enter_initialization()
-        instance.exit_initialization(lambda *_: _NoSteps())
+        instance.exit_initialization(lambda *_: cast("Steps", None))  # it is not stepped
         if description.exchange:
             instance.fmu.enterContinuousTimeMode()
         yield instance
@@ -66,7 +67,3 @@ def with_part(system: LinearSystem, instance: Instance, time: float) -> LinearSy
     A, B, C, D = (each.copy() for each in (parts.A, parts.B, parts.C, parts.D))
     A[np.ix_(x, x)], B[np.ix_(x, u)], C[np.ix_(y, x)], D[np.ix_(y, u)] = J[:n, :n], J[:n, n:], J[n:, :n], J[n:, n:]
     return replace(system, parts=replace(parts, A=A, B=B, C=C, D=D))
-
-
-class _NoSteps:
-    """In place of an integrator: the instance is not stepped."""

@@ -91,7 +91,7 @@ def tracks(
     try:
         found = _tracks(checked, knobs, parameters, span)
     except VdfmuError:  # there are no loops, or the FMUs do not tell them
-        found = [[None] for _ in knobs]
+        found = [list[Track | None]([None]) for _ in knobs]
     store(path, json.dumps(found).encode())
     return found
 
@@ -100,14 +100,14 @@ def _tracks(
     checked: Checked, knobs: Sequence[Mapping[str, Any]], parameters: Names, span: tuple[float, float, float]
 ) -> list[list[Track | None]]:
     start, stop, step = span
-    poses = _Poses()
+    poses = _LinearisedRows()
     with Simulator(checked.system, isolate=False, algorithm=checked.algorithm) as simulator:
         simulator.run(start=start, stop=stop, step=step, record=(), visitor=poses)
-        loops = _Loops(poses, parameters)
+        loops = _MovedLoops(poses, parameters)
         return [list(_of_knob(loops, knob)) for knob in knobs]
 
 
-class _Poses:
+class _LinearisedRows:
     """Linearises all components of a run at some rows."""
 
     def __init__(self) -> None:
@@ -126,10 +126,10 @@ class _Poses:
         self.systems.append((time, self._linearisation.at(time)))
 
 
-class _Loops:
+class _MovedLoops:
     """The loops at all poses, with the run's parameters and with those of a slider."""
 
-    def __init__(self, poses: _Poses, parameters: Names) -> None:
+    def __init__(self, poses: _LinearisedRows, parameters: Names) -> None:
         assert poses.components is not None
         self.components, self.parameters, self._systems = poses.components, parameters, poses.systems
         self._opened = opened_at(self._systems[0][1], "tau")
@@ -184,7 +184,7 @@ class _Loops:
         return dict(zip(poses, found[0], strict=True))
 
 
-def _of_knob(loops: _Loops, knob: Mapping[str, Any]) -> Iterator[Track | None]:
+def _of_knob(loops: _MovedLoops, knob: Mapping[str, Any]) -> Iterator[Track | None]:
     pose = loops.worst[0]
     able = all(can_change(loops.components, target["unit"]) for target in knob["targets"])
     if not able or any(target["name"] in _FRICTION for target in knob["targets"]):
@@ -203,7 +203,7 @@ def _of_knob(loops: _Loops, knob: Mapping[str, Any]) -> Iterator[Track | None]:
             yield _track(loops, knob, loops.worst[:_WORST], joint)
 
 
-def _track(loops: _Loops, knob: Mapping[str, Any], poses: Sequence[int], joint: int | None) -> Track:
+def _track(loops: _MovedLoops, knob: Mapping[str, Any], poses: Sequence[int], joint: int | None) -> Track:
     feedback = loops.feedback(knob, poses, joint)
 
     def margin(pose: int, loop: Loop | None, place: float) -> float:
