@@ -1,9 +1,10 @@
 // Put the page together.
 
-import { binaries, curvesOf, recorded, runs, view } from "./data.js";
+import { binaries, curvesOf, recorded, runs, study, view } from "./data.js";
 import { Chain, Motion, toolErrors } from "./arm.js";
 import { differences, showComparison } from "./comparison.js";
 import { showFigures } from "./figures.js";
+import { showLab } from "./lab.js";
 import { Player } from "./player.js";
 import { showSimulation } from "./simulation.js";
 import { showSystem } from "./system.js";
@@ -23,7 +24,8 @@ const charts = showFigures(section("figures"), more);
 const simulation = showSimulation(section("simulate"));
 showSystem(section("system"));
 showComparison(section("comparison"));
+const lab = study ? showLab(section("lab"), study, simulation) : null;
 
 /** For the console and for tests; what is around the page hears when it is there. */
-globalThis.report = { binaries, charts, curvesOf, difference, differences, player, runs, simulation, view, Chain, Motion, SimulationWorker, toolErrors };
+globalThis.report = { binaries, charts, curvesOf, difference, differences, lab, player, runs, simulation, view, Chain, Motion, SimulationWorker, toolErrors };
 dispatchEvent(new Event("report"));
