@@ -52,17 +52,18 @@ def test_each_run_has_a_card_with_its_verdict_numbers_and_a_link(results):
 def test_the_picture_has_the_path_of_the_tool(results):
     run = read_run(results / "first run")
     (card,) = (card for card in cards(gallery_page(results)) if 'class="path"' in card)
-    path = re.findall(r'class="path" d="M(.*?)"', card)[0]
-    drawn = np.array([list(map(float, point.split())) for point in path.split("L")])
+    start, end, path = (
+        np.array([list(map(float, point.split())) for point in points.split("L")])
+        for points in re.findall(r'class="(?:arm start|arm|path)" d="M(.*?)"', card)
+    )
+    assert len(path) == 40 and (path[0] == start[-1]).all() and (path[-1] == end[-1]).all()
     chain = Chain(run.summary["arm"])
-    tool = np.array([chain.points(row)[-1] for row in run.results["plant.q"]])
-    # a projection along one direction keeps ratios on lines: first and last row are those of the run, and in between
-    # the drawn path is as long as the projected one, whose rows are 40 of it: half a pixel of 200
-    ends = [chain.points(run.results["plant.q"][k])[-1] for k in (0, -1)]
-    first = np.array([float(v) for v in re.findall(r'arm start" d="M.*L(.*?)"', card)[0].split()])
-    assert len(drawn) == 40 and np.allclose(drawn[0], first)
-    assert np.linalg.norm(drawn[-1] - drawn[0]) > 0 and np.linalg.norm(ends[1] - ends[0]) > 0
-    assert np.linalg.norm(np.diff(tool, axis=0), axis=1).sum() >= np.linalg.norm(ends[1] - ends[0])
+    points = np.array([chain.points(row) for row in run.results["plant.q"][[0, -1]]])
+    drawn = np.array([start, end])
+    frames = np.column_stack([points.reshape(-1, 3), np.ones(points.size // 3)])
+    projection, *_ = np.linalg.lstsq(frames, drawn.reshape(-1, 2))
+    # one affine map of the frames of the links gives both arms; numbers have one digit after the point
+    np.testing.assert_allclose(frames @ projection, drawn.reshape(-1, 2), atol=0.1)
 
 
 def test_other_forms_of_results_have_the_same_picture(results):
