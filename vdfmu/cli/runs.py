@@ -175,7 +175,8 @@ def report(
         list[Path] | None,
         typer.Argument(
             metavar="[DIR ...]",
-            help="Folders of runs; several are compared on one page. Default: the newest in results.",
+            help="Folders of runs; several are compared on one page. Of a folder of runs: index.html, a card for each. "
+            "Default: the newest in results.",
             show_default=False,
         ),
     ] = None,
@@ -196,9 +197,13 @@ def report(
     opened: OpenOption = False,
 ) -> None:
     """Write the page of a run, or of several side by side: one file, which any browser opens."""
+    from vdfmu.study.report.gallery import is_gallery, write_gallery
     from vdfmu.study.report.page import NAME, newest_run, read_run, write_report
     from vdfmu.study.report.printed import write_pdf
 
+    if folders and len(folders) == 1 and is_gallery(folders[0]):
+        say(f"Written to {write_gallery(folders[0], out)}")
+        return
     folders = folders or [newest_run(Path("results"))]
     runs = [read_run(folder) for folder in folders]
     default = folders[0] / NAME if len(runs) == 1 else folders[0].parent / "comparison.html"

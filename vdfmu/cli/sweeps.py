@@ -120,11 +120,12 @@ def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = Fal
 def report(
     study: StudyArgument,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="File; default report.html in the folder.")] = None,
+    simulate: Annotated[bool, typer.Option(help="Let the page run any point, where the compiler is installed.")] = True,
 ) -> None:
-    """Write a page of a study: its measures, failed points and figures."""
+    """Write a page of a study: its points in pictures that choose together, measures, and failures by cause."""
     from vdfmu.study.sweeps.study import Sweep
 
-    say_written(Sweep(study).report(out))
+    say_written(Sweep(study).report(out, simulate=simulate))
 
 
 def _say_measures(found: Any) -> None:

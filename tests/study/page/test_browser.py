@@ -292,7 +292,7 @@ def test_the_arm_of_another_run_stands_beside_that_of_a_run(run, browser, tmp_pa
     assert browser.run(words) == [run.name, "other"]
     assert browser.run("document.querySelector('.readout caption').textContent").endswith("; below: other")
     assert browser.run("document.querySelectorAll('.readout output.second').length") == len(one.summary["arm"]["types"])
-    find = "const s = document.querySelectorAll('.bar .choice select')[k]; s.value = value;"
+    find = "const s = document.querySelectorAll('#arm .bar .choice select')[k]; s.value = value;"
     choose = "((k, value) => { " + find + " s.dispatchEvent(new Event('change')); })"
     browser.run(f"{choose}(1, -1)")
     assert (browser.run(arms), browser.run(words)) == (1, [])

@@ -8,6 +8,7 @@ from tests.study.page.browser import show
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report.comparison import change, difference_sheet, joint_sheets
 from vdfmu.study.report.page import read_run, report_page, write_report
+from vdfmu.system.scenario.values import system_values
 
 
 @pytest.fixture(scope="module")
@@ -15,7 +16,7 @@ def two(tmp_path_factory):
     """Return the folders of two short runs of an arm with two joints, with other gains and another step."""
     folder = tmp_path_factory.mktemp("two")
     gains = {"controller.K_p": [100.0, 150.0], "controller.K_v[2]": 5.0}
-    given = {"references": (), "pictures": (), "stop": 0.2}
+    given: dict = {"reference": False, "stop": 0.2}
     vdfmu.run("planar_tracking", out=folder / "first", **given)
     vdfmu.run("planar_tracking", out=folder / "second", settings=gains, step=0.002, **given)
     return [folder / "first", folder / "second"]
@@ -28,12 +29,11 @@ def sheet_of(folders, without=False):
 
 
 def test_what_differs_has_the_values_of_both_and_nothing_else(two):
-    scenario = vdfmu.load_scenario("planar_tracking")
-    was = scenario.values["controller"]
+    was = system_values(vdfmu.load_scenario("planar_tracking"))["controller"]
     rows = {row[0]: row[1:] for row in sheet_of(two).rows}
     assert rows["Step"] == ("0.001 s", "0.002 s", "")
     assert rows["controller.K_p [N.m/rad]"][1] == "100, 150"
-    assert rows["controller.K_v[2] [N.m.s/rad]"][1:] == ("5", change(was["K_v"][1], 5.0))
+    assert rows["controller.K_v[2] [N.m.s/rad]"][1:] == ("5", change(was["K_v[2]"], 5.0))
     assert len(rows) == 3
     assert sheet_of([two[0], two[0]]).notes == ["The settings of the runs are the same."]
 

@@ -216,10 +216,10 @@ def test_several_runs_stand_beside_each_other(planar):
     run = read_run(folder)
     text = report_page([run, run._replace(name="other")]).decode()
     assert f"<title>{folder.name}, other</title>" in text
-    rows = re.search(r"<h2>Position RMS</h2>.*?</table>", text, re.DOTALL)
+    rows = re.search(r"<h3>Position RMS</h3>.*?</table>", text, re.DOTALL)
     assert rows is not None
     cells = re.findall(r"<td[^>]*>([^<]*)</td>", rows[0])
-    assert [cells[0], cells[3]] == ["1", "2"] and cells[1] == cells[2]
+    assert [cells[0], cells[4]] == ["1", "2"] and cells[1] == cells[2]
 
 
 def test_the_command_writes_one_page_of_its_folders(planar, tmp_path, monkeypatch):

@@ -1,5 +1,6 @@
 """What is made of a finished study: indices of sensitivity, figures, a page."""
 
+import json
 import re
 
 import matplotlib.image
@@ -13,6 +14,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.cli.commands import app
 from vdfmu.study.sweeps.axes import read_axes
 from vdfmu.study.sweeps.indices import morris_indices, sobol_indices
+from vdfmu.study.sweeps.lab import cause_of, failed_groups
 from vdfmu.study.sweeps.ledger import Ledger
 from vdfmu.study.sweeps.looks import FAILED
 from vdfmu.study.sweeps.measures import read_measures, unit_of
@@ -191,13 +193,30 @@ def test_the_page_stands_alone_and_says_how_to_run_the_worst_point(tmp_path):
 
     over = {"f.a": "lin(0, 1, 5)", "f.b": "lin(0, 1, 5)"}
     found = study(tmp_path / "a <study>", over, lambda a, b: a + b, fail=[24])
-    page = html.fromstring(found.report().read_text("utf-8"))
-    sources = page.xpath("//img/@src")
-    assert len(sources) == 4 and all(s.startswith("data:image/png;base64,") for s in sources)
-    assert not page.xpath("//script | //link")
-    text = page.text_content()
-    assert "Worst point: 19, f.a = 0.75, f.b = 1.0" in text and "24it broke" in text
-    assert f"vdfmu run --from '{found.path}' --row worst --by y" in text
+    text = found.report().read_text("utf-8")
+    page = html.fromstring(text)
+    assert not page.xpath("//img | //link[not(starts-with(@href, 'data:'))] | //script[@src]")
+    content = json.loads(page.xpath("//script[@id='data']")[0].text)["study"]
+    assert content["command"] == f"vdfmu run --from '{found.path}' --row"
+    assert [column["name"] for column in content["columns"]] == ["f.a", "f.b", "y"]
+    assert content["columns"][2]["values"][19] == 1.75 and content["columns"][2]["values"][24] is None
+    assert content["changes"] is None and content["reason"]  # no scenario, so that it cannot be run
+    worst = page.xpath("//button[@data-point='19']")[0].text_content()
+    assert worst == "f.a 0.75, f.b 1"
+    assert "it broke" in page.text_content()
+
+
+def test_failures_are_grouped_by_cause(tmp_path):
+    found = study(tmp_path / "study", {"f.a": "lin(0, 1, 3)", "f.b": "1, 2"}, lambda a, b: a + b, fail=[4, 5])
+    (group,) = failed_groups(found)
+    assert (group.points, group.where) == ([4, 5], "f.a 1")
+    texts = {
+        "plant: doStep at t = 0.9 s failed: the internal step reached its minimum 1e-12 s":
+            "solver of plant: its step reached the minimum, as of an unstable loop",
+        "plant: x\nSampled loops: unstable since 0.1 s": "unstable loop",
+        "f: y[3] is 12.5 at 3e-4": "f: y[…] is … at …",
+    }  # fmt: skip
+    assert {text: cause_of(text) for text in texts} == texts
 
 
 def test_a_unit_is_that_of_the_signals_where_the_expression_keeps_it():

@@ -40,9 +40,11 @@ _WEB = Path(__file__).parent / "web"
 MODULES = (
     "packed.js", "vendor.js", "state.js", "data.js", "numbers.js", "labels.js", "heat.js", "save.js", "chart.js",
     "figures.js", "arm.js", "world.js", "puppet.js", "scene.js", "timeline.js", "player.js", "system.js", "worker.js",
-    "knob.js", "budget.js", "simulation.js", "comparison.js", "share.js", "main.js",
+    "knob.js", "budget.js", "simulation.js", "comparison.js", "lab_plots.js", "lab.js", "share.js", "main.js",
 )  # fmt: skip
 """In an order in which each comes after the modules that it imports."""
+_LAB = ("data.js", "lab_plots.js", "lab.js", "lab_main.js")
+"""Modules of the page of a study that simulates nothing."""
 WORKER = ("packed.js", "fmu.js", "master.js")
 """Modules of the worker that simulates, which the page holds as text."""
 _VENDOR = ("three_uplot.min.js", "uplot.min.css")
@@ -80,6 +82,26 @@ class ShownRun(NamedTuple):
     """Its ``system.ssp``; a missing one has no diagram."""
 
 
+class StudyPart(NamedTuple):
+    """What the page of a study shows, above the run of its scenario, if it has one."""
+
+    title: str
+    about: str
+    body: str
+    content: Mapping[str, Any]
+    """For ``web/lab.js``."""
+
+
+def study_page(study: StudyPart) -> bytes:
+    """Return the page of a study that simulates nothing."""
+    inert = to_json({"runs": [], "study": study.content}, indent=None).replace("<", "\\u003c")
+    body = (
+        f'{study.body}<script id="data" type="application/json">{inert}</script>'
+        f'<script type="module">\n{script(_LAB)}\n</script>'
+    )
+    return page(study.title, study.about, body, 84, f'{look()}<link rel="icon" href="data:,">')
+
+
 def newest_run(folder: Path) -> Path:
     """Return the folder of the newest run in a folder; UsageError if there is none."""
     found = sorted(folder.glob("*/summary.json"), key=lambda path: path.stat().st_mtime)
@@ -111,8 +133,13 @@ def write_report(runs: Sequence[ShownRun], path: Path, *, simulate: bool = False
     return path
 
 
-def report_page(runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: bool = False) -> bytes:
-    """Return the page of one run or of several, or of their arms alone; for `simulate` see :func:`write_report`."""
+def report_page(
+    runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: bool = False, study: StudyPart | None = None
+) -> bytes:
+    """Return the page of one run or of several, or of their arms alone; for `simulate` see :func:`write_report`.
+
+    `study`: what a page of a study has above the run of its scenario.
+    """
     names = _names(runs)
     runs = [
         run if "arm" in run.summary else run._replace(summary=dict(run.summary) | wired_arm(run.results, run.package))
@@ -132,6 +159,7 @@ def report_page(runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: 
     if arm_alone:
         parts = [part | {"figures": [], "signals": [], "simulation": None} for part in parts]
     data = {"runs": parts} | ({"binaries": binaries} if binaries else {})
+    data |= {"study": study.content} if study else {}
     inert = to_json(data, indent=None).replace("<", "\\u003c")  # nothing in it ends the script that contains it
     held = ({signal.name for signal in run.results.signals if signal.late} for run in runs)
     diagram = next(filter(None, (system_diagram(run.package, own) for run, own in zip(runs, held, strict=True))), "")
@@ -141,6 +169,7 @@ def report_page(runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: 
     verdicts = [headline(one) for one in summaries]
     body = "\n".join(
         [
+            *([study.body] if study else ()),
             *_checks(names, runs),
             '<a class="skip" href="#figures">Skip to the figures</a>',
             *(_comparison(names, runs) if len(runs) > 1 and not arm_alone else ()),
@@ -169,6 +198,8 @@ def report_page(runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: 
         f"{look()}<style>{_text(_VENDOR[1])}{_ALONE if arm_alone else ''}</style>"
     )
     count, version = "one run" if len(runs) == 1 else f"{len(runs)} runs", summaries[0].get("vdfmu", "")
+    if study:
+        return page(study.title, study.about, body, 84, head)
     made = f" on {summaries[0]['date'][:10]}" if len(runs) == 1 and "date" in summaries[0] else ""
     what = f"{about[0].upper()}{about[1:]}, {count} of vdfmu {version}{made}".strip()
     tab = page_title(names[0], summaries[0]) if len(runs) == 1 else ""

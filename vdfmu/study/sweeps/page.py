@@ -1,63 +1,133 @@
-"""The page of a parameter study: one HTML file with its figures inside."""
+"""The page of a parameter study: pictures that choose together, tables, and a run that opens any point."""
 
 from __future__ import annotations
 
-import base64
-import shlex
 from collections.abc import Iterable
 from contextlib import suppress
 from html import escape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import write_whole
 from vdfmu.base.temporary import temporary_folder
-from vdfmu.compiler.fmu.page import page, table
-from vdfmu.study.report.page import look
+from vdfmu.compiler.fmu.page import table
+from vdfmu.study.report.page import StudyPart, report_page, study_page
+from vdfmu.study.sweeps.axes import read_axes
 from vdfmu.study.sweeps.indices import indices
-from vdfmu.study.sweeps.plots import plot
+from vdfmu.study.sweeps.lab import failed_groups, study_content, tried_base_run
 from vdfmu.study.sweeps.table import StudyTable
 
-_SHOWN = 20
-"""Failed points that are listed."""
 
-
-def write_page(study: StudyTable, path: Path | None = None) -> Path:
-    """Write facts of a study, the range of each measure, its worst point, failed points, and all figures that fit.
+def write_page(study: StudyTable, path: Path | None = None, *, simulate: bool = True) -> Path:
+    """Write the points of a study, the range of each measure, failures by cause, and indices; with `simulate` the run.
 
     Default ``report.html`` in the folder of the study; VdfmuError if it cannot be written.
     """
     path = study.folder / "report.html" if path is None else path
-    facts, failed, wall = study.facts, study.failed, study["wall_s"]
-    about = [
-        ("Scenario", facts["source"]),
-        *(("Axis", f"{axis}{_unit(facts['units'].get(axis.partition('=')[0], ''))}") for axis in facts["axes"]),
-        ("Points", f"{len(study)} of {facts['n']} done, {facts['sample']}, seed {facts['seed']}"),
-        ("Failed", str(len(failed))),
-        ("Time of a point", f"{np.nanmedian(wall):.3g} s in the median, {np.nansum(wall):.3g} s in all"),
-        *(("Setting", f"{name} = {value}") for name, value in {**facts["settings"], **facts["options"]}.items()),
-        ("Engine", facts.get("engine", "fmu")),
-        ("vdfmu", facts["vdfmu"]),
-    ]
-    parts = [
-        _table(("", ""), [[name, _short(str(text))] for name, text in about]),
-        "<h2>Measures</h2>",
-        _table(("measure", "smallest", "median", "largest", "at point"), study.ranges()),
-    ]
-    for name, text in facts["measures"].items():
-        head = escape(f"{name}{_unit(facts['units'].get(name, ''))}")
-        parts += [f"<h2>{head}</h2><p><code>{escape(text)}</code></p>", *_of_measure(study, name)]
-    parts += _compared(study)
-    if failed:
-        rows = [[str(point), _short(words, 400)] for point, words in list(failed.items())[:_SHOWN]]
-        more = len(failed) - len(rows)
-        parts += ["<h2>Failed points</h2>", _table(("point", "why"), rows), f"<p>and {more} more</p>" if more else ""]
+    with temporary_folder("vdfmu_page_") as folder:
+        part, run = _part(study, Path(folder) / str(study.facts["scenario"]), simulate)
+        page = study_page(part) if run is None else report_page([run], simulate=True, study=part)
     with suppress(OSError):  # writing then reports more
         path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, [page(str(facts["scenario"]), "Parameter study", "\n".join(parts), 60, look())])
+    write_whole(path, [page])
     return path
+
+
+def _part(study: StudyTable, folder: Path, simulate: bool) -> tuple[StudyPart, Any]:
+    facts, failed = study.facts, study.failed
+    content: dict[str, Any] = {}
+    run = None
+    try:
+        study.values()
+        study_content(study, None, "")
+        base, changes, reason = tried_base_run(study, folder) if simulate else (None, None, "")
+        run, content = base, study_content(study, changes, reason)
+    except UsageError as error:
+        lab = f"<p>{escape(str(error))}</p>"  # no point has a value
+    else:
+        lab = '<section id="lab" class="card" aria-label="Points of the study"></section>'
+    axes = ", ".join(study.axes)
+    about = f"{len(study)} of {facts['n']} points of {facts['scenario']} over {axes}; {len(failed)} failed"
+    sections = [
+        lab,
+        _card("Measures", _measures(study)),
+        *([_card("Failed points, by cause", _failures(study))] if failed else []),
+        *(_card(f"Indices of {name}", _indices(study, name)) for name in _indexed(study)),
+        *_compared(study),
+        _card("The study", _table(("", ""), _facts(study), "facts")),
+        *(["<h2>The scenario as it is, and a chosen point</h2>"] if run is not None else []),
+    ]
+    return StudyPart(f"Study of {facts['scenario']}", about, "\n".join(sections), content), run
+
+
+def _card(title: str, body: str) -> str:
+    return f'<section class="card"><h2>{escape(title)}</h2>{body}</section>'
+
+
+def _facts(study: StudyTable) -> list[list[str]]:
+    facts, wall = study.facts, study["wall_s"]
+    return [
+        ["Scenario", str(facts["source"])],
+        *(["Axis", f"{axis}{_unit(facts['units'].get(axis.partition('=')[0], ''))}"] for axis in facts["axes"]),
+        *(["Measure", f"{name} = {text}"] for name, text in facts["measures"].items()),
+        ["Points", f"{len(study)} of {facts['n']} done, {facts['sample']}, seed {facts['seed']}"],
+        ["Time of a point", f"{np.nanmedian(wall):.3g} s in the median, {np.nansum(wall):.3g} s in all"],
+        *(["Setting", f"{name} = {value}"] for name, value in {**facts["settings"], **facts["options"]}.items()),
+        ["Engine", facts.get("engine", "fmu")],
+        ["vdfmu", facts["vdfmu"]],
+    ]
+
+
+def _measures(study: StudyTable) -> str:
+    """Return the range of each measure, with its worst point by the values of its axes, which opens it."""
+    rows: list[list[str]] = []
+    places = {point: k for k, point in enumerate(study["point"].tolist())}
+    columns = study.table(study.axes).to_pylist()
+    factors = {axis.target: " ×" if axis.factor else "" for axis in read_axes(study.facts["axes"])}
+    for column, *ends, point in study.ranges():
+        unit = study.facts["units"].get(column.partition("[")[0], "")
+        cells = [escape(column) + _unit(unit), *map(escape, ends)]
+        if point:
+            values = ", ".join(
+                f"{axis}{factors[axis]} {_value(value)}" for axis, value in columns[places[int(point)]].items()
+            )
+            cells.append(f'<button type="button" data-point="{point}">{escape(_short(values))}</button>')
+        else:
+            cells.append("")
+        rows.append(cells)
+    return _html_table(("measure", "smallest", "median", "largest", "largest at"), rows)
+
+
+def _value(value: Any) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else Path(str(value)).name
+
+
+def _failures(study: StudyTable) -> str:
+    rows = [
+        [
+            escape(group.cause), str(len(group.points)), escape(_short(group.where)),
+            f'<button type="button" data-point="{group.points[0]}">point {group.points[0]}</button>',
+            f"<details><summary>message</summary>{escape(_short(group.message, 400))}</details>",
+        ]
+        for group in failed_groups(study)
+    ]  # fmt: skip
+    return _html_table(("cause", "points", "where", "first", ""), rows)
+
+
+def _indexed(study: StudyTable) -> list[str]:
+    return list(study.facts["measures"]) if study.facts["sample"] in ("saltelli", "morris") else []
+
+
+def _indices(study: StudyTable, name: str) -> str:
+    try:
+        found = indices(study, name)
+    except UsageError as error:
+        return f"<p>{escape(str(error))}</p>"
+    rows = [[axis, *(row.get(index, "") for index in found.values)] for axis, row in found.rows()]
+    return _table(("axis", *found.values), rows)
 
 
 def _compared(study: StudyTable) -> Iterable[str]:
@@ -65,39 +135,20 @@ def _compared(study: StudyTable) -> Iterable[str]:
     columns = [column for column in study.columns if column.startswith("to_fmu[")]
     if not columns:
         return
-    table = np.array([study["point"], *(study[column] for column in columns)], dtype=float).T
-    rows = table[np.isfinite(table).all(axis=1)]
-    yield "<h2>Batch engine and FMUs</h2>"
-    yield "<p>Largest difference of a recorded signal, by unit, at points that both ran.</p>"
+    values = np.array([study["point"], *(study[column] for column in columns)], dtype=float).T
+    rows = values[np.isfinite(values).all(axis=1)]
+    words = "<p>Largest difference of a recorded signal, by unit, at points that both ran.</p>"
     heads = [column.removeprefix("to_fmu") for column in columns]
-    yield _table(("point", *heads), [[f"{row[0]:.0f}", *(f"{x:.2g}" for x in row[1:])] for row in rows])
+    cells = [[f"{row[0]:.0f}", *(f"{x:.2g}" for x in row[1:])] for row in rows]
+    yield _card("Batch engine and FMUs", words + _table(("point", *heads), cells))
 
 
-def _of_measure(study: StudyTable, name: str) -> Iterable[str]:
-    """Return worst point, indices and figures of a measure, if there are any."""
-    try:
-        worst = study.row("worst", name)
-        words = ", ".join(f"{axis} = {worst[axis]}" for axis in study.axes)
-        yield f"<p>Worst point: {worst['point']}, {escape(_short(words))}."
-        if not str(study.facts["source"]).endswith(".ssp"):
-            command = f"vdfmu run --from {shlex.quote(str(study.path))} --row worst --by {name}"
-            yield f" Run it again: <code>{escape(command)}</code>"
-        yield "</p>"
-        with temporary_folder("vdfmu_page_") as folder:
-            for file in plot(study, measure=name, out=Path(folder)):
-                picture = base64.b64encode(file.read_bytes()).decode()
-                yield f'<img alt="{escape(file.stem)}" src="data:image/png;base64,{picture}">'
-        if study.facts["sample"] in ("saltelli", "morris"):
-            found = indices(study, name)
-            rows = [[axis, *(row.get(name, "") for name in found.values)] for axis, row in found.rows()]
-            yield _table(("axis", *found.values), rows)
-    except UsageError as error:
-        yield f"<p>{escape(str(error))}</p>"
+def _table(heads: tuple[str, ...], rows: Iterable[list[str]], look: str = "") -> str:
+    return _html_table(heads, ([escape(one) for one in row] for row in rows), look)
 
 
-def _table(heads: tuple[str, ...], rows: Iterable[list[str]]) -> str:
-    cells = ([escape(one) for one in row] for row in rows)
-    return f'<div class="wide">{table(heads, cells, ("",) * len(heads))}</div>'
+def _html_table(heads: tuple[str, ...], rows: Iterable[list[str]], look: str = "") -> str:
+    return f'<div class="wide {look}">{table(heads, rows, ("",) * len(heads))}</div>'
 
 
 def _unit(unit: str) -> str:

@@ -46,6 +46,9 @@ class Sweep(StudyTable):
         """
         return plot(self, kind, measure, None if out is None else Path(out))
 
-    def report(self, out: str | os.PathLike[str] | None = None) -> Path:
-        """Write a page of all measures, figures inside, default ``report.html`` in the folder; return its path."""
-        return write_page(self, None if out is None else Path(out))
+    def report(self, out: str | os.PathLike[str] | None = None, *, simulate: bool = True) -> Path:
+        """Write a page of all points and measures, default ``report.html`` in the folder; return its path.
+
+        With `simulate` it has a run of the scenario, if it can be run, and runs any point again.
+        """
+        return write_page(self, None if out is None else Path(out), simulate=simulate)

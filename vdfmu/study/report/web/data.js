@@ -2,6 +2,8 @@
 
 const content = JSON.parse(document.getElementById("data").textContent);
 export const runs = content.runs;
+/** The study, in the page of a sweep. */
+export const study = content.study;
 /** Digest to module, of the units of all runs that can be simulated. */
 export const binaries = content.binaries;
 

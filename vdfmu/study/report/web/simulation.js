@@ -11,7 +11,7 @@ const PATIENCE = 1000; // ms; a run that takes longer is stopped for a newer one
 
 class Simulation {
   constructor(section, able) {
-    Object.assign(this, { worker: new SimulationWorker(binaries), busy: false, again: false });
+    Object.assign(this, { worker: new SimulationWorker(binaries), busy: false, again: false, given: [] });
     this.status = make("p", { class: "note", role: "status" });
     this.bar = make("progress", { max: 1, "aria-label": "Progress of the simulation" });
     this.verdict = make("ul");
@@ -60,8 +60,14 @@ class Simulation {
     this.rerun();
   }
 
+  /** Run with values of parameters, {unit, name, value}, under the sliders, which start at 1 again. */
+  open(changes) {
+    this.given = changes;
+    this.reset();
+  }
+
   changes() {
-    return this.sliders.flatMap((slider) => slider.changes(this.of.simulation));
+    return [...this.given, ...this.sliders.flatMap((slider) => slider.changes(this.of.simulation))];
   }
 
   /** Run with the sliders as they are: after the run that is under way, which is stopped if it is slow. */

@@ -1,0 +1,117 @@
+"""The page of a folder of results: a card for each run."""
+
+import json
+import re
+import shutil
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import vdfmu
+from tests.study.page.browser import show
+from vdfmu.cli.commands import app
+from vdfmu.engine.results.results import Results
+from vdfmu.engine.simulate import run_system
+from vdfmu.study.report.gallery import gallery_page, is_gallery, write_gallery
+from vdfmu.study.report.page import read_run
+from vdfmu.study.report.shapes import Chain
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """Return a folder of results with one run of an arm, and one of another tool's package, without an arm."""
+    folder = tmp_path_factory.mktemp("results")
+    vdfmu.run("planar_tracking", stop=0.3, out=folder / "first run", reference=False)
+    package = folder / "first run" / "system.ssp"
+    run_system(package, stop=0.05, out=folder / "package")
+    return folder
+
+
+@pytest.fixture
+def results(made, tmp_path):
+    return shutil.copytree(made, tmp_path / "results")
+
+
+def cards(page: bytes) -> list[str]:
+    return re.findall(r"<li data-name.*?</li>", page.decode(), re.DOTALL)
+
+
+def test_each_run_has_a_card_with_its_verdict_numbers_and_a_link(results):
+    summary = read_run(results / "first run").summary
+    assert is_gallery(results) and not is_gallery(results / "package")
+    (card,) = (card for card in cards(gallery_page(results)) if 'data-name="first run"' in card)
+    errors = summary["max_position_error_deg"]
+    worst = int(np.argmax(errors))
+    count = len(summary["verdict"]["checks"])
+    assert f"{count} of {count} checks pass" in card and 'href="first%20run/report.html"' in card
+    assert f"joint {worst + 1} worst, {errors[worst]:.3g} deg" in card
+    assert "planar_tracking on planar_2dof" in card
+
+
+def test_the_picture_has_the_path_of_the_tool(results):
+    run = read_run(results / "first run")
+    (card,) = (card for card in cards(gallery_page(results)) if 'class="path"' in card)
+    start, end, path = (
+        np.array([list(map(float, point.split())) for point in points.split("L")])
+        for points in re.findall(r'class="(?:arm start|arm|path)" d="M(.*?)"', card)
+    )
+    assert len(path) == 40 and (path[0] == start[-1]).all() and (path[-1] == end[-1]).all()
+    chain = Chain(run.summary["arm"])
+    points = np.array([chain.points(row) for row in run.results["plant.q"][[0, -1]]])
+    drawn = np.array([start, end])
+    frames = np.column_stack([points.reshape(-1, 3), np.ones(points.size // 3)])
+    projection, *_ = np.linalg.lstsq(frames, drawn.reshape(-1, 2))
+    # one affine map of the frames of the links gives both arms; numbers have one digit after the point
+    np.testing.assert_allclose(frames @ projection, drawn.reshape(-1, 2), atol=0.1)
+
+
+def test_other_forms_of_results_have_the_same_picture(results):
+    before = cards(gallery_page(results))
+    file = results / "first run" / "results.csv"
+    Results.read(file).write(file.with_suffix(".parquet"))
+    file.unlink()
+    pictures = [[float(v) for v in re.findall(r"-?\d+\.\d", "".join(re.findall("<svg.*?</svg>", card)))]
+                for each in (before, cards(gallery_page(results))) for card in each if "first run" in card]  # fmt: skip
+    assert pictures[0] and len(pictures[0]) == len(pictures[1])
+    # rows of a file of text are those after equal numbers of bytes, not of rows: a row of 300 is 0.3 % of the picture
+    assert np.abs(np.subtract(*pictures)).max() < 0.05 * 320
+
+
+def test_what_is_deleted_is_gone_and_what_cannot_be_read_is_named(results):
+    (results / "torn").mkdir()
+    (results / "torn" / "summary.json").write_text('{"scenario": ')
+    page = gallery_page(results).decode()
+    assert "Not shown: torn: " in page and len(cards(page.encode())) == 2
+    shutil.rmtree(results / "package")
+    assert len(cards(gallery_page(results))) == 1
+
+
+def test_a_failed_check_is_seen_and_counted(results):
+    file = results / "first run" / "summary.json"
+    summary = json.loads(file.read_text())
+    summary["verdict"]["checks"][0]["passed"] = False
+    file.write_text(json.dumps(summary))
+    page = gallery_page(results)
+    assert b"2 runs, 1 with a failed check" in page
+    assert f"fail: {summary['verdict']['checks'][0]['name']}" in "".join(cards(page))
+
+
+def test_the_command_writes_it(results, tmp_path):
+    done = CliRunner().invoke(app, ["report", str(results)])
+    assert done.exit_code == 0 and (results / "index.html").exists(), done.output
+    done = CliRunner().invoke(app, ["report", str(results), "--out", str(tmp_path / "all.html")])
+    assert done.exit_code == 0 and b'href="results/first%20run/report.html"' in (tmp_path / "all.html").read_bytes()
+
+
+@pytest.mark.heavy
+def test_cards_are_sorted_and_found(results, browser, quiet):
+    show(browser, write_gallery(results))
+    names = "[...document.querySelectorAll('.gallery li')].filter(e => !e.hidden).map(e => e.dataset.name)"
+    assert browser.run(names) == ["package", "first run"]
+    choose = "(k => { const s = document.getElementById('sort'); s.value = k; s.dispatchEvent(new Event('input')) })"
+    browser.run(f"{choose}('name')")
+    assert browser.run(names) == ["first run", "package"]
+    browser.run("(f => { f.value = 'pack'; f.dispatchEvent(new Event('input')) })(document.getElementById('find'))")
+    assert browser.run(names) == ["package"]
+    assert browser.run("document.getElementById('count').textContent") == "1 of 2"

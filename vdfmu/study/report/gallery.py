@@ -1,0 +1,236 @@
+"""``index.html`` of a folder of results: all its runs as cards with a picture of the arm and its path, sortable.
+
+It is written anew from what is in the folder, by ``vdfmu report results``: no run writes to it, so that runs at the
+same time cannot be in each other's way, and a deleted run is gone from it.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from html import escape
+from pathlib import Path
+from typing import Any, NamedTuple
+from urllib.parse import quote
+
+import numpy as np
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.base.files import write_whole
+from vdfmu.compiler.fmu.page import page
+from vdfmu.engine.results.formats import result_files
+from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.verdict import checks_of
+from vdfmu.study.report.page import NAME, look, script
+from vdfmu.study.report.shapes import Chain
+from vdfmu.study.report.summary import read_summary
+
+INDEX = "index.html"
+_TIMES = 40
+"""Rows of a run from which its picture is drawn."""
+_END = 1 << 16
+"""Bytes at the end of a file in which its last row is."""
+_WIDE, _HIGH = 320, 200
+"""Size of a picture [px]."""
+_TURN, _TILT = math.radians(-38.0), math.radians(22.0)
+"""Where the eye is: around the vertical, and above the floor."""
+_LOOK = """
+.gallery { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 17rem), 1fr)); gap: 1.1rem;
+  padding: 0; list-style: none; margin: 1rem 0; }
+.gallery .card { margin: 0; padding: 0; overflow: hidden; height: 100%; } .gallery li[hidden] { display: none; }
+.gallery a { display: block; height: 100%; color: inherit; text-decoration: none; padding-bottom: .8rem; }
+.gallery a:hover h2 { text-decoration: underline; }
+.gallery svg { display: block; width: 100%; background: var(--soft); }
+.gallery h2 { margin: .7rem 1rem .2rem; font-size: 1rem; overflow-wrap: anywhere; }
+.gallery p { margin: .1rem 1rem; font-size: .86rem; color: var(--muted); overflow-wrap: anywhere; }
+.gallery .pass { color: var(--pass); } .gallery .fail { color: var(--fail); }
+.gallery .arm { fill: none; stroke: var(--ink); stroke-linejoin: round; stroke-linecap: round; stroke-width: 7; }
+.gallery .arm.start { opacity: .16; } .gallery .path { fill: none; stroke: var(--positive); stroke-width: 2; }
+.gallery circle { fill: var(--card); stroke: var(--ink); stroke-width: 2.5; } .gallery .base { stroke: var(--muted); }
+.gallery text { font: 600 22px system-ui, sans-serif; fill: var(--muted); text-anchor: middle; }
+.bar input { font: inherit; font-size: .86rem; padding: .28rem .6rem; }
+"""
+
+
+class RunCard(NamedTuple):
+    """A run of a gallery."""
+
+    name: str
+    page: str
+    """Address of its page from the folder, or of its own folder."""
+    about: Sequence[str]
+    """Lines: scenario and robot, or system; date."""
+    verdict: str
+    passed: bool | None
+    """None for a run without checks."""
+    numbers: Mapping[str, float]
+    """By which cards are sorted: ``tool`` error [m], ``joint`` error of the worst joint, ``date`` in seconds."""
+    shown: Sequence[str]
+    """Lines of numbers."""
+    picture: str
+
+
+def is_gallery(folder: Path) -> bool:
+    """Whether a folder is none of a run, but has runs in it."""
+    return not (folder / "summary.json").exists() and next(folder.glob("*/summary.json"), None) is not None
+
+
+def write_gallery(folder: Path, path: Path | None = None) -> Path:
+    """Write the page of all runs in a folder, default ``index.html`` in it."""
+    path = folder / INDEX if path is None else path
+    write_whole(path, [gallery_page(folder, path.parent)])
+    return path
+
+
+def gallery_page(folder: Path, place: Path | None = None) -> bytes:
+    """Return the page of all runs in a folder, whose links are those of a file in the folder `place`."""
+    found, problems = list[RunCard](), list[str]()
+    for file in sorted(folder.glob("*/summary.json")):
+        try:
+            found.append(entry_of(file.parent, folder if place is None else place))
+        except FileNotFoundError:
+            continue  # deleted in the meantime
+        except (VdfmuError, OSError) as error:
+            problems.append(f"{file.parent.name}: {str(error).splitlines()[0]}")
+    found.sort(key=lambda entry: -entry.numbers["date"])
+    keys = {"date": "newest", "name": "name", "verdict": "failed first", "tool": "tool error", "joint": "worst joint"}
+    options = "".join(f'<option value="{key}">{words}</option>' for key, words in keys.items())
+    made = [file.parent.name for file in sorted(folder.glob("*/sweep.json")) if (file.parent / NAME).is_file()]
+    studies = [f'<a href="{_address(folder / name / NAME, place or folder)}">{escape(name)}</a>' for name in made]
+    notes = f"<p>Studies: {', '.join(studies)}</p>" if made else ""
+    notes += "".join(f"<p class=note>Not shown: {escape(text)}</p>" for text in problems)
+    body = f"""<div class="bar"><label class="choice">Sort by <select id="sort">{options}</select></label>
+<label class="choice">Show <input id="find" type="search" placeholder="part of a name"></label>
+<span id="count" role="status"></span></div>
+<ul class="gallery">{"".join(map(_card, found))}</ul>{notes}
+<script type="module">
+{script(("gallery.js",))}
+</script>"""
+    failed = sum(entry.passed is False for entry in found)
+    about = f"{len(found)} run{'' if len(found) == 1 else 's'}, {failed} with a failed check"
+    head = f'{look()}<link rel="icon" href="data:,"><style>{_LOOK}</style>'
+    return page(f"Runs in {folder.resolve().name}", about, body, 84, head)
+
+
+def entry_of(folder: Path, place: Path) -> RunCard:
+    """Return the card of the run in a folder, with its address from `place`; VdfmuError if it cannot be read."""
+    file = folder / "summary.json"
+    stamp = file.stat().st_mtime
+    summary = read_summary(file)
+    checks = checks_of(summary)
+    failed = [check.name for check in checks if not check.passed]
+    verdict = f"fail: {', '.join(failed)}" if failed else f"{len(checks)} of {len(checks)} checks pass"
+    numbers, shown = {"date": stamp}, list[str]()
+    tool = ((summary.get("key_figures") or {}).get("tool_error") or {}).get("value")
+    if isinstance(tool, float):
+        numbers["tool"] = tool
+        shown.append(f"tool error {1e3 * tool:.3g} mm")
+    errors: Sequence[float] = summary.get("max_position_error_deg") or ()
+    if errors:
+        worst = int(np.argmax(errors))
+        unit = (summary.get("position_units") or ["deg"] * len(errors))[worst]
+        numbers["joint"] = float(errors[worst])
+        shown.append(f"joint {worst + 1} worst, {errors[worst]:.3g} {unit}")
+    page_of = folder / NAME if (folder / NAME).is_file() else folder
+    about = " on ".join(filter(None, (str(summary.get("scenario") or ""), str(summary.get("robot") or ""))))
+    date = datetime.fromtimestamp(stamp, UTC).strftime("%Y-%m-%d %H:%M UTC")
+    return RunCard(
+        folder.name, _address(page_of, place), (about or str(summary.get("system", "system")), date),
+        verdict if checks else "", not failed if checks else None, numbers, shown, picture_of(folder, summary),
+    )  # fmt: skip
+
+
+def _address(file: Path, place: Path) -> str:
+    return quote(Path(os.path.relpath(file.resolve(), place.resolve())).as_posix())
+
+
+def _card(entry: RunCard) -> str:
+    kind = {True: "pass", False: "fail", None: ""}[entry.passed]
+    keys = {"name": entry.name, "verdict": "" if entry.passed is None else str(int(entry.passed)), **entry.numbers}
+    data = " ".join(f'data-{key}="{escape(str(value))}"' for key, value in keys.items())
+    lines = "".join(f"<p>{escape(line)}</p>" for line in (*entry.shown, *entry.about))
+    return (
+        f'<li {data}><div class="card"><a href="{escape(entry.page)}">{entry.picture}<h2>{escape(entry.name)}</h2>'
+        f'<p class="{kind}">{escape(entry.verdict)}</p>{lines}</a></div></li>'
+    )
+
+
+def picture_of(folder: Path, summary: Mapping[str, Any]) -> str:
+    """Return a drawing of the arm of a run at its start and end, with the path of its tool; else its first letter."""
+    letter = escape(folder.name[:1].upper())
+    plain = f'<svg viewBox="0 0 {_WIDE} {_HIGH}" aria-hidden="true"><text x="160" y="108">{letter}</text></svg>'
+    if "arm" not in summary:
+        return plain
+    chain = Chain(summary["arm"])
+    q = _sampled(folder, [f"plant.q[{i + 1}]" for i in range(chain.n)])
+    if q is None or not np.isfinite(q).all():
+        return plain
+    points = np.array([chain.points(row) for row in q])
+    up = chain.up
+    side = np.cross(up, [0.0, 1.0, 0.0] if abs(up[1]) < 0.9 else [1.0, 0.0, 0.0])
+    side /= np.linalg.norm(side)
+    front = np.cross(up, side)
+    right = math.cos(_TURN) * side + math.sin(_TURN) * front
+    depth = -math.sin(_TURN) * side + math.cos(_TURN) * front
+    above = math.cos(_TILT) * up - math.sin(_TILT) * depth
+    flat = np.stack([points @ right, -(points @ above)], axis=-1)  # (rows, frames, 2)
+    low, high = flat.reshape(-1, 2).min(axis=0), flat.reshape(-1, 2).max(axis=0)
+    scale = min((_WIDE - 60) / max(high[0] - low[0], 1e-9), (_HIGH - 44) / max(high[1] - low[1], 1e-9))
+    flat = (flat - (low + high) / 2.0) * scale + [_WIDE / 2.0, _HIGH / 2.0]
+    joints = "".join(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4"/>' for x, y in flat[-1][1:-1])
+    x, y = flat[-1][0]
+    return (
+        f'<svg viewBox="0 0 {_WIDE} {_HIGH}" aria-hidden="true"><path class="arm start" d="{_line(flat[0])}"/>'
+        f'<path class="base arm" d="M{x - 14:.1f} {y + 4:.1f}h28"/><path class="arm" d="{_line(flat[-1])}"/>'
+        f'<path class="path" d="{_line(flat[:, -1])}"/>{joints}</svg>'
+    )
+
+
+def _line(points: Floats) -> str:
+    return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
+
+
+def _sampled(folder: Path, names: Sequence[str]) -> Floats | None:
+    """Return some rows of signals, (m, signals), the first and the last among them; None if one was not recorded.
+
+    Of a CSV file these rows alone are read.
+    """
+    table = next((file for name in result_files() if (file := folder / name).is_file()), None)
+    if table is None:
+        return None
+    if table.suffix == ".csv":
+        rows = list(_rows_of(table, names))
+        return np.array(rows) if len(rows) > 1 else None
+    try:
+        results = Results.read(table)
+    except UsageError:
+        return None
+    if any(name not in results.names for name in names) or len(results) < 2:
+        return None
+    chosen = np.linspace(0, len(results) - 1, _TIMES).round().astype(int)
+    return np.stack([results[name][chosen] for name in names], axis=1)
+
+
+def _rows_of(table: Path, names: Sequence[str]) -> Iterator[list[float]]:
+    with table.open("rb") as file:
+        heads = next(csv.reader([file.readline().decode()]))
+        if any(name not in heads for name in names):
+            return
+        file.readline()  # units of measurement
+        columns, begin, size = [heads.index(name) for name in names], file.tell(), table.stat().st_size
+        lines = list[bytes]()
+        for k in range(_TIMES - 1):
+            file.seek(begin + (size - begin) * k // (_TIMES - 1))
+            if k:
+                file.readline()  # the rest of a row
+            lines.append(file.readline())
+        file.seek(max(begin, size - _END))
+        lines.append(file.read().splitlines()[-1] if size > begin else b"")
+    for line in lines:
+        cells = line.decode().split(",")
+        if len(cells) == len(heads):  # else the file ends within the row
+            yield [float(cells[column]) for column in columns]
