@@ -130,7 +130,7 @@ def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = Fal
     say(f"± the half-width of the {100 * CONFIDENCE:.0f} % confidence interval, by bootstrap.")
 
 
-@app.command()
+@app.command(epilog="Example: [bold]vdfmu sweep report results/sweep_tracking[/bold]")
 def report(
     study: StudyArgument,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="File; default report.html in the folder.")] = None,
