@@ -16,7 +16,8 @@ def plain_table(*headings: str, title: str = "", show_header: bool = True) -> Ta
 
     table = Table(
         title=Text(title, style="bold") if title else None, title_justify="left", caption_justify="left",
-        box=SIMPLE_HEAD if show_header else None, show_header=show_header, show_edge=False, padding=(0, 1, 0, 0), pad_edge=False,
+        box=SIMPLE_HEAD if show_header else None, show_header=show_header, show_edge=False, padding=(0, 1, 0, 0),
+        pad_edge=False,
     )  # fmt: skip
     for heading in headings:
         table.add_column(Text(heading), overflow="fold")

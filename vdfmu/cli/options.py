@@ -48,11 +48,12 @@ def expanded(
 ) -> tuple[list[inspect.Parameter], Callable[[dict[str, Any]], dict[str, Any]]]:
     """Return the parameters of a command, with those of its ``**options``, and what reads the values of these.
 
-    Those of ``**options`` stand behind the others, but before what is keyword-only.
+    Those of ``**options`` stand behind the others, but before what is keyword-only and not needed.
     """
     own = inspect.signature(function, eval_str=True).parameters.values()
-    first = [one for one in own if one.kind not in (one.KEYWORD_ONLY, one.VAR_KEYWORD)]
-    last = [one for one in own if one.kind is one.KEYWORD_ONLY]
+    own = [one for one in own if one.kind is not one.VAR_KEYWORD]
+    last = [one for one in own if one.kind is one.KEYWORD_ONLY and one.default is not one.empty]
+    first = [one for one in own if one not in last]
     taken = taken_options(function)
     shown = [each for each in declared(taken) if each.option.flag is not None] if taken else []
     more = [

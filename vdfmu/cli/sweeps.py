@@ -10,7 +10,17 @@ from typer.core import TyperGroup
 
 from vdfmu.cli.app import App
 from vdfmu.cli.options import choice
-from vdfmu.cli.terminal import JsonOption, console, say, say_json, say_notes, say_written, table, tell
+from vdfmu.cli.terminal import (
+    JsonOption,
+    complete_scenario,
+    console,
+    say,
+    say_json,
+    say_notes,
+    say_written,
+    table,
+    tell,
+)
 from vdfmu.study.options import SweepOptions
 
 _SHOWN = 5
@@ -42,8 +52,12 @@ app = App(
 )
 def run(
     scenario: Annotated[
-        str, typer.Argument(help="Name of a shipped scenario, path of a TOML file, or a system package, .ssp.")
-    ],
+        str,
+        typer.Argument(
+            help="Name of a shipped scenario, path of a TOML file, or a system package, .ssp.",
+            autocompletion=complete_scenario,
+        ),
+    ] = "tracking",
     vary: Annotated[
         list[str] | None,
         typer.Option(
@@ -116,7 +130,7 @@ def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = Fal
     say(f"± the half-width of the {100 * CONFIDENCE:.0f} % confidence interval, by bootstrap.")
 
 
-@app.command()
+@app.command(epilog="Example: [bold]vdfmu sweep report results/sweep_tracking[/bold]")
 def report(
     study: StudyArgument,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="File; default report.html in the folder.")] = None,

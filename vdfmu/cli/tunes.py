@@ -11,7 +11,8 @@ from vdfmu.study.options import TuneOptions
 
 
 def tune(
-    scenario: ScenarioArgument,
+    scenario: ScenarioArgument = "tracking",
+    *,
     vary: Annotated[
         list[str],
         typer.Option(

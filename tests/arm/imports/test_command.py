@@ -20,7 +20,7 @@ def test_a_robot_file_is_written_and_not_replaced_unasked(urdf, tmp_path: Path) 
     urdf(ARM)
     done = vdfmu(tmp_path, "robot", "import", "arm.urdf")
     assert done.returncode == 0, done.stderr
-    assert done.stdout == "arm.toml: 3 joints\n"
+    assert done.stdout == "Written to arm.toml, 3 joints\n"
     assert "note: the arm ends at tool\n" in done.stderr
     assert "note: assumed, for --drives to give what is known: drive.ell, drive.I_m, " in done.stderr
     assert load_robot(tmp_path / "arm.toml").n == 3
@@ -54,7 +54,7 @@ def test_a_first_motion_is_written_with_its_margins_and_runs_by_its_name_too(tmp
     written = vdfmu(tmp_path, "robot", "reach", "planar_2dof")
     assert written.returncode == 0, written.stderr
     assert "modulus margin" in written.stdout
-    assert "planar_2dof_reach.toml: run it with 'vdfmu run planar_2dof_reach.toml'" in written.stdout
+    assert "Written to planar_2dof_reach.toml. Run it with 'vdfmu run planar_2dof_reach.toml'" in written.stdout
     again = vdfmu(tmp_path, "robot", "reach", "planar_2dof")
     assert (again.returncode, again.stderr[:50]) == (2, "error: planar_2dof_reach.toml: expected no file of")
     for what in (("planar_2dof_reach.toml",), ("reach", "--robot", "planar_2dof")):
