@@ -1,19 +1,22 @@
-"""The same model as an FMU by each exporter from Python that pip installs: what it has, what it takes, what it costs.
+"""The same models as FMUs by each exporter from Python that pip installs: what each has, takes and costs.
 
-A mass on a spring with a damper, ``m x_ddot = F - k x - c tanh(x_dot / v_s)``. Where the exporter has no solver, the
-model takes one step of Runge-Kutta's fourth-order method, as its user would write.
+A mass on a spring with a damper, ``m x_ddot = F - k x - c tanh(x_dot / v_s)``, and a PID controller whose derivative is
+filtered, with a constant error. Where the exporter has no solver, the model takes one step of Runge-Kutta's
+fourth-order method, as its user would write.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import tempfile
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import fmpy
@@ -29,88 +32,139 @@ from vdfmu.compiler.fmu.native import fmi_headers
 
 TITLE = "Exporters from Python"
 STEP, STEPS = 1e-3, 1000
-NAME = "Oscillator"
-
-_UNIT = '''
-import numpy as np
-from vdfmu.unit import Derivative, Input, Output, Parameter, State, Unit
 
 
-class Oscillator(Unit):
-    """Mass on a spring."""
+class Subject(NamedTuple):
+    """A model, as expressions of its names: rates of the states, and outputs."""
 
-    F = Input("N")
-    m, k = Parameter("kg", start=2.0), Parameter("N/m", start=800.0)
-    c, v_s = Parameter("N", start=3.0), Parameter("m/s", start=0.1)
-    x, v = State("m"), State("m/s")
-    E = Output("J")
-    der_x, der_v = Derivative(x), Derivative(v)
+    name: str
+    text: str
+    inputs: dict[str, float]
+    parameters: dict[str, float]
+    states: dict[str, float]
+    rates: dict[str, str]
+    outputs: dict[str, str]
+    watched: str
+    """Signal whose error at the end is in the table."""
 
-    def outputs(self):
-        self.E = 0.5 * self.m * self.v**2 + 0.5 * self.k * self.x**2
+    def of_self(self, expression: str, names: Iterable[str]) -> str:
+        """Return an expression with names as attributes."""
+        return re.sub(rf"\b({'|'.join(names)})\b", r"self.\1", expression)
 
-    def derivatives(self):
-        self.der_x = self.v
-        self.der_v = (self.F - self.k * self.x - self.c * np.tanh(self.v / self.v_s)) / self.m
-'''
+    def exact(self) -> float:
+        """Return the watched signal at the end, solved to 1e-12."""
+        constants = {**self.inputs, **self.parameters, "tanh": np.tanh}
+
+        def signals(state: Any) -> dict[str, Any]:
+            return {**constants, **dict(zip(self.states, state, strict=True))}
+
+        def rates(_: float, state: Any) -> list[float]:
+            return [eval(self.rates[name], signals(state)) for name in self.states]
+
+        start = list(self.states.values())
+        solved = solve_ivp(rates, (0.0, STEP * STEPS), start, "DOP853", rtol=1e-12, atol=1e-14)
+        return eval(self.outputs.get(self.watched, self.watched), signals(solved.y[:, -1]))
+
+
+SUBJECTS = (
+    Subject(
+        "Oscillator", "Mass on a spring.", {"F": 0.0}, {"m": 2.0, "k": 800.0, "c": 3.0, "v_s": 0.1},
+        {"x": 0.05, "v": 0.0}, {"x": "v", "v": "(F - k * x - c * tanh(v / v_s)) / m"},
+        {"E": "0.5 * m * v**2 + 0.5 * k * x**2"}, "x",
+    ),
+    Subject(
+        "PID", "Controller.", {"e": 0.05}, {"K": 2.0, "T_i": 0.5, "T_d": 0.02, "T_f": 0.2},
+        {"i": 0.0, "z": 0.0}, {"i": "e", "z": "(e - z) / T_f"}, {"u": "K * (e + i / T_i + T_d * (e - z) / T_f)"}, "u",
+    ),
+)  # fmt: skip
 _SLAVE = """
-import math
+from math import tanh
+
 from PACKAGE import FmiCausality, FmiSlave, FmiVariability, Number
 
 
-class Oscillator(FmiSlave):
+class MODEL(FmiSlave):
     def __init__(self, **kwargs):
         super().__init__(**kwargs)
-        self.F, self.m, self.k, self.c, self.v_s, self.x, self.v, self.E = 0.0, 2.0, 800.0, 3.0, 0.1, 0.05, 0.0, 0.0
-        for name, causality in (("F", "input"), ("m", "parameter"), ("k", "parameter"), ("c", "parameter"),
-                                ("v_s", "parameter"), ("x", "output"), ("v", "output"), ("E", "output")):
+        for name, causality, start in VARIABLES:
+            setattr(self, name, start)
             variability = FmiVariability.tunable if causality == "parameter" else FmiVariability.continuous
             self.register_variable(Number(name, causality=getattr(FmiCausality, causality), variability=variability))
 
-    def rates(self, x, v):
-        return v, (self.F - self.k * x - self.c * math.tanh(v / self.v_s)) / self.m
+    def rates(self, STATES):
+        return RATES
 
     def do_step(self, current_time, h):
-        x, v = self.x, self.v
-        a = self.rates(x, v)
-        b = self.rates(x + h / 2 * a[0], v + h / 2 * a[1])
-        c = self.rates(x + h / 2 * b[0], v + h / 2 * b[1])
-        d = self.rates(x + h * c[0], v + h * c[1])
-        self.x = x + h / 6 * (a[0] + 2 * b[0] + 2 * c[0] + d[0])
-        self.v = v + h / 6 * (a[1] + 2 * b[1] + 2 * c[1] + d[1])
-        self.E = 0.5 * self.m * self.v**2 + 0.5 * self.k * self.x**2
+        p, q = SELF_STATES
+        a = self.rates(p, q)
+        b = self.rates(p + h / 2 * a[0], q + h / 2 * a[1])
+        c = self.rates(p + h / 2 * b[0], q + h / 2 * b[1])
+        d = self.rates(p + h * c[0], q + h * c[1])
+        SELF_STATES = p + h / 6 * (a[0] + 2 * b[0] + 2 * c[0] + d[0]), q + h / 6 * (a[1] + 2 * b[1] + 2 * c[1] + d[1])
+        OUTPUTS
         return True
 """
 
 
-def _ours(folder: Path, version: str) -> Path:
-    (folder / "oscillator.py").write_text(_UNIT)
-    built = vdfmu.build_fmus(None, folder, units=[folder / "oscillator.py"], backend="native", fmi_version=version)
+def _ours(folder: Path, subject: Subject, version: str) -> Path:
+    """Write the class and build it."""
+    own = [*subject.inputs, *subject.parameters, *subject.states]
+    declared = [
+        *(f'{name} = Input("1", start={start})' for name, start in subject.inputs.items()),
+        *(f'{name} = Parameter("1", start={start})' for name, start in subject.parameters.items()),
+        *(f'{name} = State("1", start={start})' for name, start in subject.states.items()),
+        *(f"der_{name} = Derivative({name})" for name in subject.states),
+        *(f'{name} = Output("1")' for name in subject.outputs),
+    ]
+    methods = {
+        "outputs": [f"self.{name} = {subject.of_self(text, own)}" for name, text in subject.outputs.items()],
+        "derivatives": [f"self.der_{name} = {subject.of_self(text, own)}" for name, text in subject.rates.items()],
+    }
+    lines = [
+        "from numpy import tanh", "from vdfmu.unit import Derivative, Input, Output, Parameter, State, Unit",
+        f"class {subject.name}(Unit):", f'    """{subject.text}"""', *(f"    {line}" for line in declared),
+    ]  # fmt: skip
+    for name, body in methods.items():
+        lines += [f"    def {name}(self):", *(f"        {line}" for line in body)]
+    (folder / "model.py").write_text("\n".join(lines) + "\n")
+    built = vdfmu.build_fmus(None, folder, units=[folder / "model.py"], backend="native", fmi_version=version)
     return next(iter(built.values()))
 
 
-def _slave(folder: Path, package: str, version: str) -> Path:
+def _slave(folder: Path, subject: Subject, package: str, version: str) -> Path:
     """Build with PythonFMU, or PythonFMU3."""
-    text = _SLAVE.replace("PACKAGE", package).replace("Fmi", f"Fmi{version}")
-    file = f"oscillator_{version}.py"  # the second FMU of one process takes the module of the first of its name
-    (folder / file).write_text(text.replace("Number", "Real" if version == "2" else "Float64"))
+    constants = {**subject.inputs, **subject.parameters}
+    kinds = dict.fromkeys(subject.inputs, "input") | dict.fromkeys(subject.parameters, "parameter")
+    starts = {**constants, **subject.states, **dict.fromkeys(subject.outputs, 0.0)}
+    own = [*constants, *subject.states]
+    replaced = {
+        "PACKAGE": package, "Fmi": f"Fmi{version}", "Number": "Real" if version == "2" else "Float64",
+        "MODEL": subject.name, "VARIABLES": repr([(n, kinds.get(n, "output"), x) for n, x in starts.items()]),
+        "SELF_STATES": ", ".join(f"self.{name}" for name in subject.states), "STATES": ", ".join(subject.states),
+        "RATES": ", ".join(subject.of_self(subject.rates[name], constants) for name in subject.states),
+        "OUTPUTS": "; ".join(f"self.{name} = {subject.of_self(text, own)}" for name, text in subject.outputs.items()),
+    }  # fmt: skip
+    text = _SLAVE
+    for word, new in replaced.items():
+        text = text.replace(word, new)
+    file = f"{subject.name.lower()}_{version}.py"  # a second FMU of a process takes the module of the first of its name
+    (folder / file).write_text(text)
     command = [sys.executable, "-m", package, "build", "-f", file]
     subprocess.run(command, cwd=folder, check=True, capture_output=True)
-    return folder / f"{NAME}.fmu"
+    return folder / f"{subject.name}.fmu"
 
 
-def _casadi(folder: Path) -> Path:
-    dae = ca.DaeBuilder(NAME)
-    F = dae.add("F", "input")
-    m, k, c, v_s = (
-        dae.add(name, "parameter", "tunable", {"start": start})
-        for name, start in (("m", 2.0), ("k", 800.0), ("c", 3.0), ("v_s", 0.1))
-    )
-    x, v = dae.add("x", "output", {"start": 0.05}), dae.add("v", "output", {"start": 0.0})
-    dae.eq(dae.der(x), v)
-    dae.eq(dae.der(v), (F - k * x - c * ca.tanh(v / v_s)) / m)
-    E = dae.add("E", "output")
-    dae.eq(E, 0.5 * m * v**2 + 0.5 * k * x**2)
+def _casadi(folder: Path, subject: Subject) -> Path:
+    dae = ca.DaeBuilder(subject.name)
+    names: dict[str, Any] = {"tanh": ca.tanh}
+    names |= {name: dae.add(name, "input", {"start": start}) for name, start in subject.inputs.items()}
+    parameters = subject.parameters.items()
+    names |= {name: dae.add(name, "parameter", "tunable", {"start": start}) for name, start in parameters}
+    names |= {name: dae.add(name, "output", {"start": start}) for name, start in subject.states.items()}
+    for name, text in subject.rates.items():
+        dae.eq(dae.der(names[name]), eval(text, dict(names)))
+    for name, text in subject.outputs.items():
+        dae.eq(dae.add(name, "output"), eval(text, dict(names)))
     (folder / "headers").mkdir()
     for name, content in fmi_headers("3.0").items():
         (folder / "headers" / name).write_bytes(content)
@@ -123,39 +177,37 @@ def _casadi(folder: Path) -> Path:
         os.chdir(here)
 
 
-EXPORTERS: dict[str, Callable[[Path], Path]] = {
-    "vdfmu, FMI 2.0": lambda folder: _ours(folder, "2.0"),
-    "vdfmu, FMI 3.0": lambda folder: _ours(folder, "3.0"),
-    "PythonFMU": lambda folder: _slave(folder, "pythonfmu", "2"),
-    "PythonFMU3": lambda folder: _slave(folder, "pythonfmu3", "3"),
+EXPORTERS: dict[str, Callable[[Path, Subject], Path]] = {
+    "vdfmu, FMI 2.0": lambda folder, subject: _ours(folder, subject, "2.0"),
+    "vdfmu, FMI 3.0": lambda folder, subject: _ours(folder, subject, "3.0"),
+    "PythonFMU": lambda folder, subject: _slave(folder, subject, "pythonfmu", "2"),
+    "PythonFMU3": lambda folder, subject: _slave(folder, subject, "pythonfmu3", "3"),
     "CasADi": _casadi,
 }
 
 
 def run(report: Report, quick: bool) -> None:
-    """Build with each exporter, look into the FMU, and step it."""
-    table = Table("exporters", "One oscillator, built and stepped over 1 ms", [
-        ("exporter", ""), ("FMI", ""), ("kinds", ""), ("needs", ""), ("derivatives", ""), ("platforms", ""),
-        ("build [s]", ".2f"), ("size [kB]", ".0f"), ("step [us]", ".2f"), ("error after 1 s [m]", ".1e"),
+    """Build with each exporter, look into the FMUs, and step them."""
+    table = Table("exporters", "An oscillator and a PID controller, built and stepped over 1 ms", [
+        ("model", ""), ("exporter", ""), ("FMI", ""), ("kinds", ""), ("needs", ""), ("derivatives", ""),
+        ("platforms", ""), ("build [s]", ".2f"), ("size [kB]", ".0f"), ("step [us]", ".2f"),
+        ("error after 1 s", ".1e"),
     ])  # fmt: skip
-    end = solve_ivp(
-        lambda t, s: [s[1], (-800.0 * s[0] - 3.0 * np.tanh(s[1] / 0.1)) / 2.0], (0.0, STEP * STEPS), [0.05, 0.0],
-        "DOP853", rtol=1e-12, atol=1e-14,
-    ).y[0, -1]  # fmt: skip
     with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as top:
         os.environ["XDG_CACHE_HOME"] = str(Path(top) / "cache")  # what is built once is built again here
-        for name, build in EXPORTERS.items():
+        for subject, (name, build) in product(SUBJECTS, EXPORTERS.items()):
             folder = Path(top) / f"{len(list(Path(top).iterdir()))}"
             folder.mkdir()
             began = processor_time()
             try:
-                fmu = build(folder)
+                fmu = build(folder, subject)
             except (subprocess.CalledProcessError, RuntimeError, ImportError) as error:
                 said = getattr(error, "stderr", b"") or str(error).encode()
-                table.notes.append(f"{name}: {said.decode().strip().splitlines()[-1]}")
+                table.notes.append(f"{subject.name}, {name}: {said.decode().strip().splitlines()[-1]}")
                 continue
             seconds = processor_time() - began
-            table.add(name, *_facts(fmu), seconds, fmu.stat().st_size / 1e3, *_stepped(fmu, end, 3 if quick else 15))
+            stepped = _stepped(fmu, subject, 3 if quick else 15)
+            table.add(subject.name, name, *_facts(fmu), seconds, fmu.stat().st_size / 1e3, *stepped)
     table.notes += [
         "Build: processor time. Step: with fmpy's call of it; PythonFMU takes one step of Runge-Kutta's method, "
         "vdfmu's solver as many as its tolerance of 1e-7 asks for. CS: co-simulation, ME: model exchange.",
@@ -185,7 +237,7 @@ def _facts(fmu: Path) -> list[Any]:
     ]  # fmt: skip
 
 
-def _stepped(fmu: Path, end: float, rounds: int) -> list[float | None]:
+def _stepped(fmu: Path, subject: Subject, rounds: int) -> list[float | None]:
     """Return processor time of a step and the error at the end, of co-simulation."""
     description = fmpy.read_model_description(str(fmu), validate=False)
     if description.coSimulation is None:
@@ -199,8 +251,6 @@ def _stepped(fmu: Path, end: float, rounds: int) -> list[float | None]:
     places = {variable.name: variable.valueReference for variable in description.modelVariables}
     one.instantiate()
     three = slave is FMU3Slave
-    if "x_0" in places:
-        (one.setFloat64 if three else one.setReal)([places["x_0"]], [0.05])
     if three:
         one.enterInitializationMode(startTime=0.0)
     else:
@@ -209,7 +259,7 @@ def _stepped(fmu: Path, end: float, rounds: int) -> list[float | None]:
     one.exitInitializationMode()
     for k in range(STEPS):
         one.doStep(k * STEP, STEP)
-    error = abs((one.getFloat64 if three else one.getReal)([places["x"]])[0] - end)
+    error = abs((one.getFloat64 if three else one.getReal)([places[subject.watched]])[0] - subject.exact())
     count = iter(range(STEPS, 10**9))
     case = Case("step", lambda: one.doStep(next(count) * STEP, STEP))
     measure([case], rounds)
