@@ -202,7 +202,7 @@ def report(
     from vdfmu.study.report.printed import write_pdf
 
     if folders and len(folders) == 1 and is_gallery(folders[0]):
-        say(f"Written to {write_gallery(folders[0], out)}")
+        say_written(write_gallery(folders[0], out))
         return
     folders = folders or [newest_run(Path("results"))]
     runs = [read_run(folder) for folder in folders]
