@@ -107,7 +107,7 @@ def _tracks(
         simulator.run(start=start, stop=stop, step=step, record=(), visitor=poses)
         loops = _MovedLoops(poses, parameters, {})
         if not min(loops.least):  # friction may excite itself
-            loops = _MovedLoops(poses, parameters, _without_dry_friction(parameters))
+            loops = _MovedLoops(poses, parameters, least_dry_friction(parameters))
         return [list(_of_knob(loops, knob)) for knob in knobs]
 
 
@@ -194,7 +194,7 @@ class _MovedLoops:
         return dict(zip(poses, found[0], strict=True))
 
 
-def _without_dry_friction(parameters: Names) -> dict[str, dict[str, Value]]:
+def least_dry_friction(parameters: Names) -> dict[str, dict[str, Value]]:
     """Return the parameters of arms with the least dry friction, as :func:`dry_friction` of a robot names them."""
     found: dict[str, dict[str, Value]] = {}
     for unit, values in parameters.items():
