@@ -17,7 +17,7 @@ from vdfmu.engine.run.simulator import Simulator
 from vdfmu.study.analysis.system import margins_along
 from vdfmu.study.report.causes import LESS, causes
 from vdfmu.study.report.simulation import knobs, values_of
-from vdfmu.study.report.tracks import NOTCHES, OWN, least_dry_friction, factor, tracks
+from vdfmu.study.report.tracks import NOTCHES, OWN, factor, least_dry_friction, tracks
 
 STOP, STEP = 0.4, 1e-3
 GAIN = {
