@@ -76,7 +76,7 @@ def test_tiles_lead_to_their_moment_and_figure(run, browser):
 
 def test_the_page_and_python_write_numbers_alike(run, browser):
     show(browser, run / "report.html")
-    numbers = [0.0, 2.89e-6, -1234.5, 999.6e-6, 4.56e-13, 0.01, 1e7, 35.55]
+    numbers = [0.0, 0.1, 0.763, 2.89e-6, -1234.5, 999.6e-6, 4.56e-13, 0.01, 1e7, 35.55]
     cases = [
         (value, unit, peak)
         for value in numbers
