@@ -14,7 +14,8 @@ NONE = 1e-9
 def quantity(value: float, unit: str = "", peak: float = 0.0) -> str:
     """Return a number with three digits and its unit: ``2.89e-6, "m"`` is ``2.89 µm``.
 
-    mm becomes a multiple of m; from 0.1 to 1000 numbers stay as they are. Those below `NONE` of the `peak`, in the same unit, are 0.
+    mm becomes a multiple of m; from 0.1 to 1000 numbers stay as they are. Those below `NONE` of the `peak`, in the
+    same unit, are 0.
     """
     if unit == "mm":
         value, unit, peak = 1e-3 * value, "m", 1e-3 * peak
