@@ -113,8 +113,8 @@ export class Puppet {
   constructor(run, tint = null) {
     this.root = new vendor.Group();
     this.arms = armsOf(run).map((one) => new Arm(one, tint));
-    for (const arm of this.arms) {
-      const carrier = this.arms.find(({ component }) => component === arm.mounted);
+    for (const [k, arm] of this.arms.entries()) {
+      const carrier = this.arms.slice(0, k).find(({ component }) => component === arm.mounted);
       (carrier?.actual.tool ?? this.root).add(arm.actual.root);
       carrier?.bare.tool.add(arm.bare.root);
       if (arm.desired) (carrier?.desired?.tool ?? carrier?.actual.tool ?? this.root).add(arm.desired.root);
