@@ -22,7 +22,7 @@ from vdfmu.system.scenario.parts import cached_fmus
 from vdfmu.system.scenario.values import group_value, system_values
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
 N = 6
 
 
