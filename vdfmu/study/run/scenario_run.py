@@ -65,7 +65,7 @@ from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.reference.reference import BLOCK, reference_blocks
 from vdfmu.system.reference.witness import Witness
-from vdfmu.system.scenario import Scenario, load_scenario, scenario_names
+from vdfmu.system.scenario import Scenario, load_scenario
 from vdfmu.system.scenario.check import model_notes
 from vdfmu.system.scenario.parts import cached_fmus
 from vdfmu.system.scenario.replace import with_payload, with_units
@@ -149,7 +149,6 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
     CosimError, vdfmu.engine.run.Interrupted
         A unit failed, or the user stopped the run. The rows so far are in ``partial`` of the folder.
     """
-    asked = {} if isinstance(scenario, Scenario) or scenario in scenario_names() else {"scenario_file": str(scenario)}
     scenario = prepare(scenario, **pick(ScenarioOptions, options))
     out, log, observer, settings = options["out"], options["log"], options["observer"], options["settings"]
     formats, pictures = options["formats"], options["pictures"]
@@ -179,7 +178,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
         with doing("build"), temporary_folder("vdfmu_fmus_") as fmus:
             built = cached_fmus(scenario, fmus, backend, fmi_version)
             package = write_ssp(scenario, built, partial / "system.ssp", values, mixed=True)
-        summary = run_facts(scenario) | asked | {
+        summary = run_facts(scenario) | {
             "backend": backend,
             "fmi": fmi_version,
             "settings": text_settings,
