@@ -136,7 +136,7 @@ class _LinearisedRows:
 class _MovedLoops:
     """The loops at all poses, with the run's parameters and with those of a slider."""
 
-    def __init__(self, poses: _LinearisedRows, parameters: Names, still: Mapping[str, dict[str, Value]]) -> None:
+    def __init__(self, poses: _LinearisedRows, parameters: Names, still: Mapping[str, Mapping[str, Value]]) -> None:
         assert poses.components is not None
         self.components, self.parameters, self._still = poses.components, parameters, still
         self._systems, self._opened = poses.systems, opened_at(poses.systems[0][1], "tau")
