@@ -142,6 +142,12 @@ export class Scene3D {
     this.controls.update();
   }
 
+  /** Make room for all that an arm may reach. */
+  room() {
+    for (const { box } of this.puppets) box.union(new vendor.Box3().setFromCenterAndSize(new vendor.Vector3(), new vendor.Vector3().setScalar(this.reach)));
+    this.aim();
+  }
+
   from(view) {
     return new vendor.Vector3(...VIEWS[view]).applyQuaternion(this.turn);
   }
