@@ -14,6 +14,7 @@ import typer
 import viser
 import websockets.asyncio.server
 from typer.testing import CliRunner
+from vdfmu.study.view.scene import ArmScene, open_server, stage
 
 import vdfmu
 from vdfmu.base.bars import Bars, errors
@@ -25,7 +26,6 @@ from vdfmu.study.report.content import arm_of
 from vdfmu.study.report.shapes import Chain
 from vdfmu.study.view.live import HEAD, LiveView
 from vdfmu.study.view.live_server import ViewServer
-from vdfmu.study.view.scene import ArmScene, open_server, stage
 
 NAMES = [f"{name}[{i}]" for name in ("plant.q", "trajectory.q_d", "controller.tau", "plant.kappa") for i in (1, 2)]
 

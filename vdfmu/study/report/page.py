@@ -40,7 +40,8 @@ _WEB = Path(__file__).parent / "web"
 MODULES = (
     "packed.js", "vendor.js", "state.js", "data.js", "numbers.js", "labels.js", "heat.js", "save.js", "chart.js",
     "figures.js", "arm.js", "world.js", "puppet.js", "scene.js", "timeline.js", "player.js", "system.js", "worker.js",
-    "knob.js", "budget.js", "simulation.js", "comparison.js", "lab_plots.js", "lab.js", "share.js", "live.js", "main.js",
+    "knob.js", "budget.js", "simulation.js", "comparison.js", "lab_plots.js", "lab.js", "share.js", "live.js",
+    "main.js",
 )  # fmt: skip
 """In an order in which each comes after the modules that it imports."""
 _LAB = ("data.js", "lab_plots.js", "lab.js", "lab_main.js")
@@ -145,8 +146,9 @@ def report_page(
 ) -> bytes:
     """Return the page of one run or of several, or of their arms alone; for `simulate` see :func:`write_report`.
 
-    `study`: what a page of a study has above the run of its scenario. `live`: of a run that has only begun, ``names`` of
-    the signals of the rows that the page will be sent, and its times ``start`` and ``stop`` [s].
+    `study`: what a page of a study has above the run of its scenario. `live`: of a run that has only begun, ``names``
+    of the signals of the rows that the page will be sent, and its times ``start`` and ``stop`` [s]; empty for a run
+    that has ended and is not judged.
     """
     names = _names(runs)
     runs = [
@@ -166,8 +168,8 @@ def report_page(
     ]
     if arm_alone:
         parts = [part | {"figures": [], "signals": [], "simulation": None} for part in parts]
-    if live:
-        parts = [part | {"signals": [], "command": ""} for part in parts]
+    if live is not None:
+        parts = [part | {"simulation": None, "command": ""} | ({"signals": []} if live else {}) for part in parts]
     data = {"runs": parts} | ({"binaries": binaries} if binaries else {})
     data |= ({"study": study.content} if study else {}) | ({"live": live} if live else {})
     inert = to_json(data, indent=None).replace("<", "\\u003c")  # nothing in it ends the script that contains it

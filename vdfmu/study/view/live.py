@@ -34,8 +34,8 @@ _MOST = 10_001
 class LiveView:
     """The arm of a run in a browser, during and after the run.
 
-    A process of its own serves the page of the run, at most 30 rows a second. It reads the rows from memory that it shares with the run.
-    The run waits neither for it nor for a browser, and continues without it.
+    A process of its own serves the page of the run, and sends it at most 30 rows a second. It reads them from memory
+    that it shares with the run. The run waits neither for it nor for a browser, and continues without it.
 
     Parameters
     ----------
@@ -184,4 +184,3 @@ class LiveView:
                 clock.sleep(0.1)
             if guard.number == signal.SIGINT:
                 guard.number = 0
-

@@ -86,7 +86,7 @@ class ViewServer:
         first, last = results.time[[0, -1]]
         words = "The run is complete" if last >= stop - 1e-9 * abs(stop) else "The run ended early"
         run = ShownRun(title, results, about, Path(about.get("package", "")))
-        self._server.show(report_page([run]), f"{words}: {first:g} to {last:g} s.")
+        self._server.show(report_page([run], live={}), f"{words}: {first:g} to {last:g} s.")
 
     def page(self, content: bytes) -> None:
         """Show the finished page of the run."""

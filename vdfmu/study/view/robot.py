@@ -133,7 +133,7 @@ def _slider(robot: Robot, i: int, q: float) -> dict[str, Any]:
 
 
 def mode_facts(modes: Modes, k: int) -> dict[str, Any]:
-    """Return what the page shows of mode k: its shape is the links' real and imaginary parts, the largest of length 1."""
+    """Return what the page shows of mode k: real and imaginary parts of its shape, whose largest part has length 1."""
     shape = modes.links[k]
     shape = shape / (float(np.abs(shape).max()) or 1.0)
     joint = int(modes.joint[k])

@@ -39,7 +39,11 @@ def robot_page(
     drawing = drawing_of(arm, travel)
     if meshes:
         drawing["parts"] = [*meshes, *(part.plain() for part in own_shapes([v.to_dict() for v in robot.visuals]))]
-    frames = {"time": packed(np.zeros(1), "<f8"), "q": packed(q[:, None], "<f4"), "recipes": {"q": [[1.0, []]] * robot.n}}
+    frames = {
+        "time": packed(np.zeros(1), "<f8"),
+        "q": packed(q[:, None], "<f4"),
+        "recipes": {"q": [[1.0, []]] * robot.n},
+    }
     content = {
         "runs": [{"name": robot.name, "arm": drawing, "frames": frames, "figures": [], "signals": [], "copies": {}}],
         "robot": {

@@ -1,8 +1,8 @@
 """A page on loopback that hears what happens: for who has its address, which holds a random token, and nobody else.
 
-The page hears events of the server (Server-Sent Events, WHATWG HTML, 9.2) and sends requests (POST). Any other page that
-a browser of this machine has open could ask for both, also by a name of its own for 127.0.0.1, so each request is
-checked.
+The page hears events of the server (Server-Sent Events, WHATWG HTML, 9.2) and sends requests (POST). Any other page
+that a browser of this machine has open could ask for both, also by a name of its own for 127.0.0.1, so each request
+is checked.
 """
 
 from __future__ import annotations
@@ -59,8 +59,8 @@ class PageServer:
     """
 
     def __init__(self, port: int | None = None, take: Callable[[dict[str, Any]], None] = lambda request: None) -> None:
-        self.token, self._take = secrets.token_urlsafe(_TOKEN), take
-        self._page, self._number = b"", 0
+        self.token, self.take = secrets.token_urlsafe(_TOKEN), take
+        self.content, self._number = b"", 0
         self._first: Callable[[], Any] = lambda: None
         self._clients: set[queue.Queue[bytes | None]] = set()
         self._lock = threading.Lock()
@@ -91,7 +91,7 @@ class PageServer:
             self._number, self._first = self._number + 1, first
             own = f'<meta name="live" content="{self._number}" data-words="{escape(words)}">'.encode()
             page = page.replace(b"default-src 'none';", b"default-src 'none'; connect-src 'self';", 1)
-            self._page = page.replace(b"</head>", own + b"</head>", 1)
+            self.content = page.replace(b"</head>", own + b"</head>", 1)
             self._tell({"page": self._number})
 
     def send(self, change: Callable[[], Any]) -> None:
@@ -174,7 +174,7 @@ def _handler(owner: PageServer) -> type[BaseHTTPRequestHandler]:
             path = urlsplit(self.path)
             match path.path.removeprefix(f"/{owner.token}").strip("/"):
                 case "" | "index.html":
-                    self._answer(HTTPStatus.OK, owner._page, "text/html; charset=utf-8")
+                    self._answer(HTTPStatus.OK, owner.content, "text/html; charset=utf-8")
                 case "events":
                     self._stream(parse_qs(path.query).get("page", [""])[0])
                 case _:
@@ -192,7 +192,7 @@ def _handler(owner: PageServer) -> type[BaseHTTPRequestHandler]:
             if not isinstance(request, dict):
                 self._answer(HTTPStatus.BAD_REQUEST, b"Expected an object of JSON.\n")
                 return
-            owner._take(request)
+            owner.take(request)
             self._answer(HTTPStatus.NO_CONTENT)
 
         def _refused(self) -> bool:

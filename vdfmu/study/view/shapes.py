@@ -74,13 +74,15 @@ def mesh_parts(robot: Robot, folder: Path | None) -> tuple[list[dict[str, Any]],
             mesh: Any = trimesh.load(Path(folder or "") / visual.file, force="mesh")
             corners, triangles = np.asarray(mesh.vertices, float) * visual.size, np.asarray(mesh.faces)
         except ImportError as error:
-            notes.append(f"{len(meshes)} meshes cannot be shown: {error}. Install what reads them: 'pip install vdfmu[view]'")
+            notes.append(
+                f"{len(meshes)} meshes cannot be shown: {error}. Install what reads them: 'pip install vdfmu[view]'"
+            )
             break
         except Exception as error:  # a reader of a foreign format may raise anything
             notes.append(f"mesh {visual.file} cannot be shown: {error}")
             continue
         found = {"corners": packed(corners, "<f4"), "triangles": packed(triangles, "<u4")}
         colour = "#" + bytes(round(255.0 * part) for part in visual.color[:3]).hex()
-        shape = DrawnShape(visual.joint, "mesh", visual.size, visual.offset, visual.rotation, colour)
+        shape = DrawnShape(visual.joint, "mesh", visual.size.tolist(), visual.offset, visual.rotation, colour)
         parts.append(shape.plain() | {"mesh": found})
     return ([], notes) if notes else (parts, [])

@@ -28,7 +28,7 @@ export const askServer = (request) => fetch(`${door}ask`, { method: "POST", body
 
 /** The line that says how things are. */
 export function stateLine() {
-  const line = make("p", { class: "verdict" }, served?.dataset.words ?? "");
+  const line = make("p", { class: "verdict state" }, served?.dataset.words ?? "");
   line.hidden = !line.textContent;
   document.querySelector("p.what").before(line);
   return (words) => Object.assign(line, { textContent: words, hidden: !words });
@@ -43,7 +43,7 @@ export function followRun(player, say = stateLine()) {
     const all = newest === rows.at(-1) ? rows : [...rows, newest], follows = shown === null || view.time === shown;
     const signals = new Map(live.names.map((name, k) => [name, Float64Array.from(all, (row) => row[k + 1] ?? NaN)]));
     run.result = { time: Float64Array.from(all, ([time]) => time), signals };
-    words = `Running: ${text(newest[0], 4)} of ${text(live.stop, 4)} s`;
+    words = `Running: ${newest[0].toFixed(live.stop < 1 ? 3 : 2)} of ${text(live.stop, 4)} s`;
     say(words);
     if (follows) [shown] = newest;
     const [puppet] = player?.scene?.puppets ?? [];
