@@ -150,7 +150,7 @@ def test_a_run_is_seen_while_it_goes_on_and_after_it(browser, tmp_path):
         assert browser.run("report.view.time") > first
         assert browser.run("report.charts[0].plot.data[0].length") > 2
         wait(browser, "document.querySelector('.verdict')?.textContent.startsWith('Stable')")
-        assert browser.run("document.querySelectorAll('.tile').length") >= 4
+        wait(browser, "globalThis.report && document.querySelectorAll('.tile').length >= 4")
         assert browser.run("report.view.full()") == [0, 1]
         before = pixels(browser, ".canvas")
         browser.key("End", 35)
