@@ -29,6 +29,7 @@ def test_run_writes_its_files_and_shows_the_errors(tmp_path):
     assert summary["settings"] == {"controller.K_p[1]": "2500"}
     assert "planar_tracking" in done.stdout
     assert "sampled" in done.stdout
+    assert 'id="worker"' in (folder / "report.html").read_text()  # it simulates, unlike the page of `vdfmu.run`
 
 
 @pytest.mark.heavy

@@ -2,6 +2,8 @@
 
 import json
 import re
+import shlex
+from pathlib import Path
 
 import pytest
 import typer.main
@@ -21,6 +23,8 @@ def commands(name="", found=None):
     for word, below in inner.items():
         yield from commands(f"{name} {word}".strip(), below)
 
+
+ROOT = Path(__file__).resolve().parents[2]
 
 ALL = dict(commands())
 
@@ -157,3 +161,15 @@ def test_the_motion_of_a_shipped_scenario_by_its_name(tmp_path):
     joint = json.loads(done.stdout)["joints"][1]
     # (57): the peak of the speed is 2 (q_end - q_start) / T, at T/2, which is a row; printed with 16 digits
     assert joint["speed"] == pytest.approx(2.0 * (joint["to"] - joint["from"]) / 2.0, rel=1e-12)
+
+
+LINES = re.findall(r"`vdfmu ([^`]+)`", (ROOT / "docs/cheatsheet.md").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("line", LINES)
+def test_the_cheat_sheet_has_commands_that_there_are(line):
+    found, words, name = typer.main.get_command(app), shlex.split(line), "vdfmu"
+    while inner := getattr(found, "commands", {}):
+        name = words.pop(0)
+        found = inner[name]
+    found.make_context(name, words)  # raises for a word that the command does not take

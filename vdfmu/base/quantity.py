@@ -14,7 +14,8 @@ NONE = 1e-9
 def quantity(value: float, unit: str = "", peak: float = 0.0) -> str:
     """Return a number with three digits and its unit: ``2.89e-6, "m"`` is ``2.89 µm``.
 
-    mm becomes a multiple of m. Numbers below `NONE` of the `peak`, in the same unit, are 0.
+    mm becomes a multiple of m; from 0.1 to 1000 numbers stay as they are. Those below `NONE` of the `peak`, in the
+    same unit, are 0.
     """
     if unit == "mm":
         value, unit, peak = 1e-3 * value, "m", 1e-3 * peak
@@ -24,7 +25,7 @@ def quantity(value: float, unit: str = "", peak: float = 0.0) -> str:
     symbol = unit.partition("/")[0]
     power = 3 * math.floor(math.log10(abs(value)) / 3.0 + 1e-12) if value else 0
     if symbol in _DOWN | _BOTH and -9 <= power:
-        power = min(power, 6 if symbol in _BOTH else 0)
+        power = 0 if abs(value) >= 0.1 and power < 0 else min(power, 6 if symbol in _BOTH else 0)
         value, unit = float(f"{value / 10.0**power:.3g}"), f"{_PREFIXES[power]}{unit}"
     size = abs(value)
     if value and not 1e-3 <= size < 1e6:

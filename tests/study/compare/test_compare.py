@@ -56,7 +56,7 @@ def test_every_law_is_tuned_by_the_same_search(monkeypatch, tmp_path):
         margin = options["limit"]["margin"]
         assert (scenario, cost.name, margin.name, margin.least) == (tmp_path / "planar_2dof/tuning.toml", "rms_tool",
                                                                      "margin", 0.5)  # fmt: skip
-        assert (options["budget"], options["seed"], options["method"]) == (7, 5, "global")
+        assert (options["evaluations"], options["seed"], options["method"]) == (7, 5, "global")
         assert all(form.startswith("*log(") for form in vary.values())
 
 

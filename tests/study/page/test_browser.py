@@ -306,4 +306,5 @@ def test_a_page_of_a_package_has_no_arm_and_no_figures(run, browser, tmp_path):
     show(browser, write_report([read_run(tmp_path)], tmp_path / "report.html"))
     assert browser.run("report.player") is None
     assert browser.run("document.getElementById('arm').hidden")
+    assert browser.run("document.getElementById('arm').offsetHeight") == 0
     assert browser.run("report.charts.length") == 0  # of its signals the reader chooses

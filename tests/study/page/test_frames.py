@@ -17,7 +17,7 @@ from vdfmu.study.report.content import arm_of, content_of
 from vdfmu.study.report.frames import FRAMES
 from vdfmu.study.report.shapes import Chain, drawing_of
 from vdfmu.study.report.summary import read_summary
-from vdfmu.study.report.world import scene_of
+from vdfmu.study.report.world import carriers_first, scene_of
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import load_scenario
 
@@ -143,6 +143,12 @@ def test_the_scene_has_what_the_system_has():
     (screw,) = scene_of(SystemDescription(load_scenario("screw")))["objects"]
     assert (screw["kind"], screw["turn"], screw["pitch"]) == ("screw", "screw.turn", 0.5e-3)
     assert screw["forces"] == {"screw.N": "Axial force", "screw.T": "Torque about the axis"}
+
+
+def test_an_arm_comes_after_the_one_that_carries_it():
+    arms = [{"component": name, "mounted": on} for name, on in ("cb", "ba", "a ", "xy", "yx")]
+    found = carriers_first([arm | {"mounted": arm["mounted"].strip()} for arm in arms])
+    assert [arm["component"] for arm in found] == ["a", "b", "c", "x", "y"]
 
 
 @pytest.mark.heavy

@@ -141,13 +141,16 @@ def test_pointing_shows_both_runs(run, browser):
     browser.mouse("mouseMoved", x, y)
     heads = browser.run("[...document.querySelectorAll('.chart:nth-child(2) .tip b')].map(e => e.textContent)")
     assert heads[1:] == ["tracking", "simulated"]
-    row = round(1e3 * float(heads[0].removesuffix(" s [deg]")))
+    time, unit = heads[0].removesuffix("deg]").split(" s [")
+    row, factor = round(1e3 * float(time)), {"": 1.0, "m": 1e-3, "µ": 1e-6}[unit]
     cells = browser.run("[...document.querySelectorAll('.chart:nth-child(2) .tip output')].map(e => e.textContent)")
     assert len(cells) == 12  # of one row: recorded and simulated
     results = Results.read(run / "results.csv")
     error = np.degrees(results["trajectory.q_d"] - results["plant.q"])[row]
     expected = np.stack([error, simulated(browser, 1)[:, row]], axis=1).ravel()
-    np.testing.assert_allclose([number(cell) for cell in cells], expected, rtol=5e-6)  # six digits
+    span = browser.run("report.charts[1].plot.scales.y.max - report.charts[1].plot.scales.y.min")
+    # three digits of the stretch that the axis spans: half of its third
+    np.testing.assert_allclose([factor * number(cell) for cell in cells], expected, rtol=0, atol=5e-3 * span)
 
 
 def test_a_mass_of_one_link_and_what_the_feedforward_knows(run, browser):

@@ -17,7 +17,7 @@ from vdfmu.engine.run.simulator import Simulator
 from vdfmu.study.analysis.system import margins_along
 from vdfmu.study.report.causes import LESS, causes
 from vdfmu.study.report.simulation import knobs, values_of
-from vdfmu.study.report.tracks import NOTCHES, OWN, factor, tracks
+from vdfmu.study.report.tracks import NOTCHES, OWN, factor, least_dry_friction, tracks
 
 STOP, STEP = 0.4, 1e-3
 GAIN = {
@@ -65,6 +65,14 @@ def test_sliders_of_gains_and_of_the_arm_have_tracks_and_friction_and_motion_non
             assert track["modulus"][OWN] == of["controller.K_v"][0]["modulus"][OWN] > 0.0
             assert all(0.0 <= each <= 1.0 for each in track["modulus"])
     assert found(planar, chosen) == list(of.values())  # from the cache
+
+
+def test_an_arm_whose_friction_excites_itself_is_takenleast_dry_friction(planar):
+    falling = {name: value for name, value in values_of(planar)["plant"].items() if name.startswith(("f_", "v_s"))}
+    assert {"f_c[1]", "f_s[1]", "f_v[1]"} <= falling.keys()
+    still = least_dry_friction(values_of(planar))
+    assert still["plant"] == {f"{name}[{i}]": 0.0 for name in ("f_c", "f_s") for i in (1, 2)}
+    assert "controller" not in still
 
 
 def test_factors_of_a_slider():

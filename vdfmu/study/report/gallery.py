@@ -25,7 +25,7 @@ from vdfmu.compiler.fmu.page import page
 from vdfmu.engine.results.formats import result_files
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import checks_of
-from vdfmu.study.report.page import NAME, look, script
+from vdfmu.study.report.page import GALLERY, NAME, look, script
 from vdfmu.study.report.shapes import Chain
 from vdfmu.study.report.summary import read_summary
 
@@ -108,7 +108,7 @@ def gallery_page(folder: Path, place: Path | None = None) -> bytes:
 <span id="count" role="status"></span></div>
 <ul class="gallery">{"".join(map(_card, found))}</ul>{notes}
 <script type="module">
-{script(("gallery.js",))}
+{script(GALLERY)}
 </script>"""
     failed = sum(entry.passed is False for entry in found)
     about = f"{len(found)} run{'' if len(found) == 1 else 's'}, {failed} with a failed check"

@@ -44,8 +44,10 @@ MODULES = (
     "main.js",
 )  # fmt: skip
 """In an order in which each comes after the modules that it imports."""
-_LAB = ("data.js", "lab_plots.js", "lab.js", "lab_main.js")
+LAB = ("data.js", "lab_plots.js", "lab.js", "lab_main.js")
 """Modules of the page of a study that simulates nothing."""
+GALLERY = ("gallery.js",)
+"""Modules of the page of a folder of runs."""
 WORKER = ("packed.js", "fmu.js", "master.js")
 """Modules of the worker that simulates, which the page holds as text."""
 LIVE = "live.js"
@@ -100,7 +102,7 @@ def study_page(study: StudyPart) -> bytes:
     inert = to_json({"runs": [], "study": study.content}, indent=None).replace("<", "\\u003c")
     body = (
         f'{study.body}<script id="data" type="application/json">{inert}</script>'
-        f'<script type="module">\n{script(_LAB)}\n</script>'
+        f'<script type="module">\n{script(LAB)}\n</script>'
     )
     return page(study.title, study.about, body, 84, f'{look()}<link rel="icon" href="data:,">')
 

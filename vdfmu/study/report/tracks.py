@@ -2,7 +2,8 @@
 
 The run is linearised at some times. There each slider is moved alone: the components whose parameters it scales are
 linearised again with the new ones, at the states and inputs that the run had. The states of a faster or heavier arm
-would be others; what a gain or a stiffness does to the loops depends little on them.
+would be others; what a gain or a stiffness does to the loops depends little on them. Where the run's own loops are
+unstable at one of these times, arms are taken without dry friction, which may excite itself.
 
 A margin of `GOOD` is a largest sensitivity of 2, the upper end of what is recommended (Astrom and Hagglund, Advanced
 PID Control, 2006, section 4.5); of `POOR` one of 4, above which both performance and robustness are poor (Skogestad and
@@ -22,7 +23,8 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.robot.parameters import section
+from vdfmu.arm.drive.options import OPTIONS
+from vdfmu.arm.robot.parameters import PARAMETERS, section
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import VdfmuError
 from vdfmu.compiler.functions.cache import cache_folder, load, store
@@ -103,7 +105,9 @@ def _tracks(
     poses = _LinearisedRows()
     with Simulator(checked.system, isolate=False, algorithm=checked.algorithm) as simulator:
         simulator.run(start=start, stop=stop, step=step, record=(), visitor=poses)
-        loops = _MovedLoops(poses, parameters)
+        loops = _MovedLoops(poses, parameters, {})
+        if not min(loops.least):  # friction may excite itself
+            loops = _MovedLoops(poses, parameters, least_dry_friction(parameters))
         return [list(_of_knob(loops, knob)) for knob in knobs]
 
 
@@ -129,10 +133,15 @@ class _LinearisedRows:
 class _MovedLoops:
     """The loops at all poses, with the run's parameters and with those of a slider."""
 
-    def __init__(self, poses: _LinearisedRows, parameters: Names) -> None:
+    def __init__(self, poses: _LinearisedRows, parameters: Names, still: Mapping[str, dict[str, Value]]) -> None:
         assert poses.components is not None
-        self.components, self.parameters, self._systems = poses.components, parameters, poses.systems
-        self._opened = opened_at(self._systems[0][1], "tau")
+        self.components, self.parameters, self._still = poses.components, parameters, still
+        self._systems, self._opened = poses.systems, opened_at(poses.systems[0][1], "tau")
+        for unit, values in still.items():
+            if not can_change(self.components, unit):
+                continue
+            with changed(self.components, unit, values) as instance:
+                self._systems = [(time, with_part(system, instance, time)) for time, system in self._systems]
         self.own = [self._loop(system) for _, system in self._systems]
         self.least = [float(loop.margins(delay=0).modulus.min()) for loop in self.own]
         self.worst: list[int] = np.argsort(self.least).tolist()
@@ -150,7 +159,8 @@ class _MovedLoops:
             for name, value in self.parameters[target["unit"]].items():
                 group, _, index = name.partition("[")
                 if group == target["name"] and (joint is None or index.rstrip("]").split(",")[0] == str(joint + 1)):
-                    changes.setdefault(target["unit"], {})[name] = factor(knob, place) * value
+                    of_unit = changes.setdefault(target["unit"], dict(self._still.get(target["unit"], {})))
+                    of_unit[name] = factor(knob, place) * value
         with ExitStack() as stack:
             instances = [stack.enter_context(changed(self.components, unit, new)) for unit, new in changes.items()]
 
@@ -182,6 +192,22 @@ class _MovedLoops:
         if not all(map(partial(np.allclose, rtol=_ROUNDING, atol=0.0), *found)):
             return None
         return dict(zip(poses, found[0], strict=True))
+
+
+def least_dry_friction(parameters: Names) -> dict[str, dict[str, Value]]:
+    """Return the parameters of arms with the least dry friction, as :func:`dry_friction` of a robot names them."""
+    found: dict[str, dict[str, Value]] = {}
+    for unit, values in parameters.items():
+        own = {name.partition("[")[0] for name in values}
+        if "K_f0" not in own:
+            continue
+        replaced = any(option.replaces_dry_friction and own & {*option.dry_parameters} for option in OPTIONS.values())
+        dry = {"f_ck", *(name for option in OPTIONS.values() for name in option.dry_parameters)}
+        dry |= set() if replaced else {"f_c", "f_s"}
+        found[unit] = {
+            name: PARAMETERS[group].smallest or 0.0 for name in values if (group := name.partition("[")[0]) in dry
+        }
+    return found
 
 
 def _of_knob(loops: _MovedLoops, knob: Mapping[str, Any]) -> Iterator[Track | None]:

@@ -5,7 +5,7 @@ Roles follow from what a unit is and from the connections, never from the name o
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -50,7 +50,16 @@ def scene_of(system: SystemDescription) -> dict[str, Any]:
                 | {"component": name, "mounted": mounted, "signals": _signals(system, feeds, name)}
                 | {"constants": {key: value for key, value in constants.items() if value}}
             )
-    return {"arms": arms, "objects": [one for name in resolved.units for one in _object(system, name)]}
+    return {"arms": carriers_first(arms), "objects": [one for name in resolved.units for one in _object(system, name)]}
+
+
+def carriers_first(arms: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return arms in an order in which each comes after the one that carries it; those in a circle come last."""
+    left, found = list(arms), list[dict[str, Any]]()
+    while ready := [arm for arm in left if arm["mounted"] in ("", *(one["component"] for one in found))]:
+        found.append(ready[0])
+        left.remove(ready[0])
+    return found + left
 
 
 def _signals(system: SystemDescription, feeds: Mapping[str, str], name: str) -> dict[str, list[str]]:

@@ -75,7 +75,7 @@ export class Chart {
 
   /** Fade what is not pointed to; of many joints, show the one that is. */
   refocus() {
-    if (!this.seen || !this.plot) return;
+    if (!this.seen || !this.plot || !this.unpacked) return;
     this.unpacked.forEach((curve, k) => { this.plot.series[k + 1].alpha = this.alpha(curve); });
     if (this.worst) this.refresh();
     this.plot.redraw(false);
@@ -161,7 +161,7 @@ export class Chart {
       }))],
       hooks: {
         setCursor: [() => this.showTip()],
-        draw: [(plot) => drawEnds(plot, this, names), () => this.moveMark(), (plot) => this.worst && this.heat.draw(plot)],
+        draw: [(plot) => this.unpacked && drawEnds(plot, this, names), () => this.moveMark(), (plot) => this.unpacked && this.worst && this.heat.draw(plot)],
         setScale: [(plot, key) => key === "x" && plot.status && this.zoomed(plot.scales.x)],
       },
     }, this.table(), this.place);
@@ -199,12 +199,12 @@ export class Chart {
     return splits.map((v) => text(v / 10 ** scaled, 5));
   }
 
-  /** A value in the unit of the axis, with three digits of the stretch that this spans. */
+  /** A value and the unit of the axis that it is in, with three digits of the stretch that this spans. */
   written(value) {
-    if (this.log) return `${text(value, 3)} ${this.unit}`;
+    if (this.log) return [text(value, 3), this.unit];
     const { min, max } = this.plot.scales.y, [unit, scaled] = this.fit(Math.max(Math.abs(min), Math.abs(max)));
     const digits = Math.max(0, Math.min(9, 2 - Math.floor(Math.log10((max - min) / 10 ** scaled))));
-    return `${text(Number((value / 10 ** scaled).toFixed(digits)), 9)} ${unit}`;
+    return [text(Number((value / 10 ** scaled).toFixed(digits)), 9), unit];
   }
 
   showTip() {
@@ -218,10 +218,10 @@ export class Chart {
     if (this.tip.hidden) return;
     const places = [...new Set(found.map(({ run }) => run))], several = places.length > 1, rows = Map.groupBy(found, ({ label }) => label);
     this.tip.style.gridTemplateColumns = `repeat(${places.length + 1}, auto)`;
-    this.tip.replaceChildren(make("b", {}, `${text(found[0].time)} s`), ...places.map((place) => make("b", {}, several ? runs[place].name : "")),
+    this.tip.replaceChildren(make("b", {}, `${text(found[0].time)} s${several ? ` [${this.written(0)[1]}]` : ""}`), ...places.map((place) => make("b", {}, several ? runs[place].name : "")),
       ...[...rows].flatMap(([label, [first, ...more]]) => [
         make("span", {}, make("i", { style: `background:${first.dashed ? "var(--ink)" : colourOf(first.colour)}` }), label),
-        ...places.map((place) => [first, ...more].find(({ run }) => run === place)).map((one) => make("output", {}, one ? this.written(one.value) : "")),
+        ...places.map((place) => [first, ...more].find(({ run }) => run === place)).map((one) => make("output", {}, one ? this.written(one.value).slice(0, several ? 1 : 2).join(" ") : "")),
       ]));
     const free = this.plot.over.clientWidth - this.tip.offsetWidth; // a broad one reaches over the axis
     this.tip.style.left = `${Math.max(Math.min(0, free), 2 * left > this.plot.over.clientWidth ? left - this.tip.offsetWidth - 12 : Math.min(left + 12, free))}px`;

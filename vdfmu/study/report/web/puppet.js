@@ -10,6 +10,7 @@ class Arm {
     const { arm } = one;
     Object.assign(this, { arm, component: one.component ?? one.name, mounted: one.mounted, error: !!one.frames.error });
     this.actual = new Chain(arm);
+    this.bare = new Chain(arm); // of frames alone, which is quick to place
     this.desired = this.error ? new Chain(arm) : null;
     this.path = new Path(0.0045 * arm.reach, inkOf("positive"), 1);
     this.trace = new Path(0.0025 * arm.reach, darkScheme.matches ? "#9aa7b5" : "#66717d", 0.55);
@@ -112,9 +113,10 @@ export class Puppet {
   constructor(run, tint = null) {
     this.root = new vendor.Group();
     this.arms = armsOf(run).map((one) => new Arm(one, tint));
-    for (const arm of this.arms) {
-      const carrier = this.arms.find(({ component }) => component === arm.mounted);
+    for (const [k, arm] of this.arms.entries()) {
+      const carrier = this.arms.slice(0, k).find(({ component }) => component === arm.mounted);
       (carrier?.actual.tool ?? this.root).add(arm.actual.root);
+      carrier?.bare.tool.add(arm.bare.root);
       if (arm.desired) (carrier?.desired?.tool ?? carrier?.actual.tool ?? this.root).add(arm.desired.root);
       this.root.add(arm.path, arm.trace);
     }
@@ -156,21 +158,20 @@ export class Puppet {
   lead(magnify, box = null) {
     if (magnify === this.magnify) return;
     this.magnify = magnify;
-    const place = this.root.position.clone(), point = new vendor.Vector3();
-    this.root.position.set(0, 0, 0);
+    const point = new vendor.Vector3();
     for (const arm of this.arms) {
+      const chain = this.arms.filter((one) => one === arm || arm.mounted);
       const times = arm.motion.time, step = Math.max(1, Math.floor(times.length / 250));
       const points = Array.from(times, (t, k) => {
-        this.pose(t, magnify);
-        for (const link of box && k % step === 0 ? [arm.actual.root, ...arm.actual.links] : []) box.expandByPoint(point.setFromMatrixPosition(link.matrixWorld));
-        const tool = new vendor.Vector3().setFromMatrixPosition(arm.actual.tool.matrixWorld);
+        for (const one of chain) one.bare.set(one.position(t, magnify).q, one.base(t));
+        for (const link of box && k % step === 0 ? [arm.bare.root, ...arm.bare.links] : []) box.expandByPoint(point.setFromMatrixPosition(link.matrixWorld));
+        const tool = new vendor.Vector3().setFromMatrixPosition(arm.bare.tool.matrixWorld);
         box?.expandByPoint(tool);
         return tool;
       });
       arm.path.along(points, times);
       arm.trace.along(points, times);
     }
-    this.root.position.copy(place);
   }
 
   /** Values of a quantity of all joints, arm after arm; NaN where it is not known. */
