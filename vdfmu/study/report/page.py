@@ -52,6 +52,10 @@ WORKER = ("packed.js", "fmu.js", "master.js")
 """Modules of the worker that simulates, which the page holds as text."""
 LIVE = "live.js"
 """Module that hears what the server of a page says."""
+ROBOT = (
+    "packed.js", "vendor.js", "data.js", "numbers.js", "arm.js", "world.js", "puppet.js", "scene.js", LIVE, "robot.js",
+)  # fmt: skip
+"""Modules of the page of a robot."""
 _VENDOR = ("three_uplot.min.js", "uplot.min.css")
 
 _POLICY = (

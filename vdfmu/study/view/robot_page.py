@@ -15,14 +15,9 @@ from vdfmu.compiler.fmu.page import page
 from vdfmu.study.analysis.modes import MOTORS
 from vdfmu.study.report.content import arm_of
 from vdfmu.study.report.curves import packed
-from vdfmu.study.report.page import libraries, look, script
+from vdfmu.study.report.page import ROBOT, libraries, look, script
 from vdfmu.study.report.shapes import DrawnShape, drawing_of, own_shapes
 from vdfmu.study.view.shapes import centres
-
-MODULES = (
-    "packed.js", "vendor.js", "data.js", "numbers.js", "arm.js", "world.js", "puppet.js", "scene.js", "live.js",
-    "robot.js",
-)  # fmt: skip
 
 
 def robot_page(
@@ -64,7 +59,7 @@ def robot_page(
             f'<section class="card"><h2>Notes</h2><ul>{told}</ul></section>' if notes else "",
             f'<script id="data" type="application/json">{inert}</script>',
             libraries(),
-            f'<script type="module">\n{script(MODULES)}\n</script>',
+            f'<script type="module">\n{script(ROBOT)}\n</script>',
         ]
     )
     what = robot.description or f"A robot of {robot.n} joints"
