@@ -36,22 +36,22 @@ export function stateLine() {
 
 /** Say how things are, and let a run that goes on grow; returns whether the newest row is shown. */
 export function followRun(player, say = stateLine()) {
-  let rows = [], newest = null, stride = 1, count = 0, shown = null, charts = 0, paths = 0, words = served?.dataset.words ?? "";
+  let rows = [], newest = null, stride = 1, count = 0, last = null, charts = 0, paths = 0, words = served?.dataset.words ?? "";
   const [run] = recorded;
   const draw = (now) => {
     if (!newest) return;
-    const all = newest === rows.at(-1) ? rows : [...rows, newest], follows = shown === null || view.time === shown;
+    const all = newest === rows.at(-1) ? rows : [...rows, newest], follows = last === null || view.time === last;
     const signals = new Map(live.names.map((name, k) => [name, Float64Array.from(all, (row) => row[k + 1] ?? NaN)]));
     run.result = { time: Float64Array.from(all, ([time]) => time), signals };
     words = `Running: ${newest[0].toFixed(live.stop < 1 ? 3 : 2)} of ${text(live.stop, 4)} s`;
     say(words);
-    if (follows) [shown] = newest;
+    [last] = newest;
     const [puppet] = player?.scene?.puppets ?? [];
     if (puppet && now > paths + PATHS) {
       paths = now;
       puppet.follow(run);
     } else if (puppet) Object.assign(puppet.arms[0], { motion: new Motion(run), lengths: {} });
-    if (follows) view.change("time", shown);
+    if (follows) view.change("time", last);
     if (now < charts + CHARTS) return;
     charts = now;
     view.change("simulated");
@@ -67,5 +67,5 @@ export function followRun(player, say = stateLine()) {
     requestAnimationFrame(draw);
   } : undefined, (lost) => served && say(lost ? `${words} The view has ended, or cannot be reached.`.trim() : words));
   if (live) player?.scene?.room();
-  return () => !!live && view.time === shown;
+  return () => !!live && view.time === last;
 }

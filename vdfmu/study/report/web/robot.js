@@ -180,10 +180,10 @@ function bar(value) {
 function showModes() {
   const rows = state.modes.map(({ frequency, damping, joint, share, real }, k) => make("tr", {},
     make("th", { scope: "row" }, toggle(quantity(frequency, "Hz"), k === state.chosen, (on) => { state.chosen = on ? k : -1; showModes(); draw(); }, { class: "chip mode", "aria-label": `Mode ${k + 1}, ${quantity(frequency, "Hz")}: moves the arm` })),
-    make("td", {}, text(damping, 2)), make("td", {}, `joint ${joint}, ${(100 * share).toFixed(0)} %`), ...real.map(bar)));
+    make("td", {}, text(damping, 2)), make("td", {}, `${joint} (${(100 * share).toFixed(0)} %)`), ...real.map(bar)));
   const focus = [...table.querySelectorAll("button")].indexOf(document.activeElement);
-  table.replaceChildren(...(rows.length ? [make("table", { class: "modes" }, make("caption", { class: "hidden" }, "Modes of the arm at the pose of the sliders"),
-    make("thead", {}, make("tr", {}, ...["Mode", "Damping", "Spring"].map((head) => make("th", { scope: "col" }, head)), ...robot.sliders.map((_, i) => make("th", { scope: "col", "aria-label": `Link ${i + 1}` }, i ? String(i + 1) : "Link 1")))),
+  table.replaceChildren(...(rows.length ? [make("table", { class: "modes" }, make("caption", {}, "At the pose of the sliders; 1, 2 and so on: how far each link moves"),
+    make("thead", {}, make("tr", {}, ...["Mode", "Damping", "Spring of"].map((head) => make("th", { scope: "col" }, head)), ...robot.sliders.map((_, i) => make("th", { scope: "col", "aria-label": `Link ${i + 1}` }, String(i + 1))))),
     make("tbody", {}, ...rows))] : []));
   table.querySelectorAll("button")[focus]?.focus();
 }

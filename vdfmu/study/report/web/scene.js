@@ -144,7 +144,7 @@ export class Scene3D {
 
   /** Make room for all that an arm may reach. */
   room() {
-    for (const { box } of this.puppets) box.union(new vendor.Box3().setFromCenterAndSize(new vendor.Vector3(), new vendor.Vector3().setScalar(this.reach)));
+    for (const { box } of this.puppets) box.union(new vendor.Box3().setFromCenterAndSize(new vendor.Vector3(), new vendor.Vector3().setScalar(0.6 * this.reach)));
     this.aim();
   }
 
