@@ -142,9 +142,10 @@ export class Scene3D {
     this.controls.update();
   }
 
-  /** Make room for all that an arm may reach. */
+  /** Make room for most of what an arm may reach. */
   room() {
-    for (const { box } of this.puppets) box.union(new vendor.Box3().setFromCenterAndSize(new vendor.Vector3(), new vendor.Vector3().setScalar(0.6 * this.reach)));
+    const away = new vendor.Vector3(...this.run.arm.mount).multiplyScalar(-this.reach), around = new vendor.Vector3().setScalar(0.6 * this.reach);
+    this.puppets[0].box.union(new vendor.Box3().setFromCenterAndSize(new vendor.Vector3(), around)).expandByPoint(away);
     this.aim();
   }
 
