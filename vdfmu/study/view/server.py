@@ -65,7 +65,7 @@ class PageServer:
         self._clients: set[queue.Queue[bytes | None]] = set()
         self._lock = threading.Lock()
         try:
-            self._server = _Server((HOST, port or 0), _handler(self))
+            self._server = _Loopback((HOST, port or 0), _handler(self))
         except (OSError, OverflowError) as error:
             raise UsageError(
                 f"--port {port}: expected a free port of {HOST}, got: {error}. Without it, one is chosen."
@@ -147,7 +147,7 @@ class PageServer:
         self._thread.join()
 
 
-class _Server(ThreadingTCPServer):
+class _Loopback(ThreadingTCPServer):
     daemon_threads, block_on_close = True, False
     allow_reuse_address = os.name == "posix"  # Windows would take the port of another program
 
