@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import subprocess
 import sys
@@ -123,6 +124,7 @@ def broken(tmp_path: Path, added) -> Plugins:
 
 
 def test_a_package_that_does_not_work_is_named_and_the_others_are_there(added, tmp_path, caplog):
+    caplog.set_level(logging.WARNING, "vdfmu")  # a command before may have been quiet
     toys = PluginTable(broken(tmp_path, added), {".shipped": 1.0}, prefix=".")
     assert (toys[".good"], toys[".shipped"], ".none" in toys, "good" in toys) == (np.pi, 1.0, False, False)
     for name, said in (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import tomllib
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
@@ -58,6 +59,7 @@ def test_the_shell_completes_names(monkeypatch):
 
 
 def test_a_run_without_a_compiler_says_first_what_that_costs(monkeypatch, caplog):
+    caplog.set_level(logging.WARNING, "vdfmu")  # a command before may have been quiet
     monkeypatch.setattr(build, "native_available", lambda: False)
     warn_once.cache_clear()
     assert [build.choose_backend(None), build.choose_backend(None), build.choose_backend("python")] == ["python"] * 3

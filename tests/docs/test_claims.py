@@ -22,7 +22,7 @@ from vdfmu.system.scenario.parts import cached_fmus
 from vdfmu.system.scenario.values import group_value, system_values
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
 N = 6
 
 
@@ -48,7 +48,7 @@ def test_linked_files_exist(page):
     text = page.read_text(encoding="utf-8")
     for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", text):
         if "://" not in target and not target.endswith(
-            ("interface.md", "robot_file.md", "command_line.md")
+            ("interface.md", "robot_file.md", "command_line.md", "scenario_file.md", "gallery.md")
         ):  # made when the pages are built
             assert (page.parent / target).exists(), target
 

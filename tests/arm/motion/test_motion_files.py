@@ -207,8 +207,8 @@ def test_the_command_prints_and_draws_a_motion(written, tmp_path, capsys):
 
 
 def test_the_command_takes_names_of_scenarios(capsys):
-    with pytest.raises(ModelError, match="motion: expected a table, got a scenario without one.*'vdfmu run two_joint'"):
-        app(["motion", "two_joint"], standalone_mode=False)
+    app(["motion", "two_joint"], standalone_mode=False)
+    assert "two_joint" in capsys.readouterr().out
     with pytest.raises(UsageError, match="no scenario 'two_join'.* Did you mean \"two_joint\"?"):
         app(["motion", "two_join"], standalone_mode=False)
     with pytest.raises(UsageError, match="no robot 'ur5'.* Did you mean \"ur5e_6dof\"?"):

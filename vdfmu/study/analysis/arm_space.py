@@ -16,7 +16,7 @@ from vdfmu.arm.units.plant import Plant
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import StateSpace
 from vdfmu.compiler.unit.evaluate import Evaluation, evaluation
-from vdfmu.compiler.unit.interface import Interface
+from vdfmu.compiler.unit.interface import interface_of
 from vdfmu.compiler.unit.linear import state_space
 from vdfmu.study.analysis.linear import without_dry_friction
 from vdfmu.system.scenario import Scenario
@@ -109,7 +109,7 @@ def _at_rest(robot: Robot, at: npt.ArrayLike) -> Evaluation:
     q = np.asarray(at, dtype=float)
     if q.shape != (robot.n,) or not np.isfinite(q).all():
         raise UsageError(f"{robot.name}: expected {robot.n} finite positions of the joints, got {at!r}.")
-    plant = evaluation(Interface(Plant, robot))
+    plant = evaluation(interface_of(Plant, robot))
     plant.group("q_0")[:] = q
     plant.start()
     tau = plant.group("tau")

@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.drive.options import OPTIONS
-from vdfmu.arm.robot.parameters import PARAMETERS, section
+from vdfmu.arm.drive.dry import least_dry_friction
+from vdfmu.arm.robot.parameters import section
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import VdfmuError
 from vdfmu.compiler.functions.cache import cache_folder, load, store
@@ -107,7 +107,8 @@ def _tracks(
         simulator.run(start=start, stop=stop, step=step, record=(), visitor=poses)
         loops = _MovedLoops(poses, parameters, {})
         if not min(loops.least):  # friction may excite itself
-            loops = _MovedLoops(poses, parameters, least_dry_friction(parameters))
+            still = {unit: own for unit, values in parameters.items() if (own := least_dry_friction(values))}
+            loops = _MovedLoops(poses, parameters, still)
         return [list(_of_knob(loops, knob)) for knob in knobs]
 
 
@@ -192,22 +193,6 @@ class _MovedLoops:
         if not all(map(partial(np.allclose, rtol=_ROUNDING, atol=0.0), *found)):
             return None
         return dict(zip(poses, found[0], strict=True))
-
-
-def least_dry_friction(parameters: Names) -> dict[str, dict[str, Value]]:
-    """Return the parameters of arms with the least dry friction, as :func:`dry_friction` of a robot names them."""
-    found: dict[str, dict[str, Value]] = {}
-    for unit, values in parameters.items():
-        own = {name.partition("[")[0] for name in values}
-        if "K_f0" not in own:
-            continue
-        replaced = any(option.replaces_dry_friction and own & {*option.dry_parameters} for option in OPTIONS.values())
-        dry = {"f_ck", *(name for option in OPTIONS.values() for name in option.dry_parameters)}
-        dry |= set() if replaced else {"f_c", "f_s"}
-        found[unit] = {
-            name: PARAMETERS[group].smallest or 0.0 for name in values if (group := name.partition("[")[0]) in dry
-        }
-    return found
 
 
 def _of_knob(loops: _MovedLoops, knob: Mapping[str, Any]) -> Iterator[Track | None]:

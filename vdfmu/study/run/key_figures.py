@@ -85,8 +85,8 @@ def _torque(results: Results, robot: Robot, arm: ArmLimits | None) -> dict[str, 
     """Return the largest torque that a motor gave, link-side."""
     limit = None
     if arm is not None:
-        stall = np.full(robot.n, np.inf) if arm.robot is None else arm.robot.tau_stall
-        limit = robot.ell * np.minimum(np.where(arm.tau_max < NO_LIMIT, arm.tau_max, np.inf), stall)
+        least = np.minimum(arm.tau_max, arm.given(np.full(robot.n, NO_LIMIT), np.zeros(robot.n)))
+        limit = robot.ell * np.where(least < NO_LIMIT, least, np.inf)
         limit = limit if np.isfinite(limit).any() else None
     peaks = _Peaks(robot.n)
     for part in results.blocks(BLOCK):

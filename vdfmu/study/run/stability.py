@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from vdfmu.arm.equations.friction import dry_friction
-from vdfmu.arm.robot import Robot
-from vdfmu.arm.robot.parameters import PARAMETERS
+from vdfmu.arm.drive.dry import least_dry_friction
 from vdfmu.base.errors import CosimError
 from vdfmu.base.progress import doing
 from vdfmu.engine.inspect.loops import GROWTH, Growth, Poses
@@ -63,7 +61,8 @@ def loop_checks(poses: Poses, system: SystemDescription, package: Path) -> Itera
         yield _stable(poses)
     elif split:
         with doing("stability"):
-            smooth, still = Poses("tau"), _without_dry_friction(split, system.values)
+            smooth = Poses("tau")
+            still = {f"{p}.{name}": x for p in split for name, x in least_dry_friction(system.values[p]).items()}
             simulated(scenario, package, still, record=(), visitor=smooth)
         alone = smooth.growth(0.0, scenario.stop)
         excited = f"friction 'split' excites itself, most at {_place(growth.state, poses)}; without dry friction"
@@ -73,17 +72,6 @@ def loop_checks(poses: Poses, system: SystemDescription, package: Path) -> Itera
             yield _unstable(alone, smooth, f"{excited} ")
     else:
         yield _unstable(growth, poses)
-
-
-def _without_dry_friction(
-    plants: Mapping[str, Robot], values: Mapping[str, Mapping[str, Any]]
-) -> dict[str, float | None]:
-    return {
-        f"{plant}.{name}": PARAMETERS[name.partition("[")[0]].smallest
-        for plant, robot in plants.items()
-        for name in values[plant]
-        if name.partition("[")[0] in dry_friction(robot)
-    }
 
 
 def _stable(poses: Poses, before: str = "") -> LoopCheck:
