@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -67,17 +68,15 @@ def mesh_parts(robot: Robot, folder: Path | None) -> tuple[list[dict[str, Any]],
     meshes = [visual for visual in robot.visuals if visual.shape == "mesh"] if folder else []
     parts: list[dict[str, Any]] = []
     notes: list[str] = []
+    try:
+        trimesh: Any = import_module("trimesh") if meshes else None
+    except ImportError as error:
+        install = "Install what reads them: 'pip install vdfmu[view]'"
+        return [], [f"{len(meshes)} meshes cannot be shown: {error}. {install}"]
     for visual in meshes:
         try:
-            import trimesh
-
-            mesh: Any = trimesh.load(Path(folder or "") / visual.file, force="mesh")
+            mesh = trimesh.load(Path(folder or "") / visual.file, force="mesh")
             corners, triangles = np.asarray(mesh.vertices, float) * visual.size, np.asarray(mesh.faces)
-        except ImportError as error:
-            notes.append(
-                f"{len(meshes)} meshes cannot be shown: {error}. Install what reads them: 'pip install vdfmu[view]'"
-            )
-            break
         except Exception as error:  # a reader of a foreign format may raise anything
             notes.append(f"mesh {visual.file} cannot be shown: {error}")
             continue

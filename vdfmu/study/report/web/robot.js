@@ -45,7 +45,7 @@ class RobotScene extends Scene3D {
     actual.root.traverse((one) => !before.has(one) && this.groups.ellipsoids.push(one));
     if (!robot.weightless) {
       const pull = new Arrow(0.25 * reach);
-      pull.position.set(0.05, 0.45, 0.3).applyQuaternion(this.turn).multiplyScalar(reach);
+      pull.position.set(0.05, 0.5, 0.12).applyQuaternion(this.turn).multiplyScalar(reach).add(this.puppets[0].box.getCenter(new vendor.Vector3()));
       pull.point(this.up.clone().negate(), 1);
       pull.look.color.set("#66717d");
       this.scene.add(pull);
