@@ -16,7 +16,7 @@ from vdfmu.study.analysis.modes import MOTORS
 from vdfmu.study.report.content import arm_of
 from vdfmu.study.report.curves import packed
 from vdfmu.study.report.page import ROBOT, libraries, look, script
-from vdfmu.study.report.shapes import DrawnShape, drawing_of, own_shapes
+from vdfmu.study.report.shapes import Chain, DrawnShape, drawing_of, own_shapes
 from vdfmu.study.view.shapes import centres
 
 
@@ -44,7 +44,7 @@ def robot_page(
         "robot": {
             "sliders": sliders,
             "motors": MOTORS,
-            "weightless": not np.any(robot.gravity),
+            "weightless": Chain(arm).weightless,
             "centres": [[body, p.tolist()] for body, p in centres(robot)],
             "ellipsoids": [part.plain() for part in ellipsoids],
         },
