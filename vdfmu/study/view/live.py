@@ -163,7 +163,7 @@ class LiveView:
         if self._words is not None and len(results):
             few = results.thinned(_MOST)
             bare = Results(few.time, few.signals, {kind: np.array(array) for kind, array in few.data.items()})
-            self._send("end", self._title, bare, self._facts, self._stop_time)
+            self._send("end", self._title, bare, self._facts | results.summary, self._stop_time)
 
     def page(self, path: Path) -> None:
         """Show the page that a run has written."""

@@ -36,10 +36,10 @@ export function stateLine() {
 
 /** Say how things are, and let a run that goes on grow; returns whether the newest row is shown. */
 export function followRun(player, say = stateLine()) {
-  let rows = [], newest = null, stride = 1, count = 0, last = null, charts = 0, paths = 0, words = served?.dataset.words ?? "";
+  let rows = [], newest = null, stride = 1, count = 0, last = null, charts = 0, paths = 0, waiting = 0, words = served?.dataset.words ?? "";
   const [run] = recorded;
   const draw = (now) => {
-    if (!newest) return;
+    waiting = 0;
     const all = newest === rows.at(-1) ? rows : [...rows, newest], follows = last === null || view.time === last;
     const signals = new Map(live.names.map((name, k) => [name, Float64Array.from(all, (row) => row[k + 1] ?? NaN)]));
     run.result = { time: Float64Array.from(all, ([time]) => time), signals };
@@ -64,7 +64,7 @@ export function followRun(player, say = stateLine()) {
       newest = row;
     }
     if (rows.length > MOST_ROWS) [rows, stride] = [rows.filter((_, k) => k % 2 === 0), 2 * stride];
-    requestAnimationFrame(draw);
+    if (newest) waiting ||= requestAnimationFrame(draw); // one, also while the page is not seen
   } : undefined, (lost) => served && say(lost ? `${words} The view has ended, or cannot be reached.`.trim() : words));
   if (live) player?.scene?.room();
   return () => !!live && view.time === last;

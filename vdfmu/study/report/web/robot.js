@@ -95,13 +95,9 @@ class RobotScene extends Scene3D {
 
 const section = (id) => document.getElementById(id);
 const host = make("div", { class: "canvas", role: "img", "aria-label": "The arm in 3D" });
-const state = { q: unpackedPose(), motors: robot.motors[0], modes: [], chosen: -1, amplitude: 0.2 };
+const state = { q: [...unpack(runs[0].frames.q)], motors: robot.motors[0], modes: [], chosen: -1, amplitude: 0.2 };
 const say = stateLine();
 let scene = null;
-
-function unpackedPose() {
-  return [...unpack(runs[0].frames.q)];
-}
 
 function showArm() {
   section("arm").append(make("h2", {}, "The arm"), make("div", { class: "stage" }, host));
@@ -121,15 +117,13 @@ function showArm() {
     make("small", { class: "note" }, "Axes: x red, y green, z blue. Keys 1 to 4 are the views.")));
 }
 
-let sending = null, ask = false;
+let sending = null;
 
-/** Send the pose, the last one in any case. */
+/** Send the pose as it is soon. */
 function send() {
-  ask = true;
   sending ??= setTimeout(() => {
-    [sending, ask] = [null, false];
+    sending = null;
     askServer({ q: state.q, motors: state.motors, from: own });
-    if (ask) send();
   }, SENT);
 }
 
