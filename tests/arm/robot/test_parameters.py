@@ -120,7 +120,7 @@ def test_a_new_parameter_is_one_line(extended: dict[str, str]) -> None:
 @pytest.mark.heavy
 def test_a_new_parameter_is_shown_on_the_command_line(extended: dict[str, str]) -> None:
     shown = output(extended, "-m", "vdfmu.cli", "robot", "show", "planar_2dof")
-    assert re.search(r"theta_err_phase +┃ k_new", shown)
+    assert re.search(r"theta_err_phase +k_new", shown)
     assert "k_new: no source" in shown
 
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import vdfmu
-from vdfmu.arm.drive.dry import least_dry_friction
 from vdfmu.engine.inspect.changed import changed, with_part
 from vdfmu.engine.inspect.linear import Linearisation
 from vdfmu.engine.inspect.loops import GROWTH
@@ -15,6 +14,7 @@ from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.run.simulator import Simulator
+from vdfmu.study.analysis.linear import least_dry_friction
 from vdfmu.study.analysis.system import margins_along
 from vdfmu.study.report.causes import LESS, causes
 from vdfmu.study.report.simulation import knobs, values_of

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.drive.options import options_of
+from vdfmu.arm.drive.options import OPTIONS, options_of
 
 States = Mapping[str, Any]
 """States that options add, (n,) each, by name; empty along a desired motion, which has none."""
@@ -103,9 +103,13 @@ def friction_loss(robot: Any, q_dot: Any, kappa_dot: Any, load: Any = 0.0, state
     return loss
 
 
-def dry_friction(robot: Any) -> tuple[str, ...]:
-    """Names of the parameters that are 0, or as small as they may be, in an arm without dry friction."""
-    options = [option for option, _ in options_of(robot)]
-    own = [name for option in options for name in option.dry_parameters]
-    replaced = any(option.replaces_dry_friction for option in options)
-    return ("f_ck", *own, *(() if replaced else ("f_c", "f_s")))
+def dry_friction(names: Collection[str]) -> set[str]:
+    """Of the parameters of a unit, those that are 0, or as small as they may be, without dry friction.
+
+    A unit without parameters of a spring is not an arm, and has none.
+    """
+    if "K_f0" not in names:
+        return set()
+    replaced = any(option.replaces_dry_friction and {*option.dry_parameters} & {*names} for option in OPTIONS.values())
+    dry = {"f_ck", *(name for option in OPTIONS.values() for name in option.dry_parameters)}
+    return {*names} & (dry if replaced else dry | {"f_c", "f_s"})

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,9 +19,15 @@ from vdfmu.system.reference.wired import WiredUnits
 
 def without_dry_friction(unit: Evaluation) -> None:
     """Set parameters of Coulomb and Stribeck friction, and of the mesh's, to 0 or the smallest that they may be."""
-    for name in dry_friction(unit.interface.robot):
-        if name in unit.interface.groups:
-            unit.group(name)[:] = PARAMETERS[name].smallest
+    for name in dry_friction(unit.interface.groups):
+        unit.group(name)[:] = PARAMETERS[name].smallest
+
+
+def least_dry_friction(values: Mapping[str, Any]) -> dict[str, float]:
+    """Return the parameters of :func:`without_dry_friction` by their full names, of those of a unit."""
+    groups = {name: name.partition("[")[0] for name in values}
+    dry = dry_friction({*groups.values()})
+    return {name: PARAMETERS[group].smallest or 0.0 for name, group in groups.items() if group in dry}
 
 
 def fast_states(states: Iterable[str], dry: bool) -> npt.NDArray[np.intp]:

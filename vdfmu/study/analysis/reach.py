@@ -92,7 +92,7 @@ def reach_scenario(robot: Robot | str | os.PathLike[str] | None = None) -> Scena
     with temporary_folder("vdfmu_") as folder:
         path = Path(folder) / f"{name}_reach.toml"
         _, notes = _write(robot, name, name, path)
-        return replace(load_scenario(path, robot), notes=tuple(notes))
+        return replace(load_scenario(path, robot), notes=tuple(notes), file="")
 
 
 def _write(arm: Robot, name: str, written: str, path: Path) -> tuple[Gains, list[str]]:

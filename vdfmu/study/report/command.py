@@ -6,10 +6,11 @@ import shlex
 from collections.abc import Mapping
 from typing import Any
 
-from vdfmu.base.errors import VdfmuError
-from vdfmu.system.scenario.load import load_scenario
+from vdfmu.base.toml_file import locate, read_toml
+from vdfmu.system.scenario.load import scenario_names
+from vdfmu.system.scenario.scenario import Scenario
 
-_OPTIONS = ("stop", "step", "master", "adaptive")
+_OPTIONS = ("stop", "step", "master", "adaptive", "tolerance")
 
 
 def run_command(summary: Mapping[str, Any]) -> str:
@@ -20,17 +21,17 @@ def run_command(summary: Mapping[str, Any]) -> str:
     name, units = summary.get("scenario"), summary.get("units") or {}
     if not name or summary.get("inputs") or any("<" in unit for unit in units.values()):
         return ""
-    words = ["vdfmu", "run", str(name)]
-    try:
-        scenario = load_scenario(str(name))
-    except VdfmuError:  # a file of the user's
-        scenario = None
-    if scenario is not None:
-        if scenario.robot is not None and scenario.robot.name != summary.get("robot"):
-            words += ["--robot", str(summary.get("robot"))]
+    robot = str(summary.get("robot"))
+    words = ["vdfmu", "run", str(summary.get("scenario_file", name))]
+    if name == f"{robot}_reach":  # as `reach_scenario` names it
+        words = ["vdfmu", "run", "reach", "--robot", robot]
+    if name in scenario_names():  # else a file of the user's
+        written = read_toml(locate(str(name), "scenarios"))
+        if "robot" in written and written["robot"] != summary.get("robot"):
+            words += ["--robot", robot]
         for option in _OPTIONS:
             value = summary.get(option)
-            if value is not None and value != getattr(scenario, option):
+            if value is not None and value != written.get(option, getattr(Scenario, option, None)):
                 words += [f"--{option}", f"{value:g}" if isinstance(value, float) else str(value)]
     for component, unit in units.items():
         words += ["--unit", f"{component}={unit}"]

@@ -89,6 +89,7 @@ _VERDICT = Record({"passed": FLAG, "checks": List(_CHECK)}, {"not_checked": _LIN
 _PAPER = {"source": TEXT, **dict.fromkeys(TRACKING, _VECTOR)}
 KEYS: Mapping[str, Key] = {
     "scenario": Key(TEXT, "Name of the scenario."),
+    "scenario_file": Key(TEXT, "File of the scenario, where it is not a shipped one."),
     "robot": Key(TEXT, "Name of the robot."),
     "friction": Key(TEXT, "Where the joints have their friction."),
     "joints": Key(WHOLE, "Number of joints."),

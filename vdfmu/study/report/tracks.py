@@ -23,7 +23,6 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.drive.dry import least_dry_friction
 from vdfmu.arm.robot.parameters import section
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import VdfmuError
@@ -36,6 +35,7 @@ from vdfmu.engine.inspect.loops import GROWTH, Loop, of_positions, opened_at, sy
 from vdfmu.engine.masters.components import Components
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.run.simulator import Simulator
+from vdfmu.study.analysis.linear import least_dry_friction
 
 GOOD, POOR = 0.5, 0.25
 """Modulus margins from which a track is green, and below which it is red."""
@@ -105,6 +105,8 @@ def _tracks(
     poses = _LinearisedRows()
     with Simulator(checked.system, isolate=False, algorithm=checked.algorithm) as simulator:
         simulator.run(start=start, stop=stop, step=step, record=(), visitor=poses)
+        if not opened_at(poses.systems[0][1], "tau"):  # no loop goes through a motor's torque
+            return [[None] for _ in knobs]
         loops = _MovedLoops(poses, parameters, {})
         if not min(loops.least):  # friction may excite itself
             still = {unit: own for unit, values in parameters.items() if (own := least_dry_friction(values))}

@@ -8,13 +8,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from vdfmu.arm.drive.dry import least_dry_friction
 from vdfmu.base.errors import CosimError
 from vdfmu.base.progress import doing
 from vdfmu.engine.inspect.loops import GROWTH, Growth, Poses
 from vdfmu.engine.options import SimulatorOptions
 from vdfmu.engine.results.verdict import Check
 from vdfmu.engine.run import Interrupted, Results, Simulator
+from vdfmu.study.analysis.linear import least_dry_friction
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import Scenario
 

@@ -31,6 +31,7 @@ def run_facts(scenario: Scenario) -> dict[str, Any]:
     robot = scenario.robot
     return {
         "scenario": scenario.name,
+        **({"scenario_file": scenario.file} if scenario.file else {}),
         **({} if robot is None else {"robot": robot.name, "friction": robot.friction, "joints": robot.n}),
         "vdfmu": __version__,
         "date": datetime.now(UTC).isoformat(timespec="seconds"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -80,7 +81,7 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
     assert scenario is not None  # else there are problems
     if robot is not None and "robot" not in data and not scenario.resolved.takers:
         raise UsageError(f"robot: expected none for {path}, no component of which takes one, got {robot.name}.")
-    return scenario
+    return scenario if str(path_or_name) in scenario_names() else replace(scenario, file=str(path))
 
 
 def _numbers(robot: Robot) -> dict[str, Any]:

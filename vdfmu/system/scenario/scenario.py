@@ -55,6 +55,8 @@ class Scenario:
         Whether they hold until the next row.
     notes : tuple of str
         Notes of whoever made the scenario.
+    file : str
+        Its file, if it is not a shipped one.
     options : CouplingOptions
         Those of its runs that have no field here.
     """
@@ -75,6 +77,7 @@ class Scenario:
     input_hold: bool = False
     payload_known: bool = True
     notes: tuple[str, ...] = ()
+    file: str = field(default="", compare=False)
     options: CouplingOptions = field(default_factory=CouplingOptions)
 
     @property
