@@ -38,7 +38,7 @@ _WAITING = 1000
 """Events that may wait for a browser; one that is slower is cut off, comes back, and hears how things are by then."""
 _TICK = 1.0
 """Time after which a browser that hears nothing is sent a line, which finds out whether it is still there [s]."""
-_SOCKET = 10.0
+_SOCKET = 60.0
 """Time that a browser has for a request, or to take what it is sent [s]."""
 
 
