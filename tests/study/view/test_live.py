@@ -2,30 +2,32 @@
 
 import base64
 import http.client
+import json
 import socket
 import sys
 import time
 import urllib.request
-from contextlib import nullcontext
+from queue import Empty
 
 import numpy as np
 import pytest
 import typer
-import viser
-import websockets.asyncio.server
 from typer.testing import CliRunner
 
 import vdfmu
 from vdfmu.base.bars import Bars, errors
-from vdfmu.base.errors import CosimError, UsageError, VdfmuError
+from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.cli.commands import app
 from vdfmu.cli.terminal import console
 from vdfmu.cli.view import live_view
+from vdfmu.engine.results.recorded import Signal
+from vdfmu.engine.results.results import Results
 from vdfmu.study.report.content import arm_of
-from vdfmu.study.report.shapes import Chain
 from vdfmu.study.view.live import HEAD, LiveView
 from vdfmu.study.view.live_server import ViewServer
-from vdfmu.study.view.scene import ArmScene, open_server, stage
+from vdfmu.study.view.robot import RobotView
+from vdfmu.study.view.server import PageServer
+from vdfmu.study.view.shapes import mesh_parts
 
 NAMES = [f"{name}[{i}]" for name in ("plant.q", "trajectory.q_d", "controller.tau", "plant.kappa") for i in (1, 2)]
 
@@ -56,10 +58,17 @@ def test_a_run_with_a_view_is_the_run_without_and_outlives_it(tmp_path):
 
 
 @pytest.fixture
-def server():
-    one = open_server(None, "test")
+def taken():
+    """Return the requests that the server took."""
+    return []
+
+
+@pytest.fixture
+def server(taken):
+    one = PageServer(take=taken.append)
+    one.show(b"<html><head></head>the page</html>")
     yield one
-    one.stop()
+    one.close()
 
 
 LOOPBACK, PAGE = "127.0.0.1:{port}", "http://127.0.0.1:{port}"
@@ -76,7 +85,6 @@ LOOPBACK, PAGE = "127.0.0.1:{port}", "http://127.0.0.1:{port}"
         ("/index.html", LOOPBACK, None, 403),
         ("/{token}x/", LOOPBACK, None, 403),
         ("/%7btoken%7d/", LOOPBACK, None, 403),
-        ("//{token}/", LOOPBACK, None, 403),
         ("/{token}/", "evil.example:{port}", None, 403),
         ("/{token}/", "127.0.0.1.evil.example:{port}", None, 403),
         ("/{token}/", "evil.example@127.0.0.1.evil.example", None, 403),
@@ -87,83 +95,140 @@ LOOPBACK, PAGE = "127.0.0.1:{port}", "http://127.0.0.1:{port}"
         ("/{token}/", LOOPBACK, PAGE.replace("http", "https"), 403),
     ],
 )
-def test_a_view_answers_its_own_page_only(server, path, host, origin, code):
-    """By HTTP, and by the websocket that would read the scene and send events of the panel."""
-    words = {"port": server.get_port(), "token": server.token}
+def test_a_view_answers_its_own_page_only(server, taken, path, host, origin, code):
+    """The page, the events, and requests of the page."""
+    words = {"port": server.port, "token": server.token}
     headers = {"Host": host.format(**words), **({"Origin": origin.format(**words)} if origin else {})}
-    client = http.client.HTTPConnection("127.0.0.1", server.get_port(), timeout=10)
-    client.request("GET", path.format(**words), headers=headers)
-    assert client.getresponse().status == code
-    client.close()
-    upgrade = {
-        "Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13",
-        "Sec-WebSocket-Key": base64.b64encode(bytes(16)).decode(),
-        "Sec-WebSocket-Protocol": f"viser-v{viser.__version__}",
-    }  # fmt: skip
-    client.request("GET", path.format(**words), headers=headers | upgrade)
-    assert client.getresponse().status == (101 if code == 200 else code)
-    client.close()
+    events = f"{path.partition('?')[0].removesuffix('index.html').rstrip('/')}/events"
+    for method, place, done in (("GET", path, 200), ("GET", events, 200), ("POST", path, 204)):
+        client = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10)
+        client.request(method, place.format(**words), b"{}" if method == "POST" else None, headers)
+        assert client.getresponse().status == (done if code == 200 else code)
+        client.close()
+    assert taken == ([{}] if code == 200 else [])
 
 
-def test_two_views_have_two_tokens_and_other_servers_of_the_process_none(server):
-    other = open_server(None, "test")
-    other.stop()
+@pytest.mark.parametrize("body", [b"", b"{", b"[1]", b" " * 70_000 + b"{}"])
+def test_what_is_no_request_of_a_page_is_refused(server, taken, body):
+    client = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10)
+    client.request("POST", f"/{server.token}/", body)
+    assert client.getresponse().status == 400
+    client.close()
+    assert taken == []
+
+
+def test_two_views_have_two_tokens(server):
+    other = PageServer()
+    other.close()
     assert server.token != other.token
     assert len(server.token) >= 22  # 16 bytes in base 64
-    assert websockets.asyncio.server.serve.__module__ == "websockets.asyncio.server"
 
 
-def test_a_viser_that_cannot_be_guarded_is_refused(monkeypatch):
-    monkeypatch.setattr("vdfmu.study.view.guard.Guard.placed_before", lambda *_: nullcontext())
-    with pytest.raises(VdfmuError, match=r"viser .* lets any page in the browser see the view"):
-        open_server(None, "test")
+class Page:
+    """A page that hears events."""
+
+    def __init__(self, server, number):
+        self.client = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10)
+        self.client.request("GET", f"/{server.token}/events?page={number}")
+        self.answer = self.client.getresponse()
+
+    def next(self):
+        """Return the next event, None at the end."""
+        while True:
+            line = self.answer.readline()
+            if not line or line.startswith(b"data: "):
+                return json.loads(line[6:]) if line else None
+
+    def close(self):
+        """Close the page."""
+        self.answer.close()
+        self.client.close()
 
 
-def test_what_is_shown_is_the_row_and_afterwards_any_of_the_run():
+def test_pages_hear_how_things_are_and_then_what_happens(server):
+    server.show(b"<head></head>", "words", first=lambda: {"rows": [1]})
+    with urllib.request.urlopen(server.address) as answer:
+        assert answer.read() == b'<head><meta name="live" content="2" data-words="words"></head>'
+    pages = [Page(server, 2), Page(server, 2)]
+    assert [page.next() for page in pages] == [{"rows": [1]}] * 2
+    assert server.clients == 2
+    old = Page(server, 1)  # it was opened before the page changed
+    assert old.next() == {"page": 2}
+    for page in (old, pages[0]):
+        page.close()
+    server.send(lambda: {"rows": [2]})
+    assert pages[1].next() == {"rows": [2]}
+    ends = time.monotonic() + 20.0
+    while server.clients > 1:  # a line a second finds out who is gone
+        assert time.monotonic() < ends
+        time.sleep(0.05)
+    server.show(b"<head></head>")
+    assert pages[1].next() == {"page": 3}
+    pages[1].close()
+
+
+def test_a_browser_that_is_too_slow_is_cut_off_and_no_other_waits(server):
+    slow = server.hear("1")
+    for k in range(1500):
+        server.send(lambda k=k: {"rows": [k]})
+    assert server.clients == 0
+    events = []
+    with pytest.raises(Empty):
+        while True:
+            events.append(slow.get_nowait())
+    assert events[-1] is None  # its connection ends, and it comes back
+    assert len(events) == 1000
+
+
+def test_what_is_shown_are_the_rows_and_afterwards_the_run():
     arm = arm_of(vdfmu.load_robot("planar_2dof"), {})
-    server = open_server(None, "test")
+    server = PageServer()
     try:
         drawer, sent = ViewServer(server), []
         live = LiveView.__new__(LiveView)
-        live._arm, live._speed, live._say, live._folder = None, None, sent.append, None
+        live._arm, live._say, live._folder = None, sent.append, None
         live._send = lambda name, *arguments: getattr(drawer, name)(*arguments)
         live.begin(NAMES, {"arm": arm, "scenario": "test", "start": 0.0, "stop": 2.0})
+        data = json.loads(server.content.decode().split('type="application/json">')[1].split("</script>")[0])
+        assert data["live"] == {"names": NAMES, "start": 0.0, "stop": 2.0}
+        recipes = {key: each[0] for key, each in data["runs"][0]["frames"]["recipes"].items()}
+        assert recipes["error"] == [1.0, [[1.0, "trajectory.q_d[1]", 0], [-1.0, "plant.q[1]", 0]]]
+        assert recipes["torque"] == [1.0, [[100.0, "controller.tau[1]", 0]]]  # ell is 100
         values = np.array([0.3, -0.4, 0.31, -0.41, 0.02, 0.01, 0.302, -0.401])
+        pages = server.hear("2"), server.hear("2")
         live.row(1.0, values)
         drawer.step()
-        scene, chain = drawer._scene, Chain(arm)
-        assert scene is not None
-        for handle, (R, p) in zip(scene._arm._links, chain.placements(values[:2]), strict=True):
-            assert handle.position == pytest.approx(tuple(p))
-            w, x, y, z = handle.wxyz
-            assert R[1, 0] == pytest.approx(2.0 * (x * y + w * z))  # of a quaternion to a matrix
-        shown = scene.values({"q": values[:2], "q_d": values[2:4], "tau": values[4:6], "kappa": values[6:]})
-        np.testing.assert_allclose(shown["error"], [0.01, -0.01])
-        np.testing.assert_allclose(shown["torque"], [2.0, 1.0])  # ell is 100
-        np.testing.assert_allclose(shown["torsion"], [0.002, -0.001])
-        assert "t = 1.000 s, 50 %" in scene._state.content
-        assert "| 17.19 |" in scene._numbers.content  # degrees
-        time = np.array([0.0, 1.0, 2.0])
-        drawer.end(
-            time,
-            {key: np.outer(time, values[i : i + 2]) for key, i in (("q", 0), ("q_d", 2), ("tau", 4), ("kappa", 6))},
-        )
-        scene.slider.value = 1.2
-        drawer.step()
-        assert scene._arm._links[1].wxyz == pytest.approx([np.cos(-0.2), 0.0, 0.0, np.sin(-0.2)])
+        drawer.step()  # nothing new
+        for page in pages:
+            assert page.get_nowait() == b'data: {"rows": [], "anew": true}\n\n'
+            assert json.loads(page.get_nowait()[6:]) == {"rows": [[1.0, *values]]}
+            assert page.empty()
+        late = server.hear("2")
+        assert json.loads(late.get_nowait()[6:]) == {"rows": [[1.0, *values]], "anew": True}
+        for k in range(2000):
+            live.row(1.0 + k / 1000.0, values)
+            drawer.step()
+        last = server.hear("2")
+        shown = json.loads(last.get_nowait()[6:])["rows"]
+        assert 200 <= len(shown) <= 500
+        assert np.ptp(np.diff([row[0] for row in shown[1:]])) < 1e-12  # at equal distances
+        signals = [Signal(name, "real", "", k) for k, name in enumerate(NAMES)]
+        live.end(Results(np.array([0.0, 1.0]), signals, {"real": np.array([0.0 * values, values])}))
+        assert b'data-words="The run ended early: 0 to 1 s."' in server.content
         assert sent == []
     finally:
-        server.stop()
+        server.close()
 
 
 def test_a_torn_row_is_not_drawn():
-    server = ViewServer(None)
-    server._words, server._places = np.array([3.0, 0.1, 1.0]), {"q": [0]}
+    server = ViewServer(PageServer())
+    server._words = np.array([3.0, 0.1, 1.0])
     assert server._row() is None  # it is being written
     server._words[0] = 4.0
-    assert server._row() == (0.1, {"q": np.array([1.0])})
+    assert server._row() == [0.1, 1.0]
     assert server._row() is None  # and shown already
     assert HEAD == 2
+    server._server.close()
 
 
 @pytest.mark.parametrize(
@@ -192,16 +257,15 @@ def test_what_is_wrong_is_said_before_the_run(monkeypatch, tmp_path):
         taken.listen()
         port = taken.getsockname()[1]
         with pytest.raises(UsageError, match=f"port {port}: expected a free port of 127.0.0.1, got: .* in use"):
-            open_server(port, "test")
+            PageServer(port)
+        for words in (f"run tracking --live --port {port}", f"view planar_2dof --port {port}"):
+            done = CliRunner().invoke(app, words.split())
+            assert isinstance(done.exception, UsageError)
+            assert "Without it, one is chosen." in str(done.exception)
     for words in ("run tracking --port 8000", "simulate x.ssp --robot planar_2dof"):
         done = CliRunner().invoke(app, words.split())
         assert isinstance(done.exception, UsageError)
         assert "expected --live" in str(done.exception)
-    monkeypatch.setitem(sys.modules, "viser", None)
-    for words in ("run tracking --live", "view planar_2dof"):
-        done = CliRunner().invoke(app, words.split())
-        assert isinstance(done.exception, UsageError)
-        assert "'pip install vdfmu[view]'" in str(done.exception)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -237,24 +301,68 @@ def test_quiet_leaves_the_address_of_a_view_and_bars_end_before_it_waits(monkeyp
     assert output.err.startswith("error: plant")
 
 
-def test_the_foot_of_an_arm_that_hangs_is_above_it():
-    for name, sign in (("snake_24dof", 1.0), ("planar_2dof", -1.0)):
-        chain, server = Chain(arm_of(vdfmu.load_robot(name), {})), open_server(None, "test")
-        try:
-            stage(server, chain, chain.points(np.zeros(chain.n)))
-            foot = server.scene._handle_from_node_name["/foot"]
-            assert np.sign(np.dot(foot.position, chain.up)) == sign
-        finally:
-            server.stop()
+MESH = {"shape": "mesh", "size": [1, 1, 1], "color": [1, 0, 0, 1], "offset": [0, 0, 0], "rotation": np.eye(3)}
 
 
-def test_all_meshes_that_cannot_be_shown_are_named(tmp_path):
-    robot = vdfmu.load_robot("planar_2dof")
-    look = {"shape": "mesh", "size": [1, 1, 1], "color": [1, 1, 1, 1], "offset": [0, 0, 0], "rotation": np.eye(3)}
-    shapes = [look | {"joint": i, "file": f"mesh_{i}.stl"} for i in (1, 2)]
-    server = open_server(None, "test")
+class Look:
+    """A mesh of a robot."""
+
+    def __init__(self, joint, file):
+        vars(self).update(MESH | {"size": np.full(3, 0.5), "joint": joint, "file": file})
+
+
+class Robot:
+    """A robot of two meshes."""
+
+    visuals = (Look(1, "mesh_1.stl"), Look(2, "mesh_2.obj"))
+
+
+def test_meshes_are_shown_if_all_can_be_and_those_that_cannot_are_named(tmp_path, monkeypatch):
+    parts, notes = mesh_parts(Robot, tmp_path)
+    assert [note.partition(" cannot")[0] for note in notes] == ["mesh mesh_1.stl", "mesh mesh_2.obj"]
+    (tmp_path / "mesh_2.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    assert len(mesh_parts(Robot, tmp_path)[1]) == 1
+    corners = ("vertex 0 0 0", "vertex 0 0 2", "vertex 0 2 0")
+    (tmp_path / "mesh_1.stl").write_text("\n".join(["solid a", "facet normal 1 0 0", "outer loop", *corners, "endloop",
+                                                    "endfacet", "endsolid a"]))  # fmt: skip
+    parts, notes = mesh_parts(Robot, tmp_path)
+    assert notes == []
+    assert [(part["body"], part["colour"]) for part in parts] == [(1, "#ff0000"), (2, "#ff0000")]
+    triangles = np.frombuffer(base64.b64decode(parts[0]["mesh"]["triangles"]), "<u4")
+    corners = np.frombuffer(base64.b64decode(parts[0]["mesh"]["corners"]), "<f4").reshape(-1, 3)
+    np.testing.assert_array_equal(np.sort(corners[triangles].sum(axis=1)), [0.0, 1.0, 1.0])  # half as large
+    monkeypatch.setitem(sys.modules, "trimesh", None)
+    parts, notes = mesh_parts(Robot, tmp_path)
+    assert parts == []
+    assert "'pip install vdfmu[view]'" in notes[0]
+
+
+def test_pages_move_a_robot_together_and_hear_its_modes():
+    view = RobotView(vdfmu.load_robot("planar_2dof"))
     try:
-        notes = ArmScene(server, Chain(arm_of(robot, {})), visuals=shapes, folder=tmp_path).notes
+        pages = [Page(view._server, 1) for _ in range(2)]
+        assert [page.next() for page in pages] == [{"q": [0.0, 0.0], "motors": "free", "from": ""}] * 2
+        request = {"q": [0.5, -0.25], "motors": "held", "from": "a"}
+        for body in ({"q": [1.0], "motors": "free"}, {"q": [1.0, None], "motors": "free"}, {"q": [0, 0]}, request):
+            client = http.client.HTTPConnection("127.0.0.1", view._server.port, timeout=10)
+            client.request("POST", f"/{view._server.token}/ask", json.dumps(body))
+            assert client.getresponse().status == 204
+            client.close()
+        assert [page.next() for page in pages] == [request] * 2
+        assert view.pose.tolist() == [0.5, -0.25]
+        view.step(0.0)
+        view.step(0.2)
+        assert view._finding is None  # the pose has not rested
+        view.step(0.4)
+        while view.modes is None:
+            view.step(0.5)
+            time.sleep(0.01)
+        heard = pages[0].next()
+        expected = vdfmu.natural_modes(view.robot, (0.5, -0.25), motors="held")
+        assert [mode["frequency"] for mode in heard["modes"]] == expected.frequency.tolist()
+        later = Page(view._server, 1)
+        assert later.next() == request | heard
+        for page in (*pages, later):
+            page.close()
     finally:
-        server.stop()
-    assert [note.partition(" cannot")[0] for note in notes] == ["mesh mesh_1.stl", "mesh mesh_2.stl"]
+        view.close()

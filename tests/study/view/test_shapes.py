@@ -9,8 +9,8 @@ import vdfmu
 from vdfmu.study.analysis.modes import middle_pose
 from vdfmu.study.report.content import arm_of
 from vdfmu.study.report.shapes import Chain, own_shapes, turn_to
-from vdfmu.study.view.robot import displacement
-from vdfmu.study.view.shapes import blend, half_axes, inertia_parts, rgb
+from vdfmu.study.view.robot import mode_facts
+from vdfmu.study.view.shapes import half_axes, inertia_parts
 
 ROBOTS = vdfmu.robot_names()
 
@@ -99,19 +99,17 @@ def test_shapes_of_the_file_keep_their_place_and_colour():
     shape |= {"rotation": np.eye(3).tolist(), "color": [1.0, 0.5, 0.0, 1.0]}
     (part,) = own_shapes([shape, shape | {"shape": "mesh"}])
     assert (part.body, part.shape, part.size, part.colour) == (1, "box", [1.0, 2.0, 3.0], "#ff8000")
-    assert rgb(part.colour) == (255, 128, 0)
     arm = arm_of(vdfmu.load_robot("planar_2dof"), {}) | {"shapes": [shape]}
     assert [each.shape for each in Chain(arm).parts(0.0, 1.0) if each.colour == "#ff8000"] == ["box"]
     assert all(each.shape != "capsule" for each in Chain(arm).parts(0.0, 1.0))  # no tubes beside them
-    assert blend(0.0) == rgb("joint") == (163, 174, 186)
-    assert blend(2.0) == blend(1.0) != blend(-1.0)
-    assert blend(float("nan")) == blend(0.0)
 
 
-def test_a_mode_moves_its_links_by_its_shape():
+def test_the_shape_of_a_mode_has_a_largest_part_of_length_1():
     modes = vdfmu.natural_modes(vdfmu.load_robot("planar_2dof"), (0.3, -0.5), motors="held")
     for k in range(len(modes.frequency)):
-        shape = displacement(modes, k, 0.0)
-        assert np.abs(shape).max() == pytest.approx(1.0, abs=1e-3)  # damping turns it by about itself, below 1e-3
-        np.testing.assert_allclose(displacement(modes, k, 0.5), -shape, atol=1e-15)  # half a cycle
-        np.testing.assert_allclose(shape, modes.links[k].real / np.abs(modes.links[k]).max())
+        facts = mode_facts(modes, k)
+        shape = np.array(facts["real"]) + 1j * np.array(facts["imaginary"])
+        # a division of each of two numbers
+        assert np.abs(shape).max() == pytest.approx(1.0, rel=4 * np.finfo(float).eps)
+        np.testing.assert_allclose(shape * np.abs(modes.links[k]).max(), modes.links[k], rtol=1e-15)
+        assert facts["joint"] == modes.joint[k] + 1

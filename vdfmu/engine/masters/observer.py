@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Container, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -31,6 +32,10 @@ class Observer(Protocol):
 
     def end(self, results: Results) -> None:
         """Take all rows of the run, which may have failed."""
+        ...
+
+    def page(self, path: Path) -> None:
+        """Take the page that :func:`vdfmu.run` has written of the finished run; the file moves afterwards."""
         ...
 
 

@@ -70,8 +70,8 @@ class CurveTable:
         joined = (np.hstack(array)[:, rows] for array in zip(*self._parts, strict=True))
         return {
             **self._facts,
-            "time": _packed(np.concatenate(self._time)[rows], "<f8"),
-            **{name: _packed(array, "<f4") for name, array in zip(names, joined, strict=True)},
+            "time": packed(np.concatenate(self._time)[rows], "<f8"),
+            **{name: packed(array, "<f4") for name, array in zip(names, joined, strict=True)},
         }
 
 
@@ -89,6 +89,7 @@ def recipes_of(curves: Iterable[Curve], copies: Mapping[str, Signal]) -> list[An
     return [[curve.scale, [[factor, *source(name)] for factor, name in curve.terms]] for curve in curves]
 
 
-def _packed(values: NDArray[Any], kind: str) -> str:
+def packed(values: NDArray[Any], kind: str) -> str:
+    """Return numbers as base64 of a `kind` of the page."""
     with np.errstate(over="ignore"):  # values beyond single precision are drawn as gaps
         return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode()

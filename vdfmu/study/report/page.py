@@ -40,7 +40,8 @@ _WEB = Path(__file__).parent / "web"
 MODULES = (
     "packed.js", "vendor.js", "state.js", "data.js", "numbers.js", "labels.js", "heat.js", "save.js", "chart.js",
     "figures.js", "arm.js", "world.js", "puppet.js", "scene.js", "timeline.js", "player.js", "system.js", "worker.js",
-    "knob.js", "budget.js", "simulation.js", "comparison.js", "lab_plots.js", "lab.js", "share.js", "main.js",
+    "knob.js", "budget.js", "simulation.js", "comparison.js", "lab_plots.js", "lab.js", "share.js", "live.js",
+    "main.js",
 )  # fmt: skip
 """In an order in which each comes after the modules that it imports."""
 LAB = ("data.js", "lab_plots.js", "lab.js", "lab_main.js")
@@ -49,6 +50,12 @@ GALLERY = ("gallery.js",)
 """Modules of the page of a folder of runs."""
 WORKER = ("packed.js", "fmu.js", "master.js")
 """Modules of the worker that simulates, which the page holds as text."""
+LIVE = "live.js"
+"""Module that hears what the server of a page says."""
+ROBOT = (
+    "packed.js", "vendor.js", "data.js", "numbers.js", "arm.js", "world.js", "puppet.js", "scene.js", LIVE, "robot.js",
+)  # fmt: skip
+"""Modules of the page of a robot."""
 _VENDOR = ("three_uplot.min.js", "uplot.min.css")
 
 _POLICY = (
@@ -136,11 +143,18 @@ def write_report(runs: Sequence[ShownRun], path: Path, *, simulate: bool = False
 
 
 def report_page(
-    runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: bool = False, study: StudyPart | None = None
+    runs: Sequence[ShownRun],
+    *,
+    simulate: bool = False,
+    arm_alone: bool = False,
+    study: StudyPart | None = None,
+    live: Mapping[str, Any] | None = None,
 ) -> bytes:
     """Return the page of one run or of several, or of their arms alone; for `simulate` see :func:`write_report`.
 
-    `study`: what a page of a study has above the run of its scenario.
+    `study`: what a page of a study has above the run of its scenario. `live`: of a run that has only begun, ``names``
+    of the signals of the rows that the page will be sent, and its times ``start`` and ``stop`` [s]; empty for a run
+    that has ended and is not judged.
     """
     names = _names(runs)
     runs = [
@@ -160,8 +174,10 @@ def report_page(
     ]
     if arm_alone:
         parts = [part | {"figures": [], "signals": [], "simulation": None} for part in parts]
+    if live is not None:
+        parts = [part | {"simulation": None, "command": ""} | ({"signals": []} if live else {}) for part in parts]
     data = {"runs": parts} | ({"binaries": binaries} if binaries else {})
-    data |= {"study": study.content} if study else {}
+    data |= ({"study": study.content} if study else {}) | ({"live": live} if live else {})
     inert = to_json(data, indent=None).replace("<", "\\u003c")  # nothing in it ends the script that contains it
     held = ({signal.name for signal in run.results.signals if signal.late} for run in runs)
     diagram = next(filter(None, (system_diagram(run.package, own) for run, own in zip(runs, held, strict=True))), "")
@@ -186,7 +202,7 @@ def report_page(
             "<noscript><p>Figures and the arm are drawn by a script, which this browser does not run.</p></noscript>",
             f'<script id="data" type="application/json">{inert}</script>',
             *([f'<script type="text/plain" id="worker">{script(WORKER)}</script>'] if binaries else []),
-            _libraries(),
+            libraries(),
             f'<script type="module">\n{script()}\n</script>',
         ]
     )
@@ -214,7 +230,7 @@ def look() -> str:
 
 
 @lru_cache
-def _libraries() -> str:
+def libraries() -> str:
     """Return the libraries, compressed, below their licences."""
     text = _text(_VENDOR[0])
     units = THIRD_PARTY.replace("libraries in binaries/", "units that a page simulates")

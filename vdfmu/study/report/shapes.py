@@ -32,6 +32,11 @@ class DrawnShape(NamedTuple):
     colour: str = "light"
     """Colour as ``#rrggbb``; "light" and "dark" follow the theme; "joint" shows the value of joint `body`."""
 
+    def plain(self) -> dict[str, Any]:
+        """Return it for JSON."""
+        facts = self._asdict()
+        return facts | {key: np.asarray(facts[key]).tolist() for key in ("size", "offset", "rotation")}
+
 
 class Chain:
     """The frames of an arm, from the facts of :func:`vdfmu.study.report.content.arm_of`."""
@@ -117,10 +122,7 @@ def drawing_of(arm: Mapping[str, Any], travel: Floats) -> dict[str, Any]:
     chain = Chain(arm)
     rails = [each for each, kind in zip(travel, chain.types, strict=True) if kind == "prismatic"]
     reach = chain.reach + float(max(rails, default=0.0))
-    parts = [
-        part._replace(offset=part.offset.tolist(), rotation=part.rotation.tolist())._asdict()
-        for part in chain.parts(travel, reach)
-    ]
+    parts = [part.plain() for part in chain.parts(travel, reach)]
     numbers = {name: arm[name] for name in ("types", *_FRAMES)}
     return numbers | {"up": chain.up.tolist(), "reach": reach, "parts": parts, "mount": chain.mount(travel).tolist()}
 

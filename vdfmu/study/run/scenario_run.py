@@ -244,6 +244,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
                 modules()
             page = [ShownRun(scenario.name, results, summary, partial / "system.ssp")]
             write_report(page, partial / NAME, simulate=bool(simulate))
+            getattr(observer, "page", lambda path: None)(partial / NAME)
         write_summary(summary, partial)
         return results
 

@@ -1,1 +1,1 @@
-"""An arm in 3D in a browser, by viser: a robot with sliders, and a run in progress."""
+"""An arm in 3D in a browser, on the page of a run: a robot with sliders, and a run in progress."""

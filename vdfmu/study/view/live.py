@@ -21,20 +21,21 @@ from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.isolated import mapped
-from vdfmu.study.report.frames import FRAMES
-from vdfmu.study.view.scene import PERIOD, needed
+from vdfmu.study.view.server import PERIOD
 
-SIGNALS = {"q": "plant.q", "q_d": "trajectory.q_d", "tau": "controller.tau", "kappa": "plant.kappa"}
-"""Drawn quantities, and the arrays that hold them; the first is needed."""
+SIGNALS = ("plant.q", "trajectory.q_d", "controller.tau", "controller.tau_m", "plant.kappa")
+"""Arrays that are drawn; the first is needed."""
 HEAD = 2
 """Words before the values of a row: how often it was begun or completed, and its time."""
+_MOST = 10_001
+"""Rows of the finished run that are sent, at most."""
 
 
 class LiveView:
     """The arm of a run in a browser, during and after the run.
 
-    A process of its own draws, at most 30 times a second. It reads the rows from memory that it shares with the run.
-    The run waits neither for it nor for a browser, and continues without it.
+    A process of its own serves the page of the run, and sends it at most 30 rows a second. It reads them from memory
+    that it shares with the run. The run waits neither for it nor for a browser, and continues without it.
 
     Parameters
     ----------
@@ -48,7 +49,7 @@ class LiveView:
     Raises
     ------
     UsageError
-        viser is missing, or the port is taken.
+        The port is taken.
     VdfmuError
         The process cannot be started.
 
@@ -62,11 +63,11 @@ class LiveView:
     def __init__(
         self, *, port: int | None = None, arm: Mapping[str, Any] | None = None, say: Callable[[str], None] = print
     ) -> None:
-        needed()
-        self.wanted: Sequence[str] = [f"{name}[*]" for name in SIGNALS.values()]
+        self.wanted: Sequence[str] = [f"{name}[*]" for name in SIGNALS]
         self.period = PERIOD
         self._arm, self._say = arm, say
         self._words: Floats | None = None
+        self._title, self._stop_time = "", 0.0
         self._clients, self._said, self._ended = 0, "", False
         self._stack = ExitStack()
         try:
@@ -128,14 +129,14 @@ class LiveView:
     def begin(self, names: Sequence[str], about: Mapping[str, Any]) -> None:
         """Show the arm of a run; see `vdfmu.engine.masters.observer.Observer`."""
         arm = about.get("arm") or self._arm
-        places = _places(names, 0 if arm is None else len(arm["types"]))
-        title = str(about.get("scenario") or about.get("system") or "")
+        title = self._title = str(about.get("scenario") or about.get("system") or "")
         self._words = None
-        if arm is None or "q" not in places:
+        joints = {f"{SIGNALS[0]}[{i}]" for i in range(1, 1 + len(arm["types"]))} if arm else set[str]()
+        if arm is None or not joints <= {*names}:
             why = (
                 "no robot is known; --robot, or arm of LiveView, names one"
                 if arm is None
-                else f"there is no signal {SIGNALS['q']} of its joints"
+                else f"there is no signal {SIGNALS[0]} of its joints"
             )
             text = f"There is no arm to show: {why}."
             self._say(f"note: live view: {text}")
@@ -144,8 +145,9 @@ class LiveView:
         handle, path = tempfile.mkstemp(dir=self._folder)
         with open(handle, "wb") as file:
             file.write(bytes(8 * (HEAD + len(names))))
-        self._words = mapped(Path(path))
-        self._send("begin", title, arm, path, places, float(about["start"]), float(about["stop"]))
+        self._words, self._stop_time = mapped(Path(path)), float(about["stop"])
+        self._facts = {**about, "arm": arm}
+        self._send("begin", title, self._facts, list(names), path, float(about["start"]), self._stop_time)
 
     def row(self, time: float, values: Floats) -> None:
         """Take a row."""
@@ -157,16 +159,16 @@ class LiveView:
             words[0] += 1.0
 
     def end(self, results: Results) -> None:
-        """Show the recorded rows with a slider for the time."""
-        if self._words is None:
-            return
-        few = results.thinned(FRAMES + 1)
-        found = {
-            key: few[name].astype(float)
-            for key, name in SIGNALS.items()
-            if name in few.groups and few.shape_of(name) == few.shape_of(SIGNALS["q"])
-        }
-        self._send("end", few.time, found)
+        """Show the recorded rows, on the page of a run."""
+        if self._words is not None and len(results):
+            few = results.thinned(_MOST)
+            bare = Results(few.time, few.signals, {kind: np.array(array) for kind, array in few.data.items()})
+            self._send("end", self._title, bare, self._facts | results.summary, self._stop_time)
+
+    def page(self, path: Path) -> None:
+        """Show the page that a run has written."""
+        if self._words is not None:
+            self._send("page", path.read_bytes())
 
     def stay(self) -> None:
         """Wait for Ctrl-C, if there is a terminal that it can come from; else until no browser is open on the view."""
@@ -182,14 +184,3 @@ class LiveView:
                 clock.sleep(0.1)
             if guard.number == signal.SIGINT:
                 guard.number = 0
-
-
-def _places(names: Sequence[str], n: int) -> dict[str, list[int]]:
-    """Return where the elements of each array are among names, for arrays that have one for each of `n` joints."""
-    position = {name: i for i, name in enumerate(names)}
-    wanted = {key: [f"{name}[{i + 1}]" for i in range(n)] for key, name in SIGNALS.items()}
-    return {
-        key: [position[each] for each in elements]
-        for key, elements in wanted.items()
-        if elements and all(each in position for each in elements)
-    }

@@ -1,18 +1,17 @@
-"""Colours of values and ellipsoids of inertia in a 3D view of an arm; nothing here needs a window."""
+"""Ellipsoids of inertia, centres of mass and meshes of a robot, for its view."""
 
 from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from vdfmu.arm.robot import Robot
-from vdfmu.base import palette
 from vdfmu.base.arrays import Floats
+from vdfmu.study.report.curves import packed
 from vdfmu.study.report.shapes import DrawnShape
-
-Colour = tuple[int, int, int]
-LOOKS = {"light": "#dee4eb", "dark": "#586473", "joint": "#a3aeba"}
-"""Colours of parts without their own colour."""
-POSITIVE, NEGATIVE = (palette.rgb(palette.LIGHT[i]) for i in (palette.POSITIVE, palette.NEGATIVE))
 
 
 def half_axes(mass: float, moments: Floats) -> Floats:
@@ -61,14 +60,28 @@ def centres(robot: Robot) -> list[tuple[int, Floats]]:
     return [(i, centroid) for i, (mass, centroid) in enumerate(masses, 1) if float(mass) > 0.0]
 
 
-def rgb(colour: str) -> Colour:
-    """Red, green and blue of the colour of a part."""
-    return palette.rgb(LOOKS.get(colour, colour))
+def mesh_parts(robot: Robot, folder: Path | None) -> tuple[list[dict[str, Any]], list[str]]:
+    """Meshes of a robot, as parts of its drawing for the page, and notes on files in `folder` that cannot be shown.
 
-
-def blend(share: float) -> Colour:
-    """Colour of a value as a share of its largest, -1 to 1."""
-    end = NEGATIVE if share < 0.0 else POSITIVE
-    part = min(1.0, abs(share)) if np.isfinite(share) else 0.0
-    r, g, b = (round(a + part * (z - a)) for a, z in zip(rgb("joint"), end, strict=True))
-    return r, g, b
+    There are none unless all can be shown: half an arm would look like all of it.
+    """
+    meshes = [visual for visual in robot.visuals if visual.shape == "mesh"] if folder else []
+    parts: list[dict[str, Any]] = []
+    notes: list[str] = []
+    try:
+        trimesh: Any = import_module("trimesh") if meshes else None
+    except ImportError as error:
+        install = "Install what reads them: 'pip install vdfmu[view]'"
+        return [], [f"{len(meshes)} meshes cannot be shown: {error}. {install}"]
+    for visual in meshes:
+        try:
+            mesh = trimesh.load(Path(folder or "") / visual.file, force="mesh")
+            corners, triangles = np.asarray(mesh.vertices, float) * visual.size, np.asarray(mesh.faces)
+        except Exception as error:  # a reader of a foreign format may raise anything
+            notes.append(f"mesh {visual.file} cannot be shown: {error}")
+            continue
+        found = {"corners": packed(corners, "<f4"), "triangles": packed(triangles, "<u4")}
+        colour = "#" + bytes(round(255.0 * part) for part in visual.color[:3]).hex()
+        shape = DrawnShape(visual.joint, "mesh", visual.size.tolist(), visual.offset, visual.rotation, colour)
+        parts.append(shape.plain() | {"mesh": found})
+    return ([], notes) if notes else (parts, [])

@@ -1,6 +1,6 @@
 // The arm in 3D. Frame {B_i} of joint i is a group of three.js, placed as Eq. (32)-(36) place it in {B_(i-1)}.
 
-import { colourOf, darkScheme, framesOf, inkOf } from "./data.js";
+import { colourOf, darkScheme, framesOf, inkOf, unpack } from "./data.js";
 
 const T = vendor;
 export const POSITIVE = new T.Color(inkOf("positive"));
@@ -112,9 +112,9 @@ export function dress(chain, { parts, reach }, material, tint) {
   const bodies = [chain.root, ...chain.links];
   const looks = { light: tint ?? (darkScheme.matches ? "#dfe6ee" : "#e9edf2"), dark: "#586473", joint: NEUTRAL };
   chain.marked = [];
-  for (const { body, shape, size, offset, rotation, colour } of parts) {
+  for (const { body, shape, size, offset, rotation, colour, mesh: faces } of parts) {
     const own = new T.Color(looks[colour] ?? colour);
-    const look = material(tint && !looks[colour] ? own.lerp(tint, 0.6) : own), mesh = new T.Mesh(shaped(shape, size), look);
+    const look = material(tint && !looks[colour] ? own.lerp(tint, 0.6) : own), mesh = new T.Mesh(faces ? faceted(faces) : shaped(shape, size), look);
     mesh.castShadow = mesh.receiveShadow = !look.transparent;
     mesh.setRotationFromMatrix(turned(rotation));
     mesh.position.set(...offset);
@@ -126,11 +126,27 @@ export function dress(chain, { parts, reach }, material, tint) {
     ring.castShadow = true;
     bodies[body].add(ring);
   }
-  if (material === ghost) return;
+  if (material !== solid) return;
+  chain.tool.add(axesOf(0.13 * reach));
+}
+
+/** Axes of a frame: x red, y green, z blue. */
+export function axesOf(length) {
+  const axes = new T.Group(), r = 0.046 * length;
   ["#d22f2f", "#2f9e44", "#1667c7"].forEach((color, axis) => {
-    const arrow = new T.CylinderGeometry(0.006 * reach, 0.006 * reach, 0.13 * reach, 12).translate(0, 0.065 * reach, 0);
-    chain.tool.add(new T.Mesh(axis === 0 ? arrow.rotateZ(-Math.PI / 2) : axis === 2 ? arrow.rotateX(Math.PI / 2) : arrow, new T.MeshBasicMaterial({ color })));
+    const arrow = new T.CylinderGeometry(r, r, length, 12).translate(0, length / 2, 0);
+    axes.add(new T.Mesh(axis === 0 ? arrow.rotateZ(-Math.PI / 2) : axis === 2 ? arrow.rotateX(Math.PI / 2) : arrow, new T.MeshBasicMaterial({ color })));
   });
+  return axes;
+}
+
+/** Geometry of a mesh: corners of its triangles, and three of their numbers each; its faces are flat. */
+function faceted({ corners, triangles }) {
+  const points = unpack(corners), at = unpack(triangles, Uint32Array), geometry = new T.PlaneGeometry(), { constructor } = geometry.attributes.position;
+  for (const name of ["uv", "normal"]) geometry.deleteAttribute(name);
+  geometry.setIndex(null).setAttribute("position", new constructor(Float32Array.from({ length: 3 * at.length }, (_, k) => points[3 * at[Math.floor(k / 3)] + (k % 3)]), 3));
+  geometry.computeVertexNormals();
+  return geometry;
 }
 
 /** Geometry of a shape: sides, half-axes, or radius and length along z. */

@@ -5,6 +5,7 @@ import { Chain, Motion, toolErrors } from "./arm.js";
 import { differences, showComparison } from "./comparison.js";
 import { showFigures } from "./figures.js";
 import { showLab } from "./lab.js";
+import { followRun } from "./live.js";
 import { quantity } from "./numbers.js";
 import { Player } from "./player.js";
 import { follow, pictureButtons, printSheet, shareButtons } from "./share.js";
@@ -27,6 +28,7 @@ const charts = showFigures(section("figures"), more);
 const simulation = showSimulation(section("simulate"));
 showSystem(section("system"));
 showComparison(section("comparison"));
+const follows = followRun(player);
 const lab = study ? showLab(section("lab"), study, simulation) : null;
 
 const keys = [...merged("figures").keys()];
@@ -46,7 +48,7 @@ for (const tile of document.querySelectorAll(".tile")) {
     remember("figure", tile.dataset.figure);
   });
 }
-view.addEventListener("time", () => { if (!player?.playing) remember("t", view.time === view.full()[0] ? null : Number(view.time.toPrecision(6))); });
+view.addEventListener("time", () => { if (!player?.playing && !follows()) remember("t", view.time === view.full()[0] ? null : Number(view.time.toPrecision(6))); });
 whenRecalled(recall);
 if (recalled("t") || recalled("figure")) recall();
 
