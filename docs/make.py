@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 from gallery import gallery_page
@@ -13,6 +15,7 @@ from interface_pages import interface_page, robot_file_page
 from notebook_pages import NOTEBOOKS, page
 from reference_pages import command_line_page, scenario_file_page
 
+import vdfmu
 from vdfmu.base.files import write_whole
 
 DOCS = Path(__file__).resolve().parent
@@ -26,6 +29,9 @@ PAGES = {
 """Page to what makes it; none of them is kept with the sources."""
 
 _FROM_ROOT = re.compile(r'(\b(?:href|src)=")/([^"/][^"]*)?"')
+LIVE = ("tracking", "wall")
+"""Scenarios whose pages readers can touch, in frames of the documentation."""
+
 _SHIM = re.compile(r'src="https://[^"]*iframe-worker[^"]*"')
 
 
@@ -54,6 +60,11 @@ def main() -> int:
             text = _FROM_ROOT.sub(lambda found: f'{found[1]}{found[2] or "index.html"}"', text)
             text = text.replace('"base":"/"', '"base":"."').replace('"search":"/', '"search":"')
         built.write_text(text, encoding="utf-8")
+    for name in LIVE:
+        with tempfile.TemporaryDirectory() as folder:
+            vdfmu.run(name, out=folder, simulate=True)
+            (site / "live").mkdir(parents=True, exist_ok=True)
+            shutil.copy(Path(folder) / "report.html", site / "live" / f"{name}.html")
     return done.returncode
 
 

@@ -22,6 +22,11 @@ DOCUMENTED = [vdfmu.Robot, vdfmu.Results, *(f for f in vars(dynamics).values() i
               vdfmu.run, vdfmu.simulate, vdfmu.build_fmus, vdfmu.write_container]  # fmt: skip
 
 
+def pages_of(site):
+    """Return the pages of the documentation, without those of runs that some have in a frame."""
+    return sorted(page for page in site.rglob("*.html") if page.parent.name != "live")
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     """Return the folder of the pages, from a build that stops at any warning."""
@@ -34,7 +39,8 @@ def site(tmp_path_factory):
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout
-    pages = sorted((folder / "site").rglob("*.html"))
+    assert {path.name for path in (folder / "site/live").iterdir()} == {"tracking.html", "wall.html"}
+    pages = pages_of(folder / "site")
     assert len(pages) > 30
     for page in pages:  # nothing comes from a network, and the search has its worker beside it
         text = page.read_text(encoding="utf-8")
@@ -103,7 +109,7 @@ def test_every_public_name_is_on_the_page_of_the_api(api, name):
 
 
 def test_every_link_and_picture_of_the_pages_leads_somewhere(site):
-    pages = {page: page.read_text(encoding="utf-8") for page in site.rglob("*.html")}
+    pages = {page: page.read_text(encoding="utf-8") for page in pages_of(site)}
     places = {page: set(re.findall(r'\b(?:id|name)="([^"]+)"', text)) for page, text in pages.items()}
     for page, text in pages.items():
         for url in re.findall(r'\b(?:href|src)="([^"]+)"', text):
@@ -141,7 +147,7 @@ NARROW = """(() => {
 def test_every_page_is_readable_on_a_phone(site, tmp_path):
     """Nothing is beyond the edge but in a box that scrolls; formulas keep their size, in tables that of its text."""
     with Browser(tmp_path) as browser:
-        for page in sorted(site.rglob("*.html")):
+        for page in pages_of(site):
             browser.open(page, 390, 800)
             found = browser.run(NARROW)
             assert found == {"width": 390, "beyond": [], "broken": [], "shrunk": []}, page
@@ -171,6 +177,40 @@ SEARCHES = {
     "own controller": ("tutorials/own-controller.html", "A controller of your own"),
 }
 """What is looked for, a page that must be found, and words beside it."""
+
+
+QUESTIONS = {
+    "change a gain": "tutorials/own_robot.html",  # How do I try other gains?
+    "URDF": "tutorials/own_arm.html",  # My robot is a URDF. What now?
+    "PID controller": "tutorials/own-controller.html",  # Can I use my own controller?
+    "which master": "choose.html",  # Which algorithm and step should I take?
+    "unstable": "cosimulation.html",  # Is my run stable?
+    "Simulink": "guides/simulink.html",  # Does it work in my tool?
+    "Windows": "native.html",  # How do I get the FMU for another platform?
+    "payload": "world.html",  # The arm carries something.
+    "thousands of runs": "tutorials/sweep.html",  # I need many runs.
+    "exit code": "cosimulation.html",  # How does a script know that a run is good?
+}
+"""What a reader who never saw the project types into the search, and the page with the answer."""
+
+
+def links_of(page):
+    """Return the pages that a page links to."""
+    urls = re.findall(r'href="([^"#:]+\.html)', page.read_text(encoding="utf-8"))
+    return {(page.parent / url).resolve() for url in urls}
+
+
+def test_ten_questions_are_answered_within_two_clicks_and_by_the_search(site, tmp_path):
+    near = links_of(site / "index.html") | {page for one in links_of(site / "index.html") for page in links_of(one)}
+    with Browser(tmp_path) as browser:
+        for text, page in QUESTIONS.items():
+            assert (site / page).resolve() in near, page
+            browser.open(site / "index.html")
+            browser.run("document.querySelector('.md-search__button').click()")
+            browser.settle()
+            browser.call("Input.insertText", text=text)
+            urls = [url for url, _ in browser.run(FOUND)]
+            assert any(url.startswith((site / page).as_uri()) for url in urls), (text, urls)
 
 
 def test_the_search_of_a_page_from_disk_finds_other_pages(site, tmp_path):
