@@ -672,7 +672,7 @@ def test_the_command_says_what_it_found(wild, tmp_path):
     done = CliRunner().invoke(app, [*words, "--out", str(tmp_path / "study")])
     assert done.exit_code == 0, done.output
     assert "point 1 failed: a component crashed the process (SIGSEGV)" in done.output
-    assert "sweep.parquet: 2 points" in done.output
+    assert "sweep.parquet, 2 points" in done.output
     wrong = CliRunner().invoke(app, ["sweep", str(wild), "--vary", "unit.way"])
     assert isinstance(wrong.exception, UsageError) and "TARGET=FORM" in str(wrong.exception)
 
