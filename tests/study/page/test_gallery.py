@@ -14,8 +14,8 @@ from vdfmu.cli.commands import app
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.simulate import run_system
 from vdfmu.study.report.gallery import gallery_page, is_gallery, write_gallery
-from vdfmu.study.report.page import read_run
 from vdfmu.study.report.shapes import Chain
+from vdfmu.study.report.shown_run import read_run
 
 
 @pytest.fixture(scope="module")

@@ -25,7 +25,8 @@ from vdfmu.compiler.fmu.page import page
 from vdfmu.engine.results.formats import result_files
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import checks_of
-from vdfmu.study.report.page import GALLERY, NAME, look, script
+from vdfmu.study.report.page import NAME
+from vdfmu.study.report.scripts import GALLERY, look, script
 from vdfmu.study.report.shapes import Chain
 from vdfmu.study.report.summary import read_summary
 

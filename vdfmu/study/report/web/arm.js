@@ -1,6 +1,6 @@
 // The arm in 3D. Frame {B_i} of joint i is a group of three.js, placed as Eq. (32)-(36) place it in {B_(i-1)}.
 
-import { colourOf, darkScheme, framesOf, inkOf } from "./data.js";
+import { colourOf, darkScheme, framesOf, inkOf, largest } from "./data.js";
 
 const T = vendor;
 export const POSITIVE = new T.Color(inkOf("positive"));
@@ -79,7 +79,7 @@ export class Motion {
   /** Largest absolute value of each joint. */
   peaks(name) {
     this.found ??= {};
-    this.found[name] ??= this[name].map((row) => row.reduce((most, v) => Math.max(most, Math.abs(v)), 0));
+    this.found[name] ??= this[name].map((row) => largest(row));
     return this.found[name];
   }
 }

@@ -1,6 +1,7 @@
 // A slider of a parameter, on a track that shows the modulus margin: green, amber, red, and where the loops become unstable.
 
-import { choice, make, text, toggle } from "./data.js";
+import { choice, make, toggle } from "./data.js";
+import { text } from "./numbers.js";
 
 const NOTCHES = 100; // of a slider to either side
 

@@ -1,6 +1,7 @@
 // The pictures of a study: points over two columns, contours, and columns side by side. Dragging in one chooses points in all.
 
-import { make, raised, text } from "./data.js";
+import { make } from "./data.js";
+import { quantity, raised, text } from "./numbers.js";
 
 const MARGIN = { left: 58, right: 14, top: 24, bottom: 42 };
 const CELLS = 48, LEVELS = 8, REACH = 16; // of a contour: cells a side, lines; px between a click and a point
@@ -41,7 +42,7 @@ export class Column {
   }
 
   wordsOf(value, unit = false) {
-    return this.words.length ? this.words[Math.round(value)] : `${text(value, 3)}${unit && this.unit ? ` ${this.unit}` : ""}`;
+    return this.words.length ? this.words[Math.round(value)] : unit ? quantity(value, this.unit) : text(value, 3);
   }
 
   /** Values with room for their words. */

@@ -1,8 +1,8 @@
 // The section of the arm: picture, values of the joints, and what plays it.
 
-import { choice, make, raised, recorded, simulated, text, toggle, view } from "./data.js";
+import { choice, make, recorded, simulated, toggle, view } from "./data.js";
 import { armsOf } from "./arm.js";
-import { quantity } from "./numbers.js";
+import { quantity, raised, text } from "./numbers.js";
 import { Scene3D, VIEWS } from "./scene.js";
 import { Timeline } from "./timeline.js";
 

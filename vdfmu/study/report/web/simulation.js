@@ -1,11 +1,12 @@
 // The panel that simulates: sliders, the page's own run, and what it found beside what was recorded.
 
-import { binaries, choice, make, NOTHING, recorded, rowsOf, simulated, text, view } from "./data.js";
+import { binaries, choice, largest, make, NOTHING, recorded, rowsOf, simulated, view } from "./data.js";
 import { recalled, remember, whenRecalled } from "./state.js";
 import { toolErrors } from "./arm.js";
 import { Knob } from "./knob.js";
 import { Budget, changeOf } from "./budget.js";
 import { SimulationWorker, difference } from "./worker.js";
+import { quantity, text } from "./numbers.js";
 
 const PATIENCE = 1000; // ms; a run that takes longer is stopped for a newer one
 
@@ -135,9 +136,9 @@ class Simulation {
   tabulate(found, failure) {
     const until = failure && found.time.length ? found.time.at(-1) : Infinity, part = until < Infinity ? ` to ${text(until, 3)} s` : "";
     const before = peaksOf(this.of, until), after = found.time.length ? peaksOf({ ...this.of, result: found }, until) : before.map(() => ({ value: NaN }));
-    const cell = ({ value, joint }) => make("td", {}, text(value, 3), ...(joint ? [make("small", {}, ` joint ${joint}`)] : []));
+    const cell = ({ value, joint, unit }, most) => make("td", {}, quantity(value, unit, most), ...(joint ? [make("small", {}, ` joint ${joint}`)] : []));
     this.results.replaceChildren(make("thead", {}, make("tr", {}, ...[`Largest${part}`, "recorded", "simulated", "change"].map((head) => make("th", { scope: "col" }, head)))),
-      make("tbody", {}, ...before.map((was, k) => make("tr", {}, make("th", { scope: "row" }, was.words, make("small", {}, ` ${was.unit}`)), cell(was), cell(after[k]), make("td", {}, changeOf(was.value, after[k].value))))));
+      make("tbody", {}, ...before.map((was, k) => make("tr", {}, make("th", { scope: "row" }, was.words), cell(was), cell(after[k], was.value), make("td", {}, changeOf(was.value, after[k].value))))));
   }
 }
 
@@ -152,8 +153,6 @@ function departure(run, other) {
   const first = Math.min(Infinity, ...times);
   return first < Infinity ? first : null;
 }
-
-const largest = (values) => values.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
 
 /** Largest absolute values of the figures of a run up to a time, and of the error of its end effector. */
 export function peaksOf(run, until = Infinity) {
