@@ -245,7 +245,8 @@ def _simulation(
     sliders = list(knobs(checked))
     passed = (summary.get("verdict") or {}).get("passed", False)
     values = values_of(checked)
-    for slider, found in zip(sliders, tracks(checked, sliders, values, (begin, stop, step)), strict=True):
+    judged: float | None = (summary.get("key_figures") or {}).get("margin", {}).get("at_s")
+    for slider, found in zip(sliders, tracks(checked, sliders, values, (begin, stop, step), judged), strict=True):
         # friction that excites itself makes loops grow for moments of a run that is stable
         slider["tracks"] = found if found[0] is None or found[0]["modulus"][OWN] or not passed else [None]
     return {

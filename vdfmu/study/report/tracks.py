@@ -73,7 +73,11 @@ def factor(knob: Mapping[str, Any], place: float) -> float:
 
 
 def tracks(
-    checked: Checked, knobs: Sequence[Mapping[str, Any]], parameters: Names, span: tuple[float, float, float]
+    checked: Checked,
+    knobs: Sequence[Mapping[str, Any]],
+    parameters: Names,
+    span: tuple[float, float, float],
+    judged: float | None = None,
 ) -> list[list[Track | None]]:
     """Return the tracks of each slider: of all joints, then of each joint; None where it has none.
 
@@ -84,14 +88,16 @@ def tracks(
     ----------
     span : tuple of float [s]
         Start, stop and step of the run.
+    judged : float, optional [s]
+        Where the verdict on the run has its least margin, which the tracks then have with the slider at 1.
     """
-    content = json.dumps([source_digest("study.report.tracks"), str(checked.algorithm), knobs, parameters, span])
+    content = json.dumps([source_digest("study.report.tracks"), str(checked.algorithm), knobs, parameters, span, judged])
     digest = sha256(content.encode() + sha256(checked.system.path.read_bytes()).digest()).hexdigest()
     path = cache_folder() / "tracks" / digest
     if (stored := load(path)) is not None:
         return json.loads(stored)
     try:
-        found = _tracks(checked, knobs, parameters, span)
+        found = _tracks(checked, knobs, parameters, span, judged)
     except VdfmuError:  # there are no loops, or the FMUs do not tell them
         found = [list[Track | None]([None]) for _ in knobs]
     store(path, json.dumps(found).encode())
@@ -99,10 +105,14 @@ def tracks(
 
 
 def _tracks(
-    checked: Checked, knobs: Sequence[Mapping[str, Any]], parameters: Names, span: tuple[float, float, float]
+    checked: Checked,
+    knobs: Sequence[Mapping[str, Any]],
+    parameters: Names,
+    span: tuple[float, float, float],
+    judged: float | None,
 ) -> list[list[Track | None]]:
     start, stop, step = span
-    poses = _LinearisedRows()
+    poses = _LinearisedRows([] if judged is None else [round((judged - start) / step)])
     with Simulator(checked.system, isolate=False, algorithm=checked.algorithm) as simulator:
         simulator.run(start=start, stop=stop, step=step, record=(), visitor=poses)
         if not opened_at(poses.systems[0][1], "tau"):  # no loop goes through a motor's torque
@@ -117,14 +127,15 @@ def _tracks(
 class _LinearisedRows:
     """Linearises all components of a run at some rows."""
 
-    def __init__(self) -> None:
+    def __init__(self, more: Sequence[int]) -> None:
+        self._more = more
         self.systems: list[tuple[float, LinearSystem]] = []
         self.components: Components | None = None
         self._linearisation: Linearisation | None = None
 
     def rows(self, n: int) -> frozenset[int]:
         """Return the rows of a run with n steps."""
-        return frozenset(round(k * n / (_TIMES - 1)) for k in range(_TIMES))
+        return frozenset({*(round(k * n / (_TIMES - 1)) for k in range(_TIMES)), *self._more})
 
     def visit(self, components: Components, time: float, step: float) -> None:
         """Linearise the components."""

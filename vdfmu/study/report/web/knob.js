@@ -18,7 +18,7 @@ export class Knob {
     this.knows = knob.known.length ? toggle("feedforward knows it", false, (on) => { this.known = on; changed(); }, { class: "chip", "aria-label": `${knob.words}: the feedforward knows it` }) : null;
     this.track = make("div", { class: "track" });
     this.bounds = make("small", { class: "note" });
-    this.element = make("div", { class: "knob" }, make("span", {}, knob.words), this.output, this.slider, this.track, make("div", { class: "chips" }, ...joints, ...(this.knows ? [this.knows] : []), this.bounds));
+    this.element = make("div", { class: "knob" }, make("span", {}, knob.words), this.output, this.slider, this.track, this.bounds, make("div", { class: "chips" }, ...joints, ...(this.knows ? [this.knows] : [])));
     this.show();
   }
 
@@ -45,7 +45,7 @@ export class Knob {
     if (track) {
       const limits = this.limits(track), margin = marginAt(track, place);
       this.track.replaceChildren(...this.bands(track), ...track.limits.filter((limit) => limit !== null).map((limit) => make("b", { style: `left:${percent(limit)}%` })));
-      this.bounds.textContent = `${margin ? `modulus margin ${text(margin, 2)}` : "unstable"}${limits ? `; ${limits}` : ""}`;
+      this.bounds.textContent = `${margin ? `margin ${text(margin, 2)}` : "unstable"}${limits ? `; ${limits}` : ""}`;
       said.push(`${margin ? `modulus margin ${text(margin, 2)}, ${this.colour(margin)}` : "unstable"}${limits ? `; ${limits.replaceAll("×", "times")}` : ""}`);
     }
     this.slider.setAttribute("aria-valuetext", said.join("; "));

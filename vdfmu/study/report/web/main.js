@@ -1,6 +1,6 @@
 // Put the page together.
 
-import { binaries, curvesOf, merged, recorded, runs, view } from "./data.js";
+import { binaries, curvesOf, make, merged, recorded, runs, view } from "./data.js";
 import { Chain, Motion, toolErrors } from "./arm.js";
 import { differences, showComparison } from "./comparison.js";
 import { showFigures } from "./figures.js";
@@ -29,8 +29,10 @@ showComparison(section("comparison"));
 
 const keys = [...merged("figures").keys()];
 charts.forEach(({ element }, k) => { element.dataset.figure = keys[k] ?? "tool"; });
-document.querySelector("h1").after(shareButtons(simulation));
-if (player?.bar) player.bar.append(...pictureButtons(player));
+const title = document.querySelector("h1"), top = make("div", { class: "title" });
+title.replaceWith(top);
+top.append(title, shareButtons(simulation));
+player?.tools?.prepend(...pictureButtons(player));
 
 /** Show the time, and the figure, that the address has. */
 function recall() {
