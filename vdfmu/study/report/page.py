@@ -16,7 +16,7 @@ from vdfmu.base.json_text import to_json
 from vdfmu.compiler.fmu.page import page
 from vdfmu.study.report.command import run_command
 from vdfmu.study.report.content import content_of
-from vdfmu.study.report.headline import headline, page_title
+from vdfmu.study.report.headline import checks_line, headline, page_title
 from vdfmu.study.report.parts import checks, comparison, facts_table, marks, tables, tiles
 from vdfmu.study.report.scripts import MODULES, STUDY, STUDY_ALONE, WORKER, libraries, look, run_head, script
 from vdfmu.study.report.shown_run import ShownRun
@@ -101,7 +101,11 @@ def report_page(
             _module((*MODULES, *STUDY) if study else MODULES),
         ]
     )
-    told = [(f"{name}: " if len(runs) > 1 else "", one) for name, one in zip(names, verdicts, strict=True) if one.text]
+    told = [
+        (f"{name}: " if len(runs) > 1 else "", one)
+        for name, one, summary in zip(names, verdicts, summaries, strict=True)
+        if one.text != checks_line(summary)  # which is there anyway
+    ]
     about = _about(summaries)
     head = run_head("; ".join(before + one.text for before, one in told) or about, arm_alone)
     if study:

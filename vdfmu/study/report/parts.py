@@ -55,7 +55,7 @@ def tables(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
     """Yield the tables of each run."""
     shown: list[tuple[str, Sheet]] = []
     for name, run in zip(names, runs, strict=True):
-        shown += [(f"{name}: " if len(runs) > 1 else "", sheet) for sheet in sheets(run.summary)]
+        shown += [(f"{name}: " if len(runs) > 1 else "", sheet) for sheet in sheets(run.summary, fit=True)]
     for before, sheet in shown:
         title = before + sheet.title
         yield f'<section class="card"><h2>{escape(title)}</h2>{_sheet(sheet, title)}</section>'

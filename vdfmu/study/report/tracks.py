@@ -82,7 +82,7 @@ def tracks(
     """Return the tracks of each slider: of all joints, then of each joint; None where it has none.
 
     A track has ``places``, the least modulus margin at each, ``modulus``, and in ``limits`` the places below and above
-    which the loops are unstable, or None.
+    which the loops are unstable, or None; ``still`` where arms are taken without dry friction.
 
     Parameters
     ----------
@@ -91,7 +91,9 @@ def tracks(
     judged : float, optional [s]
         Where the verdict on the run has its least margin, which the tracks then have with the slider at 1.
     """
-    content = json.dumps([source_digest("study.report.tracks"), str(checked.algorithm), knobs, parameters, span, judged])
+    content = json.dumps(
+        [source_digest("study.report.tracks"), str(checked.algorithm), knobs, parameters, span, judged]
+    )
     digest = sha256(content.encode() + sha256(checked.system.path.read_bytes()).digest()).hexdigest()
     path = cache_folder() / "tracks" / digest
     if (stored := load(path)) is not None:
@@ -147,9 +149,9 @@ class _LinearisedRows:
 class _MovedLoops:
     """The loops at all poses, with the run's parameters and with those of a slider."""
 
-    def __init__(self, poses: _LinearisedRows, parameters: Names, still: Mapping[str, dict[str, Value]]) -> None:
+    def __init__(self, poses: _LinearisedRows, parameters: Names, still: Mapping[str, Mapping[str, Value]]) -> None:
         assert poses.components is not None
-        self.components, self.parameters, self._still = poses.components, parameters, still
+        self.components, self.parameters, self.still = poses.components, parameters, still
         self._systems, self._opened = poses.systems, opened_at(poses.systems[0][1], "tau")
         for unit, values in still.items():
             if not can_change(self.components, unit):
@@ -173,7 +175,7 @@ class _MovedLoops:
             for name, value in self.parameters[target["unit"]].items():
                 group, _, index = name.partition("[")
                 if group == target["name"] and (joint is None or index.rstrip("]").split(",")[0] == str(joint + 1)):
-                    of_unit = changes.setdefault(target["unit"], dict(self._still.get(target["unit"], {})))
+                    of_unit = changes.setdefault(target["unit"], dict(self.still.get(target["unit"], {})))
                     of_unit[name] = factor(knob, place) * value
         with ExitStack() as stack:
             instances = [stack.enter_context(changed(self.components, unit, new)) for unit, new in changes.items()]
@@ -260,7 +262,8 @@ def _track(loops: _MovedLoops, knob: Mapping[str, Any], poses: Sequence[int], jo
             middle = (inside + outside) / 2.0
             inside, outside = (middle, outside) if least(middle) else (inside, middle)
         limits.append(inside)
-    return {"places": list(margins), "modulus": [round(each, 3) for each in margins.values()], "limits": limits}
+    found = {"places": list(margins), "modulus": [round(each, 3) for each in margins.values()], "limits": limits}
+    return found | {"still": True} if loops.still else found
 
 
 def _modulus(loop: Loop, K: Floats) -> float:

@@ -67,8 +67,9 @@ export class Knob {
   /** Factors from and up to which the loops are stable, in words. */
   limits({ limits: [low, high] }) {
     if (low === 0 && high === 0) return "";
-    const words = [[low, "from"], [high, low === null ? "up to" : "to"]].filter(([limit]) => limit !== null).map(([limit, word]) => `${word} × ${text(this.factor(limit), 2)}`);
-    return words.length ? `stable ${words.join(" ")}` : "";
+    const [from, to] = [low, high].map((limit) => (limit === null ? "" : text(this.factor(limit), 2)));
+    if (from && to) return `stable × ${from} to ${to}`;
+    return from || to ? `stable ${from ? `from × ${from}` : `up to × ${to}`}` : "";
   }
 
   /** Places that this slider has left 1 for: words with the factor, and the limit where it alone makes the loops unstable. */
@@ -84,6 +85,11 @@ export class Knob {
   reset() {
     this.places.fill(0);
     this.show();
+  }
+
+  /** Whether its tracks are without dry friction, which excites itself. */
+  get still() {
+    return this.knob.tracks.some((track) => track?.still);
   }
 
   get judged() {

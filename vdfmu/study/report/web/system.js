@@ -25,7 +25,7 @@ export function showSystem(section) {
     make("div", { class: "bar" }, list, ...(wires.length ? [make("small", { class: "note" }, "On the wires: the largest element at the time shown. A click on a wire shows what it carries.")] : [])),
     place,
   );
-  show(wires.find(({ key }) => key === "controller.tau")?.key ?? [...signals.keys()][0]);
+  show(wires.find(({ key }) => key === "controller.tau")?.key ?? wires[0]?.key ?? [...signals.keys()][0]);
   if (wires.length) keepCurrent(svg, wires);
 }
 
