@@ -23,8 +23,9 @@ from vdfmu.base.arrays import distinct
 from vdfmu.base.data import data_path
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.standards import FMI_2
-from vdfmu.compiler.c.compile import Compilation, compile_libraries, compiling, native_available
+from vdfmu.compiler.c.compile import Compilation, compile_libraries, compiling
 from vdfmu.compiler.c.platforms import WASM
+from vdfmu.compiler.c.programs import native_available
 from vdfmu.compiler.fmu.content import installed_digest
 from vdfmu.compiler.fmu.native import fmi_headers
 from vdfmu.engine.fmu.variables import FmuVariable, Value
