@@ -90,7 +90,7 @@ class Knob(NamedTuple):
 KNOBS = (
     Knob("Proportional gains", "PDController", ("K_p",)),
     Knob("Derivative gains", "PDController", ("K_v",)),
-    Knob("Masses and inertias of the links", "Plant", scaled_as("mass"), 0.5, 2.0, True),
+    Knob("Masses and inertias of links", "Plant", scaled_as("mass"), 0.5, 2.0, True),
     Knob("Mass of the payload", "Plant", scaled_as("payload"), 0.0, 3.0, True),
     Knob("Stiffness of the drives", "Plant", scaled_as("stiffness"), 0.2, 5.0, True),
     Knob("Friction", "Plant", scaled_as("friction"), 0.0, 3.0, True),

@@ -92,7 +92,12 @@ export class Chart {
   /** Recorded lines are pale beside simulated ones, and all beside what is pointed to. */
   alpha(curve) {
     const pale = runs[curve.run] !== simulated && simulated.result.time.length ? PALE : 1;
-    return view.focus !== null && keyOf(curve) !== view.focus && this.unpacked.some((one) => keyOf(one) === view.focus && this.shows(one)) ? FADED : pale;
+    return this.faded(curve) ? FADED : pale;
+  }
+
+  /** Whether another curve is pointed to. */
+  faded(curve) {
+    return view.focus !== null && keyOf(curve) !== view.focus && this.unpacked.some((one) => keyOf(one) === view.focus && this.shows(one));
   }
 
   strokeOf(curve) {
