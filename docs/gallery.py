@@ -11,7 +11,8 @@ from pathlib import Path
 import vdfmu
 from vdfmu.base.files import write_whole
 from vdfmu.study.report.browser import Browser
-from vdfmu.study.report.page import read_run, report_page
+from vdfmu.study.report.page import report_page
+from vdfmu.study.report.shown_run import read_run
 
 PICTURES = Path(__file__).resolve().parent / "images" / "gallery"
 _SIZE = 480, 336

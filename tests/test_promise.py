@@ -11,7 +11,7 @@ import pytest
 import vdfmu
 from tests.promise import WAY_OUT, changes
 from vdfmu.base.errors import ModelError, UsageError
-from vdfmu.study.report.page import read_run
+from vdfmu.study.report.shown_run import read_run
 
 
 def test_nothing_public_changes_unseen():

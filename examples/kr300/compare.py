@@ -23,7 +23,8 @@ from vdfmu.base.option import read_settings
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.study.identify.fit import identify
 from vdfmu.study.identify.log import read_log
-from vdfmu.study.report.page import ShownRun, write_report
+from vdfmu.study.report.page import write_report
+from vdfmu.study.report.shown_run import ShownRun
 
 HERE = Path(__file__).parent
 MOVES = 0.02

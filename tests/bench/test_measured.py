@@ -17,7 +17,7 @@ from benchmarks.report import Report
 from vdfmu.arm.equations.friction import stribeck_friction
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
-from vdfmu.compiler.c.compile import native_available
+from vdfmu.compiler.c.programs import native_available
 from vdfmu.study.identify.regressor import body_parameters, regressor
 
 pytestmark = [

@@ -17,8 +17,9 @@ from tests.hostile.commands import workshop
 from tests.hostile.table import Corpus
 from vdfmu.engine.simulate import run_system
 from vdfmu.study.identify.log import read_log
-from vdfmu.study.report.page import read_run, report_page
+from vdfmu.study.report.page import report_page
 from vdfmu.study.report.sheets import sheets
+from vdfmu.study.report.shown_run import read_run
 from vdfmu.study.report.tables import run_panel, sheet_table, verdict_table
 
 _VALUES: tuple[Any, ...] = (

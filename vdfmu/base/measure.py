@@ -54,8 +54,6 @@ _DISPLAY = {
     "N/m": {"N/mm": 1e-3},
     "N.m": {"N.mm": 1e3},
 }
-_PREFIXED = re.compile(r"(?P<milli>m(?=m))?(?P<base>deg|rad|m|N|W|J|V|A)(?P<rest>(?![\w²³⁴]).*)")
-_PREFIXES = {3: "k", 0: "", -3: "m", -6: "µ", -9: "n"}
 # Quantity to unit, for a revolute and for a prismatic joint. "_m" is motor-side, else link-side.
 _QUANTITIES = {
     "position": ("rad", "m"),
@@ -125,21 +123,3 @@ def unit_of(quantity: str, joint_type: str) -> str:
     if quantity in _QUANTITIES:
         return _QUANTITIES[quantity][joint_type == "prismatic"]
     return measure(quantity).name
-
-
-def fitted(unit: str, largest: float) -> tuple[str, int]:
-    """Return the unit in which a largest value has at most three digits before its point, and the power of ten.
-
-    Values are divided by ten to that power. From 0.1 to 10,000 they stay as they are; the page has the same rule in
-    ``data.js``. The unit is empty where no prefix fits.
-
-    >>> fitted("deg", 2e-5), fitted("mm", 0.004), fitted("N.m", 3e5), fitted("rad", 1e-13)
-    (('µdeg', -6), ('µm', -3), ('kN.m', 3), ('', -15))
-    """
-    if not largest or not math.isfinite(largest) or 0.1 <= largest < 1e4:
-        return unit, 0
-    exponent, found = 3 * math.floor(math.log10(largest) / 3), _PREFIXED.fullmatch(unit)
-    prefix = _PREFIXES.get(exponent - (3 if found and found["milli"] else 0))
-    if found and prefix is not None and (prefix != "k" or found["base"] in "NWJVA"):
-        return prefix + found["base"] + found["rest"], exponent
-    return (unit, 0) if 0.01 <= largest < 1e5 else ("", exponent)

@@ -34,8 +34,8 @@ def doctor() -> None:
     from vdfmu.cli.cache import say_cache
     from vdfmu.cli.extras import installed
     from vdfmu.cli.terminal import say
-    from vdfmu.compiler.c.compile import compiler_version, native_available
     from vdfmu.compiler.c.platforms import this_platform
+    from vdfmu.compiler.c.programs import compiler_version, native_available
 
     try:
         here = this_platform()

@@ -198,8 +198,9 @@ def report(
 ) -> None:
     """Write the page of a run, or of several side by side: one file, which any browser opens."""
     from vdfmu.study.report.gallery import is_gallery, write_gallery
-    from vdfmu.study.report.page import NAME, newest_run, read_run, write_report
+    from vdfmu.study.report.page import NAME, write_report
     from vdfmu.study.report.printed import write_pdf
+    from vdfmu.study.report.shown_run import newest_run, read_run
 
     if folders and len(folders) == 1 and is_gallery(folders[0]):
         say_written(write_gallery(folders[0], out))

@@ -18,7 +18,7 @@ from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import shipped_units
 from vdfmu.base.errors import FmuError, UsageError
-from vdfmu.compiler.c import PLATFORMS, compile, native_available, platforms, this_platform
+from vdfmu.compiler.c import PLATFORMS, compile, native_available, platforms, programs, this_platform
 from vdfmu.compiler.c.compile import Compilation, _Workshop, compile_library
 from vdfmu.compiler.fmu.content import Content
 from vdfmu.compiler.fmu.native import fmi_headers, unit_sources
@@ -157,7 +157,7 @@ def test_backends_and_versions_replace_each_other_but_not_damaged_files(planar: 
 
 def test_a_second_build_compiles_nothing(planar: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = build_fmus(planar, tmp_path / "1", units=FAST, backend="native")
-    monkeypatch.setattr(compile, "_zig", lambda: "/nowhere/zig")
+    monkeypatch.setattr(compile, "zig", lambda: "/nowhere/zig")
     second = build_fmus(planar, tmp_path / "2", units=FAST, backend="native")
     for unit, path in first.items():
         assert second[unit].read_bytes() == path.read_bytes()
@@ -202,14 +202,14 @@ def test_a_damaged_cache_is_made_anew(damage: bytes, cold: Path) -> None:
 def test_a_missing_compiler_is_told_with_the_way_out(
     planar: Robot, tmp_path: Path, cold: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compile, "find_spec", lambda name: None)
-    compile._zig.cache_clear()
+    monkeypatch.setattr(programs, "find_spec", lambda name: None)
+    compile.zig.cache_clear()
     try:
         assert not native_available()
         with pytest.raises(FmuError, match=r"ziglang, which is not installed.*pip install .vdfmu\[native\]"):
             build_fmus(planar, tmp_path / "out", units=["controller"], backend="native")
     finally:
-        compile._zig.cache_clear()
+        compile.zig.cache_clear()
     assert not (tmp_path / "out").exists()
 
 

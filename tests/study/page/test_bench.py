@@ -11,8 +11,9 @@ import pytest
 import vdfmu
 from tests.study.page.browser import centre, show
 from vdfmu.base.quantity import quantity
-from vdfmu.study.report.page import read_run, write_report
+from vdfmu.study.report.page import write_report
 from vdfmu.study.report.printed import write_pdf
+from vdfmu.study.report.shown_run import read_run
 
 pytestmark = [pytest.mark.heavy, pytest.mark.usefixtures("quiet")]
 DESKTOPS = [(1280, 900), (1440, 900)]
@@ -84,7 +85,7 @@ def test_tiles_lead_to_their_moment_and_figure(run, browser):
 
 def test_the_page_and_python_write_numbers_alike(run, browser):
     show(browser, run / "report.html")
-    numbers = [0.0, 0.1, 0.763, 2.89e-6, -1234.5, 999.6e-6, 4.56e-13, 0.01, 1e7, 35.55]
+    numbers = [0.0, 0.1, 0.763, 2.89e-6, -1234.5, 12345.0, 999.6e-6, 4.56e-13, 0.01, 1e7, 35.55]
     cases = [
         (value, unit, peak)
         for value in numbers

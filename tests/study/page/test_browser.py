@@ -12,10 +12,11 @@ import vdfmu
 from tests.study.page.browser import centre, number, pixels, show
 from vdfmu.arm.dynamics import forward_kinematics
 from vdfmu.base import palette
-from vdfmu.base.measure import fitted
+from vdfmu.base.quantity import fitted
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.simulate import run_system
-from vdfmu.study.report.page import read_run, write_report
+from vdfmu.study.report.page import write_report
+from vdfmu.study.report.shown_run import read_run
 
 pytestmark = [pytest.mark.heavy, pytest.mark.usefixtures("quiet")]
 PHONE = (390, 844)

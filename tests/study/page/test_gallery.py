@@ -10,12 +10,13 @@ from typer.testing import CliRunner
 
 import vdfmu
 from tests.study.page.browser import show
+from vdfmu.base.quantity import quantity
 from vdfmu.cli.commands import app
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.simulate import run_system
 from vdfmu.study.report.gallery import gallery_page, is_gallery, write_gallery
-from vdfmu.study.report.page import read_run
 from vdfmu.study.report.shapes import Chain
+from vdfmu.study.report.shown_run import read_run
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +46,7 @@ def test_each_run_has_a_card_with_its_verdict_numbers_and_a_link(results):
     worst = int(np.argmax(errors))
     count = len(summary["verdict"]["checks"])
     assert f"{count} of {count} checks pass" in card and 'href="first%20run/report.html"' in card
-    assert f"joint {worst + 1} worst, {errors[worst]:.3g} deg" in card
+    assert f"joint {worst + 1} worst, {quantity(errors[worst], 'deg')}" in card
     assert "planar_tracking on planar_2dof" in card
 
 

@@ -19,7 +19,8 @@ from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report import simulation
-from vdfmu.study.report.page import read_run, write_report
+from vdfmu.study.report.page import write_report
+from vdfmu.study.report.shown_run import read_run
 from vdfmu.study.report.simulation import ROWS, knobs, simulation_of
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario import load_scenario

@@ -11,7 +11,8 @@ import vdfmu
 from tests.study.page.browser import Browser, centre, number, pixels, show
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.simulate import run_system
-from vdfmu.study.report.page import read_run, write_report
+from vdfmu.study.report.page import write_report
+from vdfmu.study.report.shown_run import read_run
 
 pytestmark = [pytest.mark.heavy, pytest.mark.usefixtures("quiet")]
 EQUAL = 1e-9

@@ -11,7 +11,8 @@ from vdfmu.cli.commands import app
 from vdfmu.engine.results.verdict import Check, verdict_of
 from vdfmu.study.report.command import run_command
 from vdfmu.study.report.headline import checks_line, headline, page_title
-from vdfmu.study.report.page import ShownRun, report_page
+from vdfmu.study.report.page import report_page
+from vdfmu.study.report.shown_run import ShownRun
 
 FIGURES = {
     "tool_error": {"value": 2.89e-6, "at_s": 4.941},
@@ -35,7 +36,8 @@ BOND = {"residual_energy_abs_j": [0.004, 0.004], "exchanged_energy_j": [16.0, 20
         (999.6e-6, "m", 0, "1 mm"),
         (0.763, "deg", 0, "0.763 deg"),
         (0.0999, "deg", 0, "99.9 mdeg"),
-        (-1234.5, "N.m", 0, "−1.23 kN.m"),
+        (-1234.5, "N.m", 0, "−1230 N.m"),
+        (-12345.0, "N.m", 0, "−12.3 kN.m"),
         (2350.0, "deg", 0, "2350 deg"),
         (1.68e-18, "N.m", 1.0, "0 N.m"),
         (4.56e-13, "rad", 0, "4.56·10⁻¹³ rad"),
@@ -58,7 +60,7 @@ def test_a_good_run_is_told_by_its_numbers():
         ("Worst joint", "97.2 µdeg", "joint 2 at 5.26 s", "tracking"),
         ("Peak torque", "35.5 N.m", "joint 2 at 0.941 s", "torque"),
         ("Modulus margin", "0.54", "joint 5 at 1.2 s", "torque"),
-        ("Lowest mode", "13.9 Hz", "motors held; loop 1 kHz", "torsion"),
+        ("Lowest mode", "13.9 Hz", "motors held; loop 1000 Hz", "torsion"),
         ("Energy residual", "0.022 %", "of 36 J exchanged", "facts"),
     ]
     assert [tile.at for tile in found.tiles] == [4.941, 5.263, 0.941, 1.2, 5.0, None]

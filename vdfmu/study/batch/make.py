@@ -8,8 +8,9 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import KernelError, UsageError
-from vdfmu.compiler.c.compile import Compilation, compile_libraries, native_available
+from vdfmu.compiler.c.compile import Compilation, compile_libraries
 from vdfmu.compiler.c.platforms import this_platform
+from vdfmu.compiler.c.programs import native_available
 from vdfmu.compiler.unit.evaluate import Traced
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.engine.algorithms import ALGORITHMS, choice

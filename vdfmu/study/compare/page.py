@@ -18,7 +18,7 @@ from vdfmu.study.compare.axes import LAWS, MISMATCHES
 from vdfmu.study.compare.comparison import GOOD, LawComparison
 from vdfmu.study.compare.measures import MEASURES
 from vdfmu.study.compare.words import BY, in_words
-from vdfmu.study.report.page import look
+from vdfmu.study.report.scripts import look
 
 
 def write_comparison(study: LawComparison) -> Path:

@@ -16,7 +16,8 @@ from vdfmu.base.show_progress import Shown, with_progress
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report.browser import Browser
-from vdfmu.study.report.page import ShownRun, read_run, report_page
+from vdfmu.study.report.page import report_page
+from vdfmu.study.report.shown_run import ShownRun, read_run
 
 _HEIGHT = 620
 """Height of the frame in a notebook before the page is there [px]."""

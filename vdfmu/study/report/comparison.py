@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from vdfmu.base.errors import SspError
+from vdfmu.base.quantity import quantity
 from vdfmu.engine.package.read import load_ssp
-from vdfmu.study.report.sheets import Sheet, Summary, comparison_sheet, facts, number
+from vdfmu.study.report.sheets import TRACKING, Sheet, Summary, facts, number, units_of
 
 _MEASURED = (
     "Package", "Steps", "Wall time", "Real-time factor", "Pace", "Machine", "Communication", "Energy residual",
@@ -54,11 +55,20 @@ def difference_sheet(names: Sequence[str], summaries: Sequence[Summary], package
 def joint_sheets(names: Sequence[str], summaries: Sequence[Summary]) -> list[Sheet]:
     """Return a table for each error that several runs have, joint by joint; of two runs with the change."""
     made: list[Sheet] = []
-    for sheet in comparison_sheet(names, summaries):
-        if len(sheet.columns) == 3:
-            rows = [(*row, change(*(_number_of(cell) for cell in row[1:]))) for row in sheet.rows]
-            sheet = sheet._replace(columns=(*sheet.columns, "change"), rows=rows)
-        made.append(sheet)
+    for heading, key, unit_key in TRACKING:
+        runs = [(name, one[key], units_of(one, unit_key, len(one[key])))
+                for name, one in zip(names, summaries, strict=True) if one.get(key)]  # fmt: skip
+        if len(runs) < 2:
+            continue
+        columns = ("Joint", *(name for name, _, _ in runs), *(["change"] if len(runs) == 2 else []))
+        rows: list[tuple[str, ...]] = []
+        for i in range(max(len(values) for _, values, _ in runs)):
+            own = [values[i] if i < len(values) else None for _, values, _ in runs]
+            cells = [
+                _MISSING if value is None else quantity(value, run[2][i]) for value, run in zip(own, runs, strict=True)
+            ]
+            rows.append((str(i + 1), *cells, *([change(*own)] if len(runs) == 2 else [])))
+        made.append(Sheet(heading.replace("\n", " "), columns, rows, []))
     return made
 
 
@@ -70,14 +80,6 @@ def change(before: float | None, after: float | None) -> str:
     if abs(ratio - 1.0) < 5e-4:
         return "none" if ratio == 1.0 else "< 0.1 %"
     return f"× {number(ratio)}" if not 0.5 < ratio < 2.0 else f"{100.0 * (ratio - 1.0):+.2g} %".replace("-", "\u2212")
-
-
-def _number_of(cell: str) -> float | None:
-    """Return the number of a cell, which may have a unit behind it."""
-    try:
-        return float(cell.partition(" ")[0])
-    except ValueError:
-        return None
 
 
 def _package_values(path: Path) -> Values | None:

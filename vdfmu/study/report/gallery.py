@@ -21,11 +21,13 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import write_whole
+from vdfmu.base.quantity import quantity
 from vdfmu.compiler.fmu.page import page
 from vdfmu.engine.results.formats import result_files
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import checks_of
-from vdfmu.study.report.page import GALLERY, NAME, look, script
+from vdfmu.study.report.page import NAME
+from vdfmu.study.report.scripts import GALLERY, look, script
 from vdfmu.study.report.shapes import Chain
 from vdfmu.study.report.summary import read_summary
 
@@ -52,7 +54,6 @@ _LOOK = """
 .gallery .arm.start { opacity: .16; } .gallery .path { fill: none; stroke: var(--positive); stroke-width: 2; }
 .gallery circle { fill: var(--card); stroke: var(--ink); stroke-width: 2.5; } .gallery .base { stroke: var(--muted); }
 .gallery text { font: 600 22px system-ui, sans-serif; fill: var(--muted); text-anchor: middle; }
-.bar input { font: inherit; font-size: .86rem; padding: .28rem .6rem; }
 """
 
 
@@ -128,13 +129,13 @@ def entry_of(folder: Path, place: Path) -> RunCard:
     tool = ((summary.get("key_figures") or {}).get("tool_error") or {}).get("value")
     if isinstance(tool, float):
         numbers["tool"] = tool
-        shown.append(f"tool error {1e3 * tool:.3g} mm")
+        shown.append(f"tool error {quantity(tool, 'm')}")
     errors: Sequence[float] = summary.get("max_position_error_deg") or ()
     if errors:
         worst = int(np.argmax(errors))
         unit = (summary.get("position_units") or ["deg"] * len(errors))[worst]
         numbers["joint"] = float(errors[worst])
-        shown.append(f"joint {worst + 1} worst, {errors[worst]:.3g} {unit}")
+        shown.append(f"joint {worst + 1} worst, {quantity(errors[worst], unit)}")
     page_of = folder / NAME if (folder / NAME).is_file() else folder
     about = " on ".join(filter(None, (str(summary.get("scenario") or ""), str(summary.get("robot") or ""))))
     date = datetime.fromtimestamp(stamp, UTC).strftime("%Y-%m-%d %H:%M UTC")

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
+from vdfmu.base.quantity import quantity
 from vdfmu.base.standards import FMI_2
 
 Summary = Mapping[str, Any]
@@ -25,7 +27,7 @@ class Sheet(NamedTuple):
     """Sentences below the table."""
 
 
-_TRACKING = (
+TRACKING = (
     ("Position\nRMS", "rms_position_error_deg", "position_units"),
     ("Position\nmaximum", "max_position_error_deg", "position_units"),
     ("Torque\nRMS", "rms_torque_compensation_error_nm", "torque_units"),
@@ -35,12 +37,12 @@ _DEFAULT_UNIT = {"position_units": "deg", "torque_units": "N.m"}
 _NONE = "-"
 
 
-def sheets(summary: Summary) -> list[Sheet]:
-    """Return the tables of a run for which its summary has the numbers."""
+def sheets(summary: Summary, *, fit: bool = False) -> list[Sheet]:
+    """Return the tables of a run for which its summary has the numbers; `fit`: each with a unit that fits it."""
     made = {
-        "rms_position_error_deg": tracking_sheet,
+        "rms_position_error_deg": partial(tracking_sheet, fit=fit),
         "limits": limits_sheet,
-        "rms_spring_torque_nm": estimation_sheet,
+        "rms_spring_torque_nm": partial(estimation_sheet, fit=fit),
         "reference": reference_sheet,
     }
     return [
@@ -48,21 +50,22 @@ def sheets(summary: Summary) -> list[Sheet]:
     ]
 
 
-def tracking_sheet(summary: Summary) -> Sheet:
+def tracking_sheet(summary: Summary, *, fit: bool = False) -> Sheet:
     """Position and torque compensation errors of each joint, next to the paper's and in per cent of them."""
     paper: Summary = summary.get("paper") or {}
     n = len(summary["rms_position_error_deg"])
     columns = ["Joint"]
     cells: list[list[str]] = [_joints(summary, n)]
-    for heading, key, unit_key in _TRACKING:
-        units = _units(summary, unit_key, n)
-        label, values = _with_units(heading, summary[key], units)
+    for heading, key, unit_key in TRACKING:
+        units = units_of(summary, unit_key, n)
+        label, values = _with_units(heading, summary[key], units, fit)
         columns.append(label)
         cells.append(values)
         if paper.get(key):
             theirs: Sequence[float] = paper[key]
             columns += ["paper", "%"]
-            cells.append([f"{theirs[i]:g}" if i < len(theirs) else _NONE for i in range(n)])
+            written = [quantity(*each) if fit else f"{each[0]:g}" for each in zip(theirs, units, strict=False)]
+            cells.append([*written, *[_NONE] * (n - len(written))])
             cells.append([_per_cent(ours, theirs, i) for i, ours in enumerate(summary[key])])
     notes = ["Position: desired minus actual. Torque: control minus feedforward, link side."]
     if paper:
@@ -97,23 +100,6 @@ def limits_sheet(summary: Summary) -> Sheet:
     return Sheet("Joints at their limits", ("Joint", *(f"{heading}\n[%]" for heading in _LIMITS)), rows, notes)
 
 
-def comparison_sheet(names: Sequence[str], summaries: Sequence[Summary]) -> list[Sheet]:
-    """Return a table for each error that several runs have, a column a run; empty where fewer than two have it."""
-    made: list[Sheet] = []
-    for heading, key, unit_key in _TRACKING:
-        found = [(name, one) for name, one in zip(names, summaries, strict=True) if one.get(key)]
-        if len(found) < 2:
-            continue
-        n = max(len(one[key]) for _, one in found)
-        columns, cells = ["Joint"], [[str(i + 1) for i in range(n)]]
-        for name, one in found:
-            label, values = _with_units(name, one[key], _units(one, unit_key, len(one[key])))
-            columns.append(label)
-            cells.append(values + [_NONE] * (n - len(values)))
-        made.append(Sheet(heading.replace("\n", " "), tuple(columns), _rows(cells), []))
-    return made
-
-
 _ESTIMATION = {
     "Torque\nRMS": "rms_spring_torque_nm",
     "As printed\nRMS error": "rms_tau_f_hat_error_nm",
@@ -121,11 +107,11 @@ _ESTIMATION = {
 }
 
 
-def estimation_sheet(summary: Summary) -> Sheet:
+def estimation_sheet(summary: Summary, *, fit: bool = False) -> Sheet:
     """Errors of the estimated spring torques of each joint."""
     n = len(summary["rms_spring_torque_nm"])
-    units = _units(summary, "torque_units", n)
-    labelled = [_with_units(heading, summary[key], units) for heading, key in _ESTIMATION.items()]
+    units = units_of(summary, "torque_units", n)
+    labelled = [_with_units(heading, summary[key], units, fit) for heading, key in _ESTIMATION.items()]
     columns = ("Joint", *(label for label, _ in labelled))
     cells = [[str(i + 1) for i in range(n)], *(values for _, values in labelled)]
     notes = [
@@ -138,8 +124,8 @@ def estimation_sheet(summary: Summary) -> Sheet:
 def reference_sheet(summary: Summary) -> Sheet:
     """Largest differences between the co-simulation and its references; or of RMS values where solutions separate."""
     n = len(summary.get("rms_position_error_deg", ()))
-    position = "rad or m" if "mm" in _units(summary, "position_units", n) else "rad"
-    torque = "N.m or N" if "N" in _units(summary, "torque_units", n) else "N.m"
+    position = "rad or m" if "mm" in units_of(summary, "position_units", n) else "rad"
+    torque = "N.m or N" if "N" in units_of(summary, "torque_units", n) else "N.m"
     compared: Summary = summary.get("reference") or {}
     separation: Summary | None = summary.get("separation")
     if any("max_difference" in entry for entry in compared.values()):
@@ -250,12 +236,15 @@ def _joints(summary: Summary, n: int) -> list[str]:
     return [f"{i} {name}".rstrip() for i, name in enumerate(names, 1)]
 
 
-def _units(summary: Summary, key: str, n: int) -> list[str]:
+def units_of(summary: Summary, key: str, n: int) -> list[str]:
+    """Return the unit of each joint's values, which a summary has under a key."""
     return list(summary.get(key) or [_DEFAULT_UNIT[key]] * n)
 
 
-def _with_units(heading: str, values: Sequence[float], units: Sequence[str]) -> tuple[str, list[str]]:
-    """Put the unit into the heading if all joints share it, otherwise behind every number."""
+def _with_units(heading: str, values: Sequence[float], units: Sequence[str], fit: bool) -> tuple[str, list[str]]:
+    """Put the unit into the heading if all joints share it, otherwise, or if it is to fit, behind every number."""
+    if fit:
+        return heading, [quantity(value, unit) for value, unit in zip(values, units, strict=True)]
     if len(set(units)) == 1:
         return f"{heading}\n[{units[0]}]", [number(value) for value in values]
     return heading, [f"{number(value)} {unit}" for value, unit in zip(values, units, strict=True)]

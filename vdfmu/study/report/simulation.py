@@ -23,8 +23,9 @@ from vdfmu.base.arrays import distinct
 from vdfmu.base.data import data_path
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.standards import FMI_2
-from vdfmu.compiler.c.compile import Compilation, compile_libraries, compiling, native_available
+from vdfmu.compiler.c.compile import Compilation, compile_libraries, compiling
 from vdfmu.compiler.c.platforms import WASM
+from vdfmu.compiler.c.programs import native_available
 from vdfmu.compiler.fmu.content import installed_digest
 from vdfmu.compiler.fmu.native import fmi_headers
 from vdfmu.engine.fmu.variables import FmuVariable, Value
@@ -89,7 +90,7 @@ class Knob(NamedTuple):
 KNOBS = (
     Knob("Proportional gains", "PDController", ("K_p",)),
     Knob("Derivative gains", "PDController", ("K_v",)),
-    Knob("Masses and inertias of the links", "Plant", scaled_as("mass"), 0.5, 2.0, True),
+    Knob("Masses and inertias of links", "Plant", scaled_as("mass"), 0.5, 2.0, True),
     Knob("Mass of the payload", "Plant", scaled_as("payload"), 0.0, 3.0, True),
     Knob("Stiffness of the drives", "Plant", scaled_as("stiffness"), 0.2, 5.0, True),
     Knob("Friction", "Plant", scaled_as("friction"), 0.0, 3.0, True),
@@ -245,7 +246,8 @@ def _simulation(
     sliders = list(knobs(checked))
     passed = (summary.get("verdict") or {}).get("passed", False)
     values = values_of(checked)
-    for slider, found in zip(sliders, tracks(checked, sliders, values, (begin, stop, step)), strict=True):
+    judged: float | None = (summary.get("key_figures") or {}).get("margin", {}).get("at_s")
+    for slider, found in zip(sliders, tracks(checked, sliders, values, (begin, stop, step), judged), strict=True):
         # friction that excites itself makes loops grow for moments of a run that is stable
         slider["tracks"] = found if found[0] is None or found[0]["modulus"][OWN] or not passed else [None]
     return {

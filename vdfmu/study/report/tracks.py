@@ -73,25 +73,33 @@ def factor(knob: Mapping[str, Any], place: float) -> float:
 
 
 def tracks(
-    checked: Checked, knobs: Sequence[Mapping[str, Any]], parameters: Names, span: tuple[float, float, float]
+    checked: Checked,
+    knobs: Sequence[Mapping[str, Any]],
+    parameters: Names,
+    span: tuple[float, float, float],
+    judged: float | None = None,
 ) -> list[list[Track | None]]:
     """Return the tracks of each slider: of all joints, then of each joint; None where it has none.
 
     A track has ``places``, the least modulus margin at each, ``modulus``, and in ``limits`` the places below and above
-    which the loops are unstable, or None.
+    which the loops are unstable, or None; ``still`` where arms are taken without dry friction.
 
     Parameters
     ----------
     span : tuple of float [s]
         Start, stop and step of the run.
+    judged : float, optional [s]
+        Where the verdict on the run has its least margin, which the tracks then have with the slider at 1.
     """
-    content = json.dumps([source_digest("study.report.tracks"), str(checked.algorithm), knobs, parameters, span])
+    content = json.dumps(
+        [source_digest("study.report.tracks"), str(checked.algorithm), knobs, parameters, span, judged]
+    )
     digest = sha256(content.encode() + sha256(checked.system.path.read_bytes()).digest()).hexdigest()
     path = cache_folder() / "tracks" / digest
     if (stored := load(path)) is not None:
         return json.loads(stored)
     try:
-        found = _tracks(checked, knobs, parameters, span)
+        found = _tracks(checked, knobs, parameters, span, judged)
     except VdfmuError:  # there are no loops, or the FMUs do not tell them
         found = [list[Track | None]([None]) for _ in knobs]
     store(path, json.dumps(found).encode())
@@ -99,10 +107,14 @@ def tracks(
 
 
 def _tracks(
-    checked: Checked, knobs: Sequence[Mapping[str, Any]], parameters: Names, span: tuple[float, float, float]
+    checked: Checked,
+    knobs: Sequence[Mapping[str, Any]],
+    parameters: Names,
+    span: tuple[float, float, float],
+    judged: float | None,
 ) -> list[list[Track | None]]:
     start, stop, step = span
-    poses = _LinearisedRows()
+    poses = _LinearisedRows([] if judged is None else [round((judged - start) / step)])
     with Simulator(checked.system, isolate=False, algorithm=checked.algorithm) as simulator:
         simulator.run(start=start, stop=stop, step=step, record=(), visitor=poses)
         if not opened_at(poses.systems[0][1], "tau"):  # no loop goes through a motor's torque
@@ -117,14 +129,15 @@ def _tracks(
 class _LinearisedRows:
     """Linearises all components of a run at some rows."""
 
-    def __init__(self) -> None:
+    def __init__(self, more: Sequence[int]) -> None:
+        self._more = more
         self.systems: list[tuple[float, LinearSystem]] = []
         self.components: Components | None = None
         self._linearisation: Linearisation | None = None
 
     def rows(self, n: int) -> frozenset[int]:
         """Return the rows of a run with n steps."""
-        return frozenset(round(k * n / (_TIMES - 1)) for k in range(_TIMES))
+        return frozenset({*(round(k * n / (_TIMES - 1)) for k in range(_TIMES)), *self._more})
 
     def visit(self, components: Components, time: float, step: float) -> None:
         """Linearise the components."""
@@ -138,7 +151,7 @@ class _MovedLoops:
 
     def __init__(self, poses: _LinearisedRows, parameters: Names, still: Mapping[str, Mapping[str, Value]]) -> None:
         assert poses.components is not None
-        self.components, self.parameters, self._still = poses.components, parameters, still
+        self.components, self.parameters, self.still = poses.components, parameters, still
         self._systems, self._opened = poses.systems, opened_at(poses.systems[0][1], "tau")
         for unit, values in still.items():
             if not can_change(self.components, unit):
@@ -162,7 +175,7 @@ class _MovedLoops:
             for name, value in self.parameters[target["unit"]].items():
                 group, _, index = name.partition("[")
                 if group == target["name"] and (joint is None or index.rstrip("]").split(",")[0] == str(joint + 1)):
-                    of_unit = changes.setdefault(target["unit"], dict(self._still.get(target["unit"], {})))
+                    of_unit = changes.setdefault(target["unit"], dict(self.still.get(target["unit"], {})))
                     of_unit[name] = factor(knob, place) * value
         with ExitStack() as stack:
             instances = [stack.enter_context(changed(self.components, unit, new)) for unit, new in changes.items()]
@@ -249,7 +262,8 @@ def _track(loops: _MovedLoops, knob: Mapping[str, Any], poses: Sequence[int], jo
             middle = (inside + outside) / 2.0
             inside, outside = (middle, outside) if least(middle) else (inside, middle)
         limits.append(inside)
-    return {"places": list(margins), "modulus": [round(each, 3) for each in margins.values()], "limits": limits}
+    found = {"places": list(margins), "modulus": [round(each, 3) for each in margins.values()], "limits": limits}
+    return found | {"still": True} if loops.still else found
 
 
 def _modulus(loop: Loop, K: Floats) -> float:

@@ -42,8 +42,9 @@ from vdfmu.engine.run import Interrupted, LogMessage, Results
 from vdfmu.engine.run.simulator import check_coupling
 from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
 from vdfmu.study.report.content import arm_of
-from vdfmu.study.report.page import NAME, ShownRun, write_report
+from vdfmu.study.report.page import NAME, write_report
 from vdfmu.study.report.pictures import PICTURES, SIGNALS, write_pictures
+from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.report.simulation import compiling_modules
 from vdfmu.study.report.world import scene_of
 from vdfmu.study.run.at_limits import limits_of, time_at_limits

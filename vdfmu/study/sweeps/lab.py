@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.errors import UsageError, VdfmuError
-from vdfmu.study.report.page import ShownRun, read_run
+from vdfmu.study.report.shown_run import ShownRun, read_run
 from vdfmu.study.sweeps.axes import is_option, read_axes
 from vdfmu.study.sweeps.plan import of_scenario
 from vdfmu.study.sweeps.sides import Side, view

@@ -23,8 +23,10 @@ from vdfmu.compiler.fmu.page import page
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.isolated import mapped
-from vdfmu.study.report.page import LIVE, ShownRun, look, report_page, script
+from vdfmu.study.report.page import report_page
+from vdfmu.study.report.scripts import LIVE, look, script
 from vdfmu.study.report.shapes import Chain
+from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.view.live import HEAD, SIGNALS
 from vdfmu.study.view.server import PERIOD, PageServer
 

@@ -15,7 +15,7 @@ from vdfmu.compiler.fmu.page import page
 from vdfmu.study.analysis.modes import MOTORS
 from vdfmu.study.report.content import arm_of
 from vdfmu.study.report.curves import packed
-from vdfmu.study.report.page import ROBOT, libraries, look, script
+from vdfmu.study.report.scripts import ROBOT, libraries, look, script
 from vdfmu.study.report.shapes import Chain, DrawnShape, drawing_of, own_shapes
 from vdfmu.study.view.shapes import centres
 

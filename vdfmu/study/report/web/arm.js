@@ -1,6 +1,10 @@
 // The arm in 3D. Frame {B_i} of joint i is a group of three.js, placed as Eq. (32)-(36) place it in {B_(i-1)}.
 
+<<<<<<< HEAD
 import { colourOf, darkScheme, framesOf, inkOf, unpack } from "./data.js";
+=======
+import { colourOf, darkScheme, framesOf, inkOf, largest } from "./data.js";
+>>>>>>> h-tidy
 
 const T = vendor;
 export const POSITIVE = new T.Color(inkOf("positive"));
@@ -79,7 +83,7 @@ export class Motion {
   /** Largest absolute value of each joint. */
   peaks(name) {
     this.found ??= {};
-    this.found[name] ??= this[name].map((row) => row.reduce((most, v) => Math.max(most, Math.abs(v)), 0));
+    this.found[name] ??= this[name].map((row) => largest(row));
     return this.found[name];
   }
 }

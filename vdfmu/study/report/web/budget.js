@@ -1,8 +1,9 @@
 // What limits a run: its error at the tool, again and again with one cause taken away.
 
-import { binaries, make, text } from "./data.js";
+import { binaries, largest, make } from "./data.js";
 import { toolErrors } from "./arm.js";
 import { SimulationWorker } from "./worker.js";
+import { quantity, text } from "./numbers.js";
 
 /** A run of a system that exchanges values `split` times in each communication step. */
 export function finer(simulation, split) {
@@ -63,14 +64,14 @@ export class Budget {
     this.table.replaceChildren(make("caption", {}, "Error of the end effector"),
       make("thead", {}, make("tr", {}, ...["", "", "largest", "RMS", "change"].map((head) => make("th", { scope: "col" }, head)))),
       make("tbody", {}, ...rows.map((row) => make("tr", {}, make("th", { scope: "row" }, row.words),
-        ...(row.failure ? [make("td", { colspan: 4 }, make("small", {}, row.failure))] : [bar(row.max), make("td", {}, metres(row.max, most)), make("td", {}, metres(row.rms, most)), make("td", {}, row === whole ? "" : changeOf(whole.max, row.max))])))));
+        ...(row.failure ? [make("td", { colspan: 4 }, make("small", {}, row.failure))] : [bar(row.max), make("td", {}, quantity(row.max, "m", most)), make("td", {}, quantity(row.rms, "m", most)), make("td", {}, row === whole ? "" : changeOf(whole.max, row.max))])))));
   }
 }
 
 /** Largest error of the end effector and its root mean square, in m. */
 function errorsOf(run) {
   const { values } = toolErrors(run);
-  return { max: 1e-3 * values.reduce((most, value) => Math.max(most, value), 0), rms: 1e-3 * Math.sqrt(values.reduce((sum, value) => sum + value * value, 0) / values.length) };
+  return { max: 1e-3 * largest(values), rms: 1e-3 * Math.sqrt(values.reduce((sum, value) => sum + value * value, 0) / values.length) };
 }
 
 /** How a value differs from another, in words. */
@@ -79,10 +80,4 @@ export function changeOf(before, after) {
   if (!Number.isFinite(ratio)) return "–";
   if (Math.abs(ratio - 1) < 1e-6) return "none";
   return ratio >= 2 || ratio <= 0.5 ? `× ${text(ratio, 3)}` : `${ratio > 1 ? "+" : ""}${text(100 * (ratio - 1), 2)} %`;
-}
-
-/** A length in the unit that suits the largest of several. */
-function metres(value, most) {
-  const [factor, unit] = most >= 1e-3 || most === 0 ? [1e3, "mm"] : most >= 1e-6 ? [1e6, "µm"] : [1e9, "nm"];
-  return `${text(factor * value, 3)} ${unit}`;
 }

@@ -1,9 +1,10 @@
 // A figure: curves over time that zoom together, show their values under the pointer, and have a logarithmic scale.
 
-import { COLOURS, colourOf, darkScheme, fitted, inkOf, make, raised, recorded, runs, simulated, text, toggle, view } from "./data.js";
+import { COLOURS, colourOf, darkScheme, inkOf, make, recorded, runs, simulated, toggle, view } from "./data.js";
 import { Heat } from "./heat.js";
 import { drawEnds, endsOf, keyOf, roomForNames } from "./labels.js";
 import { FILES, saveMenu } from "./save.js";
+import { fitted, raised, text } from "./numbers.js";
 
 const { uPlot } = vendor;
 const DASHES = [[], [9, 4], [9, 3, 2, 3], [2, 3]]; // as `DASHES` of vdfmu/base/style.py
@@ -91,7 +92,12 @@ export class Chart {
   /** Recorded lines are pale beside simulated ones, and all beside what is pointed to. */
   alpha(curve) {
     const pale = runs[curve.run] !== simulated && simulated.result.time.length ? PALE : 1;
-    return view.focus !== null && keyOf(curve) !== view.focus && this.unpacked.some((one) => keyOf(one) === view.focus && this.shows(one)) ? FADED : pale;
+    return this.faded(curve) ? FADED : pale;
+  }
+
+  /** Whether another curve is pointed to. */
+  faded(curve) {
+    return view.focus !== null && keyOf(curve) !== view.focus && this.unpacked.some((one) => keyOf(one) === view.focus && this.shows(one));
   }
 
   strokeOf(curve) {
@@ -112,8 +118,9 @@ export class Chart {
     return FILES[kind](this);
   }
 
-  fit(largest) {
-    return fitted(this.unit, largest);
+  fit(most) {
+    const [fit, exponent] = fitted(this.unit, most);
+    return [fit || !exponent ? fit : `10${raised(exponent)} ${this.unit}`, exponent];
   }
 
   /** Columns of one table: time, and a column a curve with nulls where it has no number. */

@@ -1,9 +1,10 @@
 // What runs do differently: their largest values, and a figure for each joint with the runs over each other, or their difference.
 
-import { choice, colourOf, curvesOf, darkScheme, make, merged, recorded, runs, simulated, text, toggle } from "./data.js";
+import { choice, colourOf, curvesOf, darkScheme, make, merged, recorded, runs, simulated, toggle } from "./data.js";
 import { Chart } from "./chart.js";
 import { changeOf } from "./budget.js";
 import { peaksOf } from "./simulation.js";
+import { quantity } from "./numbers.js";
 
 const LEAST = 50; // common times, of which a difference needs no values between rows
 
@@ -56,15 +57,15 @@ function peakTable() {
   const found = new Map();
   recorded.forEach((run, k) => {
     for (const peak of peaksOf(run)) {
-      const name = `${peak.words} [${peak.unit}]`;
-      if (!found.has(name)) found.set(name, Array(recorded.length).fill(null));
-      found.get(name)[k] = peak;
+      const key = `${peak.words} [${peak.unit}]`;
+      if (!found.has(key)) found.set(key, Array(recorded.length).fill(null));
+      found.get(key)[k] = peak;
     }
   });
-  const cell = (peak) => make("td", {}, text(peak?.value, 3), ...(peak?.joint ? [make("small", {}, ` joint ${peak.joint}`)] : []));
-  const rows = [...found].filter(([, peaks]) => peaks.filter(Boolean).length > 1).map(([name, peaks]) => {
+  const cell = (peak) => make("td", {}, peak ? quantity(peak.value, peak.unit) : "–", ...(peak?.joint ? [make("small", {}, ` joint ${peak.joint}`)] : []));
+  const rows = [...found].filter(([, peaks]) => peaks.filter(Boolean).length > 1).map(([, peaks]) => {
     const before = peaks.find(Boolean), changes = peaks.slice(1).map((peak) => make("td", {}, peak && peak !== before ? changed(before.value, peak.value) : "–"));
-    return make("tr", {}, make("th", { scope: "row" }, name), ...peaks.map(cell), ...changes);
+    return make("tr", {}, make("th", { scope: "row" }, before.words), ...peaks.map(cell), ...changes);
   });
   const heads = ["Largest", ...recorded.map(({ name }) => name), ...recorded.slice(1).map((_, k) => (recorded.length > 2 ? `change ${k + 2}` : "change"))];
   return make("div", { class: "wide" }, make("table", {}, make("thead", {}, make("tr", {}, ...heads.map((head) => make("th", { scope: "col" }, head)))), make("tbody", {}, ...rows)));

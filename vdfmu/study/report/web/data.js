@@ -1,4 +1,4 @@
-// The numbers of the page, and how numbers are written.
+// The numbers of the page, its elements, and what its parts share.
 
 const content = JSON.parse(document.getElementById("data").textContent);
 export const runs = content.runs;
@@ -53,6 +53,9 @@ export function unpack(text, Kind = Float32Array) {
   for (let i = 0; i < bytes.length; i += 1) array[i] = bytes.charCodeAt(i);
   return new Kind(array.buffer);
 }
+
+/** Largest absolute value. */
+export const largest = (values) => values.reduce((most, value) => Math.max(most, Math.abs(value) || 0), 0);
 
 /** Split numbers that stand curve by curve. */
 export const split = (array, count) =>
@@ -112,29 +115,6 @@ function summed([scale, terms], signals, rows) {
   }
   return sum.map((value) => scale * value);
 }
-
-/** A number with the digits that single precision surely has. */
-export const text = (value, digits = 6) => {
-  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
-  const size = Math.abs(value);
-  if (size !== 0 && (size < 1e-3 || size >= 1e6)) {
-    const [mantissa, exponent] = value.toExponential(digits - 1).split("e");
-    return `${Number(mantissa)}·10${raised(Number(exponent))}`.replace("-", "−");
-  }
-  return String(Number(value.toPrecision(digits))).replace("-", "−");
-};
-
-/** The unit in which a largest value has at most three digits before its point, and the power of ten that it stands for: as `fitted` of vdfmu/base/measure.py. */
-export function fitted(unit, largest) {
-  if (!largest || !Number.isFinite(largest) || (largest >= 0.1 && largest < 1e4)) return [unit, 0];
-  const exponent = 3 * Math.floor(Math.log10(largest) / 3), [, thousandth, base, rest] = /^(m(?=m))?(deg|rad|m|N|W|J|V|A)((?![\w²³⁴]).*)$/.exec(unit) ?? [];
-  const prefix = { 3: "NWJVA".includes(base) ? "k" : undefined, 0: "", "-3": "m", "-6": "µ", "-9": "n" }[exponent - (thousandth ? 3 : 0)];
-  if (base && prefix !== undefined) return [prefix + base + rest, exponent];
-  return largest >= 0.01 && largest < 1e5 ? [unit, 0] : [`10${raised(exponent)} ${unit}`, exponent];
-}
-
-/** A number as an exponent. */
-export const raised = (number) => [...String(number)].map((c) => (c === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[c])).join("");
 
 /** Make an element: attributes, of which functions listen to events, and children. */
 export function make(tag, attributes = {}, ...children) {

@@ -1,6 +1,7 @@
 // A map of many curves: a row a joint, the time to the right, values below zero and above it in the page's two colours.
 
-import { inkOf, make, text, view } from "./data.js";
+import { inkOf, largest, make, view } from "./data.js";
+import { text } from "./numbers.js";
 
 export const MOST_CURVES = 8; // most joints that are drawn as curves only
 const WORST_JOINTS = 3, HEAT_ROW = 7; // curves below a map; px
@@ -17,11 +18,11 @@ export class Heat {
 
   /** Choose the joints with the largest values among all curves. */
   static worst(curves) {
-    const largest = new Map();
+    const peaks = new Map();
     for (const { joint, dashed, values } of curves) {
-      if (joint && !dashed) largest.set(joint, Math.max(largest.get(joint) ?? 0, values.reduce((most, v) => (Math.abs(v) > most ? Math.abs(v) : most), 0)));
+      if (joint && !dashed) peaks.set(joint, Math.max(peaks.get(joint) ?? 0, largest(values)));
     }
-    return largest.size > MOST_CURVES ? [...largest].sort((a, b) => b[1] - a[1]).slice(0, WORST_JOINTS).map(([joint]) => joint) : null;
+    return peaks.size > MOST_CURVES ? [...peaks].sort((a, b) => b[1] - a[1]).slice(0, WORST_JOINTS).map(([joint]) => joint) : null;
   }
 
   draw(plot) {
@@ -44,7 +45,7 @@ export class Heat {
       }
       return found;
     });
-    const most = Math.max(...cells.map((row) => row.reduce((a, v) => Math.max(a, Math.abs(v) || 0), 0))) || 1;
+    const most = Math.max(...cells.map(largest)) || 1;
     const [zero, below, above] = ["card", "negative", "positive"].map((name) => [1, 3, 5].map((k) => parseInt(inkOf(name).slice(k, k + 2), 16)));
     const image = new ImageData(width, count);
     cells.forEach((row, i) => row.forEach((v, column) => {

@@ -1,6 +1,7 @@
 // A slider of a parameter, on a track that shows the modulus margin: green, amber, red, and where the loops become unstable.
 
-import { choice, make, text, toggle } from "./data.js";
+import { choice, make, toggle } from "./data.js";
+import { text } from "./numbers.js";
 
 const NOTCHES = 100; // of a slider to either side
 
@@ -17,7 +18,7 @@ export class Knob {
     this.knows = knob.known.length ? toggle("feedforward knows it", false, (on) => { this.known = on; changed(); }, { class: "chip", "aria-label": `${knob.words}: the feedforward knows it` }) : null;
     this.track = make("div", { class: "track" });
     this.bounds = make("small", { class: "note" });
-    this.element = make("div", { class: "knob" }, make("span", {}, knob.words), this.output, this.slider, this.track, make("div", { class: "chips" }, ...joints, ...(this.knows ? [this.knows] : []), this.bounds));
+    this.element = make("div", { class: "knob" }, make("span", {}, knob.words), this.output, this.slider, this.track, this.bounds, make("div", { class: "chips" }, ...joints, ...(this.knows ? [this.knows] : [])));
     this.show();
   }
 
@@ -44,7 +45,7 @@ export class Knob {
     if (track) {
       const limits = this.limits(track), margin = marginAt(track, place);
       this.track.replaceChildren(...this.bands(track), ...track.limits.filter((limit) => limit !== null).map((limit) => make("b", { style: `left:${percent(limit)}%` })));
-      this.bounds.textContent = `${margin ? `modulus margin ${text(margin, 2)}` : "unstable"}${limits ? `; ${limits}` : ""}`;
+      this.bounds.textContent = `${margin ? `margin ${text(margin, 2)}` : "unstable"}${limits ? `; ${limits}` : ""}`;
       said.push(`${margin ? `modulus margin ${text(margin, 2)}, ${this.colour(margin)}` : "unstable"}${limits ? `; ${limits.replaceAll("×", "times")}` : ""}`);
     }
     this.slider.setAttribute("aria-valuetext", said.join("; "));
@@ -66,8 +67,9 @@ export class Knob {
   /** Factors from and up to which the loops are stable, in words. */
   limits({ limits: [low, high] }) {
     if (low === 0 && high === 0) return "";
-    const words = [[low, "from"], [high, low === null ? "up to" : "to"]].filter(([limit]) => limit !== null).map(([limit, word]) => `${word} × ${text(this.factor(limit), 2)}`);
-    return words.length ? `stable ${words.join(" ")}` : "";
+    const [from, to] = [low, high].map((limit) => (limit === null ? "" : text(this.factor(limit), 2)));
+    if (from && to) return `stable × ${from} to ${to}`;
+    return from || to ? `stable ${from ? `from × ${from}` : `up to × ${to}`}` : "";
   }
 
   /** Places that this slider has left 1 for: words with the factor, and the limit where it alone makes the loops unstable. */
@@ -83,6 +85,11 @@ export class Knob {
   reset() {
     this.places.fill(0);
     this.show();
+  }
+
+  /** Whether its tracks are without dry friction, which excites itself. */
+  get still() {
+    return this.knob.tracks.some((track) => track?.still);
   }
 
   get judged() {

@@ -1,7 +1,8 @@
 // The points of a study: pictures that choose together, the chosen point with its command, and its run in the bench.
 
-import { choice, make, text, unpack } from "./data.js";
+import { choice, make, unpack } from "./data.js";
 import { Column, Contour, Parallel, Scatter, fieldOf, shade, svg } from "./lab_plots.js";
+import { quantity } from "./numbers.js";
 
 class Lab extends EventTarget {
   constructor(study) {
@@ -164,7 +165,7 @@ function keptCurves(study, row) {
   const charts = names.map((name, k) => {
     const own = slice(all, row * names.length + k).subarray(0, last + 1), low = own.reduce((a, b) => Math.min(a, b)), high = own.reduce((a, b) => Math.max(a, b));
     const d = Array.from(own, (v, i) => `${((t[i] - t[0]) / (t[last] - t[0])) * width} ${height - ((v - low) / (high - low || 1)) * (height - 4) - 2}`).join("L");
-    return make("figure", { class: "chart" }, make("figcaption", {}, make("strong", {}, name), make("span", { class: "unit" }, ` ${text(low, 3)} to ${text(high, 3)}${units[k] && ` ${units[k]}`}, ${text(t[last], 3)} s`)),
+    return make("figure", { class: "chart" }, make("figcaption", {}, make("strong", {}, name), make("span", { class: "unit" }, ` ${quantity(low, units[k])} to ${quantity(high, units[k])}, ${quantity(t[last], "s")}`)),
       svg("svg", { class: "study kept", viewBox: `0 0 ${width} ${height}`, preserveAspectRatio: "none", role: "img", "aria-label": name }, svg("path", { class: "line", d: `M${d}` })));
   });
   return [make("div", { class: "grid triple" }, ...charts)];

@@ -1,6 +1,6 @@
-// Put the page of a study together that simulates nothing.
+// Put the part of a study together: above the run that the page can simulate, if there is one.
 
 import { study } from "./data.js";
 import { showLab } from "./lab.js";
 
-globalThis.report = { lab: showLab(document.getElementById("lab"), study, null) };
+globalThis.report = { ...globalThis.report, lab: showLab(document.getElementById("lab"), study, globalThis.report?.simulation ?? null) };

@@ -1,6 +1,7 @@
 // The pictures of a study: points over two columns, contours, and columns side by side. Dragging in one chooses points in all.
 
-import { make, raised, text } from "./data.js";
+import { largest, make } from "./data.js";
+import { fitted, quantity, raised, text } from "./numbers.js";
 
 const MARGIN = { left: 58, right: 14, top: 24, bottom: 42 };
 const CELLS = 48, LEVELS = 8, REACH = 16; // of a contour: cells a side, lines; px between a click and a point
@@ -16,6 +17,8 @@ export function shade(share) {
 export class Column {
   constructor(facts) {
     Object.assign(this, facts);
+    const [fit, power] = this.words.length || this.log ? [] : fitted(this.unit, largest(this.values));
+    if (fit) Object.assign(this, { unit: fit, values: this.values.map((v) => (v === null ? null : v / 10 ** power)) });
     const known = this.values.filter((v) => v !== null).map((v) => this.onScale(v));
     [this.low, this.high] = known.length ? [known.reduce((a, b) => Math.min(a, b)), known.reduce((a, b) => Math.max(a, b))] : [0, 1];
     if (this.high === this.low) [this.low, this.high] = [this.low - 0.5, this.high + 0.5];
@@ -41,7 +44,7 @@ export class Column {
   }
 
   wordsOf(value, unit = false) {
-    return this.words.length ? this.words[Math.round(value)] : `${text(value, 3)}${unit && this.unit ? ` ${this.unit}` : ""}`;
+    return this.words.length ? this.words[Math.round(value)] : unit ? quantity(value, this.unit) : text(value, 3);
   }
 
   /** Values with room for their words. */

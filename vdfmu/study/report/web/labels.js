@@ -48,7 +48,7 @@ export function endsOf(chart) {
     return row < 0 ? [] : [{ curve: chart.unpacked[k], text: nameOf(chart.unpacked[k]), end: Math.max(0, Math.min(height, plot.valToPos(plot.data[k + 1][row], "y"))) }];
   }).sort((a, b) => a.end - b.end);
   const places = apart(found.map(({ end }) => end), Math.min(NAME_GAP, height / found.length), 5, height - 5);
-  return found.map((one, i) => ({ ...one, place: places[i], colour: colourOf(one.curve.colour), alpha: chart.alpha(one.curve), stub: NAME_STUB }));
+  return found.map((one, i) => ({ ...one, place: places[i], colour: colourOf(one.curve.colour), alpha: chart.faded(one.curve) ? 0.3 : 1, stub: NAME_STUB }));
 }
 
 /** Draw them on the plot's canvas. */

@@ -1,11 +1,14 @@
 // Put the page together.
 
-import { binaries, curvesOf, merged, recorded, runs, study, view } from "./data.js";
+import { binaries, curvesOf, make, merged, recorded, runs, view } from "./data.js";
 import { Chain, Motion, toolErrors } from "./arm.js";
 import { differences, showComparison } from "./comparison.js";
 import { showFigures } from "./figures.js";
+<<<<<<< HEAD
 import { showLab } from "./lab.js";
 import { followRun } from "./live.js";
+=======
+>>>>>>> h-tidy
 import { quantity } from "./numbers.js";
 import { Player } from "./player.js";
 import { follow, pictureButtons, printSheet, shareButtons } from "./share.js";
@@ -28,13 +31,18 @@ const charts = showFigures(section("figures"), more);
 const simulation = showSimulation(section("simulate"));
 showSystem(section("system"));
 showComparison(section("comparison"));
+<<<<<<< HEAD
 const follows = followRun(player);
 const lab = study ? showLab(section("lab"), study, simulation) : null;
+=======
+>>>>>>> h-tidy
 
 const keys = [...merged("figures").keys()];
 charts.forEach(({ element }, k) => { element.dataset.figure = keys[k] ?? "tool"; });
-document.querySelector("h1").after(shareButtons(simulation));
-if (player?.bar) player.bar.append(...pictureButtons(player));
+const title = document.querySelector("h1"), top = make("div", { class: "title" });
+title.replaceWith(top);
+top.append(title, shareButtons(simulation));
+player?.tools?.prepend(...pictureButtons(player));
 
 /** Show the time, and the figure, that the address has. */
 function recall() {
@@ -53,5 +61,5 @@ whenRecalled(recall);
 if (recalled("t") || recalled("figure")) recall();
 
 /** For the console and for tests; what is around the page hears when it is there. */
-globalThis.report = { binaries, charts, curvesOf, difference, differences, lab, player, printSheet: () => printSheet(player, charts), quantity, runs, simulation, view, Chain, Motion, SimulationWorker, toolErrors };
+globalThis.report = { binaries, charts, curvesOf, difference, differences, player, printSheet: () => printSheet(player, charts), quantity, runs, simulation, view, Chain, Motion, SimulationWorker, toolErrors };
 dispatchEvent(new Event("report"));

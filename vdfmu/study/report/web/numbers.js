@@ -1,23 +1,34 @@
-// Numbers with three digits in units of measurement that fit their size; vdfmu/base/quantity.py writes them alike.
+// How numbers are written: with units that fit their size, as vdfmu/base/quantity.py writes them.
 
-import { raised } from "./data.js";
-
-const PREFIXES = { "-9": "n", "-6": "µ", "-3": "m", 0: "", 3: "k", 6: "M" };
-const SMALL_ONLY = ["m", "s", "rad", "deg"], ANY_SIZE = ["N", "N.m", "J", "W", "Hz"]; // symbols that take prefixes
+const PREFIXES = { 6: "M", 3: "k", 0: "", "-3": "m", "-6": "µ", "-9": "n" };
 const ROUNDING = 1e-9; // share of a peak below which a number is 0
 
-/** A number with three digits and its unit: 2.89e-6 m is 2.89 µm; mm becomes a multiple of m, 0.1 to 1000 stay, numbers far below the peak are 0. */
-export function quantity(value, unit = "", peak = 0) {
-  if (unit === "mm") return quantity(1e-3 * value, "m", 1e-3 * peak);
-  if (!Number.isFinite(value)) return "–";
-  let shown = Math.abs(value) < ROUNDING * Math.abs(peak) ? 0 : Number(value.toPrecision(3)), prefix = "";
-  const symbol = unit.split("/")[0], power = shown ? 3 * Math.floor(Math.log10(Math.abs(shown)) / 3 + 1e-12) : 0;
-  if ([...SMALL_ONLY, ...ANY_SIZE].includes(symbol) && power >= -9) {
-    const scale = Math.abs(shown) >= 0.1 && power < 0 ? 0 : Math.min(power, ANY_SIZE.includes(symbol) ? 6 : 0);
-    shown = Number((shown / 10 ** scale).toPrecision(3));
-    prefix = PREFIXES[scale];
-  }
-  const size = Math.abs(shown), [mantissa, exponent] = shown.toExponential(2).split("e");
-  const digits = shown && (size < 1e-3 || size >= 1e6) ? `${Number(mantissa)}·10${raised(Number(exponent))}` : String(shown);
-  return `${digits} ${prefix}${unit}`.trimEnd().replace("-", "−");
+/** The unit in which a largest value has at most three digits before its point, "" if no prefix fits, and the power of ten that values are divided by. */
+export function fitted(unit, most) {
+  if (!most || !Number.isFinite(most) || (most >= 0.1 && most < 1e4)) return [unit, 0];
+  const exponent = 3 * Math.floor(Math.log10(most) / 3 + 1e-12), [, thousandth, base, rest] = /^(m(?=m))?(deg|rad|m|s|N|W|J|V|A|Hz)((?![\w²³⁴]).*)$/.exec(unit) ?? [];
+  const prefix = PREFIXES[exponent - (thousandth ? 3 : 0)];
+  if (base && prefix !== undefined && (!["k", "M"].includes(prefix) || ["N", "W", "J", "V", "A", "Hz"].includes(base))) return [prefix + base + rest, exponent];
+  return most >= 0.01 && most < 1e5 ? [unit, 0] : ["", exponent];
 }
+
+/** A number with three digits and the unit that fits it: 2.89e-6 m is 2.89 µm; numbers far below the peak are 0. */
+export function quantity(value, unit = "", peak = 0) {
+  if (!Number.isFinite(value)) return "–";
+  const shown = Math.abs(value) < ROUNDING * Math.abs(peak) ? 0 : Number(value.toPrecision(3)), [fit, power] = fitted(unit, Math.abs(shown));
+  return `${text(fit ? shown / 10 ** power : shown, 3)} ${fit || unit}`.trimEnd();
+}
+
+/** A number with the digits that single precision surely has. */
+export const text = (value, digits = 6) => {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  const size = Math.abs(value);
+  if (size !== 0 && (size < 1e-3 || size >= 1e6)) {
+    const [mantissa, exponent] = value.toExponential(digits - 1).split("e");
+    return `${Number(mantissa)}·10${raised(Number(exponent))}`.replace("-", "−");
+  }
+  return String(Number(value.toPrecision(digits))).replace("-", "−");
+};
+
+/** A number as an exponent. */
+export const raised = (number) => [...String(number)].map((c) => (c === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[c])).join("");

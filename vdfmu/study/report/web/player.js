@@ -1,8 +1,8 @@
 // The section of the arm: picture, values of the joints, and what plays it.
 
-import { choice, make, raised, recorded, simulated, text, toggle, view } from "./data.js";
+import { choice, make, recorded, simulated, toggle, view } from "./data.js";
 import { armsOf } from "./arm.js";
-import { quantity } from "./numbers.js";
+import { quantity, raised, text } from "./numbers.js";
 import { Scene3D, VIEWS } from "./scene.js";
 import { Timeline } from "./timeline.js";
 
@@ -15,6 +15,7 @@ const UNITS = { // factor and unit for revolute and prismatic joints
 };
 const STEPS = 200;
 const HINT = 1500; // ms
+const KEYS = "Space plays, arrow keys step, Home and End go to the ends; 1 to 4 are the views.";
 
 export class Player {
   constructor(section) {
@@ -75,18 +76,19 @@ export class Player {
     const picker = choice("Run", shown.map((run, k) => [k, run.name]), (k) => { this.play(false); this.setRun(shown[k]); });
     view.addEventListener("run", () => { picker.querySelector("select").value = shown.indexOf(view.run); this.setRun(view.run); });
     const layer = (words, name) => toggle(words, true, (on) => this.scene.layer({ [name]: on }), { class: "chip" });
+    const speed = choice("", [1, 0.1, 0.3, 3, 10].map((factor) => [factor, `${factor} ×`]), (factor) => { this.speed = Number(factor); });
+    speed.querySelector("select").setAttribute("aria-label", "Speed");
     return [
-      make("div", { class: "transport" }, this.button, this.timeline.element, this.clock),
+      make("div", { class: "transport" }, this.button, this.timeline.element, this.clock, speed),
       this.bar = make("div", { class: "bar" },
         ...(shown.length > 1 ? [picker, others] : []),
         ...(quantities.length ? [choice("Colour", quantities.map((name) => [name, UNITS[name].words]), (name) => { this.scene.quantity = name; this.show(); })] : []),
-        choice("Speed", [[1, "1"], [0.1, "0.1"], [0.3, "0.3"], [3, "3"], [10, "10"]], (speed) => { this.speed = Number(speed); }),
+        choice("View", Object.keys(VIEWS).reverse().map((name) => [name, name]), (name) => this.scene.look(name)),
         ...(this.motion.error ? [choice("Errors drawn", powers, (factor) => { this.scene.magnify = Number(factor); this.show(); })] : []),
         make("div", { class: "chips", role: "group", "aria-label": "Shown" },
           ...(this.motion.error ? [layer("desired arm", "desired")] : []),
           layer("path", "path"), layer("forces", "forces")),
-        choice("View", Object.keys(VIEWS).reverse().map((name) => [name, name]), (name) => this.scene.look(name)),
-        make("small", { class: "note" }, "Space plays, arrow keys step, Home and End go to the ends; 1 to 4 are the views.")),
+        this.tools = make("div", { class: "chips tools" }, make("details", { class: "help" }, make("summary", { "aria-label": "Keys" }, "?"), make("p", {}, KEYS)))),
     ];
   }
 

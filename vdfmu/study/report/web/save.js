@@ -21,7 +21,12 @@ export function saveMenu(chart) {
 
 async function saveFigure(chart, kind) {
   const file = `${document.title} ${chart.title}.${kind.toLowerCase()}`.replaceAll(/[^\w.,() -]+/g, "_");
-  const link = make("a", { href: URL.createObjectURL(await FILES[kind](chart)), download: file });
+  handOver(await FILES[kind](chart), file);
+}
+
+/** Give a file to the browser's downloads. */
+export function handOver(content, name) {
+  const link = make("a", { href: URL.createObjectURL(content), download: name });
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
 }

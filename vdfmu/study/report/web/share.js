@@ -3,6 +3,7 @@
 import { make, recorded, reducedMotion, simulated, view } from "./data.js";
 import { quantity } from "./numbers.js";
 import { address } from "./state.js";
+import { handOver } from "./save.js";
 
 const PRINTED = ["tracking", "torque", "compensation", "tool"];
 const LONGEST_FILM = 10; // s
@@ -107,13 +108,6 @@ export function printSheet(player, charts) {
   const kept = PRINTED.map((key) => charts.find(({ element }) => element.dataset.figure.startsWith(key))).filter(Boolean);
   for (const chart of charts) chart.element.hidden = kept.length > 0 && !kept.includes(chart);
   dispatchEvent(new Event("beforeprint")); // draws those that were not in sight
-}
-
-/** Give a file to the browser's downloads. */
-function handOver(content, name) {
-  const link = make("a", { href: URL.createObjectURL(content), download: name });
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
 }
 
 /** Go to the time and the figure of a tile. */

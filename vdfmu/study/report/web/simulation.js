@@ -1,11 +1,12 @@
 // The panel that simulates: sliders, the page's own run, and what it found beside what was recorded.
 
-import { binaries, choice, make, NOTHING, recorded, rowsOf, simulated, text, view } from "./data.js";
+import { binaries, choice, largest, make, NOTHING, recorded, rowsOf, simulated, view } from "./data.js";
 import { recalled, remember, whenRecalled } from "./state.js";
 import { toolErrors } from "./arm.js";
 import { Knob } from "./knob.js";
 import { Budget, changeOf } from "./budget.js";
 import { SimulationWorker, difference } from "./worker.js";
+import { quantity, text } from "./numbers.js";
 
 const PATIENCE = 1000; // ms; a run that takes longer is stopped for a newer one
 
@@ -16,13 +17,14 @@ class Simulation {
     this.bar = make("progress", { max: 1, "aria-label": "Progress of the simulation" });
     this.verdict = make("ul");
     this.failure = make("div", { class: "failure", role: "alert", hidden: true });
+    this.back = make("button", { type: "button", click: () => this.reset() }, "Reset");
+    this.hint = make("p", { class: "note" }, "Move a slider: this browser runs the C of the FMUs again, and draws the simulated run over the recorded one. A double click puts a slider back.");
     this.legend = make("p", { class: "note" });
     this.knobs = make("div", { class: "knobs" });
     this.results = make("table");
     section.append(
-      make("div", { class: "bar" }, make("h2", {}, "Simulate"), ...(able.length > 1 ? [choice("Run", able.map((run, k) => [k, run.name]), (k) => this.choose(able[k]))] : []), make("button", { type: "button", click: () => this.reset() }, "Reset"), this.status, this.bar),
-      make("p", { class: "note" }, "Move a slider: this browser runs the C of the FMUs again, and draws the simulated run over the recorded one. A double click puts a slider back."),
-      this.legend, this.knobs, this.failure, make("div", { class: "found" }, this.results, make("div", { class: "checks" }, this.verdict)),
+      make("div", { class: "bar" }, make("h2", {}, "Simulate"), ...(able.length > 1 ? [choice("Run", able.map((run, k) => [k, run.name]), (k) => this.choose(able[k]))] : []), this.back, this.status, this.bar),
+      this.hint, this.legend, this.knobs, this.failure, make("div", { class: "found" }, this.results, make("div", { class: "checks" }, this.verdict)),
     );
     this.budget = new Budget(section);
     this.choose(able[0], false);
@@ -42,8 +44,9 @@ class Simulation {
     const { knobs, margins: { good, poor } } = run.simulation;
     this.sliders = knobs.map((knob) => new Knob(knob, run.simulation.margins, () => this.rerun()));
     this.knobs.replaceChildren(...this.sliders.map(({ element }) => element));
+    this.hint.hidden = this.back.hidden = !knobs.length;
     this.legend.hidden = !this.sliders.some(({ judged }) => judged);
-    this.legend.replaceChildren("Tracks: modulus margin of the loops, linearised along the recorded run, with this slider alone moved: ",
+    this.legend.replaceChildren(`Tracks: modulus margin of the loops, linearised along the recorded run${this.sliders.some(({ still }) => still) ? " without its dry friction" : ""}, with this slider alone moved: `,
       ...[["good", `from ${good}`], ["fair", `from ${poor}`], ["poor", "below, or unstable"]].map(([colour, words]) => make("span", { class: "key" }, make("i", { class: colour }), words)), "A line marks where the loops become unstable.");
     this.budget.of(run);
     this.recall();
@@ -99,7 +102,7 @@ class Simulation {
   take(found, changes, failure = "") {
     const { time } = found, { stop, start } = this.of.simulation;
     this.explain(found, failure);
-    this.status.textContent = failure ? `Stopped${time.length ? ` at ${text(time.at(-1), 4)} s` : ""}.` : `${text(stop - start, 4)} s simulated in ${text(found.seconds, 2)} s.`;
+    this.status.textContent = failure ? `Stopped${time.length ? ` at ${text(time.at(-1), 4)} s` : ""}.` : `${text(stop - start, 4)} s simulated in ${quantity(found.seconds, "s")}.`;
     if (!changes.length) this.judge(found, failure);
     this.verdict.classList.toggle("other", changes.length > 0);
     this.tabulate(found, failure);
@@ -135,9 +138,10 @@ class Simulation {
   tabulate(found, failure) {
     const until = failure && found.time.length ? found.time.at(-1) : Infinity, part = until < Infinity ? ` to ${text(until, 3)} s` : "";
     const before = peaksOf(this.of, until), after = found.time.length ? peaksOf({ ...this.of, result: found }, until) : before.map(() => ({ value: NaN }));
-    const cell = ({ value, joint }) => make("td", {}, text(value, 3), ...(joint ? [make("small", {}, ` joint ${joint}`)] : []));
+    const cell = ({ value, joint, unit }, most) => make("td", {}, quantity(value, unit, most), ...(joint ? [make("small", {}, ` joint ${joint}`)] : []));
+    this.results.hidden = !before.length;
     this.results.replaceChildren(make("thead", {}, make("tr", {}, ...[`Largest${part}`, "recorded", "simulated", "change"].map((head) => make("th", { scope: "col" }, head)))),
-      make("tbody", {}, ...before.map((was, k) => make("tr", {}, make("th", { scope: "row" }, was.words, make("small", {}, ` ${was.unit}`)), cell(was), cell(after[k]), make("td", {}, changeOf(was.value, after[k].value))))));
+      make("tbody", {}, ...before.map((was, k) => make("tr", {}, make("th", { scope: "row" }, was.words), cell(was), cell(after[k], was.value), make("td", {}, changeOf(was.value, after[k].value))))));
   }
 }
 
@@ -152,8 +156,6 @@ function departure(run, other) {
   const first = Math.min(Infinity, ...times);
   return first < Infinity ? first : null;
 }
-
-const largest = (values) => values.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
 
 /** Largest absolute values of the figures of a run up to a time, and of the error of its end effector. */
 export function peaksOf(run, until = Infinity) {

@@ -1,7 +1,8 @@
 // The diagram of the system: its wires show the values at the time shown; a click on one, or the list, shows its signal.
 
-import { choice, curvesOf, make, merged, runs, simulated, text, view } from "./data.js";
+import { choice, curvesOf, make, merged, runs, simulated, view } from "./data.js";
 import { Chart } from "./chart.js";
+import { quantity } from "./numbers.js";
 
 /** Fill the section of the system. */
 export function showSystem(section) {
@@ -24,7 +25,7 @@ export function showSystem(section) {
     make("div", { class: "bar" }, list, ...(wires.length ? [make("small", { class: "note" }, "On the wires: the largest element at the time shown. A click on a wire shows what it carries.")] : [])),
     place,
   );
-  show(wires.find(({ key }) => key === "controller.tau")?.key ?? [...signals.keys()][0]);
+  show(wires.find(({ key }) => key === "controller.tau")?.key ?? wires[0]?.key ?? [...signals.keys()][0]);
   if (wires.length) keepCurrent(svg, wires);
 }
 
@@ -71,7 +72,7 @@ class Wire {
     this.curves ??= newest(curvesOf("signals", this.key));
     const values = this.curves.map(({ time, values: own }) => own[rowAt(time, view.time)]);
     const place = values.reduce((most, value, k) => (Math.abs(value) > Math.abs(values[most]) ? k : most), 0);
-    this.value.textContent = `${text(values[place], 3)} ${this.unit === "1" ? "" : this.unit}`.trim();
+    this.value.textContent = quantity(values[place], this.unit === "1" ? "" : this.unit);
     this.title.textContent = `${this.words}; ${values.length > 1 ? "the largest, " : ""}${this.curves[place].label}, is ${this.value.textContent}`;
   }
 }

@@ -1,6 +1,6 @@
 // The line of time below the arm: the error of the tool over it, and marks of what happened when.
 
-import { make, rowsOf, simulated, view } from "./data.js";
+import { largest, make, rowsOf, simulated, view } from "./data.js";
 import { toolErrors } from "./arm.js";
 import { quantity } from "./numbers.js";
 
@@ -17,7 +17,7 @@ export class Timeline {
   /** Draw the errors of a run, and of the one simulated beside it, from `first` to `last` [s]. */
   draw(run, first, last) {
     const pale = simulated.of === run && simulated.result.time.length, shown = [run, ...(pale ? [simulated] : [])].filter((one) => one.frames.error);
-    const found = shown.map(toolErrors), most = Math.max(0, ...found.map(({ values }) => values.reduce((a, b) => Math.max(a, b || 0), 0)));
+    const found = shown.map(toolErrors), most = Math.max(0, ...found.map(({ values }) => largest(values)));
     const share = (time) => Math.min(1, Math.max(0, (time - first) / (last - first || 1)));
     const paths = found.map(({ time, values }) => Array.from(time, (t, k) => `${(SPARK[0] * share(t)).toFixed(1)} ${(SPARK[1] * (1 - 0.96 * Math.min(1, (values[k] || 0) / (most || 1)))).toFixed(2)}`).join("L"));
     this.line.innerHTML = `<svg viewBox="0 0 ${SPARK[0]} ${SPARK[1]}" preserveAspectRatio="none">${paths.map((path, k) => (path ? `<path class="${k ? "second" : ""}" d="M${path}"/>` : "")).join("")}</svg>`;

@@ -1,0 +1,94 @@
+"""Scripts and style of the pages of runs and studies: the modules in ``web/``, joined to one script a page.
+
+Names are unique among the modules of a page; the lines of ``import`` and the words ``export`` are removed.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from functools import lru_cache
+from html import escape
+from pathlib import Path
+from urllib.parse import quote
+
+from vdfmu.base.palette import style_sheet
+from vdfmu.compiler.fmu.native import THIRD_PARTY
+from vdfmu.study.report.simulation import compressed
+
+_WEB = Path(__file__).parent / "web"
+MODULES = (
+    "packed.js", "vendor.js", "state.js", "data.js", "numbers.js", "labels.js", "heat.js", "save.js", "chart.js",
+    "figures.js", "arm.js", "world.js", "puppet.js", "scene.js", "timeline.js", "player.js", "system.js", "worker.js",
+    "knob.js", "budget.js", "simulation.js", "comparison.js", "share.js", "live.js", "main.js",
+)  # fmt: skip
+"""In an order in which each comes after the modules that it imports."""
+STUDY = ("lab_plots.js", "lab.js", "lab_main.js")
+"""Further modules of the page of a study."""
+STUDY_ALONE = ("data.js", "numbers.js", *STUDY)
+"""Modules of the page of a study that simulates nothing."""
+GALLERY = ("gallery.js",)
+"""Modules of the page of a folder of runs."""
+LIVE = "live.js"
+"""Module that hears what the server of a page says."""
+ROBOT = (
+    "packed.js", "vendor.js", "data.js", "numbers.js", "arm.js", "world.js", "puppet.js", "scene.js", LIVE, "robot.js",
+)  # fmt: skip
+"""Modules of the page of a robot."""
+WORKER = ("packed.js", "fmu.js", "master.js")
+"""Modules of the worker that simulates, which the page holds as text."""
+_VENDOR = ("three_uplot.min.js", "uplot.min.css")
+
+_POLICY = (
+    "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; script-src 'unsafe-inline' "
+    "'wasm-unsafe-eval'; worker-src blob:; style-src 'unsafe-inline'; img-src data:\">"
+)
+"""Makes a browser refuse every request to a network; WebAssembly runs, and so do workers made by the page."""
+
+_ALONE = (
+    "body { max-width: none; padding: 0 } main > :not(.bench, noscript) { display: none } .bench .side { display: none "
+    "!important } .bench { display: block !important; margin: 0 } .bench #arm { display: block !important; margin: 0; "
+    "position: static; height: auto } .bench .stage { position: static; margin: 0 } .bench .canvas { height: 42vh } "
+    "@media (min-width: 560px) { .bench .canvas { height: 58vh } .bench #arm { display: grid !important; grid: "
+    "'s r' 't t' 'b b' / minmax(0, 1fr) 16rem; gap: 0 1.2rem } .stage { grid-area: s } .transport { grid-area: t } "
+    "#arm > .bar { grid-area: b } .bench .readout { grid-area: r; align-self: center; max-height: none } }"
+)
+"""Style of a page with the arm alone."""
+_ICON = (
+    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect width="32" height="32" rx="7" fill="#0b63c4"/>'
+    '<path d="M8 26V14l9-7 8 8" fill="none" stroke="#fff" stroke-width="4" stroke-linejoin="round"/>'
+    '<g fill="#f2b632"><circle cx="8" cy="14" r="3"/><circle cx="17" cy="7" r="3"/></g></svg>'
+)
+"""Icon of the page: an arm."""
+
+
+def look() -> str:
+    """Return the content of a page's head: its style, light or dark, and the policy that forbids network requests."""
+    return f"{_POLICY}<style>{style_sheet()}{_text('report.css')}</style>"
+
+
+def run_head(description: str, arm_alone: bool) -> str:
+    """Return the content of the head of a page of runs, or of their arms alone."""
+    icon = f'<link rel="icon" href="data:image/svg+xml,{quote(_ICON)}">'
+    style = f"<style>{_text(_VENDOR[1])}{_ALONE if arm_alone else ''}</style>"
+    return f'<meta name="description" content="{escape(description)}">{icon}{look()}{style}'
+
+
+@lru_cache
+def libraries() -> str:
+    """Return the libraries, compressed, below their licences."""
+    text = _text(_VENDOR[0])
+    units = THIRD_PARTY.replace("libraries in binaries/", "units that a page simulates")
+    licences = "\n".join([*re.findall(r"/\*!(.*?)\*/", text, re.DOTALL), units])
+    packed = compressed(text.encode())
+    return f'<!--\n{licences}-->\n<script type="text/plain" id="vendor">{packed}</script>'
+
+
+def script(modules: Sequence[str]) -> str:
+    """Return modules of the page as one script."""
+    lines = (line for name in modules for line in _text(name).splitlines() if not line.startswith("import "))
+    return "\n".join(re.sub("^export ", "", line) for line in lines)
+
+
+def _text(name: str) -> str:
+    return (_WEB / name).read_text(encoding="utf-8")

@@ -1,0 +1,47 @@
+"""A run that a page shows, read from its folder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from vdfmu.base.errors import UsageError
+from vdfmu.engine.results.formats import result_files
+from vdfmu.engine.results.results import Results
+from vdfmu.study.report.summary import read_summary
+
+
+class ShownRun(NamedTuple):
+    """A run that a page shows."""
+
+    name: str
+    results: Results
+    summary: Mapping[str, Any]
+    package: Path
+    """Its ``system.ssp``; a missing one has no diagram."""
+
+
+def newest_run(folder: Path) -> Path:
+    """Return the folder of the newest run in a folder; UsageError if there is none."""
+    found = sorted(folder.glob("*/summary.json"), key=lambda path: path.stat().st_mtime)
+    if not found:
+        raise UsageError(f"{folder}: has no results of a run. Say where they are, or run one: 'vdfmu run tracking'.")
+    return found[-1].parent
+
+
+def read_run(folder: Path) -> ShownRun:
+    """Return the run whose results are in a folder; UsageError if it has none."""
+    tables = [folder / name for name in result_files(folder)]
+    table = next((file for file in reversed(tables) if file.exists()), tables[0])
+    for file in (folder / "summary.json", table):
+        if file.exists() and not file.is_file():
+            raise UsageError(f"{file}: expected a file, got a folder, a pipe or a device, which may never end.")
+    summary = read_summary(folder / "summary.json")
+    results = Results.read(table)
+    if not len(results):
+        raise UsageError(f"{folder}: the results have no rows, so there is nothing to show.")
+    package = folder / "system.ssp"
+    return ShownRun(
+        folder.resolve().name, results, summary, package if package.exists() else Path(summary.get("package", ""))
+    )
