@@ -1,10 +1,6 @@
 // The arm in 3D. Frame {B_i} of joint i is a group of three.js, placed as Eq. (32)-(36) place it in {B_(i-1)}.
 
-<<<<<<< HEAD
-import { colourOf, darkScheme, framesOf, inkOf, unpack } from "./data.js";
-=======
-import { colourOf, darkScheme, framesOf, inkOf, largest } from "./data.js";
->>>>>>> h-tidy
+import { colourOf, darkScheme, framesOf, inkOf, largest, unpack } from "./data.js";
 
 const T = vendor;
 export const POSITIVE = new T.Color(inkOf("positive"));

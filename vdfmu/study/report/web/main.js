@@ -4,11 +4,7 @@ import { binaries, curvesOf, make, merged, recorded, runs, view } from "./data.j
 import { Chain, Motion, toolErrors } from "./arm.js";
 import { differences, showComparison } from "./comparison.js";
 import { showFigures } from "./figures.js";
-<<<<<<< HEAD
-import { showLab } from "./lab.js";
 import { followRun } from "./live.js";
-=======
->>>>>>> h-tidy
 import { quantity } from "./numbers.js";
 import { Player } from "./player.js";
 import { follow, pictureButtons, printSheet, shareButtons } from "./share.js";
@@ -31,11 +27,7 @@ const charts = showFigures(section("figures"), more);
 const simulation = showSimulation(section("simulate"));
 showSystem(section("system"));
 showComparison(section("comparison"));
-<<<<<<< HEAD
 const follows = followRun(player);
-const lab = study ? showLab(section("lab"), study, simulation) : null;
-=======
->>>>>>> h-tidy
 
 const keys = [...merged("figures").keys()];
 charts.forEach(({ element }, k) => { element.dataset.figure = keys[k] ?? "tool"; });
