@@ -22,11 +22,12 @@ def rgb(colour: str) -> tuple[int, int, int]:
 
 
 def style_sheet() -> str:
-    """Return the colours as variables of a page: ``--joint-1`` and so on, ``--negative``, ``--positive``."""
+    """Return the colours as variables: ``--joint-1`` to as many as ``--joints``, ``--negative``, ``--positive``."""
 
     def variables(colours: tuple[str, ...]) -> str:
         named = {f"joint-{i}": colour for i, colour in enumerate(colours, 1)}
         named |= {"negative": colours[NEGATIVE], "positive": colours[POSITIVE]}
+        named["joints"] = str(len(colours))
         return ":root{" + ";".join(f"--{name}:{colour}" for name, colour in named.items()) + "}"
 
     return f"{variables(LIGHT)} @media (prefers-color-scheme: dark) {{ {variables(DARK)} }}"

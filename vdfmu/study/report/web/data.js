@@ -38,10 +38,10 @@ const FRAMES = 1000;
 export const reducedMotion = matchMedia("(prefers-reduced-motion: reduce)");
 export const darkScheme = matchMedia("(prefers-color-scheme: dark)");
 
-export const COLOURS = 7; // of vdfmu/base/palette.py
-
 /** A colour of the page by the name of its variable. */
 export const inkOf = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+
+export const COLOURS = Number(inkOf("joints")); // of vdfmu/base/palette.py
 
 /** Colour of a joint, from 1; ink for 0, of what is no joint. */
 export const colourOf = (number) => inkOf(number ? `joint-${((number - 1) % COLOURS) + 1}` : "ink");
