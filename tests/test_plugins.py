@@ -155,3 +155,24 @@ def test_entry_points_are_read_only_for_names_that_are_not_shipped(monkeypatch):
     vdfmu.load_scenario("planar_tracking")
     with pytest.raises(AssertionError, match="units"):
         find_unit("plaint")
+
+
+def test_commands_that_use_no_added_format_load_none(added, tmp_path):
+    installed(tmp_path, "broken", {"vdfmu.formats": {"npz": "no_such_module:it"}})
+    for words in (("--help",), ("run", "--help"), ("robot", "list")):
+        done = command(tmp_path, tmp_path, *words)
+        assert done.returncode == 0, done.stderr
+        assert "left out" not in done.stdout + done.stderr
+    done = command(tmp_path, tmp_path, "run", "planar_tracking", "--format", "none_such")
+    assert "left out: format of results 'npz' of the package broken 1.0" in done.stderr and done.returncode == 2
+
+
+def test_a_package_that_ends_python_is_named(added, tmp_path, caplog):
+    caplog.set_level(logging.WARNING, "vdfmu")
+    (tmp_path / "ends_python.py").write_text("import sys\nsys.exit(5)\n")
+    installed(tmp_path, "ends", {"vdfmu.toys": {"ends": "ends_python:it"}})
+    added(tmp_path)
+    assert Plugins("toys", "toy", "a number", lambda found: True).all(()) == {}
+    assert "toy 'ends' of the package ends 1.0 cannot be used: expected a number, got ends_python:it: SystemExit: 5" in (
+        caplog.text
+    )

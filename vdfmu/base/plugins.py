@@ -67,7 +67,7 @@ class Plugins:
             found = point.load()
             got = f"{point.value}, which is {type(found).__name__}"
             good = self.fits(found)
-        except Exception as error:  # whatever code of others raises
+        except (Exception, SystemExit) as error:  # whatever code of others raises
             got, good, found = f"{point.value}: {type(error).__name__}: {error}", False, None
         if good:
             return found
