@@ -173,6 +173,7 @@ def test_a_package_that_ends_python_is_named(added, tmp_path, caplog):
     installed(tmp_path, "ends", {"vdfmu.toys": {"ends": "ends_python:it"}})
     added(tmp_path)
     assert Plugins("toys", "toy", "a number", lambda found: True).all(()) == {}
-    assert "toy 'ends' of the package ends 1.0 cannot be used: expected a number, got ends_python:it: SystemExit: 5" in (
-        caplog.text
+    assert (
+        "toy 'ends' of the package ends 1.0 cannot be used: expected a number, got ends_python:it: SystemExit: 5"
+        in (caplog.text)
     )
