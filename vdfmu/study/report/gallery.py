@@ -72,7 +72,7 @@ class RunCard(NamedTuple):
     passed: bool | None
     """None for a run without checks."""
     numbers: Mapping[str, float]
-    """By which cards are sorted: ``tool`` error [m], ``joint`` error of the worst joint [rad, m], ``date`` in seconds."""
+    """By which cards are sorted: ``tool`` error [m], ``joint`` of the worst joint [rad, m], ``date`` in s."""
     shown: Sequence[str]
     """Lines of numbers."""
     picture: str

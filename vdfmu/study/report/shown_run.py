@@ -37,10 +37,15 @@ def newest_run(folder: Path) -> Path:
     return found[-1]
 
 
+def run_folder(folder: Path) -> Path:
+    """Return the folder of a run, or, where there is only one that failed, that of this."""
+    partial = folder / PARTIAL
+    return partial if not (folder / "summary.json").exists() and (partial / "summary.json").exists() else folder
+
+
 def read_run(folder: Path) -> ShownRun:
-    """Return the run whose results are in a folder, else one that failed there; UsageError if it has none."""
-    if not (folder / "summary.json").exists() and (folder / PARTIAL / "summary.json").exists():
-        folder = folder / PARTIAL
+    """Return the run whose results are in a folder, see `run_folder`; UsageError if it has none."""
+    folder = run_folder(folder)
     tables = [folder / name for name in result_files(folder)]
     table = next((file for file in reversed(tables) if file.exists()), tables[0])
     for file in (folder / "summary.json", table):
