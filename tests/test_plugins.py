@@ -91,6 +91,17 @@ def test_each_works_on_the_command_line(acme, tmp_path):
 
 
 @pytest.mark.heavy
+def test_an_added_unit_is_built_and_one_that_does_not_work_is_named(acme, tmp_path):
+    done = command(tmp_path, acme, "build", "plain_pd", "--robot", "acme_2", "--backend", "python")
+    assert done.returncode == 0 and list((tmp_path / "fmus").glob("*.fmu")), done.stderr
+    installed(tmp_path / "broken", "broken", {"vdfmu.units": {"gone": "no_such_module:it"}})
+    done = command(tmp_path, tmp_path / "broken", "build", "gone")
+    assert "unit 'gone' of the package broken 1.0 cannot be used: expected a class of a unit" in done.stderr
+    done = command(tmp_path, acme, "build", "none_such")
+    assert "no scenario 'none_such'" in done.stderr and done.returncode == 2
+
+
+@pytest.mark.heavy
 def test_a_log_is_identified(acme, tmp_path):
     kappa, q, tau = motion(vdfmu.load_robot("planar_2dof"), T)
     table = np.hstack([T[:, None], q, kappa, tau])

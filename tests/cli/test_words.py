@@ -39,7 +39,9 @@ def test_every_command_that_writes_takes_out_and_its_letter():
     assert all(options(ALL[name])["-o"] is options(ALL[name])["--out"] for name in writes)
 
 
-@pytest.mark.parametrize("name", ["build", "container", "ssp", "reference", "run", "simulate", "modes", "motion"])
+@pytest.mark.parametrize("name", [
+    "build", "container", "ssp", "reference", "run", "simulate", "report", "sweep report", "modes", "motion",
+])  # fmt: skip
 def test_commands_that_write_files_replace_others_on_request(name):
     assert "--overwrite" in options(ALL[name])
 
