@@ -108,7 +108,7 @@ def run(
         raise typer.Exit(1)
 
 
-def _say_failed(error: Any, out: Path | None, opened: bool) -> None:
+def _say_failed(error: Any, out: Any, opened: bool) -> None:
     """Print why a run failed, or that it was stopped, what it comes to, and where the page of its rows is."""
     from vdfmu.engine.results.folder import PARTIAL
     from vdfmu.study.report.page import NAME
