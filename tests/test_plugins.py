@@ -20,6 +20,8 @@ from vdfmu.arm.units import find_unit, known_units
 from vdfmu.base import plugins
 from vdfmu.base.errors import UsageError
 from vdfmu.base.plugins import Plugins, PluginTable
+from vdfmu.engine.results.folder import known_formats
+from vdfmu.engine.results.formats import FORMATS
 
 PAGE = ROOT / "docs" / "plugins.md"
 
@@ -176,6 +178,16 @@ def test_commands_that_use_no_added_format_load_none(added, tmp_path):
         assert "left out" not in done.stdout + done.stderr
     done = command(tmp_path, tmp_path, "run", "planar_tracking", "--format", "none_such")
     assert "left out: format of results 'npz' of the package broken 1.0" in done.stderr and done.returncode == 2
+    done = command(tmp_path, tmp_path, "run", "planar_tracking", "--format", "npz")
+    assert "error: format of results 'npz' of the package broken 1.0 cannot be used" in done.stderr
+
+
+def test_an_added_format_is_known_by_its_name(acme, added):
+    added(acme)
+    try:
+        known_formats(["csv", "npz"])
+    finally:
+        FORMATS.pop(".npz", None)  # for the tests after this one
 
 
 def test_a_package_that_ends_python_is_named(added, tmp_path, caplog):

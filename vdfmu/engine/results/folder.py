@@ -28,7 +28,7 @@ DRAWN = 20_000
 
 def known_formats(formats: Sequence[str]) -> None:
     """Raise UsageError for an unknown format of results, or one whose package is not installed."""
-    if not formats or not {f".{form}" for form in formats} <= FORMATS.keys():
+    if not formats or not all(f".{form}" in FORMATS for form in formats):
         raise UsageError(f"format: expected {choice_of_formats()}, got {','.join(formats) or 'none'}.")
     for form in formats:
         FORMATS[f".{form}"]().needs()
