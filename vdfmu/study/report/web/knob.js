@@ -40,7 +40,9 @@ export class Knob {
   /** Colour the track of the joint that is chosen, and say where its limits are. */
   paint() {
     const track = this.knob.tracks[this.chosen], place = this.places[this.chosen];
-    this.track.hidden = this.bounds.hidden = !track;
+    this.track.hidden = !track;
+    this.bounds.hidden = !(track || this.knob.why);
+    this.bounds.textContent = this.knob.why ?? "";
     const said = [this.output.textContent.replace("×", "times")];
     if (track) {
       const limits = this.limits(track), margin = marginAt(track, place);
