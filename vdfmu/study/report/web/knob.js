@@ -43,7 +43,7 @@ export class Knob {
     this.track.hidden = !track;
     this.bounds.hidden = !(track || this.knob.why);
     this.bounds.textContent = this.knob.why ?? "";
-    const said = [this.output.textContent.replace("×", "times")];
+    const said = [this.output.textContent.replace("×", "times"), ...(this.knob.why ? [this.knob.why] : [])];
     if (track) {
       const limits = this.limits(track), margin = marginAt(track, place);
       this.track.replaceChildren(...this.bands(track), ...track.limits.filter((limit) => limit !== null).map((limit) => make("b", { style: `left:${percent(limit)}%` })));
