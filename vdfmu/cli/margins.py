@@ -87,7 +87,7 @@ def margins(
         times = [f"{t:g} s" for t, growing in zip(found.times, found.growing, strict=True) if growing]
         where = f"all {len(times)} times" if len(times) == len(found.times) else ", ".join(times)
         say_error(
-            f"Unstable at {where}: a mode grows with {found.rate(worst):.3g} 1/s, expected {found.growth:g} 1/s at most. "
+            f"Unstable at {where}: a mode grows with {found.rate(worst):.3g} 1/s, expected up to {found.growth:g} 1/s. "
             f"Largest part in it: {found.growing[worst]}, at {found.times[worst]:g} s. "
             "A run may pass such times without harm: its verdict has the growth over all of it."
         )

@@ -160,4 +160,4 @@ def test_margins_counts_as_stable_what_a_run_does():
     done = CliRunner().invoke(app, loops)
     assert done.exit_code == 0 and "unstable" not in done.output
     strict = CliRunner().invoke(app, [*loops, "--growth", "0"])
-    assert strict.exit_code == 1 and "expected 0 1/s at most" in strict.output
+    assert strict.exit_code == 1 and "expected up to 0 1/s" in strict.output

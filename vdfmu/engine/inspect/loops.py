@@ -303,13 +303,13 @@ class Poses:
         self._group, self._most = group, most
         self.systems: list[tuple[float, LinearSystem]] = []
         self.spread: list[tuple[float, LinearSystem]] = []
-        self._lists: list[list[list[tuple[float, LinearSystem]]]] = []  # to which each row goes, the last first
+        self._lists: list[Any] = []  # those of the two to which each row goes, the last row first
         self.lacking = ""
         self.opened: list[str] = []
         self._linearisation: Linearisation | None = None
 
     def rows(self, n: int) -> frozenset[int]:
-        """Return the rows, of a run with n steps: for the growth closer together at both ends, where motors are slow."""
+        """Return the rows of a run with n steps: for the growth closer together at both ends, where motors are slow."""
         poses = min(self._most, _FEWEST + n // _SPARSE)
         shares = (1.0 - np.cos(np.pi * (np.arange(poses) + 0.5) / poses)) / 2.0
         own, spread = {*(n * shares).astype(int).tolist(), min(2, n), min(10, n)}, margin_rows(n)
@@ -361,7 +361,7 @@ class Poses:
         return Growth(most, bounds[place.start], bounds[place.stop], rate, state, place.stop == len(rates))
 
     def margin(self) -> tuple[float, float, str] | None:
-        """Return the smallest modulus margin at the times of :func:`margin_rows`, its time [s], and the input at which that loop is opened.
+        """Return the smallest modulus margin of `spread`, its time [s], and the input at which that loop is opened.
 
         Without a margin, the state that grows most. None for a master that takes signals as continuous.
         """

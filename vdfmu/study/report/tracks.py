@@ -73,10 +73,7 @@ def factor(knob: Mapping[str, Any], place: float) -> float:
 
 
 def tracks(
-    checked: Checked,
-    knobs: Sequence[Mapping[str, Any]],
-    parameters: Names,
-    span: tuple[float, float, float],
+    checked: Checked, knobs: Sequence[Mapping[str, Any]], parameters: Names, span: tuple[float, float, float]
 ) -> list[list[Track | None]]:
     """Return the tracks of each slider: of all joints, then of each joint; None where it has none.
 
@@ -102,10 +99,7 @@ def tracks(
 
 
 def _tracks(
-    checked: Checked,
-    knobs: Sequence[Mapping[str, Any]],
-    parameters: Names,
-    span: tuple[float, float, float],
+    checked: Checked, knobs: Sequence[Mapping[str, Any]], parameters: Names, span: tuple[float, float, float]
 ) -> list[list[Track | None]]:
     start, stop, step = span
     poses = _LinearisedRows()
