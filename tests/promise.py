@@ -9,7 +9,7 @@ from __future__ import annotations
 import inspect
 import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -65,9 +65,16 @@ def promised() -> list[str]:
 
 
 def changes() -> tuple[list[str], list[str]]:
-    """Return the lines that went, and those that came, since they were recorded."""
-    now, before = promised(), RECORD.read_text(encoding="utf-8").splitlines()
+    """Return the lines that went, and those that came, each with its part, since they were recorded."""
+    now, before = (list(_with_parts(each)) for each in (promised(), RECORD.read_text(encoding="utf-8").splitlines()))
     return [line for line in before if line not in now], [line for line in now if line not in before]
+
+
+def _with_parts(lines: Iterable[str]) -> Iterator[str]:
+    part = ""
+    for line in lines:
+        part = line if line.startswith("# ") else part
+        yield line if line in ("", part) else f"{part[2:]}: {line}"
 
 
 def _python() -> Iterator[str]:
@@ -110,11 +117,22 @@ def _commands(name: str, command: Any) -> Iterator[str]:
     yield name
     for each in command.params:
         if each.param_type_name == "argument":
-            yield f"{name} {each.metavar or each.name.upper()}"
+            yield f"{name} {each.metavar or each.name.upper()}{_default_of(each)}"
         elif name == "vdfmu" or each.name not in ("quiet", "verbose"):
-            yield f"{name} {', '.join((*each.opts, *each.secondary_opts))}"
+            yield f"{name} {', '.join((*each.opts, *each.secondary_opts))}{_kind_of(each)}"
     for word, below in getattr(command, "commands", {}).items():
         yield from _commands(f"{name} {word}", below)
+
+
+def _kind_of(option: Any) -> str:
+    """Return the values of an option, whether it may be repeated, and its default."""
+    values = "" if option.is_flag else f" {option.metavar or option.bare_type()}"
+    return f"{values}{' ...' if option.multiple else ''}{_default_of(option)}"
+
+
+def _default_of(parameter: Any) -> str:
+    default = parameter.default
+    return "" if default is None or default is False or callable(default) else f" = {default}"
 
 
 def _exit_codes() -> list[str]:
@@ -141,7 +159,8 @@ def _kind(of: Any) -> str:
 
 def _keys(schema: Mapping[str, Any], path: str = "") -> Iterator[str]:
     for key, value in schema.get("properties", {}).items():
-        yield f"{path}{key}{', needed' if key in schema.get('required', ()) else ''}"
+        kind = " or ".join(map(str, value.get("enum", ()))) or value.get("type", "")
+        yield f"{path}{key}{kind and f': {kind}'}{', needed' if key in schema.get('required', ()) else ''}"
         yield from _keys(value, f"{path}{key}.")
         yield from _keys(value.get("items", {}), f"{path}{key}[].")
 

@@ -91,6 +91,17 @@ def test_each_works_on_the_command_line(acme, tmp_path):
 
 
 @pytest.mark.heavy
+def test_an_added_unit_is_built_and_one_that_does_not_work_is_named(acme, tmp_path):
+    done = command(tmp_path, acme, "build", "plain_pd", "--robot", "acme_2", "--backend", "python")
+    assert done.returncode == 0 and list((tmp_path / "fmus").glob("*.fmu")), done.stderr
+    installed(tmp_path / "broken", "broken", {"vdfmu.units": {"gone": "no_such_module:it"}})
+    done = command(tmp_path, tmp_path / "broken", "build", "gone")
+    assert "unit 'gone' of the package broken 1.0 cannot be used: expected a class of a unit" in done.stderr
+    done = command(tmp_path, acme, "build", "none_such")
+    assert "no scenario 'none_such'" in done.stderr and done.returncode == 2
+
+
+@pytest.mark.heavy
 def test_a_log_is_identified(acme, tmp_path):
     kappa, q, tau = motion(vdfmu.load_robot("planar_2dof"), T)
     table = np.hstack([T[:, None], q, kappa, tau])
@@ -155,3 +166,25 @@ def test_entry_points_are_read_only_for_names_that_are_not_shipped(monkeypatch):
     vdfmu.load_scenario("planar_tracking")
     with pytest.raises(AssertionError, match="units"):
         find_unit("plaint")
+
+
+def test_commands_that_use_no_added_format_load_none(added, tmp_path):
+    installed(tmp_path, "broken", {"vdfmu.formats": {"npz": "no_such_module:it"}})
+    for words in (("--help",), ("run", "--help"), ("robot", "list")):
+        done = command(tmp_path, tmp_path, *words)
+        assert done.returncode == 0, done.stderr
+        assert "left out" not in done.stdout + done.stderr
+    done = command(tmp_path, tmp_path, "run", "planar_tracking", "--format", "none_such")
+    assert "left out: format of results 'npz' of the package broken 1.0" in done.stderr and done.returncode == 2
+
+
+def test_a_package_that_ends_python_is_named(added, tmp_path, caplog):
+    caplog.set_level(logging.WARNING, "vdfmu")
+    (tmp_path / "ends_python.py").write_text("import sys\nsys.exit(5)\n")
+    installed(tmp_path, "ends", {"vdfmu.toys": {"ends": "ends_python:it"}})
+    added(tmp_path)
+    assert Plugins("toys", "toy", "a number", lambda found: True).all(()) == {}
+    assert (
+        "toy 'ends' of the package ends 1.0 cannot be used: expected a number, got ends_python:it: SystemExit: 5"
+        in (caplog.text)
+    )

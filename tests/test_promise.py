@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import vdfmu
+from tests import promise
 from tests.promise import WAY_OUT, changes
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.study.report.shown_run import read_run
@@ -18,6 +19,22 @@ def test_nothing_public_changes_unseen():
     gone, new = changes()
     lines = [*(f"- {line}" for line in gone), *(f"+ {line}" for line in new)]
     assert not lines, "\n".join([*lines, WAY_OUT])
+
+
+def test_a_line_that_goes_from_one_part_is_seen_though_another_has_it(monkeypatch):
+    lines = promise.promised()
+    place = lines.index("description: string", lines.index("# keys of scenario files"))
+    assert "description: string" in lines[:place]  # of robots
+    monkeypatch.setattr(promise, "promised", lambda: [*lines[:place], *lines[place + 1 :]])
+    assert "keys of scenario files: description: string" in promise.changes()[0]
+
+
+def test_values_and_defaults_of_options_are_public():
+    lines = promise.promised()
+    assert {"vdfmu tune --combine mean|worst = mean", "vdfmu run --stop float", "vdfmu run SCENARIO = tracking"} <= {
+        *lines
+    }
+    assert {"vdfmu sweep run --seed int = 0", "vdfmu run --set COMPONENT.VARIABLE=VALUE ..."} <= {*lines}
 
 
 @pytest.fixture

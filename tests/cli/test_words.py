@@ -3,6 +3,8 @@
 import json
 import re
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -39,7 +41,9 @@ def test_every_command_that_writes_takes_out_and_its_letter():
     assert all(options(ALL[name])["-o"] is options(ALL[name])["--out"] for name in writes)
 
 
-@pytest.mark.parametrize("name", ["build", "container", "ssp", "reference", "run", "simulate", "modes", "motion"])
+@pytest.mark.parametrize("name", [
+    "build", "container", "ssp", "reference", "run", "simulate", "report", "sweep report", "modes", "motion",
+])  # fmt: skip
 def test_commands_that_write_files_replace_others_on_request(name):
     assert "--overwrite" in options(ALL[name])
 
@@ -100,6 +104,15 @@ def test_wrong_words_are_errors_of_one_kind(tmp_path, words, said):
     assert done.stderr.startswith(f"error: {said}")
     assert len(done.stderr.splitlines()) == 1
     assert "--help'." in done.stderr
+
+
+def test_a_module_that_is_run_answers_as_the_command():
+    for words, said in (
+        ("models list", "'models' is now robot, scenario or schema. See 'vdfmu --help'."),
+        ("simulate x.ssp --time-limit 3", "--time-limit is now --wait-limit. See 'vdfmu simulate --help'."),
+    ):
+        done = subprocess.run([sys.executable, "-m", "vdfmu.cli", *words.split()], capture_output=True, text=True)
+        assert said in " ".join(done.stderr.split()) and done.returncode == 2
 
 
 def test_old_words_of_functions_are_answered_too():

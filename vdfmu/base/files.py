@@ -19,6 +19,8 @@ from vdfmu.base.progress import LOG
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 MARK = b'generationTool="vdfmu'
 """In the first kilobytes of what is written for other tools."""
+PAGE_MARK = b'<meta name="generator" content="vdfmu">'
+"""In the first kilobytes of a page."""
 _HEAD = 8192
 _PACKED = (".fmu", ".ssp", ".png")
 
@@ -131,7 +133,7 @@ def _is_ours(path: Path) -> bool:
             head = file.read(_HEAD)
     except OSError:
         return False
-    return not head or any(MARK in text[:_HEAD] for text in (*described, head) if text)
+    return not head or PAGE_MARK in head or any(MARK in text[:_HEAD] for text in (*described, head) if text)
 
 
 def read_member(path: Path, name: str) -> bytes | None:

@@ -48,6 +48,10 @@ class Plugins:
             )
         return self._load(points[0]) if points else None
 
+    def adds(self, name: str) -> bool:
+        """Whether a package adds something of a name, even if it cannot be used; nothing is loaded."""
+        return name in _points(self.group)
+
     def all(self, shipped: Container[str]) -> dict[str, Any]:
         """Return what can be used, by name, without names that are shipped; a warning says what is left out."""
         found: dict[str, Any] = {}
@@ -67,7 +71,7 @@ class Plugins:
             found = point.load()
             got = f"{point.value}, which is {type(found).__name__}"
             good = self.fits(found)
-        except Exception as error:  # whatever code of others raises
+        except (Exception, SystemExit) as error:  # whatever code of others raises
             got, good, found = f"{point.value}: {type(error).__name__}: {error}", False, None
         if good:
             return found

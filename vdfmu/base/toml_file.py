@@ -26,13 +26,14 @@ def _folder(kind: str) -> Path:
     return data_path("ssp") if kind == "systems" else data_path("models") / kind
 
 
-def _shipped(kind: str) -> list[str]:
+def shipped_names(kind: str) -> list[str]:
+    """Return the names of the files of a kind, robots, scenarios or systems, that travel with the package."""
     return sorted(path.stem for path in _folder(kind).glob("*.toml"))
 
 
 def toml_names(kind: str) -> list[str]:
     """Return the names of files of a kind, robots, scenarios or systems: shipped ones, then those that others add."""
-    shipped = _shipped(kind)
+    shipped = shipped_names(kind)
     return [*shipped, *ROBOTS.all(shipped)] if kind == "robots" else shipped
 
 
@@ -45,7 +46,7 @@ def locate(path_or_name: str | os.PathLike[str], folder: str, start: Path | None
         return path
     if not isinstance(path_or_name, str):
         return path
-    if text in _shipped(folder):
+    if text in shipped_names(folder):
         return _folder(folder) / f"{text}.toml"
     added = ROBOTS.get(text) if folder == "robots" else None
     if added is None:

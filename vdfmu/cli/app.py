@@ -103,6 +103,7 @@ class App(typer.Typer):
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         """Run the command that the words name; without the others, which take typer longer than most errors."""
+        kwargs.setdefault("prog_name", "vdfmu")  # of python -m vdfmu.cli too
         words = args[0] if args else sys.argv[1:]
         named = next((word for word in words if not word.startswith("-")), "")
         one = copy(self)

@@ -14,6 +14,7 @@ from vdfmu.base.files import replacing_foreign, require_ours
 from vdfmu.base.option import read_settings
 from vdfmu.base.standards import PYTHON_FMI, SSP_1, SSP_FORMATS
 from vdfmu.base.text import first_few
+from vdfmu.base.toml_file import shipped_names
 from vdfmu.cli.options import choice, typer_option
 from vdfmu.cli.terminal import (
     BackendOption,
@@ -103,11 +104,13 @@ def _is_unit(name: str) -> bool:
     if name.partition(":")[0].endswith(".py"):
         return True
     units = {path.stem for path in (PACKAGE / "arm" / "units").rglob("[!_]*.py")}  # to import them takes long
-    if name not in units:
+    if name in shipped_names("scenarios") or Path(name).suffix or Path(name).is_file():
         return False
-    from vdfmu.system.scenario import scenario_names
+    if name in units:
+        return True
+    from vdfmu.arm.units import PLUGINS
 
-    return name not in scenario_names()
+    return PLUGINS.adds(name)
 
 
 def _values(scenario: Scenario, backend: str | None, settings: list[str] | None) -> dict[str, dict[str, Any]]:

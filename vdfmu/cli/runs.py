@@ -7,15 +7,18 @@ from typing import Annotated, Any, Unpack
 
 import typer
 
-from vdfmu.base.errors import UsageError
+from vdfmu.base.errors import CosimError, UsageError
+from vdfmu.base.files import replacing_foreign, require_ours
 from vdfmu.base.option import pick
 from vdfmu.cli.opening import OpenOption, say_page, say_verdict
 from vdfmu.cli.options import choice, typer_option
 from vdfmu.cli.terminal import (
+    ForeignOption,
     ScenarioArgument,
     UnpackOption,
     console,
     load,
+    say_error,
     say_notes,
     say_written,
     tell,
@@ -78,6 +81,7 @@ def run(
         for name in ("units", "settings"):
             given[name] = point.get(name, {}) | (options[name] or {})
     from vdfmu.engine.results.folder import written
+    from vdfmu.engine.run import Interrupted
     from vdfmu.study.report import tables
     from vdfmu.study.report.page import NAME
     from vdfmu.study.report.sheets import sheets
@@ -85,9 +89,13 @@ def run(
     from vdfmu.study.run.scenario_run import run as run_study
 
     with live_view(live, port) as observer:
-        with unit_messages() as log:
-            given |= {"log": log, "observer": observer}
-            results = run_study(**given)
+        try:
+            with unit_messages() as log:
+                given |= {"log": log, "observer": observer}
+                results = run_study(**given)
+        except (CosimError, Interrupted) as error:
+            _say_failed(error, options["out"], opened)
+            raise
         summary = results.summary
         passed = summary["verdict"]["passed"]
         tell(tables.run_panel(summary), *map(tables.sheet_table, sheets(summary)))
@@ -97,6 +105,25 @@ def run(
         say_verdict(summary)
         say_page(folder / NAME, opened)
     if not passed:
+        raise typer.Exit(1)
+
+
+def _say_failed(error: Any, out: Path | None, opened: bool) -> None:
+    """Print why a run failed, or that it was stopped, what it comes to, and where the page of its rows is."""
+    from vdfmu.engine.results.folder import PARTIAL
+    from vdfmu.study.report.page import NAME
+
+    if error.results is None:
+        return
+    page = Path(out or Path("results", error.results.summary["scenario"])) / PARTIAL / NAME
+    if not page.exists():
+        return
+    stopped = isinstance(error, KeyboardInterrupt)
+    if not stopped:
+        say_error(error)
+    say_verdict(error.results.summary)
+    say_page(page, opened)
+    if not stopped:
         raise typer.Exit(1)
 
 
@@ -195,20 +222,30 @@ def report(
         bool, typer.Option("--pdf", help="Write two printed pages beside it too, with Chromium or Chrome.")
     ] = False,
     opened: OpenOption = False,
+    overwrite: ForeignOption = False,
 ) -> None:
     """Write the page of a run, or of several side by side: one file, which any browser opens."""
-    from vdfmu.study.report.gallery import is_gallery, write_gallery
+    from vdfmu.study.report.gallery import INDEX, is_gallery, write_gallery
     from vdfmu.study.report.page import NAME, write_report
     from vdfmu.study.report.printed import write_pdf
-    from vdfmu.study.report.shown_run import newest_run, read_run
+    from vdfmu.study.report.shown_run import newest_run, read_run, run_folder
 
     if folders and len(folders) == 1 and is_gallery(folders[0]):
-        say_written(write_gallery(folders[0], out))
+        if pdf:
+            raise UsageError(f"--pdf: expected the folder of a run, got {folders[0]}, which has several.")
+        page = out or folders[0] / INDEX
+        with replacing_foreign(overwrite):
+            require_ours(page)
+        say_written(write_gallery(folders[0], page))
+        say_page(page, opened)
         return
-    folders = folders or [newest_run(Path("results"))]
+    folders = [run_folder(folder) for folder in folders or [newest_run(Path("results"))]]
     runs = [read_run(folder) for folder in folders]
     default = folders[0] / NAME if len(runs) == 1 else folders[0].parent / "comparison.html"
-    page = write_report(runs, out or default, simulate=simulate)
+    page = out or default
+    with replacing_foreign(overwrite):
+        require_ours(page)
+    write_report(runs, page, simulate=simulate)
     say_written(page, *([write_pdf(page, page.with_suffix(".pdf"))] if pdf else []))
     say_page(page, opened)
 

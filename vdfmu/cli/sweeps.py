@@ -8,9 +8,11 @@ from typing import Annotated, Any, Unpack
 import typer
 from typer.core import TyperGroup
 
+from vdfmu.base.files import replacing_foreign, require_ours
 from vdfmu.cli.app import App
 from vdfmu.cli.options import choice
 from vdfmu.cli.terminal import (
+    ForeignOption,
     JsonOption,
     complete_scenario,
     console,
@@ -135,11 +137,17 @@ def report(
     study: StudyArgument,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="File; default report.html in the folder.")] = None,
     simulate: Annotated[bool, typer.Option(help="Let the page run any point, where the compiler is installed.")] = True,
+    overwrite: ForeignOption = False,
 ) -> None:
     """Write a page of a study: its points in pictures that choose together, measures, and failures by cause."""
+    from vdfmu.study.report.page import NAME
     from vdfmu.study.sweeps.study import Sweep
 
-    say_written(Sweep(study).report(out, simulate=simulate))
+    found = Sweep(study)
+    page = out or found.folder / NAME
+    with replacing_foreign(overwrite):
+        require_ours(page)
+    say_written(found.report(page, simulate=simulate))
 
 
 def _say_measures(found: Any) -> None:

@@ -182,7 +182,7 @@ class ResultOptions(ProgressOptions, total=False):
     """Output of a run."""
 
     overwrite: Annotated[bool, Option("Replace files of these names too that no run wrote.", default=False)]
-    formats: Annotated[Sequence[str], Option(f"Files of the results: {choice_of_formats()}.", "sequence of str",
+    formats: Annotated[Sequence[str], Option(f"Files of the results: {choice_of_formats(FORMATS)}.", "sequence of str",
         "Rows of `vdfmu.engine.results.formats.FORMATS`.", ("csv",), flag="--format",
         metavar="|".join(suffix[1:] for suffix in FORMATS), typed=str)]
 

@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
@@ -10,11 +11,13 @@ from typer.testing import CliRunner
 
 import vdfmu
 from tests.study.page.browser import show
+from vdfmu.base.errors import UsageError
 from vdfmu.base.quantity import quantity
+from vdfmu.cli import opening
 from vdfmu.cli.commands import app
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.simulate import run_system
-from vdfmu.study.report.gallery import gallery_page, is_gallery, write_gallery
+from vdfmu.study.report.gallery import gallery_page, is_gallery, seen_along, write_gallery
 from vdfmu.study.report.shapes import Chain
 from vdfmu.study.report.shown_run import read_run
 
@@ -103,6 +106,81 @@ def test_the_command_writes_it(results, tmp_path):
     assert done.exit_code == 0 and (results / "index.html").exists(), done.output
     done = CliRunner().invoke(app, ["report", str(results), "--out", str(tmp_path / "all.html")])
     assert done.exit_code == 0 and b'href="results/first%20run/report.html"' in (tmp_path / "all.html").read_bytes()
+
+
+@pytest.mark.parametrize("damage", [b"\xff\xfe,", b"a text,"])
+def test_results_that_cannot_be_read_are_named_and_the_others_shown(results, damage):
+    file = results / "first run" / "results.csv"
+    head, units, *rows = file.read_bytes().splitlines()
+    rows = [
+        damage + b",".join(row.split(b",")[1:]) if damage[0] == 255 else damage * row.count(b",") + b"1" for row in rows
+    ]
+    file.write_bytes(b"\n".join([head, units, *rows]) + b"\n")
+    page = gallery_page(results)
+    (card,) = (card for card in cards(page) if 'data-name="first run"' in card)
+    assert "Results cannot be read: " in card and ">F</text>" in card and len(cards(page)) == 2
+    assert CliRunner().invoke(app, ["report", str(results)]).exit_code == 0
+
+
+def test_the_arm_is_seen_from_above_as_on_the_page():
+    for up in ([0, 0, 1], [0, 0, -1], [0, 1, 0], [0.6, 0, 0.8]):
+        right, above = seen_along(np.array(up, dtype=float))
+        eye = np.cross(right, above)
+        # rounding of unit vectors
+        np.testing.assert_allclose([np.dot(right, up), np.dot(right, above), np.dot(eye, eye)], [0, 0, 1], atol=1e-12)
+        assert np.dot(eye, up) == pytest.approx(0.62 / np.linalg.norm([0.95, -1.25, 0.62]))  # above the floor
+        assert np.dot(above, up) > 0
+    right, above = seen_along(np.array([0.0, 0.0, 1.0]))
+    np.testing.assert_allclose(np.cross(right, above) @ [0.95, -1.25, 0.62], np.linalg.norm([0.95, -1.25, 0.62]))
+
+
+def test_the_date_is_that_of_the_run(results):
+    file = results / "first run" / "summary.json"
+    summary = json.loads(file.read_text()) | {"date": "2020-02-03T04:05:06+00:00"}
+    file.write_text(json.dumps(summary))
+    (card,) = (card for card in cards(gallery_page(results)) if 'data-name="first run"' in card)
+    stamp = datetime(2020, 2, 3, 4, 5, 6, tzinfo=UTC).timestamp()
+    assert "2020-02-03 04:05 UTC" in card and f'data-date="{stamp}"' in card
+
+
+def test_a_failed_run_has_a_page_and_a_card(results, monkeypatch):
+    monkeypatch.chdir(results.parent)
+    words = ["run", "planar_tracking", "--set", "controller.K_p=1e9", "--stop", "0.05", "--out", "results/failed"]
+    done = CliRunner().invoke(app, words)
+    page = results / "failed" / "partial" / "report.html"
+    *_, verdict, last = done.output.splitlines()
+    assert done.exit_code == 1 and last == "Open results/failed/partial/report.html", done.output
+    assert "error: plant: doStep at t =" in done.output and verdict.startswith("Unstable") and page.exists()
+    (card,) = (card for card in cards(gallery_page(results)) if 'data-name="failed/partial"' in card)
+    assert 'class="fail"' in card and 'href="failed/partial/report.html"' in card
+    page.unlink()
+    assert not is_gallery(results / "failed")
+    assert CliRunner().invoke(app, ["report", "results/failed", "--no-simulate"]).exit_code == 0 and page.exists()
+    assert "report.html" in json.loads((page.parent / "summary.json").read_text())["files"]
+
+
+def test_a_file_of_others_is_not_replaced(results):
+    (results / "index.html").write_text("<p>mine</p>")
+    (results / "keep.csv").write_text("mine")
+    for words in (
+        [results],
+        [results, "-o", results / "keep.csv"],
+        [results / "first run", "-o", results / "keep.csv"],
+    ):
+        done = CliRunner().invoke(app, ["report", "--no-simulate", *map(str, words)])
+        assert isinstance(done.exception, UsageError) and "replace it with --overwrite" in str(done.exception)
+    assert (results / "index.html").read_text() == "<p>mine</p>" and (results / "keep.csv").read_text() == "mine"
+    for words in (["--overwrite"], []):  # the second time it is ours
+        assert CliRunner().invoke(app, ["report", str(results), *words]).exit_code == 0
+
+
+def test_the_page_of_several_is_opened_and_not_printed(results, monkeypatch):
+    opened = []
+    monkeypatch.setattr(opening.webbrowser, "open", lambda address: opened.append(address) or True)
+    done = CliRunner().invoke(app, ["report", str(results), "--open"])
+    assert opened == [(results / "index.html").as_uri()] and f"Open {results / 'index.html'}" in done.output
+    done = CliRunner().invoke(app, ["report", str(results), "--pdf"])
+    assert str(done.exception) == f"--pdf: expected the folder of a run, got {results}, which has several."
 
 
 @pytest.mark.heavy

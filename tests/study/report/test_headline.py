@@ -7,14 +7,19 @@ from typer.testing import CliRunner
 
 import vdfmu
 from vdfmu.arm.dynamics import forward_kinematics
+from vdfmu.arm.robot import load_robot
 from vdfmu.base.quantity import quantity
+from vdfmu.base.toml_file import locate
 from vdfmu.cli import opening
 from vdfmu.cli.commands import app
 from vdfmu.engine.results.verdict import Check, verdict_of
+from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.report.command import run_command
 from vdfmu.study.report.headline import checks_line, headline, page_title
 from vdfmu.study.report.page import report_page
 from vdfmu.study.report.shown_run import ShownRun
+from vdfmu.study.run.scenario_run import prepare
+from vdfmu.study.run.summary import run_facts
 
 FIGURES = {
     "tool_error": {"value": 2.89e-6, "at_s": 4.941},
@@ -149,12 +154,33 @@ def test_the_page_begins_with_the_verdict(planar):
 def test_the_command_makes_the_run_again(planar):
     assert run_command(planar[0].summary) == "vdfmu run planar_tracking --stop 0.2"
     own = planar[0].summary | {"scenario": "my own", "settings": {"controller.K_p[1]": "3"}}
-    assert run_command(own) == "vdfmu run 'my own' --set 'controller.K_p[1]=3'"
-    assert (
-        run_command(own | {"units": {"controller": "pid.py"}})[len("vdfmu run 'my own' ") :]
-        == "--unit controller=pid.py --set 'controller.K_p[1]=3'"
-    )
+    # a scenario that no file has any more: all its options
+    all_options = "--robot planar_2dof --stop 0.2 --step 0.001 --master gauss-seidel --tolerance 1e-07"
+    assert run_command(own) == f"vdfmu run 'my own' {all_options} --set 'controller.K_p[1]=3'"
+    units = own | {"units": {"controller": "pid.py"}}
+    assert run_command(units).endswith("--tolerance 1e-07 --unit controller=pid.py --set 'controller.K_p[1]=3'")
     assert run_command(own | {"inputs": ["a.csv"]}) == run_command({"system": "loop"}) == ""
+
+
+def test_the_command_has_each_option_that_differs(planar, tmp_path):
+    shipped = dict(planar[0].summary) | {"backend": "native"}
+    assert run_command(shipped | {"stop": 0.1234567891, "backend": "python", "fmi": "3.0"}) == (
+        "vdfmu run planar_tracking --stop 0.1234567891 --backend python --fmi 3.0"
+    )
+    (tmp_path / "bot.toml").write_text(locate("planar_2dof", "robots").read_text())
+    robot = load_robot(tmp_path / "bot.toml")
+    assert robot.file == str(tmp_path / "bot.toml") and not load_robot("planar_2dof").file
+    own = tmp_path / "my.toml"
+    text = locate("planar_tracking", "scenarios").read_text()
+    own.write_text(text.replace('robot = "planar_2dof"', 'robot = "bot.toml"'))
+    facts = run_facts(prepare(own, stop=0.3, master="jacobi", tolerance=1e-5))
+    assert run_command(facts) == f"vdfmu run {own} --stop 0.3 --master jacobi --tolerance 1e-05"
+    assert run_command(run_facts(prepare(own))) == f"vdfmu run {own}"
+    assert run_command(run_facts(prepare(own, robot=robot))) == f"vdfmu run {own} --robot {robot.file}"
+    reach = run_facts(prepare(reach_scenario(robot.file)))
+    assert run_command(reach).startswith(f"vdfmu run reach --robot {robot.file} --stop ")
+    reach = run_facts(prepare(reach_scenario("planar_2dof"), step=0.002))
+    assert "vdfmu run reach --robot planar_2dof --stop" in run_command(reach) and "--step 0.002" in run_command(reach)
 
 
 def test_a_command_ends_with_the_verdict_and_what_opens_the_page(planar, monkeypatch):

@@ -185,6 +185,13 @@ def test_the_commands_write_figures_a_page_and_a_table(saltelli, tmp_path):
     assert made.exit_code == 0 and re.search(r"f\.x1 +0\.\d+ ± 0\.\d+", made.output), made.output
     made = runner.invoke(app, ["sweep", "plot", str(saltelli.folder), "--kind", "tornado", "--out", str(tmp_path)])
     assert made.exit_code == 0 and (tmp_path / "y_tornado.png").exists()
+    made = runner.invoke(app, ["sweep", "plot", str(saltelli.folder), "--out", str(tmp_path / "p.png")])
+    assert f"out: expected a folder for MEASURE_KIND.png, got the name of a file, {tmp_path}" in str(made.exception)
+    (tmp_path / "p.html").write_text("mine")
+    words = ["sweep", "report", str(saltelli.folder), "--no-simulate", "-o", str(tmp_path / "p.html")]
+    assert "replace it with --overwrite" in str(runner.invoke(app, words).exception)
+    for more in (["--overwrite"], []):  # the second time it is ours
+        assert runner.invoke(app, [*words, *more]).exit_code == 0
 
 
 @pytest.mark.heavy

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
+from pathlib import Path
 
 from vdfmu.arm.robot.robot import Robot
 from vdfmu.arm.robot.robot_file import robot_from_dict
-from vdfmu.base.toml_file import locate, read_toml, toml_names
+from vdfmu.base.toml_file import locate, read_toml, shipped_names, toml_names
 
 
 def robot_names() -> list[str]:
@@ -34,4 +36,6 @@ def load_robot(path_or_name: str | os.PathLike[str]) -> Robot:
         If the file cannot be read or describes no physical robot; it lists every problem.
     """
     path = locate(path_or_name, "robots")
-    return robot_from_dict(read_toml(path), str(path))
+    robot = robot_from_dict(read_toml(path), str(path))
+    shipped = str(path_or_name) in shipped_names("robots") and path != Path(path_or_name)
+    return robot if shipped else dataclasses.replace(robot, file=str(path_or_name))

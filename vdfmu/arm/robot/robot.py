@@ -69,6 +69,8 @@ class Robot(Parameters):
         Whether the plant shows how its end effector moves, and takes a load that has a mass.
     visuals : tuple of Visual
         Shapes of the links in pictures; no calculation uses them.
+    file : str
+        The path or name of which it was loaded, if it is not a shipped one.
     """
 
     reader: ClassVar[str] = "vdfmu.arm.robot.robot_file:robot_from_dict"
@@ -92,6 +94,7 @@ class Robot(Parameters):
     coupled_tool: bool = False
     visuals: tuple[Visual, ...] = ()
     joint_names: tuple[str, ...] = ()
+    file: str = ""
 
     @property
     def n(self) -> int:

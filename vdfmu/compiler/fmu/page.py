@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from html import escape
 
+from vdfmu.base.files import PAGE_MARK
+
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #1f2328; margin: 2rem auto; padding: 0 1rem; }
 h1 { margin-bottom: 0; } h2 { margin-top: 2.2rem; border-bottom: 1px solid #d0d7de; }
@@ -30,6 +32,7 @@ def page(title: str, what: str, body: str, width: int, head: str = "", *, tab: s
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width">
+{PAGE_MARK.decode()}
 <title>{escape(tab or title)}</title>
 <style>{_STYLE}body {{ max-width: {width}rem; }}
 </style>{head}

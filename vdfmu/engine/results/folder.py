@@ -20,6 +20,8 @@ from vdfmu.engine.run import Interrupted
 
 SYSTEM_OUTPUTS = (*result_files(), *(f"signals.{suffix}" for suffix in SUFFIXES), "summary.json")
 """Files that a run of a package writes, and replaces in the folder of an earlier one; packages are not among them."""
+PARTIAL = "partial"
+"""Folder, in that of the results, of a run that failed or was stopped."""
 DRAWN = 20_000
 """Rows that a picture shows at most: 8 for each of its pixels."""
 
@@ -140,7 +142,7 @@ def _has_rows(path: Path) -> bool:
 
 def _set_aside(partial: Path, outputs: Sequence[str]) -> Path:
     """Give the folder of a failed run its name; it replaces the previous one."""
-    target = partial.with_name("partial")
+    target = partial.with_name(PARTIAL)
     with suppress(OSError):
         if target.exists():
             _remove(target, outputs)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -90,7 +90,7 @@ def result_files(folder: Path | None = None) -> tuple[str, ...]:
     return tuple(f"results{suffix}" for suffix in suffixes)
 
 
-def choice_of_formats() -> str:
-    """Return what may be asked for, in words."""
-    names = [suffix[1:] for suffix in FORMATS.names()]
+def choice_of_formats(suffixes: Iterable[str] | None = None) -> str:
+    """Return what may be asked for, in words; by default with all formats of other packages, which are loaded."""
+    names = [suffix[1:] for suffix in (FORMATS.names() if suffixes is None else suffixes)]
     return f"{', '.join(names)}, or {','.join(names)} for all"

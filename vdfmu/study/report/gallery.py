@@ -7,9 +7,9 @@ same time cannot be in each other's way, and a deleted run is gone from it.
 from __future__ import annotations
 
 import csv
-import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from html import escape
 from pathlib import Path
@@ -19,16 +19,19 @@ from urllib.parse import quote
 import numpy as np
 
 from vdfmu.base.arrays import Floats
-from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.base.errors import VdfmuError
 from vdfmu.base.files import write_whole
+from vdfmu.base.measure import coherent
 from vdfmu.base.quantity import quantity
 from vdfmu.compiler.fmu.page import page
+from vdfmu.engine.results.folder import PARTIAL
 from vdfmu.engine.results.formats import result_files
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import checks_of
 from vdfmu.study.report.page import NAME
 from vdfmu.study.report.scripts import GALLERY, look, script
 from vdfmu.study.report.shapes import Chain
+from vdfmu.study.report.shown_run import run_folders
 from vdfmu.study.report.summary import read_summary
 
 INDEX = "index.html"
@@ -38,8 +41,8 @@ _END = 1 << 16
 """Bytes at the end of a file in which its last row is."""
 _WIDE, _HIGH = 320, 200
 """Size of a picture [px]."""
-_TURN, _TILT = math.radians(-38.0), math.radians(22.0)
-"""Where the eye is: around the vertical, and above the floor."""
+_EYE = np.array([0.95, -1.25, 0.62])
+"""Where the eye is, of an arm whose z axis points up: as in the perspective of ``web/scene.js``."""
 _LOOK = """
 .gallery { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 17rem), 1fr)); gap: 1.1rem;
   padding: 0; list-style: none; margin: 1rem 0; }
@@ -69,7 +72,7 @@ class RunCard(NamedTuple):
     passed: bool | None
     """None for a run without checks."""
     numbers: Mapping[str, float]
-    """By which cards are sorted: ``tool`` error [m], ``joint`` error of the worst joint, ``date`` in seconds."""
+    """By which cards are sorted: ``tool`` error [m], ``joint`` of the worst joint [rad, m], ``date`` in s."""
     shown: Sequence[str]
     """Lines of numbers."""
     picture: str
@@ -77,7 +80,7 @@ class RunCard(NamedTuple):
 
 def is_gallery(folder: Path) -> bool:
     """Whether a folder is none of a run, but has runs in it."""
-    return not (folder / "summary.json").exists() and next(folder.glob("*/summary.json"), None) is not None
+    return not (folder / "summary.json").exists() and any(one.name != PARTIAL for one in run_folders(folder))
 
 
 def write_gallery(folder: Path, path: Path | None = None) -> Path:
@@ -90,13 +93,14 @@ def write_gallery(folder: Path, path: Path | None = None) -> Path:
 def gallery_page(folder: Path, place: Path | None = None) -> bytes:
     """Return the page of all runs in a folder, whose links are those of a file in the folder `place`."""
     found, problems = list[RunCard](), list[str]()
-    for file in sorted(folder.glob("*/summary.json")):
+    for run in run_folders(folder):
+        name = run.relative_to(folder).as_posix()
         try:
-            found.append(entry_of(file.parent, folder if place is None else place))
+            found.append(entry_of(run, folder if place is None else place, name))
         except FileNotFoundError:
             continue  # deleted in the meantime
         except (VdfmuError, OSError) as error:
-            problems.append(f"{file.parent.name}: {str(error).splitlines()[0]}")
+            problems.append(f"{name}: {str(error).splitlines()[0]}")
     found.sort(key=lambda entry: -entry.numbers["date"])
     keys = {"date": "newest", "name": "name", "verdict": "failed first", "tool": "tool error", "joint": "worst joint"}
     options = "".join(f'<option value="{key}">{words}</option>' for key, words in keys.items())
@@ -117,31 +121,38 @@ def gallery_page(folder: Path, place: Path | None = None) -> bytes:
     return page(f"Runs in {folder.resolve().name}", about, body, 84, head)
 
 
-def entry_of(folder: Path, place: Path) -> RunCard:
+def entry_of(folder: Path, place: Path, name: str) -> RunCard:
     """Return the card of the run in a folder, with its address from `place`; VdfmuError if it cannot be read."""
     file = folder / "summary.json"
     stamp = file.stat().st_mtime
     summary = read_summary(file)
+    with suppress(ValueError):  # of a date that is none
+        stamp = datetime.fromisoformat(summary.get("date", "")).timestamp()
     checks = checks_of(summary)
     failed = [check.name for check in checks if not check.passed]
     verdict = f"fail: {', '.join(failed)}" if failed else f"{len(checks)} of {len(checks)} checks pass"
     numbers, shown = {"date": stamp}, list[str]()
-    tool = ((summary.get("key_figures") or {}).get("tool_error") or {}).get("value")
-    if isinstance(tool, float):
-        numbers["tool"] = tool
-        shown.append(f"tool error {quantity(tool, 'm')}")
+    figures: Mapping[str, Any] = summary.get("key_figures") or {}
+    if "tool_error" in figures:
+        numbers["tool"] = figures["tool_error"]["value"]
+        shown.append(f"tool error {quantity(numbers['tool'], 'm')}")
     errors: Sequence[float] = summary.get("max_position_error_deg") or ()
     if errors:
         worst = int(np.argmax(errors))
         unit = (summary.get("position_units") or ["deg"] * len(errors))[worst]
-        numbers["joint"] = float(errors[worst])
+        numbers["joint"] = errors[worst] * coherent(unit)[1]
         shown.append(f"joint {worst + 1} worst, {quantity(errors[worst], unit)}")
+    try:
+        picture = picture_of(folder, summary)
+    except (VdfmuError, OSError, ValueError, csv.Error) as error:  # ValueError: no text, or a text for a number
+        picture = _letter(name)
+        shown.append(f"Results cannot be read: {str(error).splitlines()[0]}")
     page_of = folder / NAME if (folder / NAME).is_file() else folder
     about = " on ".join(filter(None, (str(summary.get("scenario") or ""), str(summary.get("robot") or ""))))
     date = datetime.fromtimestamp(stamp, UTC).strftime("%Y-%m-%d %H:%M UTC")
     return RunCard(
-        folder.name, _address(page_of, place), (about or str(summary.get("system", "system")), date),
-        verdict if checks else "", not failed if checks else None, numbers, shown, picture_of(folder, summary),
+        name, _address(page_of, place), (about or str(summary.get("system", "system")), date),
+        verdict if checks else "", not failed if checks else None, numbers, shown, picture,
     )  # fmt: skip
 
 
@@ -161,9 +172,11 @@ def _card(entry: RunCard) -> str:
 
 
 def picture_of(folder: Path, summary: Mapping[str, Any]) -> str:
-    """Return a drawing of the arm of a run at its start and end, with the path of its tool; else its first letter."""
-    letter = escape(folder.name[:1].upper())
-    plain = f'<svg viewBox="0 0 {_WIDE} {_HIGH}" aria-hidden="true"><text x="160" y="108">{letter}</text></svg>'
+    """Return a drawing of the arm of a run at its start and end, with the path of its tool; else its first letter.
+
+    VdfmuError, OSError, ValueError or csv.Error if its results cannot be read.
+    """
+    plain = _letter(folder.parent.name if folder.name == PARTIAL else folder.name)
     if "arm" not in summary:
         return plain
     chain = Chain(summary["arm"])
@@ -171,13 +184,7 @@ def picture_of(folder: Path, summary: Mapping[str, Any]) -> str:
     if q is None or not np.isfinite(q).all():
         return plain
     points = np.array([chain.points(row) for row in q])
-    up = chain.up
-    side = np.cross(up, [0.0, 1.0, 0.0] if abs(up[1]) < 0.9 else [1.0, 0.0, 0.0])
-    side /= np.linalg.norm(side)
-    front = np.cross(up, side)
-    right = math.cos(_TURN) * side + math.sin(_TURN) * front
-    depth = -math.sin(_TURN) * side + math.cos(_TURN) * front
-    above = math.cos(_TILT) * up - math.sin(_TILT) * depth
+    right, above = seen_along(chain.up)
     flat = np.stack([points @ right, -(points @ above)], axis=-1)  # (rows, frames, 2)
     low, high = flat.reshape(-1, 2).min(axis=0), flat.reshape(-1, 2).max(axis=0)
     scale = min((_WIDE - 60) / max(high[0] - low[0], 1e-9), (_HIGH - 44) / max(high[1] - low[1], 1e-9))
@@ -189,6 +196,23 @@ def picture_of(folder: Path, summary: Mapping[str, Any]) -> str:
         f'<path class="base arm" d="M{x - 14:.1f} {y + 4:.1f}h28"/><path class="arm" d="{_line(flat[-1])}"/>'
         f'<path class="path" d="{_line(flat[:, -1])}"/>{joints}</svg>'
     )
+
+
+def seen_along(up: Floats) -> tuple[Floats, Floats]:
+    """Return the directions in {I} that point right and up in a picture, (3,) each, of an arm on a floor below `up`."""
+    axis, cosine = np.cross([0.0, 0.0, 1.0], up), up[2]
+    if cosine < -1.0 + 1e-12:  # half a turn around y, as three.js makes it
+        eye = _EYE * [-1.0, 1.0, -1.0]
+    else:  # the shortest turn of z to `up`, by Rodrigues
+        eye = cosine * _EYE + np.cross(axis, _EYE) + axis * (axis @ _EYE) / (1.0 + cosine)
+    right, eye = np.cross(up, eye), eye / np.linalg.norm(eye)
+    right /= np.linalg.norm(right)
+    return right, np.cross(eye, right)
+
+
+def _letter(name: str) -> str:
+    text = f'<text x="160" y="108">{escape(name[:1].upper())}</text>'
+    return f'<svg viewBox="0 0 {_WIDE} {_HIGH}" aria-hidden="true">{text}</svg>'
 
 
 def _line(points: Floats) -> str:
@@ -206,10 +230,7 @@ def _sampled(folder: Path, names: Sequence[str]) -> Floats | None:
     if table.suffix == ".csv":
         rows = list(_rows_of(table, names))
         return np.array(rows) if len(rows) > 1 else None
-    try:
-        results = Results.read(table)
-    except UsageError:
-        return None
+    results = Results.read(table)
     if any(name not in results.names for name in names) or len(results) < 2:
         return None
     chosen = np.linspace(0, len(results) - 1, _TIMES).round().astype(int)

@@ -91,6 +91,7 @@ KEYS: Mapping[str, Key] = {
     "scenario": Key(TEXT, "Name of the scenario."),
     "scenario_file": Key(TEXT, "File of the scenario, where it is not a shipped one."),
     "robot": Key(TEXT, "Name of the robot."),
+    "robot_file": Key(TEXT, "File or name of a robot instead of the scenario's that is not a shipped one."),
     "friction": Key(TEXT, "Where the joints have their friction."),
     "joints": Key(WHOLE, "Number of joints."),
     "joint_names": Key(_UNITS, "Names of the joints, where the robot's file has some."),

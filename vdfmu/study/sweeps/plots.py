@@ -37,6 +37,8 @@ def plot(study: StudyTable, kind: str | None = None, measure: str | None = None,
     """
     if kind is not None and kind not in KINDS:
         raise UsageError(f"kind: expected {', '.join(KINDS)}, got {kind}.")
+    if out is not None and (out.is_file() or out.suffix in (".png", ".svg", ".pdf") and not out.is_dir()):
+        raise UsageError(f"out: expected a folder for MEASURE_KIND.png, got the name of a file, {out}.")
     shown = view(study, measure)
     folder = study.folder if out is None else out
     name = (measure or next(iter(study.facts["measures"]))).replace("[", "_").replace("]", "")
