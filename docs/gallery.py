@@ -42,7 +42,7 @@ def gallery_page() -> str:
 def _cards(kind: str, rows: list[tuple[str, str, str]]) -> Iterator[str]:
     yield '<div class="gallery" markdown>\n'
     for name, description, command in rows:
-        picture = f"![{name}](images/gallery/{kind}_{name}.webp){{ loading=lazy }}"
+        picture = f"![{name}](images/gallery/{kind}_{name}.webp)"
         yield f"{picture} **{name}**<br>{description}<br>`{command}`\n"
     yield "</div>\n"
 

@@ -53,8 +53,8 @@ def site(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def api(site):
-    """Return the page of the API as HTML."""
-    return (site / "api.html").read_text(encoding="utf-8")
+    """Return the pages of the API as HTML."""
+    return "".join(page.read_text(encoding="utf-8") for page in sorted(site.glob("reference/api_*.html")))
 
 
 def words(text):

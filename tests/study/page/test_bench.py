@@ -144,6 +144,10 @@ def test_the_command_has_what_the_sliders_changed(run, browser):
     words = shlex.split(browser.run("kept"))
     # half of the way to the largest factor, 10: its root with three digits, of K_p[2] = 2000
     assert words[-2:] == ["--set", "controller.K_p[2]=6320"]
+    # a point of a study is under the sliders, which start at 1 again
+    browser.run("report.simulation.open([{ unit: 'controller', name: 'K_p', value: 1234 }])")
+    clicked(browser, "Copy as command")
+    assert shlex.split(browser.run("kept"))[-2:] == ["--set", "controller.K_p=1234"]
 
 
 def test_the_arm_is_saved_as_a_picture_and_as_a_film(run, browser):

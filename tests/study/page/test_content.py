@@ -257,6 +257,12 @@ def test_checks_pass_and_fail_by_their_limits():
     summary["reference"]["sampled"]["max_position_difference_rad"] = 1.8e-8
     (check,) = run_checks(summary)
     assert not check.passed and "differ by 1.8e-08 rad at most; limit 1.75e-08" in check.text
+    # an arm that has hardly moved, with errors of 1e-7 degrees: the reference is solved to 1e-11 rad
+    summary["max_position_error_deg"] = [1e-7]
+    for apart, passed in ((9e-12, True), (1.1e-11, False)):
+        summary["reference"]["sampled"]["max_position_difference_rad"] = apart
+        (check,) = run_checks(summary)
+        assert check.passed == passed and "limit 1e-11, the absolute tolerance" in check.text
 
 
 def test_a_chaotic_loop_is_held_against_statistics():

@@ -22,6 +22,7 @@ from vdfmu.study.report import simulation
 from vdfmu.study.report.page import write_report
 from vdfmu.study.report.shown_run import read_run
 from vdfmu.study.report.simulation import ROWS, knobs, simulation_of
+from vdfmu.study.report.tracks import OWN
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.parts import cached_fmus
@@ -56,6 +57,20 @@ def found_in(folder: Path, **changed: Any) -> tuple[dict[str, Any], dict[str, st
     run, binaries = read_run(folder), dict[str, str]()
     package = changed.pop("package", run.package)
     return simulation_of(run.results, {**run.summary, **changed}, package, binaries), binaries
+
+
+@pytest.mark.heavy
+def test_sliders_at_1_have_the_margin_of_the_verdict_and_none_where_it_has_none(planar, made):
+    figures = read_run(planar).summary["key_figures"]
+    at_1 = {track["modulus"][OWN] for knob in found_in(planar)[0]["knobs"] if (track := knob["tracks"][0])}
+    assert at_1 == {round(figures["margin"]["value"], 3)}  # the same rows, poles and frequencies
+    rest = {name: each for name, each in figures.items() if name != "margin"}
+    for own, why in (
+        ({"unstable": figures["margin"]}, "the run itself is unstable"),
+        ({"margin": {"value": 0.0, "place": "joint 1", "at_s": 0.15}}, "the run has none at 0.15 s"),
+    ):
+        sliders = found_in(planar, key_figures=rest | own)[0]["knobs"]
+        assert all(knob["tracks"] == [None] and knob["why"].endswith(why) for knob in sliders)
 
 
 @pytest.mark.heavy

@@ -227,7 +227,7 @@ def test_tick_labels_in_the_unit_of_the_label_are_the_values(exponent):
     label = axes.get_ylabel()
     power = 10.0 ** int(label.split("{")[1].split("}")[0]) if "{" in label else 1.0
     power *= {"[": 1.0, " ": 1.0, "M": 1e6, "k": 1e3, "m": 1e-3, "µ": 1e-6, "n": 1e-9}[label[-5]]
-    assert ("{" in label) == (exponent not in range(-9, 6))  # from nN.m to kN.m
+    assert ("{" in label) == (exponent not in range(-9, 9))  # from nN.m to MN.m
     ticks = [(tick, text.get_text()) for tick, text in zip(axes.get_yticks(), axes.get_yticklabels(), strict=True)]
     shown = [float(text.replace("\N{MINUS SIGN}", "-")) * power for _, text in ticks]
     # labels have the few digits that tell the ticks apart, which are multiples of 1, 2, 2.5 or 5

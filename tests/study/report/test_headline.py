@@ -1,5 +1,7 @@
 """The verdict on a run as a sentence, its numbers, and the command that makes it again; in terminal and page alike."""
 
+from typing import Any
+
 import pytest
 from typer.testing import CliRunner
 
@@ -120,6 +122,19 @@ def test_key_figures_are_those_of_the_results(planar):
     # the arm has moved by less than a degree in 0.2 s
     assert found["mode"]["value"] == pytest.approx(modes.frequency[0], rel=0.01)
     assert 0.0 < found["margin"]["value"] <= 1.0
+
+
+def test_another_plant_has_its_own_modes_and_a_tool_error_unless_its_geometry_is_another(planar):
+    short: dict[str, Any] = {"stop": 0.05, "out": False, "reference": False}
+    own = planar[0].summary["key_figures"]["mode"]["value"]
+    soft = vdfmu.run("planar_tracking", settings={f"plant.K_f0[{i}]": 500.0 for i in (1, 2)}, **short)
+    found, robot = soft.summary["key_figures"], vdfmu.load_robot("planar_2dof").with_parameters(K_f0=500.0)
+    assert found["tool_error"]["value"] > 0.0 and found["mode"]["value"] < own
+    # among five poses of a motion that has moved the arm by less than 0.01 degrees
+    expected = vdfmu.natural_modes(robot, soft["plant.q"][0], motors="held").frequency[0]
+    assert found["mode"]["value"] == pytest.approx(expected, rel=1e-3)
+    longer = vdfmu.run("planar_tracking", settings={"plant.offset[2,1]": 0.6}, **short)
+    assert "tool_error" not in longer.summary["key_figures"] and "mode" in longer.summary["key_figures"]
 
 
 def test_the_page_begins_with_the_verdict(planar):

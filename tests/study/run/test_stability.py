@@ -63,6 +63,9 @@ def test_default_gains_are_stable_with_the_margin_of_the_margins_command(tmp_pat
         with Simulator(package, isolate=False, **options) as simulator:
             simulator.run(stop=0.5, visitor=(poses := Poses("tau")))
     modulus, time, opened = poses.margin()
+    assert [t for t, _ in poses.spread] == pytest.approx([0.0, 0.125, 0.25, 0.375, 0.5], abs=1e-12)
+    along = margins_along("planar_tracking", at=[t for t, _ in poses.spread])
+    assert modulus == pytest.approx(min(each.modulus.min() for each in along.margins), rel=2e-3)  # see below
     exact = linearized("planar_tracking", time)
     system = exact.sampled(["plant.tau"])
     places = exact.places(["plant.tau"])
@@ -146,5 +149,15 @@ def test_what_cannot_be_linearised_is_said(tmp_path):
 def test_margins_says_unstable_where_and_why():
     done = CliRunner().invoke(app, ["margins", "tracking", "--set", "controller.K_p=20000", "--at", "0", "--at", "0.1"])
     assert done.exit_code == 1
-    assert "Unstable at all 2 times: largest pole 1." in done.output and "plant.tau_s[5]" in done.output
+    assert "Unstable at all 2 times: a mode grows with " in done.output and "plant.tau_s[5]" in done.output
     assert "0.000" not in done.output
+
+
+@pytest.mark.heavy
+def test_margins_counts_as_stable_what_a_run_does():
+    """A pole of 1.000002 grows with 0.002 1/s."""
+    loops = ["margins", "reach", "--robot", "ur5e_6dof", "--at", "0.375"]
+    done = CliRunner().invoke(app, loops)
+    assert done.exit_code == 0 and "unstable" not in done.output
+    strict = CliRunner().invoke(app, [*loops, "--growth", "0"])
+    assert strict.exit_code == 1 and "expected up to 0 1/s" in strict.output

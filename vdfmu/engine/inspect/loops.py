@@ -41,8 +41,8 @@ motion, where friction falls with speed, let them grow for a while."""
 _POSES, _FEWEST, _SPARSE = 60, 8, 25
 """Rows at which a run is linearised: at most, at least, and steps for each of the others. Stick-slip at the ends of a
 motion of 4 s lasts for 0.1 s."""
-_MARGINS = 3
-"""Poses at which margins are calculated, which takes longer than the growth."""
+MARGINS = 5
+"""Times of a run at which margins are calculated: evenly spread, the first at its start, the last at its end."""
 _NONE = 1e-300
 """Smallest pole that has a logarithm."""
 _ROUNDING = 1e-9
@@ -269,6 +269,16 @@ class Growth(NamedTuple):
         return self.exponent > (1.0 if self.lasts else math.log(_HARM))
 
 
+def margin_rows(n: int) -> list[int]:
+    """Return the rows of a run with n steps at which margins are calculated."""
+    return [round(k * n / (MARGINS - 1)) for k in range(MARGINS)]
+
+
+def modulus_margins(system: LinearSystem, opened: Sequence[str]) -> Floats:
+    """Return the modulus margin of each loop, by which a run and its sliders are judged."""
+    return system_margins(system, opened, GROWTH, _COARSE).modulus
+
+
 class Poses:
     """Linearises the loops of a run at some of its rows: a visitor of the run.
 
@@ -277,12 +287,14 @@ class Poses:
     group : str
         Loops are opened at connected inputs of this name, at any component.
     most : int
-        Most rows, besides one near the start.
+        Most rows for the growth, besides one near the start.
 
     Attributes
     ----------
     systems : list of (time, LinearSystem)
-        Systems in the loops.
+        Systems in the loops, for the growth.
+    spread : list of (time, LinearSystem)
+        Those for the margins.
     lacking : str
         Why systems are missing; empty if none are.
     """
@@ -290,18 +302,25 @@ class Poses:
     def __init__(self, group: str, most: int = _POSES) -> None:
         self._group, self._most = group, most
         self.systems: list[tuple[float, LinearSystem]] = []
+        self.spread: list[tuple[float, LinearSystem]] = []
+        self._lists: list[Any] = []  # those of the two to which each row goes, the last row first
         self.lacking = ""
         self.opened: list[str] = []
         self._linearisation: Linearisation | None = None
 
     def rows(self, n: int) -> frozenset[int]:
-        """Return the rows, of a run with n steps: closer together where it begins and ends, where motors are slow."""
+        """Return the rows of a run with n steps: for the growth closer together at both ends, where motors are slow."""
         poses = min(self._most, _FEWEST + n // _SPARSE)
         shares = (1.0 - np.cos(np.pi * (np.arange(poses) + 0.5) / poses)) / 2.0
-        return frozenset({*(n * shares).astype(int).tolist(), min(2, n), min(10, n)})
+        own, spread = {*(n * shares).astype(int).tolist(), min(2, n), min(10, n)}, margin_rows(n)
+        kinds = ((own, self.systems), (spread, self.spread))
+        rows = sorted(own.union(spread), reverse=True)
+        self._lists = [[systems for some, systems in kinds if row in some] for row in rows]
+        return frozenset(rows)
 
     def visit(self, components: Components, time: float, step: float) -> None:
         """Linearise the components."""
+        lists = self._lists.pop()
         if self.lacking:
             return
         try:
@@ -315,11 +334,12 @@ class Poses:
                 self.lacking = f"nothing is connected to an input {self._group}"
             if not self.lacking:
                 loops = found.around(self.opened)
-                if not self.systems and not is_continuous(loops.algorithm):
+                if not (self.systems or self.spread) and not is_continuous(loops.algorithm):
                     loops.sampled()  # refuses unknown behaviour
                 elif is_continuous(loops.algorithm) and loops.samples.signals:
                     self.lacking = f"{loops.algorithm} takes as continuous what has sampled states"
-                self.systems.append((time, loops))
+                for systems in lists:
+                    systems.append((time, loops))
         except VdfmuError as error:
             self.lacking = str(error)
 
@@ -341,16 +361,15 @@ class Poses:
         return Growth(most, bounds[place.start], bounds[place.stop], rate, state, place.stop == len(rates))
 
     def margin(self) -> tuple[float, float, str] | None:
-        """Return the smallest modulus margin, its time [s], and the input at which that loop is opened.
+        """Return the smallest modulus margin of `spread`, its time [s], and the input at which that loop is opened.
 
         Without a margin, the state that grows most. None for a master that takes signals as continuous.
         """
         if is_continuous(self.systems[0][1].algorithm):
             return None
         found: list[tuple[float, float, str]] = []
-        for k in distinct(np.linspace(0, len(self.systems) - 1, _MARGINS + 2).astype(int)[1:-1]).tolist():
-            time, system = self.systems[k]
-            modulus = system_margins(system, self.opened, GROWTH, _COARSE).modulus
+        for time, system in self.spread:
+            modulus = modulus_margins(system, self.opened)
             i = system.places(self.opened)[int(modulus.argmin())]
             name = system.parts.inputs[i] if modulus.any() else fastest_mode(system)[1]
             found.append((float(modulus.min()), time, name))

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from vdfmu.base.progress import counted
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.engine.inspect.linear import LinearSystem, linear_system
-from vdfmu.engine.inspect.loops import Margins, fastest_mode, of_positions, system_margins
+from vdfmu.engine.inspect.loops import GROWTH, Margins, fastest_mode, margin_rows, of_positions, system_margins
 from vdfmu.engine.run.simulator import Simulator
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario import Scenario, load_scenario
@@ -69,8 +69,15 @@ class SystemMargins(NamedTuple):
     algorithm: str
     step: float
     notes: tuple[str, ...]
+    growth: float
+    """Rate [1/s] that still counts as stable."""
     growing: list[str]
     """At each time the state with the largest part in the mode that grows most; empty where it is stable."""
+
+    def rate(self, k: int) -> float:
+        """Return the rate [1/s] of the mode that grows most at the k-th time, or decays least; -inf without any."""
+        radius = self.margins[k].radius
+        return math.log(radius) / self.step if radius else -math.inf
 
 
 def margins_along(
@@ -78,7 +85,7 @@ def margins_along(
     opened: Sequence[str] = ("plant.tau",),
     at: Sequence[float] | None = None,
     *,
-    growth: float = 0.0,
+    growth: float = GROWTH,
     master: str | None = None,
     settings: Mapping[str, Any] | None = None,
     backend: str | None = None,
@@ -90,9 +97,9 @@ def margins_along(
     system, settings, backend
         See :func:`packaged`.
     opened, growth
-        See :func:`vdfmu.engine.inspect.loops.system_margins`.
+        See :func:`vdfmu.engine.inspect.loops.system_margins`; by default the growth that the verdict of a run allows.
     at : sequence of float, optional [s]
-        Default five, evenly spread from the start to the end.
+        Default five, evenly spread from the start to the end, as the verdict of a run has them.
     master : str, optional
         ``gauss-seidel`` or ``jacobi``, instead of the system's own.
 
@@ -105,7 +112,7 @@ def margins_along(
         chosen: dict[str, Any] = options | ({"algorithm": master} if master else {})
         if at is None:
             begin, end, step, n = Simulator(package, **chosen).grid(None, None, None)
-            at = [begin + round(k * n / 4) * step for k in range(4)] + [end]
+            at = [begin + row * step for row in margin_rows(n)[:-1]] + [end]
         found = (linear_system(package, t, **chosen) for t in counted("loops", at, len(at)))
         systems = [replace(one, parts=of_positions(one.parts)) for one in found]
     first = systems[0]
@@ -116,4 +123,4 @@ def margins_along(
         "" if m.radius < math.exp(growth * s.step) else fastest_mode(s.around(opened))[1]
         for s, m in zip(systems, margins, strict=True)
     ]
-    return SystemMargins(names, [float(t) for t in at], margins, first.algorithm, first.step, notes, growing)
+    return SystemMargins(names, [float(t) for t in at], margins, first.algorithm, first.step, notes, growth, growing)

@@ -160,10 +160,10 @@ def _required(run: PathRun, delayed: bool) -> float:
         return 0.0 if _growth(run) else _margin(run)
     late = PathRun(run.results, run.robot, run.corner)
     late.loops = copy(run.loops)
-    late.loops.systems = [
-        (t, replace(s, fresh=s.fresh & [not name.startswith("plant.tau") for name in s.parts.inputs]))
-        for t, s in run.loops.systems
-    ]
+    late.loops.systems, late.loops.spread = (
+        [(t, replace(s, fresh=s.fresh & [not name.startswith("plant.tau") for name in s.parts.inputs])) for t, s in own]
+        for own in (run.loops.systems, run.loops.spread)
+    )
     return _required(late, False)
 
 

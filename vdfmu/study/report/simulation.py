@@ -246,10 +246,17 @@ def _simulation(
     sliders = list(knobs(checked))
     passed = (summary.get("verdict") or {}).get("passed", False)
     values = values_of(checked)
-    judged: float | None = (summary.get("key_figures") or {}).get("margin", {}).get("at_s")
-    for slider, found in zip(sliders, tracks(checked, sliders, values, (begin, stop, step), judged), strict=True):
+    figures: Mapping[str, Any] = summary.get("key_figures") or {}
+    why = ""
+    if "unstable" in figures:  # one place of a limit cycle says little about another gain
+        why = "no margins along it: the run itself is unstable"
+    elif not figures.get("margin", {}).get("value", 1.0):
+        why = f"no margins along it: the run has none at {figures['margin']['at_s']:.3g} s"
+    given = [[None]] * len(sliders) if why else tracks(checked, sliders, values, (begin, stop, step))
+    for slider, found in zip(sliders, given, strict=True):
         # friction that excites itself makes loops grow for moments of a run that is stable
         slider["tracks"] = found if found[0] is None or found[0]["modulus"][OWN] or not passed else [None]
+        slider["why"] = why
     return {
         "units": [_unit(checked, name, modules, places) for name in names],
         "order": [names.index(name) for name in checked.schedule.units],

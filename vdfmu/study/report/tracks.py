@@ -31,7 +31,7 @@ from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.engine.fmu.variables import Value
 from vdfmu.engine.inspect.changed import can_change, changed, with_part
 from vdfmu.engine.inspect.linear import Linearisation, LinearSystem
-from vdfmu.engine.inspect.loops import GROWTH, Loop, of_positions, opened_at, system_loop
+from vdfmu.engine.inspect.loops import GROWTH, Loop, margin_rows, modulus_margins, of_positions, opened_at, system_loop
 from vdfmu.engine.masters.components import Components
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.run.simulator import Simulator
@@ -46,8 +46,8 @@ OWN = len(_PLACES) // 2
 """Place of the run's own margin among these."""
 _HALVINGS = 4
 """Of the distance of two places, for the limit of stability: to 1.6 notches, 4 % of a factor of up to 10."""
-_TIMES, _WORST = 5, 2
-"""Times of the run at which all joints are tried, and at which each joint or the arm is: those of the least margins."""
+_WORST = 2
+"""Times of the run at which each joint or the arm is tried, those of the least margins; all joints are at all."""
 _JOINTS = 8
 """Most joints that have tracks of their own."""
 _POINTS = 30
@@ -73,11 +73,7 @@ def factor(knob: Mapping[str, Any], place: float) -> float:
 
 
 def tracks(
-    checked: Checked,
-    knobs: Sequence[Mapping[str, Any]],
-    parameters: Names,
-    span: tuple[float, float, float],
-    judged: float | None = None,
+    checked: Checked, knobs: Sequence[Mapping[str, Any]], parameters: Names, span: tuple[float, float, float]
 ) -> list[list[Track | None]]:
     """Return the tracks of each slider: of all joints, then of each joint; None where it has none.
 
@@ -88,18 +84,14 @@ def tracks(
     ----------
     span : tuple of float [s]
         Start, stop and step of the run.
-    judged : float, optional [s]
-        Where the verdict on the run has its least margin, which the tracks then have with the slider at 1.
     """
-    content = json.dumps(
-        [source_digest("study.report.tracks"), str(checked.algorithm), knobs, parameters, span, judged]
-    )
+    content = json.dumps([source_digest("study.report.tracks"), str(checked.algorithm), knobs, parameters, span])
     digest = sha256(content.encode() + sha256(checked.system.path.read_bytes()).digest()).hexdigest()
     path = cache_folder() / "tracks" / digest
     if (stored := load(path)) is not None:
         return json.loads(stored)
     try:
-        found = _tracks(checked, knobs, parameters, span, judged)
+        found = _tracks(checked, knobs, parameters, span)
     except VdfmuError:  # there are no loops, or the FMUs do not tell them
         found = [list[Track | None]([None]) for _ in knobs]
     store(path, json.dumps(found).encode())
@@ -107,14 +99,10 @@ def tracks(
 
 
 def _tracks(
-    checked: Checked,
-    knobs: Sequence[Mapping[str, Any]],
-    parameters: Names,
-    span: tuple[float, float, float],
-    judged: float | None,
+    checked: Checked, knobs: Sequence[Mapping[str, Any]], parameters: Names, span: tuple[float, float, float]
 ) -> list[list[Track | None]]:
     start, stop, step = span
-    poses = _LinearisedRows([] if judged is None else [round((judged - start) / step)])
+    poses = _LinearisedRows()
     with Simulator(checked.system, isolate=False, algorithm=checked.algorithm) as simulator:
         simulator.run(start=start, stop=stop, step=step, record=(), visitor=poses)
         if not opened_at(poses.systems[0][1], "tau"):  # no loop goes through a motor's torque
@@ -127,17 +115,16 @@ def _tracks(
 
 
 class _LinearisedRows:
-    """Linearises all components of a run at some rows."""
+    """Linearises all components of a run at the rows by which it is judged."""
 
-    def __init__(self, more: Sequence[int]) -> None:
-        self._more = more
+    def __init__(self) -> None:
         self.systems: list[tuple[float, LinearSystem]] = []
         self.components: Components | None = None
         self._linearisation: Linearisation | None = None
 
     def rows(self, n: int) -> frozenset[int]:
         """Return the rows of a run with n steps."""
-        return frozenset({*(round(k * n / (_TIMES - 1)) for k in range(_TIMES)), *self._more})
+        return frozenset(margin_rows(n))
 
     def visit(self, components: Components, time: float, step: float) -> None:
         """Linearise the components."""
@@ -159,13 +146,12 @@ class _MovedLoops:
             with changed(self.components, unit, values) as instance:
                 self._systems = [(time, with_part(system, instance, time)) for time, system in self._systems]
         self.own = [self._loop(system) for _, system in self._systems]
-        self.least = [float(loop.margins(delay=0).modulus.min()) for loop in self.own]
+        self.least = [float(modulus_margins(_by_positions(each), self._opened).min()) for _, each in self._systems]
         self.worst: list[int] = np.argsort(self.least).tolist()
         """Poses, the one with the least margin first."""
 
     def _loop(self, system: LinearSystem) -> Loop:
-        found = replace(system, parts=of_positions(system.parts))
-        return system_loop(found, self._opened, GROWTH, _POINTS)
+        return system_loop(_by_positions(system), self._opened, GROWTH, _POINTS)
 
     @contextmanager
     def moved(self, knob: Mapping[str, Any], place: float, joint: int | None) -> Generator[Callable[[int], Loop]]:
@@ -264,6 +250,10 @@ def _track(loops: _MovedLoops, knob: Mapping[str, Any], poses: Sequence[int], jo
         limits.append(inside)
     found = {"places": list(margins), "modulus": [round(each, 3) for each in margins.values()], "limits": limits}
     return found | {"still": True} if loops.still else found
+
+
+def _by_positions(system: LinearSystem) -> LinearSystem:
+    return replace(system, parts=of_positions(system.parts))
 
 
 def _modulus(loop: Loop, K: Floats) -> float:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
 from vdfmu.arm.dynamics import forward_kinematics
+from vdfmu.arm.equations.kinematics import frames
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import VdfmuError
@@ -23,15 +24,15 @@ _POSES = 5
 """Poses along a run at which its lowest mode is looked for."""
 
 
-def key_figures(results: Results, robot: Robot, limits: Iterable[ArmLimits], changed: bool) -> dict[str, Any]:
+def key_figures(results: Results, robot: Robot, limits: Iterable[ArmLimits], plant: Robot) -> dict[str, Any]:
     """Return the largest errors and torque of a run of an arm, and the lowest mode of its links.
 
     Parameters
     ----------
     limits
         Of the arms; the torque is then the joint's with the largest share of its limit.
-    changed
-        Whether the plant is not the robot of the file: then its modes, and its tool, are not known from that.
+    plant
+        The robot that the plant is: the modes are its, and there is a tool error if its geometry is the one known.
 
     Returns
     -------
@@ -49,15 +50,22 @@ def key_figures(results: Results, robot: Robot, limits: Iterable[ArmLimits], cha
             peaks.add(part.time, np.column_stack([error, np.linalg.norm(ends[0] - ends[1], axis=1)]))
         units = ["deg" if t == "revolute" else "mm" for t in robot.joint_types]
         found["joint_error"] = peaks.worst(units)
-        if not changed:
+        if all(np.array_equal(each, frames(plant)[name]) for name, each in frames(robot).items()):
             found["tool_error"] = {"value": float(peaks.most[-1]), "at_s": float(peaks.at[-1])}
     if has_signals(results, "controller.tau"):
         arm = next((one for one in limits if one.plant == "plant"), None)
         found["torque"] = _torque(results, robot, arm)
-    modes = [] if changed or not has_signals(results, "plant.q") else list(_modes(results, robot))
+    modes = list(_modes(results, plant)) if has_signals(results, "plant.q") else []
     if modes:
         found["mode"] = dict(zip(("value", "at_s"), min(modes), strict=True))
     return found
+
+
+def robot_with(robot: Robot, values: Mapping[str, Any]) -> Robot:
+    """Return a robot with numbers of its plant, by their names there: ``mass[2]``."""
+    return robot.with_values(
+        [float(values.get(each.name, getattr(robot, each.field)[each.index])) for each in robot.entries()]
+    )
 
 
 class _Peaks:

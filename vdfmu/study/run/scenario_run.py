@@ -49,7 +49,7 @@ from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.report.simulation import compiling_modules
 from vdfmu.study.report.world import scene_of
 from vdfmu.study.run.at_limits import limits_of, time_at_limits
-from vdfmu.study.run.key_figures import key_figures
+from vdfmu.study.run.key_figures import key_figures, robot_with
 from vdfmu.study.run.stability import explain, loop_checks, simulated
 from vdfmu.study.run.summary import (
     compare,
@@ -229,8 +229,9 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
         if options["reference"]:
             summary |= _references(system, package, results)
         loops = list(loop_checks(poses, system, package))
-        changed = bool(scenario.plant_factors) or any(key.startswith("plant.") for key in text_settings)
-        figures = {} if robot is None else key_figures(results, robot, limits, changed)
+        figures: dict[str, Any] = {}
+        if robot is not None:
+            figures = key_figures(results, robot, limits, robot_with(scenario.plant_robot, values.get("plant", {})))
         summary["key_figures"] = figures | {name: one for loop in loops for name, one in loop.figures.items()}
         found = [*(loop.check for loop in loops), *run_checks(summary)]
         summary["verdict"] = verdict_of(found, [f"stability: {poses.lacking}"] if poses.lacking else [])

@@ -24,7 +24,7 @@ from vdfmu.compiler.unit.scipy_solver import samples, switchings
 from vdfmu.system.reference.compiled import CompiledRun, builtin
 from vdfmu.system.reference.wired import Action, Carry, Evaluate, Run, TimeSetter, WiredUnits
 
-_SHORT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-11}
+SHORT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-11}
 """Tolerances on the way from one communication point to the next: 2e-13 rad in the tracking and the two-joint run."""
 _LONG: dict[str, Any] = {"rtol": 1e-12, "atol": 1e-13}
 """Tolerances over the whole time, in which errors add up: 4e-13 rad in the tracking run, 4e-12 in the two-joint run."""
@@ -103,7 +103,7 @@ class _Mover:
         steps = min(max(self._steps, 1), _PARTS)
         if steps not in self._solvers:
             system = scipy_part("scipy.integrate._ode").ode(self._rate.function)
-            system.set_integrator("dop853", **_SHORT, nsteps=_MOST_STEPS, first_step=duration / steps)
+            system.set_integrator("dop853", **SHORT, nsteps=_MOST_STEPS, first_step=duration / steps)
             if self._rate.function is self._rate:  # else it calls on after what the right-hand side raises
                 system.set_solout(lambda t, x: None)
             self._solvers[steps] = system._integrator

@@ -40,8 +40,10 @@ export class Knob {
   /** Colour the track of the joint that is chosen, and say where its limits are. */
   paint() {
     const track = this.knob.tracks[this.chosen], place = this.places[this.chosen];
-    this.track.hidden = this.bounds.hidden = !track;
-    const said = [this.output.textContent.replace("×", "times")];
+    this.track.hidden = !track;
+    this.bounds.hidden = !(track || this.knob.why);
+    this.bounds.textContent = this.knob.why ?? "";
+    const said = [this.output.textContent.replace("×", "times"), ...(this.knob.why ? [this.knob.why] : [])];
     if (track) {
       const limits = this.limits(track), margin = marginAt(track, place);
       this.track.replaceChildren(...this.bands(track), ...track.limits.filter((limit) => limit !== null).map((limit) => make("b", { style: `left:${percent(limit)}%` })));

@@ -1,7 +1,8 @@
 // What a page hears from the process that serves it: another page, or rows of a run that goes on.
 
 import { Motion } from "./arm.js";
-import { live, make, recorded, text, view } from "./data.js";
+import { live, make, recorded, view } from "./data.js";
+import { text } from "./numbers.js";
 
 const MOST_ROWS = 500, CHARTS = 150, PATHS = 700; // ms between two pictures of the figures, and of the paths
 const served = document.querySelector('meta[name="live"]');

@@ -1,9 +1,9 @@
 // The page of a robot: sliders of its joints, what is shown of it, and its modes, which move it.
 
 import { axesOf, dress, solid } from "./arm.js";
-import { choice, make, reducedMotion, robot, runs, text, toggle, unpack } from "./data.js";
+import { choice, make, reducedMotion, robot, runs, toggle, unpack } from "./data.js";
 import { askServer, hearServer, stateLine } from "./live.js";
-import { quantity } from "./numbers.js";
+import { quantity, text } from "./numbers.js";
 import { Scene3D, VIEWS } from "./scene.js";
 import { Arrow } from "./world.js";
 

@@ -9,13 +9,20 @@ const PRINTED = ["tracking", "torque", "compensation", "tool"];
 const LONGEST_FILM = 10; // s
 const FILM_TYPES = ["video/mp4;codecs=avc1.42E01E", "video/webm;codecs=vp9", "video/webm"];
 
-/** The command of the run that is shown, with what the sliders have changed. */
+/** The command of the run that is shown, with what a chosen point and the sliders have changed, in this order. */
 export function commandOf(run, changes) {
-  const groups = Map.groupBy(changes, ({ unit, name }) => `${unit}.${name.split("[")[0]}`);
+  const parametersOf = (unit) => run.simulation.units.find(({ name }) => name === unit).parameters;
+  const found = new Map();
+  for (const { unit, name: asked, value, factor = 1 } of changes) {
+    for (const [name, [, own]] of Object.entries(parametersOf(unit)).filter(([one]) => one === asked || one.startsWith(`${asked}[`))) {
+      const key = `${unit}.${name}`;
+      found.set(key, { unit, name, value: (value ?? found.get(key)?.value ?? own) * factor });
+    }
+  }
+  const groups = Map.groupBy(found.values(), ({ unit, name }) => `${unit}.${name.split("[")[0]}`);
   const words = [...groups].flatMap(([group, own]) => {
-    const { parameters } = run.simulation.units.find(({ name }) => name === own[0].unit);
-    const values = own.map(({ name, factor }) => String(Number((parameters[name][1] * factor).toPrecision(12))));
-    const whole = Object.keys(parameters).filter((name) => `${own[0].unit}.${name.split("[")[0]}` === group).length === own.length;
+    const values = own.map(({ value }) => String(Number(value.toPrecision(12))));
+    const whole = Object.keys(parametersOf(own[0].unit)).filter((name) => `${own[0].unit}.${name.split("[")[0]}` === group).length === own.length;
     if (whole && new Set(values).size === 1 && !run.command.includes(`${group}[`)) return [`--set ${group}=${values[0]}`];
     return own.map(({ unit, name }, k) => `--set '${unit}.${name}=${values[k]}'`);
   });
