@@ -48,7 +48,14 @@ def test_linked_files_exist(page):
     text = page.read_text(encoding="utf-8")
     for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", text):
         if "://" not in target and not target.endswith(
-            ("interface.md", "robot_file.md", "command_line.md", "scenario_file.md", "gallery.md")
+            (
+                "interface.md",
+                "robot_file.md",
+                "command_line.md",
+                "scenario_file.md",
+                "gallery.md",
+                "notebooks/first_run.md",
+            )
         ):  # made when the pages are built
             assert (page.parent / target).exists(), target
 

@@ -194,7 +194,7 @@ def test_there_is_a_guide_for_each_tool():
 def test_there_are_these_tutorials():
     names = [
         "dynamics", "fmpy", "native", "own-controller", "own_arm", "own_robot", "python-to-fmu",
-        "results", "sweep",
+        "results", "sweep", "ten_minutes",
     ]  # fmt: skip
     assert [page.stem for page in PAGES] == names
 

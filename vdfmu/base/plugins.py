@@ -48,10 +48,6 @@ class Plugins:
             )
         return self._load(points[0]) if points else None
 
-    def adds(self, name: str) -> bool:
-        """Whether a package adds something of a name, even if it cannot be used; nothing is loaded."""
-        return name in _points(self.group)
-
     def all(self, shipped: Container[str]) -> dict[str, Any]:
         """Return what can be used, by name, without names that are shipped; a warning says what is left out."""
         found: dict[str, Any] = {}
@@ -79,6 +75,11 @@ class Plugins:
             f"{self.one} {point.name!r} of {_package(point)} cannot be used: expected {self.expected}, got {got}. "
             "Mend or uninstall that package."
         )
+
+
+def added(group: str, name: str) -> bool:
+    """Whether a package adds something of a name to a group, even if it cannot be used; nothing is loaded."""
+    return name in _points(group)
 
 
 class PluginTable(dict[str, _T]):

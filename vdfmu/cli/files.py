@@ -12,6 +12,7 @@ from vdfmu.base.data import PACKAGE
 from vdfmu.base.errors import StorageError
 from vdfmu.base.files import replacing_foreign, require_ours
 from vdfmu.base.option import read_settings
+from vdfmu.base.plugins import added
 from vdfmu.base.standards import PYTHON_FMI, SSP_1, SSP_FORMATS
 from vdfmu.base.text import first_few
 from vdfmu.base.toml_file import shipped_names
@@ -106,11 +107,7 @@ def _is_unit(name: str) -> bool:
     units = {path.stem for path in (PACKAGE / "arm" / "units").rglob("[!_]*.py")}  # to import them takes long
     if name in shipped_names("scenarios") or Path(name).suffix or Path(name).is_file():
         return False
-    if name in units:
-        return True
-    from vdfmu.arm.units import PLUGINS
-
-    return PLUGINS.adds(name)
+    return name in units or added("units", name)
 
 
 def _values(scenario: Scenario, backend: str | None, settings: list[str] | None) -> dict[str, dict[str, Any]]:

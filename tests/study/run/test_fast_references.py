@@ -160,7 +160,7 @@ def test_without_the_compiler_a_reference_is_the_same(own_cache, monkeypatch, na
 @pytest.mark.parametrize("name", NAMES)
 def test_references_are_exact_to_1e_11_rad(own_cache, monkeypatch, name, scenario):
     usual = reference(name, described(scenario), step=1e-3, stop=0.3)["plant.q"]
-    for tolerances in (solution._SHORT, solution._LONG):
+    for tolerances in (solution.SHORT, solution._LONG):
         monkeypatch.setitem(tolerances, "rtol", 3e-14)
         monkeypatch.setitem(tolerances, "atol", 1e-15)
     use(own_cache / "other", monkeypatch)

@@ -14,7 +14,7 @@ from pyssp_standard.ssv import SSV
 
 from vdfmu.arm.units import shipped_units
 from vdfmu.base.errors import StorageError, UsageError
-from vdfmu.base.files import read_member
+from vdfmu.base.files import PAGE_MARK, read_member
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.documentation import system_page
@@ -121,6 +121,7 @@ def test_the_page_shows_the_system(scenario):
         page.replace("<!DOCTYPE html>", "")
         .replace('<meta charset="utf-8">', "")
         .replace('<meta name="viewport" content="width=device-width">', "")
+        .replace(PAGE_MARK.decode(), "")
         .replace("<br>", "")
     )  # the rest is well-formed
     wires = root.findall(".//{http://www.w3.org/2000/svg}g")

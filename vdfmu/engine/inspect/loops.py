@@ -384,6 +384,8 @@ def _margins(L: Any, w: Floats) -> Floats:
     found = np.full((4, L.shape[1]), np.inf)
     found[0] = np.abs(1.0 + L).min(axis=0)
     for i, loop in enumerate(L.T):
+        if not loop.any():  # nothing comes back
+            continue
         size = np.log(np.abs(loop))
         left = np.angle(-loop)  # the lag left until -1
         if loop[-1].real < 0.0:  # at half the sampling frequency a loop is real

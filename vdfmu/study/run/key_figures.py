@@ -62,10 +62,10 @@ def key_figures(results: Results, robot: Robot, limits: Iterable[ArmLimits], pla
 
 
 def robot_with(robot: Robot, values: Mapping[str, Any]) -> Robot:
-    """Return a robot with numbers of its plant, by their names there: ``mass[2]``."""
-    return robot.with_values(
-        [float(values.get(each.name, getattr(robot, each.field)[each.index])) for each in robot.entries()]
-    )
+    """Return a robot with numbers of its plant, by their names there: ``mass[2]``; itself if it has them."""
+    own = [float(getattr(robot, each.field)[each.index]) for each in robot.entries()]
+    new = [float(values.get(each.name, number)) for each, number in zip(robot.entries(), own, strict=True)]
+    return robot if new == own else robot.with_values(new)
 
 
 class _Peaks:
