@@ -33,7 +33,10 @@ def quiet(browser):
 
 def show(browser: Browser, address: str, *size: int, **more: str) -> None:
     browser.address = address
-    browser.open(address, *size, **more)
+    try:
+        browser.open(address, *size, **more)
+    except VdfmuError:  # the page of a run takes the place of the one before it while that is opened
+        wait(browser, "globalThis.report")
 
 
 def wait(browser: Browser, condition: str) -> None:

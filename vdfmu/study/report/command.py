@@ -37,7 +37,7 @@ def run_command(summary: Mapping[str, Any]) -> str:
     for option in _OPTIONS:
         value = summary.get(option)
         if value is not None and (written is None or value != written.get(option, _DEFAULTS.get(option))):
-            words += [f"--{option}", repr(value) if isinstance(value, float) else str(value)]
+            words += [f"--{option}", repr(value).removesuffix(".0") if isinstance(value, float) else str(value)]
     words += ["--backend", "python"] if summary.get("backend") == "python" else []
     words += ["--fmi", summary["fmi"]] if summary.get("fmi", PYTHON_FMI.name) != PYTHON_FMI.name else []
     for component, unit in units.items():
