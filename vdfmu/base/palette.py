@@ -15,12 +15,6 @@ NEGATIVE, POSITIVE = 0, 1
 """Places of the colours of values below and above 0."""
 
 
-def rgb(colour: str) -> tuple[int, int, int]:
-    """Return red, green and blue of a colour, from 0 to 255."""
-    red, green, blue = bytes.fromhex(colour[1:])
-    return red, green, blue
-
-
 def style_sheet() -> str:
     """Return the colours as variables: ``--joint-1`` to as many as ``--joints``, ``--negative``, ``--positive``."""
 

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 
 from vdfmu.base import palette, style
 from vdfmu.study.report.scripts import look
@@ -28,7 +29,7 @@ NOTICED = np.array([5.079 + 0.751 / SIZE, 5.339 + 1.541 / SIZE, 5.349 + 2.871 / 
 
 
 def linear(colour: str) -> np.ndarray:
-    c = np.array(palette.rgb(colour)) / 255.0
+    c = np.array(to_rgb(colour))
     return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
 
 

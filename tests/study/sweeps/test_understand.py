@@ -6,10 +6,10 @@ import re
 import matplotlib.image
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from typer.testing import CliRunner
 
 import vdfmu
-from vdfmu.base import palette
 from vdfmu.base.errors import UsageError
 from vdfmu.cli.commands import app
 from vdfmu.study.sweeps.axes import read_axes
@@ -133,7 +133,7 @@ def test_all_figures_that_fit_are_drawn_with_failed_points_in_them(tmp_path, ove
         picture = matplotlib.image.imread(file)[..., :3]
         assert picture.shape[0] > 300 and picture.shape[1] > 1000
         if "tornado" not in file.name:  # of the crosses: more than a stray pixel
-            assert (np.abs(picture - np.array(palette.rgb(FAILED)) / 255).max(axis=-1) < 0.02).sum() > 5, file
+            assert (np.abs(picture - np.array(to_rgb(FAILED))).max(axis=-1) < 0.02).sum() > 5, file
 
 
 def test_indices_are_drawn(saltelli, tmp_path):

@@ -11,9 +11,10 @@ from vdfmu.base.errors import VdfmuError
 from vdfmu.base.standards import PYTHON_FMI
 from vdfmu.base.toml_file import locate, read_toml, shipped_names
 from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
+from vdfmu.system.scenario.scenario_file import MASTER
 
 _OPTIONS = ("stop", "step", "master", "adaptive", "tolerance")
-_DEFAULTS = {"master": "gauss-seidel", "tolerance": SOLVER_TOLERANCE}
+_DEFAULTS = {"master": MASTER, "tolerance": SOLVER_TOLERANCE}
 """Of a scenario's file without these keys."""
 
 

@@ -29,7 +29,7 @@ from vdfmu.engine.results.formats import result_files
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import checks_of
 from vdfmu.study.report.page import NAME
-from vdfmu.study.report.scripts import GALLERY, look, script
+from vdfmu.study.report.scripts import GALLERY, look, module_element
 from vdfmu.study.report.shapes import Chain
 from vdfmu.study.report.shown_run import run_folders
 from vdfmu.study.report.summary import read_summary
@@ -112,9 +112,7 @@ def gallery_page(folder: Path, place: Path | None = None) -> bytes:
 <label class="choice">Show <input id="find" type="search" placeholder="part of a name"></label>
 <span id="count" role="status"></span></div>
 <ul class="gallery">{"".join(map(_card, found))}</ul>{notes}
-<script type="module">
-{script(GALLERY)}
-</script>"""
+{module_element(GALLERY)}"""
     failed = sum(entry.passed is False for entry in found)
     about = f"{len(found)} run{'' if len(found) == 1 else 's'}, {failed} with a failed check"
     head = f'{look()}<link rel="icon" href="data:,"><style>{_LOOK}</style>'

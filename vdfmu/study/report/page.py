@@ -12,13 +12,23 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from vdfmu.base.files import write_whole
-from vdfmu.base.json_text import to_json
 from vdfmu.compiler.fmu.page import page
 from vdfmu.study.report.command import run_command
 from vdfmu.study.report.content import content_of
 from vdfmu.study.report.headline import checks_line, headline, page_title
 from vdfmu.study.report.parts import checks, comparison, facts_table, marks, tables, tiles
-from vdfmu.study.report.scripts import MODULES, STUDY, STUDY_ALONE, WORKER, libraries, look, run_head, script
+from vdfmu.study.report.scripts import (
+    MODULES,
+    STUDY,
+    STUDY_ALONE,
+    WORKER,
+    data_element,
+    libraries,
+    look,
+    module_element,
+    run_head,
+    script,
+)
 from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.report.simulation import simulation_of
 from vdfmu.study.report.wired import wired_arm
@@ -39,7 +49,7 @@ class StudyPart(NamedTuple):
 
 def study_page(study: StudyPart) -> bytes:
     """Return the page of a study that simulates nothing."""
-    body = "\n".join([study.body, _data({"runs": [], "study": study.content}), _module(STUDY_ALONE)])
+    body = "\n".join([study.body, data_element({"runs": [], "study": study.content}), module_element(STUDY_ALONE)])
     return page(study.title, study.about, body, 84, f'{look()}<link rel="icon" href="data:,">')
 
 
@@ -104,10 +114,10 @@ def report_page(
             *tables(names, runs),
             *facts_table(names, runs),
             "<noscript><p>Figures and the arm are drawn by a script, which this browser does not run.</p></noscript>",
-            _data(data),
+            data_element(data),
             *([f'<script type="text/plain" id="worker">{script(WORKER)}</script>'] if binaries else []),
             libraries(),
-            _module((*MODULES, *STUDY) if study else MODULES),
+            module_element((*MODULES, *STUDY) if study else MODULES),
         ]
     )
     told = [
@@ -124,15 +134,6 @@ def report_page(
     )
     tab = page_title(names[0], summaries[0]) if len(runs) == 1 else ""
     return page(", ".join(names), about, body, 92, head, tab=tab, lead=lead)
-
-
-def _data(data: Mapping[str, Any]) -> str:
-    inert = to_json(data, indent=None).replace("<", "\\u003c")  # nothing in it ends the script that contains it
-    return f'<script id="data" type="application/json">{inert}</script>'
-
-
-def _module(modules: Sequence[str]) -> str:
-    return f'<script type="module">\n{script(modules)}\n</script>'
 
 
 def _about(summaries: Sequence[Mapping[str, Any]]) -> str:

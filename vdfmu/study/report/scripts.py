@@ -6,12 +6,14 @@ Names are unique among the modules of a page; the lines of ``import`` and the wo
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from html import escape
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
+from vdfmu.base.json_text import to_json
 from vdfmu.base.palette import style_sheet
 from vdfmu.compiler.fmu.native import THIRD_PARTY
 from vdfmu.study.report.simulation import compressed
@@ -88,6 +90,17 @@ def script(modules: Sequence[str]) -> str:
     """Return modules of the page as one script."""
     lines = (line for name in modules for line in _text(name).splitlines() if not line.startswith("import "))
     return "\n".join(re.sub("^export ", "", line) for line in lines)
+
+
+def data_element(content: Mapping[str, Any]) -> str:
+    """Return the element of a page that has its content, for ``web/data.js``; nothing in it ends the element."""
+    inert = to_json(content, indent=None).replace("<", "\\u003c")
+    return f'<script id="data" type="application/json">{inert}</script>'
+
+
+def module_element(modules: Sequence[str], more: str = "") -> str:
+    """Return the element that runs modules, and a line more."""
+    return f'<script type="module">\n{script(modules)}\n{more}</script>'
 
 
 def _text(name: str) -> str:

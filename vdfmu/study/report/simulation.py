@@ -37,6 +37,7 @@ from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.link import Link
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report.causes import LESS, causes, scaled_as
+from vdfmu.study.report.curves import packed
 from vdfmu.study.report.tracks import GOOD, OWN, POOR, tracks
 
 ROWS = 100
@@ -362,13 +363,12 @@ def _recorded(results: Results, summary: Mapping[str, Any], names: Sequence[str]
     kept = [name for name in names if name in known]
     judged = [name for name in kept if name.startswith("plant.q[")] or kept
     rows = distinct(np.linspace(0, len(results) - 1, ROWS + 1).round().astype(int))
-    values = np.array([results[name][rows] for name in kept], "<f8").T
+    values = np.array([results[name][rows] for name in kept]).T
     separation = (summary.get("separation") or {}).get("max_position_difference_rad", 0.0)
-    packed = base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()
     return {
         "rows": rows.tolist(),
         "names": kept,
-        "values": packed,
+        "values": packed(values, "<f8"),
         "judged": judged,
         "unit": ", ".join(dict.fromkeys(results.units[name] for name in judged)),
         "limit": max(LIMIT, _APART * separation),

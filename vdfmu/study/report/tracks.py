@@ -36,6 +36,7 @@ from vdfmu.engine.masters.components import Components
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.run.simulator import Simulator
 from vdfmu.study.analysis.linear import least_dry_friction
+from vdfmu.study.report.causes import Names
 
 GOOD, POOR = 0.5, 0.25
 """Modulus margins from which a track is green, and below which it is red."""
@@ -59,8 +60,6 @@ _FRICTION = {row.name for row in section("friction")}
 """Parameters without a track: near standstill friction that falls with speed makes a loop grow for a moment, whatever
 the motion before and after."""
 
-Names = Mapping[str, Mapping[str, float]]
-"""Component, to parameter, to its value in the run."""
 Track = dict[str, Any]
 
 

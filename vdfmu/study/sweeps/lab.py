@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import base64
 import re
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.study.report.curves import packed
 from vdfmu.study.report.shown_run import ShownRun, read_run
 from vdfmu.study.sweeps.axes import is_option, read_axes
 from vdfmu.study.sweeps.plan import of_scenario
@@ -105,8 +105,8 @@ def _column(side: Side, axis: bool) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def study_content(study: StudyTable, changes: Mapping[str, Any] | None, reason: str) -> dict[str, Any]:
-    """Return what the page shows; `changes`: see `base_run`, `reason`: why there are none."""
+def study_content(study: StudyTable) -> dict[str, Any]:
+    """Return what the page shows of the points, without ``changes``, see `base_run`, and the ``reason`` of none."""
     package = str(study.facts["source"]).endswith(".ssp")
     failed = study.failed
     points = study["point"].tolist()
@@ -115,8 +115,6 @@ def study_content(study: StudyTable, changes: Mapping[str, Any] | None, reason: 
         "columns": columns_of(study),
         "failed": [failed.get(point) for point in points],
         "command": "" if package else f"vdfmu run --from {shlex.quote(str(study.path))} --row",
-        "changes": changes,
-        "reason": reason,
         "kept": _kept(study),
     }
 
@@ -151,7 +149,7 @@ def base_run(study: StudyTable, folder: Path) -> tuple[ShownRun, dict[str, Any]]
     units |= {axis.removeprefix("unit:"): value for axis, value in switched.items() if axis.startswith("unit:")}
     plain = {axis: value for axis, value in switched.items() if not axis.startswith("unit:")}
     run(facts["source"], out=folder, reference=False, pictures=(), units=units or None, **given, **plain)
-    return read_run(folder), {"names": names, "rows": rows, "values": _packed(numbers, "<f8")}
+    return read_run(folder), {"names": names, "rows": rows, "values": packed(numbers, "<f8")}
 
 
 def tried_base_run(study: StudyTable, folder: Path) -> tuple[ShownRun | None, dict[str, Any] | None, str]:
@@ -173,15 +171,15 @@ def _kept(study: StudyTable) -> dict[str, Any] | None:
     count = -(-longest // stride)
     if not names or not count or table.num_rows * len(names) * count > MOST_VALUES:
         return None
-    packed = {
+    columns = {
         name: np.array([_padded(row, stride, count) for row in table[name].to_pylist()], "<f4")
         for name in ("time", *names)
     }
-    values = np.stack([packed[name] for name in names], axis=1)
+    values = np.stack([columns[name] for name in names], axis=1)
     units = study.facts["units"]
     return {
         "names": names, "units": [units.get(name, "") for name in names], "count": count,
-        "time": _packed(packed["time"], "<f4"), "values": _packed(values, "<f4"),
+        "time": packed(columns["time"], "<f4"), "values": packed(values, "<f4"),
     }  # fmt: skip
 
 
@@ -190,7 +188,3 @@ def _padded(row: Sequence[float] | None, stride: int, count: int) -> NDArray[Any
     part = list(row or ())[::stride]
     found[: len(part)] = part
     return found
-
-
-def _packed(values: NDArray[Any], kind: str) -> str:
-    return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode()

@@ -42,9 +42,9 @@ def _part(study: StudyTable, folder: Path, simulate: bool) -> tuple[StudyPart, A
     run = None
     try:
         study.values()
-        study_content(study, None, "")
-        base, changes, reason = tried_base_run(study, folder) if simulate else (None, None, "")
-        run, content = base, study_content(study, changes, reason)
+        points = study_content(study)
+        run, changes, reason = tried_base_run(study, folder) if simulate else (None, None, "")
+        content = points | {"changes": changes, "reason": reason}
     except UsageError as error:
         lab = f"<p>{escape(str(error))}</p>"  # no point has a value
     else:

@@ -10,12 +10,11 @@ import numpy as np
 
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
-from vdfmu.base.json_text import to_json
 from vdfmu.compiler.fmu.page import page
 from vdfmu.study.analysis.modes import MOTORS
 from vdfmu.study.report.content import arm_of
 from vdfmu.study.report.curves import packed
-from vdfmu.study.report.scripts import ROBOT, libraries, look, script
+from vdfmu.study.report.scripts import ROBOT, data_element, libraries, look, module_element
 from vdfmu.study.report.shapes import Chain, DrawnShape, drawing_of, own_shapes
 from vdfmu.study.view.shapes import centres
 
@@ -49,7 +48,6 @@ def robot_page(
             "ellipsoids": [part.plain() for part in ellipsoids],
         },
     }
-    inert = to_json(content, indent=None).replace("<", "\\u003c")
     told = "".join(f"<li>{escape(note)}</li>" for note in notes)
     body = "\n".join(
         [
@@ -57,9 +55,9 @@ def robot_page(
             *(f'<section id="{name}" class="card" aria-label="{title}"></section>' for name, title in _SECTIONS),
             "</div></div>",
             f'<section class="card"><h2>Notes</h2><ul>{told}</ul></section>' if notes else "",
-            f'<script id="data" type="application/json">{inert}</script>',
+            data_element(content),
             libraries(),
-            f'<script type="module">\n{script(ROBOT)}\n</script>',
+            module_element(ROBOT),
         ]
     )
     what = robot.description or f"A robot of {robot.n} joints"

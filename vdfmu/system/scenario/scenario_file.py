@@ -26,6 +26,8 @@ from vdfmu.system.scenario.start import with_starts
 from vdfmu.system.scenario.system_file import SystemFile
 from vdfmu.system.scenario.values import section_values
 
+MASTER = "gauss-seidel"
+"""Algorithm of a file that names none."""
 SCENARIO_KEYS = (
     "name",
     "description",
@@ -96,7 +98,7 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None, system:
     stop = file.number("stop", "s", above=0, way_out="Give the end of the run.")
     step = file.number("step", "s", above=0, way_out="Give the communication step.")
     check_step(problems, stop, step)
-    master = file.text("master", "gauss-seidel", ALGORITHMS.names(file.data.get("master", "gauss-seidel")))
+    master = file.text("master", MASTER, ALGORITHMS.names(file.data.get("master", MASTER)))
     adaptive = _adaptive(file, master)
     way_out = f"{SOLVER_TOLERANCE:g} is a good start."
     tolerance = file.number("tolerance", "", SOLVER_TOLERANCE, above=0, way_out=way_out)
