@@ -11,7 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from vdfmu.base.arrays import Floats
+from vdfmu.engine.inspect.inspection import inspect_file
 from vdfmu.engine.results.results import Results
+
+
+def check_file(path: str | Path, run: bool = True) -> list[str]:
+    """Return the problems that the check of a file finds."""
+    return inspect_file(path, run).problems
 
 
 def zipped(members: Mapping[str, str | bytes]) -> bytes:

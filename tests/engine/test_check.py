@@ -7,10 +7,9 @@ import re
 
 import pytest
 
-from tests.engine.files import edited
+from tests.engine.files import check_file, edited
 from vdfmu.base.errors import SspError
 from vdfmu.engine.inspect import trial as check_run
-from vdfmu.engine.inspect.inspection import check_file
 from vdfmu.engine.package import load_ssp
 from vdfmu.engine.package.read import read_system
 from vdfmu.engine.run import check_system, simulate

@@ -14,13 +14,13 @@ from wasmtime import Engine, WasiConfig, wat2wasm
 from wasmtime.component import Component
 
 import vdfmu
+from tests.engine.files import check_file
 from vdfmu.base.errors import CosimError, SspError
 from vdfmu.engine.fmu.classes import class_of
 from vdfmu.engine.fmu.component import sandboxed
 from vdfmu.engine.fmu.description import library_name
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.inspect.abilities import described
-from vdfmu.engine.inspect.inspection import check_file
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.plan.unpacked import unpack_units

@@ -6,8 +6,8 @@ import re
 import zipfile
 from pathlib import Path
 
+from tests.engine.files import check_file
 from tests.hostile.table import Corpus
-from vdfmu.engine.inspect.inspection import check_file
 from vdfmu.engine.package import load_ssp
 from vdfmu.engine.package.parse import NAMESPACES
 

@@ -14,13 +14,13 @@ import pytest
 from fmpy.validation import validate_fmu
 
 import vdfmu
+from tests.engine.files import check_file
 from tests.system.test_decomposed import torso
 from tests.warm import command
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
 from vdfmu.arm.units import package_units
 from vdfmu.base.errors import SspError, UsageError
-from vdfmu.engine.inspect.inspection import check_file
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario import Scenario, load_scenario
 from vdfmu.system.scenario.decomposed import decomposed

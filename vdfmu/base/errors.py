@@ -40,7 +40,9 @@ class ModelError(_ProblemsError):
 class SspError(_ProblemsError):
     """A system description that cannot be run; `problems` lists all of its faults, `notes` what else is to be said."""
 
-    notes: Sequence[str] = ()
+    problems: list[Any]
+    """Each is a `vdfmu.engine.rules.Finding`, as are the notes."""
+    notes: Sequence[Any] = ()
 
 
 class KernelError(VdfmuError):

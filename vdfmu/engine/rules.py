@@ -42,10 +42,20 @@ class Finding(str):
         """Return the finding in other words."""
         return Finding(text, self.rule, self.file, self.line)
 
+    def within(self, place: str) -> Finding:
+        """Return the finding with its place before its text."""
+        return self.reworded(f"{place}: {self}") if place else self
+
 
 def place_of(element: Any) -> Place:
     """Return file and line of an element."""
     return str(element.getroottree().docinfo.URL or ""), element.sourceline or 0
+
+
+def line_of(element: Any) -> str:
+    """Return file and line of an element for messages."""
+    file, line = place_of(element)
+    return f"{file}, line {line}"
 
 
 def finding(number: str, text: str, at: Any = ("", 0)) -> Finding:
@@ -57,16 +67,6 @@ def finding(number: str, text: str, at: Any = ("", 0)) -> Finding:
 def breach(number: str, text: str, at: Any = ("", 0)) -> SspError:
     """Return the error of one finding."""
     return SspError(finding(number, text, at))
-
-
-def within(place: str, text: str) -> str:
-    """Return a text with its place before it; what is a finding stays one."""
-    return reworded(text, f"{place}: {text}" if place else text)
-
-
-def reworded(text: str, words: str) -> str:
-    """Return a text in other words; what is a finding stays one."""
-    return text.reworded(words) if isinstance(text, Finding) else words
 
 
 def fmpy_found(text: str, reworded: str = "") -> Finding:
@@ -168,9 +168,9 @@ RUN003 | Reference results can be read, and the unit gives them | correct the ta
 RUN004 note | All reference results are compared | see why not
 RUN005 note | All signals are finite | do not read or record it
 RUN006 note | The file is run | mend its problems; leave out `--no-run`
-RUN009 | Inputs can be set, and the calls that an FMU declares work | mend the call, or do not declare it
-RUN008 note | An FMU is of FMI 2.0 or 3.0, which the master runs | export it for one of them
 RUN007 | The master can step the system | another master, or another FMU
+RUN008 note | An FMU is of FMI 2.0 or 3.0, which the master runs | export it for one of them
+RUN009 | Inputs can be set, and the calls that an FMU declares work | mend the call, or do not declare it
 SRC001 | A robot, a scenario, a system or a unit is one that its reader takes | change what the text names
 SRC002 note | Nothing in such a file looks like a mistake | see what the text names
 """

@@ -11,10 +11,10 @@ from fmpy.validation import validate_fmu
 
 from tests.compiler.native.binding import Instance, Model
 from tests.compiler.native.test_derivatives import assert_slopes, directional, elements, slopes
+from tests.engine.files import check_file
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import find_unit, package_units
 from vdfmu.compiler.unit import Sampled
-from vdfmu.engine.inspect.inspection import check_file
 
 UNITS = [
     "momentum_observer", "kalman_filter", "notch_filter", "disturbance_observer", "virtual_decomposition",

@@ -18,13 +18,13 @@ from lxml import html
 import vdfmu
 from tests.compiler.fmu.conftest import Unit
 from tests.compiler.native.binding import Instance, Model
+from tests.engine.files import check_file
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import find_unit
 from vdfmu.compiler.unit.evaluate import Plain
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.scipy_solver import ScipySolver
-from vdfmu.engine.inspect.inspection import check_file
 
 FILE = Path(__file__).parent / "own_units.py"
 NATIVE = ("native 2.0", "native 3.0")

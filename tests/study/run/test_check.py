@@ -7,13 +7,14 @@ import zipfile
 
 import pytest
 
+from tests.engine.files import check_file
 from tests.warm import command
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.inspect import trial as check_run
 from vdfmu.engine.inspect.fmu import NOT_RUN
-from vdfmu.engine.inspect.inspection import check_file, inspect_file
+from vdfmu.engine.inspect.inspection import inspect_file
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,8 @@ import zipfile
 
 import pytest
 
-from vdfmu.engine.inspect.inspection import check_file, inspect_file
+from tests.engine.files import check_file
+from vdfmu.engine.inspect.inspection import inspect_file
 
 SPACES = " ".join(
     f'xmlns:{prefix}="http://ssp-standard.org/SSP1/SystemStructure{name}"'

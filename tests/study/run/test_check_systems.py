@@ -5,13 +5,14 @@ import json
 
 import pytest
 
+from tests.engine.files import check_file
 from tests.study.run.conftest import members
 from tests.warm import command
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import StorageError
 from vdfmu.base.files import pack_zip
 from vdfmu.engine.inspect.fmu import NOT_RUN
-from vdfmu.engine.inspect.inspection import check_file, inspect_file
+from vdfmu.engine.inspect.inspection import inspect_file
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import system_values

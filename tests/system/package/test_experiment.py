@@ -7,8 +7,8 @@ import zipfile
 
 import pytest
 
+from tests.engine.files import check_file
 from tests.system.package.problems import problems
-from vdfmu.engine.inspect.inspection import check_file
 from vdfmu.engine.package import load_ssp
 from vdfmu.engine.package.experiment import FOREIGN, Experiment, read_experiment
 from vdfmu.system.package.description import SystemDescription

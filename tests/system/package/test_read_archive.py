@@ -123,7 +123,7 @@ def test_entities_are_refused_in_every_kind_of_file(tmp_path, which, kind):
         with zipfile.ZipFile(path, "w") as file:
             file.writestr("SystemStructure.ssd", evil)
     elif kind == "fmu":
-        from vdfmu.engine.inspect.inspection import check_file
+        from tests.engine.files import check_file
 
         path = tmp_path / "x.fmu"
         with zipfile.ZipFile(path, "w") as file:

@@ -17,7 +17,7 @@ from vdfmu.engine.fmu.variables import FmuVariable, Value, element_names, read_v
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.elements import read_units
 from vdfmu.engine.package.parse import parse_xml
-from vdfmu.engine.rules import breach, finding, fmpy_found
+from vdfmu.engine.rules import Finding, breach, finding, fmpy_found
 
 KINDS = ("CoSimulation", "ModelExchange", "ScheduledExecution")
 COMPONENTS = "wasm32-wasip2"
@@ -128,7 +128,7 @@ def inspect_description(
     implementation: str = "any",
     sizes: Mapping[str, Value] | None = None,
     sandbox: bool | None = None,
-) -> tuple[Description | None, list[str]]:
+) -> tuple[Description | None, list[Finding]]:
     """Read an FMU as far as it goes, with all problems; None when the model description cannot be understood.
 
     `source` is its name in messages, `implementation` the one that the SSD asks for; `sizes` are values of structural
@@ -143,14 +143,14 @@ def inspect_description(
 
 def _inspect(
     unit: Archive, source: str, implementation: str, sizes: Mapping[str, Value], sandbox: bool | None
-) -> tuple[Description | None, list[str]]:
+) -> tuple[Description | None, list[Finding]]:
     xml, names = unit.read("modelDescription.xml"), unit.names
     root = parse_xml(xml, f"{source}: modelDescription.xml")
     version = FMI_VERSIONS.get(root.get("fmiVersion") or "")
     if version is None:
         text = f"{source}: is an FMU of FMI {root.get('fmiVersion')}; the master runs FMI {' and '.join(FMI_VERSIONS)}"
         raise breach("RUN007", text, root)
-    problems: list[str] = []
+    problems: list[Finding] = []
     try:
         model = read_model_description(unit.file)
     except Exception as error:  # fmpy raises bare exceptions

@@ -14,7 +14,7 @@ import fmpy
 from fmpy.validation import validate_model_description
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
-from vdfmu.engine.rules import finding, fmpy_found
+from vdfmu.engine.rules import Finding, finding, fmpy_found, line_of
 
 DESCRIPTION = "modelDescription.xml"
 _SCHEMAS = {
@@ -44,7 +44,7 @@ _TYPE_ATTRIBUTES = (
 """Attributes of a type that fmpy can read."""
 
 
-def description_faults(root: Any) -> tuple[list[str], Any]:
+def description_faults(root: Any) -> tuple[list[Finding], Any]:
     """Return all that breaks the schema or a rule, and fmpy's description, None where it breaks the schema.
 
     fmpy stops at the first reference that leads nowhere. Such references are found here and removed from `root`, so
@@ -73,7 +73,7 @@ def _schema(name: str) -> Any:
     return etree.XMLSchema(file=str(Path(fmpy.__file__).parent / "schema" / name))
 
 
-def schema_faults(root: Any, name: str, where: str) -> list[str]:
+def schema_faults(root: Any, name: str, where: str) -> list[Finding]:
     """Return what breaks a schema of fmpy, such as ``fmi2/fmi2ModelDescription.xsd``."""
     schema = _schema(name)
     if schema.validate(root):
@@ -101,7 +101,7 @@ def _restore_lines(model: Any, root: Any) -> None:
             variable.sourceline = variable.alias.sourceline
 
 
-def _rules(model: Any) -> list[str]:
+def _rules(model: Any) -> list[Finding]:
     """Return fmpy's findings. It takes aliases of FMI 3.0 for variables and expects them in the model structure."""
     everything = model.modelVariables
     aliases = [v for v in everything if v.alias is not None]
@@ -132,7 +132,7 @@ class _Dangling:
     """Finds the references of a description that lead nowhere, and removes them."""
 
     def __init__(self, root: Any) -> None:
-        self.faults: list[str] = []
+        self.faults: list[Finding] = []
         self.root = root
         self.version = str(root.get("fmiVersion"))[0]
         self.variables = list(variables_of(root))
@@ -141,8 +141,7 @@ class _Dangling:
 
     def fault(self, rule: str, item: Any, text: str) -> None:
         name = f"variable {item.get('name')!r}" if item.get("name") is not None else item.tag
-        text = f"{DESCRIPTION}, line {item.sourceline}: {name}: {text}"
-        self.faults.append(finding(rule, text, (DESCRIPTION, item.sourceline)))
+        self.faults.append(finding(rule, f"{line_of(item)}: {name}: {text}", item))
 
     def all(self) -> None:
         """Look at every kind of reference that fmpy follows."""

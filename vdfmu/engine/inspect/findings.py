@@ -7,16 +7,16 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from vdfmu.base.text import elided
-from vdfmu.engine.rules import Finding, finding, reworded, within
+from vdfmu.engine.rules import Finding, finding
 
 
 @dataclass
 class Findings:
     """Problems and notes of a file, or of a part of one."""
 
-    problems: list[str] = field(default_factory=list[str])
+    problems: list[Finding] = field(default_factory=list[Finding])
     """Faults: one sentence or more each, with the place."""
-    notes: list[str] = field(default_factory=list[str])
+    notes: list[Finding] = field(default_factory=list[Finding])
     """Notes, not errors, such as what could not be checked and why."""
     compared: list[str] = field(default_factory=list[str])
     """Files of reference results inside FMUs whose values were compared."""
@@ -24,7 +24,7 @@ class Findings:
     """Whether code of the file was run."""
 
     def problem(self, rule: str, text: str, at: Any = ("", 0)) -> None:
-        """Add a fault; for `at` see `found`."""
+        """Add a fault; for `at` see `finding`."""
         self.problems.append(finding(rule, text, at))
 
     def note(self, rule: str, text: str, at: Any = ("", 0)) -> None:
@@ -39,14 +39,12 @@ class Findings:
         self.compared += [f"{where}: {name}" if where else name for name in other.compared]
 
 
-def _placed(texts: Iterable[str], where: str, file: str) -> Iterable[str]:
-    for text in texts:
-        text = within(where, text)
-        if file and isinstance(text, Finding):
-            text = Finding(text, text.rule, f"{file}: {text.file}".removesuffix(": "), text.line)
-        yield text
+def _placed(findings: Iterable[Finding], where: str, file: str) -> Iterable[Finding]:
+    for each in findings:
+        within = f"{file}: {each.file}".removesuffix(": ") if file else each.file
+        yield Finding(each.within(where), each.rule, within, each.line)
 
 
-def one_line(text: str) -> str:
-    """Return a text without line breaks, and bounded: a problem is one line, whatever a parser or unit says."""
-    return reworded(text, elided("; ".join(line.strip() for line in text.splitlines() if line.strip())))
+def one_line(text: Finding) -> Finding:
+    """Return a finding without line breaks, and bounded: it is one line, whatever a parser or unit says."""
+    return text.reworded(elided("; ".join(line.strip() for line in text.splitlines() if line.strip())))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import posixpath
+from collections import ChainMap
 from collections.abc import Collection, Mapping
 from typing import Any
 from urllib.parse import unquote
@@ -12,7 +13,7 @@ from lxml.etree import QName  # pyright: ignore[reportAttributeAccessIssue]  # l
 
 from vdfmu.engine.inspect.description import DESCRIPTION, schema_faults, variables_of
 from vdfmu.engine.inspect.findings import Findings
-from vdfmu.engine.rules import finding
+from vdfmu.engine.rules import Finding, finding, line_of
 
 TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
 BUILD = "sources/buildDescription.xml"
@@ -21,7 +22,7 @@ _SHOWN = 5
 """Most missing source files that a message names."""
 
 
-def variable_faults(root: Any) -> list[str]:
+def variable_faults(root: Any) -> list[Finding]:
     """Return the variables whose values break their own ranges, those with a wrong `initial`, and faulty aliases."""
     version = str(root.get("fmiVersion"))[0]
     types = {
@@ -29,30 +30,32 @@ def variable_faults(root: Any) -> list[str]:
         for item in root.iterfind("TypeDefinitions/*")
         if version == "3" or len(item)
     }
-    faults: list[str] = []
+    faults: list[Finding] = []
     for item, value in variables_of(root):
-        where, place = (
-            f"{DESCRIPTION}, line {item.sourceline}: variable {item.get('name')!r}",
-            (DESCRIPTION, item.sourceline),
-        )
-        declared = types.get(value.get("declaredType"))
-        faults += [finding("FMI009", f"{where}: {fault}", place) for fault in _range_faults(value, declared)]
-        faults += [finding("FMI020", f"{where}: {fault}", place) for fault in _nominal_fault(value, declared)]
+        stated = _stated(value, types)
+        texts = [("FMI009", _range_fault(stated)), ("FMI020", _nominal_fault(stated.get("nominal")))]
         if version == "2" and item.get("causality") == "input" and item.get("initial") is not None:
             text = f"initial is {item.get('initial')!r}; FMI 2.0 allows none where causality is 'input'"
-            faults.append(finding("FMI010", f"{where}: {text}", place))
+            texts.append(("FMI010", text))
+        where = f"{line_of(item)}: variable {item.get('name')!r}"
+        faults += [finding(rule, f"{where}: {text}", item) for rule, text in texts if text]
     return faults + (_alias_faults(root, types) if version == "2" else [])
 
 
-def _nominal_fault(value: Any, declared: Any) -> list[str]:
-    """Return what is wrong with the nominal value, by which importers scale tolerances; it may come from the type."""
-    text = value.get("nominal") or (declared.get("nominal") if declared is not None else None)
+def _stated(value: Any, types: Mapping[str, Any]) -> ChainMap[str, str]:
+    """Return the attributes of a variable; those that it does not state come from its type."""
+    declared = types.get(value.get("declaredType"))
+    return ChainMap(value.attrib, {} if declared is None else declared.attrib)
+
+
+def _nominal_fault(text: str | None) -> str:
+    """Return what is wrong with a nominal value, by which importers scale tolerances."""
     if text is None or _number(text) is None or (math.isfinite(float(text)) and float(text)):
-        return []
-    return [f"nominal is {text}; expected a finite number other than 0"]
+        return ""
+    return f"nominal is {text}; expected a finite number other than 0"
 
 
-def manifest_faults(name: str, root: Any) -> list[str]:
+def manifest_faults(name: str, root: Any) -> list[Finding]:
     """Return what the manifest of a layered standard does not state."""
     missing = [
         key
@@ -61,7 +64,7 @@ def manifest_faults(name: str, root: Any) -> list[str]:
     ]
     if not missing:
         return []
-    return [finding("FMI021", f"{name}: lacks {', '.join(missing)}", (name, root.sourceline or 0))]
+    return [finding("FMI021", f"{name}: lacks {', '.join(missing)}", root)]
 
 
 _ROLES = (
@@ -73,15 +76,15 @@ _PURPOSES = ("smoke-test", "validation", "uncertainty-analysis")
 """Roles of related files, and what follows experiment/ (FMI-LS-REF 1.0.0-alpha.1, July 2026)."""
 
 
-def related_notes(root: Any) -> list[str]:
+def related_notes(root: Any) -> list[Finding]:
     """Return what breaks the rules of FMI-LS-REF, a draft, in its manifest."""
-    name, faults = REFERENCES, list[str]()
+    faults: list[Finding] = []
     if root.tag != "fmiReferences":
-        faults.append(finding("FMI022", f"{name}: expected the root fmiReferences, got {root.tag!r}", root))
+        faults.append(finding("FMI022", f"{REFERENCES}: expected the root fmiReferences, got {root.tag!r}", root))
     for item in root.iterfind("Related"):
-        where = f"{name}, line {item.sourceline}: {item.get('source')!r}"
+        where = f"{line_of(item)}: {item.get('source')!r}"
         if not item.get("source"):
-            faults.append(finding("FMI022", f"{name}, line {item.sourceline}: a related file has no source", item))
+            faults.append(finding("FMI022", f"{line_of(item)}: a related file has no source", item))
         role, slash, purpose = (item.get("role") or "").partition("/")
         free = role == "serialized-state" or not slash or (role == "experiment" and purpose in _PURPOSES)
         if role not in _ROLES or not free:
@@ -92,59 +95,47 @@ def related_notes(root: Any) -> list[str]:
     return faults
 
 
-def _range_faults(value: Any, declared: Any) -> list[str]:
-    """Return where min <= start <= max does not hold; bounds that a variable does not state come from its type."""
-    bounds: dict[str, float] = {}
-    shown: dict[str, str] = {}
-    for name in ("min", "max"):
-        text = value.get(name)
-        text = declared.get(name) if text is None and declared is not None else text
+def _range_fault(stated: Mapping[str, str]) -> str:
+    """Return where min <= start <= max does not hold."""
+    low, high = (_number(stated.get(name)) for name in ("min", "max"))
+    if low is not None and high is not None and low > high:
+        return f"min {stated['min']} is above max {stated['max']}"
+    for text in stated.get("start", "").split():
         number = _number(text)
-        if text is not None and number is not None:
-            bounds[name], shown[name] = number, text
-    if len(bounds) == 2 and bounds["min"] > bounds["max"]:
-        return [f"min {shown['min']} is above max {shown['max']}"]
-    for text in (value.get("start") or "").split() if bounds else ():
-        number = _number(text)
-        if number is None:
-            continue
-        if "min" in bounds and number < bounds["min"]:
-            return [f"start {text} is below min {shown['min']}"]
-        if "max" in bounds and number > bounds["max"]:
-            return [f"start {text} is above max {shown['max']}"]
-    return []
+        if number is not None and low is not None and number < low:
+            return f"start {text} is below min {stated['min']}"
+        if number is not None and high is not None and number > high:
+            return f"start {text} is above max {stated['max']}"
+    return ""
 
 
 def _number(text: str | None) -> float | None:
     """Return the number in a text, integers exactly; None for text that the schema refuses."""
     if text is None:
         return None
-    try:
-        return int(text)
-    except ValueError:
-        pass
-    try:
-        return float(text)
-    except ValueError:
-        return None
+    for read in (int, float):
+        try:
+            return read(text)
+        except ValueError:
+            pass
+    return None
 
 
-def _alias_faults(root: Any, types: Mapping[str, Any]) -> list[str]:
+def _alias_faults(root: Any, types: Mapping[str, Any]) -> list[Finding]:
     """Return the variables of FMI 2.0 that share a value reference and must not (2.2.7)."""
     shared: dict[tuple[str, str], list[tuple[Any, Any]]] = {}
     for item, value in variables_of(root):
         base = "Integer" if value.tag == "Enumeration" else value.tag
         shared.setdefault((base, item.get("valueReference")), []).append((item, value))
-    faults: list[str] = []
+    faults: list[Finding] = []
     for (_, reference), aliases in shared.items():
         if len(aliases) < 2:
             continue
-        names = ", ".join(repr(item.get("name")) for item, _ in aliases)
-        line = aliases[0][0].sourceline
+        names, first = ", ".join(repr(item.get("name")) for item, _ in aliases), aliases[0][0]
+        where = f"{line_of(first)}: {names} share value reference {reference}"
 
-        def fault(text: str, names: str = names, reference: str = reference, line: int = line) -> None:
-            text = f"{DESCRIPTION}, line {line}: {names} share value reference {reference}: {text}"
-            faults.append(finding("FMI011", text, (DESCRIPTION, line)))
+        def fault(text: str, where: str = where, first: Any = first) -> None:
+            faults.append(finding("FMI011", f"{where}: {text}", first))
 
         constant = [item.get("variability") == "constant" for item, _ in aliases]
         starts = [value.get("start") for _, value in aliases if value.get("start") is not None]
@@ -154,11 +145,8 @@ def _alias_faults(root: Any, types: Mapping[str, Any]) -> list[str]:
             fault(f"constants must have the same start value, they have {', '.join(starts)}")
         elif not any(constant) and len(starts) > 1:
             fault(f"one of them may have a start value, {len(starts)} have")
-        units: list[str] = []
-        for _, value in aliases:
-            declared = types.get(value.get("declaredType"))
-            unit = value.get("unit") or (declared.get("unit") if declared is not None else None)
-            units.append(repr(unit) if unit else "none")
+        stated = [_stated(value, types).get("unit") for _, value in aliases]
+        units = [repr(unit) if unit else "none" for unit in stated]
         if len(set(units)) > 1:
             fault(f"they must have the same unit, they have {', '.join(dict.fromkeys(units))}")
     return faults
@@ -191,16 +179,12 @@ def build_faults(root: Any, build: Any, names: Collection[str]) -> Findings:
     return Findings([finding("FMI014", text, (where, 0))])
 
 
-def terminal_faults(terminals: Any, root: Any) -> list[str]:
+def terminal_faults(terminals: Any, root: Any) -> list[Finding]:
     """Return the variables that terminals name and the model description does not have."""
     known = {item.get("name") for item, _ in variables_of(root)}
     known |= {alias.get("name") for item, _ in variables_of(root) for alias in item.iterfind("Alias")}
     return [
-        finding(
-            "FMI015",
-            f"{TERMINALS}, line {item.sourceline}: {item.tag}: {DESCRIPTION} has no variable {item.get(attribute)!r}",
-            (TERMINALS, item.sourceline),
-        )
+        finding("FMI015", f"{line_of(item)}: {item.tag}: {DESCRIPTION} has no variable {item.get(attribute)!r}", item)
         for item in terminals.iter()
         for attribute in ("variableName", "inStreamVariableName", "outStreamVariableName")
         if item.get(attribute) is not None and item.get(attribute) not in known

@@ -29,7 +29,7 @@ from vdfmu.engine.inspect.fmi import (
 )
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.parse import parse_xml
-from vdfmu.engine.rules import breach, finding, reworded
+from vdfmu.engine.rules import Finding, breach, finding
 
 _VERSION = re.compile(r"[12]\.0|3\.0(\.\d+)?")
 """FMI 1.0 and 2.0 fix the text of fmiVersion; FMI 3.0 leaves a third number open."""
@@ -88,7 +88,7 @@ def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, st
         unit = _read(path, name, findings, outer)
     except SspError as error:
         why = f"{name} is not a readable FMU"
-        return Findings([reworded(p, f"{why}: {p.removeprefix(f'{name}: ')}") for p in error.problems]), None
+        return Findings([p.reworded(f"{why}: {p.removeprefix(f'{name}: ')}") for p in error.problems]), None
     root = unit.roots[DESCRIPTION]
     version = root.get("fmiVersion")
     standard = f"FMI {version}" if version else None
@@ -143,10 +143,10 @@ def read_unit(path: Path) -> Any:
     return fmpy.read_model_description(str(path), validate=False)
 
 
-def _experiment(description: Any) -> list[str]:
+def _experiment(description: Any) -> list[Finding]:
     """Return what is wrong with the times of the default experiment."""
     experiment = description.defaultExperiment
-    problems: list[str] = []
+    problems: list[Finding] = []
 
     def fault(text: str) -> None:
         problems.append(finding("FMI016", f"{DESCRIPTION}: DefaultExperiment: {text}", (DESCRIPTION, 0)))

@@ -7,7 +7,7 @@ import os
 import posixpath
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -38,6 +38,12 @@ class Report(Findings):
     standard: str | None = None
     """Such as ``FMI 3.0``; None where the file does not get that far."""
 
+    @classmethod
+    def of(cls, findings: Findings, path: Path, kind: str, standard: str | None = None) -> Report:
+        """Return the report on a file: each finding once, in a line."""
+        problems, notes = (list(dict.fromkeys(map(one_line, texts))) for texts in (findings.problems, findings.notes))
+        return cls(problems, notes, findings.compared, findings.ran, str(path), kind, standard)
+
     def to_dict(self) -> dict[str, Any]:
         """Return the report for JSON; ``findings`` are problems and notes with rule and place."""
         head = {name: getattr(self, name) for name in ("file", "kind", "standard", "ran", "compared")}
@@ -48,15 +54,9 @@ class Report(Findings):
             }
             for severity, texts in (("problem", self.problems), ("note", self.notes))
             for text in texts
-            if isinstance(text, Finding)
         ]  # fmt: skip
         texts = {"problems": self.problems, "notes": self.notes}
         return {"format": FORMAT, **head, **texts, "findings": findings}
-
-
-def check_file(path: str | os.PathLike[str], run: bool = True) -> list[str]:
-    """Return the problems of a file, every one; an empty list for none. See :func:`inspect_file`."""
-    return inspect_file(path, run).problems
 
 
 def inspect_file(
@@ -97,7 +97,8 @@ def inspect_file(
 
 def _inspect(path: Path, suffix: str, run: bool) -> Report:
     if suffix == ".fmu":
-        return _report(path, "FMU", *check_unit(path, run))
+        findings, standard = check_unit(path, run)
+        return Report.of(findings, path, "FMU", standard)
     with temporary_folder("vdfmu_check_") as folder:
         package = path
         if suffix == ".ssd":
@@ -105,30 +106,20 @@ def _inspect(path: Path, suffix: str, run: bool) -> Report:
             try:
                 _pack(path, package)
             except SspError as error:
-                return _report(path, "SSD", Findings(error.problems), None)
+                return Report.of(Findings(error.problems), path, "SSD")
         findings, standard = check_package(package, Path(folder), run)
         if suffix == ".ssd":
             findings = _renamed(findings, f"{path.name}: {DEFAULT}", path.name)
-    return _report(path, suffix[1:].upper(), findings, standard)
+    return Report.of(findings, path, suffix[1:].upper(), standard)
 
 
 def _renamed(findings: Findings, old: str, new: str) -> Findings:
     """Return findings with another name for a place."""
-    findings.problems, findings.notes = (
-        [
-            Finding(text.replace(old, new), text.rule, text.file.replace(old, new), text.line)
-            if isinstance(text, Finding)
-            else text.replace(old, new)
-            for text in texts
-        ]
+    problems, notes = (
+        [Finding(text.replace(old, new), text.rule, text.file.replace(old, new), text.line) for text in texts]
         for texts in (findings.problems, findings.notes)
     )
-    return findings
-
-
-def _report(path: Path, kind: str, findings: Findings, standard: str | None) -> Report:
-    problems, notes = (list(dict.fromkeys(map(one_line, texts))) for texts in (findings.problems, findings.notes))
-    return Report(problems, notes, findings.compared, findings.ran, str(path), kind, standard)
+    return replace(findings, problems=problems, notes=notes)
 
 
 def _require(path: Path, suffix: str) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import posixpath
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 from urllib.parse import unquote
 
 from vdfmu.base.errors import SspError
@@ -68,7 +68,7 @@ def check_package(path: Path, folder: Path, run: bool) -> tuple[Findings, str | 
 def _check_variant(path: Path, variant: str, folder: Path, stored: dict[str, Path]) -> Findings:
     """Check one SSD, and each of its FMUs that is not yet among those in the folder, whatever else is wrong."""
     system, problems = read_system(path, variant)
-    findings, units = Findings(list(problems)), dict[str, list[str]]()
+    findings, units = Findings(list(problems)), dict[str, list[Finding]]()
     with Archive(path, path.name) as archive:
         sources = [n for n in archive.names if n.lower().endswith(".fmu")]
         if system is not None:
@@ -86,15 +86,13 @@ def _check_variant(path: Path, variant: str, folder: Path, stored: dict[str, Pat
         findings.problems += system.faults
         try:
             checked = check_system(system, algorithm=master_of(system), ignore_unmatched=True)
-            against = Findings(notes=list(checked.notes))
+            against = Findings(notes=cast("list[Finding]", list(checked.notes)))  # others are of values that are given
         except SspError as error:
             against = Findings(error.problems, list(error.notes))
         starts = tuple(f"{c.name}: {c.source}: " for c in system.components if units.get(c.source))
         findings.notes += against.notes
         findings.problems += [
-            text
-            for text in against.problems
-            if not (text.startswith(starts) and isinstance(text, Finding) and text.rule.number.startswith(_OF_UNIT))
+            text for text in against.problems if not (text.startswith(starts) and text.rule.number.startswith(_OF_UNIT))
         ]
         findings.problems = list(dict.fromkeys(findings.problems))
     for source, faults in units.items():
@@ -126,7 +124,7 @@ def _head(archive: Archive, label: str, name: str) -> tuple[Any, Findings]:
     except SspError:
         return None, Findings()  # reported by its check
     version = root.get("version")
-    notes: list[str] = []
+    notes: list[Finding] = []
     if version and version not in SSP_FORMATS:
         text = f"the SSD states version {version!r}; it was checked as SSP {version_of(root)}"
         notes.append(finding("SSP005", text, root))

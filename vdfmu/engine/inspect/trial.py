@@ -108,11 +108,8 @@ def run_apart(
 def _encoded(findings: Findings, whole: bool) -> dict[str, Any]:
     """Return findings as JSON holds them: rules by their numbers, and whether more were to follow."""
     pairs = {
-        key: [
-            (text.rule.number, text, text.file, text.line) if isinstance(text, Finding) else ("RUN001", text, "", 0)
-            for text in texts
-        ]
-        for key, texts in (("problems", findings.problems), ("notes", findings.notes))
+        key: [(each.rule.number, each, each.file, each.line) for each in listed]
+        for key, listed in (("problems", findings.problems), ("notes", findings.notes))
     }
     return {**pairs, "compared": findings.compared, "ran": findings.ran, "whole": whole}
 
@@ -187,9 +184,9 @@ def _run_unit(path: Path, phase: Callable[..., None]) -> Findings:
     return findings
 
 
-def _not_finite(results: npt.NDArray[Any]) -> list[str]:
+def _not_finite(results: npt.NDArray[Any]) -> list[Finding]:
     """Return a note on each signal of a run that is not finite all the time, with its first time."""
-    notes: list[str] = []
+    notes: list[Finding] = []
     for name in (results.dtype.names or ())[1:]:
         rows = results[name].reshape(len(results), -1)
         bad = np.argwhere(~np.isfinite(rows)) if rows.dtype.kind == "f" else np.empty((0, 2), int)

@@ -57,10 +57,10 @@ class Bindings:
 
     def __init__(self, wiring: Wiring) -> None:
         self.wiring = wiring
-        self.fatal: list[str] = []
+        self.fatal: list[Finding] = []
         """Faults that make a parameter source unreadable."""
         self.unmatched: list[Finding] = []
-        self.notes: list[str] = []
+        self.notes: list[Finding] = []
         """Values without effect."""
         self._bound: dict[Key, _Bound] = {}
         self._lost: dict[tuple[str, ...], list[BoundParameter]] = {}
@@ -191,7 +191,7 @@ class Bindings:
     def _entries(self, node: Node, binding: Any, scope: Scope) -> list[_BoundValue]:
         """Return the values of a binding under the names of the node; SspError lists the faults of set and mapping."""
         where = f"{scope.label}: parameter binding of {node.label or 'the system'}"
-        problems: list[str] = []
+        problems: list[Finding] = []
         entries: list[_BoundValue] = []
         mapping: Any = None
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from vdfmu.engine.algorithms import ALGORITHMS, choice, is_continuous
 from vdfmu.engine.package.parse import NAMESPACES
-from vdfmu.engine.rules import finding
+from vdfmu.engine.rules import Finding, finding
 
 EXPERIMENT_TYPE = "org.vdfmu.experiment"
 OSP_TYPE = "com.opensimulationplatform"
@@ -32,7 +32,7 @@ class Experiment:
     """Largest relative error of a coupled signal in a step, for `algorithm`."""
 
 
-def read_experiment(root: Any, where: str) -> tuple[Experiment, list[str]]:
+def read_experiment(root: Any, where: str) -> tuple[Experiment, list[Finding]]:
     """Return the default experiment of an SSD, and what is wrong with it."""
     element = root.find("ssd:DefaultExperiment", NAMESPACES)
     if element is None:
@@ -58,7 +58,7 @@ def read_experiment(root: Any, where: str) -> tuple[Experiment, list[str]]:
     return Experiment(start, stop, step, algorithm, adaptive), reader.problems
 
 
-def read_step(component: Any, where: str) -> tuple[float | None, list[str]]:
+def read_step(component: Any, where: str) -> tuple[float | None, list[Finding]]:
     """Return a component's own step [s], from an annotation of this project or of libcosim."""
     reader = _NumberReader(component, where)
     step = reader.number(
@@ -84,7 +84,7 @@ class _NumberReader:
 
     def __init__(self, element: Any, place: str) -> None:
         self.place = place
-        self.problems: list[str] = []
+        self.problems: list[Finding] = []
         self._element = element
 
     def fault(self, text: str) -> None:

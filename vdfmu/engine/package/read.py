@@ -17,7 +17,7 @@ from vdfmu.engine.package.parse import NAMESPACES, version_of
 from vdfmu.engine.package.system import Component, System
 from vdfmu.engine.package.tree import TreeReader
 from vdfmu.engine.package.wiring import Wiring
-from vdfmu.engine.rules import breach, finding, place_of
+from vdfmu.engine.rules import Finding, breach, finding, place_of
 
 DEFAULT = "SystemStructure.ssd"
 """The SSD that a package must have."""
@@ -57,7 +57,7 @@ def load_ssp(path: str | Path, variant: str = DEFAULT) -> System:
     return system
 
 
-def read_system(path: str | Path, variant: str = DEFAULT) -> tuple[System | None, list[str]]:
+def read_system(path: str | Path, variant: str = DEFAULT) -> tuple[System | None, list[Finding]]:
     """Read as much of a package as can be read, with all problems, none for a package that `load_ssp` takes.
 
     The system is None when there is no SSD to speak of: the package or its SSD cannot be parsed, or is over a limit.
@@ -72,7 +72,7 @@ def read_system(path: str | Path, variant: str = DEFAULT) -> tuple[System | None
         return None, error.problems
 
 
-def _read(archive: Archive, path: Path, variant: str) -> tuple[System, list[str]]:
+def _read(archive: Archive, path: Path, variant: str) -> tuple[System, list[Finding]]:
     scope = Scope(archive, "", "", variant, path.name)
     try:
         root = _structure(scope)
@@ -85,7 +85,7 @@ def _read(archive: Archive, path: Path, variant: str) -> tuple[System, list[str]
         raise breach("SSP003", text) from None  # what a schema would refuse, where there is none
 
 
-def _flattened(root: Any, scope: Scope, path: Path) -> tuple[System, list[str]]:
+def _flattened(root: Any, scope: Scope, path: Path) -> tuple[System, list[Finding]]:
     scope.define(root)
     reader = TreeReader(_structure)
     top = reader.system(root.find("ssd:System", NAMESPACES), scope, None)

@@ -207,14 +207,14 @@ class System:
     """The unit definitions of the SSD."""
     experiment: Experiment = field(default_factory=Experiment)
     """How it is run unless told otherwise."""
-    problems: tuple[str, ...] = ()
+    problems: tuple[Finding, ...] = ()
     """Faults of the wiring, and with `vdfmu.engine.package.read.read_system` of the reading.
     `vdfmu.engine.plan.check` reports them together with faults of the FMUs."""
     unmatched: tuple[Finding, ...] = ()
     """Parameters of system-level bindings that name no element or connector."""
-    notes: tuple[str, ...] = ()
+    notes: tuple[Finding, ...] = ()
     """Notes, not errors: parameters without effect, components with one dotted name."""
-    faults: tuple[str, ...] = ()
+    faults: tuple[Finding, ...] = ()
     """Breaches of rules that do not keep it from being run."""
     version: str = SSP_1.name
     """SSP version."""

@@ -14,7 +14,7 @@ from vdfmu.engine.package.elements import Node, Scope, read_connector, read_conn
 from vdfmu.engine.package.experiment import read_step
 from vdfmu.engine.package.parse import NAMESPACES, version_of
 from vdfmu.engine.package.system import Connector
-from vdfmu.engine.rules import breach, finding
+from vdfmu.engine.rules import Finding, breach, finding
 
 FMU_TYPE = "application/x-fmu-sharedlibrary"
 PACKAGE_TYPE = "application/x-ssp-package"
@@ -34,7 +34,7 @@ class TreeReader:
     """
 
     def __init__(self, structure: Callable[[Scope], Any]) -> None:
-        self.problems: list[str] = []
+        self.problems: list[Finding] = []
         self._structure = structure
         self._open: list[str] = []
         """The systems that are being read from files or by reference, to find circles."""

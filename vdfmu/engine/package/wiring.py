@@ -11,7 +11,7 @@ from vdfmu.base.standards import SSP_FORMATS
 from vdfmu.engine.package.elements import Node, read_boolean, read_transformation
 from vdfmu.engine.package.parse import NAMESPACES
 from vdfmu.engine.package.system import Connection, Connector, Hop, Index, Shape, UnitFactor
-from vdfmu.engine.rules import finding, place_of
+from vdfmu.engine.rules import Finding, finding, place_of
 
 Key = tuple[tuple[str, ...], str]
 Indices = tuple[Index, Index]
@@ -60,7 +60,7 @@ class Wiring:
     """
 
     def __init__(self, top: Node) -> None:
-        self.problems: list[str] = []
+        self.problems: list[Finding] = []
         self.kinds: dict[Key, str] = {}
         """"component", "system" or "dictionary" of every connector."""
         self.forward: dict[Key, list[tuple[Key, Hop, Indices]]] = {}
@@ -69,7 +69,7 @@ class Wiring:
         self.names: dict[tuple[str, ...], str] = {}
         """The components: path to name, which is unique."""
         self._taken: set[str] = set()
-        self.notes: list[str] = []
+        self.notes: list[Finding] = []
         self._add(top)
 
     def _add(self, node: Node) -> None:

@@ -25,7 +25,7 @@ from vdfmu.engine.package.wiring import fits, show_shape
 from vdfmu.engine.plan.conversion import Conversion, MisfitError, Value, as_type, compose
 from vdfmu.engine.plan.link import Link, Port
 from vdfmu.engine.plan.overrides import Starts, why_not
-from vdfmu.engine.rules import Finding, finding, within
+from vdfmu.engine.rules import Finding, finding
 
 _PAIRS = {("output", "input"), ("calculatedParameter", "parameter"), ("calculatedParameter", "input")}
 
@@ -47,7 +47,7 @@ class Checker:
         self.system, self.parameters, self.sandbox = system, parameters, sandbox
         self.strict = strict
         self.problems = list(system.problems)
-        self.notes = list(system.notes)
+        self.notes: list[str] = [*system.notes]
         self.descriptions: dict[str, Description] = {}
         self.ignore_unmatched = ignore_unmatched
         self.clock_links: list[tuple[Port, Port]] = []
@@ -101,7 +101,7 @@ class Checker:
                     read[key], problems = inspect_description(unit, *key[:2], sizes, self.sandbox)
             except SspError as error:
                 read[key], problems = None, error.problems
-            self.problems += [within(component.name, problem) for problem in problems]
+            self.problems += [problem.within(component.name) for problem in problems]
         return read[key]
 
     def _sizes(self, component: Component, description: Description) -> dict[str, Value]:

@@ -13,7 +13,7 @@ from vdfmu.base.errors import VdfmuError
 from vdfmu.base.toml_file import read_toml
 from vdfmu.compiler.unit.interface import Interface, interface_of
 from vdfmu.compiler.unit.load import CodeNotRunError, load_units, reading_only
-from vdfmu.engine.inspect.findings import Findings, one_line
+from vdfmu.engine.inspect.findings import Findings
 from vdfmu.engine.inspect.inspection import Report
 from vdfmu.engine.inspect.trial import run_apart, serve
 from vdfmu.engine.rules import Finding, finding
@@ -52,10 +52,7 @@ def inspect_source(path: Path, robot: str, run: bool = True, say: Callable[[str]
             if code.file != path:
                 text += f"; of {path.name}, what depends on that was not checked"
             findings.notes.append(finding("RUN006", text, (str(path), 0)))
-    return Report(
-        *(list(dict.fromkeys(map(one_line, texts))) for texts in (findings.problems, findings.notes)),
-        ran=findings.ran, file=str(path), kind=kind,
-    )  # fmt: skip
+    return Report.of(findings, path, kind)
 
 
 def _findings(rule: str, lines: Iterable[str], path: Path) -> list[Finding]:
