@@ -61,6 +61,22 @@ def test_state_events_are_located(system, version, step):
     np.testing.assert_allclose(results["b.h"], expected, atol=1e-9, rtol=0)
 
 
+@pytest.mark.parametrize("version", VERSIONS)
+def test_events_of_a_component_without_states_are_located(system, version):
+    switch = exchange(
+        models.Model(
+            "Switch",
+            [models.V("at", "output", start=0.0, variability="discrete"), models.V("z", more={"indicator": "1"})],
+            "static void indicators(Instance *I, double *z) { z[0] = I->time - 0.35; }\n"
+            "static void event(Instance *I) { I->d.at = I->time >= 0.35 && !I->d.at ? I->time : I->d.at; }\n",
+            indicators=1,
+        )
+    )
+    results = simulate(system({"s": (switch, version)}), stop=0.5, step=0.1)
+    # the event is at the first double from 0.35 on, by bisection
+    assert results["s.at"].tolist() == [0.0] * 4 + [0.35] * 2
+
+
 @pytest.mark.heavy
 @pytest.mark.parametrize("step", [0.2, 0.7, 1.0])
 @pytest.mark.parametrize("version", VERSIONS)

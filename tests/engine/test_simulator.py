@@ -76,6 +76,15 @@ def test_a_run_that_fails_leaves_the_next_as_it_is(package):
         assert same(simulator.run(**OPTIONS), alone)
 
 
+def test_messages_of_a_run_stay_when_a_later_one_fails(package):
+    with vdfmu.Simulator(package) as simulator:
+        first = simulator.run(**OPTIONS)
+        before = list(first.messages)
+        with pytest.raises(CosimError, match="plant"):
+            simulator.run(parameters={"plant.I_m[1]": -1.0}, **OPTIONS)
+    assert first.messages == before
+
+
 @pytest.mark.heavy
 def test_isolated_components_run_again(package):
     with vdfmu.Simulator(package, isolate=True) as simulator:

@@ -5,7 +5,7 @@ import zipfile
 import pytest
 
 import vdfmu
-from vdfmu.engine.inspect import inspection as inspect
+from vdfmu.engine.inspect.inspection import Report
 from vdfmu.engine.rules import Finding
 
 
@@ -24,11 +24,11 @@ def planar_run(tmp_path_factory):
 @pytest.fixture(autouse=True)
 def numbered(monkeypatch):
     """Hold of every report that a test makes that each of its findings has a rule."""
-    plain = inspect._report
+    plain = Report.of
 
     def report(*arguments):
         made = plain(*arguments)
         assert all(isinstance(text, Finding) for text in (*made.problems, *made.notes)), made
         return made
 
-    monkeypatch.setattr(inspect, "_report", report)
+    monkeypatch.setattr(Report, "of", report)
