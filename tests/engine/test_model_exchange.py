@@ -90,6 +90,16 @@ def test_the_end_that_a_component_makes(system):
     assert results.summary["ended"] == {"component": "s", "time": pytest.approx(9.0)}
 
 
+def test_a_failure_in_the_step_of_an_end_leaves_the_times_of_the_rows(system):
+    burst = models.Model(
+        "Burst", [models.V("y", "output", start=0.0)],
+        "static void outputs(Instance *I) { I->d.y = I->time > 8.5 ? NAN : 0; }\n", step=1.0,
+    )  # fmt: skip
+    with pytest.raises(CosimError, match="y is nan") as failed:
+        simulate(system({"s": (STAIR, "3.0"), "b": (burst, "3.0")}), stop=12.0, step=1.0)
+    assert failed.value.results.time.tolist() == [float(k) for k in range(9)]
+
+
 @pytest.mark.heavy
 @pytest.mark.parametrize("version", VERSIONS)
 def test_a_sampled_controller_of_an_integrated_plant(system, version):

@@ -13,7 +13,7 @@ from vdfmu.engine.algorithms import ALGORITHMS, Algorithm
 from vdfmu.engine.run import simulate
 
 TOY = '''
-from vdfmu.engine.masters.exchange import SampledStepper
+from vdfmu.engine.masters.sampled import SampledStepper
 
 
 class Halving(SampledStepper):

@@ -7,6 +7,7 @@ import pytest
 
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.masters.observer import visited
+from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.run import simulate
 
 
@@ -91,7 +92,7 @@ def test_a_visitor_is_told_the_time_of_its_rows():
             self.seen.append((components, time, step))
 
     stored = []
-    storing = visited(Visitor(), "components", 5, 1.0, 0.25, stored.append)
+    storing = visited(Visitor(), "components", Grid(1.0, 2.25, 0.25, 5), stored.append)
     for k in range(5):
         storing(k)
     assert stored == list(range(5))

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
-from vdfmu.base.errors import UsageError
 from vdfmu.base.plugins import Plugins, PluginTable
 
 
@@ -17,7 +15,7 @@ class Algorithm:
     """How signals pass between components from one communication point to the next."""
 
     stepper: str
-    """``module:function``, which makes the stepper of a `vdfmu.engine.masters.steppers.Coupling`."""
+    """``module:function``, which makes a `vdfmu.engine.masters.sampled.Stepper` from a `Coupling` beside it."""
     continuous: bool = False
     """Whether coupled signals are continuous, between the communication points too; else inputs hold over a step."""
     ordered: bool = False
@@ -53,29 +51,3 @@ def choice(*, continuous: bool | None = None) -> str:
     """Return the names of all algorithms, or of the algorithms that are `continuous` or not, in words."""
     *names, last = (n for n, a in ALGORITHMS.items() if continuous is None or a.continuous == continuous)
     return f"{', '.join(names)} or {last}" if names else last
-
-
-_MOST = 10**9
-"""Communication steps of a run: 11 days at 1 kHz."""
-_CLOSE = 1e-9
-"""Relative error of a stop that is a multiple of the step; the rounded division has 1e-16."""
-
-
-def count_steps(step: float, stop: float, start: float = 0.0) -> int:
-    """Return the number of communication steps of a run; UsageError if its times [s] do not fit together."""
-    for name, value in (("step", step), ("stop - start" if start else "stop", stop - start)):
-        if not 0.0 < value < math.inf:
-            raise UsageError(f"{name}: expected a positive finite time, got {value:g} s.")
-    ratio, after = (stop - start) / step, f" after start = {start:g} s" if start else ""
-    if ratio > _MOST:
-        raise UsageError(
-            f"stop: expected at most {_MOST:g} steps of {step:g} s, got {stop:g} s. Give an earlier end or a longer "
-            "step."
-        )
-    n = max(1, round(ratio))
-    if abs(ratio - n) > _CLOSE * n:
-        raise UsageError(
-            f"stop: expected a multiple of step = {step:.12g} s{after}, got {stop:.12g} s. The nearest is "
-            f"{start + n * step:.12g} s."
-        )
-    return n

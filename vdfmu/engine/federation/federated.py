@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from numpy import array, intp
 
@@ -23,7 +23,8 @@ from vdfmu.engine.fmu.access import TEXTS
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.plan.checked import Checked
-from vdfmu.engine.run.isolated import Isolated, Limits
+from vdfmu.engine.run.elsewhere import Elsewhere, Limits
+from vdfmu.engine.run.isolated import Isolated
 
 
 class _Federate(Isolated):
@@ -77,7 +78,7 @@ class _Federate(Isolated):
         return error
 
 
-class Federated:
+class Federated(Elsewhere):
     """`Components` and their stepper, in several processes."""
 
     def __init__(
@@ -100,22 +101,13 @@ class Federated:
             place.mkdir()
             part = share(checked, plan.parts[name])
             federate = _Federate(name, self._ended, part, folders, box, place, limits)
+            federate.pressed = lambda: self.pressed()
             self._federates[name] = federate
             for bank, other in zip(self.exchange.banks, federate.exchange.banks, strict=True):
                 own = [(bank.position[port], i) for port, i in other.position.items() if port[0] in part.descriptions]
                 if own and bank.kind not in TEXTS:
                     to, of = array(own, intp).T
                     self._copies.append((bank.memory, to, other.memory, of))
-
-    @property
-    def pressed(self) -> Callable[[], bool]:
-        """Whether the user wants to stop."""
-        return next(iter(self._federates.values())).pressed
-
-    @pressed.setter
-    def pressed(self, asked: Callable[[], bool]) -> None:
-        for federate in self._federates.values():
-            federate.pressed = asked
 
     def load(self) -> None:
         """Start the processes, let them join each other, and load their components."""
@@ -134,7 +126,7 @@ class Federated:
         self._call("initialize", *arguments)
         self._copy()
 
-    def couple(self, *arguments: Any) -> Federated:
+    def couple(self, *arguments: Any) -> Self:
         """See `Components.couple`."""
         self._call("couple", *arguments)
         for federate in self._federates.values():
@@ -156,10 +148,6 @@ class Federated:
             for name, federate in self._federates.items()
         }
         return {"federates": federates, "core": self._plan.core}
-
-    def notes(self) -> list[str]:
-        """Return notes on the run: none."""
-        return []
 
     def close(self) -> CosimError | None:
         """Free all, end the processes, the broker's last, and return the first failure."""

@@ -97,8 +97,8 @@ class ModelExchangeIntegrator:
         steps = 0
         while True:
             before = time
-            if solver is None:
-                time = end
+            if solver is None:  # no states
+                time, state = end, lambda _: x
             else:
                 why = solver.step()
                 if solver.status == "failed":

@@ -17,10 +17,10 @@ from vdfmu.engine.fmu.instance3 import Instance3
 from vdfmu.engine.fmu.integrator import ModelExchangeIntegrator
 from vdfmu.engine.fmu.library import Watch
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
-from vdfmu.engine.masters.continuous import ContinuousStepper
 from vdfmu.engine.masters.events import Events
-from vdfmu.engine.masters.exchange import Exchange, SampledStepper
+from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.masters.probe import reader
+from vdfmu.engine.masters.sampled import Stepper
 from vdfmu.engine.masters.steppers import CONVERGENCE, Coupling
 from vdfmu.engine.plan.checked import Checked
 
@@ -56,7 +56,7 @@ class Components:
         self.exchange = self.exchanges(checked, self.instances, box, words)
         self._watch = watch
         self._events: Events | None = None
-        self._stepper: SampledStepper | ContinuousStepper | None = None
+        self._stepper: Stepper | None = None
         self._kept: list[list[tuple[Instance, c_void_p]]] = []
 
     def load(self) -> None:
@@ -106,7 +106,7 @@ class Components:
 
     def couple(
         self, adaptive: float | None, convergence: float | None, span: float, record: Sequence[str] | None
-    ) -> SampledStepper | ContinuousStepper:
+    ) -> Stepper:
         """Return their stepper, by the algorithm of `checked`; for parameters see `simulate`."""
         make = ALGORITHMS[self.checked.algorithm].load()
         stepper = make(Coupling(self.exchange, self.box, self._events, convergence, adaptive, span))
@@ -156,8 +156,8 @@ class Components:
         """Return all to their state after loading."""
         stepper, self._stepper, self._events = self._stepper, None, None
         with InterruptGuard():
-            if isinstance(stepper, ContinuousStepper):
-                stepper.close()
+            if stepper is not None:
+                stepper.free()
             for instance in self.instances.values():
                 instance.reset()
         self.exchange.checked = self.checked
@@ -169,8 +169,8 @@ class Components:
         """Terminate and free them all; return the first failure. The others become messages."""
         failures: list[CosimError] = []
         try:
-            if isinstance(self._stepper, ContinuousStepper):
-                self._stepper.close()
+            if self._stepper is not None:
+                self._stepper.free()
         except CosimError as error:
             failures.append(error)
         failures += [error for error in [instance.close() for instance in self.instances.values()] if error is not None]

@@ -6,7 +6,6 @@ The algorithms `extrapolated` and `iterative`, with or without error control; `d
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from ctypes import c_void_p
 from typing import Any
 
@@ -18,8 +17,10 @@ from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.masters.coupled import Block, Coupled, CoupledUnit
-from vdfmu.engine.masters.exchange import Exchange, largest_step
+from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.masters.interface import interface_inverse
+from vdfmu.engine.masters.sampled import Stepper
+from vdfmu.engine.plan.grid import largest_step
 
 _FIRST = 1e-5
 """First step of the error control, relative to the longest: it finds the slopes of the signals."""
@@ -33,7 +34,7 @@ _BLIND = 0.1
 """Ratio of allowed error to the largest value of a signal above which there is effectively no control."""
 
 
-class ContinuousStepper:
+class ContinuousStepper(Stepper):
     """Steps the units from one communication point to the next.
 
     All outputs at the end of the step are predicted from their last two values. The units step in the order of the
@@ -79,18 +80,15 @@ class ContinuousStepper:
         self._changing = np.zeros(sum(own.size for _, _, own in coupled.switches), bool)
         self._states: dict[str, c_void_p] = {}
         self._previous, self._last, self._h = self._outputs.copy(), 0.0, math.inf
-        self.pressed: Callable[[], bool] = lambda: False
-        """Whether the user wants to stop, asked between the steps of a row."""
 
     # ------------------------------------------------------------------ steps
 
-    def advance(self, start: float, step: float, stop: float) -> None:
-        """Step all units from `start` by `step` to `stop`, in as many steps as the error control wants."""
+    def advance(self, time: float, step: float, stop: float) -> None:
+        """Step all units from `time` by `step` to `stop`, in as many steps as the error control wants."""
         if self.error is None:
-            self._step(start, step)
+            self._step(time, step)
             self._done(step)
         else:
-            time = start
             if self._h == math.inf:
                 self._h = _FIRST * step
             while time < stop and not self.box.ended:
@@ -348,7 +346,7 @@ class ContinuousStepper:
         if state is not None:
             instance.free_state(state)
 
-    def close(self) -> None:
+    def free(self) -> None:
         """Free the saved states."""
         for name in list(self._states):
             self._free(self.exchange.instances[name])

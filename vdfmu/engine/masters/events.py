@@ -20,7 +20,9 @@ from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import Call
 from vdfmu.engine.fmu.instance3 import Instance3
 from vdfmu.engine.fmu.variables import FmuVariable
-from vdfmu.engine.masters.exchange import Exchange, SampledStepper, largest_step
+from vdfmu.engine.masters.exchange import Exchange
+from vdfmu.engine.masters.sampled import SampledStepper
+from vdfmu.engine.plan.grid import largest_step
 
 _ROUNDS = 100
 """Most events at one time, one after the other."""

@@ -20,7 +20,6 @@ from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.fmu.variables import Value
 from vdfmu.engine.masters.bank import Bank
 from vdfmu.engine.masters.broyden import Broyden
-from vdfmu.engine.masters.together import Together, stages_of
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.inputs import Course
 from vdfmu.engine.plan.link import SOURCE, Link
@@ -33,14 +32,6 @@ _HEAD = 4
 def words_of(checked: Checked) -> int:
     """Return the number of 8-byte words that an exchange needs at most."""
     return _HEAD + sum(len(description.variables) for description in checked.sources.values()) + len(KINDS)
-
-
-def largest_step(time: float, stop: float) -> float:
-    """Return the step from `time` to `stop` that, added to `time`, is not beyond `stop` for any rounding."""
-    step = stop - time
-    while time + step > stop:
-        step = math.nextafter(step, 0.0)
-    return step
 
 
 class Exchange:
@@ -283,58 +274,6 @@ class Exchange:
                 raise UsageError(f"record: no output or connected input matches {text!r}")
             wanted.update(hits)
         return wanted
-
-
-class SampledStepper:
-    """Steps the units by `gauss-seidel` or `jacobi`: inputs are held over a step."""
-
-    def __init__(self, exchange: Exchange) -> None:
-        self._clock, self._size = exchange.clock, exchange.size
-        self.pressed: Callable[[], bool] = lambda: False
-        """Whether the user wants to stop; the master asks between the rows, which are the steps here."""
-        gathers = [bank.gather(slice(0, bank.inputs.size), late=True) for bank in exchange.banks]
-        self.opening = [gather for gather in gathers if gather is not None]
-        """Bring inputs that are not fresh to the outputs at the start of the step."""
-        if exchange.checked.feed is not None:
-            self.opening.insert(0, lambda: exchange.feed(exchange.clock.value))
-        self.stages: list[tuple[Instance, list[Callable[[], None]], list[Call]]] = []
-        """Unit by unit: the instance, what brings its fresh inputs up to date, its calls."""
-        for name in exchange.checked.schedule.units:
-            fresh: list[Callable[[], None]] = []
-            for bank in exchange.banks:
-                start = bank.input_windows[name].start
-                gather = bank.gather(slice(start, start + bank.fresh_counts[name]))
-                if gather is not None:
-                    fresh.append(gather)
-            self.stages.append((exchange.instances[name], fresh, exchange.calls(name)))
-        for group in exchange.checked.schedule.groups:
-            at = next(i for i, (instance, *_) in enumerate(self.stages) if instance.name == group[0])
-            own = slice(at, at + len(group))
-            members = [instance for instance, *_ in self.stages[own]]
-            joined = Together(members, exchange.checked.descriptions, exchange.checked.links, exchange.banks[0])
-            self.stages[own] = stages_of(self.stages[own], joined.step_call(self._clock, self._size))
-        self._calls: list[tuple[Instance, Callable[..., int | None], tuple[Any, ...], str]] = []
-        """The stages as one list, of which a gather has no status."""
-        for instance, gathers, calls in self.stages:
-            self._calls += [(instance, gather, (), "") for gather in gathers]
-            self._calls += [(instance, *call) for call in calls]
-
-    def advance(self, time: float, step: float, stop: float) -> None:
-        """Step all units from `time` by `step`."""
-        self._clock.value, self._size.value = time, step
-        for gather in self.opening:
-            gather()
-        for instance, function, arguments, name in self._calls:
-            if status := function(*arguments):
-                instance.judge(status, name)
-
-    def notes(self) -> list[str]:
-        """Return notes on the run: none."""
-        return []
-
-    def facts(self) -> dict[str, Any]:
-        """Return the summary's entries on the steps: none."""
-        return {}
 
 
 def _finite(outputs: Floats, watched: NDArray[np.intp]) -> Callable[[], bool]:

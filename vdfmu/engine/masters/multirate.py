@@ -10,8 +10,10 @@ from vdfmu.base.errors import UsageError
 from vdfmu.engine.algorithms import ALGORITHMS, choice, is_continuous
 from vdfmu.engine.fmu.access import Call
 from vdfmu.engine.fmu.instance import Instance
-from vdfmu.engine.masters.exchange import Exchange, SampledStepper, largest_step
+from vdfmu.engine.masters.exchange import Exchange
+from vdfmu.engine.masters.sampled import SampledStepper
 from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.grid import largest_step
 from vdfmu.engine.plan.link import Link
 
 

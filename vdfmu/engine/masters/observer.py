@@ -11,6 +11,7 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.engine.masters.exchange import Exchange
+from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.results import Results
 
 
@@ -51,29 +52,22 @@ class Visitor(Protocol):
         ...
 
 
-def visited(
-    visitor: Visitor, components: Any, n: int, begin: float, step: float, store: Callable[[int], None]
-) -> Callable[[int], None]:
+def visited(visitor: Visitor, components: Any, grid: Grid, store: Callable[[int], None]) -> Callable[[int], None]:
     """Return a function that stores a row k and shows the components to its visitor."""
-    rows = visitor.rows(n)
+    rows = visitor.rows(grid.n)
 
     def storing(k: int) -> None:
         store(k)
         if k in rows:
-            visitor.visit(components, begin + k * step, step)
+            visitor.visit(components, grid.time(k), grid.step)
 
     return storing
 
 
 def observed(
-    observer: Observer,
-    exchange: Exchange,
-    about: Mapping[str, Any],
-    begin: float,
-    step: float,
-    store: Callable[[int], None],
+    observer: Observer, exchange: Exchange, about: Mapping[str, Any], grid: Grid, store: Callable[[int], None]
 ) -> Callable[[int], None]:
-    """Return a function that stores row k, at time ``begin + k * step``, and shows it to the observer when due."""
+    """Return a function that stores row k and shows it to the observer when due."""
     names, memory, places = exchange.reals(getattr(observer, "wanted", ("*",)))
     getattr(observer, "begin", lambda names, about: None)(names, about)
     period, due, now = getattr(observer, "period", 0.0), 0.0, clock.perf_counter
@@ -83,7 +77,7 @@ def observed(
         nonlocal due
         store(k)
         if now() >= due:
-            observer.row(begin + k * step, memory.take(columns))
+            observer.row(grid.time(k), memory.take(columns))
             due = now() + period
 
     return storing

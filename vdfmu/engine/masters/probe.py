@@ -14,6 +14,7 @@ from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.grid import Grid
 
 _PLACES = (0.0, 0.21, 0.47, 0.76, 1.0)
 """Places of the rows in a run: uneven, since at the quarters of a motion from rest to rest some signals are zero."""
@@ -55,8 +56,9 @@ class Probe:
 
     Parameters
     ----------
-    Components, and the length [s] of the further step that each does from its kept state, with its inputs held.
-    None is done for 0, or for an end beyond the run's.
+    steps : mapping of str to float
+        Components, and the length [s] of the further step that each does from its kept state, with its inputs held.
+        None is done for 0, or for an end beyond the run's.
 
     Attributes
     ----------
@@ -72,11 +74,11 @@ class Probe:
         self._rows: dict[int, float] = {}
 
     def keeping(
-        self, components: Kept, checked: Checked, begin: float, n: int, store: Callable[[int], None]
+        self, components: Kept, checked: Checked, grid: Grid, store: Callable[[int], None]
     ) -> Callable[[int], None]:
-        """Return a function that stores row k of n + 1, and keeps the states if it is one of the five."""
+        """Return a function that stores row k, and keeps the states if it is one of the five."""
         whole = int(np.lcm.reduce(list(checked.multiples.values()) or [1]))  # where all steps end
-        rows = {n if place == 1.0 else whole * round(place * n / whole) for place in _PLACES}
+        rows = {grid.n if place == 1.0 else whole * round(place * grid.n / whole) for place in _PLACES}
         clock, size = components.exchange.clock, components.exchange.size
         self.readings, self.failure, self._rows = [], "", {}
 
@@ -87,7 +89,7 @@ class Probe:
                     components.keep(list(self.steps))
                 except CosimError as error:
                     self.failure = str(error)
-                self._rows[k] = clock.value + size.value if k else begin
+                self._rows[k] = clock.value + size.value if k else grid.begin
 
         return storing
 

@@ -8,8 +8,9 @@ from vdfmu.base.errors import UsageError
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.masters.continuous import ContinuousStepper
 from vdfmu.engine.masters.events import Events, EventStepper
-from vdfmu.engine.masters.exchange import Exchange, SampledStepper
+from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.masters.multirate import MultirateStepper
+from vdfmu.engine.masters.sampled import SampledStepper
 
 CONVERGENCE = 1e-8
 """Default relative change at which repetitions end."""

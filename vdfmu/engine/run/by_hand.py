@@ -10,40 +10,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.errors import CosimError, UsageError
-from vdfmu.engine.fmu.access import KINDS
+from vdfmu.engine.fmu.access import KINDS, TEXTS
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.masters.components import Components
-from vdfmu.engine.masters.exchange import TEXTS, SampledStepper
+from vdfmu.engine.masters.sampled import SampledStepper
 from vdfmu.engine.package.system import spread
 from vdfmu.engine.plan.conversion import Value, as_type
+from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.plan.overrides import overrides
-from vdfmu.engine.run.session import Run
+from vdfmu.engine.run.session import Session
 
 
 class ByHand:
-    """`n` steps of components that are initialized and coupled, and not isolated; times [s]."""
+    """Steps of components that are initialized and coupled, and not isolated."""
 
-    def __init__(self, run: Run, begin: float, end: float, step: float, n: int) -> None:
-        assert isinstance(run.components, Components)
-        self._run, self._instances = run, run.components.instances
-        run.exchange.recorders(1, ())  # values that are read must be finite
-        run.exchange.refuse_not_finite("initialization", begin)
-        self._one = run.stepping(begin, end, step, n)
-        self._begin, self._end, self._step, self.n, self._k = begin, end, step, n, 0
+    def __init__(self, session: Session, grid: Grid) -> None:
+        assert isinstance(session.components, Components)
+        self._session, self._grid, self._instances = session, grid, session.components.instances
+        session.exchange.recorders(1, ())  # values that are read must be finite
+        session.exchange.refuse_not_finite("initialization", grid.begin)
+        self._one, self._k = session.stepping(grid), 0
         self._sinks: dict[str, list[tuple[Instance, FmuVariable]]] = {}
         self._sources: dict[str, Callable[[], Any]] = {}
-        self._memory = [(bank.memory, bank.memory.copy()) for bank in run.exchange.banks]
+        self._memory = [(bank.memory, bank.memory.copy()) for bank in session.exchange.banks]
         self._states: list[tuple[Instance, c_void_p]] = []
         # arrays of FMI 3.0 are set as a whole, with elements that the instance remembers
-        simple = all(d.saves_state and not d.version.arrays for d in run.checked.descriptions.values())
-        if simple and type(run.stepper) is SampledStepper:
+        simple = all(d.saves_state and not d.version.arrays for d in session.checked.descriptions.values())
+        if simple and type(session.stepper) is SampledStepper:
             self._states = [(instance, instance.saved_state()) for instance in self._instances.values()]
 
     @property
     def time(self) -> float:
         """Time [s]."""
-        return self._end if self._k == self.n else self._begin + self._k * self._step
+        return self._grid.time(self._k)
 
     def restart(self) -> bool:
         """Go back to the start from saved states; False if that needs a new initialization."""
@@ -64,19 +64,19 @@ class ByHand:
         """Do some steps."""
         if not isinstance(count, (int, np.integer)) or count < 0:  # pyright: ignore[reportUnnecessaryIsInstance]
             raise UsageError(f"step: expected a number of steps, 0 or more, got {count!r}.")
-        if count > self.n - self._k:
+        if count > (left := self._grid.n - self._k):
             raise UsageError(
-                f"step: the run ends at t = {self._end:g} s, {self.n - self._k} steps from t = {self.time:g} s. "
+                f"step: the run ends at t = {self._grid.end:g} s, {left} steps from t = {self.time:g} s. "
                 "Reset it, with a later stop."
             )
-        run = self._run
+        box = self._session.box
         for _ in range(count):
             self._one(self._k)
             self._k += 1
-            if run.box.pending:
-                run.box.flush()
-            if run.box.ended:
-                name, time = next(iter(run.box.ended.items()))
+            if box.pending:
+                box.flush()
+            if box.ended:
+                name, time = next(iter(box.ended.items()))
                 raise CosimError(name, "doStep", time, "it ended the simulation")
 
     def set(self, name: str, value: Any) -> None:
@@ -90,7 +90,7 @@ class ByHand:
         sinks[0][0].set_all(made)
 
     def _sinks_of(self, name: str, value: Value) -> list[tuple[Instance, FmuVariable]]:
-        checked = self._run.checked
+        checked = self._session.checked
         fed = {link.end: link.start for link in checked.links}
         found: list[tuple[Instance, FmuVariable]] = []
         for owner, named in overrides(checked.descriptions, {name: value}).items():
@@ -114,7 +114,7 @@ class ByHand:
         return source()
 
     def _source_of(self, name: str) -> Callable[[], Any]:
-        for owner, description in self._run.checked.descriptions.items():
+        for owner, description in self._session.checked.descriptions.items():
             if not name.startswith(f"{owner}."):
                 continue
             wanted, instance = name[len(owner) + 1 :], self._instances[owner]
@@ -147,6 +147,6 @@ class ByHand:
         """Return the place of a number in the master; None if only the component has it."""
         if variable.kind in TEXTS:
             return None
-        bank = self._run.exchange.banks[KINDS.index(variable.kind)]
+        bank = self._session.exchange.banks[KINDS.index(variable.kind)]
         place = bank.position.get((instance.name, variable.name))
         return None if place is None else (bank.memory, place)

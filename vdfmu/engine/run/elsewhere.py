@@ -1,34 +1,62 @@
-"""The hook by which components run elsewhere, on other machines say: what `Simulator` asks of a federation."""
+"""Components that run in other processes: what `Simulator` asks of them, and of a federation."""
 
 from __future__ import annotations
 
+import math
+import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
-from vdfmu.base.errors import CosimError
+from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.masters.exchange import Exchange
+from vdfmu.engine.masters.sampled import Stepper
 from vdfmu.engine.plan.checked import Checked
-from vdfmu.engine.run.isolated import Limits
 
 
-class Elsewhere(Protocol):
-    """Components of a run and their stepper; for the methods see `vdfmu.engine.run.isolated.Isolated`."""
+class Limits:
+    """Limits of components: `time` [s] for a step, and for loading and so on each, and `memory` [MB].
+
+    Default: 300 s, and half of the machine's memory.
+    """
+
+    def __init__(self, time: float | None = None, memory: float | None = None) -> None:
+        self.time = 300.0 if time is None else time
+        self.memory = _half_of_memory() if memory is None else memory
+        for name, value, unit in (("wait_limit", self.time, "s"), ("memory_limit", self.memory, "MB")):
+            if not value > 0.0:
+                raise UsageError(f"{name} must be positive, got {value:g} {unit}")
+
+
+def _half_of_memory() -> float:
+    """Return half of the machine's memory [MB]; infinite where it is unknown."""
+    try:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**21
+    except (AttributeError, ValueError, OSError):
+        return math.inf
+
+
+class Elsewhere(Stepper):
+    """Components of a run and their stepper in one; `exchange` reads the values that they have there."""
 
     exchange: Exchange
 
-    @property
-    def pressed(self) -> Callable[[], bool]: ...  # noqa: D102
-    @pressed.setter
-    def pressed(self, asked: Callable[[], bool]) -> None: ...
-    def load(self) -> None: ...  # noqa: D102
-    def initialize(self, *arguments: Any) -> None: ...  # noqa: D102
-    def couple(self, *arguments: Any) -> Elsewhere: ...  # noqa: D102
-    def advance(self, time: float, step: float, stop: float) -> None: ...  # noqa: D102
-    def facts(self) -> dict[str, Any]: ...  # noqa: D102
-    def notes(self) -> list[str]: ...  # noqa: D102
-    def close(self) -> CosimError | None: ...  # noqa: D102
+    def load(self) -> None:
+        """Load the libraries and create the instances."""
+        raise NotImplementedError
+
+    def initialize(self, *arguments: Any) -> None:
+        """See `vdfmu.engine.masters.components.Components.initialize`."""
+        raise NotImplementedError
+
+    def couple(self, *arguments: Any) -> Self:
+        """Prepare the steps, see `Components.couple`."""
+        raise NotImplementedError
+
+    def close(self) -> CosimError | None:
+        """Terminate and free all; return the first failure."""
+        raise NotImplementedError
 
 
 Making = Callable[[Checked, Mapping[str, Path], MessageBox, Path, Limits], Elsewhere]

@@ -9,24 +9,24 @@ from __future__ import annotations
 
 import math
 import mmap
-import os
 import pickle
 import signal
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from time import monotonic
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.child import SIZE, Child
-from vdfmu.base.errors import CosimError, UsageError, VdfmuError
+from vdfmu.base.errors import CosimError, VdfmuError
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.exchange import Exchange, words_of
 from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.run.elsewhere import Elsewhere, Limits
 
 STEP = struct.Struct("<ddd")
 """Time, step and stop of `advance`, after a length of 0: 1.1 us on both sides; a pickled message takes 6.7 us."""
@@ -40,29 +40,7 @@ _PATIENCE = 0.5
 """Time that a step has to end after Ctrl-C [s]."""
 
 
-class Limits:
-    """Limits of components: `time` [s] for a step, and for loading and so on each, and `memory` [MB].
-
-    Default: 300 s, and half of the machine's memory.
-    """
-
-    def __init__(self, time: float | None = None, memory: float | None = None) -> None:
-        self.time = 300.0 if time is None else time
-        self.memory = _half_of_memory() if memory is None else memory
-        for name, value, unit in (("wait_limit", self.time, "s"), ("memory_limit", self.memory, "MB")):
-            if not value > 0.0:
-                raise UsageError(f"{name} must be positive, got {value:g} {unit}")
-
-
-def _half_of_memory() -> float:
-    """Return half of the machine's memory [MB]; infinite where it is unknown."""
-    try:
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**21
-    except (AttributeError, ValueError, OSError):
-        return math.inf
-
-
-class Isolated:
+class Isolated(Elsewhere):
     """`Components` and their stepper, in a process of their own."""
 
     server = "vdfmu.engine.run.isolated_server"
@@ -77,7 +55,6 @@ class Isolated:
         self._memory.write_bytes(bytes(8 * words_of(checked)))
         self.exchange = Exchange(checked, {}, box, mapped(self._memory))
         self.content = pickle.dumps((checked, dict(folders)))
-        self.pressed: Callable[[], bool] = lambda: False
         self._child: Child | None = None
         self._pressed_at, self._cut_off, self._late, self._stepping = math.inf, False, False, False
 
@@ -100,7 +77,7 @@ class Isolated:
         self.box.time = arguments[0]
         self.ask("initialize", *arguments)
 
-    def couple(self, *arguments: Any) -> Isolated:
+    def couple(self, *arguments: Any) -> Self:
         """See `Components.couple`."""
         self.ask("couple", *arguments)
         self._stepping = True

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Unpack
@@ -12,7 +12,7 @@ import numpy as np
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.option import lists_options, with_options
 from vdfmu.base.show_progress import shown_steps
-from vdfmu.engine.algorithms import ALGORITHMS, choice, count_steps, is_continuous
+from vdfmu.engine.algorithms import ALGORITHMS, choice, is_continuous
 from vdfmu.engine.fmu.messages import LogMessage
 from vdfmu.engine.masters.components import CONVERGENCE, Components
 from vdfmu.engine.masters.multirate import with_steps
@@ -23,13 +23,15 @@ from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import System
 from vdfmu.engine.plan.check import Value, check_system, with_parameters
 from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.grid import Grid, count_steps
 from vdfmu.engine.plan.inputs import outside, read_inputs
 from vdfmu.engine.plan.schedule import DEFAULT
 from vdfmu.engine.results.formats import format_of
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.by_hand import ByHand
-from vdfmu.engine.run.isolated import Limits
-from vdfmu.engine.run.session import Run
+from vdfmu.engine.run.elsewhere import Limits
+from vdfmu.engine.run.one_run import Run
+from vdfmu.engine.run.session import Session
 
 
 @lists_options
@@ -77,7 +79,7 @@ class Simulator:
         check_coupling(options["algorithm"] or DEFAULT, options["adaptive"], options["convergence"])
         self._options, self._limits = options, Limits(options["wait_limit"], options["memory_limit"])
         self._checked: Checked | None = None
-        self._run: Run | None = None
+        self._session: Session | None = None
         self._by_hand: ByHand | None = None
         self._begun: Any = None
 
@@ -96,9 +98,9 @@ class Simulator:
 
     def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
         self._end_by_hand()
-        run, self._run, self._checked = self._run, None, None
-        if run is not None:
-            run.__exit__(None, error)
+        session, self._session, self._checked = self._session, None, None
+        if session is not None:
+            session.__exit__(None, error)
 
     @with_options
     def run(
@@ -127,29 +129,27 @@ class Simulator:
         UsageError, CosimError, Interrupted, VdfmuError
             See :func:`vdfmu.simulate`; UsageError outside the block, too.
         """
-        begin, end, step, n = self.grid(options["start"], options["stop"], options["step"])
-        stream, record, adaptive = options["stream"], options["record"], self._options["adaptive"]
+        grid, stream = self.grid(options["start"], options["stop"], options["step"]), options["stream"]
         files = [stream] if isinstance(stream, Path) else list(stream or ())
         for path in files:
             format_of(path).needs()
-        checked = self._prepared(step, parameters)
-        reach = outside(self._tables, begin, end)
+        checked = self._prepared(grid.step, parameters)
+        reach = outside(self._tables, grid.begin, grid.end)
         with self._freeing():
-            run = self._ready(checked)
-            run.box.pending += [LogMessage("", begin, "note", "", note) for note in reach]
-            self._initialize(run, begin, end)
-            run.summary |= {
+            session = self._ready(checked)
+            session.box.pending += [LogMessage("", grid.begin, "note", "", note) for note in reach]
+            self._initialize(session, grid)
+            summary = {
                 **(options["about"] or {}),
-                "system": self._system.name, "algorithm": checked.algorithm, "adaptive": adaptive,
-                "order": list(checked.schedule.units), "start": begin, "stop": end, "step": step, "steps": n,
-                "isolated": run.isolated, "notes": [*checked.notes, *reach],
+                "system": self._system.name, "algorithm": checked.algorithm, "adaptive": self._options["adaptive"],
+                "order": list(checked.schedule.units), "start": grid.begin, "stop": grid.end, "step": grid.step,
+                "steps": grid.n, "isolated": session.isolated, "notes": [*checked.notes, *reach],
             }  # fmt: skip
-            run.stepper = run.components.couple(adaptive, self._options["convergence"], end - begin, record)
-            with shown_steps(options["progress"], "co-simulation") as advance:
-                run.results = run.steps(
-                    begin, end, step, n, record, advance, files, options["observer"], probe, visitor, options["pace"]
-                )
-        return run.results
+            self._couple(session, grid, options["record"])
+            with shown_steps(options["progress"], "co-simulation") as progress:
+                run = Run(session, grid, summary, options, files, probe, visitor)
+                session.results = run.steps(progress)
+        return session.results
 
     def reset(
         self,
@@ -170,22 +170,20 @@ class Simulator:
             See :meth:`run`; UsageError for components that are isolated, too.
         """
         given = {key: np.asarray(value).tolist() for key, value in (parameters or {}).items()}
-        wanted = self.grid(start, stop, step), given
+        grid = self.grid(start, stop, step)
+        wanted = grid, given
         if self._by_hand is not None and self._begun == wanted:
             with self._freeing():
                 if self._by_hand.restart():
                     return
-        begin, end, step, n = wanted[0]
-        checked = self._prepared(step, parameters)
+        checked = self._prepared(grid.step, parameters)
         with self._freeing():
-            run = self._ready(checked)
-            if not isinstance(run.components, Components):
+            session = self._ready(checked)
+            if not isinstance(session.components, Components):
                 raise UsageError("reset: isolated components are not stepped by hand; use isolate=False.")
-            self._initialize(run, begin, end)
-            run.stepper = run.components.couple(
-                self._options["adaptive"], self._options["convergence"], end - begin, ()
-            )
-            self._by_hand, self._begun = ByHand(run, begin, end, step, n), wanted
+            self._initialize(session, grid)
+            self._couple(session, grid, ())
+            self._by_hand, self._begun = ByHand(session, grid), wanted
 
     def step(self, count: int = 1) -> None:
         """Do steps by hand; UsageError beyond the stop, CosimError if a component fails or ends the run."""
@@ -225,7 +223,7 @@ class Simulator:
         try:
             yield
         except kind as error:
-            failed, self._run, self._by_hand = self._run, None, None
+            failed, self._session, self._by_hand = self._session, None, None
             if failed is not None:
                 failed.__exit__(type(error), error)
             raise
@@ -252,47 +250,50 @@ class Simulator:
         UsageError, CosimError, Interrupted, VdfmuError
             See :meth:`run`.
         """
-        begin, end, step, _ = self.grid(None, None, step)
-        if time is None or time == begin:
-            assert self._checked is not None
-            run = self._ready(with_steps(self._checked, step))
-            self._initialize(run, begin, end)
-            assert isinstance(run.components, Components)
-            return run.components
-        if not begin < time < np.inf:
-            raise UsageError(f"at: expected a time of the run, which starts at {begin:g} s; got {time:g} s.")
-        self.run(stop=time, step=step, record=())
-        assert self._run is not None
-        components = self._run.components
+        grid = self.grid(None, None, step)
+        time = grid.begin if time is None else time
+        if time == grid.begin:
+            self._initialize(self._ready(self._prepared(grid.step, None)), grid)
+        elif grid.begin < time < np.inf:
+            self.run(stop=time, step=grid.step, record=())
+        else:
+            raise UsageError(f"at: expected a time of the run, which starts at {grid.begin:g} s; got {time:g} s.")
+        assert self._session is not None
+        components = self._session.components
         assert isinstance(components, Components)
-        components.bring_inputs(time)
+        if time != grid.begin:
+            components.bring_inputs(time)
         return components
 
-    def _ready(self, checked: Checked) -> Run:
+    def _ready(self, checked: Checked) -> Session:
         """Return the components as they are after loading."""
         self._end_by_hand()
-        run = self._run
-        if run is not None and run.isolated:
-            self._run = None
-            run.__exit__(None, None)
-            run = None
-        if run is None:
+        session = self._session
+        if session is not None and session.isolated:
+            self._session = None
+            session.__exit__(None, None)
+            session = None
+        if session is None:
             log, isolate = self._options["log"], self._options["isolate"]
-            self._run = run = Run(checked, log, isolate, self._limits, self._apart).__enter__()
+            self._session = session = Session(checked, log, isolate, self._limits, self._apart).__enter__()
         else:
-            run.reset(checked)
-        return run
+            session.reset(checked)
+        return session
 
-    def _initialize(self, run: Run, begin: float, end: float) -> None:
-        options = self._options
-        run.components.initialize(begin, end, options["tolerance"], options["convergence"] or CONVERGENCE)
+    def _initialize(self, session: Session, grid: Grid) -> None:
+        convergence = self._options["convergence"] or CONVERGENCE
+        session.components.initialize(grid.begin, grid.end, self._options["tolerance"], convergence)
+
+    def _couple(self, session: Session, grid: Grid, record: Sequence[str] | None) -> None:
+        adaptive, convergence = self._options["adaptive"], self._options["convergence"]
+        session.stepper = session.components.couple(adaptive, convergence, grid.end - grid.begin, record)
 
     def _end_by_hand(self) -> None:
         if self._by_hand is not None:
             self._by_hand.close()
             self._by_hand = None
 
-    def grid(self, start: float | None, stop: float | None, step: float | None) -> tuple[float, float, float, int]:
+    def grid(self, start: float | None, stop: float | None, step: float | None) -> Grid:
         """Return start, stop, step and number of steps; UsageError when they do not fit."""
         experiment = self._system.experiment
         begin = start if start is not None else experiment.start or 0.0
@@ -302,7 +303,7 @@ class Simulator:
             raise UsageError("no stop time: the system's default experiment has none, give stop")
         if step is None:
             raise UsageError("no communication step: the system's default experiment has none, give step")
-        return float(begin), float(end), float(step), count_steps(step, end, begin)
+        return Grid(float(begin), float(end), float(step), count_steps(step, end, begin))
 
 
 def _sizes(checked: Checked) -> dict[str, Value]:

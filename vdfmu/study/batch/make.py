@@ -14,7 +14,7 @@ from vdfmu.compiler.c.programs import native_available
 from vdfmu.compiler.unit.evaluate import Traced
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.engine.algorithms import ALGORITHMS, choice
-from vdfmu.engine.masters.exchange import largest_step
+from vdfmu.engine.plan.grid import largest_step
 from vdfmu.engine.plan.inputs import Course
 from vdfmu.study.batch.program import BatchProgram
 from vdfmu.study.batch.source import lane_sources

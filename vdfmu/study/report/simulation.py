@@ -2,7 +2,7 @@
 
 A unit is compiled from the C files in its FMU, without the derivatives of its functions, which the page does not need.
 The functions are FMI 2.0's, in which a value reference is a position, whatever the version of the FMU.
-``web/master.js`` steps the units like :class:`~vdfmu.engine.masters.exchange.SampledStepper`.
+``web/master.js`` steps the units like :class:`~vdfmu.engine.masters.sampled.SampledStepper`.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from vdfmu.compiler.c.programs import native_available
 from vdfmu.compiler.fmu.content import installed_digest
 from vdfmu.compiler.fmu.native import fmi_headers
 from vdfmu.engine.fmu.variables import FmuVariable, Value
-from vdfmu.engine.masters.exchange import largest_step
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.grid import largest_step
 from vdfmu.engine.plan.link import Link
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report.causes import LESS, causes, scaled_as

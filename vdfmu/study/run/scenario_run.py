@@ -24,9 +24,10 @@ from vdfmu.base.standards import PYTHON_FMI
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.base.text import error_text
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
-from vdfmu.engine.algorithms import ALGORITHMS, choice, count_steps
+from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.inspect.loops import Poses
 from vdfmu.engine.options import CouplingOptions
+from vdfmu.engine.plan.grid import count_steps
 from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.engine.results.folder import (
     DRAWN,

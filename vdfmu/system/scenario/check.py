@@ -11,7 +11,7 @@ from vdfmu.arm.robot.robot import Robot
 from vdfmu.base.errors import UsageError
 from vdfmu.base.measure import WIDE_ANGLE
 from vdfmu.base.toml_tables import Problems
-from vdfmu.engine.algorithms import count_steps
+from vdfmu.engine.plan.grid import count_steps
 from vdfmu.system.scenario.scenario import Scenario
 from vdfmu.system.scenario.values import section_values
 

@@ -1,0 +1,61 @@
+"""The communication points of a run."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError
+
+_MOST = 10**9
+"""Communication steps of a run: 11 days at 1 kHz."""
+_CLOSE = 1e-9
+"""Relative error of a stop that is a multiple of the step; the rounded division has 1e-16."""
+
+
+class Grid(NamedTuple):
+    """Begin, end and communication step of a run [s], and the number of its steps: times are counted, never summed."""
+
+    begin: float
+    end: float
+    step: float
+    n: int
+
+    def time(self, k: int) -> float:
+        """Return the time of point k, from 0 to n [s]."""
+        return self.end if k == self.n else self.begin + k * self.step
+
+    def times(self, first: int, after: int) -> Floats:
+        """Return the times of the points from `first` to before `after`, without rounding the last to the end."""
+        return self.begin + self.step * np.arange(first, after, dtype=np.float64)
+
+
+def count_steps(step: float, stop: float, start: float = 0.0) -> int:
+    """Return the number of communication steps of a run; UsageError if its times [s] do not fit together."""
+    for name, value in (("step", step), ("stop - start" if start else "stop", stop - start)):
+        if not 0.0 < value < math.inf:
+            raise UsageError(f"{name}: expected a positive finite time, got {value:g} s.")
+    ratio, after = (stop - start) / step, f" after start = {start:g} s" if start else ""
+    if ratio > _MOST:
+        raise UsageError(
+            f"stop: expected at most {_MOST:g} steps of {step:g} s, got {stop:g} s. Give an earlier end or a longer "
+            "step."
+        )
+    n = max(1, round(ratio))
+    if abs(ratio - n) > _CLOSE * n:
+        raise UsageError(
+            f"stop: expected a multiple of step = {step:.12g} s{after}, got {stop:.12g} s. The nearest is "
+            f"{start + n * step:.12g} s."
+        )
+    return n
+
+
+def largest_step(time: float, stop: float) -> float:
+    """Return the step from `time` to `stop` that, added to `time`, is not beyond `stop` for any rounding."""
+    step = stop - time
+    while time + step > stop:
+        step = math.nextafter(step, 0.0)
+    return step

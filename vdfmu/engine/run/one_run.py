@@ -1,0 +1,192 @@
+"""One run of components: its steps, its rows, its results."""
+
+from __future__ import annotations
+
+import signal
+import time as clock
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vdfmu.base.errors import CosimError
+from vdfmu.base.interrupt import InterruptGuard
+from vdfmu.engine.fmu.messages import LogMessage
+from vdfmu.engine.masters.components import Components
+from vdfmu.engine.masters.observer import Visitor, observed, visited
+from vdfmu.engine.masters.pace import Pace
+from vdfmu.engine.masters.probe import Probe
+from vdfmu.engine.plan.grid import Grid
+from vdfmu.engine.results.formats import format_of, suffix_of
+from vdfmu.engine.results.recorded import copies_of
+from vdfmu.engine.results.recorder import ROWS, SECONDS, Recorder
+from vdfmu.engine.results.results import Results
+from vdfmu.engine.run.isolated import Isolated
+from vdfmu.engine.run.session import Session
+
+
+class Interrupted(KeyboardInterrupt):
+    """The signal `number` stopped the run between two steps; `results` holds the rows so far."""
+
+    def __init__(self, time: float, results: Results, number: int = signal.SIGINT) -> None:
+        super().__init__(f"interrupted at t = {time:.9g} s")
+        self.time = time
+        self.results = results
+        self.number = number
+
+
+class Run:
+    """A run of components that are initialized and coupled.
+
+    Parameters
+    ----------
+    session : Session
+    grid : Grid
+    summary : dict
+        Its facts; the run adds to them.
+    options : mapping
+        See :class:`vdfmu.engine.options.RowOptions`; of these `record`, `observer` and `pace` count here.
+    files : sequence of Path
+        Where its rows go.
+    probe, visitor
+        See :meth:`vdfmu.Simulator.run`.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        grid: Grid,
+        summary: dict[str, Any],
+        options: Mapping[str, Any],
+        files: Sequence[Path] = (),
+        probe: Probe | None = None,
+        visitor: Visitor | None = None,
+    ) -> None:
+        self._session, self._grid, self.summary, self._files = session, grid, summary, files
+        self._observer, self._probe, speed = options["observer"], probe, options["pace"]
+        self._done = -1
+        """The last complete row."""
+        exchange, components = session.exchange, session.components
+        self._one = session.stepping(grid)
+        block = ROWS if files and speed is None else grid.n + 1
+        self._signals, self._data, store = exchange.recorders(block, options["record"])
+        self._recorder = None
+        if files:
+            longest = SECONDS if speed is None else np.inf
+            self._recorder = Recorder(files, self._signals, self._data, store, grid.times, longest)
+            store = self._recorder.store
+        if self._observer is not None:
+            store = observed(self._observer, exchange, summary, grid, store)
+        if probe is not None:
+            assert isinstance(components, (Components, Isolated))
+            store = probe.keeping(components, session.checked, grid, store)
+        if visitor is not None and isinstance(components, Components):
+            store = visited(visitor, components, grid, store)
+        self._guard = InterruptGuard()
+        self._pace = None if speed is None else Pace(speed, grid.step, store, self._stopped)
+        self._store = store if self._pace is None else self._pace.store
+
+    def _stopped(self) -> bool:
+        """Whether the user wants to stop."""
+        return self._guard.number != 0
+
+    def steps(self, progress: Any) -> Results:
+        """Do the steps and return the results; `progress` is called as ``progress(k, n)``, if it is not None."""
+        session, grid, guard, box = self._session, self._grid, self._guard, self._session.box
+        session.save = self._saved
+        self._began = clock.perf_counter()
+        stride = max(1, -(-grid.n // 100))
+        try:
+            with guard, self._pace or nullcontext(), np.errstate(invalid="ignore"):  # finite() looks for them
+                session.stepper.pressed = self._stopped
+                session.exchange.refuse_not_finite("initialization", grid.begin)
+                self._store(0)
+                self._done = 0
+                if progress is not None:
+                    progress(0, grid.n)
+                while self._done < grid.n and not box.ended:
+                    self._do(range(self._done, min(grid.n, self._done + stride)))
+                    if progress is not None:
+                        progress(self._done, grid.n)
+        except CosimError as error:
+            box.flush()
+            error.results = self._results()
+            if np.isnan(error.time):
+                error.time = box.time
+            raise
+        except KeyboardInterrupt:
+            box.flush()
+            number = guard.number or signal.SIGINT
+            raise Interrupted(grid.time(max(self._done, 0)), self._results(), number) from None
+        for note in session.stepper.notes():
+            self.summary["notes"].append(note)
+            box.pending.append(LogMessage("", box.time, "note", "", note))
+        box.flush()
+        found = self._results()
+        if self._probe is not None and not box.ended:
+            assert isinstance(session.components, (Components, Isolated))
+            self._probe.read(session.components, session.checked, grid.end)
+        return found
+
+    def _do(self, steps: range) -> None:
+        """Do some steps, until a component ends the simulation."""
+        box, one, store, guard = self._session.box, self._one, self._store, self._guard
+        pending, ended = box.pending, box.ended
+        for k in steps:
+            one(k)
+            store(k + 1)
+            self._done = k + 1
+            if ended:
+                self._done = self._end(k, box.time)
+                break
+            if pending:
+                box.flush()
+            if guard.number:
+                raise KeyboardInterrupt
+
+    def _end(self, k: int, time: float) -> int:
+        """Note that a unit ended the simulation in the step after row k, at `time`; return the last row."""
+        box, exchange = self._session.box, self._session.exchange
+        unit, at = min(box.ended.items(), key=lambda item: item[1])
+        reached = exchange.clock.value + exchange.size.value
+        if not time <= at <= reached:  # the unit knows no last successful time, or rounds it differently
+            at = reached
+        last = k + 1 if at > time else k
+        note = f"{unit} ended the simulation at t = {at:.9g} s"
+        if at < reached and last > k:
+            note += f"; the last row has its values of then, and those of the others of t = {reached:.9g} s"
+        self.summary |= {"stop": at, "steps": last, "ended": {"component": unit, "time": at}}
+        self.summary["notes"].append(note)
+        box.pending.append(LogMessage("", at, "note", "", note))
+        return last
+
+    def _results(self) -> Results:
+        """Return the rows so far, and write them to files whose format does not stream."""
+        summary, done, box, recorder = self.summary, self._done, self._session.box, self._recorder
+        summary["wall_s"] = clock.perf_counter() - self._began - (recorder.seconds if recorder else 0.0)
+        if self._pace is not None:
+            summary["wall_s"] -= self._pace.waited
+            summary["pace"] = self._pace.facts()
+        summary |= self._session.stepper.facts()
+        if recorder:
+            summary["copies"] = copies_of(self._signals)
+        time, rows = self._grid.times(0, done + 1), slice(0, done + 1)
+        if done == self._grid.n or "ended" in summary:
+            time[done] = summary["stop"]
+        kept = recorder.finish(time) if recorder else {kind: array[rows] for kind, array in self._data.items()}
+        found = Results(time, self._signals, kept, summary, box.kept)
+        for path in self._files if done >= 0 else ():
+            if not (form := format_of(path)).streams:
+                form.write(found, path)
+            else:  # tells a reader that the copies belong to this file
+                summary[f"{suffix_of(path)[1:]}_bytes"] = path.stat().st_size
+        if self._observer is not None and done >= 0:
+            getattr(self._observer, "end", lambda results: None)(found)
+        return found
+
+    def _saved(self) -> str:
+        self._results()
+        files = " and ".join(map(str, self._files))
+        return f" The rows so far are in {files}." if files and self._done >= 0 else ""
