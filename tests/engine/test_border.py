@@ -38,5 +38,5 @@ def test_a_foreign_package_loads_neither_the_arm_nor_its_libraries(pack, tmp_pat
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=120)
     assert done.returncode == 0, done.stderr
     loaded = json.loads(done.stdout.splitlines()[-1])
-    assert "vdfmu.engine.run.master" in loaded or "check" in code
+    assert "vdfmu.engine.run.simulator" in loaded or "check" in code
     assert [name for name in loaded if name.startswith(ARM)] == []

@@ -12,8 +12,8 @@ from vdfmu.base.errors import SspError
 from vdfmu.engine.inspect import trial as check_run
 from vdfmu.engine.package import load_ssp
 from vdfmu.engine.package.read import read_system
+from vdfmu.engine.package_run import run_system
 from vdfmu.engine.run import check_system, simulate
-from vdfmu.engine.simulate import run_system
 
 
 def problems(path, **options) -> list[str]:

@@ -8,8 +8,8 @@ import pytest
 
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.package.experiment import FOREIGN
+from vdfmu.engine.package_run import run_system
 from vdfmu.engine.run import simulate
-from vdfmu.engine.simulate import run_system
 
 EXPERIMENT = (
     '<ssd:DefaultExperiment startTime="1" stopTime="2"><ssd:Annotations>'

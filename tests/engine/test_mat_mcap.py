@@ -16,8 +16,8 @@ from rosbags.highlevel import AnyReader
 
 from tests.engine.files import assert_same_bits, hard_numbers
 from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.engine.package_run import run_system
 from vdfmu.engine.run import Results, Signal
-from vdfmu.engine.simulate import run_system
 
 FORMS = ("mat", "mcap")
 

@@ -14,8 +14,8 @@ import pytest
 import vdfmu
 from vdfmu.base.option import declared
 from vdfmu.engine.options import SimulateOptions
+from vdfmu.engine.package_run import run_system
 from vdfmu.engine.run.simulator import Simulator
-from vdfmu.engine.simulate import run_system
 from vdfmu.study.options import ScenarioRunOptions, SweepOptions, TuneOptions
 
 ROOT = Path(vdfmu.__file__).resolve().parents[1]

@@ -17,8 +17,8 @@ import pytest
 import vdfmu
 from tests.engine.files import assert_same_bits, hard_numbers
 from vdfmu.base.errors import CosimError, UsageError
+from vdfmu.engine.package_run import run_system
 from vdfmu.engine.run import Results, Signal
-from vdfmu.engine.simulate import run_system
 
 
 @pytest.fixture

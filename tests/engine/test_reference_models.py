@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from tests.engine.reference import models
-from vdfmu.engine.inspect.reference import FOLDER, compare
+from vdfmu.engine.inspect.fmi import REFERENCES
+from vdfmu.engine.inspect.reference import compare
 from vdfmu.engine.run import ALGORITHMS, simulate
 
 PUBLISHED = {
@@ -89,8 +90,8 @@ def test_the_check_compares_with_reference_results_of_model_exchange(built, tmp_
 
     with zipfile.ZipFile(path, "a") as archive:
         lines = [f"{t},{cells(row)}" for t, row in zip(time.tolist(), rows, strict=True)]
-        archive.writestr(f"{FOLDER}m_out.csv", "\n".join([f"time,{output}", *lines]))
-        archive.writestr(f"{FOLDER}m_in.csv", f"time,u\n0,{cells(u)}\n1,{cells(u)}\n")
+        archive.writestr(f"{REFERENCES}m_out.csv", "\n".join([f"time,{output}", *lines]))
+        archive.writestr(f"{REFERENCES}m_in.csv", f"time,u\n0,{cells(u)}\n1,{cells(u)}\n")
     findings = compare(path)
     assert (findings.compared, findings.notes) == (["m_out.csv"], [])
     # 1e-3 is allowed; FMPy's solver is at 1e-5

@@ -15,7 +15,7 @@ import numpy as np
 import vdfmu
 from tests.hostile.commands import workshop
 from tests.hostile.table import Corpus
-from vdfmu.engine.simulate import run_system
+from vdfmu.engine.package_run import run_system
 from vdfmu.study.identify.log import read_log
 from vdfmu.study.report.page import report_page
 from vdfmu.study.report.sheets import sheets

@@ -189,7 +189,7 @@ def federate(
     Each steps its components with what the others had at the start of the step, as --master jacobi does in one process.
     """
     from vdfmu.engine.federation import Federation
-    from vdfmu.engine.simulate import default_folder
+    from vdfmu.engine.package_run import default_folder
 
     if options["out"] is None and only is not None:
         folder = default_folder(package)
@@ -253,8 +253,8 @@ def report(
 def _run_package(package: Path, unpack_limit: int | None, **options: Unpack[SystemOptions]) -> None:
     """Run a package with what a command line says, and print what the run was."""
     from vdfmu.engine.package.limits import package_limit
+    from vdfmu.engine.package_run import default_folder, run_system
     from vdfmu.engine.results.folder import SYSTEM_OUTPUTS, written
-    from vdfmu.engine.simulate import default_folder, run_system
     from vdfmu.study.report import tables
 
     with unit_messages() as log, package_limit(unpack_limit):

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from vdfmu.base.show_progress import Shown, Steps
     from vdfmu.engine.fmu.messages import LogMessage
     from vdfmu.engine.masters.observer import Observer
-    from vdfmu.engine.plan.check import Value
+    from vdfmu.engine.package.system import Value
     from vdfmu.engine.plan.inputs import Inputs
     from vdfmu.engine.run.elsewhere import Division
 
@@ -199,7 +199,7 @@ class PackageOptions(RecordOptions, MemberOptions, ResultOptions, total=False):
 
 
 class SystemOptions(PackageOptions, LoadedOptions, FederationOptions, total=False):
-    """Options of `vdfmu.engine.simulate.run_system`."""
+    """Options of `vdfmu.engine.package_run.run_system`."""
 
     master: Annotated[str | None, master_option]
     pictures: Annotated[Sequence[str], Option("Kinds of signals.png, the drawn signals: png, svg and pdf, separated by "

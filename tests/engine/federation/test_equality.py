@@ -11,7 +11,7 @@ import vdfmu
 from tests.engine.files import assert_same_bits
 from tests.engine.reference import models
 from vdfmu.engine.federation import CORES
-from vdfmu.engine.simulate import run_system
+from vdfmu.engine.package_run import run_system
 
 LOOP = ["r.y -> a.a", "g.y -> a.b", "a.y -> p.u", "p.y -> g.u"]
 

@@ -15,8 +15,8 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.quantity import quantity
 from vdfmu.cli import opening
 from vdfmu.cli.commands import app
+from vdfmu.engine.package_run import run_system
 from vdfmu.engine.results.results import Results
-from vdfmu.engine.simulate import run_system
 from vdfmu.study.report.gallery import gallery_page, is_gallery, seen_along, write_gallery
 from vdfmu.study.report.shapes import Chain
 from vdfmu.study.report.shown_run import read_run

@@ -10,8 +10,8 @@ import pytest
 import vdfmu
 from tests.study.page.browser import Browser, centre, number, pixels, show
 from vdfmu.base.quantity import quantity
+from vdfmu.engine.package_run import run_system
 from vdfmu.engine.results.results import Results
-from vdfmu.engine.simulate import run_system
 from vdfmu.study.report.page import write_report
 from vdfmu.study.report.shown_run import read_run
 

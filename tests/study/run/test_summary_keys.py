@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import pytest
 
 import vdfmu
-from vdfmu.engine.simulate import run_system
+from vdfmu.engine.package_run import run_system
 from vdfmu.study.report.summary import read_summary, typed
 from vdfmu.study.report.summary_keys import KEYS, Keyed, List, Record
 

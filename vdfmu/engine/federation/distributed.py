@@ -21,7 +21,7 @@ from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.link import SOURCE
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.elsewhere import Making
-from vdfmu.engine.run.master import simulate
+from vdfmu.engine.run.simulator import simulate
 
 CORES = ("tcp_ss", "tcp", "zmq", "ipc")
 """Message transports of HELICS; ``tcp_ss`` needs one port, the broker's; ``ipc``, shared memory, works on one machine.

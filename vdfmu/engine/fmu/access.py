@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.engine.fmu.variables import FmuVariable, Value
+from vdfmu.engine.fmu.variables import FmuVariable
+from vdfmu.engine.package.system import Value
 
 Call = tuple[Any, tuple[Any, ...], str]
 """An FMI function, its arguments, prepared once, and its name for messages."""

@@ -13,10 +13,11 @@ from fmpy.model_description import CoSimulation, ModelDescription, ValidationErr
 
 from vdfmu.base.errors import SspError
 from vdfmu.base.standards import FMI_2, FMI_3, FMI_VERSIONS, FmiVersion
-from vdfmu.engine.fmu.variables import FmuVariable, Value, element_names, read_variables, type_of
+from vdfmu.engine.fmu.variables import FmuVariable, element_names, read_variables, type_of
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.elements import read_units
 from vdfmu.engine.package.parse import parse_xml
+from vdfmu.engine.package.system import Value
 from vdfmu.engine.rules import Finding, breach, finding, fmpy_found
 
 KINDS = ("CoSimulation", "ModelExchange", "ScheduledExecution")

@@ -17,7 +17,8 @@ from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import DTYPES, Call, Transfer, held, shown
 from vdfmu.engine.fmu.library import Library
 from vdfmu.engine.fmu.messages import boxes
-from vdfmu.engine.fmu.variables import FmuVariable, Value
+from vdfmu.engine.fmu.variables import FmuVariable
+from vdfmu.engine.package.system import Value
 
 Starts = Sequence[tuple[FmuVariable, Value]]
 """Variables, and the values that they are set to."""
@@ -55,6 +56,10 @@ class Instance(Library):
     integrator: Steps | None = None
     in_event = False
     next_event = math.inf
+    event_mode = False
+    """Whether the master handles events of its co-simulation."""
+    updates = False
+    """Whether its inputs run on lines, in its intermediate updates."""
     _values: dict[int, list[Value]] | None = None
 
     def line(self, time: float) -> None:

@@ -34,10 +34,8 @@ class Instance3(Instance):
         **{f"{sign}Int{bits}": np.dtype(f"{sign.lower()}int{bits}") for sign in ("", "U") for bits in (8, 16, 32, 64)},
     }  # fmt: skip
 
-    event_mode = event_needed = False
-    """Whether the master handles events of its co-simulation; whether a step has ended at an event."""
-    updates = False
-    """Whether its inputs run on lines, in its intermediate updates."""
+    event_needed = False
+    """Whether a step has ended at an event."""
     _begin, _end, _at, _held = math.nan, 0.0, 0.0, 0.0
     """Begin and end of a step, the last update in it, and the time on the line whose values the inputs have [s]."""
     _piece, _late = math.inf, 0.0

@@ -11,9 +11,8 @@ import numpy as np
 from fmpy.model_description import ModelDescription
 
 from vdfmu.base.standards import FMI_VERSIONS
-from vdfmu.engine.package.system import UnitFactor
+from vdfmu.engine.package.system import UnitFactor, Value
 
-Value = float | int | bool | str | bytes
 _KIND = {"Enumeration": "Integer"}
 RANGES = {"Integer": (-(2**31), 2**31 - 1)} | {
     f"{sign}Int{bits}": (0, min(2**bits, 2**63) - 1) if sign else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)

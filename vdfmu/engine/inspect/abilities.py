@@ -14,7 +14,6 @@ from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.classes import class_of
 from vdfmu.engine.fmu.description import Description, inspect_description
 from vdfmu.engine.fmu.instance import Instance
-from vdfmu.engine.fmu.instance3 import Instance3
 from vdfmu.engine.fmu.integrator import ModelExchangeIntegrator
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.fmu.variables import FmuVariable
@@ -90,8 +89,7 @@ def _tried(
     description: Description, folder: Path, attempt: Callable[[Instance, float, float], str], start: float, step: float
 ) -> str:
     instance = class_of(description)("FMU", description, folder, MessageBox(lambda message: None), set())
-    if isinstance(instance, Instance3):
-        instance.event_mode = attempt is _event_mode
+    instance.event_mode = attempt is _event_mode
     instance.box.time = start
     try:
         instance.instantiate()

@@ -12,10 +12,10 @@ import numpy as np
 
 from vdfmu.engine.fmu.classes import class_of
 from vdfmu.engine.fmu.instance import Instance, Steps
-from vdfmu.engine.fmu.variables import Value
 from vdfmu.engine.inspect.linear import LinearSystem
 from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.interface import jacobian_of
+from vdfmu.engine.package.system import Value
 
 
 def can_change(components: Components, name: str) -> bool:

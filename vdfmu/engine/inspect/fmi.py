@@ -17,7 +17,10 @@ from vdfmu.engine.rules import Finding, finding, line_of
 
 TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
 BUILD = "sources/buildDescription.xml"
-REFERENCES = "extra/org.fmi-standard.fmi-ls-ref/fmi-ls-manifest.xml"
+REFERENCES = "extra/org.fmi-standard.fmi-ls-ref/"
+"""Folder of reference results (FMI-LS-REF)."""
+MANIFEST = "fmi-ls-manifest.xml"
+"""Name of the manifest of a layered standard, in its folder."""
 _SHOWN = 5
 """Most missing source files that a message names."""
 
@@ -80,7 +83,9 @@ def related_notes(root: Any) -> list[Finding]:
     """Return what breaks the rules of FMI-LS-REF, a draft, in its manifest."""
     faults: list[Finding] = []
     if root.tag != "fmiReferences":
-        faults.append(finding("FMI022", f"{REFERENCES}: expected the root fmiReferences, got {root.tag!r}", root))
+        faults.append(
+            finding("FMI022", f"{REFERENCES}{MANIFEST}: expected the root fmiReferences, got {root.tag!r}", root)
+        )
     for item in root.iterfind("Related"):
         where = f"{line_of(item)}: {item.get('source')!r}"
         if not item.get("source"):

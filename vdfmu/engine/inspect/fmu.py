@@ -19,6 +19,7 @@ from vdfmu.engine.inspect.description import DESCRIPTION, description_faults
 from vdfmu.engine.inspect.findings import Findings
 from vdfmu.engine.inspect.fmi import (
     BUILD,
+    MANIFEST,
     REFERENCES,
     TERMINALS,
     build_faults,
@@ -128,9 +129,10 @@ def _rules(unit: _FmuContents) -> tuple[Findings, Any]:
     if TERMINALS in unit.roots:
         ours += terminal_faults(unit.roots[TERMINALS], root)
     for name, other in unit.roots.items():
-        if name.endswith("/fmi-ls-manifest.xml"):
+        if name.endswith(f"/{MANIFEST}"):
             ours += manifest_faults(name, other)
-    notes = related_notes(unit.roots[REFERENCES]) if REFERENCES in unit.roots else []
+    references = unit.roots.get(REFERENCES + MANIFEST)
+    notes = [] if references is None else related_notes(references)
     build = build_faults(root, unit.roots.get(BUILD), unit.names)
     problems, description = description_faults(root)
     if description is None:  # only faults against the schema are reported

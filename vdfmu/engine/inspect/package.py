@@ -11,8 +11,8 @@ from urllib.parse import unquote
 from vdfmu.base.errors import SspError
 from vdfmu.base.standards import SSP_FORMATS
 from vdfmu.engine.inspect.findings import Findings
+from vdfmu.engine.inspect.fmi import REFERENCES
 from vdfmu.engine.inspect.fmu import NOT_RUN, check_unit, store
-from vdfmu.engine.inspect.reference import FOLDER as REFERENCES
 from vdfmu.engine.inspect.trial import master_of, run_apart
 from vdfmu.engine.package.archive import Archive, is_inside
 from vdfmu.engine.package.parse import parse_xml, version_of

@@ -24,12 +24,11 @@ from vdfmu.engine.fmu.component import ComponentInstance
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.inspect.abilities import described
 from vdfmu.engine.inspect.findings import Findings
-from vdfmu.engine.inspect.fmi import REFERENCES
+from vdfmu.engine.inspect.fmi import MANIFEST, REFERENCES
 from vdfmu.engine.inspect.said import Said
 from vdfmu.engine.package.parse import parse_xml
 from vdfmu.engine.rules import finding
 
-FOLDER = "extra/org.fmi-standard.fmi-ls-ref/"
 # Reference results say nothing of the solver's tolerance. This is far above those in use and far below a wrong result.
 AGREEMENT = 1e-3
 
@@ -95,19 +94,20 @@ def _tables(archive: zipfile.ZipFile, findings: Findings) -> dict[str, str | Non
     A manifest may name a file that is not there: other tools may have removed it (FMI-LS-REF, Related Files).
     """
     names = set(archive.namelist())
-    tables = {n: _beside(n, names) for n in archive.namelist() if n.startswith(FOLDER) and n.endswith(_RESULTS)}
-    if REFERENCES not in names:
+    tables = {n: _beside(n, names) for n in archive.namelist() if n.startswith(REFERENCES) and n.endswith(_RESULTS)}
+    manifest = REFERENCES + MANIFEST
+    if manifest not in names:
         return tables
     try:
-        root = parse_xml(archive.read(REFERENCES), REFERENCES)
+        root = parse_xml(archive.read(manifest), manifest)
     except SspError:
         return tables  # reported with the other files
     for related in root.iterfind(".//{*}Related"):
-        name, role = _named(related, REFERENCES), (related.get("role") or "").split("/")[0]
+        name, role = _named(related, manifest), (related.get("role") or "").split("/")[0]
         if role not in ("result", "experiment") or (role == "result" and not name.endswith(".csv")):
             continue
         if name not in names:
-            _leave(findings, name, f"{REFERENCES} names it, and the FMU does not have it")
+            _leave(findings, name, f"{manifest} names it, and the FMU does not have it")
         elif role == "result":
             tables.setdefault(name, _beside(name, names))
         else:

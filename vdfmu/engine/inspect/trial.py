@@ -203,7 +203,7 @@ def master_of(system: System) -> str:
 
 def _run_system(path: Path, deadline: float) -> Findings:
     """Make ten steps of a system; at `deadline`, of `monotonic`, a call that began with the run is ended."""
-    from vdfmu.engine.run.master import simulate  # an FMU alone needs no master
+    from vdfmu.engine.run.simulator import simulate  # an FMU alone needs no master
 
     system = load_ssp(path)
     experiment = system.experiment

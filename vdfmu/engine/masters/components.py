@@ -13,7 +13,6 @@ from vdfmu.engine.algorithms import ALGORITHMS, is_continuous
 from vdfmu.engine.fmu.access import TEXTS
 from vdfmu.engine.fmu.classes import class_of
 from vdfmu.engine.fmu.instance import Instance
-from vdfmu.engine.fmu.instance3 import Instance3
 from vdfmu.engine.fmu.integrator import ModelExchangeIntegrator
 from vdfmu.engine.fmu.library import Watch
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
@@ -63,14 +62,13 @@ class Components:
         """Load the libraries and create the instances."""
         corrupt: set[str] = set()
         own_steps = any(component.step is not None for component in self.checked.system.components)
+        continuous = is_continuous(self.checked.algorithm)
         for name, description in self.checked.descriptions.items():
             folder = self.folders[description.source]
             kind = class_of(description)
             instance = self.instances[name] = kind(name, description, folder, self.box, corrupt, self._watch)
-            if isinstance(instance, Instance3):
-                continuous = is_continuous(self.checked.algorithm)
-                instance.event_mode = description.event_mode and not continuous and not own_steps
-                instance.updates = description.updates_inputs and continuous
+            instance.event_mode = description.event_mode and not continuous and not own_steps
+            instance.updates = description.updates_inputs and continuous
             with InterruptGuard():  # which units written in Python would turn into an error
                 self._instantiate(instance)
 
@@ -80,7 +78,7 @@ class Components:
             instance.instantiate()
         except CosimError as error:
             clocked = any(v.clock is not None for v in instance.description.variables.values())
-            if clocked or not isinstance(instance, Instance3) or not instance.event_mode:
+            if clocked or not instance.event_mode:
                 raise
             self.box.pending.clear()
             instance.event_mode = False
@@ -100,7 +98,7 @@ class Components:
             for instance in self.instances.values():
                 instance.exit_initialization(ModelExchangeIntegrator)
             self.exchange.read_outputs()
-            if any(isinstance(instance, Instance3) and instance.event_mode for instance in self.instances.values()):
+            if any(instance.event_mode for instance in self.instances.values()):
                 self._events = Events(self.exchange, begin)
         self.box.flush()
 

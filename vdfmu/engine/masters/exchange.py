@@ -17,9 +17,9 @@ from vdfmu.engine.algorithms import is_continuous
 from vdfmu.engine.fmu.access import KINDS, TEXTS, Call, held
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.messages import MessageBox
-from vdfmu.engine.fmu.variables import Value
 from vdfmu.engine.masters.bank import Bank
 from vdfmu.engine.masters.broyden import Broyden
+from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.inputs import Course
 from vdfmu.engine.plan.link import SOURCE, Link

@@ -146,7 +146,8 @@ class Connection:
         return f"{'.'.join(self.start)} -> {'.'.join(self.end)}"
 
 
-Value = float | int | bool | str
+Value = float | int | bool | str | bytes
+"""Value of a variable of any type."""
 
 
 @dataclass(frozen=True)

@@ -6,17 +6,16 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from vdfmu.base.errors import SspError, UsageError
-from vdfmu.engine.algorithms import ALGORITHMS
-from vdfmu.engine.package.system import System
-from vdfmu.engine.plan.abilities import check_abilities
+from vdfmu.engine.algorithms import ALGORITHMS, choice
+from vdfmu.engine.fmu.description import Description
+from vdfmu.engine.package.system import System, Value
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.checker import Checker
-from vdfmu.engine.plan.conversion import Value
 from vdfmu.engine.plan.feed import feed_inputs
 from vdfmu.engine.plan.inputs import InputTable
-from vdfmu.engine.plan.link import SOURCE, Port
+from vdfmu.engine.plan.link import SOURCE, Link, Port
 from vdfmu.engine.plan.overrides import overrides
-from vdfmu.engine.plan.schedule import choose_schedule
+from vdfmu.engine.plan.schedule import Schedule, choose_schedule
 from vdfmu.engine.rules import finding
 
 
@@ -93,7 +92,7 @@ def check_system(
     checker.notes += [finding("SSP039", note) for note in notes]
     for loop in dict.fromkeys(schedule.initial.loops):
         checker.notes.append(finding("SSP039", f"algebraic loop during initialization, solved: {loop}"))
-    problems, notes = check_abilities(known, links, schedule, algorithm, repeats)
+    problems, notes = _check_abilities(known, links, schedule, algorithm, repeats)
     checker.problems += [finding("RUN007", problem) for problem in problems]
     checker.notes += [finding("RUN007", note) for note in notes]
     if checker.problems:
@@ -132,3 +131,47 @@ def _fed(name: str, values: Iterable[str], sources: Mapping[Port, Port], what: s
         for variable in values
         if (name, variable) in sources
     ]
+
+
+def _check_abilities(
+    descriptions: Mapping[str, Description], links: Sequence[Link], schedule: Schedule, algorithm: str, adaptive: bool
+) -> tuple[list[str], list[str]]:
+    """Return the problems and notes of units that an algorithm cannot step as it has to.
+
+    `adaptive`: steps may be rejected and differ in length.
+    """
+    problems: list[str] = []
+    how = ALGORITHMS[algorithm]
+    for name, unit in descriptions.items():
+        clocks = [v.name for v in unit.variables.values() if v.clock is not None]
+        if clocks and unit.identifier and (how.continuous or not unit.event_mode):
+            way = (
+                f"use {choice(continuous=False)}"
+                if unit.event_mode
+                else "the FMU declares no event mode (hasEventMode)"
+            )
+            problems.append(f"{name}: {unit.source} has clocks, {', '.join(clocks)}, which tick in event mode; {way}")
+    if not how.continuous:
+        return problems, []
+    # a unit alone in its block is repeated by error control only
+    repeated = {name for block in schedule.blocks if adaptive or (how.repeats and len(block) > 1) for name in block}
+    notes: list[str] = []
+    for name, unit in descriptions.items():
+        if name in repeated and not unit.saves_state:
+            problems.append(
+                f"{name}: {unit.source} cannot save and restore its state (canGetAndSetFMUstate), so its steps cannot "
+                "be repeated; use extrapolated with a fixed step, gauss-seidel or jacobi"
+            )
+        if adaptive and not unit.varies_steps:
+            problems.append(
+                f"{name}: {unit.source} takes steps of one length only (canHandleVariableCommunicationStepSize); use a "
+                "fixed step"
+            )
+        direct = [k.end[1] for k in links if k.end[0] == name and not k.discrete and k.end in schedule.through]
+        if direct and not unit.interpolates_inputs and not unit.varies_steps:
+            notes.append(
+                f"{name}: takes no derivatives of its inputs and steps of one length only; {', '.join(direct)} are "
+                "held at their values at the end of a step, as an output depends on them directly. If it integrates "
+                "them, the coupling is of first order"
+            )
+    return problems, notes

@@ -20,9 +20,10 @@ from vdfmu.engine.package.system import (
     Shape,
     System,
     UnitFactor,
+    Value,
 )
 from vdfmu.engine.package.wiring import fits, show_shape
-from vdfmu.engine.plan.conversion import Conversion, MisfitError, Value, as_type, compose
+from vdfmu.engine.plan.conversion import Conversion, MisfitError, as_type, compose
 from vdfmu.engine.plan.link import Link, Port
 from vdfmu.engine.plan.overrides import Starts, why_not
 from vdfmu.engine.rules import Finding, finding

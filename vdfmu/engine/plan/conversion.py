@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from vdfmu.engine.fmu.variables import RANGES, FmuVariable, Value, type_of
-from vdfmu.engine.package.system import Hop, Transformation, UnitFactor
+from vdfmu.engine.fmu.variables import RANGES, FmuVariable, type_of
+from vdfmu.engine.package.system import Hop, Transformation, UnitFactor, Value
 
 
 class MisfitError(ValueError):

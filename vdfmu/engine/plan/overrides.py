@@ -8,8 +8,8 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.text import close_to
 from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.fmu.variables import FmuVariable
-from vdfmu.engine.package.system import spread
-from vdfmu.engine.plan.conversion import Value, as_type
+from vdfmu.engine.package.system import Value, spread
+from vdfmu.engine.plan.conversion import as_type
 
 Starts = dict[str, dict[str, tuple[FmuVariable, Value]]]
 """Variables and their values by component and name."""

@@ -5,8 +5,7 @@ from vdfmu.engine.fmu.messages import LogMessage
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
-from vdfmu.engine.run.master import simulate
 from vdfmu.engine.run.one_run import Interrupted
-from vdfmu.engine.run.simulator import Simulator
+from vdfmu.engine.run.simulator import Simulator, simulate
 
 __all__ = ["ALGORITHMS", "Interrupted", "LogMessage", "Results", "Signal", "Simulator", "check_system", "simulate"]

@@ -1,4 +1,4 @@
-"""`Simulator`: one system, loaded once and run as often as wanted."""
+"""`simulate`: run a system package with fixed communication steps; `Simulator`: load it once, run it often."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from vdfmu.base.errors import CosimError, UsageError
-from vdfmu.base.option import lists_options, with_options
+from vdfmu.base.option import lists_options, pick, with_options
 from vdfmu.base.show_progress import shown_steps
 from vdfmu.engine.algorithms import ALGORITHMS, choice, is_continuous
 from vdfmu.engine.fmu.messages import LogMessage
@@ -18,10 +18,10 @@ from vdfmu.engine.masters.components import CONVERGENCE, Components
 from vdfmu.engine.masters.multirate import with_steps
 from vdfmu.engine.masters.observer import Visitor
 from vdfmu.engine.masters.probe import Probe
-from vdfmu.engine.options import RowOptions, SimulatorOptions
+from vdfmu.engine.options import RowOptions, SimulateOptions, SimulatorOptions
 from vdfmu.engine.package.read import load_ssp
-from vdfmu.engine.package.system import System
-from vdfmu.engine.plan.check import Value, check_system, with_parameters
+from vdfmu.engine.package.system import System, Value
+from vdfmu.engine.plan.check import check_system, with_parameters
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.grid import Grid, count_steps
 from vdfmu.engine.plan.inputs import outside, read_inputs
@@ -32,6 +32,47 @@ from vdfmu.engine.run.by_hand import ByHand
 from vdfmu.engine.run.elsewhere import Limits
 from vdfmu.engine.run.one_run import Run
 from vdfmu.engine.run.session import Session
+
+
+@with_options
+def simulate(system: System | str | Path, **options: Unpack[SimulateOptions]) -> Results:
+    """Co-simulate a system of FMUs of FMI 2.0 and 3.0; those for model exchange are integrated.
+
+    Row k is at ``start + k * step``, the last at `stop`; time is never accumulated. How the algorithms pass values on
+    is described in `vdfmu.engine.plan.schedule.make_schedule`.
+
+    Parameters
+    ----------
+    system : System, str or Path
+        An SSP 1.0 or 2.0, or the result of `vdfmu.load_ssp`.
+    **options
+        :class:`vdfmu.engine.options.SimulateOptions`.
+
+    Returns
+    -------
+    Results
+        Its `summary` has algorithm, order, step, number of steps and ``wall_s``, the wall time of the steps;
+        ``extrapolated`` and ``iterative`` add ``communication``: the numbers of steps, of rejected steps and of the
+        units' steps, and the shortest and the longest step. A unit that ends the simulation (fmi2Discard with
+        fmi2Terminated) ends the run as if its stop were there; ``ended`` has the component and the time.
+
+    Raises
+    ------
+    SspError, UsageError
+        Before the run; see `load_ssp` and `check_system`.
+    CosimError
+        A unit failed, or an output that is read or recorded is not finite. `results` of the
+        error holds the rows so far, or None before the first row.
+    Interrupted
+        The user pressed Ctrl-C. It is a KeyboardInterrupt with `results`.
+    VdfmuError
+        The disk is full.
+    """
+    simulator = Simulator(system, **pick(SimulatorOptions, options))
+    rows = pick(RowOptions, options)
+    simulator.grid(rows["start"], rows["stop"], rows["step"])  # faults are reported before anything is loaded
+    with simulator:
+        return simulator.run(**rows)
 
 
 @lists_options

@@ -28,11 +28,11 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import VdfmuError
 from vdfmu.compiler.functions.cache import cache_folder, load, store
 from vdfmu.compiler.functions.sources import source_digest
-from vdfmu.engine.fmu.variables import Value
 from vdfmu.engine.inspect.changed import can_change, changed, with_part
 from vdfmu.engine.inspect.linear import Linearisation, LinearSystem
 from vdfmu.engine.inspect.loops import GROWTH, Loop, margin_rows, modulus_margins, of_positions, opened_at, system_loop
 from vdfmu.engine.masters.components import Components
+from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.run.simulator import Simulator
 from vdfmu.study.analysis.linear import least_dry_friction

@@ -13,7 +13,7 @@ from vdfmu.base.standards import SSP_1, SSP_FORMATS
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.run import Results
-from vdfmu.engine.run.master import simulate
+from vdfmu.engine.run.simulator import simulate
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.parts import build_parts
