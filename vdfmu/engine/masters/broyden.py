@@ -28,7 +28,14 @@ class Broyden:
     """(n, n): Inverse of the derivative of the residual by the guess, as far as the method knows it. None: minus the
     identity, which is right without coupling."""
 
-    def solve(self, guess: Floats, repeat: _Map, size: _Map, tolerance: float) -> tuple[Floats, int]:
+    def solve(
+        self,
+        guess: Floats,
+        repeat: _Map,
+        size: _Map,
+        tolerance: float,
+        first: Callable[[], Floats | None] | None = None,
+    ) -> tuple[Floats, int]:
         """Repeat with better guesses until every residual is within the tolerance, or there is no hope.
 
         Parameters
@@ -39,6 +46,8 @@ class Broyden:
         size : callable
             Sizes of the residual, what came out minus the guess, (n,), as the tolerance measures them.
         tolerance : float
+        first : callable, optional
+            Returns an `inverse` for when there is none, or None.
 
         Returns
         -------
@@ -47,6 +56,8 @@ class Broyden:
         int
             Number of repetitions.
         """
+        if self.inverse is None and first is not None:
+            self.inverse = first()
         with np.errstate(invalid="ignore", over="ignore"):  # the caller is told by the sizes
             kept = self.inverse is not None
             sizes, count = self._try(guess, repeat, size, tolerance)

@@ -6,6 +6,7 @@ The algorithms `extrapolated` and `iterative`, with or without error control; `d
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from ctypes import c_void_p
 from typing import Any
 
@@ -16,6 +17,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.messages import MessageBox
+from vdfmu.engine.masters.broyden import Broyden
 from vdfmu.engine.masters.coupled import Block, Coupled, CoupledUnit
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.masters.interface import interface_inverse
@@ -50,8 +52,8 @@ class ContinuousStepper(Stepper):
     exchange : Exchange
         After the initialization, with the outputs at the start.
     box : MessageBox
-    repeat : bool
-        `iterative`; else `extrapolated`.
+    solver : callable or None
+        `iterative`: makes what solves for the guesses of a block, such as `Broyden`. None: `extrapolated`.
     convergence : float
         Largest change of a coupled signal, relative to its size and at least to its nominal value, at which the
         repetitions end.
@@ -62,9 +64,16 @@ class ContinuousStepper(Stepper):
     """
 
     def __init__(
-        self, exchange: Exchange, box: MessageBox, *, repeat: bool, convergence: float, error: float | None, span: float
+        self,
+        exchange: Exchange,
+        box: MessageBox,
+        *,
+        solver: Callable[[], Broyden] | None,
+        convergence: float,
+        error: float | None,
+        span: float,
     ) -> None:
-        self.exchange, self.box = exchange, box
+        self.exchange, self.box, repeat = exchange, box, solver is not None
         self.repeat, self.convergence, self.error = repeat, convergence, error
         self.steps = self.unit_steps = self.rejected = self.jumps = 0
         self._floor = _SHORTEST * span
@@ -74,6 +83,7 @@ class ContinuousStepper(Stepper):
         coupled = self._coupled = Coupled(exchange)
         self._outputs, self._variables = coupled.outputs, coupled.bank.variables
         self._repeated = [u for b in coupled.blocks for u in b.units if error is not None or (repeat and b.torn.size)]
+        self._solvers = [solver() for _ in coupled.blocks] if solver is not None else []
         torn = [block.torn for block in coupled.blocks if not repeat]
         self._extrapolated = np.concatenate([np.zeros(0, np.intp), *torn])
         self._largest = np.abs(self._outputs)
@@ -165,9 +175,9 @@ class ContinuousStepper(Stepper):
             self._outputs[self._coupled.discrete] = start[self._coupled.discrete]
         self.exchange.feed(time + h)
         predicted = self._outputs.copy()
-        for block in self._coupled.blocks:
+        for i, block in enumerate(self._coupled.blocks):
             if self.repeat and block.torn.size:
-                self._solve(block, time, h)
+                self._solve(block, self._solvers[i], time, h)
             else:
                 self._sweep(block, time, h)
         return predicted
@@ -277,13 +287,11 @@ class ContinuousStepper(Stepper):
     def _scale(self) -> Floats:
         return np.maximum(np.abs(self._outputs), self._coupled.nominal)
 
-    def _solve(self, block: Block, time: float, h: float) -> None:
+    def _solve(self, block: Block, solver: Broyden, time: float, h: float) -> None:
         """Step the units of a block until the guess of the torn outputs comes out as it went in."""
         torn, outputs = block.torn, self._outputs
         reported = len(self.box.pending)
         first = True
-        if block.solver.inverse is None:
-            block.solver.inverse = interface_inverse(block, self._coupled, h)
 
         def repeat(guess: Floats) -> Floats:
             nonlocal first
@@ -297,9 +305,10 @@ class ContinuousStepper(Stepper):
             self._sweep(block, time, h)
             return outputs[torn]
 
-        sizes, count = block.solver.solve(
-            outputs[torn], repeat, lambda residual: np.abs(residual) / self._scale()[torn], self.convergence
-        )
+        sizes, count = solver.solve(
+            outputs[torn], repeat, lambda residual: np.abs(residual) / self._scale()[torn], self.convergence,
+            lambda: interface_inverse(block, self._coupled, h),
+        )  # fmt: skip
         if np.all(sizes <= self.convergence):
             return
         i = int(np.argmax(sizes))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,6 @@ from vdfmu.base.arrays import Floats
 from vdfmu.engine.fmu.access import Call
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.masters.bank import Bank
-from vdfmu.engine.masters.broyden import Broyden
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.plan.link import SOURCE
 
@@ -51,7 +50,6 @@ class Block:
     torn: Indices
     stepwise: list[tuple[NDArray[Any], NDArray[Any], Indices]]
     """For each type: outputs, now and at the start of the step, and which are discrete."""
-    solver: Broyden = field(default_factory=Broyden)
 
 
 class Coupled:

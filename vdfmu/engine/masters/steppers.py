@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.fmu.messages import MessageBox
+from vdfmu.engine.masters.broyden import Broyden
 from vdfmu.engine.masters.continuous import ContinuousStepper
 from vdfmu.engine.masters.events import Events, EventStepper
 from vdfmu.engine.masters.exchange import Exchange
@@ -47,17 +49,18 @@ def held(coupling: Coupling) -> SampledStepper:
 
 def extrapolated(coupling: Coupling) -> ContinuousStepper:
     """Return the stepper for inputs that run to predicted outputs."""
-    return _continuous(coupling, repeat=False)
+    return continuous(coupling, None)
 
 
 def iterative(coupling: Coupling) -> ContinuousStepper:
     """Return the stepper that repeats steps until the predicted outputs come out."""
-    return _continuous(coupling, repeat=True)
+    return continuous(coupling, Broyden)
 
 
-def _continuous(coupling: Coupling, repeat: bool) -> ContinuousStepper:
+def continuous(coupling: Coupling, solver: Callable[[], Broyden] | None) -> ContinuousStepper:
+    """Return the stepper for inputs that run over a step; for `solver` see :class:`ContinuousStepper`."""
     error = coupling.error
     convergence = coupling.convergence or (CONVERGENCE if error is None else 0.01 * error)
     return ContinuousStepper(
-        coupling.exchange, coupling.box, repeat=repeat, convergence=convergence, error=error, span=coupling.span
+        coupling.exchange, coupling.box, solver=solver, convergence=convergence, error=error, span=coupling.span
     )
