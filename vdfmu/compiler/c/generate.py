@@ -164,14 +164,8 @@ class _UnitGenerator:
 
     def _positions(self) -> str:
         """Positions of the groups, as an enumeration."""
-        places = {argument_name(group): where.start for group, where in self.interface.groups.items()}
-        for group in ("p", "x", "x_dot"):
-            if group == "p" and not self.interface.has_robot:
-                continue
-            where = self.interface.slice(group)
-            if where.stop > where.start:
-                places[group] = where.start
-        places["t"] = self.interface.time
+        arguments = self.interface.arguments.items()
+        places = {group: where.start for group, where in arguments if where.stop > where.start}
         listed = fields(f"at_{group} = {place}" for group, place in places.items())
         return f"/* Positions in the memory: the first of each group. */\nenum {{\n{listed}\n}};\n"
 
@@ -333,7 +327,7 @@ class _UnitGenerator:
         return f"{memory} + at_{group}"
 
     def _size(self, group: str) -> int:
-        where = self.interface.slice(group)
+        where = self.interface.arguments[group]
         return where.stop - where.start
 
     def _clear(self, group: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import traceback
 from collections.abc import Iterator, Mapping
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import casadi as ca
 import numpy as np
@@ -21,7 +21,7 @@ Fixed = Mapping[str, int]
 """Choice or switch to its value."""
 
 _MAY_SET: dict[str, tuple[type[Declared], ...]] = {
-    "start": (State, Sampled),
+    "start": (State,),
     "outputs": (Output,),
     "derivatives": (Derivative,),
     "update": (Sampled,),
@@ -48,20 +48,16 @@ def argument_name(name: str) -> str:
     return f"own_{name}" if _TAKEN.fullmatch(name) else name
 
 
-class Leaf:
-    """One method of a unit for some choices: what it reads and sets.
+class Leaf(NamedTuple):
+    """One method of a unit for some choices."""
 
-    Attributes
-    ----------
-    phase : one of :data:`~vdfmu.compiler.unit.declaration.PHASES`
-    fixed : mapping of str to int
-        The choices that it reads, and their values.
-    reads, sets : tuple of str
-        Names of arguments for variables, ``p`` for the robot's parameters and ``t`` for the time.
-    """
-
-    def __init__(self, phase: str, fixed: Fixed, reads: tuple[str, ...], sets: tuple[str, ...]) -> None:
-        self.phase, self.fixed, self.reads, self.sets = phase, fixed, reads, sets
+    phase: str
+    """One of :data:`~vdfmu.compiler.unit.declaration.PHASES`."""
+    fixed: Fixed
+    """The choices that it reads, and their values."""
+    reads: tuple[str, ...]
+    """Arguments of traced functions: variables, ``p`` for the robot's parameters and ``t`` for the time."""
+    sets: tuple[str, ...]
 
 
 class _ForkError(Exception):
@@ -98,9 +94,7 @@ class _TraceWatch:
         return self.value(declared)
 
     def write(self, declared: Declared, value: Any) -> None:
-        if not isinstance(declared, _MAY_SET[self.phase]) or (
-            self.phase == "update" and not isinstance(declared, Sampled)
-        ):
+        if not isinstance(declared, _MAY_SET[self.phase]):
             raise refusal(UnitError(f"{self.phase}() sets {declared.name}, {_kind(declared)}, which it may not"))
         self.sets[declared.name] = self.unit.fitting(declared, value)
 
