@@ -202,6 +202,12 @@ def test_names_that_tools_cannot_take_are_refused(name):
         Interface(type("Bad", (Unit,), {name: Input("1")}), None)
 
 
+@pytest.mark.parametrize("name", ["_Gain", "My__Gain", "Gain_", "Größe"])
+def test_a_unit_has_a_name_that_c_takes(name):
+    with pytest.raises(UnitError, match=f"a unit cannot be called {name}: expected a letter, then letters, digits and"):
+        Interface(type(name, (Unit,), {"u": Input("1")}), None)
+
+
 def test_a_unit_with_joints_needs_a_robot():
     with pytest.raises(UnitError, match="Many needs a robot, for its joints"):
         Many()

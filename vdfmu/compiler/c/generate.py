@@ -133,7 +133,7 @@ class _UnitGenerator:
             for name, function in self.functions.items()
             for ending in (("", *DIRECTIONS) if name in self.called else ("",))
         ]
-        listed += [c_prototype(self.functions[name]).replace(name, f"{name}_avx2", 1) for name in self.steps]
+        listed += [c_prototype(self.functions[name]).replace(name, f"{name}_avx2", 1) for name in sorted(self.steps)]
         prototypes = "".join(f"{wrapped(prototype)};\n" for prototype in listed)
         return (
             head(

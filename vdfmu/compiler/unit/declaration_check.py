@@ -25,7 +25,8 @@ from vdfmu.compiler.unit.declaration import (
 from vdfmu.compiler.unit.machine import Machine
 from vdfmu.compiler.unit.place import place
 
-_NAME = re.compile(r"[A-Za-z](_?[A-Za-z0-9])*_?")
+_WORDS = r"[A-Za-z](_?[A-Za-z0-9])*"
+_NAME = re.compile(f"{_WORDS}_?")
 
 
 def check_unit(unit: type[BaseUnit], robot: Machine | None) -> None:
@@ -45,6 +46,11 @@ def check_unit(unit: type[BaseUnit], robot: Machine | None) -> None:
 
 def _of_unit(unit: type[BaseUnit]) -> Iterator[tuple[str, str]]:
     """Variables or methods, and what is wrong with them together."""
+    if not re.fullmatch(_WORDS, unit.__name__):
+        yield (
+            "",
+            f"a unit cannot be called {unit.__name__}: expected a letter, then letters, digits and single underscores",
+        )
     states = [d for d in unit.declared.values() if type(d) is State]
     derived = [d.state for d in unit.declared.values() if isinstance(d, Derivative)]
     for state in states:
