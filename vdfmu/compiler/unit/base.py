@@ -25,6 +25,7 @@ from vdfmu.compiler.unit.declaration import (
     RobotParameters,
     Sampled,
     State,
+    Switch,
     Terminal,
 )
 from vdfmu.compiler.unit.follow import MARK, followers, mark_parameter, roots, start_arrays, with_mark
@@ -246,6 +247,8 @@ class BaseUnit:
             if value not in declared.choices:
                 raise UsageError(f"{where}: expected {' or '.join(declared.choices)}, got {value!r}.")
             return value
+        if isinstance(declared, Switch) and (np.ndim(value) or value not in (True, False)):
+            raise UsageError(f"{where}: expected True or False, got {value!r}.")
         sizes = declared.sizes(self.n)
         array = np.asarray(value)
         if array.dtype.kind not in "biuf" and not all(_is_number(v) for v in array.flat):

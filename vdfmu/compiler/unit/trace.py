@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from vdfmu.base.errors import KernelError, UnitError, UsageError
+from vdfmu.compiler.c.expressions import CALLED
 from vdfmu.compiler.scalar.symbol import SymbolArray, from_sx, refusal, to_sx
 from vdfmu.compiler.unit.base import BaseUnit
 from vdfmu.compiler.unit.call import call
@@ -28,18 +29,13 @@ _MAY_SET: dict[str, tuple[type[Declared], ...]] = {
     "balance": (),
     "requirements": (),
 }
-
-
 _MEMORY = "What is kept from one call to the next is a Sampled state; what is not, a local variable"
-
-
 _TAKEN = re.compile(
     r"p|x|x_dot|t|h|tolerance|norm|ratio|w\d*|null|jac|hess|(own|d|bar|rate)_.*|.*_(new|out)"
-    # keywords of C, and functions of math.h that traced functions call
+    # keywords of C, and what it defines that traced functions use
     r"|auto|bool|break|case|char|const|continue|default|do|double|else|enum|extern|false|float|for|goto|if|inline|int"
     r"|long|register|restrict|return|short|signed|sizeof|static|struct|switch|true|typedef|typeof|union|unsigned|void"
-    r"|volatile|while|a?(cos|sin|tan)h?|atan2|ceil|copysign|exp|expm1|fabs|floor|fmax|fmin|fmod|hypot|log|log1p|pow"
-    r"|sqrt|NAN|INFINITY"
+    rf"|volatile|while|NAN|INFINITY|{'|'.join(CALLED)}"
 )
 
 
