@@ -13,7 +13,7 @@ from vdfmu.base.errors import UnitError
 from vdfmu.compiler.c.generate import generated_sources
 from vdfmu.compiler.unit.evaluate import Plain, Traced
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.scipy_solver import ScipySolver
+from vdfmu.compiler.unit.solver import ScipySolver
 from vdfmu.unit import (
     JOINTS,
     Choice,

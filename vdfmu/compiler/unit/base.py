@@ -31,6 +31,9 @@ from vdfmu.compiler.unit.declaration import (
 from vdfmu.compiler.unit.follow import MARK, followers, mark_parameter, roots, start_arrays, with_mark
 from vdfmu.compiler.unit.machine import Machine
 
+ABOUT = ("version", "author", "copyright", "license")
+"""Attributes of a unit's class, and of a model description, in their order there."""
+
 
 class Watch(Protocol):
     """Sees what a method of a unit reads and sets, and decides what it reads; see :mod:`vdfmu.compiler.unit.trace`."""

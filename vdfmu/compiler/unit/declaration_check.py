@@ -10,7 +10,7 @@ import numpy as np
 
 from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.base.measure import unit_of
-from vdfmu.compiler.unit.base import BaseUnit
+from vdfmu.compiler.unit.base import ABOUT, BaseUnit
 from vdfmu.compiler.unit.declaration import (
     SOLVERS,
     Choice,
@@ -80,7 +80,7 @@ def _of_unit(unit: type[BaseUnit]) -> Iterator[tuple[str, str]]:
         yield "solver", "solver is the choice of the solver, which every unit with continuous states has; rename it"
     if unit.backend not in ("native", "python"):
         yield "backend", f'backend: expected "native" or "python", got {unit.backend!r}'
-    for name in ("author", "license", "copyright", "version"):
+    for name in ABOUT:
         text = getattr(unit, name)
         if text is not None and not (isinstance(text, str) and text):
             yield name, f"{name}: expected a text, got {text!r}"

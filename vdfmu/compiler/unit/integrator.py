@@ -11,7 +11,7 @@ from vdfmu.base.errors import KernelError
 from vdfmu.compiler.functions.rodas import ORDER
 from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
 from vdfmu.compiler.unit.evaluate import Evaluation
-from vdfmu.compiler.unit.scipy_solver import Solver, margin
+from vdfmu.compiler.unit.solver import Solver, margin
 
 MINIMUM_STEP = 1e-12
 """Smallest internal step [s]: 1e4 times rounding of a time of about 1 s."""
