@@ -16,7 +16,7 @@ from benchmarks.report import Report, Table
 from benchmarks.system import packed
 from benchmarks.timing import processor_time
 from vdfmu.arm.robot import Robot, load_robot, robot_names
-from vdfmu.compiler.functions.cache import COMPILER, cache_folder
+from vdfmu.base.cache import COMPILER, cache_folder
 from vdfmu.study.analysis.gains import GROWTH
 from vdfmu.study.analysis.margins import ArmLoops
 from vdfmu.study.analysis.modes import natural_modes

@@ -32,7 +32,7 @@ from vdfmu.arm.equations.plant import equilibrium_torque
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
 from vdfmu.base import style
-from vdfmu.compiler.functions.cache import COMPILER, cache_folder
+from vdfmu.base.cache import COMPILER, cache_folder
 
 pin: Any = import_module("pinocchio")  # a binary module that no type checker sees into
 

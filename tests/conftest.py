@@ -18,7 +18,7 @@ from vdfmu.arm.robot import Robot, check_robot, load_robot, robot_from_dict
 from vdfmu.arm.robot.parameters import JOINT_OPTIONS, section
 from vdfmu.arm.robot.structure import values
 from vdfmu.arm.units import shipped_units
-from vdfmu.compiler.functions.cache import cache_folder
+from vdfmu.base.cache import cache_folder
 from vdfmu.compiler.unit.evaluate import Traced
 from vdfmu.compiler.unit.integrator import Integrator
 from vdfmu.compiler.unit.interface import Interface

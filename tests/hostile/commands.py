@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
-from vdfmu.compiler.functions.cache import COMPILER, cache_folder
+from vdfmu.base.cache import COMPILER, cache_folder
 
 SECONDS = 1.0
 """Time [s] from a signal to the end of the command that is promised, where a processor is free for it."""

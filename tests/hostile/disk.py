@@ -23,8 +23,8 @@ from typing import Any
 from tests.hostile.commands import PATIENCE, workshop
 from tests.hostile.jobs import JOBS, begin, differing, files, require_nothing_left, require_whole
 from tests.hostile.table import Corpus
+from vdfmu.base.cache import COMPILER, cache_folder
 from vdfmu.base.errors import VdfmuError
-from vdfmu.compiler.functions.cache import COMPILER, cache_folder
 
 _PLAN = struct.Struct("=qqqiii4096s4096s")
 """As ``struct plan`` of `disk.c`."""

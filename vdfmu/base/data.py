@@ -21,3 +21,8 @@ def data_path(kind: Literal["models", "ssp", "fmu_src", "examples"]) -> Path:
             return place
     looked = " or ".join(str(place) for place in places)
     raise VdfmuError(f"data folder {kind!r} not found: expected {looked}. Reinstall vdfmu.")
+
+
+def source_bytes(file: Path) -> bytes:
+    """Return the content of a file of source, with the ends of lines of Unix on every system."""
+    return file.read_bytes().replace(b"\r\n", b"\n")

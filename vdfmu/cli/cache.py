@@ -10,7 +10,7 @@ from vdfmu.cli.app import App, showing_signs
 from vdfmu.cli.terminal import say
 
 if TYPE_CHECKING:
-    from vdfmu.compiler.functions.cache import CachedFile
+    from vdfmu.base.cache import CachedFile
 
 app = App(name="cache", help="Show the cache of what was built, or clear it.")
 
@@ -25,7 +25,7 @@ def show(context: typer.Context) -> None:
 
 def say_cache() -> None:
     """Print folder, entries and size."""
-    from vdfmu.compiler.functions.cache import COMPILER, cache_folder, entries, limit
+    from vdfmu.base.cache import COMPILER, cache_folder, entries, limit
 
     folder = cache_folder()
     found = entries(folder)
@@ -38,7 +38,7 @@ def say_cache() -> None:
 @app.command("clear", epilog="Example: [bold]vdfmu cache clear[/bold]")
 def clear_cache() -> None:
     """Remove all entries; what the compiler keeps for itself stays."""
-    from vdfmu.compiler.functions.cache import cache_folder, clear
+    from vdfmu.base.cache import cache_folder, clear
 
     removed = clear(cache_folder())
     say(f"Removed {len(removed)} entries, {_size(removed)}.")

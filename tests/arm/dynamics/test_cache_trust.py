@@ -13,8 +13,8 @@ import pytest
 
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
+from vdfmu.base import cache
 from vdfmu.base.files import pack_zip
-from vdfmu.compiler.functions import cache
 
 
 @pytest.fixture(autouse=True)

@@ -10,9 +10,9 @@ import platformdirs
 import pytest
 
 from vdfmu.arm.kernel import Kernel
+from vdfmu.base import cache
+from vdfmu.base.cache import cache_folder
 from vdfmu.base.errors import KernelError, UsageError
-from vdfmu.compiler.functions import cache
-from vdfmu.compiler.functions.cache import cache_folder
 from vdfmu.compiler.functions.functions import KernelFunction
 from vdfmu.compiler.functions.sources import imported
 from vdfmu.compiler.scalar.generic import clip, piecewise_hold, sgn, zeros
@@ -191,7 +191,7 @@ def test_below_its_size_no_entry_is_opened_to_store_another(tmp_path, monkeypatc
 CROWD = """
 import sys
 from pathlib import Path
-from vdfmu.compiler.functions import cache
+from vdfmu.base import cache
 folder, seed = Path(sys.argv[1]), int(sys.argv[2])
 for k in range(300):
     name = f"{(seed * k) % 3}/{(7 * k + seed) % 40}"

@@ -31,12 +31,11 @@ def _copied(value: Any) -> Any:
 
 
 FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "real": float, "sign": lambda x: float(np.sign(x)), "absolute": abs, "sqrt": math.sqrt, "exp": math.exp,
-    "ln": math.log, "sin": math.sin, "cos": math.cos, "tan": math.tan, "asin": math.asin, "acos": math.acos,
-    "atan": math.atan, "atan2": math.atan2, "tanh": math.tanh, "min": lambda a, b: float(np.fmin(a, b)),
-    "max": lambda a, b: float(np.fmax(a, b)), "roundDown": np.floor, "roundUp": np.ceil,
-    "realRemainderTowardsZero": math.fmod, "isFinite": math.isfinite, "Vector": Vector, "conditional": _conditional,
-    "copied": _copied,
+    **{name: getattr(math, name) for name in "sqrt exp sin cos tan asin acos atan atan2 sinh cosh tanh".split()},
+    "real": float, "sign": lambda x: float(np.sign(x)), "absolute": abs, "ln": math.log,
+    "min": lambda a, b: float(np.fmin(a, b)), "max": lambda a, b: float(np.fmax(a, b)),
+    "roundDown": np.floor, "roundUp": np.ceil, "realRemainderTowardsZero": math.fmod, "isFinite": math.isfinite,
+    "Vector": Vector, "conditional": _conditional, "copied": _copied,
 }  # fmt: skip
 
 
@@ -51,7 +50,9 @@ class Program:
             zero = {"Real": 0.0, "Integer": 0, "Boolean": False}[kind]
             self.variables[name] = Vector([zero] * int(size)) if size else zero
         self._methods = {
-            name: compile(_python(re.search(rf"method {name}\n(.*?)end {name};", efmu.program, re.S)[1]), name, "exec")  # type: ignore[index]
+            name: compile(
+                python_of(re.search(rf"method {name}\n(.*?)end {name};", efmu.program, re.S)[1]), name, "exec"
+            )  # type: ignore[index]
             for name in ("Startup", "Recalibrate", "DoStep")
         }
 
@@ -78,7 +79,7 @@ class Program:
         return {name: np.array(values) for name, values in found.items()}
 
 
-def _python(text: str) -> str:
+def python_of(text: str) -> str:
     """Return the statements of a method in Python."""
     lines, depth = ["pass"], 0
     text = re.sub(r"\(if (.*?) then (.*?) else (.*)\);", r"conditional(\1, \2, \3);", text.partition("algorithm\n")[2])

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 
 from tests.compiler.efmi.conftest import SHIPPED, SINGLE
 from tests.compiler.efmi.efmu import Efmu, Production, Rows
-from tests.compiler.efmi.galec import Program, Vector
+from tests.compiler.efmi.galec import FUNCTIONS, Program, Vector, python_of
 from tests.compiler.efmi.runs import experiment, of_fmu
 from tests.compiler.native.conftest import program
+from vdfmu.compiler.efmi.galec import GALEC_EXPRESSIONS
 
 STEPS = 1000
 QUICK = ["controller", "disturbance_observer", "trajectory"]
@@ -67,6 +70,22 @@ def test_algorithm_code_gives_the_bits_of_the_fmu(efmu: Callable[..., Path], uni
 @pytest.mark.parametrize("unit", [*SHIPPED, *USERS])
 def test_algorithm_code_of_all_units(efmu: Callable[..., Path], unit: str):
     _compare_algorithm(efmu(unit), 200)
+
+
+@pytest.mark.parametrize("operation", GALEC_EXPRESSIONS)
+def test_an_operation_in_galec_has_the_value_of_the_trace(operation: int):
+    text = GALEC_EXPRESSIONS[operation]
+    size = 2 if "{1}" in text else 1
+    symbols = [ca.SX.sym(name) for name in ("a", "b")[:size]]
+    traced = ca.Function("f", symbols, [(ca.SX.binary if size == 2 else ca.SX.unary)(operation, *symbols)])
+    code = compile(python_of(f"algorithm\nw2 := {text.format('w0', 'w1')};"), text, "exec")
+    for values in product((-1e9, -2.5, -0.4, 0.0, 0.3, 1.0, 1.7, 1e9), repeat=size):
+        expected = float(traced(*values))
+        if np.isfinite(expected):
+            local = FUNCTIONS | {f"w{i}": value for i, value in enumerate(values)}
+            exec(code, local)
+            # a few roundings, of numbers up to 1 larger where GALEC has no such function
+            assert local["w2"] == pytest.approx(expected, rel=1e-14, abs=1e-14), (text, values)
 
 
 def _compare_algorithm(path: Path, steps: int) -> None:

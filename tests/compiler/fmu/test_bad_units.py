@@ -10,6 +10,7 @@ import pytest
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
 from vdfmu.base.errors import UnitError
+from vdfmu.compiler.unit.load import load_units
 
 HEAD = """import numpy as np
 from vdfmu.unit import JOINTS, Choice, Derivative, Input, Output, Parameter, RobotParameters, Sampled, State, Unit
@@ -111,6 +112,14 @@ def test_a_file_without_a_unit_says_what_is_missing(tmp_path: Path) -> None:
     file.write_text("x = 1\n")
     with pytest.raises(UnitError, match=re.escape(f"{file} declares no unit: a class that is derived from")):
         build_fmus(None, tmp_path, units=[file])
+
+
+def test_a_base_of_units_with_an_underscore_is_not_a_unit(tmp_path: Path) -> None:
+    file = tmp_path / "gains.py"
+    file.write_text(
+        "from vdfmu.unit import Unit\n\n\nclass _Common(Unit):\n    pass\n\n\nclass Gain(_Common):\n    pass\n"
+    )
+    assert list(load_units(file)) == ["gain"]
 
 
 def test_all_that_is_wrong_with_a_declaration_is_in_one_message(tmp_path: Path) -> None:

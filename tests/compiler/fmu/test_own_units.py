@@ -24,7 +24,7 @@ from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import find_unit
 from vdfmu.compiler.unit.evaluate import Plain
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.scipy_solver import ScipySolver
+from vdfmu.compiler.unit.solver import ScipySolver
 
 FILE = Path(__file__).parent / "own_units.py"
 NATIVE = ("native 2.0", "native 3.0")

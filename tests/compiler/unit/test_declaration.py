@@ -202,6 +202,12 @@ def test_names_that_tools_cannot_take_are_refused(name):
         Interface(type("Bad", (Unit,), {name: Input("1")}), None)
 
 
+@pytest.mark.parametrize("name", ["_Gain", "My__Gain", "Gain_", "Größe"])
+def test_a_unit_has_a_name_that_c_takes(name):
+    with pytest.raises(UnitError, match=f"a unit cannot be called {name}: expected a letter, then letters, digits and"):
+        Interface(type(name, (Unit,), {"u": Input("1")}), None)
+
+
 def test_a_unit_with_joints_needs_a_robot():
     with pytest.raises(UnitError, match="Many needs a robot, for its joints"):
         Many()
@@ -223,6 +229,8 @@ def test_an_instance_has_values_and_refuses_others(slider):
         Many(slider, g=[1.0, 2.0])
     with pytest.raises(UsageError, match=r"Many\.mode: expected slow or fast, got 'quick'"):
         unit.mode = "quick"
+    with pytest.raises(UsageError, match=r"Many\.on: expected True or False, got 0\.5"):
+        unit.on = 0.5
     with pytest.raises(UsageError, match=r"Many\.k: expected numbers, got 'stiff'"):
         unit.k = "stiff"
     with pytest.raises(UsageError, match=r"Many\.k: expected numbers, got None"):
@@ -248,6 +256,8 @@ def test_start_values_of_an_interface_are_checked_all_at_once(slider):
         UsageError, match=r"start values of many: k: expected at most 5 N/m, got 7 N/m\. y\[1\] is an output"
     ):
         Interface(Many, slider, {"k": 7.0, "y[1]": 1.0})
+    with pytest.raises(UsageError, match="start values of many: on: expected true or false, got 0.5"):
+        Interface(Many, slider, {"on": 0.5})
     changed = Interface(Many, slider, {"mode": 1, "on": False, "g[2]": 5})
     assert (changed.find("mode").start, changed.find("on").start, changed.find("g[2]").start) == (
         1, False, 5.0,

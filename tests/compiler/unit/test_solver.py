@@ -17,7 +17,7 @@ from vdfmu.compiler.unit.declaration import SOLVERS
 from vdfmu.compiler.unit.evaluate import Plain, Traced
 from vdfmu.compiler.unit.integrator import Integrator
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.scipy_solver import ScipySolver, samples
+from vdfmu.compiler.unit.solver import ScipySolver, samples
 from vdfmu.unit import (
     JOINTS,
     Choice,

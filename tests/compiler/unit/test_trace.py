@@ -1,6 +1,7 @@
 """A unit's methods on symbols: the same numbers as on floats, and one trace for each choice."""
 
 import math
+import re
 
 import fmpy
 import numpy as np
@@ -9,9 +10,10 @@ import pytest
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import UnitError
+from vdfmu.compiler.c.generate import generated_sources
 from vdfmu.compiler.unit.evaluate import Plain, Traced
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.scipy_solver import ScipySolver
+from vdfmu.compiler.unit.solver import ScipySolver
 from vdfmu.unit import (
     JOINTS,
     Choice,
@@ -150,6 +152,7 @@ class Combined(Unit):
     u = Input("1", 3)
     y = Output("1", 6)
     z = Output("1", 3)
+    w = Output("1", 3)
 
     def outputs(self) -> None:
         both = np.concatenate([self.u, -self.u])
@@ -158,6 +161,9 @@ class Combined(Unit):
         for i in range(3):
             limited[i] = where(self.u[i] > 1.0, 1.0, self.u[i])
         self.z = where(clip(self.u, -1.0, 1.0) < 0.5, limited, where(self.u > 0.0, 2.0, 3.0))
+        partly = zeros((3,), self.u)  # symbols and numbers
+        partly[1:] = self.u[0], 2.0
+        self.w = clip(partly, -1.0, 1.0)
 
 
 class Table(Unit):
@@ -421,6 +427,23 @@ class Undeclared(Geared):
 
     def outputs(self) -> None:
         self.y = self.robot.mass * self.tau
+
+
+class ManyWays(Unit):
+    """Has a step of the solver for each choice."""
+
+    way = Choice(*"fcbead")
+    x = State("1")
+    x_dot = Derivative(x)
+
+    def derivatives(self) -> None:
+        self.x_dot = -self.x if self.way == "a" else self.x
+
+
+def test_generated_files_have_the_order_of_names_whatever_python_makes_of_texts():
+    header = generated_sources(Interface(ManyWays, None), "{}")["kernel.h"]
+    listed = re.findall(r"many_ways_step_\w_avx2", header)
+    assert listed == sorted(listed) and len(listed) == 6
 
 
 def test_a_field_of_the_robot_is_a_parameter():

@@ -10,8 +10,8 @@ import pytest
 
 import vdfmu
 from vdfmu.arm.robot import load_robot
+from vdfmu.base.cache import load, store
 from vdfmu.compiler.c import generate
-from vdfmu.compiler.functions.cache import load, store
 from vdfmu.compiler.functions.functions import Functions
 from vdfmu.compiler.unit.program import UnitFunctions
 from vdfmu.study.run import scenario_run as study

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from functools import lru_cache
 
 import casadi as ca
@@ -58,6 +59,8 @@ EXPRESSIONS = {
     ca.OP_IF_ELSE_ZERO: "{0} != 0.0 ? {1} : 0.0",
 }
 """Operation: C expression of its operands {0} and {1}, which may be vectors too (``fmu_src/batch/lanes.h``)."""
+CALLED = frozenset(re.findall(r"\b(\w+)\(", " ".join(EXPRESSIONS.values())))
+"""Functions of math.h that they call."""
 
 
 @lru_cache

@@ -15,13 +15,13 @@ import numpy as np
 
 from vdfmu.base.progress import counted
 from vdfmu.base.version import __version__
-from vdfmu.compiler.c.expressions import c_prototype
+from vdfmu.compiler.c.expressions import c_constant, c_prototype
 from vdfmu.compiler.c.files import avx2_copies, kernel_files
 from vdfmu.compiler.c.grow import grown
 from vdfmu.compiler.c.text import array, call_lines, cell, comment, fields, head, string, wrapped
-from vdfmu.compiler.fmu.description import number
 from vdfmu.compiler.functions.derivatives import DIRECTIONS
 from vdfmu.compiler.functions.switching import NEVER
+from vdfmu.compiler.unit.declaration import PHASES
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.machine import traced_margins
 from vdfmu.compiler.unit.program import Call
@@ -32,6 +32,13 @@ from vdfmu.compiler.unit.variable import Variable
 _ROLES = {"input": "INPUT", "output": "OUTPUT", "local": "DERIVATIVE", "independent": "TIME"}
 _SOLVER = ("h", "tolerance")
 """Arguments of the step that its caller gives by value."""
+_ADD = """\
+static void add(double *target, const double *term, size_t n)
+{
+    for (size_t i = 0; i < n; i++)
+        target[i] += term[i];
+}
+"""
 
 
 def generated_sources(interface: Interface, guid: str) -> dict[str, str]:
@@ -63,9 +70,8 @@ class _TracedFunctions:
             for name in counted(f"trace {interface.name}", names, len(names))
         }
         robot = interface.robot if interface.has_robot else None
-        own, function = traced_requirements(interface)
-        self.requirements = (robot.requirements() if robot is not None else []) + own
         self.margins = traced_margins(robot) if robot is not None else []
+        function = traced_requirements(interface)[1]
         self.margins += [function] if function is not None else []
         self.functions |= {function.name(): function for function in self.margins}
 
@@ -127,7 +133,7 @@ class _UnitGenerator:
             for name, function in self.functions.items()
             for ending in (("", *DIRECTIONS) if name in self.called else ("",))
         ]
-        listed += [c_prototype(self.functions[name]).replace(name, f"{name}_avx2", 1) for name in self.steps]
+        listed += [c_prototype(self.functions[name]).replace(name, f"{name}_avx2", 1) for name in sorted(self.steps)]
         prototypes = "".join(f"{wrapped(prototype)};\n" for prototype in listed)
         return (
             head(
@@ -152,26 +158,20 @@ class _UnitGenerator:
             self._arrays(),
             *self._patterns(),
             *self._requirements(),
-            *self._helpers(),
+            _ADD if self.program.calls else "",
             *self._programs(),
             *self._solver_step(),
             *self._left(),
             self._unit(),
         )
-        return "\n".join(parts)
+        return "\n".join(filter(None, parts))
 
     # ---------------------------------------------------------------- tables
 
     def _positions(self) -> str:
         """Positions of the groups, as an enumeration."""
-        places = {argument_name(group): where.start for group, where in self.interface.groups.items()}
-        for group in ("p", "x", "x_dot"):
-            if group == "p" and not self.interface.has_robot:
-                continue
-            where = self.interface.slice(group)
-            if where.stop > where.start:
-                places[group] = where.start
-        places["t"] = self.interface.time
+        arguments = self.interface.arguments.items()
+        places = {group: where.start for group, where in arguments if where.stop > where.start}
         listed = fields(f"at_{group} = {place}" for group, place in places.items())
         return f"/* Positions in the memory: the first of each group. */\nenum {{\n{listed}\n}};\n"
 
@@ -185,7 +185,7 @@ class _UnitGenerator:
         rows: list[str] = []
         for v in self.interface.memory:
             kind = kinds.setdefault(_kind(v, lists.get(v.choices)), f"V{len(kinds)}")
-            rows.append(f"{kind}({string(v.name)}, {number(0.0 if v.start is None else v.start)})")
+            rows.append(f"{kind}({string(v.name)}, {c_constant(0.0 if v.start is None else v.start)})")
         macros = "".join(f"#define {name}(name, start) {kind}\n" for kind, name in kinds.items())
         head = "/* name, unit, type, role, start, min, max, names of the values, their number */\n"
         yield head + macros + array("Variable", "variables", rows)
@@ -207,38 +207,25 @@ class _UnitGenerator:
         if not self.requirements:
             return
         positions = [[self.interface.reference[p.name] for p in r.parameters] for r in self.requirements]
-        flat = [str(i) for listed in positions for i in listed]
-        yield array("size_t", "required", flat)
-        rows: list[str] = []
-        begin = 0
-        for requirement, listed in zip(self.requirements, positions, strict=True):
-            rows.append(cell(string(requirement.expected), f"required + {begin}", len(listed)))
-            begin += len(listed)
+        yield array("size_t", "required", (str(i) for listed in positions for i in listed))
+        begins = accumulate(map(len, positions), initial=0)
+        rows = (
+            cell(string(requirement.expected), f"required + {begin}", len(listed))
+            for requirement, begin, listed in zip(self.requirements, begins, positions, strict=False)
+        )
         yield array("Requirement", "requirements", rows, one_a_line=True)
         calls = ""
-        begins = [0, len(self.conditions)] if self.conditions else [0]
-        for begin, function in zip(begins, self.margins, strict=False):
+        first = [0, len(self.conditions)] if self.conditions else [0]
+        for begin, function in zip(first, self.margins, strict=False):
             places = [self._place("m", argument) for argument in function.name_in()]
             calls += f"    {function.name()}({', '.join([*places, f'margin + {begin}' if begin else 'margin'])});\n"
         yield f"static void unit_margins(const double *m, double *margin)\n{{\n{calls}}}\n"
 
     # ---------------------------------------------------------------- programs
 
-    def _helpers(self) -> Iterator[str]:
-        if self.program.calls:
-            yield (
-                "static void add(double *target, const double *term, size_t n)\n{\n"
-                "    for (size_t i = 0; i < n; i++)\n        target[i] += term[i];\n}\n"
-            )
-
     def _programs(self) -> Iterator[str]:
-        program = self.program
-        for name, calls in (
-            ("start", program.start),
-            ("outputs", program.outputs),
-            ("derivatives", program.derivatives),
-            ("update", program.update),
-        ):
+        for name in PHASES:
+            calls: tuple[Call, ...] = getattr(self.program, name)
             if name == "update" and not calls:
                 continue
             yield _function(name, "double *m", ("m",), self._blocks(calls, self._forth))
@@ -252,7 +239,7 @@ class _UnitGenerator:
         """Lines of calls, each in a block of the choices with which it runs."""
         lines: list[str] = []
         for call in calls:
-            conditions = [f"m[at_{argument_name(group)}] == {number(value)}" for group, value in call.when]
+            conditions = [f"m[at_{argument_name(group)}] == {c_constant(value)}" for group, value in call.when]
             indent = "    " if conditions else ""
             lines += [f"if ({' && '.join(conditions)}) {{"] if conditions else []
             lines += [indent + line for line in write(call)]
@@ -314,7 +301,7 @@ class _UnitGenerator:
 
     def _left(self) -> Iterator[str]:
         if self.program.left:
-            lines = [f"*left = {number(NEVER)};", *self._blocks(self.program.left, partial(self._step_call, ""))]
+            lines = [f"*left = {c_constant(NEVER)};", *self._blocks(self.program.left, partial(self._step_call, ""))]
             yield _function("left", "const double *m, const double *rate, double *left", ("m", "rate"), lines)
 
     def _step_call(self, ending: str, call: Call) -> list[str]:
@@ -333,7 +320,7 @@ class _UnitGenerator:
         return f"{memory} + at_{group}"
 
     def _size(self, group: str) -> int:
-        where = self.interface.slice(group)
+        where = self.interface.arguments[group]
         return where.stop - where.start
 
     def _clear(self, group: str) -> str:
@@ -392,8 +379,8 @@ def _kind(v: Variable, choices: str | None) -> str:
     role = _ROLES.get(v.causality)
     if role is None:
         role = "TUNABLE_PARAMETER" if v.variability == "tunable" else "FIXED_PARAMETER"
-    least = "-INFINITY" if v.minimum is None else number(v.minimum)
-    most = "INFINITY" if v.maximum is None else number(v.maximum)
+    least = "-INFINITY" if v.minimum is None else c_constant(v.minimum)
+    most = "INFINITY" if v.maximum is None else c_constant(v.maximum)
     unit = string(v.unit or "")
     return cell("name", unit, v.type.upper(), role, "start", least, most, choices or "NULL", len(v.choices))
 

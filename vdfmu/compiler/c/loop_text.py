@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from vdfmu.compiler.c.expressions import EXPRESSIONS, c_prototype
 from vdfmu.compiler.c.loops import Loops, Operand, Pass, Segment
 
-_STACK = 32_768
+STACK = 32_768
 """Numbers of the memory from which it is not on the stack, which threads have 512 kB of on some systems."""
 
 _OPERAND = re.compile(r"{(\d)}")
@@ -58,7 +58,7 @@ class _Text:
             texts.append(f"{self._part(name)};\n{_block(self._part(name), list(self._loop(turn, found)))}")
             body.append(f"{name}({', '.join([*given, 'w'])});")
         size = max(self._size, 1)
-        memory = [f"#if {size} > {_STACK}", "static _Thread_local", "#endif"] if self._size else []
+        memory = [f"#if {size} > {STACK}", "static _Thread_local", "#endif"] if self._size else []
         body = [*memory, f"double w[{size}];", *self._unused(), *body]
         return "\n".join([*texts, _block(self._prototype, body)])
 

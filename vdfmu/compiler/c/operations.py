@@ -16,12 +16,11 @@ from typing import NamedTuple
 import casadi as ca
 
 from vdfmu.compiler.c.expressions import EXPRESSIONS, c_prototype, slopes
+from vdfmu.compiler.c.loop_text import STACK
 from vdfmu.compiler.c.loops import Loops, Operand, Segment
 from vdfmu.compiler.c.text import array, cell, head, wrapped
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative_names
 
-_STACK = 32_768
-"""Numbers of the memory from which it is not on the stack, which threads have 512 kB of on some systems."""
 _CODES = {operation: code for code, operation in enumerate(EXPRESSIONS)}
 _CODE = 6
 """Bits of a code."""
@@ -259,7 +258,7 @@ class _OperationTable:
 {{
     static const Operations operations = {{{fields}}};
     int moved[{len(slopes)}];
-#if {2 * size} > {_STACK}
+#if {2 * size} > {STACK}
     static _Thread_local
 #endif
     double w[{size}], d[{size}];

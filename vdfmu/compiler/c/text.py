@@ -10,8 +10,8 @@ WIDTH = 110
 
 def comment(text: str) -> str:
     """Return a block comment."""
-    text = text.replace("*/", "* /").replace("/*", "/ *")
-    lines = textwrap.wrap(_ascii(text), WIDTH - 3) or [""]
+    text = text.replace("*/", "* /").replace("/*", "/ *").encode("ascii", "replace").decode()
+    lines = textwrap.wrap(text, WIDTH - 3) or [""]
     return "/* " + "\n * ".join(lines) + "\n */\n"
 
 
@@ -73,7 +73,3 @@ def wrapped(prototype: str) -> str:
     """Return a prototype in lines of limited width."""
     name, _, arguments = prototype.partition("(")
     return "\n".join(call_lines(name, arguments.removesuffix(")").split(", "))).removesuffix(";")
-
-
-def _ascii(text: str) -> str:
-    return text.encode("ascii", "replace").decode()

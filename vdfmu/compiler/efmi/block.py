@@ -148,7 +148,7 @@ class SampledBlock:
             elif name in read:
                 found["fixed"].append(self._variable(name, members, "constant"))
         if "p" in read:
-            members = interface.variables[interface.slice("p")]
+            members = interface.variables[interface.arguments["p"]]
             text = f"Parameters of the robot, in the order of its FMU: {members[0].name} .. {members[-1].name}"
             start = tuple(float(v.start) for v in members)
             found["fixed"].append(BlockVariable("p", "constant", start, len(members), description=text))

@@ -6,7 +6,7 @@ import zipfile
 from functools import lru_cache
 from pathlib import Path
 
-from vdfmu.base.data import data_path
+from vdfmu.base.data import data_path, source_bytes
 from vdfmu.base.files import pack_zip, storing
 from vdfmu.compiler.efmi.block import SampledBlock
 from vdfmu.compiler.efmi.galec import galec_text
@@ -72,4 +72,4 @@ def _schemas() -> dict[str, bytes]:
     """Return path to content of the schemas of eFMI, which every eFMU has."""
     folder = data_path("fmu_src") / "efmi" / "schemas"
     files = sorted(file for file in folder.rglob("*") if file.is_file())
-    return {file.relative_to(folder).as_posix(): file.read_bytes().replace(b"\r\n", b"\n") for file in files}
+    return {file.relative_to(folder).as_posix(): source_bytes(file) for file in files}

@@ -26,7 +26,7 @@ _OTHERS = {
     ca.OP_CONSTPOW: "{0} ^ {1}",
     ca.OP_FLOOR: "roundDown({0})",
     ca.OP_CEIL: "roundUp({0})",
-    ca.OP_ASINH: "ln({0} + sqrt({0} * {0} + 1.0))",
+    ca.OP_ASINH: "sign({0}) * ln(absolute({0}) + sqrt({0} * {0} + 1.0))",
     ca.OP_ACOSH: "ln({0} + sqrt({0} * {0} - 1.0))",
     ca.OP_ATANH: "0.5 * ln((1.0 + {0}) / (1.0 - {0}))",
     ca.OP_HYPOT: "sqrt({0} * {0} + {1} * {1})",
@@ -41,8 +41,8 @@ _OTHERS = {
     ca.OP_FMAX: "max({0}, {1})",
     ca.OP_IF_ELSE_ZERO: "(if {0} <> 0.0 then {1} else 0.0)",
 }
-_EXPRESSIONS = EXPRESSIONS | {k: f"(if {text} then 1.0 else 0.0)" for k, text in _TRUTHS.items()} | _OTHERS
-"""Operation to its text: C's, but for those that GALEC calls otherwise. It has no function for some."""
+GALEC_EXPRESSIONS = EXPRESSIONS | {k: f"(if {text} then 1.0 else 0.0)" for k, text in _TRUTHS.items()} | _OTHERS
+"""Operation to its text: C's, except for what GALEC writes in another way."""
 
 _INFINITE = "not isFinite({0})"
 
@@ -178,4 +178,4 @@ def _language(block: SampledBlock, call: Call) -> Language:
         ]
         return " ".join(found)
 
-    return Language(_EXPRESSIONS, galec_number, element, element, row, "{} := {};")
+    return Language(GALEC_EXPRESSIONS, galec_number, element, element, row, assignment="{} := {};")

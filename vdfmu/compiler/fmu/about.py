@@ -8,11 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from vdfmu.base.version import __version__
-from vdfmu.compiler.unit.base import BaseUnit, is_shipped
+from vdfmu.compiler.unit.base import ABOUT, BaseUnit, is_shipped
 from vdfmu.compiler.unit.place import source_file
-
-ABOUT = ("version", "author", "copyright", "license")
-"""Attributes of a unit's class, and of a model description, in their order there."""
 
 
 def about(unit: type[BaseUnit]) -> dict[str, str]:

@@ -14,14 +14,14 @@ from importlib.metadata import version as version_of
 from pathlib import Path
 from typing import Any
 
-from vdfmu.base.data import data_path
+from vdfmu.base.cache import cache_folder, load, store
+from vdfmu.base.data import data_path, source_bytes
 from vdfmu.base.errors import FmuError, VdfmuError
 from vdfmu.base.standards import FMI_2, FMI_VERSIONS, FmiVersion
 from vdfmu.base.version import __version__
-from vdfmu.compiler.fmu.about import ABOUT, about
-from vdfmu.compiler.functions.cache import cache_folder, load, store
+from vdfmu.compiler.fmu.about import about
 from vdfmu.compiler.functions.sources import source_digest
-from vdfmu.compiler.unit.base import BaseUnit, is_shipped, unit_name
+from vdfmu.compiler.unit.base import ABOUT, BaseUnit, is_shipped, unit_name
 from vdfmu.compiler.unit.interface import Interface, interface_of
 from vdfmu.compiler.unit.load import load_units
 from vdfmu.compiler.unit.machine import Machine
@@ -44,7 +44,7 @@ def installed_digest(backend: str = "python") -> str:
     for pattern in _DATA[backend]:
         for file in sorted(data_path("fmu_src").glob(pattern)):
             digest.update(f"{file.name}\n".encode())
-            digest.update(file.read_bytes().replace(b"\r\n", b"\n"))
+            digest.update(source_bytes(file))
     return digest.hexdigest()
 
 
@@ -170,16 +170,15 @@ class Content:
             If it cannot be used; `file` is where it stands.
         """
         with _using(file):
-            name, digest = str(data["unit"]), str(data["digest"])
+            name = str(data["unit"])
             unit = unit if unit is not None else _named(f"{data['module']}:{model_name}")
             if unit is None or unit_name(unit) != name or unit.__name__ != model_name:
                 raise FmuError(f"{file} belongs to unit {name!r}, expected that of {model_name}.")
             robot = None if data["robot"] is None else _named(data["reader"])(data["robot"], file)
             made_by = {key: str(data["made_by"][key]) for key in ABOUT if key in data["made_by"]}
-            content = Content(
-                unit, robot, dict(data["start_values"]), str(data["backend"]), str(data["fmi_version"]),
-                str(data["version"]), digest, str(data["tool"]), made_by, bool(data.get("sources", True)),
-            )  # fmt: skip
+            texts = {key: str(data[key]) for key in ("backend", "fmi_version", "version", "digest", "tool")}
+            sources = bool(data.get("sources", True))
+            content = Content(unit, robot, dict(data["start_values"]), made_by=made_by, sources=sources, **texts)
             _ = content.interface
         return content
 

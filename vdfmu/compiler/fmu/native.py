@@ -9,7 +9,7 @@ from importlib.metadata import files as installed_files
 from importlib.util import find_spec
 from pathlib import Path
 
-from vdfmu.base.data import PACKAGE, data_path
+from vdfmu.base.data import PACKAGE, data_path, source_bytes
 from vdfmu.base.errors import FmuError, StorageError
 from vdfmu.base.files import pack_zip, read_member
 from vdfmu.base.standards import FMI_VERSIONS
@@ -75,7 +75,7 @@ def _written_sources(prefix: str) -> dict[str, bytes]:
     """Return file name to content of what is the same for all units whose FMI functions have this prefix."""
     others = {f"{version.prefix}.c" for version in FMI_VERSIONS.values()} - {f"{prefix}.c"}
     files = sorted((data_path("fmu_src") / "c").glob("*.[ch]"))
-    return {file.name: file.read_bytes().replace(b"\r\n", b"\n") for file in files if file.name not in others}
+    return {file.name: source_bytes(file) for file in files if file.name not in others}
 
 
 def _as_compiled(sources: Mapping[str, bytes], fmi_version: str) -> dict[str, bytes]:
@@ -98,7 +98,7 @@ def component_sources(exchange: bool) -> tuple[dict[str, bytes], str]:
     """Return what makes a component of WebAssembly of a unit, with model exchange or without: files, and its world."""
     folder = data_path("fmu_src") / "wasm"
     paths = sorted([*folder.glob("*.[ch]"), *folder.glob("wit/*.wit")])
-    files = {path.name: path.read_bytes().replace(b"\r\n", b"\n") for path in paths}
+    files = {path.name: source_bytes(path) for path in paths}
     if not exchange:
         return files, "co-simulation-fmu"
     return files | {"component.c": b"#define EXCHANGE\n" + files["component.c"]}, "co-simulation-and-model-exchange-fmu"
@@ -114,7 +114,7 @@ def fmi_headers(fmi_version: str) -> dict[str, bytes]:
     for folder in (spec.submodule_search_locations if spec else None) or ():
         headers = sorted((Path(folder) / "c-code").glob(f"{FMI_VERSIONS[fmi_version].prefix}*.h"))
         if headers:
-            return {header.name: header.read_bytes().replace(b"\r\n", b"\n") for header in headers}
+            return {header.name: source_bytes(header) for header in headers}
     raise FmuError("fmpy has no headers of FMI (folder fmpy/c-code). Install fmpy again.")
 
 

@@ -15,12 +15,12 @@ from xml.etree.ElementTree import Element, SubElement, register_namespace
 
 import numpy as np
 
+from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.compiler.fmu.content import Content
 from vdfmu.compiler.fmu.description import document
-from vdfmu.compiler.functions.cache import cache_folder, load, store
 from vdfmu.compiler.unit.evaluate import Evaluation, Plain, evaluation
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.scipy_solver import TOLERANCE, ScipySolver, margin
+from vdfmu.compiler.unit.solver import TOLERANCE, ScipySolver, margin
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 INTERVALS = 20

@@ -9,11 +9,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
+from vdfmu.base.cache import COMPILER, cache_folder
 from vdfmu.base.errors import FmuError, UsageError
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.base.version import __version__
 from vdfmu.compiler.fmu.content import CONTENT_PLACES, EFMU, Content, installed_digest, tool_of
-from vdfmu.compiler.functions.cache import COMPILER, cache_folder
 from vdfmu.compiler.unit.base import BaseUnit
 
 

@@ -1,4 +1,4 @@
-"""From equations to fast functions: cache, derivatives, prepared buffers, a step of the solver."""
+"""From equations to fast functions: traced once, kept, their derivatives, prepared buffers, a step of the solver."""
 
 from vdfmu.compiler.functions.functions import Functions, KernelFunction, traced_function
 

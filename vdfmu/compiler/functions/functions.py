@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from vdfmu.base.arrays import Floats
+from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import KernelError
 from vdfmu.base.interrupt import listening
-from vdfmu.compiler.functions.cache import cache_folder, load, store
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from vdfmu.base.data import PACKAGE
+from vdfmu.base.data import PACKAGE, source_bytes
 
 _IMPORT = re.compile(r"^ *(?:from vdfmu([\w.]*) import (\([^)]*\)|.*)|import vdfmu([\w.]*))", re.MULTILINE)
 _NAME = re.compile(r"\w+")
@@ -56,7 +56,7 @@ def _files() -> dict[str, Path]:
 @cache
 def _source(name: str) -> tuple[str, frozenset[str]]:
     """Return the digest of a module, and the names that it imports, some of which are not modules."""
-    content = _files()[name].read_bytes().replace(b"\r\n", b"\n")
+    content = source_bytes(_files()[name])
     names = _imports(content.decode())
     return sha256(content).hexdigest(), frozenset([name.rpartition(".")[0], *names])
 

@@ -27,29 +27,18 @@ def sgn(x: Any) -> Any:
 
 def clip(x: Any, low: Any, high: Any) -> Any:
     """Limit every element of `x` to [`low`, `high`]."""
-    x, low, high = np.broadcast_arrays(x, low, high, subok=True)
-    if not any(a.dtype == object for a in (x, low, high)):
-        return np.clip(x, low, high)
-    return np.frompyfunc(_clip_one, 3, 1)(x, low, high)
-
-
-def _clip_one(x: Any, low: Any, high: Any) -> Any:
-    symbol = next(v for v in (x, low, high) if hasattr(v, "clip_between"))
-    return symbol.clip_between(x, low, high)
+    return minimum(maximum(x, low), high)
 
 
 def where(condition: Any, a: Any, b: Any) -> Any:
     """Return elements of `a` where the condition holds, else of `b`."""
-    condition, a, b = np.broadcast_arrays(condition, a, b, subok=True)
-    if condition.dtype != object:
-        if not any(x.dtype == object for x in (a, b)):
-            return np.where(condition, a, b)[()]
-        return np.frompyfunc(lambda c, x, y: x if c else y, 3, 1)(condition, a, b)
-    return np.frompyfunc(_where_one, 3, 1)(condition, a, b)
+    if all(np.asarray(x).dtype != object for x in (condition, a, b)):
+        return np.where(condition, a, b)[()]
 
+    def one(c: Any, x: Any, y: Any) -> Any:
+        return c.where(x, y) if hasattr(c, "where") else (x if c else y)
 
-def _where_one(condition: Any, a: Any, b: Any) -> Any:
-    return condition.where(a, b) if hasattr(condition, "where") else (a if condition else b)
+    return np.frompyfunc(one, 3, 1)(condition, a, b)
 
 
 def minimum(a: Any, b: Any) -> Any:
@@ -146,10 +135,8 @@ def cutting(cutter: _Cutter | None) -> Generator[None]:
 
 
 def piecewise_hold(s: Any) -> tuple[Any, Any]:
-    """Return a scalar `s` limited to [0, 1], and a factor that is 1 inside that interval and 0 outside."""
-    if hasattr(s, "hold_unit_interval"):
-        return s.hold_unit_interval()
-    return min(max(s, 0.0), 1.0), 1.0 if 0.0 <= s <= 1.0 else 0.0
+    """Return `s` limited to [0, 1], and a factor that is 1 inside that interval and 0 outside."""
+    return clip(s, 0.0, 1.0), 1.0 * ((s >= 0.0) & (s <= 1.0))
 
 
 def zeros(shape: tuple[int, ...], *like: Any) -> np.ndarray:

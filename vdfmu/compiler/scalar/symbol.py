@@ -212,22 +212,12 @@ class Symbol:
         """Return the larger of two."""
         return Symbol(ca.fmax(self.sx, _sx(other)))
 
-    @staticmethod
-    def clip_between(x: Any, low: Any, high: Any) -> Symbol:
-        """Limit `x` to [`low`, `high`]; any of them may be a number."""
-        return Symbol(ca.fmin(ca.fmax(_sx(x), _sx(low)), _sx(high)))
-
     def row_of(self, edges: Any, rows: Any) -> Any:
         """Return the row of a table of the interval that the symbol lies in."""
         rows = np.asarray(rows, dtype=float)
         table = lookup_function(np.asarray(edges, dtype=float), rows.reshape(len(rows), -1))
         row = from_sx(table(self.sx))
         return row if rows.ndim > 1 else row[0]
-
-    def hold_unit_interval(self) -> tuple[Symbol, Symbol]:
-        """Limit the symbol to [0, 1]; with a factor that is 1 inside the interval and 0 outside."""
-        inside = ca.logic_and(self.sx >= 0.0, self.sx <= 1.0)
-        return Symbol(ca.fmin(ca.fmax(self.sx, 0.0), 1.0)), Symbol(inside)
 
 
 _NUMBERS = (float, int)

@@ -25,10 +25,14 @@ from vdfmu.compiler.unit.declaration import (
     RobotParameters,
     Sampled,
     State,
+    Switch,
     Terminal,
 )
 from vdfmu.compiler.unit.follow import MARK, followers, mark_parameter, roots, start_arrays, with_mark
 from vdfmu.compiler.unit.machine import Machine
+
+ABOUT = ("version", "author", "copyright", "license")
+"""Attributes of a unit's class, and of a model description, in their order there."""
 
 
 class Watch(Protocol):
@@ -246,6 +250,8 @@ class BaseUnit:
             if value not in declared.choices:
                 raise UsageError(f"{where}: expected {' or '.join(declared.choices)}, got {value!r}.")
             return value
+        if isinstance(declared, Switch) and (np.ndim(value) or value not in (True, False)):
+            raise UsageError(f"{where}: expected True or False, got {value!r}.")
         sizes = declared.sizes(self.n)
         array = np.asarray(value)
         if array.dtype.kind not in "biuf" and not all(_is_number(v) for v in array.flat):

@@ -10,7 +10,7 @@ import numpy as np
 
 from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.base.measure import unit_of
-from vdfmu.compiler.unit.base import BaseUnit
+from vdfmu.compiler.unit.base import ABOUT, BaseUnit
 from vdfmu.compiler.unit.declaration import (
     SOLVERS,
     Choice,
@@ -25,7 +25,8 @@ from vdfmu.compiler.unit.declaration import (
 from vdfmu.compiler.unit.machine import Machine
 from vdfmu.compiler.unit.place import place
 
-_NAME = re.compile(r"[A-Za-z](_?[A-Za-z0-9])*_?")
+_WORDS = r"[A-Za-z](_?[A-Za-z0-9])*"
+_NAME = re.compile(f"{_WORDS}_?")
 
 
 def check_unit(unit: type[BaseUnit], robot: Machine | None) -> None:
@@ -45,6 +46,11 @@ def check_unit(unit: type[BaseUnit], robot: Machine | None) -> None:
 
 def _of_unit(unit: type[BaseUnit]) -> Iterator[tuple[str, str]]:
     """Variables or methods, and what is wrong with them together."""
+    if not re.fullmatch(_WORDS, unit.__name__):
+        yield (
+            "",
+            f"a unit cannot be called {unit.__name__}: expected a letter, then letters, digits and single underscores",
+        )
     states = [d for d in unit.declared.values() if type(d) is State]
     derived = [d.state for d in unit.declared.values() if isinstance(d, Derivative)]
     for state in states:
@@ -74,7 +80,7 @@ def _of_unit(unit: type[BaseUnit]) -> Iterator[tuple[str, str]]:
         yield "solver", "solver is the choice of the solver, which every unit with continuous states has; rename it"
     if unit.backend not in ("native", "python"):
         yield "backend", f'backend: expected "native" or "python", got {unit.backend!r}'
-    for name in ("author", "license", "copyright", "version"):
+    for name in ABOUT:
         text = getattr(unit, name)
         if text is not None and not (isinstance(text, str) and text):
             yield name, f"{name}: expected a text, got {text!r}"

@@ -186,9 +186,9 @@ def _differs(interface: Any, calls: Sequence[Call]) -> npt.NDArray[np.bool_]:
         if not call.when:
             continue
         function = interface.functions.casadi_function(call.function)
-        given = {name: memory[interface.slice(call.group(name))] for name in function.name_in()}
+        given = {name: memory[interface.arguments[call.group(name)]] for name in function.name_in()}
         for name, value in function(**given).items():
-            for row, position in enumerate(_positions(interface.slice(call.group(name)))):
+            for row, position in enumerate(_positions(interface.arguments[call.group(name)])):
                 found.setdefault(position, []).append(value[row])
     differs = np.ones(interface.size, dtype=bool)
     for position, values in found.items():
@@ -202,10 +202,10 @@ def _of_call(interface: Any, call: Call) -> tuple[Pattern, npt.NDArray[np.bool_]
     rows = np.zeros(interface.size, dtype=bool)
     function = interface.functions.casadi_function(call.function)
     for result in function.name_out():
-        set_here = _positions(interface.slice(call.group(result)))
+        set_here = _positions(interface.arguments[call.group(result)])
         rows[set_here] = True
         for argument in function.name_in():
-            columns = _positions(interface.slice(call.group(argument)))
+            columns = _positions(interface.arguments[call.group(argument)])
             sparsity = function.jac_sparsity(function.index_out(result), function.index_in(argument))
             i, j = (np.array(index, np.intp) for index in sparsity.get_triplet())
             pattern[set_here[i], columns[j]] = True

@@ -49,7 +49,7 @@ class Evaluation:
 
     def argument(self, name: str) -> Floats:
         """Values of an argument of traced functions, in place."""
-        return self.memory[self.interface.slice(name)]
+        return self.memory[self.interface.arguments[name]]
 
     def rate(self, t: float, x: Floats) -> Floats:
         """Return the derivatives at a time and a state, (n_x,), for a solver."""
@@ -82,9 +82,13 @@ class Evaluation:
         names = [n for n in functions.casadi_function(name).name_in() if n[:5] != "rate_" and n not in buffers]
         return functions.function(name, **{n: self.argument(n) for n in names}, **buffers)
 
+    def conditions(self, call: Call) -> list[tuple[Floats, float]]:
+        """Return the choices of the unit for which a call is, in place, and their values."""
+        return [(self.argument(argument_name(choice)), float(value)) for choice, value in call.when]
+
     def takes(self, call: Call) -> bool:
         """Whether the values of the unit's choices are those for which a call is."""
-        return all(self.argument(argument_name(choice))[0] == value for choice, value in call.when)
+        return all(choice[0] == value for choice, value in self.conditions(call))
 
 
 class Traced(Evaluation):
@@ -116,7 +120,7 @@ class Traced(Evaluation):
             call.function, **{name: self.argument(call.group(name)) for name in names if name not in new}
         )
         copies = [(self.argument(call.group(name)), bound.results[name]) for name in new]
-        conditions = [(self.argument(argument_name(choice)), float(value)) for choice, value in call.when]
+        conditions = self.conditions(call)
         if not conditions and not copies:
             return lambda: bound.run()  # keeps `bound`, whose buffers it needs
 

@@ -7,14 +7,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import KernelError
-from vdfmu.compiler.functions.functions import KernelFunction
 from vdfmu.compiler.functions.rodas import ORDER
 from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
 from vdfmu.compiler.unit.evaluate import Evaluation
-from vdfmu.compiler.unit.scipy_solver import Solver, margin
-from vdfmu.compiler.unit.trace import argument_name
+from vdfmu.compiler.unit.solver import Solver, margin
 
 MINIMUM_STEP = 1e-12
 """Smallest internal step [s]: 1e4 times rounding of a time of about 1 s."""
@@ -42,16 +39,14 @@ class Integrator(Solver):
     def __init__(self, unit: Evaluation) -> None:
         super().__init__(unit)
         self.x = unit.x
-        interface = unit.interface
         self._h, self._tolerance = np.zeros(1), np.full(1, SOLVER_TOLERANCE)
         self._x_new, self._norm, self._ratio = np.zeros_like(unit.x), np.zeros(1), np.zeros_like(unit.x)
         shared = {
             "h": self._h, "tolerance": self._tolerance, "x_new": self._x_new, "norm": self._norm, "ratio": self._ratio
         }  # fmt: skip
-        self._steps: list[tuple[list[tuple[Floats, float]], KernelFunction]] = []
-        for call in interface.program.step:
-            conditions = [(unit.argument(argument_name(choice)), float(value)) for choice, value in call.when]
-            self._steps.append((conditions, unit.bound(call.function, **shared)))
+        self._steps = [
+            (unit.conditions(call), unit.bound(call.function, **shared)) for call in unit.interface.program.step
+        ]
         self.h = 1e-4
         self.steps = self.rejected = 0
 
@@ -74,7 +69,7 @@ class Integrator(Solver):
             step, or `MAXIMUM_STEPS` do not reach the end. The message says where; the state is that before the call.
         """
         x, x_new, norm = self.x, self._x_new, self._norm
-        step = next(s.run for conditions, s in self._steps if all(c[0] == value for c, value in conditions))
+        step = next(s.run for conditions, s in self._steps if all(choice[0] == value for choice, value in conditions))
         if fixed := int(self.unit.group("solver")[0]):
             self._advance_fixed(step, fixed, t, duration)
             return

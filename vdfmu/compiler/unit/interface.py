@@ -233,28 +233,13 @@ class Interface:
         """Position of the time, the last."""
         return self.size - 1
 
-    def slice(self, group: str) -> slice:
-        """Positions of an argument of traced functions: a group, or ``p``, ``x``, ``x_dot``, ``t``."""
-        match group:
-            case "p":
-                return self._robot_parameters
-            case "x":
-                return self.states
-            case "x_dot":
-                return self.derivatives
-            case "t":
-                return slice(self.time, self.size)
-            case _:
-                return self._arguments[group]
-
     @cached_property
-    def _robot_parameters(self) -> slice:
-        assert self.robot is not None
-        return slice(len(self) - len(self.robot.entries()), len(self))
-
-    @cached_property
-    def _arguments(self) -> dict[str, slice]:
-        return {argument_name(group): where for group, where in self.groups.items()}
+    def arguments(self) -> dict[str, slice]:
+        """Argument of traced functions to its positions: groups, ``p`` of a robot, ``x``, ``x_dot`` and ``t``."""
+        found = {argument_name(group): where for group, where in self.groups.items()}
+        if self.robot is not None and self.has_robot:
+            found["p"] = slice(len(self) - len(self.robot.entries()), len(self))
+        return found | {"x": self.states, "x_dot": self.derivatives, "t": slice(self.time, self.size)}
 
     def find(self, name: str) -> Variable:
         """Variable of a name.
@@ -292,7 +277,7 @@ class Interface:
         """
         if not self.unit.follows:
             return {}
-        memory, n = self.memory_of(values), self.robot.n if self.robot is not None else 0
+        memory, n = self.memory_of(values), self.joints
         given = {
             group: memory[where].reshape(self.unit.declared[group].sizes(n))[()]
             for group in self.unit.declared

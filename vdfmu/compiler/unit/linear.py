@@ -53,11 +53,11 @@ def _jacobian(unit: Evaluation, names: Sequence[str]) -> Floats:
         product = functions.function(f"{call.function}_forward", **given)
         for name in (name for name in names if name in given):
             direction = product.args[f"d_{name}"]
-            for column, i in enumerate(range(table.size)[table.slice(name)]):
+            for column, i in enumerate(range(table.size)[table.arguments[name]]):
                 direction[:] = 0.0
                 direction[column] = 1.0
                 product.run()
                 for result in function.name_out():
-                    J[table.slice(result), i] = product.results[f"d_{result}"]
+                    J[table.arguments[result], i] = product.results[f"d_{result}"]
             direction[:] = 0.0
     return J

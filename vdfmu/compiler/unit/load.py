@@ -42,7 +42,7 @@ def reading_only() -> Generator[None]:
 
 @cached_per_command
 def load_units(file: Path) -> dict[str, type[Unit]]:
-    """Return the units that a Python file declares, by name. The file is run.
+    """Return the units that a Python file declares, by name, without classes such as ``_Common``. The file is run.
 
     Raises
     ------
@@ -95,7 +95,7 @@ def load_units(file: Path) -> dict[str, type[Unit]]:
     found = {
         unit_name(unit): unit
         for unit in vars(module).values()
-        if isinstance(unit, type) and issubclass(unit, Unit) and unit.__module__ == name
+        if isinstance(unit, type) and issubclass(unit, Unit) and unit.__module__ == name and unit.__name__[0] != "_"
     }
     if not found:
         raise UnitError(f"{file} declares no unit: a class that is derived from vdfmu.unit.Unit.")

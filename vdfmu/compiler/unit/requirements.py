@@ -24,7 +24,7 @@ def unmet(interface: Interface, memory: Floats) -> list[str]:
     found: list[tuple[Requirement, float]] = []
     if interface.has_robot and interface.robot is not None:
         listed = interface.robot.requirements()
-        robot = interface.robot.with_values(memory[interface.slice("p")])
+        robot = interface.robot.with_values(memory[interface.arguments["p"]])
         found += zip(listed, margins(robot, listed), strict=True)
     if interface.unit.requirements is not BaseUnit.requirements:
         found += _listed(interface, Plain(interface, memory).requirements())

@@ -17,7 +17,7 @@ from vdfmu.compiler.unit.evaluate import Evaluation, evaluation
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.linear import state_space
 from vdfmu.compiler.unit.requirements import unmet
-from vdfmu.compiler.unit.scipy_solver import ScipySolver
+from vdfmu.compiler.unit.solver import ScipySolver
 
 Signal = Callable[[float], npt.ArrayLike] | npt.ArrayLike
 

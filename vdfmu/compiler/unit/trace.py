@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 import traceback
 from collections.abc import Iterator, Mapping
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import casadi as ca
 import numpy as np
 
 from vdfmu.base.errors import KernelError, UnitError, UsageError
+from vdfmu.compiler.c.expressions import CALLED
 from vdfmu.compiler.scalar.symbol import SymbolArray, from_sx, refusal, to_sx
 from vdfmu.compiler.unit.base import BaseUnit
 from vdfmu.compiler.unit.call import call
@@ -21,25 +22,20 @@ Fixed = Mapping[str, int]
 """Choice or switch to its value."""
 
 _MAY_SET: dict[str, tuple[type[Declared], ...]] = {
-    "start": (State, Sampled),
+    "start": (State,),
     "outputs": (Output,),
     "derivatives": (Derivative,),
     "update": (Sampled,),
     "balance": (),
     "requirements": (),
 }
-
-
 _MEMORY = "What is kept from one call to the next is a Sampled state; what is not, a local variable"
-
-
 _TAKEN = re.compile(
     r"p|x|x_dot|t|h|tolerance|norm|ratio|w\d*|null|jac|hess|(own|d|bar|rate)_.*|.*_(new|out)"
-    # keywords of C, and functions of math.h that traced functions call
+    # keywords of C, and what it defines that traced functions use
     r"|auto|bool|break|case|char|const|continue|default|do|double|else|enum|extern|false|float|for|goto|if|inline|int"
     r"|long|register|restrict|return|short|signed|sizeof|static|struct|switch|true|typedef|typeof|union|unsigned|void"
-    r"|volatile|while|a?(cos|sin|tan)h?|atan2|ceil|copysign|exp|expm1|fabs|floor|fmax|fmin|fmod|hypot|log|log1p|pow"
-    r"|sqrt|NAN|INFINITY"
+    rf"|volatile|while|NAN|INFINITY|{'|'.join(CALLED)}"
 )
 
 
@@ -48,20 +44,16 @@ def argument_name(name: str) -> str:
     return f"own_{name}" if _TAKEN.fullmatch(name) else name
 
 
-class Leaf:
-    """One method of a unit for some choices: what it reads and sets.
+class Leaf(NamedTuple):
+    """One method of a unit for some choices."""
 
-    Attributes
-    ----------
-    phase : one of :data:`~vdfmu.compiler.unit.declaration.PHASES`
-    fixed : mapping of str to int
-        The choices that it reads, and their values.
-    reads, sets : tuple of str
-        Names of arguments for variables, ``p`` for the robot's parameters and ``t`` for the time.
-    """
-
-    def __init__(self, phase: str, fixed: Fixed, reads: tuple[str, ...], sets: tuple[str, ...]) -> None:
-        self.phase, self.fixed, self.reads, self.sets = phase, fixed, reads, sets
+    phase: str
+    """One of :data:`~vdfmu.compiler.unit.declaration.PHASES`."""
+    fixed: Fixed
+    """The choices that it reads, and their values."""
+    reads: tuple[str, ...]
+    """Arguments of traced functions: variables, ``p`` for the robot's parameters and ``t`` for the time."""
+    sets: tuple[str, ...]
 
 
 class _ForkError(Exception):
@@ -98,9 +90,7 @@ class _TraceWatch:
         return self.value(declared)
 
     def write(self, declared: Declared, value: Any) -> None:
-        if not isinstance(declared, _MAY_SET[self.phase]) or (
-            self.phase == "update" and not isinstance(declared, Sampled)
-        ):
+        if not isinstance(declared, _MAY_SET[self.phase]):
             raise refusal(UnitError(f"{self.phase}() sets {declared.name}, {_kind(declared)}, which it may not"))
         self.sets[declared.name] = self.unit.fitting(declared, value)
 

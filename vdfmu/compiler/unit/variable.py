@@ -83,6 +83,10 @@ class Variable:
             if value in range(len(self.choices)):
                 return None
             expected = " or ".join(f"{i} ({name})" for i, name in enumerate(self.choices))
+        elif self.type == "Boolean":
+            if value in (0.0, 1.0):
+                return None
+            expected = "true or false"
         elif not math.isfinite(value):
             expected = "a finite number"
         elif low is not None and value < low:

@@ -57,7 +57,7 @@ class _LaneCode(Code):
         yield from lines
 
     def _places(self, name: str, unit: Evaluation, group: str) -> range:
-        where, begin = unit.interface.slice(group), self.system.begin(name)
+        where, begin = unit.interface.arguments[group], self.system.begin(name)
         return range(begin + where.start, begin + where.stop)
 
     def text(self, delayed: bool) -> str:
@@ -103,7 +103,7 @@ class _LaneCode(Code):
         own = {"h": "h", "tolerance": f"m + {begin + unit.interface.reference['tolerance']}"}
         places = [
             "still" if argument.startswith("rate_") else own.get(argument)
-            or f"m + {begin + unit.interface.slice(argument).start}"
+            or f"m + {begin + unit.interface.arguments[argument].start}"
             for argument in function.name_in()
         ]  # fmt: skip
         arguments = ", ".join([*places, *function.name_out()])

@@ -13,7 +13,7 @@ import numpy as np
 
 from vdfmu.base.files import write_whole
 from vdfmu.base.json_text import to_json
-from vdfmu.compiler.fmu.page import page
+from vdfmu.base.page import page
 from vdfmu.study.compare.axes import LAWS, MISMATCHES
 from vdfmu.study.compare.comparison import GOOD, LawComparison
 from vdfmu.study.compare.measures import MEASURES

@@ -22,8 +22,8 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.files import write_whole
 from vdfmu.base.measure import coherent
+from vdfmu.base.page import page
 from vdfmu.base.quantity import quantity
-from vdfmu.compiler.fmu.page import page
 from vdfmu.engine.results.folder import PARTIAL
 from vdfmu.engine.results.formats import result_files
 from vdfmu.engine.results.results import Results

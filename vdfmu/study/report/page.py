@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from vdfmu.base.files import write_whole
-from vdfmu.compiler.fmu.page import page
+from vdfmu.base.page import page
 from vdfmu.study.report.command import run_command
 from vdfmu.study.report.content import content_of
 from vdfmu.study.report.headline import checks_line, headline, page_title

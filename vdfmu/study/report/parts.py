@@ -7,7 +7,7 @@ from hashlib import sha256
 from html import escape
 from typing import Any
 
-from vdfmu.compiler.fmu.page import table
+from vdfmu.base.page import table
 from vdfmu.engine.results.verdict import checks_of, not_checked
 from vdfmu.study.report.comparison import difference_sheet, joint_sheets
 from vdfmu.study.report.headline import Tile, checks_line

@@ -13,8 +13,8 @@ from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 
+from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.files import write_whole
-from vdfmu.compiler.functions.cache import cache_folder, load, store
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report.captions import paper_table, run_caption

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vdfmu.base.arrays import distinct
-from vdfmu.base.data import data_path
+from vdfmu.base.data import data_path, source_bytes
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.standards import FMI_2
 from vdfmu.compiler.c.compile import Compilation, compile_libraries, compiling
@@ -219,7 +219,7 @@ def _sources(unit: Archive, source: str) -> dict[str, bytes]:
     if "fmi2.c" not in files:  # an FMU of FMI 3.0
         if json.loads(unit.read("extra/vdfmu/vdfmu.json")).get("digest") != installed_digest("native"):
             raise _CannotError(f"{source} was built by another version of vdfmu")
-        files["fmi2.c"] = (data_path("fmu_src") / "c" / "fmi2.c").read_bytes().replace(b"\r\n", b"\n")
+        files["fmi2.c"] = source_bytes(data_path("fmu_src") / "c" / "fmi2.c")
     absent = _DERIVATIVE.findall(files["kernel.h"].decode())
     text = "".join(f"{prototype}\n{{\n    __builtin_trap();\n}}\n" for prototype in absent)
     kept = {name: content for name, content in files.items() if not _LEFT_OUT.fullmatch(name)}

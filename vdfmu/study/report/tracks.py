@@ -25,8 +25,8 @@ import numpy as np
 
 from vdfmu.arm.robot.parameters import section
 from vdfmu.base.arrays import Floats
+from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import VdfmuError
-from vdfmu.compiler.functions.cache import cache_folder, load, store
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.engine.inspect.changed import can_change, changed, with_part
 from vdfmu.engine.inspect.linear import Linearisation, LinearSystem

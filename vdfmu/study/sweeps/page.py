@@ -12,8 +12,8 @@ import numpy as np
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import write_whole
+from vdfmu.base.page import table
 from vdfmu.base.temporary import temporary_folder
-from vdfmu.compiler.fmu.page import table
 from vdfmu.study.report.page import StudyPart, report_page, study_page
 from vdfmu.study.sweeps.axes import read_axes
 from vdfmu.study.sweeps.indices import indices

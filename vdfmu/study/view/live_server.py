@@ -19,7 +19,7 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.base.child import Parent
 from vdfmu.base.errors import VdfmuError
-from vdfmu.compiler.fmu.page import page
+from vdfmu.base.page import page
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.isolated import mapped

@@ -10,7 +10,7 @@ import numpy as np
 
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
-from vdfmu.compiler.fmu.page import page
+from vdfmu.base.page import page
 from vdfmu.study.analysis.modes import MOTORS
 from vdfmu.study.report.content import arm_of
 from vdfmu.study.report.curves import packed

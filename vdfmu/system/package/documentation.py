@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
 
+from vdfmu.base.page import page, table
 from vdfmu.base.version import __version__
-from vdfmu.compiler.fmu.page import page, table
 from vdfmu.system.package.description import PackageSignal, SystemDescription
 from vdfmu.system.package.drawing import draw_system
 from vdfmu.system.package.xml import value_text

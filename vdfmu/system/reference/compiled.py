@@ -184,8 +184,8 @@ class Code:
         interface, begin = unit.interface, self.system.begin(name)
         function = self.take(interface.functions.casadi_function(call.function))
         self.joints[function.name()] = interface.joints
-        places = {group: begin + interface.slice(call.group(group)).start for group in function.name_in()}
-        made = {group: begin + interface.slice(call.group(group)).start for group in function.name_out()}
+        places = {group: begin + interface.arguments[call.group(group)].start for group in function.name_in()}
+        made = {group: begin + interface.arguments[call.group(group)].start for group in function.name_out()}
         new = {group: function.numel_out(group) for group in made if call.group(group) != group}
         arguments = [f"m + {place}" for place in places.values()]
         arguments += [group if group in new else f"m + {place}" for group, place in made.items()]

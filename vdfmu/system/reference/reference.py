@@ -24,8 +24,8 @@ import numpy.typing as npt
 import scipy
 
 from vdfmu.base.arrays import Floats
+from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import UsageError
-from vdfmu.compiler.functions.cache import cache_folder, load, store
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.compiled import runs, sources

@@ -20,7 +20,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.scipy_parts import odeint, scipy_part
-from vdfmu.compiler.unit.scipy_solver import samples, switchings
+from vdfmu.compiler.unit.solver import samples, switchings
 from vdfmu.system.reference.compiled import CompiledRun, builtin
 from vdfmu.system.reference.wired import Action, Carry, Evaluate, Run, TimeSetter, WiredUnits
 

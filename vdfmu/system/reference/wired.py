@@ -317,5 +317,5 @@ def _read(unit: Evaluation) -> set[int]:
     table = unit.interface
     if not isinstance(unit, Traced):
         return set(range(table.size))
-    slices = [table.slice(group) for call in table.program.outputs if unit.takes(call) for group in call.reads]
+    slices = [table.arguments[group] for call in table.program.outputs if unit.takes(call) for group in call.reads]
     return {position for where in slices for position in range(where.start, where.stop)}

@@ -12,7 +12,7 @@ from vdfmu.compiler.unit.evaluate import Traced, evaluation
 from vdfmu.compiler.unit.integrator import Integrator
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.requirements import unmet
-from vdfmu.compiler.unit.scipy_solver import ScipySolver
+from vdfmu.compiler.unit.solver import ScipySolver
 
 
 class Behaviour:

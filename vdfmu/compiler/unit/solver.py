@@ -1,4 +1,7 @@
-"""The states of a unit over time: a solver between the samples, and sampled states that change at each."""
+"""The states of a unit over time: a solver between the samples, and sampled states that change at each.
+
+:class:`ScipySolver` is that of references; :mod:`.integrator` has that of FMUs.
+"""
 
 from __future__ import annotations
 
