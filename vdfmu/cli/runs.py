@@ -243,10 +243,11 @@ def report(
     runs = [read_run(folder) for folder in folders]
     default = folders[0] / NAME if len(runs) == 1 else folders[0].parent / "comparison.html"
     page = out or default
+    printed = [page.with_suffix(".pdf")] if pdf else []
     with replacing_foreign(overwrite):
-        require_ours(page)
+        require_ours(page, *printed)
     write_report(runs, page, simulate=simulate)
-    say_written(page, *([write_pdf(page, page.with_suffix(".pdf"))] if pdf else []))
+    say_written(page, *(write_pdf(page, target) for target in printed))
     say_page(page, opened)
 
 

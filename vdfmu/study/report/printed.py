@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 from pathlib import Path
 
-from vdfmu.base.files import write_whole
+from vdfmu.base.files import PAGE_MARK, write_whole
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.study.report.browser import Browser
 
@@ -23,5 +23,5 @@ def write_pdf(page: Path, target: Path) -> Path:
         browser.run("report.printSheet()")
         browser.settle()
         found = browser.call("Page.printToPDF", printBackground=True, preferCSSPageSize=True)
-    write_whole(target, [base64.b64decode(found["data"])])
+    write_whole(target, [base64.b64decode(found["data"]), b"%" + PAGE_MARK + b"\n"])
     return target
