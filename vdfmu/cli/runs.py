@@ -94,7 +94,8 @@ def run(
                 given |= {"log": log, "observer": observer}
                 results = run_study(**given)
         except (CosimError, Interrupted) as error:
-            _say_failed(error, options["out"], opened)
+            if error.results is not None:
+                _say_failed(error, Path(options["out"] or Path("results", error.results.summary["scenario"])), opened)
             raise
         summary = results.summary
         passed = summary["verdict"]["passed"]
@@ -108,15 +109,13 @@ def run(
         raise typer.Exit(1)
 
 
-def _say_failed(error: Any, out: Any, opened: bool) -> None:
+def _say_failed(error: Any, folder: Path, opened: bool = False) -> None:
     """Print why a run failed, or that it was stopped, what it comes to, and where the page of its rows is."""
     from vdfmu.engine.results.folder import PARTIAL
     from vdfmu.study.report.page import NAME
 
-    if error.results is None:
-        return
-    page = Path(out or Path("results", error.results.summary["scenario"])) / PARTIAL / NAME
-    if not page.exists():
+    page = folder / PARTIAL / NAME
+    if not len(error.results) or not page.exists():
         return
     stopped = isinstance(error, KeyboardInterrupt)
     if not stopped:
@@ -254,13 +253,22 @@ def report(
 def _run_package(package: Path, unpack_limit: int | None, **options: Unpack[SystemOptions]) -> None:
     """Run a package with what a command line says, and print what the run was."""
     from vdfmu.engine.package.limits import package_limit
-    from vdfmu.engine.results.folder import SYSTEM_OUTPUTS, written
+    from vdfmu.engine.results.folder import PARTIAL, SYSTEM_OUTPUTS, written
+    from vdfmu.engine.run import Interrupted
     from vdfmu.engine.simulate import default_folder, run_system
     from vdfmu.study.report import tables
 
-    with unit_messages() as log, package_limit(unpack_limit):
-        options["log"] = log
-        results = run_system(package, **options)
-    tell(tables.run_panel(results.summary))
     folder = Path(options["out"] or default_folder(package))
+    try:
+        with unit_messages() as log, package_limit(unpack_limit):
+            options["log"] = log
+            results = run_system(package, **options)
+    except (CosimError, Interrupted) as error:
+        if error.results is not None:
+            from vdfmu.study.report.page import write_failed  # takes long to import
+
+            write_failed(package.stem, package, folder / PARTIAL, error)
+            _say_failed(error, folder)
+        raise
+    tell(tables.run_panel(results.summary))
     say_written(*(folder / name for name in written(folder, SYSTEM_OUTPUTS)))

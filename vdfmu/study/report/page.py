@@ -11,8 +11,12 @@ from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from vdfmu.base.errors import CosimError
 from vdfmu.base.files import write_whole
+from vdfmu.base.text import error_text
 from vdfmu.compiler.fmu.page import page
+from vdfmu.engine.results.folder import write_summary
+from vdfmu.engine.run import Interrupted
 from vdfmu.study.report.command import run_command
 from vdfmu.study.report.content import content_of
 from vdfmu.study.report.headline import checks_line, headline, page_title
@@ -57,6 +61,16 @@ def write_report(runs: Sequence[ShownRun], path: Path, *, simulate: bool = False
     """Write the page of one run or of several; `simulate`: it can run them again, by units compiled for it."""
     write_whole(path, [report_page(runs, simulate=simulate)])
     return path
+
+
+def write_failed(name: str, package: Path, folder: Path, error: CosimError | Interrupted) -> None:
+    """Write the page of the rows of a run that failed, if it has some; another error only adds a note to its own."""
+    try:
+        if error.results is not None and len(error.results):
+            write_report([ShownRun(name, error.results, error.results.summary, package)], folder / NAME)
+            write_summary(error.results.summary, folder)
+    except Exception as other:
+        error.add_note(f"{NAME} could not be made of its rows: {error_text(other)}")
 
 
 def report_page(

@@ -22,7 +22,6 @@ from vdfmu.base.progress import doing, report
 from vdfmu.base.show_progress import with_progress
 from vdfmu.base.standards import PYTHON_FMI
 from vdfmu.base.temporary import temporary_folder
-from vdfmu.base.text import error_text
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
 from vdfmu.engine.algorithms import ALGORITHMS, choice, count_steps
 from vdfmu.engine.inspect.loops import Poses
@@ -43,7 +42,7 @@ from vdfmu.engine.run import Interrupted, LogMessage, Results
 from vdfmu.engine.run.simulator import check_coupling
 from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
 from vdfmu.study.report.content import arm_of
-from vdfmu.study.report.page import NAME, write_report
+from vdfmu.study.report.page import NAME, write_failed, write_report
 from vdfmu.study.report.pictures import PICTURES, SIGNALS, write_pictures
 from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.report.simulation import compiling_modules
@@ -204,8 +203,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
                 if error.results is not None and unstable:
                     error.results.summary["key_figures"] = unstable[0].figures
                 keep(error, partial, [found.check for found in unstable])
-                if error.results is not None:
-                    _page_of_rows(ShownRun(scenario.name, error.results, error.results.summary, package), error)
+                write_failed(scenario.name, package, partial, error)
             raise
         summary = results.summary
         summary["witness"] = witness.summary(results)
@@ -252,17 +250,6 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
             getattr(observer, "page", lambda path: None)(partial / NAME)
         write_summary(summary, partial)
         return results
-
-
-def _page_of_rows(run: ShownRun, error: BaseException) -> None:
-    """Write the page of a run that failed, of what there is; another error only adds a note to that of the run."""
-    folder = run.package.parent
-    try:
-        if len(run.results):
-            write_report([run], folder / NAME)
-            write_summary(dict(run.summary), folder)
-    except Exception as other:
-        error.add_note(f"{NAME} could not be made of its rows: {error_text(other)}")
 
 
 def _references(system: SystemDescription, package: Path, results: Results) -> dict[str, Any]:
