@@ -225,8 +225,7 @@ def report(
 ) -> None:
     """Write the page of a run, or of several side by side: one file, which any browser opens."""
     from vdfmu.study.report.gallery import INDEX, is_gallery, write_gallery
-    from vdfmu.study.report.page import NAME, write_report
-    from vdfmu.study.report.printed import write_pdf
+    from vdfmu.study.report.page import NAME, write_pdf, write_report
     from vdfmu.study.report.shown_run import newest_run, read_run, run_folder
 
     if folders and len(folders) == 1 and is_gallery(folders[0]):

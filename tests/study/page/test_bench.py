@@ -12,8 +12,7 @@ import vdfmu
 from tests.study.page.browser import centre, show
 from vdfmu.base.files import require_ours
 from vdfmu.base.quantity import quantity
-from vdfmu.study.report.page import write_report
-from vdfmu.study.report.printed import write_pdf
+from vdfmu.study.report.page import write_pdf, write_report
 from vdfmu.study.report.shown_run import read_run
 
 pytestmark = [pytest.mark.heavy, pytest.mark.usefixtures("quiet")]

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Iterator
+from typing import NamedTuple
 
 from vdfmu.base.quantity import quantity
 from vdfmu.engine.results.verdict import checks_of
-
-Summary = Mapping[str, Any]
+from vdfmu.study.report.summary_keys import Summary
 
 
 class Tile(NamedTuple):
@@ -45,7 +44,7 @@ def headline(summary: Summary) -> Headline:
         text = f"{text[:1].upper()}{text[1:]}" if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
     else:
         text = "; ".join(_told(figures))
-        text = f"{text[:1].upper()}{text[1:]}" or (f"{len(checks)} of {len(checks)} checks pass" if checks else "")
+        text = f"{text[:1].upper()}{text[1:]}" or checks_line(summary)
     return Headline(text, not failed and unstable is None, list(_tiles(summary, figures)))
 
 

@@ -8,12 +8,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from vdfmu.base.quantity import quantity
 from vdfmu.base.standards import FMI_2
-
-Summary = Mapping[str, Any]
+from vdfmu.study.report.summary_keys import Summary
 
 
 class Sheet(NamedTuple):
@@ -69,7 +68,7 @@ def tracking_sheet(summary: Summary, *, fit: bool = False) -> Sheet:
             cells.append([_per_cent(ours, theirs, i) for i, ours in enumerate(summary[key])])
     notes = ["Position: desired minus actual. Torque: control minus feedforward, link side."]
     if paper:
-        notes.append(_source(paper))
+        notes.append(f"Paper: {paper['source']}." if paper.get("source") else "Paper.")
     gains: Summary | None = summary.get("implied_gains")
     if gains is not None:
         implied, chosen = (", ".join(f"{gain:.4g}" for gain in gains[key]) for key in ("K_p_paper", "K_p"))
@@ -258,10 +257,6 @@ def _per_cent(ours: float, theirs: Sequence[float], i: int) -> str:
     if ratio < 0.01:
         return "<0.01"
     return f"{ratio:.0f}" if ratio >= 10.0 else f"{ratio:.2g}"
-
-
-def _source(paper: Summary) -> str:
-    return f"Paper: {paper['source']}." if paper.get("source") else "Paper."
 
 
 def _rows(columns: Sequence[Sequence[str]]) -> list[tuple[str, ...]]:

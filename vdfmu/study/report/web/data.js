@@ -8,6 +8,8 @@ export const study = content.study;
 export const live = content.live;
 /** The robot, in the page of one. */
 export const robot = content.robot;
+/** The cells of a comparison of control laws, in its page. */
+export const compared = content.compared;
 /** Digest to module, of the units of all runs that can be simulated. */
 export const binaries = content.binaries;
 
