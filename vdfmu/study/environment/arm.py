@@ -57,10 +57,12 @@ class ArmEnv(gymnasium.Env[Floats, Floats]):
         self.task = TrackingTask(scenario, **options)
         self.action_space, self.observation_space = _spaces(self.task)
         scenario = self.task.scenario
-        self._held, self._done = ExitStack(), -1
-        package, _ = self._held.enter_context(packaged(scenario))
+        self._done = -1
         options = {"inputs": scenario.inputs, "input_hold": scenario.input_hold, "isolate": False}
-        self._simulator = self._held.enter_context(Simulator(package, **scenario.coupling, **options))
+        with ExitStack() as stack:
+            package, _ = stack.enter_context(packaged(scenario))
+            self._simulator = stack.enter_context(Simulator(package, **scenario.coupling, **options))
+            self._held = stack.pop_all()
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None

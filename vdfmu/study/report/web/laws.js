@@ -1,6 +1,6 @@
 // The page of compared control laws: a matrix of cells for each arm, and a cell with the command that runs it again.
 
-import { choice, compared, make } from "./data.js";
+import { choice, compared, copyButton, make } from "./data.js";
 import { text } from "./numbers.js";
 
 const names = Object.keys(compared.measures), matrices = document.getElementById("matrices"), panel = document.getElementById("cell");
@@ -38,14 +38,14 @@ function rowOf(arm, mismatch) {
 
 function show(button, arm, mismatch, law, cell) {
   for (const other of matrices.querySelectorAll("button")) other.ariaPressed = String(other === button);
-  const command = compared.command + cell.row, copy = make("button", { type: "button", click: () => navigator.clipboard?.writeText(command).then(() => { copy.textContent = "copied"; }) }, "copy");
+  const command = compared.command + cell.row;
   const [values, settings] = [compared.tunings[arm][law].values, compared.settings[`${arm} ${mismatch}`]].map((each) => Object.entries(each).map(([name, value]) => `${name} = ${value}`));
   const runs = cell.runs > 1 ? `, ${cell.runs} runs, seeds ${compared.seed} to ${compared.seed + cell.runs - 1}` : "";
   panel.replaceChildren(
     make("h3", {}, `${plain(law)} on ${arm}, ${plain(shown.motion)}: ${compared.mismatches[mismatch]}`),
     make("p", {}, `${cell.verdict}${runs}${cell.why ? `: ${cell.why}` : ""}`),
     make("dl", {}, ...names.map((name) => make("div", {}, make("dt", {}, compared.measures[name].title), make("dd", {}, `${written(cell, name)} ${valueOf(cell, name) === null ? "" : compared.measures[name].unit}`)))),
-    make("pre", {}, command), copy,
+    make("pre", {}, command), copyButton(command),
     make("details", {}, make("summary", {}, `settings of the run, ${settings.length}, and tuned values, ${values.length}`), make("pre", {}, [...settings, "", ...values].join("\n"))));
   button.closest(".wide").after(panel);
   panel.hidden = false;
