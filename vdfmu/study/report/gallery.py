@@ -101,8 +101,7 @@ def gallery_page(folder: Path, place: Path | None = None) -> bytes:
 {module_element(GALLERY)}"""
     failed = sum(entry.passed is False for entry in found)
     about = f"{len(found)} run{'' if len(found) == 1 else 's'}, {failed} with a failed check"
-    head = f'{look("gallery.css")}<link rel="icon" href="data:,">'
-    return page(f"Runs in {folder.resolve().name}", about, body, 84, head)
+    return page(f"Runs in {folder.resolve().name}", about, body, 84, look("gallery.css"))
 
 
 def entry_of(folder: Path, place: Path, name: str) -> RunCard:

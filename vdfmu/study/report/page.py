@@ -59,7 +59,7 @@ class StudyPart(NamedTuple):
 def study_page(study: StudyPart) -> bytes:
     """Return the page of a study that simulates nothing."""
     body = "\n".join([study.body, data_element({"runs": [], "study": study.content}), module_element(STUDY_ALONE)])
-    return page(study.title, study.about, body, 84, f'{look()}<link rel="icon" href="data:,">')
+    return page(study.title, study.about, body, 84, look())
 
 
 def write_report(runs: Sequence[ShownRun], path: Path, *, simulate: bool = False) -> Path:

@@ -57,19 +57,20 @@ _ICON = (
 """Icon of the page: an arm."""
 
 
-def look(*more: str) -> str:
-    """Return the content of a page's head: the policy that forbids network requests, and its style, light or dark.
+def look(*more: str, icon: str = "data:,") -> str:
+    """Return the content of a page's head: the policy that forbids network requests, icon, and style, light or dark.
 
     `more` are further style sheets.
     """
-    return f"{_POLICY}<style>{style_sheet()}{''.join(map(_text, ('report.css', *more)))}</style>"
+    style = style_sheet() + "".join(map(_text, ("report.css", *more)))
+    return f'{_POLICY}<link rel="icon" href="{icon}"><style>{style}</style>'
 
 
 def run_head(description: str, arm_alone: bool) -> str:
     """Return the content of the head of a page of runs, or of their arms alone."""
-    icon = f'<link rel="icon" href="data:image/svg+xml,{quote(_ICON)}">'
-    style = look(_VENDOR[1], *(["arm_alone.css"] if arm_alone else []))
-    return f'<meta name="description" content="{escape(description)}">{icon}{style}'
+    sheets = (_VENDOR[1], *(["arm_alone.css"] if arm_alone else []))
+    head = look(*sheets, icon=f"data:image/svg+xml,{quote(_ICON)}")
+    return f'<meta name="description" content="{escape(description)}">{head}'
 
 
 @lru_cache

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.base.errors import UsageError
+from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import write_whole
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.compiler.fmu.page import table
 from vdfmu.study.report.page import NAME, StudyPart, report_page, study_page
 from vdfmu.study.sweeps.axes import read_axes
 from vdfmu.study.sweeps.indices import indices
-from vdfmu.study.sweeps.lab import failed_groups, study_content, tried_base_run
+from vdfmu.study.sweeps.lab import base_run, failed_groups, study_content
 from vdfmu.study.sweeps.table import StudyTable
 
 
@@ -43,7 +43,12 @@ def _part(study: StudyTable, folder: Path, simulate: bool) -> tuple[StudyPart, A
     try:
         study.values()
         points = study_content(study)
-        run, changes, reason = tried_base_run(study, folder) if simulate else (None, None, "")
+        changes, reason = None, ""
+        if simulate:
+            try:
+                run, changes = base_run(study, folder)
+            except VdfmuError as error:
+                reason = f"The page does not simulate this point: {str(error).splitlines()[0]}"
         content = points | {"changes": changes, "reason": reason}
     except UsageError as error:
         lab = f"<p>{escape(str(error))}</p>"  # no point has a value

@@ -195,4 +195,4 @@ def _page(
         ]
     )
     what = robot.description or f"A robot of {robot.n} joints"
-    return page(robot.name, what, body, 92, f'{look()}<link rel="icon" href="data:,">')
+    return page(robot.name, what, body, 92, look())
