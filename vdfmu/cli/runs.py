@@ -242,6 +242,10 @@ def report(
     default = folders[0] / NAME if len(runs) == 1 else folders[0].parent / "comparison.html"
     page = out or default
     printed = [page.with_suffix(".pdf")] if pdf else []
+    if page in printed:
+        raise UsageError(
+            f"--out {page}: expected the name of the page, such as report.html; --pdf gives its pages another."
+        )
     with replacing_foreign(overwrite):
         require_ours(page, *printed)
     write_report(runs, page, simulate=simulate)

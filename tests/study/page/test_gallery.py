@@ -180,6 +180,8 @@ def test_printed_pages_of_others_are_kept(results):
     done = CliRunner().invoke(app, ["report", "--no-simulate", "--pdf", str(folder)])
     assert isinstance(done.exception, UsageError) and "report.pdf: expected no file of this name" in str(done.exception)
     assert (folder / "report.pdf").read_bytes() == b"%PDF-1.7 mine"
+    done = CliRunner().invoke(app, ["report", "--no-simulate", "--pdf", str(folder), "-o", str(folder / "two.pdf")])
+    assert "expected the name of the page, such as report.html" in str(done.exception)
 
 
 def test_the_page_of_several_is_opened_and_not_printed(results, monkeypatch):

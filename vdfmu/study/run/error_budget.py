@@ -15,6 +15,7 @@ from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import counted
 from vdfmu.base.show_progress import with_progress
 from vdfmu.engine.algorithms import is_continuous
+from vdfmu.engine.options import SimulatorOptions
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.run import Simulator
@@ -83,8 +84,10 @@ def _rows(scenario: Scenario, package: Any) -> Iterator[ErrorLeft]:
     if scenario.robot is None or not groups.issuperset(_SIGNALS):
         raise UsageError(f"{scenario.name}: expected an arm that follows a motion, with {' and '.join(_SIGNALS)}.")
     values, sampled = values_of(checked), scenario.adaptive is None and not is_continuous(scenario.master)
-    changed = [{"words": "As it is", "changes": []}, *causes(values, list(knobs(checked)), sampled)]
-    with Simulator(package, **scenario.coupling, inputs=scenario.inputs, isolate=False) as simulator:
+    changed: list[dict[str, Any]] = [{"words": "As it is", "changes": []}]
+    changed += causes(values, list(knobs(checked)), sampled)
+    options: SimulatorOptions = {**scenario.coupling, "inputs": scenario.inputs, "isolate": False}
+    with Simulator(package, **options) as simulator:
         for k, cause in enumerate(counted("causes", changed, len(changed))):
             try:
                 results = simulator.run(
