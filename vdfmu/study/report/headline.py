@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from vdfmu.base.quantity import quantity
 from vdfmu.engine.results.verdict import checks_of
+from vdfmu.study.report.sheets import energies
 from vdfmu.study.report.summary_keys import Summary
 
 
@@ -116,7 +117,7 @@ def _tiles(summary: Summary, figures: Summary) -> Iterator[Tile]:
         yield Tile("Lowest mode", quantity(mode["value"], "Hz"), f"motors held{rate}", "torsion", mode["at_s"])
     bond: Summary | None = summary.get("power_bond")
     if bond is not None:
-        residual, exchanged = sum(bond["residual_energy_abs_j"]), sum(bond["exchanged_energy_j"])
+        residual, exchanged = energies(bond)
         if exchanged > 0.0:
             note = f"of {quantity(exchanged, 'J')} exchanged"
             yield Tile("Energy residual", f"{100 * residual / exchanged:.2g} %", note, "facts")

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 
 from vdfmu.engine.results.verdict import Check
-from vdfmu.study.report.sheets import number
+from vdfmu.study.report.sheets import energies, number
 from vdfmu.study.report.summary_keys import Summary
 from vdfmu.system.reference.solution import SHORT
 
@@ -27,7 +27,7 @@ def run_checks(summary: Summary) -> Iterator[Check]:
     yield from _reference(summary)
     bond: Summary | None = summary.get("power_bond")
     if bond is not None:
-        residual, exchanged = sum(bond["residual_energy_abs_j"]), sum(bond["exchanged_energy_j"])
+        residual, exchanged = energies(bond)
         text = f"{number(residual)} J of {number(exchanged)} J exchanged; limit {100.0 * _ENERGY:g} %"
         passed = residual <= max(_ENERGY * exchanged, _ENERGY_FLOOR)
         yield Check("Energy residual of the coupling", passed, text)
