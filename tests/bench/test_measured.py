@@ -15,10 +15,11 @@ import vdfmu
 from benchmarks import measured, measured_logs
 from benchmarks.report import Report
 from vdfmu.arm.equations.friction import stribeck_friction
+from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.compiler.c.programs import native_available
-from vdfmu.study.identify.regressor import body_parameters, regressor
+from vdfmu.study.identify.regressor import regressor
 
 pytestmark = [
     pytest.mark.heavy,

@@ -98,6 +98,10 @@ def test_build_ssp_check_models_work_together(tmp_path):
     assert "The rows so far are in results/planar_ssp/partial; results/planar_ssp is as it was." in failed.stderr
     assert "doStep" in json.loads((ours / "partial" / "summary.json").read_text())["error"]
     assert len((ours / "partial" / "results.csv").read_text().splitlines()) > 3
+    assert failed.stdout.splitlines()[-1] == "Open results/planar_ssp/partial/report.html"
+    # the next one that fails takes its place, with the page
+    assert vdfmu("simulate", "planar.ssp", "--set", "controller.K_p=1e9", cwd=tmp_path).returncode == 1
+    assert sorted(path.name for path in ours.iterdir() if path.is_dir()) == ["partial"]
     assert (ours / "results.csv").read_text() == (theirs / "results.csv").read_text()
 
 

@@ -1,5 +1,6 @@
-"""Types of arrays."""
+"""Types of arrays, their distinct values, and their elements by name."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,3 +13,12 @@ def distinct(values: ArrayLike) -> NDArray[Any]:
     """Return the distinct values of an array in their order, as `numpy.unique`, which imports masked arrays for it."""
     found = np.sort(values, axis=None)
     return found[np.append(True, found[1:] != found[:-1])[: found.size]]
+
+
+def with_named(numbers: ArrayLike, name: str, values: Mapping[str, Any]) -> Floats:
+    """Return numbers, with those in `values` by the names of their elements, counted from 1: ``name[2,3]``."""
+    found = np.array(numbers, dtype=np.float64)
+    for place in np.ndindex(found.shape):
+        index = ",".join(str(i + 1) for i in place)
+        found[place] = values.get(f"{name}[{index}]" if index else name, found[place])
+    return found

@@ -196,7 +196,7 @@ def reference(
 ) -> None:
     """Write a folder for other tools: the system as SSP 1.0 and 2.0, its results, a script that compares."""
     chosen = load(scenario, robot, settings)
-    from vdfmu.study.run.package import write_reference
+    from vdfmu.study.run.reference_folder import write_reference
     from vdfmu.system.package.versions import fmi_of_format
     from vdfmu.system.scenario.values import system_values
 

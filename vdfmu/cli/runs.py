@@ -94,7 +94,8 @@ def run(
                 given |= {"log": log, "observer": observer}
                 results = run_study(**given)
         except (CosimError, Interrupted) as error:
-            _say_failed(error, options["out"], opened)
+            if error.results is not None:
+                _say_failed(error, Path(options["out"] or Path("results", error.results.summary["scenario"])), opened)
             raise
         summary = results.summary
         passed = summary["verdict"]["passed"]
@@ -108,15 +109,13 @@ def run(
         raise typer.Exit(1)
 
 
-def _say_failed(error: Any, out: Any, opened: bool) -> None:
+def _say_failed(error: Any, folder: Path, opened: bool = False) -> None:
     """Print why a run failed, or that it was stopped, what it comes to, and where the page of its rows is."""
     from vdfmu.engine.results.folder import PARTIAL
     from vdfmu.study.report.page import NAME
 
-    if error.results is None:
-        return
-    page = Path(out or Path("results", error.results.summary["scenario"])) / PARTIAL / NAME
-    if not page.exists():
+    page = folder / PARTIAL / NAME
+    if not len(error.results) or not page.exists():
         return
     stopped = isinstance(error, KeyboardInterrupt)
     if not stopped:
@@ -226,8 +225,7 @@ def report(
 ) -> None:
     """Write the page of a run, or of several side by side: one file, which any browser opens."""
     from vdfmu.study.report.gallery import INDEX, is_gallery, write_gallery
-    from vdfmu.study.report.page import NAME, write_report
-    from vdfmu.study.report.printed import write_pdf
+    from vdfmu.study.report.page import NAME, write_pdf, write_report
     from vdfmu.study.report.shown_run import newest_run, read_run, run_folder
 
     if folders and len(folders) == 1 and is_gallery(folders[0]):
@@ -243,10 +241,15 @@ def report(
     runs = [read_run(folder) for folder in folders]
     default = folders[0] / NAME if len(runs) == 1 else folders[0].parent / "comparison.html"
     page = out or default
+    printed = [page.with_suffix(".pdf")] if pdf else []
+    if page in printed:
+        raise UsageError(
+            f"--out {page}: expected the name of the page, such as report.html; --pdf gives its pages another."
+        )
     with replacing_foreign(overwrite):
-        require_ours(page)
+        require_ours(page, *printed)
     write_report(runs, page, simulate=simulate)
-    say_written(page, *([write_pdf(page, page.with_suffix(".pdf"))] if pdf else []))
+    say_written(page, *(write_pdf(page, target) for target in printed))
     say_page(page, opened)
 
 
@@ -254,12 +257,21 @@ def _run_package(package: Path, unpack_limit: int | None, **options: Unpack[Syst
     """Run a package with what a command line says, and print what the run was."""
     from vdfmu.engine.package.limits import package_limit
     from vdfmu.engine.package_run import default_folder, run_system
-    from vdfmu.engine.results.folder import SYSTEM_OUTPUTS, written
+    from vdfmu.engine.results.folder import PARTIAL, SYSTEM_OUTPUTS, written
+    from vdfmu.engine.run import Interrupted
     from vdfmu.study.report import tables
 
-    with unit_messages() as log, package_limit(unpack_limit):
-        options["log"] = log
-        results = run_system(package, **options)
-    tell(tables.run_panel(results.summary))
     folder = Path(options["out"] or default_folder(package))
+    try:
+        with unit_messages() as log, package_limit(unpack_limit):
+            options["log"] = log
+            results = run_system(package, **options)
+    except (CosimError, Interrupted) as error:
+        if error.results is not None:
+            from vdfmu.study.report.page import write_failed  # takes long to import
+
+            write_failed(package.stem, package, folder / PARTIAL, error)
+            _say_failed(error, folder)
+        raise
+    tell(tables.run_panel(results.summary))
     say_written(*(folder / name for name in written(folder, SYSTEM_OUTPUTS)))

@@ -37,6 +37,10 @@ def _names(text: str | None) -> list[str] | None:
     return [name.strip() for name in text.split(",")] if text else None
 
 
+SAMPLES = ("grid", "lhs", "sobol", "random", "saltelli", "morris")
+"""Ways to draw the points of a study; the last two for indices of sensitivity."""
+METHODS = ("both", "global", "local")
+"""Searches of a tuning: differential evolution with a half of the budget, then COBYQA; or one of them."""
 ENGINES = ("fmu", "batch")
 """Who runs the points of a study: FMUs, or one program of all units."""
 
@@ -90,8 +94,12 @@ class ScenarioRunOptions(ScenarioOptions, ResultOptions, LogOptions, ObserverOpt
         "but not in Python.", flag="--simulate/--no-simulate")]
 
 
+class ErrorBudgetOptions(ScenarioOptions, ProgressOptions, total=False):
+    """Options of `vdfmu.error_budget`."""
+
+
 class SeedOptions(TypedDict, total=False):
-    """Pictures of a run."""
+    """What is drawn by chance."""
 
     seed: Annotated[int, Option("Seed of all that is drawn.", default=0)]
 
@@ -110,7 +118,7 @@ class PlanOptions(SeedOptions, ScenarioOptions, total=False):
     sample: Annotated[str | os.PathLike[str], Option(
         "grid, lhs, sobol, random, saltelli, morris, or a CSV file: a line of targets, then points.", "str or path",
         "How the axes' values are combined; see :func:`vdfmu.study.sweeps.points.draw`.", "grid", typed=str,
-        choices=("grid", "lhs", "sobol", "random", "saltelli", "morris"), metavar="METHOD|FILE.csv")]
+        choices=SAMPLES, metavar="METHOD|FILE.csv")]
     points: Annotated[int | None, Option("Number of points, but of a grid or file.",
         more="Of ``saltelli`` and ``morris`` that of base points or trajectories.")]
     measure: Annotated[Mapping[str, Any] | Sequence[str] | None, Option(
@@ -167,7 +175,7 @@ class TuneOptions(ProblemOptions, WorkerOptions, total=False):
 
     method: Annotated[str, Option("Global search, then local, or one of them.",
         more="Differential evolution over the whole range, then COBYQA from the best, or one of them.",
-        default="both", choices=("both", "global", "local"))]
+        default="both", choices=METHODS)]
     evaluations: Annotated[int, Option("Evaluations; each runs all robots.", default=300)]
     out: Annotated[str | os.PathLike[str] | None, Option("Folder; default results/tune_SCENARIO.", "path",
         typed=Path | None)]

@@ -252,7 +252,7 @@ def test_the_words_and_the_page_have_the_numbers(small):
     value = {row["law"]: row["rms_tool"] for row in small.rows if row["mismatch"] == "masses"}
     assert one == 1.0 and ratio == pytest.approx(value[second] / value[first])  # one cell: the mean is its ratio
     assert f"- Masses and inertias of the links +20 %: `{first}`" in text
-    data = json.loads(page.partition('id="data">')[2].partition("</script>")[0])
+    data = json.loads(page.partition('type="application/json">')[2].partition("</script>")[0])["compared"]
     assert len(data["cells"]) == len(small) and data["seed"] == 3
     assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org", "")
 

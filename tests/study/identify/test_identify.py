@@ -10,11 +10,11 @@ from typer.testing import CliRunner
 import vdfmu
 from vdfmu.arm import motion
 from vdfmu.arm.equations.harmonic_drive import deformation
+from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.base.errors import UsageError
 from vdfmu.cli.commands import app
 from vdfmu.study.identify.fit import identify
 from vdfmu.study.identify.log import Log, read_log
-from vdfmu.study.identify.regressor import body_parameters
 from vdfmu.study.identify.robot import identified_robot, robot_text
 from vdfmu.study.identify.score import score
 

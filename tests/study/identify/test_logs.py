@@ -18,10 +18,11 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.interpolate import CubicSpline
 
 import vdfmu
+from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.run import Results, Signal
 from vdfmu.study.identify.log import read_log
-from vdfmu.study.identify.regressor import body_parameters, regressor
+from vdfmu.study.identify.regressor import regressor
 
 STEP, M = 0.004, 1500
 T = STEP * np.arange(M)

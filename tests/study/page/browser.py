@@ -16,6 +16,7 @@ class Browser(browser.Browser):
     def __init__(self, profile: Path) -> None:
         self.problems: list[str] = []
         self.requests: list[str] = []
+        self.asked: list[str] = []
         super().__init__(profile)
         for domain in ("Network", "Log"):
             self.call(f"{domain}.enable")

@@ -3,6 +3,7 @@
 import base64
 import gzip
 import json
+import os
 import re
 
 import numpy as np
@@ -10,8 +11,9 @@ import pytest
 from PIL import Image
 
 import vdfmu
-from vdfmu.base.errors import UsageError
+from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.engine.results.recorded import Signal
+from vdfmu.study.report import browser
 from vdfmu.study.report.content import arm_of
 
 TIME = np.linspace(0.0, 2.0, 201)
@@ -55,6 +57,14 @@ def test_results_without_an_arm_and_wrong_options_are_told(arm, tmp_path):
     ):
         with pytest.raises(UsageError, match=words):
             call()
+
+
+def test_a_browser_that_ends_at_once_is_told_and_leaves_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(browser, "_PROGRAMS", ("false",))
+    before = len(os.listdir("/proc/self/fd"))
+    with pytest.raises(VdfmuError, match="the browser has ended"):
+        browser.Browser(tmp_path)
+    assert len(os.listdir("/proc/self/fd")) == before
 
 
 def test_pictures_without_a_browser_say_what_is_needed(arm, tmp_path, monkeypatch):

@@ -174,6 +174,16 @@ def test_a_file_of_others_is_not_replaced(results):
         assert CliRunner().invoke(app, ["report", str(results), *words]).exit_code == 0
 
 
+def test_printed_pages_of_others_are_kept(results):
+    folder = results / "first run"
+    (folder / "report.pdf").write_bytes(b"%PDF-1.7 mine")
+    done = CliRunner().invoke(app, ["report", "--no-simulate", "--pdf", str(folder)])
+    assert isinstance(done.exception, UsageError) and "report.pdf: expected no file of this name" in str(done.exception)
+    assert (folder / "report.pdf").read_bytes() == b"%PDF-1.7 mine"
+    done = CliRunner().invoke(app, ["report", "--no-simulate", "--pdf", str(folder), "-o", str(folder / "two.pdf")])
+    assert "expected the name of the page, such as report.html" in str(done.exception)
+
+
 def test_the_page_of_several_is_opened_and_not_printed(results, monkeypatch):
     opened = []
     monkeypatch.setattr(opening.webbrowser, "open", lambda address: opened.append(address) or True)

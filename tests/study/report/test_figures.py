@@ -17,10 +17,9 @@ from vdfmu.base import style
 from vdfmu.base.errors import VdfmuError
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
-from vdfmu.study.report import plots, tool
+from vdfmu.study.report import plots
 from vdfmu.study.report.captions import paper_table
 from vdfmu.study.report.pictures import PICTURES, SIGNALS, picture_key, write_pictures
-from vdfmu.study.report.tool import draw_tool
 from vdfmu.system.scenario import load_scenario
 
 ONE, TWO, MIXED, SIX = (("revolute",), ("revolute",) * 2, ("revolute", "prismatic", "revolute"), ("revolute",) * 6)
@@ -292,7 +291,7 @@ def test_names_follow_from_the_table_compared_with(made, tmp_path: Path, source,
 
 def test_torsion_and_the_error_of_the_tool_in_mm(made):
     results, scenario = made.results(3), made.scenario(MIXED)
-    figure = draw_tool(results, scenario)
+    figure = plots.draw_tool(results, scenario)
     first, second, tool = figure.axes
     assert [axes.get_ylabel() for axes in (first, second)] == [r"$\kappa - q$ [mdeg]", r"$\kappa - q$ [mm]"]
     # the torsions that the run was made with, 1e-4 times 1, 2, 3; the sum with q leaves their last four digits
@@ -397,8 +396,7 @@ def test_drawing_reads_only_what_is_in_the_key(made, tmp_path: Path, name):
 
     both = Watched()
     with pytest.MonkeyPatch.context() as patch:
-        for module in (plots, tool):
-            patch.setattr(module, "run_caption", lambda *_: "caption")
+        patch.setattr(plots, "run_caption", lambda *_: "caption")
         plots.draw_picture(both, both, tmp_path / f"{name}.svg")
     assert read <= set(SIGNALS) and (tmp_path / f"{name}.svg").stat().st_size > 10_000
 

@@ -155,7 +155,7 @@ def test_the_widest_numbers_fit_80_columns():
 
 
 def test_facts_of_a_run():
-    assert facts(TRACKING) == [
+    assert list(facts(TRACKING)) == [
         ("Scenario", "two_joint"),
         ("Robot", "manipulator_6dof"),
         ("Friction", "lumped"),

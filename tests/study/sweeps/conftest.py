@@ -3,13 +3,16 @@
 import zipfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import vdfmu
 from tests.wild import build, write
 from vdfmu.study.sweeps.study import Sweep
 
 WAYS = {"well": 0.0, "crash": 1.0, "leave": 2.0, "hang": 3.0, "refuse": 8.0}
 """Value of the parameter ``way`` of wild.c by what the unit does then at the time ``at``."""
+MEASURES = ["end=final(unit.y)", "count=integral(unit.y)"]
 SSD = """<?xml version="1.0" encoding="UTF-8"?>
 <ssd:SystemStructureDescription xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
   xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon" version="1.0" name="wild">
@@ -37,3 +40,14 @@ def wild(tmp_path_factory: pytest.TempPathFactory) -> Path:
         archive.writestr("SystemStructure.ssd", SSD)
         archive.write(folder / "Wild.fmu", "resources/Wild.fmu")
     return folder / "wild.ssp"
+
+
+def study(wild, out, **options):
+    """Run 40 points of a unit that never fails, in chunks of 4."""
+    options = {"workers": 2, "chunk": 4, "measure": MEASURES, "step": 0.01, **options}
+    return vdfmu.sweep(wild, {"unit.at": np.linspace(0.0, 1.0, 40)}, out=out, **options)
+
+
+@pytest.fixture(scope="module")
+def undisturbed(wild, tmp_path_factory):
+    return table(study(wild, tmp_path_factory.mktemp("undisturbed") / "study"))

@@ -1,30 +1,19 @@
 """Parameter studies from end to end: the same numbers as runs one by one, whatever happens in between."""
 
-import errno
 import json
 import os
-import random
-import re
-import signal
 import subprocess
 import sys
-import tempfile
-import threading
-import time
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-import pyarrow.parquet
 import pytest
 from typer.testing import CliRunner
 
 import vdfmu
-from tests.study.sweeps.conftest import WAYS, table
-from vdfmu.base.errors import StorageError, UsageError, VdfmuError
+from tests.study.sweeps.conftest import MEASURES, WAYS, study
+from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.cli.commands import app
-from vdfmu.study.sweeps import ledger, worker
-from vdfmu.study.sweeps.job import Bench, Job, WiredSystem
 from vdfmu.study.sweeps.plan import make_plan
 from vdfmu.study.sweeps.study import Sweep
 
@@ -40,18 +29,6 @@ class Late(Trajectory):
         self.q_d, self.q_d_dot, self.q_d_ddot, self.q_d_dddot, self.q_d_ddddot = motion
 """
 OVER = {"controller.K_p": "*0.9, 1.1"}
-MEASURES = ["end=final(unit.y)", "count=integral(unit.y)"]
-
-
-def study(wild, out, **options):
-    """Run 40 points of a unit that never fails, in chunks of 4."""
-    options = {"workers": 2, "chunk": 4, "measure": MEASURES, "step": 0.01, **options}
-    return vdfmu.sweep(wild, {"unit.at": np.linspace(0.0, 1.0, 40)}, out=out, **options)
-
-
-@pytest.fixture(scope="module")
-def undisturbed(wild, tmp_path_factory):
-    return table(study(wild, tmp_path_factory.mktemp("undisturbed") / "study"))
 
 
 def test_each_point_is_the_run_of_its_values(tmp_path):
@@ -205,261 +182,6 @@ def test_a_function_that_fails_is_named(wild, tmp_path):
     assert found.failed[0].startswith("measure m = boom: AttributeError: ")
 
 
-@pytest.mark.heavy
-def test_a_table_that_cannot_be_read_is_made_again_with_retry(wild, tmp_path, undisturbed):
-    found = study(wild, tmp_path / "study")
-    found.path.write_text("x")
-    again = study(wild, tmp_path / "study", retry=True)
-    assert table(again) == undisturbed and "is not whole" in again.notes[0]
-
-
-SCRIPT = """
-import sys
-import numpy as np
-import vdfmu
-vdfmu.sweep(sys.argv[1], {"unit.at": np.linspace(0.0, 1.0, 40)}, out=sys.argv[2], workers=2, chunk=4, step=0.01,
-            measure=["end=final(unit.y)", "count=integral(unit.y)"])
-"""
-
-
-def begin(wild, out) -> subprocess.Popen[bytes]:
-    return subprocess.Popen(
-        [sys.executable, "-c", SCRIPT, str(wild), str(out)], stderr=subprocess.DEVNULL, start_new_session=True
-    )
-
-
-def parts(out: Path) -> list[Path]:
-    return sorted((out / "parts").glob("part_*.parquet"))
-
-
-def lasting(wild, out, undisturbed, kill, moments):
-    """End the study at moments, each as many parts later, then let it go on, and compare."""
-    for moment in moments:
-        process = begin(wild, out)
-        end = time.monotonic() + 60
-        while process.poll() is None and len(parts(out)) < moment and time.monotonic() < end:
-            time.sleep(0.002)
-        kill(process)
-        process.wait(60)
-        points = [p for file in parts(out) for p in pyarrow.parquet.read_table(file)["point"].to_pylist()]
-        assert len(points) == len(set(points))
-    assert table(study(wild, out)) == undisturbed
-    assert not parts(out)
-
-
-def kill(process):
-    with suppress(ProcessLookupError):
-        os.killpg(process.pid, signal.SIGKILL)
-
-
-def press(process):
-    with suppress(ProcessLookupError):
-        os.kill(process.pid, signal.SIGINT)
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize(("end", "moments"), [(kill, (1, 3, 6)), (press, (1, 4))], ids=["SIGKILL", "Ctrl-C"])
-def test_a_study_that_is_ended_goes_on_where_it_was(wild, tmp_path, undisturbed, end, moments):
-    lasting(wild, tmp_path / "study", undisturbed, end, moments)
-
-
-@pytest.mark.heavy
-def test_a_study_that_is_killed_at_any_moment_loses_and_doubles_nothing(wild, tmp_path, undisturbed):
-    draw = random.Random(13)
-    for i in range(8):
-        out = tmp_path / f"study{i}"
-        process = begin(wild, out)
-        time.sleep(draw.uniform(0.2, 4.0))
-        kill(process)
-        process.wait(60)
-        assert table(study(wild, out)) == undisturbed
-
-
-@pytest.mark.heavy
-@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc of Linux")
-def test_workers_end_with_a_killed_study(wild, tmp_path):
-    process = begin(wild, tmp_path / "study")
-    pids: list[int] = []
-    while len(pids) < 2:
-        assert process.poll() is None
-        with suppress(OSError):  # a thread that has just ended
-            places = Path(f"/proc/{process.pid}/task").glob("*/children")
-            pids = [int(pid) for place in places for pid in place.read_text().split()]
-    process.kill()
-    process.wait(60)
-    end = time.monotonic() + 10
-    while any(Path(f"/proc/{pid}").exists() for pid in pids):
-        assert time.monotonic() < end
-        time.sleep(0.02)
-
-
-@pytest.mark.heavy
-def test_a_full_disk_stops_it_and_what_is_done_is_kept(wild, tmp_path, undisturbed, monkeypatch):
-    whole = ledger.replacing
-    count = 0
-
-    def full(place):
-        nonlocal count
-        count += place.suffix == ".parquet"
-        if count > 3:
-            raise OSError(28, "No space left on device")
-        return whole(place)
-
-    monkeypatch.setattr(ledger, "replacing", full)
-    with pytest.raises(VdfmuError, match="No space left on device.*free space, and give the same command again"):
-        study(wild, tmp_path / "study")
-    assert len(parts(tmp_path / "study")) == 3
-    monkeypatch.setattr(ledger, "replacing", whole)
-    assert table(study(wild, tmp_path / "study")) == undisturbed
-
-
-def stopped(wild, out, monkeypatch):
-    """Return the parts of a study that ends before it makes a table of them."""
-    with monkeypatch.context() as patch:
-        patch.setattr(ledger.Ledger, "finish", lambda self: (_ for _ in ()).throw(VdfmuError("stop")))
-        with pytest.raises(VdfmuError, match="stop"):
-            study(wild, out)
-    return parts(out)
-
-
-@pytest.mark.heavy
-def test_a_part_that_cannot_be_read_is_made_again(wild, tmp_path, undisturbed, monkeypatch):
-    broken = stopped(wild, tmp_path / "study", monkeypatch)[2]
-    broken.write_bytes(broken.read_bytes()[:100])
-    found = study(wild, tmp_path / "study")
-    assert table(found) == undisturbed
-    assert len(found.notes) == 1 and broken.name in found.notes[0]
-    assert len((broken.parent / f"{broken.name}.broken").read_bytes()) == 100
-
-
-@pytest.mark.heavy
-def test_a_byte_that_the_disk_changes_is_seen(wild, tmp_path, undisturbed, monkeypatch):
-    """In the values of a measure, which Parquet alone would read as another number."""
-    broken = stopped(wild, tmp_path / "study", monkeypatch)[2]
-    column = pyarrow.parquet.ParquetFile(broken).metadata.row_group(0).column(5)
-    assert column.path_in_schema == "end"
-    data = bytearray(broken.read_bytes())
-    data[column.data_page_offset + column.total_compressed_size - 2] ^= 1
-    broken.write_bytes(data)
-    with pytest.raises(VdfmuError, match="is not whole.*give the same command again"):
-        study(wild, tmp_path / "study")
-    assert broken.with_name(f"{broken.name}.broken").read_bytes() == data
-    assert table(study(wild, tmp_path / "study")) == undisturbed
-
-
-@pytest.mark.heavy
-def test_parts_that_cannot_be_listed_are_not_taken_for_none(wild, tmp_path, undisturbed, monkeypatch):
-    listdir = os.listdir
-
-    def failing(path):
-        if Path(path).name == "parts":
-            raise PermissionError(errno.EACCES, "Permission denied", str(path))
-        return listdir(path)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(os, "listdir", failing)
-        with pytest.raises(UsageError, match=r"parts: cannot be read: Permission denied"):
-            study(wild, tmp_path / "study")
-    assert table(study(wild, tmp_path / "study")) == undisturbed
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("number", [errno.EIO, errno.EACCES, errno.EMFILE])
-def test_a_study_that_the_disk_does_not_give_now_is_left_as_it_is(wild, tmp_path, undisturbed, monkeypatch, number):
-    whole = study(wild, tmp_path / "study").path
-    there, read = whole.read_bytes(), Path.read_bytes
-
-    def failing(path):
-        if path == whole:
-            raise OSError(number, os.strerror(number))
-        return read(path)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Path, "read_bytes", failing)
-        for options in ({}, {"retry": True}):
-            with pytest.raises(UsageError, match=r"sweep\.parquet: cannot be read: .*It is left as it is"):
-                study(wild, tmp_path / "study", **options)
-    assert read(whole) == there
-    assert table(study(wild, tmp_path / "study")) == undisturbed
-
-
-@pytest.mark.parametrize("behind", [True, False])
-def test_an_error_of_the_disk_is_no_failed_point(monkeypatch, tmp_path, behind):
-    """It says nothing of the model: a failed point would stay in the study. Another error of the system may be its."""
-
-    def full(*_, **__):
-        try:
-            raise OSError(errno.ENOSPC, "No space left on device")
-        except OSError as error:
-            raise VdfmuError("cannot be unpacked") if behind else error  # noqa: B904
-
-    task = (0, 0, {})
-    bench = Bench(Job((WiredSystem(b"", {}, {}, (), False, {}),), (), (), ()), tmp_path)
-    monkeypatch.setattr("vdfmu.study.sweeps.job.Simulator", full)
-    with pytest.raises(StorageError, match="No space left"):
-        bench.run([task])
-    monkeypatch.setattr("vdfmu.study.sweeps.job.Simulator", lambda *_, **__: (tmp_path / "none").read_bytes())
-    assert bench.run([task])[0]["failed"].startswith("FileNotFoundError: ")
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("times", [2, 3])
-def test_a_worker_whose_disk_fails_is_replaced_and_at_last_ends_the_study(
-    wild, tmp_path, undisturbed, monkeypatch, times
-):
-    """The package that it writes for itself meets a full disk in the first workers."""
-    hook = f"""
-import errno, os, sys
-if "vdfmu.study.sweeps.child" in sys.orig_argv:
-    from pathlib import Path
-    plain, count = Path.write_bytes, Path({str(tmp_path / "count")!r})
-    def write_bytes(path, content):
-        if path.name == "0.ssp" and (not count.exists() or count.stat().st_size < {times}):
-            with count.open("a") as file:
-                file.write("x")
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        return plain(path, content)
-    Path.write_bytes = write_bytes
-"""
-    (tmp_path / "site").mkdir()
-    (tmp_path / "site" / "sitecustomize.py").write_text(hook)
-    with monkeypatch.context() as patch:
-        patch.setattr(sys, "path", [str(tmp_path / "site"), *sys.path])
-        if times == 3:
-            with pytest.raises(VdfmuError, match="point 0: the disk fails: .*No space left.*same command again"):
-                study(wild, tmp_path / "study", workers=1)
-        assert table(study(wild, tmp_path / "study", workers=1)) == undisturbed
-
-
-@pytest.mark.heavy
-def test_a_folder_whose_name_is_not_text_holds_a_study(wild, tmp_path, undisturbed):
-    folder = tmp_path / os.fsdecode(b"caf\xe9")
-    study(wild, folder)
-    again = study(wild, folder)
-    assert table(again) == undisturbed and not again.notes
-
-
-@pytest.mark.heavy
-def test_a_study_that_is_complete_runs_nothing(wild, tmp_path, undisturbed):
-    study(wild, tmp_path / "study")
-    stages = []
-    found = study(wild, tmp_path / "study", progress=lambda *stage: stages.append(stage))
-    assert ("points", 40, 40) in stages and ("points", 0, 40) not in stages
-    assert table(found) == undisturbed
-
-
-@pytest.mark.heavy
-def test_another_study_does_not_take_its_folder(wild, tmp_path, undisturbed):
-    study(wild, tmp_path / "study")
-    with pytest.raises(UsageError, match=r"holds another study.*differ in measures\. .*--out.*--overwrite"):
-        study(wild, tmp_path / "study", measure=["end=final(unit.y)"])
-    with pytest.raises(UsageError, match=r"differ in units, values or files\."):
-        study(wild, tmp_path / "study", step=0.02)
-    assert table(Sweep(tmp_path / "study")) == undisturbed
-    other = study(wild, tmp_path / "study", measure=["end=final(unit.y)"], overwrite=True)
-    assert other.measures == ["end"]
-
-
 WRENCH = "plant.F_e[1]"
 
 
@@ -505,27 +227,6 @@ def test_zero_is_not_left_out_of_a_row_that_is_run_again(tmp_path):
             app, ["run", "--from", str(tmp_path / "study"), option, "0", "--out", str(tmp_path / "run")]
         )
         assert isinstance(done.exception, UsageError) and words in str(done.exception), option
-
-
-@pytest.mark.heavy
-def test_two_processes_do_not_share_a_study(wild, tmp_path):
-    inside, outside = threading.Event(), threading.Event()
-
-    def wait(stage, done, total):
-        if stage == "points" and done and not inside.is_set():
-            inside.set()
-            outside.wait(60)
-
-    worker = threading.Thread(target=lambda: study(wild, tmp_path / "study", progress=wait))
-    worker.start()
-    try:
-        assert inside.wait(60)
-        with pytest.raises(UsageError, match="another process is at work"):
-            study(wild, tmp_path / "study")
-    finally:
-        outside.set()
-        worker.join()
-    assert len(Sweep(tmp_path / "study")) == 40
 
 
 @pytest.mark.heavy
@@ -675,50 +376,3 @@ def test_the_command_says_what_it_found(wild, tmp_path):
     assert "sweep.parquet, 2 points" in done.output
     wrong = CliRunner().invoke(app, ["sweep", str(wild), "--vary", "unit.way"])
     assert isinstance(wrong.exception, UsageError) and "TARGET=FORM" in str(wrong.exception)
-
-
-def killing(results, times, place):
-    """Kill the process, as the system does for want of memory, a number of times."""
-    with Path(place).open("a+") as file:
-        file.seek(0)
-        if len(file.read()) < times:
-            file.write("x")
-            file.flush()
-            os.kill(os.getpid(), signal.SIGKILL)
-    return 1.0
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("times", [2, 3])
-def test_a_point_whose_process_is_killed_is_tried_again_and_blames_no_model(wild, tmp_path, monkeypatch, times):
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
-    (tmp_path / "tmp").mkdir()
-    place = tmp_path / "killed"
-
-    def measure(results, times=times, place=str(place)):
-        return killing(results, times, place)
-
-    def sweep():
-        return vdfmu.sweep(
-            wild, {"unit.at": [0.0, 1.0]}, measure={"m": measure}, step=0.5, out=tmp_path / "study", workers=1
-        )
-
-    found = sweep()
-    if times == 2:
-        assert found.failed == {}
-    else:
-        assert re.search(r"the process was killed \(SIGKILL\) 3 times: memory may be short", found.failed[0])
-        assert sweep().failed == {}  # without being asked to
-    assert len(place.read_text()) == times
-    assert list((tmp_path / "tmp").iterdir()) == []
-
-
-ROW = {"point": 0, "failed": None, "failed_at": None, "wall_s": 0.1}
-
-
-@pytest.mark.parametrize(
-    "message",
-    [[], [1], [{}], *([ROW | change] for change in ({"point": 1}, {"failed": 7}, {"m": "text"}, {"m": [{}]}))],
-)
-def test_what_a_component_writes_for_the_worker_is_refused(message):
-    assert worker._rows(message, [0]) == "a component wrote into the pipe of the worker"

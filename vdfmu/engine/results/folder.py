@@ -145,7 +145,7 @@ def _set_aside(partial: Path, outputs: Sequence[str]) -> Path:
     target = partial.with_name(PARTIAL)
     with suppress(OSError):
         if target.exists():
-            _remove(target, outputs)
+            _remove(target, {*outputs, *_ours(target)})  # with the page of a failed run
             target.rmdir()
         return partial.rename(target)
     return partial
@@ -154,7 +154,8 @@ def _set_aside(partial: Path, outputs: Sequence[str]) -> Path:
 def _ours(folder: Path) -> set[str]:
     """Return the names of the files that the last run wrote."""
     try:
-        return set(json.loads((folder / "summary.json").read_text(encoding="utf-8"))["files"])
+        names = json.loads((folder / "summary.json").read_text(encoding="utf-8"))["files"]
+        return {name for name in names if name == os.path.basename(name)}
     except (OSError, ValueError, KeyError, TypeError):
         return set()
 

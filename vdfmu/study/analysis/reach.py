@@ -18,8 +18,8 @@ from vdfmu.base.files import write_whole
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.base.toml_file import locate
 from vdfmu.base.toml_text import toml_value
-from vdfmu.engine.inspect.loops import Margins
-from vdfmu.study.analysis.gains import GROWTH, Gains, arm_gains
+from vdfmu.engine.inspect.loops import GROWTH, Margins
+from vdfmu.study.analysis.gains import Gains, arm_gains
 from vdfmu.study.analysis.margins import ArmLoops
 from vdfmu.system.scenario import Scenario, load_scenario
 

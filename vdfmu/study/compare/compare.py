@@ -37,10 +37,11 @@ from vdfmu.study.run.at_limits import limits_of
 from vdfmu.study.run.scenario_run import prepare
 from vdfmu.study.sweeps.job import Job, Row, Task, WiredSystem
 from vdfmu.study.sweeps.ledger import Ledger, files_of
+from vdfmu.study.sweeps.local import check_workers
 from vdfmu.study.sweeps.measures import read_measures
 from vdfmu.study.sweeps.plan import Plan, digest, of_scenario
 from vdfmu.study.sweeps.points import Points
-from vdfmu.study.sweeps.sweep import check_workers, run_plan
+from vdfmu.study.sweeps.sweep import run_plan
 from vdfmu.study.tuning.tune import tune
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import Scenario

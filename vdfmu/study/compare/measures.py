@@ -211,6 +211,8 @@ HIDDEN: dict[str, Callable[[PathRun], Any]] = {
     "place": lambda run: planes(run.p_d, run.end).ravel(),
 }  # fmt: skip
 """What the verdict of a cell, and AT and RT of several runs, are made of."""
+_OF_LOOPS = ("modulus", "unstable", "margin")
+"""Measures of the loops of a run, which is linearised for them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,7 +232,7 @@ class OfRun:
     @property
     def loops(self) -> bool:
         """Whether it needs the loops of the run."""
-        return self.name in ("modulus", "unstable", "margin")
+        return self.name in _OF_LOOPS
 
     def __call__(self, results: Results) -> Any:
         """Return the measure of a run; of a limit what is missing to the least value."""

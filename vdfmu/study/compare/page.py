@@ -6,39 +6,34 @@ import json
 import re
 import shlex
 from html import escape
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 
 from vdfmu.base.files import write_whole
-from vdfmu.base.json_text import to_json
 from vdfmu.base.page import page
 from vdfmu.study.compare.axes import LAWS, MISMATCHES
 from vdfmu.study.compare.comparison import GOOD, LawComparison
 from vdfmu.study.compare.measures import MEASURES
 from vdfmu.study.compare.words import BY, in_words
-from vdfmu.study.report.scripts import look
+from vdfmu.study.report.page import NAME
+from vdfmu.study.report.scripts import COMPARED, data_element, look, module_element
 
 
 def write_comparison(study: LawComparison) -> Path:
     """Write ``report.html`` in the folder of a comparison."""
-    about, web = study.about, files("vdfmu.study.compare")
-    content = to_json(_content(study)).replace("<", "\\u003c")
-    scripts = {name: web.joinpath(name).read_text() for name in ("page.css", "page.js")}
+    about = study.about
     first, _, rest = _html(in_words(study)).partition("</section>")
-    body = f"""{first}</section><section class="card"><div class="bar sticky"><h2>Cells</h2>
-<label class="choice">measure <select id="measure"></select></label>
-<label class="choice">motion <select id="motion"></select></label></div>
+    body = f"""{first}</section><section class="card"><div class="bar sticky" id="choices"><h2>Cells</h2></div>
 <p class="note">Number: the measure. Colour: how many times the best law of its row; the best is bold. Choose a cell for
 its other measures and the command that runs it again with everything that a run shows.</p>
 <div id="matrices"></div><div id="cell" hidden></div></section>
 {rest}
-<script type="application/json" id="data">{content}</script>
-<script>{scripts["page.js"]}</script>"""
+{data_element({"runs": [], "compared": _content(study)})}
+{module_element(COMPARED)}"""
     what = f"{len(study)} cells, {about['budget']} evaluations, seed {about['seed']}, vdfmu {study.facts['vdfmu']}"
-    path = study.folder / "report.html"
-    write_whole(path, [page("Control laws compared", what, body, 76, f"{look()}<style>{scripts['page.css']}</style>")])
+    path = study.folder / NAME
+    write_whole(path, [page("Control laws compared", what, body, 76, look("laws.css"))])
     return path
 
 

@@ -4,22 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError, UsageError
-from vdfmu.base.temporary import temporary_folder
 from vdfmu.engine.run import Simulator
+from vdfmu.study.analysis.system import packaged
 from vdfmu.study.batch.make import make_program
 from vdfmu.study.batch.stepped import SteppedLanes
 from vdfmu.study.environment.task import TrackingTask
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.package.write import write_ssp
-from vdfmu.system.scenario.parts import cached_fmus
-from vdfmu.system.scenario.values import system_values
 
 try:
     import gymnasium
@@ -61,12 +57,12 @@ class ArmEnv(gymnasium.Env[Floats, Floats]):
         self.task = TrackingTask(scenario, **options)
         self.action_space, self.observation_space = _spaces(self.task)
         scenario = self.task.scenario
-        self._held, self._done = ExitStack(), -1
-        folder = self._held.enter_context(temporary_folder("vdfmu_environment_"))
-        values = system_values(scenario)
-        package = write_ssp(scenario, cached_fmus(scenario, folder), Path(folder) / "system.ssp", values)
+        self._done = -1
         options = {"inputs": scenario.inputs, "input_hold": scenario.input_hold, "isolate": False}
-        self._simulator = self._held.enter_context(Simulator(package, **scenario.coupling, **options))
+        with ExitStack() as stack:
+            package, _ = stack.enter_context(packaged(scenario))
+            self._simulator = stack.enter_context(Simulator(package, **scenario.coupling, **options))
+            self._held = stack.pop_all()
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None

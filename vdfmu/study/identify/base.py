@@ -6,9 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vdfmu.arm.equations.rigid_body import BODY, PAIRS, body_parameters
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
-from vdfmu.study.identify.regressor import BODY, PAIRS, body_parameters, regressor
+from vdfmu.study.identify.regressor import regressor
 
 _STATES = 100
 """States from which the columns are made: ten times as many rows as columns for ten joints."""

@@ -8,6 +8,7 @@ deviations, for white noise. The best is identified with noise on its log, as a 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 from typing import Any, NamedTuple
@@ -112,6 +113,19 @@ class Design:
         return f"# {head}\n\n{toml_text({'motion': self.table})}"
 
 
+class _Excitation(NamedTuple):
+    """A kind of motion that is tried."""
+
+    table: dict[str, Any]
+    """Its table ``[motion]`` without amplitudes."""
+    unit: Motion
+    """With an amplitude of 1 about 0."""
+    span: Floats
+    """(n,): Largest amplitudes about its pose [rad or m]."""
+    highest: float
+    """Highest frequency [Hz]."""
+
+
 class _Candidate(NamedTuple):
     table: dict[str, Any]
     motion: Motion
@@ -156,20 +170,11 @@ def design(
         raise UsageError(f"duration: expected at least {_SHORTEST:g} s, got {duration:g} s.")
     middle, reach, speed, acceleration = _limits(robot, start)
     candidates: list[_Candidate] = []
-    cases = list(product(_HIGHEST, _PERIODS, range(_SEEDS)))
-    for highest, periods, seed in counted("motions", cases, len(cases)):
-        pose = middle
-        if start is None and seed:
-            pose = (middle + np.random.default_rng(seed).uniform(-_OFF, _OFF, robot.n) * reach).round(4)
-        span = reach - np.abs(pose - middle) if robot.limits else reach
-        period = duration / (periods + 2)
-        lines = sorted({int(k) for k in np.rint(np.geomspace(1.0, max(1.0, highest * period), _LINES))})
-        table = {"kind": "multisine", "start": pose.tolist(), "amplitude": [], "lines": lines, "period": period}
-        table |= {"periods": periods, "phases": "random", "seed": seed}
-        one = multisine(0.0 * pose, 1.0, lines, period, periods=periods, phases="random", seed=seed)
-        amplitude = np.min([span, speed / one.peaks[0], acceleration / one.peaks[1]], axis=0)
-        step = max(sensors.step, min(1.0 / (_COARSE * highest), duration / _ROWS))
-        candidates += _fitted(robot, table, one, amplitude, step)
+    tried = list(_multisines(robot, duration, middle, reach, start is None))
+    for one in counted("motions", tried, len(tried)):
+        amplitude = np.min([one.span, speed / one.unit.peaks[0], acceleration / one.unit.peaks[1]], axis=0)
+        step = max(sensors.step, min(1.0 / (_COARSE * one.highest), duration / _ROWS))
+        candidates += _fitted(robot, one, amplitude, step)
     if not candidates:
         raise UsageError(
             f"{robot.name}: the motors do not have the torques of any motion about this pose. Choose another, or look "
@@ -188,8 +193,8 @@ def design(
             "the robot file has no limits, so joints move at most 1 rad or 0.2 m off the pose, at 1.5 rad/s or 0.5 m/s "
             "and 5 rad/s2 or 2 m/s2: give [joints.limits]"
         )
-    if left := len(cases) - len(candidates):
-        notes.append(f"{left} of {len(cases)} motions are left out, since the motors do not have their torques")
+    if left := len(tried) - len(candidates):
+        notes.append(f"{left} of {len(tried)} motions are left out, since the motors do not have their torques")
     notes.append("collisions are not checked: look at the motion before it is played")
     return Design(best.motion, best.table, expected, tuple(notes))
 
@@ -244,16 +249,30 @@ def _limits(robot: Robot, start: npt.ArrayLike | None) -> tuple[Floats, Floats, 
     return pose, reach, _MARGIN * speed, np.full(robot.n, np.inf)
 
 
-def _fitted(robot: Robot, table: dict[str, Any], one: Motion, amplitude: Floats, step: float) -> list[_Candidate]:
+def _multisines(robot: Robot, duration: float, middle: Floats, reach: Floats, moves: bool) -> Iterator[_Excitation]:
+    """Yield multisines about a pose, (n,), or if that `moves` about several, all within `reach`, (n,) [rad or m]."""
+    for highest, periods, seed in product(_HIGHEST, _PERIODS, range(_SEEDS)):
+        pose = middle
+        if moves and seed:
+            pose = (middle + np.random.default_rng(seed).uniform(-_OFF, _OFF, robot.n) * reach).round(4)
+        span = reach - np.abs(pose - middle) if robot.limits else reach
+        period = duration / (periods + 2)
+        lines = sorted({int(k) for k in np.rint(np.geomspace(1.0, max(1.0, highest * period), _LINES))})
+        own: dict[str, Any] = {"lines": lines, "period": period, "periods": periods, "phases": "random", "seed": seed}
+        table = {"kind": "multisine", "start": pose.tolist(), "amplitude": [], **own}
+        yield _Excitation(table, multisine(0.0 * pose, 1.0, **own), span, highest)
+
+
+def _fitted(robot: Robot, tried: _Excitation, amplitude: Floats, step: float) -> list[_Candidate]:
     """Return the candidate with such amplitudes (n,), or smaller ones if motors ask for it, or none.
 
-    `one` has an amplitude of 1 about 0. What holds the pose stays as it is, the rest goes with the amplitudes.
+    What holds the pose stays as it is, the rest goes with the amplitudes.
     """
     for _ in range(_SHRINK):
         amplitude = np.floor(1e4 * amplitude) / 1e4
-        coefficients = one.coefficients * amplitude
-        coefficients[:, 0] += table["start"]
-        motion = Motion(one.knots, coefficients)
+        coefficients = tried.unit.coefficients * amplitude
+        coefficients[:, 0] += tried.table["start"]
+        motion = Motion(tried.unit.knots, coefficients)
         log = exact_log(robot, motion, step)
         held = over = 0.0
         if robot.limits:
@@ -267,7 +286,7 @@ def _fitted(robot: Robot, table: dict[str, Any], one: Motion, amplitude: Floats,
                 check_motion(motion, robot)
             except UsageError:
                 return []
-            return [_Candidate({**table, "amplitude": amplitude.tolist()}, motion, log)]
+            return [_Candidate({**tried.table, "amplitude": amplitude.tolist()}, motion, log)]
         amplitude = amplitude * max(0.5, 0.95 * (1.0 - held) / (over - held))
     return []
 

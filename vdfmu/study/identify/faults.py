@@ -13,11 +13,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import linear_sum_assignment
 
+from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.measure import LARGEST_NUMBER
 from vdfmu.study.identify.log_files import LogColumn
-from vdfmu.study.identify.regressor import body_parameters, regressor
+from vdfmu.study.identify.regressor import regressor
 
 _UNEVEN = 0.01
 """Largest difference of a time step from the middle one, as a share, of rows that are taken as they are."""

@@ -22,13 +22,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.study.identify.base import BaseParameters, link_covariance
 from vdfmu.study.identify.log import Log
-from vdfmu.study.identify.regressor import body_parameters
 from vdfmu.study.identify.rows import rows_of
 from vdfmu.study.identify.search import Weak, solve
 

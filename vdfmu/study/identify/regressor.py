@@ -10,9 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.arm.equations.rigid_body import BODY as BODY
 from vdfmu.arm.equations.rigid_body import PAIRS
-from vdfmu.arm.equations.rigid_body import body_parameters as body_parameters
 from vdfmu.base.arrays import Floats
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.arm.imports.write import ROUNDING
 from vdfmu.arm.robot import Robot, check_robot
 from vdfmu.arm.robot.parameters import PARAMETERS
@@ -16,7 +17,6 @@ from vdfmu.base.toml_text import toml_text
 from vdfmu.study.identify.base import link_errors
 from vdfmu.study.identify.fit import Identified
 from vdfmu.study.identify.problem import DRIVES, SPRINGS
-from vdfmu.study.identify.regressor import body_parameters
 
 
 def identified_robot(found: Identified, robot: Robot, where: str) -> tuple[Robot, list[str]]:

@@ -10,6 +10,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from vdfmu.arm.drive.counterbalance import counterbalance_torque
 from vdfmu.arm.equations.harmonic_drive import deformation, kinematic_error
+from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
@@ -17,7 +18,7 @@ from vdfmu.study.identify.base import base_parameters
 from vdfmu.study.identify.faults import fastest
 from vdfmu.study.identify.log import Log
 from vdfmu.study.identify.problem import IdentificationProblem, TorqueParts
-from vdfmu.study.identify.regressor import Regressor, body_parameters, regressor
+from vdfmu.study.identify.regressor import Regressor, regressor
 
 _BANDS = 3.0
 """The band of the second filter: times the frequency below which nearly all of the velocities' power is."""

@@ -55,11 +55,15 @@ class Browser:
         for end in (to_read, to_write, *ends):
             os.close(end)
         self._rest, self._number = b"", 0
-        targets = self._call("Target.getTargets")["targetInfos"]
-        page = next(target for target in targets if target["type"] == "page")["targetId"]
-        self._session = self._call("Target.attachToTarget", targetId=page, flatten=True)["sessionId"]
-        for domain in ("Page", "Runtime"):
-            self.call(f"{domain}.enable")
+        try:
+            targets = self._call("Target.getTargets")["targetInfos"]
+            page = next(target for target in targets if target["type"] == "page")["targetId"]
+            self._session = self._call("Target.attachToTarget", targetId=page, flatten=True)["sessionId"]
+            for domain in ("Page", "Runtime"):
+                self.call(f"{domain}.enable")
+        except BaseException:
+            self.__exit__()
+            raise
 
     def __enter__(self) -> Self:
         return self
@@ -92,7 +96,10 @@ class Browser:
         self._number += 1
         message = {"id": self._number, "method": method, "params": parameters}
         text = json.dumps(message | ({"sessionId": session} if session else {}))
-        os.write(self._to, text.encode() + b"\0")
+        try:
+            os.write(self._to, text.encode() + b"\0")
+        except BrokenPipeError:
+            raise VdfmuError("the browser has ended") from None
         return self._number
 
     def _message(self) -> dict[str, Any]:

@@ -31,11 +31,12 @@ def run_caption(results: Results, scenario: Scenario, figures: Mapping[int, int]
     master = facts.get("master") or facts.get("algorithm") or scenario.master
     step = 1e3 * float(facts.get("step") or scenario.step)
     figure = figures.get(paper_table(scenario))
+    before = f"As figure {figure} of the paper. " if figure else ""
     settings: Mapping[str, Any] = facts.get("settings") or {}
     chosen = {key: value for key, value in settings.items() if key == "feedforward.mode"}
     mode = group_value(scenario, "feedforward.mode", chosen)
     lines = [
-        f"{_figure(figure)}Scenario {scenario.name}, robot {scenario.arm.name}, master {master}, "
+        f"{before}Scenario {scenario.name}, robot {scenario.arm.name}, master {master}, "
         f"step {step:g} ms{'' if mode is None else f', feedforward {mode}'}."
     ]
     if scenario.plant_factors:
@@ -49,7 +50,3 @@ def run_caption(results: Results, scenario: Scenario, figures: Mapping[int, int]
         more = f" and {len(settings) - _SHOWN} more" if len(settings) > _SHOWN else ""
         lines.append(f"Settings: {shown}{more}.")
     return "\n".join(lines)
-
-
-def _figure(number: int | None) -> str:
-    return f"As figure {number} of the paper. " if number else ""

@@ -8,18 +8,17 @@ rows, never between them.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from vdfmu.arm.equations.kinematics import frames
 from vdfmu.arm.robot import Robot
-from vdfmu.base.arrays import Floats, distinct
+from vdfmu.base.arrays import distinct, with_named
 from vdfmu.base.thinning import extremes
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report.curves import Curve, CurveTable, Figure, Terms, recipes_of, values_of
-from vdfmu.study.report.forces import BASE, WRENCHES, force_figures
 from vdfmu.study.report.frames import FRAMES, ArmFrames
 from vdfmu.study.report.joints import UNITS
 from vdfmu.study.report.wired import joints_of
@@ -61,35 +60,36 @@ _FIGURES = (
 """Key, title, name of the largest value, and what is drawn: solid, then dashed; {} becomes torque or force."""
 
 
+BASE = "base"
+"""Position of an arm's base in {I}, then its rotation, row by row: 12 signals."""
+WRENCHES = {
+    "F_e": ("of the arm on its surroundings in {O}", "wrench of {} on its surroundings"),
+    "F_S": ("of the base on the arm in {S}", "wrench of the base on {}"),
+}
+"""Six signals, force and moment: words for a title, and for the arrow."""
+
+
 def arm_of(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the facts from which a robot is drawn: geometry, ratios, and the shapes of its file except meshes.
 
     `values` of the plant, such as ``offset[2,3]``, count instead of the robot's.
     """
-
-    def listed(name: str, of_file: Any) -> Any:
-        numbers: Floats = np.array(of_file, dtype=float)
-        for place in np.ndindex(numbers.shape):
-            index = ",".join(str(i + 1) for i in place)
-            numbers[place] = values.get(f"{name}[{index}]" if index else name, numbers[place])
-        return numbers.tolist()
-
     numbers = frames(robot) | {"gravity": robot.gravity, "ell": robot.ell}
     return {
         "types": list(robot.joint_types),
-        **{name: listed(name, of_file) for name, of_file in numbers.items()},
-        **({"payload": _payload(robot, listed)} if robot.payload else {}),
+        **{name: with_named(of_file, name, values).tolist() for name, of_file in numbers.items()},
+        **({"payload": _payload(robot, values)} if robot.payload else {}),
         "shapes": [] if any(v.shape == "mesh" for v in robot.visuals) else [v.to_dict() for v in robot.visuals],
     }
 
 
-def _payload(robot: Robot, listed: Callable[[str, Any], Any]) -> dict[str, Any]:
+def _payload(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return sides, offset and rotation in {O} of the uniform box with the inertia of the payload; a cube of a point.
 
     Sides by ``a^2 = 6 (I_y + I_z - I_x) / m`` (Meriam and Kraige, Engineering Mechanics: Dynamics, Table D/4).
     """
-    numbers = [listed(key, getattr(robot, key)) for key in ("payload_mass", "payload_centroid", "payload_inertia")]
-    mass, centroid, inertia = (np.array(each, dtype=float) for each in numbers)
+    names = ("payload_mass", "payload_centroid", "payload_inertia")
+    mass, centroid, inertia = (with_named(getattr(robot, name), name, values) for name in names)
     moments, axes = np.linalg.eigh((inertia + inertia.T) / 2.0)
     axes[:, 2] *= np.sign(np.linalg.det(axes))
     squares = 6.0 * (moments.sum() - 2.0 * moments) / max(float(mass), 1e-9)
@@ -120,7 +120,7 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
             _figures(f"{name}." if k else "", f"{name}: " if len(arms) > 1 else "", arm, sums)
             for k, (name, arm, _, sums) in enumerate(arms)
         ),
-        force_figures(results, summary),
+        _force_figures(results, summary),
         _cutting_points(results),
     )
     tables = {
@@ -227,6 +227,26 @@ def _figures(before: str, of: str, arm: Mapping[str, Any], sums: Mapping[str, Se
                 measure = unit.torque if torques else unit.position
                 words = [of + f"{text}{suffix}".format(noun) if text else "" for text in (title, peak)]
                 yield Figure(f"{before}{key}.{kind}", words[0], measure, curves, words[1])
+
+
+def _force_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Figure]:
+    """Yield force and moment of each wrench that acts in the run, and the forces of contacts."""
+    scene = summary.get("scene", {})
+    names = {*results.names}
+    for arm in scene.get("arms", []):
+        for key, (words, _) in WRENCHES.items():
+            signals = arm["signals"].get(key, [])
+            for what, unit, part in (("Force", "N", signals[:3]), ("Moment", "N.m", signals[3:])):
+                known = [(axis, name) for axis, name in zip("xyz", part, strict=False) if name in names]
+                if any(np.any(results[name]) for _, name in known):
+                    curves = [Curve(axis, 0, [(1.0, name)]) for axis, name in known]
+                    title = f"{arm['component']}: {what.lower()} {words}"
+                    yield Figure(f"{arm['component']}.{key}.{unit}", title, unit, curves, f"{what} {words}")
+    for one in scene.get("objects", []):
+        for name, words in one.get("forces", {}).items():
+            if name in names:
+                title = f"{one['component']}: {words[:1].lower()}{words[1:]}"
+                yield Figure(name, title, results.units[name], [Curve(name, 0, [(1.0, name)])], words)
 
 
 def _cutting_points(results: Results) -> Iterator[Figure]:

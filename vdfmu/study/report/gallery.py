@@ -28,11 +28,12 @@ from vdfmu.engine.results.folder import PARTIAL
 from vdfmu.engine.results.formats import result_files
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import checks_of
+from vdfmu.study.report.headline import checks_line
 from vdfmu.study.report.page import NAME
+from vdfmu.study.report.read_summary import read_summary
 from vdfmu.study.report.scripts import GALLERY, look, module_element
 from vdfmu.study.report.shapes import Chain
 from vdfmu.study.report.shown_run import run_folders
-from vdfmu.study.report.summary import read_summary
 
 INDEX = "index.html"
 _TIMES = 40
@@ -43,21 +44,6 @@ _WIDE, _HIGH = 320, 200
 """Size of a picture [px]."""
 _EYE = np.array([0.95, -1.25, 0.62])
 """Where the eye is, of an arm whose z axis points up: as in the perspective of ``web/scene.js``."""
-_LOOK = """
-.gallery { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 17rem), 1fr)); gap: 1.1rem;
-  padding: 0; list-style: none; margin: 1rem 0; }
-.gallery .card { margin: 0; padding: 0; overflow: hidden; height: 100%; } .gallery li[hidden] { display: none; }
-.gallery a { display: block; height: 100%; color: inherit; text-decoration: none; padding-bottom: .8rem; }
-.gallery a:hover h2 { text-decoration: underline; }
-.gallery svg { display: block; width: 100%; background: var(--soft); }
-.gallery h2 { margin: .7rem 1rem .2rem; font-size: 1rem; overflow-wrap: anywhere; }
-.gallery p { margin: .1rem 1rem; font-size: .86rem; color: var(--muted); overflow-wrap: anywhere; }
-.gallery .pass { color: var(--pass); } .gallery .fail { color: var(--fail); }
-.gallery .arm { fill: none; stroke: var(--ink); stroke-linejoin: round; stroke-linecap: round; stroke-width: 7; }
-.gallery .arm.start { opacity: .16; } .gallery .path { fill: none; stroke: var(--positive); stroke-width: 2; }
-.gallery circle { fill: var(--card); stroke: var(--ink); stroke-width: 2.5; } .gallery .base { stroke: var(--muted); }
-.gallery text { font: 600 22px system-ui, sans-serif; fill: var(--muted); text-anchor: middle; }
-"""
 
 
 class RunCard(NamedTuple):
@@ -115,8 +101,7 @@ def gallery_page(folder: Path, place: Path | None = None) -> bytes:
 {module_element(GALLERY)}"""
     failed = sum(entry.passed is False for entry in found)
     about = f"{len(found)} run{'' if len(found) == 1 else 's'}, {failed} with a failed check"
-    head = f'{look()}<link rel="icon" href="data:,"><style>{_LOOK}</style>'
-    return page(f"Runs in {folder.resolve().name}", about, body, 84, head)
+    return page(f"Runs in {folder.resolve().name}", about, body, 84, look("gallery.css"))
 
 
 def entry_of(folder: Path, place: Path, name: str) -> RunCard:
@@ -128,7 +113,7 @@ def entry_of(folder: Path, place: Path, name: str) -> RunCard:
         stamp = datetime.fromisoformat(summary.get("date", "")).timestamp()
     checks = checks_of(summary)
     failed = [check.name for check in checks if not check.passed]
-    verdict = f"fail: {', '.join(failed)}" if failed else f"{len(checks)} of {len(checks)} checks pass"
+    verdict = f"fail: {', '.join(failed)}" if failed else checks_line(summary)
     numbers, shown = {"date": stamp}, list[str]()
     figures: Mapping[str, Any] = summary.get("key_figures") or {}
     if "tool_error" in figures:
@@ -150,7 +135,7 @@ def entry_of(folder: Path, place: Path, name: str) -> RunCard:
     date = datetime.fromtimestamp(stamp, UTC).strftime("%Y-%m-%d %H:%M UTC")
     return RunCard(
         name, _address(page_of, place), (about or str(summary.get("system", "system")), date),
-        verdict if checks else "", not failed if checks else None, numbers, shown, picture,
+        verdict, not failed if checks else None, numbers, shown, picture,
     )  # fmt: skip
 
 

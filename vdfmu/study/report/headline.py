@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Iterator
+from typing import NamedTuple
 
 from vdfmu.base.quantity import quantity
 from vdfmu.engine.results.verdict import checks_of
-
-Summary = Mapping[str, Any]
+from vdfmu.study.report.sheets import energies
+from vdfmu.study.report.summary_keys import Summary
 
 
 class Tile(NamedTuple):
@@ -45,7 +45,7 @@ def headline(summary: Summary) -> Headline:
         text = f"{text[:1].upper()}{text[1:]}" if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
     else:
         text = "; ".join(_told(figures))
-        text = f"{text[:1].upper()}{text[1:]}" or (f"{len(checks)} of {len(checks)} checks pass" if checks else "")
+        text = f"{text[:1].upper()}{text[1:]}" or checks_line(summary)
     return Headline(text, not failed and unstable is None, list(_tiles(summary, figures)))
 
 
@@ -117,7 +117,7 @@ def _tiles(summary: Summary, figures: Summary) -> Iterator[Tile]:
         yield Tile("Lowest mode", quantity(mode["value"], "Hz"), f"motors held{rate}", "torsion", mode["at_s"])
     bond: Summary | None = summary.get("power_bond")
     if bond is not None:
-        residual, exchanged = sum(bond["residual_energy_abs_j"]), sum(bond["exchanged_energy_j"])
+        residual, exchanged = energies(bond)
         if exchanged > 0.0:
             note = f"of {quantity(exchanged, 'J')} exchanged"
             yield Tile("Energy residual", f"{100 * residual / exchanged:.2g} %", note, "facts")

@@ -6,13 +6,20 @@ of :mod:`vdfmu.study.report.content`.
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from vdfmu.base.files import write_whole
+from vdfmu.base.errors import CosimError
+from vdfmu.base.files import PAGE_MARK, write_whole
 from vdfmu.base.page import page
+from vdfmu.base.temporary import temporary_folder
+from vdfmu.base.text import error_text
+from vdfmu.engine.results.folder import write_summary
+from vdfmu.engine.run import Interrupted
+from vdfmu.study.report.browser import Browser
 from vdfmu.study.report.command import run_command
 from vdfmu.study.report.content import content_of
 from vdfmu.study.report.headline import checks_line, headline, page_title
@@ -35,6 +42,8 @@ from vdfmu.study.report.wired import wired_arm
 from vdfmu.system.package.drawing import system_diagram
 
 NAME = "report.html"
+_PRINTED = 703
+"""Pixels across A4 within margins of 12 mm, as the style sheet sets them: 186 mm at 96 a 25.4 mm."""
 
 
 class StudyPart(NamedTuple):
@@ -50,13 +59,37 @@ class StudyPart(NamedTuple):
 def study_page(study: StudyPart) -> bytes:
     """Return the page of a study that simulates nothing."""
     body = "\n".join([study.body, data_element({"runs": [], "study": study.content}), module_element(STUDY_ALONE)])
-    return page(study.title, study.about, body, 84, f'{look()}<link rel="icon" href="data:,">')
+    return page(study.title, study.about, body, 84, look())
 
 
 def write_report(runs: Sequence[ShownRun], path: Path, *, simulate: bool = False) -> Path:
     """Write the page of one run or of several; `simulate`: it can run them again, by units compiled for it."""
     write_whole(path, [report_page(runs, simulate=simulate)])
     return path
+
+
+def write_pdf(page: Path, target: Path) -> Path:
+    """Print the page of a run into a file, by an installed Chromium or Chrome; for errors see :class:`Browser`."""
+    with temporary_folder("vdfmu_print_") as profile, Browser(Path(profile)) as browser:
+        browser.open(page, _PRINTED, 1000, motion="reduce")
+        features = [{"name": "prefers-color-scheme", "value": "light"}]
+        browser.call("Emulation.setEmulatedMedia", media="print", features=features)
+        browser.settle()
+        browser.run("report.printSheet()")
+        browser.settle()
+        found = browser.call("Page.printToPDF", printBackground=True, preferCSSPageSize=True)
+    write_whole(target, [base64.b64decode(found["data"]), b"%" + PAGE_MARK + b"\n"])
+    return target
+
+
+def write_failed(name: str, package: Path, folder: Path, error: CosimError | Interrupted) -> None:
+    """Write the page of the rows of a run that failed, if it has some; another error only adds a note to its own."""
+    try:
+        if error.results is not None and len(error.results):
+            write_report([ShownRun(name, error.results, error.results.summary, package)], folder / NAME)
+            write_summary(error.results.summary, folder)
+    except Exception as other:
+        error.add_note(f"{NAME} could not be made of its rows: {error_text(other)}")
 
 
 def report_page(

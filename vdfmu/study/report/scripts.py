@@ -29,6 +29,8 @@ STUDY = ("lab_plots.js", "lab.js", "lab_main.js")
 """Further modules of the page of a study."""
 STUDY_ALONE = ("data.js", "numbers.js", *STUDY)
 """Modules of the page of a study that simulates nothing."""
+COMPARED = ("data.js", "numbers.js", "laws.js")
+"""Modules of the page of compared control laws."""
 GALLERY = ("gallery.js",)
 """Modules of the page of a folder of runs."""
 LIVE = "live.js"
@@ -47,15 +49,6 @@ _POLICY = (
 )
 """Makes a browser refuse every request to a network; WebAssembly runs, and so do workers made by the page."""
 
-_ALONE = (
-    "body { max-width: none; padding: 0 } main > :not(.bench, noscript) { display: none } .bench .side { display: none "
-    "!important } .bench { display: block !important; margin: 0 } .bench #arm { display: block !important; margin: 0; "
-    "position: static; height: auto } .bench .stage { position: static; margin: 0 } .bench .canvas { height: 42vh } "
-    "@media (min-width: 560px) { .bench .canvas { height: 58vh } .bench #arm { display: grid !important; grid: "
-    "'s r' 't t' 'b b' / minmax(0, 1fr) 16rem; gap: 0 1.2rem } .stage { grid-area: s } .transport { grid-area: t } "
-    "#arm > .bar { grid-area: b } .bench .readout { grid-area: r; align-self: center; max-height: none } }"
-)
-"""Style of a page with the arm alone."""
 _ICON = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect width="32" height="32" rx="7" fill="#0b63c4"/>'
     '<path d="M8 26V14l9-7 8 8" fill="none" stroke="#fff" stroke-width="4" stroke-linejoin="round"/>'
@@ -64,16 +57,20 @@ _ICON = (
 """Icon of the page: an arm."""
 
 
-def look() -> str:
-    """Return the content of a page's head: its style, light or dark, and the policy that forbids network requests."""
-    return f"{_POLICY}<style>{style_sheet()}{_text('report.css')}</style>"
+def look(*more: str, icon: str = "data:,") -> str:
+    """Return the content of a page's head: the policy that forbids network requests, icon, and style, light or dark.
+
+    `more` are further style sheets.
+    """
+    style = style_sheet() + "".join(map(_text, ("report.css", *more)))
+    return f'{_POLICY}<link rel="icon" href="{icon}"><style>{style}</style>'
 
 
 def run_head(description: str, arm_alone: bool) -> str:
     """Return the content of the head of a page of runs, or of their arms alone."""
-    icon = f'<link rel="icon" href="data:image/svg+xml,{quote(_ICON)}">'
-    style = f"<style>{_text(_VENDOR[1])}{_ALONE if arm_alone else ''}</style>"
-    return f'<meta name="description" content="{escape(description)}">{icon}{look()}{style}'
+    sheets = (_VENDOR[1], *(["arm_alone.css"] if arm_alone else []))
+    head = look(*sheets, icon=f"data:image/svg+xml,{quote(_ICON)}")
+    return f'<meta name="description" content="{escape(description)}">{head}'
 
 
 @lru_cache

@@ -6,14 +6,13 @@ A summary is the content of ``summary.json``. Its lists run over the joints; lis
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from vdfmu.base.quantity import quantity
 from vdfmu.base.standards import FMI_2
-
-Summary = Mapping[str, Any]
+from vdfmu.study.report.summary_keys import Summary
 
 
 class Sheet(NamedTuple):
@@ -69,7 +68,7 @@ def tracking_sheet(summary: Summary, *, fit: bool = False) -> Sheet:
             cells.append([_per_cent(ours, theirs, i) for i, ours in enumerate(summary[key])])
     notes = ["Position: desired minus actual. Torque: control minus feedforward, link side."]
     if paper:
-        notes.append(_source(paper))
+        notes.append(f"Paper: {paper['source']}." if paper.get("source") else "Paper.")
     gains: Summary | None = summary.get("implied_gains")
     if gains is not None:
         implied, chosen = (", ".join(f"{gain:.4g}" for gain in gains[key]) for key in ("K_p_paper", "K_p"))
@@ -166,9 +165,8 @@ def _signals_sheet(compared: Summary) -> Sheet:
     )
 
 
-def facts(summary: Summary) -> list[tuple[str, str]]:
-    """Return names and texts of the facts of the run: scenario, robot, units, master, step, duration."""
-    settings: Summary = summary.get("settings") or {}
+def facts(summary: Summary) -> Iterator[tuple[str, str]]:
+    """Yield names and texts of the facts of the run: scenario, robot, units, master, step, duration."""
     lines = {
         "Package": ("package", "{}"),
         "Scenario": ("scenario", "{}"),
@@ -185,44 +183,37 @@ def facts(summary: Summary) -> list[tuple[str, str]]:
         "Real-time factor": ("real_time_factor", "{:.3g}"),
         "No reference": ("no_reference", "{}"),
     }
-    found = [(name, form.format(summary[key])) for name, (key, form) in lines.items() if summary.get(key) is not None]
-    if summary.get("fmi", FMI_2.name) != FMI_2.name:
-        found = [(name, f"{text} of FMI {summary['fmi']}" if name == "Units" else text) for name, text in found]
-    pace: Summary | None = summary.get("pace")
-    if pace is not None:
+    fmi = summary.get("fmi", FMI_2.name)
+    for name, (key, form) in lines.items():
+        if summary.get(key) is not None:
+            more = f" of FMI {fmi}" if name == "Units" and fmi != FMI_2.name else ""
+            yield name, form.format(summary[key]) + more
+    if (pace := summary.get("pace")) is not None:
         p50, p99_9, worst = (f"{1e6 * pace[f'late_{each}_s']:.3g}" for each in ("p50", "p99_9", "worst"))
         late = f"rows {p50} µs late (p50), {p99_9} (p99.9), {worst} (worst, row {pace['worst_row']})"
-        found.append(("Pace", f"{pace['speed']:g} s a second; {late}; {pace['overruns']} of {pace['rows']} overran"))
-        found.append(("Machine", pace["machine"]))
-    done: Summary | None = summary.get("communication")
-    if done is not None:
+        yield "Pace", f"{pace['speed']:g} s a second; {late}; {pace['overruns']} of {pace['rows']} overran"
+        yield "Machine", pace["machine"]
+    if (done := summary.get("communication")) is not None:
         lengths = dict.fromkeys(f"{1e3 * done[key]:.3g}" for key in ("shortest_step", "longest_step"))
         text = f"{done['steps']} steps of {' to '.join(lengths)} ms"
-        found.append(("Communication", f"{text}, {done['rejected']} rejected, {done['unit_steps']} steps of units"))
-    bond: Summary | None = summary.get("power_bond")
-    if bond is not None:
-        residual, exchanged = sum(bond["residual_energy_abs_j"]), sum(bond["exchanged_energy_j"])
+        yield "Communication", f"{text}, {done['rejected']} rejected, {done['unit_steps']} steps of units"
+    if (bond := summary.get("power_bond")) is not None:
+        residual, exchanged = energies(bond)
         share = f" ({residual / exchanged:.2g} of it)" if exchanged > 0.0 else ""
-        net = sum(bond["residual_energy_j"])
-        found.append(
-            (
-                "Energy residual",
-                f"{residual:.3g} J, the sum of absolute values, at tau and kappa_dot, where {exchanged:.3g} J "
-                f"are exchanged{share}; net {net:.3g} J",
-            )
+        text = (
+            f"{residual:.3g} J, the sum of absolute values, at tau and kappa_dot, where {exchanged:.3g} J are exchanged"
         )
-    separation: Summary | None = summary.get("separation")
-    if separation is not None:
-        moved = number(separation["max_position_difference_rad"])
-        found.append(
-            (
-                "Chaotic loop",
-                f"rotor inertias larger by {separation['change']:g} of themselves move the run by {moved} rad or m",
-            )
-        )
-    if settings:
-        found.append(("Settings", ", ".join(f"{key} = {value}" for key, value in settings.items())))
-    return found
+        yield "Energy residual", f"{text}{share}; net {sum(bond['residual_energy_j']):.3g} J"
+    if (separation := summary.get("separation")) is not None:
+        moved = f"move the run by {number(separation['max_position_difference_rad'])} rad or m"
+        yield "Chaotic loop", f"rotor inertias larger by {separation['change']:g} of themselves {moved}"
+    if settings := summary.get("settings"):
+        yield "Settings", ", ".join(f"{key} = {value}" for key, value in settings.items())
+
+
+def energies(bond: Summary) -> tuple[float, float]:
+    """Return the energy that the coupling adds or takes, sum of absolute values, and that it exchanges, in all [J]."""
+    return sum(bond["residual_energy_abs_j"]), sum(bond["exchanged_energy_j"])
 
 
 def number(value: float) -> str:
@@ -258,10 +249,6 @@ def _per_cent(ours: float, theirs: Sequence[float], i: int) -> str:
     if ratio < 0.01:
         return "<0.01"
     return f"{ratio:.0f}" if ratio >= 10.0 else f"{ratio:.2g}"
-
-
-def _source(paper: Summary) -> str:
-    return f"Paper: {paper['source']}." if paper.get("source") else "Paper."
 
 
 def _rows(columns: Sequence[Sequence[str]]) -> list[tuple[str, ...]]:

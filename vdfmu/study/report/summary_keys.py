@@ -8,6 +8,9 @@ from typing import Any, NamedTuple
 
 from vdfmu.engine.results.formats import FORMATS
 
+Summary = Mapping[str, Any]
+"""Content of ``summary.json``."""
+
 
 @dataclass(frozen=True)
 class List:

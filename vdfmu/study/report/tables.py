@@ -5,9 +5,6 @@ A summary is the content of ``summary.json``; :mod:`vdfmu.study.report.sheets` c
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from rich import box
 from rich.panel import Panel
 from rich.table import Table
@@ -15,9 +12,9 @@ from rich.text import Text
 
 from vdfmu.base.table import plain_table
 from vdfmu.engine.results.verdict import checks_of, not_checked
+from vdfmu.study.report.headline import checks_line
 from vdfmu.study.report.sheets import Sheet, facts
-
-Summary = Mapping[str, Any]
+from vdfmu.study.report.summary_keys import Summary
 
 
 def run_panel(summary: Summary) -> Panel:
@@ -46,7 +43,7 @@ def verdict_table(summary: Summary) -> Table:
     """Return the checks of a run, a line a check."""
     checks = checks_of(summary)
     failed = sum(not check.passed for check in checks)
-    title = f"{failed} of {len(checks)} checks failed" if failed else f"{len(checks)} of {len(checks)} checks pass"
+    title = f"{failed} of {len(checks)} checks failed" if failed else checks_line(summary)
     table = plain_table(title=f"\n{title}", show_header=False)
     if failed and isinstance(table.title, Text):
         table.title.stylize("red")

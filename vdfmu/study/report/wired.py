@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.base.arrays import with_named
 from vdfmu.base.errors import VdfmuError
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
@@ -44,12 +45,7 @@ def wired_arm(results: Results, package: Path) -> dict[str, Any]:
     values = {name: {v.name: value for v, value in each} for name, each in checked.starts.items()}
 
     def array(component: str, group: str, default: Any) -> Any:
-        """Return the values of a group."""
-        numbers, known = np.array(default, dtype=float), values.get(component, {})
-        for place in np.ndindex(numbers.shape):
-            index = ",".join(str(i + 1) for i in place)
-            numbers[place] = known.get(f"{group}[{index}]" if index else group, numbers[place])
-        return numbers.tolist()
+        return with_named(default, group, values.get(component, {})).tolist()
 
     arm = {
         "types": ["prismatic" if results.units[f"{name}.q"] == "m" else "revolute" for name in order],

@@ -13,8 +13,7 @@ import numpy as np
 from vdfmu.arm.units.screw import Screw
 from vdfmu.arm.units.wall import Wall
 from vdfmu.compiler.unit.interface import general_description
-from vdfmu.study.report.content import arm_of
-from vdfmu.study.report.forces import BASE
+from vdfmu.study.report.content import BASE, arm_of
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario.values import group_of
 
@@ -26,7 +25,7 @@ def scene_of(system: SystemDescription) -> dict[str, Any]:
     """Return the entry ``scene`` of a summary.
 
     ``arms``: the facts of each plant, see :func:`vdfmu.study.report.content.arm_of`; its component; ``signals``, by the
-    names of the shipped systems and those of :mod:`vdfmu.study.report.forces`; ``constants``, values that its inputs
+    names of the shipped systems and those of :mod:`vdfmu.study.report.content`; ``constants``, values that its inputs
     have where nothing feeds them, unless 0; ``mounted``, the plant whose tool is its base, or empty.
     ``objects``: planes and screws, with direction, and distance from the origin of {I} along it.
     """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from vdfmu.arm.drive.limits import at_limits, motor_torque
 from vdfmu.arm.robot.parameters import section
-from vdfmu.base.arrays import Floats
+from vdfmu.base.arrays import Floats, with_named
 from vdfmu.compiler.unit.variable import NO_LIMIT
 from vdfmu.engine.results.recorded import Recorded
 from vdfmu.engine.results.results import Results
@@ -49,17 +49,13 @@ def _limits(system: SystemDescription) -> Iterator[ArmLimits]:
         sources = [source for source, targets in system.groups.items() if f"{plant}.tau" in targets]
         controller = sources[0].partition(".")[0] if sources else ""
         cuts = controller in units and "tau_max" in units[controller].declared
-        tau_max = _with_values(np.full(robot.n, NO_LIMIT), "tau_max", values[controller] if cuts else {})
+        tau_max = with_named(np.full(robot.n, NO_LIMIT), "tau_max", values[controller] if cuts else {})
         limited = None
         if robot.limits:
             names = (row.name for row in section("limits"))
-            own = {name: _with_values(getattr(robot, name), name, values[plant]) for name in names}
+            own = {name: with_named(getattr(robot, name), name, values[plant]) for name in names}
             limited = SimpleNamespace(**own)
         yield ArmLimits(plant, limited, tau_max)
-
-
-def _with_values(numbers: Floats, name: str, values: Mapping[str, Any]) -> Floats:
-    return np.array([values.get(f"{name}[{i + 1}]", number) for i, number in enumerate(numbers)], dtype=float)
 
 
 def time_at_limits(results: Results, limits: list[ArmLimits]) -> dict[str, Any]:

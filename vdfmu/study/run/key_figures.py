@@ -12,10 +12,10 @@ from vdfmu.arm.equations.kinematics import frames
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import VdfmuError
-from vdfmu.base.measure import unit_of
 from vdfmu.compiler.unit.variable import NO_LIMIT
 from vdfmu.engine.results.results import Results
 from vdfmu.study.analysis.modes import natural_modes
+from vdfmu.study.report.joints import UNITS
 from vdfmu.study.run.at_limits import ArmLimits
 from vdfmu.study.run.summary import has_signals
 from vdfmu.system.reference.reference import BLOCK
@@ -42,14 +42,13 @@ def key_figures(results: Results, robot: Robot, limits: Iterable[ArmLimits], pla
     """
     found: dict[str, Any] = {}
     if has_signals(results, "trajectory.q_d", "plant.q"):
-        scale = np.array([180.0 / np.pi if t == "revolute" else 1e3 for t in robot.joint_types])
+        units = [UNITS[kind] for kind in robot.joint_types]
+        scale = np.array([unit.factor for unit in units])
         peaks = _Peaks(robot.n + 1)
         for part in results.blocks(BLOCK):
             error = np.abs(scale * (part["trajectory.q_d"] - part["plant.q"]))
-            ends = [forward_kinematics(robot, part[name])[0] for name in ("trajectory.q_d", "plant.q")]
-            peaks.add(part.time, np.column_stack([error, np.linalg.norm(ends[0] - ends[1], axis=1)]))
-        units = ["deg" if t == "revolute" else "mm" for t in robot.joint_types]
-        found["joint_error"] = peaks.worst(units)
+            peaks.add(part.time, np.column_stack([error, tool_errors(robot, part)]))
+        found["joint_error"] = peaks.worst([unit.position for unit in units])
         if all(np.array_equal(each, frames(plant)[name]) for name, each in frames(robot).items()):
             found["tool_error"] = {"value": float(peaks.most[-1]), "at_s": float(peaks.at[-1])}
     if has_signals(results, "controller.tau"):
@@ -59,6 +58,12 @@ def key_figures(results: Results, robot: Robot, limits: Iterable[ArmLimits], pla
     if modes:
         found["mode"] = dict(zip(("value", "at_s"), min(modes), strict=True))
     return found
+
+
+def tool_errors(robot: Robot, results: Results) -> Floats:
+    """Return the distance of the tool from where it should be, (m,) [m]."""
+    ends = [forward_kinematics(robot, results[name])[0] for name in ("trajectory.q_d", "plant.q")]
+    return np.linalg.norm(ends[0] - ends[1], axis=1)
 
 
 def robot_with(robot: Robot, values: Mapping[str, Any]) -> Robot:
@@ -102,7 +107,7 @@ def _torque(results: Results, robot: Robot, arm: ArmLimits | None) -> dict[str, 
         if arm is not None and "plant.kappa_dot[1]" in results:
             tau = arm.given(np.clip(tau, -arm.tau_max, arm.tau_max), part["plant.kappa_dot"])
         peaks.add(part.time, np.abs(robot.ell * tau))
-    return peaks.worst([unit_of("torque", t) for t in robot.joint_types], limit)
+    return peaks.worst([UNITS[kind].torque for kind in robot.joint_types], limit)
 
 
 def _modes(results: Results, robot: Robot) -> Iterable[tuple[float, float]]:

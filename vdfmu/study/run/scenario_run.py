@@ -5,9 +5,9 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
-from functools import partial as bound
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any, Unpack
@@ -22,7 +22,6 @@ from vdfmu.base.progress import doing, report
 from vdfmu.base.show_progress import with_progress
 from vdfmu.base.standards import PYTHON_FMI
 from vdfmu.base.temporary import temporary_folder
-from vdfmu.base.text import error_text
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
 from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.inspect.loops import Poses
@@ -42,14 +41,15 @@ from vdfmu.engine.results.folder import (
 from vdfmu.engine.results.verdict import verdict_of
 from vdfmu.engine.run import Interrupted, LogMessage, Results
 from vdfmu.engine.run.simulator import check_coupling
+from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
 from vdfmu.study.report.content import arm_of
-from vdfmu.study.report.page import NAME, write_report
+from vdfmu.study.report.page import NAME, write_failed, write_report
 from vdfmu.study.report.pictures import PICTURES, SIGNALS, write_pictures
 from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.report.simulation import compiling_modules
 from vdfmu.study.report.world import scene_of
-from vdfmu.study.run.at_limits import limits_of, time_at_limits
+from vdfmu.study.run.at_limits import ArmLimits, limits_of, time_at_limits
 from vdfmu.study.run.key_figures import key_figures, robot_with
 from vdfmu.study.run.stability import explain, loop_checks, simulated
 from vdfmu.study.run.summary import (
@@ -63,7 +63,7 @@ from vdfmu.study.run.summary import (
     start_notes,
     tracking_errors,
 )
-from vdfmu.study.run.verdict import run_checks
+from vdfmu.study.run.verdict import VISIBLE, run_checks
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.reference.reference import BLOCK, reference_blocks
@@ -81,8 +81,6 @@ RUN_OUTPUTS = (
     NAME,
 )
 """Files that the run of a scenario writes and replaces."""
-_VISIBLE = 1e-3
-"""Share of the largest position error above which a difference to a reference shows in the tables of three digits."""
 _LEFT_OUT = "left out, since the unit instead of the system's has no such signal"
 _JOINED = "connected too, since the unit instead of the system's has such a signal, in a terminal of one name"
 _NUDGE = 1e-9
@@ -105,6 +103,8 @@ def prepare(
     """
     given = {name: value for name, value in options.items() if value is not None}
     robot = options["robot"]
+    if scenario == "reach" and not Path("reach").exists():
+        scenario, robot = reach_scenario(robot), None
     if isinstance(robot, (str, os.PathLike)):
         robot = load_robot(robot)
     if not isinstance(scenario, Scenario):
@@ -136,7 +136,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
     Parameters
     ----------
     scenario : Scenario, str or path
-        Loaded, or the name of a shipped one, or a file; of `vdfmu.run` also "reach", a first motion of any robot.
+        Loaded, or the name of a shipped one, or a file; or "reach", a first motion of any robot.
     **options
         :class:`vdfmu.study.options.ScenarioRunOptions`.
 
@@ -153,117 +153,129 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
         A unit failed, or the user stopped the run. The rows so far are in ``partial`` of the folder.
     """
     scenario = prepare(scenario, **pick(ScenarioOptions, options))
-    out, log, observer, settings = options["out"], options["log"], options["observer"], options["settings"]
-    formats, pictures = options["formats"], options["pictures"]
-    backend, fmi_version = options["backend"], options["fmi_version"]
-    known_formats(formats)
-    known_pictures(pictures)
+    known_formats(options["formats"])
+    known_pictures(options["pictures"])
+    out, observer, fmi_version = options["out"], options["observer"], options["fmi_version"]
     folder = Path(out or "") if out is not None else Path("results") / scenario.name
     place = (
         temporary_folder("vdfmu_run_") if out is False else replacing_results(folder, RUN_OUTPUTS, options["overwrite"])
     )
-    if backend is None and fmi_version != PYTHON_FMI.name:
-        backend = "native"
-    backend = choose_backend(backend)
-    robot = scenario.robot
-    text_settings = {key: str(value) for key, value in (settings or {}).items()}
-    system = SystemDescription(scenario, system_values(scenario, settings))
-    values = system.values
-    if log is not None:
-        for connection in scenario.system.dropped:
-            log(LogMessage("", 0.0, "note", "", f"{connection}: {_LEFT_OUT}"))
-        for connection in scenario.system.joined:
-            log(LogMessage("", 0.0, "note", "", f"{connection}: {_JOINED}"))
-        for note in (*model_notes(scenario), *build_notes(scenario.robot, backend)):
-            log(LogMessage("", 0.0, "note", "", f"{(scenario.robot or scenario).name}: {note}"))
+    native = options["backend"] is None and fmi_version != PYTHON_FMI.name
+    backend = choose_backend("native" if native else options["backend"])
+    say = partial(_say, options["log"])
+    system = SystemDescription(scenario, system_values(scenario, options["settings"]))
+    for note in _notes(scenario, backend):
+        say(note)
     with place as made, ExitStack() as stack:
-        partial = Path(made)
+        made = Path(made)
         with doing("build"), temporary_folder("vdfmu_fmus_") as fmus:
             built = cached_fmus(scenario, fmus, backend, fmi_version)
-            package = write_ssp(scenario, built, partial / "system.ssp", values, mixed=True)
-        summary = run_facts(scenario) | {
-            "backend": backend,
-            "fmi": fmi_version,
-            "settings": text_settings,
-            "units": {name: str(unit) for name, unit in (options["units"] or {}).items()},
-            "left_out": list(scenario.system.dropped),
-            "joined": list(scenario.system.joined),
-            **({} if robot is None else {"arm": arm_of(robot, values.get("plant", {}))}),
-            "scene": scene_of(system),
-        }
-        witness = Witness(system)
-        poses = Poses("tau")
+            package = write_ssp(scenario, built, made / "system.ssp", system.values, mixed=True)
+        facts = _facts(system, options, backend)
+        witness, poses = Witness(system), Poses("tau")
         try:
             results = simulated(
-                scenario, package, progress=bound(report, "co-simulation"), log=log, about=summary, observer=observer,
-                stream=[] if out is False else [partial / f"results.{form}" for form in formats], probe=witness.probe,
-                visitor=poses, pace=options["pace"],
+                scenario, package, progress=partial(report, "co-simulation"), log=options["log"], about=facts,
+                observer=observer, probe=witness.probe, visitor=poses, pace=options["pace"],
+                stream=[] if out is False else [made / f"results.{form}" for form in options["formats"]],
             )  # fmt: skip
         except (CosimError, Interrupted) as error:
             unstable = explain(error, poses)
             if out is not False:
                 if error.results is not None and unstable:
                     error.results.summary["key_figures"] = unstable[0].figures
-                keep(error, partial, [found.check for found in unstable])
-                if error.results is not None:
-                    _page_of_rows(ShownRun(scenario.name, error.results, error.results.summary, package), error)
+                keep(error, made, [found.check for found in unstable])
+                write_failed(scenario.name, package, made, error)
             raise
         summary = results.summary
         summary["witness"] = witness.summary(results)
         for note in start_notes(results, scenario):
             summary["notes"].append(note)
-            if log is not None:
-                log(LogMessage("", 0.0, "note", "", note))
-        summary["real_time_factor"] = scenario.stop / summary["wall_s"]
+            say(note)
         limits = limits_of(system)
-        if robot is not None:
-            summary |= tracking_errors(results, robot, limits) | power_bond(results, robot)
-            summary |= implied_gains(scenario.paper, robot, values)
-        summary |= time_at_limits(results, limits)
-        if has_signals(results, "plant.tau_s", "estimator.tau_s_hat", "estimator.tau_f_hat"):
-            summary |= estimation_errors(results, scenario.master)
-        summary["paper"] = dict(scenario.paper)
+        summary |= _numbers(results, system, limits)
         if out is not False:
-            write_summary(summary, partial)
-        simulate = options["simulate"] and out is not False
+            write_summary(summary, made)
+        simulate = bool(options["simulate"] and out is not False)
         modules = stack.enter_context(compiling_modules(summary, package)) if simulate else None
         if options["reference"]:
             summary |= _references(system, package, results)
-        loops = list(loop_checks(poses, system, package))
-        figures: dict[str, Any] = {}
-        if robot is not None:
-            figures = key_figures(results, robot, limits, robot_with(scenario.plant_robot, values.get("plant", {})))
-        summary["key_figures"] = figures | {name: one for loop in loops for name, one in loop.figures.items()}
-        found = [*(loop.check for loop in loops), *run_checks(summary)]
-        summary["verdict"] = verdict_of(found, [f"stability: {poses.lacking}"] if poses.lacking else [])
+        _judge(results, system, package, poses, limits)
         if out is False:
             return results
         with doing("figures"):
-            if robot is not None and has_signals(results, *SIGNALS):
-                write_pictures(results.thinned(DRAWN), scenario, partial, pictures)
-            else:
-                from vdfmu.engine.results.picture import signals_figure
-
-                signals_figure(results.thinned(DRAWN), partial, pictures=pictures)
+            _draw(results, scenario, made, options["pictures"])
         with doing("page"):
             if modules is not None:
                 modules()
-            page = [ShownRun(scenario.name, results, summary, partial / "system.ssp")]
-            write_report(page, partial / NAME, simulate=bool(simulate))
-            getattr(observer, "page", lambda path: None)(partial / NAME)
-        write_summary(summary, partial)
+            write_report([ShownRun(scenario.name, results, summary, package)], made / NAME, simulate=simulate)
+            getattr(observer, "page", lambda path: None)(made / NAME)
+        write_summary(summary, made)
         return results
 
 
-def _page_of_rows(run: ShownRun, error: BaseException) -> None:
-    """Write the page of a run that failed, of what there is; another error only adds a note to that of the run."""
-    folder = run.package.parent
-    try:
-        if len(run.results):
-            write_report([run], folder / NAME)
-            write_summary(dict(run.summary), folder)
-    except Exception as other:
-        error.add_note(f"{NAME} could not be made of its rows: {error_text(other)}")
+def _say(log: Callable[[LogMessage], None] | None, note: str) -> None:
+    if log is not None:
+        log(LogMessage("", 0.0, "note", "", note))
+
+
+def _notes(scenario: Scenario, backend: str) -> Iterator[str]:
+    """Yield what is to be known before a run."""
+    yield from (f"{connection}: {_LEFT_OUT}" for connection in scenario.system.dropped)
+    yield from (f"{connection}: {_JOINED}" for connection in scenario.system.joined)
+    for note in (*model_notes(scenario), *build_notes(scenario.robot, backend)):
+        yield f"{(scenario.robot or scenario).name}: {note}"
+
+
+def _facts(system: SystemDescription, options: ScenarioRunOptions, backend: str) -> dict[str, Any]:
+    """Return the entries of the summary that are known before a run."""
+    scenario, robot = system.scenario, system.scenario.robot
+    return run_facts(scenario) | {
+        "backend": backend,
+        "fmi": options["fmi_version"],
+        "settings": {key: str(value) for key, value in (options["settings"] or {}).items()},
+        "units": {name: str(unit) for name, unit in (options["units"] or {}).items()},
+        "left_out": list(scenario.system.dropped),
+        "joined": list(scenario.system.joined),
+        **({} if robot is None else {"arm": arm_of(robot, system.values.get("plant", {}))}),
+        "scene": scene_of(system),
+    }
+
+
+def _numbers(results: Results, system: SystemDescription, limits: list[ArmLimits]) -> dict[str, Any]:
+    """Return the entries of the summary that need no reference."""
+    scenario, robot = system.scenario, system.scenario.robot
+    found: dict[str, Any] = {"real_time_factor": scenario.stop / results.summary["wall_s"]}
+    if robot is not None:
+        found |= tracking_errors(results, robot, limits) | power_bond(results, robot)
+        found |= implied_gains(scenario.paper, robot, system.values)
+    found |= time_at_limits(results, limits)
+    if has_signals(results, "plant.tau_s", "estimator.tau_s_hat", "estimator.tau_f_hat"):
+        found |= estimation_errors(results, scenario.master)
+    return found | {"paper": dict(scenario.paper)}
+
+
+def _judge(results: Results, system: SystemDescription, package: Path, poses: Poses, limits: list[ArmLimits]) -> None:
+    """Put key figures and verdict into the summary."""
+    summary, scenario = results.summary, system.scenario
+    loops = list(loop_checks(poses, system, package))
+    figures: dict[str, Any] = {}
+    if scenario.robot is not None:
+        plant = robot_with(scenario.plant_robot, system.values.get("plant", {}))
+        figures = key_figures(results, scenario.robot, limits, plant)
+    summary["key_figures"] = figures | {name: one for loop in loops for name, one in loop.figures.items()}
+    found = [*(loop.check for loop in loops), *run_checks(summary)]
+    summary["verdict"] = verdict_of(found, [f"stability: {poses.lacking}"] if poses.lacking else [])
+
+
+def _draw(results: Results, scenario: Scenario, folder: Path, pictures: Sequence[str]) -> None:
+    """Draw the pictures of the paper's signals, of other systems their own signals."""
+    if scenario.robot is not None and has_signals(results, *SIGNALS):
+        write_pictures(results.thinned(DRAWN), scenario, folder, pictures)
+    else:
+        from vdfmu.engine.results.picture import signals_figure  # takes long to import
+
+        signals_figure(results.thinned(DRAWN), folder, pictures=pictures)
 
 
 def _references(system: SystemDescription, package: Path, results: Results) -> dict[str, Any]:
@@ -281,7 +293,7 @@ def _references(system: SystemDescription, package: Path, results: Results) -> d
         return {"no_reference": f"{', '.join(foreign)}: an FMU has no equations to solve here"}
     visible = math.inf
     if has_signals(results, "trajectory.q_d", "plant.q"):
-        visible = _VISIBLE * max(
+        visible = VISIBLE * max(
             float(np.abs(part["trajectory.q_d"] - part["plant.q"]).max()) for part in results.blocks(BLOCK)
         )
     sampled = ALGORITHMS[scenario.master].reference
@@ -295,7 +307,7 @@ def _references(system: SystemDescription, package: Path, results: Results) -> d
             step=scenario.step,
             stop=scenario.stop,
             groups=compared(results, scenario.robot),
-            progress=bound(report, stage),
+            progress=partial(report, stage),
         )
         try:
             differences[key], statistics = compare(results, solution, scenario.robot, scenario.master)

@@ -15,6 +15,7 @@ from vdfmu.base.measure import unit_of
 from vdfmu.base.version import FORMAT, __version__
 from vdfmu.engine.algorithms import is_continuous
 from vdfmu.engine.results.results import Results
+from vdfmu.study.report.joints import UNITS
 from vdfmu.study.run.at_limits import ArmLimits
 from vdfmu.system.reference.reference import BLOCK, Reference
 from vdfmu.system.scenario import Scenario
@@ -85,8 +86,8 @@ def tracking_errors(results: Results, robot: Robot, limits: Iterable[ArmLimits] 
     """
     if not has_signals(results, "trajectory.q_d", "plant.q", "controller.tau", "controller.tau_m"):
         return {}
-    revolute = np.array([t == "revolute" for t in robot.joint_types])
-    scale = np.where(revolute, 180.0 / np.pi, 1e3)
+    units = [UNITS[kind] for kind in robot.joint_types]
+    scale = np.array([unit.factor for unit in units])
     motors = next((one for one in limits if one.plant == "plant" and f"{one.plant}.kappa_dot[1]" in results), None)
     squares, largest = np.zeros((2, robot.n)), np.zeros(robot.n)
     for part in results.blocks(BLOCK):
@@ -99,8 +100,8 @@ def tracking_errors(results: Results, robot: Robot, limits: Iterable[ArmLimits] 
     rms_error, rms_compensation = np.sqrt(squares / len(results)).tolist()
     return {
         **({"joint_names": list(robot.joint_names)} if any(robot.joint_names) else {}),
-        "position_units": ["deg" if r else "mm" for r in revolute],
-        "torque_units": [unit_of("torque", t) for t in robot.joint_types],
+        "position_units": [unit.position for unit in units],
+        "torque_units": [unit.torque for unit in units],
         "rms_position_error_deg": rms_error,
         "max_position_error_deg": largest.tolist(),
         "rms_torque_compensation_error_nm": rms_compensation,

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
 from vdfmu.engine.results.verdict import Check
-from vdfmu.study.report.sheets import number
+from vdfmu.study.report.sheets import energies, number
+from vdfmu.study.report.summary_keys import Summary
 from vdfmu.system.reference.solution import SHORT
 
-_VISIBLE = 1e-3
+VISIBLE = 1e-3
 """Share of the largest position error from which a difference to the reference shows in tables of three digits."""
 _STATISTICS = 0.05
 """Share by which RMS errors of a chaotic loop may differ: finite samples of it differ by up to 2.4 %."""
@@ -20,8 +20,6 @@ limit cycle of too high gains; all other shipped scenarios stay below 0.2 %."""
 _ENERGY_FLOOR = 1e-3
 """Residual [J] below which its share says nothing, as for an arm at rest."""
 
-Summary = Mapping[str, Any]
-
 
 def run_checks(summary: Summary) -> Iterator[Check]:
     """Yield the checks of a complete run."""
@@ -29,7 +27,7 @@ def run_checks(summary: Summary) -> Iterator[Check]:
     yield from _reference(summary)
     bond: Summary | None = summary.get("power_bond")
     if bond is not None:
-        residual, exchanged = sum(bond["residual_energy_abs_j"]), sum(bond["exchanged_energy_j"])
+        residual, exchanged = energies(bond)
         text = f"{number(residual)} J of {number(exchanged)} J exchanged; limit {100.0 * _ENERGY:g} %"
         passed = residual <= max(_ENERGY * exchanged, _ENERGY_FLOOR)
         yield Check("Energy residual of the coupling", passed, text)
@@ -58,7 +56,7 @@ def _reference(summary: Summary) -> Iterator[Check]:
         yield Check("Statistics of the scipy reference", apart <= _STATISTICS, text)
         return
     si = {"deg": math.pi / 180.0, "mm": 1e-3}
-    limit = _VISIBLE * max(si[unit] * error for error, unit in zip(errors, units, strict=True))
+    limit = VISIBLE * max(si[unit] * error for error, unit in zip(errors, units, strict=True))
     apart = found["max_position_difference_rad"]
     what = "what three digits show"
     if limit < SHORT["atol"]:  # an arm that has hardly moved: the reference knows no more

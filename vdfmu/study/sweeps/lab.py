@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.base.errors import UsageError
 from vdfmu.study.report.curves import packed
 from vdfmu.study.report.shown_run import ShownRun, read_run
 from vdfmu.study.sweeps.axes import is_option, read_axes
@@ -150,14 +150,6 @@ def base_run(study: StudyTable, folder: Path) -> tuple[ShownRun, dict[str, Any]]
     plain = {axis: value for axis, value in switched.items() if not axis.startswith("unit:")}
     run(facts["source"], out=folder, reference=False, pictures=(), units=units or None, **given, **plain)
     return read_run(folder), {"names": names, "rows": rows, "values": packed(numbers, "<f8")}
-
-
-def tried_base_run(study: StudyTable, folder: Path) -> tuple[ShownRun | None, dict[str, Any] | None, str]:
-    """Return `base_run`, and why it is not there."""
-    try:
-        return *base_run(study, folder), ""
-    except VdfmuError as error:
-        return None, None, f"The page does not simulate this point: {str(error).splitlines()[0]}"
 
 
 def _kept(study: StudyTable) -> dict[str, Any] | None:

@@ -7,6 +7,8 @@ import queue
 import threading
 from collections.abc import Callable, Generator
 
+from vdfmu.base.errors import UsageError
+from vdfmu.study.options import WorkerOptions
 from vdfmu.study.sweeps.chunks import Chunks
 from vdfmu.study.sweeps.job import Row
 from vdfmu.study.sweeps.worker import Worker
@@ -18,6 +20,15 @@ _TICK = 0.2
 def processors() -> int:
     """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def check_workers(options: WorkerOptions) -> None:
+    """Raise UsageError for options of workers out of their range."""
+    workers, time_limit = options["workers"], options["time_limit"]
+    if workers is not None and workers < 1:
+        raise UsageError(f"workers: expected at least 1, got {workers}.")
+    if time_limit is not None and not time_limit > 0.0:
+        raise UsageError(f"time_limit: expected a positive time, got {time_limit:g} s.")
 
 
 def run_here(

@@ -15,7 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from types import CodeType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,37 +47,42 @@ def _settling(x: Array, t: Array, band: float = 0.02) -> Array:
     return np.where(outside.any(axis=0), t[np.minimum(last + 1, len(t) - 1)], t[0])
 
 
-REDUCTIONS: dict[str, Callable[..., Array]] = {
-    "rms": lambda x, t: np.sqrt(np.mean(np.square(x), axis=0)),
-    "mean": lambda x, t: np.mean(x, axis=0),
-    "std": lambda x, t: np.std(x, axis=0),
-    "max": lambda x, t: np.max(x, axis=0),
-    "min": lambda x, t: np.min(x, axis=0),
-    "peak": lambda x, t: np.max(np.abs(x), axis=0),
-    "first": lambda x, t: x[0],
-    "final": lambda x, t: x[-1],
-    "integral": _integral,
-    "at": _at,
-    "settling": _settling,
+class MeasureFunction(NamedTuple):
+    """A function in expressions of measures."""
+
+    of: Callable[..., Array]
+    unit: str | None = None
+    """Unit of its value; None for its argument's, empty where that is not plain."""
+    numbers: tuple[int, int] = (0, 0)
+    """Least and most numbers that it takes in addition to its signal."""
+
+
+REDUCTIONS = {
+    "rms": MeasureFunction(lambda x, t: np.sqrt(np.mean(np.square(x), axis=0))),
+    "mean": MeasureFunction(lambda x, t: np.mean(x, axis=0)),
+    "std": MeasureFunction(lambda x, t: np.std(x, axis=0)),
+    "max": MeasureFunction(lambda x, t: np.max(x, axis=0)),
+    "min": MeasureFunction(lambda x, t: np.min(x, axis=0)),
+    "peak": MeasureFunction(lambda x, t: np.max(np.abs(x), axis=0)),
+    "first": MeasureFunction(lambda x, t: x[0]),
+    "final": MeasureFunction(lambda x, t: x[-1]),
+    "integral": MeasureFunction(_integral, ""),
+    "at": MeasureFunction(_at, numbers=(1, 1)),
+    "settling": MeasureFunction(_settling, "s", (0, 1)),
 }
-"""Over time: (m, ...) to (...)."""
-ELEMENTS: dict[str, Callable[[Array], Array]] = {
-    "worst": lambda x: np.max(x, axis=-1),
-    "least": lambda x: np.min(x, axis=-1),
-    "sum": lambda x: np.sum(x, axis=-1),
-    "norm": lambda x: np.linalg.norm(x, axis=-1),
+"""Over time: signal (m, ...) and times (m,) to (...)."""
+_FUNCTIONS = REDUCTIONS | {
+    "worst": MeasureFunction(lambda x: np.max(x, axis=-1)),  # over the elements, (..., n) to (...)
+    "least": MeasureFunction(lambda x: np.min(x, axis=-1)),
+    "sum": MeasureFunction(lambda x: np.sum(x, axis=-1)),
+    "norm": MeasureFunction(lambda x: np.linalg.norm(x, axis=-1)),
+    "abs": MeasureFunction(np.abs),  # of each element
+    "degrees": MeasureFunction(np.degrees, "deg"),
+    **{name: MeasureFunction(getattr(np, name), "") for name in ("sqrt", "exp", "log", "sin", "cos")},
 }
-"""Over the elements: (..., n) to (...)."""
-POINTWISE: dict[str, Callable[[Array], Array]] = {
-    "abs": np.abs, "sqrt": np.sqrt, "exp": np.exp, "log": np.log, "sin": np.sin, "cos": np.cos, "degrees": np.degrees,
-}  # fmt: skip
-_FUNCTIONS = (*REDUCTIONS, *ELEMENTS, *POINTWISE)
-_MORE = {"at": (1, 1), "settling": (0, 1)}
-"""Least and most numbers that a function takes in addition to its signal; the others take none."""
+"""All functions. Another one is a row here, or in `REDUCTIONS`."""
 _TAKEN = ("point", "failed", "failed_at", "wall_s", "time", *OPTIONS)
 """Columns of a study that are not measures."""
-_OTHER_UNIT = {"settling", "integral", "sqrt", "exp", "log", "sin", "cos", "degrees"}
-"""Functions whose value has another unit than their arguments."""
 _OPERATORS: dict[type, Callable[..., Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
     ast.Pow: operator.pow, ast.USub: operator.neg, ast.UAdd: operator.pos, ast.Lt: operator.lt, ast.Gt: operator.gt,
@@ -212,10 +217,8 @@ def _unit(node: ast.expr, units: Mapping[str, str]) -> str:
         left, right = _unit(node.left, units), _unit(node.right, units)
         return left if left == right else ""
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-        inner = _unit(node.args[0], units)
-        if node.func.id not in _OTHER_UNIT:
-            return inner
-        return "s" if node.func.id == "settling" else "deg" if (node.func.id, inner) == ("degrees", "rad") else ""
+        unit = _FUNCTIONS[node.func.id].unit
+        return _unit(node.args[0], units) if unit is None else unit
     return ""
 
 
@@ -248,7 +251,7 @@ def _signals(node: ast.expr) -> list[str]:
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords and node.args:
         if node.func.id not in _FUNCTIONS:
             raise ValueError(f"expected one of the functions {', '.join(_FUNCTIONS)}, got {node.func.id}")
-        least, most = _MORE.get(node.func.id, (0, 0))
+        least, most = _FUNCTIONS[node.func.id].numbers
         if not least <= len(node.args) - 1 <= most:
             count = f"{1 + least} to {1 + most}" if least < most else str(1 + most)
             raise ValueError(f"expected {count} arguments of {node.func.id}, got {len(node.args)}")
@@ -279,6 +282,5 @@ def _evaluate(node: ast.expr, results: Results) -> Any:
     assert isinstance(node, ast.Call)
     assert isinstance(node.func, ast.Name)
     first, *others = (_evaluate(argument, results) for argument in node.args)
-    if node.func.id in REDUCTIONS:
-        return REDUCTIONS[node.func.id](first, results.time, *others)
-    return (ELEMENTS | POINTWISE)[node.func.id](first, *others)
+    over_time = (results.time,) if node.func.id in REDUCTIONS else ()
+    return _FUNCTIONS[node.func.id].of(first, *over_time, *others)

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.base.errors import UsageError
+from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import write_whole
 from vdfmu.base.page import table
 from vdfmu.base.temporary import temporary_folder
-from vdfmu.study.report.page import StudyPart, report_page, study_page
+from vdfmu.study.report.page import NAME, StudyPart, report_page, study_page
 from vdfmu.study.sweeps.axes import read_axes
 from vdfmu.study.sweeps.indices import indices
-from vdfmu.study.sweeps.lab import failed_groups, study_content, tried_base_run
+from vdfmu.study.sweeps.lab import base_run, failed_groups, study_content
 from vdfmu.study.sweeps.table import StudyTable
 
 
@@ -26,7 +26,7 @@ def write_page(study: StudyTable, path: Path | None = None, *, simulate: bool = 
 
     Default ``report.html`` in the folder of the study; VdfmuError if it cannot be written.
     """
-    path = study.folder / "report.html" if path is None else path
+    path = study.folder / NAME if path is None else path
     with temporary_folder("vdfmu_page_") as folder:
         part, run = _part(study, Path(folder) / str(study.facts["scenario"]), simulate)
         page = study_page(part) if run is None else report_page([run], simulate=True, study=part)
@@ -43,19 +43,24 @@ def _part(study: StudyTable, folder: Path, simulate: bool) -> tuple[StudyPart, A
     try:
         study.values()
         points = study_content(study)
-        run, changes, reason = tried_base_run(study, folder) if simulate else (None, None, "")
+        changes, reason = None, ""
+        if simulate:
+            try:
+                run, changes = base_run(study, folder)
+            except VdfmuError as error:
+                reason = f"The page does not simulate this point: {str(error).splitlines()[0]}"
         content = points | {"changes": changes, "reason": reason}
     except UsageError as error:
         lab = f"<p>{escape(str(error))}</p>"  # no point has a value
     else:
         lab = '<section id="lab" class="card" aria-label="Points of the study"></section>'
-    axes = ", ".join(study.axes)
+    axes, indexed = ", ".join(study.axes), facts["sample"] in ("saltelli", "morris")
     about = f"{len(study)} of {facts['n']} points of {facts['scenario']} over {axes}; {len(failed)} failed"
     sections = [
         lab,
         _card("Measures", _measures(study)),
         *([_card("Failed points, by cause", _failures(study))] if failed else []),
-        *(_card(f"Indices of {name}", _indices(study, name)) for name in _indexed(study)),
+        *(_card(f"Indices of {name}", _indices(study, name)) for name in facts["measures"] if indexed),
         *_compared(study),
         _card("The study", _table(("", ""), _facts(study), "facts")),
         *(["<h2>The scenario as it is, and a chosen point</h2>"] if run is not None else []),
@@ -115,10 +120,6 @@ def _failures(study: StudyTable) -> str:
         for group in failed_groups(study)
     ]  # fmt: skip
     return _html_table(("cause", "points", "where", "first", ""), rows)
-
-
-def _indexed(study: StudyTable) -> list[str]:
-    return list(study.facts["measures"]) if study.facts["sample"] in ("saltelli", "morris") else []
 
 
 def _indices(study: StudyTable, name: str) -> str:

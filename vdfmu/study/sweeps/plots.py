@@ -11,14 +11,27 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from vdfmu.base import style
 from vdfmu.base.errors import UsageError
-from vdfmu.study.sweeps.lines import draw_indices, draw_tornado
-from vdfmu.study.sweeps.looks import FAILED, LOW, at_bottom, colours_of, dress, legend_of, new_figure
-from vdfmu.study.sweeps.sides import View, view
+from vdfmu.study.sweeps.indices import CONFIDENCE, indices
+from vdfmu.study.sweeps.looks import (
+    COLOUR_MAP,
+    FAILED,
+    HIGH,
+    LOW,
+    at_bottom,
+    colours_of,
+    dress,
+    fitted_label,
+    legend_of,
+    new_figure,
+)
+from vdfmu.study.sweeps.sides import View, groups, view
 from vdfmu.study.sweeps.table import StudyTable
 
 _SCATTERED, _PARALLEL = 5, 9
@@ -26,6 +39,10 @@ _SCATTERED, _PARALLEL = 5, 9
 _LINES = 1000
 """Most points that are drawn as lines, and that a fit goes through."""
 _GRID = 61
+_BARS = 20
+"""Most axes; the most influential are shown."""
+_UNSURE, _MOST = "#e4e4e4", 0.1
+"""Colour of an index that may be zero; least end of the scale of pairs."""
 
 
 def plot(study: StudyTable, kind: str | None = None, measure: str | None = None, out: Path | None = None) -> list[Path]:
@@ -218,6 +235,97 @@ def _parallel(shown: View) -> Figure:
     return figure
 
 
+@style.styled
+def _tornado(shown: View) -> Figure:
+    """Draw the change of the measure from the lowest to the highest values of each axis."""
+    sides = shown.sides[:_BARS]
+    mean = float(np.nanmean(shown.value.values))
+    handles = [
+        Line2D([], [], linestyle="none", marker="s", markersize=9.0, color=color, label=label)
+        for color, label in ((LOW, "lowest values of the axis"), (HIGH, "highest"))
+    ]
+    words = (
+        "Bars: mean of the measure at the lowest and at the highest value of an axis, or in the lowest and highest "
+        "fifth of its points, where it has more than five values; of words the least and the largest mean. Thin line: "
+        "range of the means of all fifths. Vertical line: mean of all points. Words at the bars: values of the axis."
+    )
+    title = f"{shown.value.label} from low to high of each axis"
+    figure = new_figure(shown, title, words, 1.9 + 0.55 * len(sides), legend=handles)
+    axes: Axes = figure.subplots()
+    for k, side in enumerate(reversed(sides)):
+        parts = groups(side, shown.value)
+        ends = sorted((parts[0], parts[-1]) if not side.words else (min(parts, key=_mean), max(parts, key=_mean)))
+        axes.plot([min(map(_mean, parts)), max(map(_mean, parts))], [k, k], color="#333333", linewidth=1.0)
+        for (at, height), color, y in zip(ends, (LOW, HIGH), (k + 0.17, k - 0.17), strict=True):
+            axes.barh(y, height - mean, left=mean, height=0.3, color=color)
+            left = height < mean
+            axes.annotate(
+                f"at {side.text(at)}", (height, y), (-4 if left else 4, 0), textcoords="offset points", va="center",
+                ha="right" if left else "left", fontsize=8.0,
+            )  # fmt: skip
+    axes.axvline(mean, color="#333333", linewidth=0.8)
+    axes.set_yticks(range(len(sides)), [side.label for side in reversed(sides)])
+    axes.set_xlabel(fitted_label(axes.xaxis, shown.value))
+    axes.margins(x=0.12)
+    axes.grid(visible=False, axis="y")
+    return figure
+
+
+def _mean(part: tuple[float, float]) -> float:
+    return part[1]
+
+
+@style.styled
+def _indices(shown: View) -> Figure:
+    """Draw Sobol or Morris indices with their confidence intervals."""
+    found = indices(shown.study, shown.measure)
+    d, words = len(found.axes), f"Bars of error: {100.0 * CONFIDENCE:.0f} % by bootstrap."
+    if found.kind == "sobol":
+        words += " Grey pairs: their interval has zero in it."
+    if found.kind == "morris":
+        figure = new_figure(shown, f"{shown.value.label}: Morris", words, 4.6)
+        axes: Axes = figure.subplots()
+        star, sigma = found.values["mu_star"], found.values["sigma"]
+        axes.errorbar(star, sigma, xerr=found.widths["mu_star"], fmt="o", color=LOW, capsize=3.0)
+        for k, name in enumerate(found.axes):
+            axes.annotate(name, (star[k], sigma[k]), (5, 5), textcoords="offset points", fontsize=8.5)
+        axes.margins(0.2)
+        axes.set_xlim(left=0.0)
+        axes.set_ylim(bottom=0.0)
+        axes.xaxis.set_major_formatter("{x:.3g}")
+        axes.yaxis.set_major_formatter("{x:.3g}")
+        unit = f" [{shown.value.unit}]" if shown.value.unit else ""
+        axes.set_xlabel(rf"$\mu^*$: mean change over the whole range of an axis{unit}")
+        axes.set_ylabel(rf"$\sigma$: curvature and interactions{unit}")
+        return figure
+    pairs = ((0.2, "first", LOW), (-0.2, "total", HIGH))
+    handles = [Line2D([], [], linestyle="none", marker="s", ms=9.0, color=c, label=name) for _, name, c in pairs]
+    title = f"{shown.value.label}: Sobol indices, shares of the variance"
+    figure = new_figure(shown, title, words, 2.8 + 0.55 * d, legend=handles)
+    left, right = figure.subplots(1, 2, width_ratios=(3, 2))
+    for shift, name, color in pairs:
+        look: dict[str, Any] = {"xerr": found.widths[name], "color": color, "capsize": 2.5}
+        left.barh(np.arange(d)[::-1] + shift, found.values[name], 0.36, **look)
+    left.set_yticks(np.arange(d)[::-1], found.axes)
+    left.margins(x=0.05)
+    left.set_title("One axis: first order and total")
+    left.grid(visible=False, axis="y")
+    second, widths = found.values["second"], found.widths["second"]
+    sure = second > widths  # of the others the interval has zero in it
+    right.imshow(np.where(np.isnan(second), np.nan, 0.0), cmap=ListedColormap([_UNSURE]))
+    image = right.imshow(np.where(sure, second, np.nan), cmap=COLOUR_MAP, vmin=0.0, vmax=max([_MOST, *second[sure]]))
+    for i, j in zip(*np.triu_indices(d, 1), strict=True):
+        dark = sure[i, j] and second[i, j] < 0.6 * image.norm.vmax
+        right.text(j, i, f"{second[i, j]:.2f}\n± {widths[i, j]:.2f}", ha="center", va="center", fontsize=8.0,
+                   color="white" if dark else "black")  # fmt: skip
+    names = [name.rpartition(".")[2] for name in found.axes]
+    right.set_xticks(range(d), names, rotation=30, ha="right")
+    right.set_yticks(range(d), names)
+    right.set_title("Pairs: second order")
+    right.grid(visible=False)
+    return figure
+
+
 def _no_surface(shown: View) -> str:
     if any(side.words for side in shown.sides):
         return "axes of numbers"
@@ -236,7 +344,7 @@ KINDS: dict[str, tuple[Callable[[View], Figure], Callable[[View], str]]] = {
     "scatter": (_scatter, lambda shown: ""),
     "surface": (_surface, _no_surface),
     "parallel": (_parallel, lambda shown: "" if len(shown.sides) > 1 else "two axes that vary"),
-    "tornado": (draw_tornado, lambda shown: "" if len(shown.sides) > 1 else "two axes that vary"),
-    "indices": (draw_indices, _no_indices),
+    "tornado": (_tornado, lambda shown: "" if len(shown.sides) > 1 else "two axes that vary"),
+    "indices": (_indices, _no_indices),
 }
 """Kind of figure to the function that draws it, and the reason why it does not fit; empty if it fits."""

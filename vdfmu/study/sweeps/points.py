@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
+from vdfmu.study.options import SAMPLES
 from vdfmu.study.sweeps.axes import MOST_POINTS, Axis, read_axes
 
-SAMPLES = ("grid", "lhs", "sobol", "random", "saltelli", "morris")
-"""Ways to draw points; the last two for indices of sensitivity."""
 LEVELS = 4
 """Levels of Morris' trajectories on each axis."""
 

@@ -13,11 +13,11 @@ from vdfmu.base.once import one_job
 from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import report
 from vdfmu.base.show_progress import with_progress
-from vdfmu.study.options import PlanOptions, SweepOptions, WorkerOptions
+from vdfmu.study.options import PlanOptions, SweepOptions
 from vdfmu.study.sweeps.chunks import Chunks
 from vdfmu.study.sweeps.job import Job
 from vdfmu.study.sweeps.ledger import Ledger
-from vdfmu.study.sweeps.local import processors, run_here
+from vdfmu.study.sweeps.local import check_workers, processors, run_here
 from vdfmu.study.sweeps.plan import Plan, make_plan, name_of
 from vdfmu.study.sweeps.study import Sweep
 from vdfmu.study.sweeps.worker import KILLED
@@ -64,15 +64,6 @@ def sweep(scenario: Any, vary: Mapping[str, Any] | Sequence[str] = (), **options
     check_workers(options)
     plan = make_plan(scenario, vary, **pick(PlanOptions, options))
     return run_plan(plan, default_folder(scenario) if options["out"] is None else Path(options["out"]), options)
-
-
-def check_workers(options: WorkerOptions) -> None:
-    """Raise UsageError for options of workers out of their range."""
-    workers, time_limit = options["workers"], options["time_limit"]
-    if workers is not None and workers < 1:
-        raise UsageError(f"workers: expected at least 1, got {workers}.")
-    if time_limit is not None and not time_limit > 0.0:
-        raise UsageError(f"time_limit: expected a positive time, got {time_limit:g} s.")
 
 
 def run_plan(plan: Plan, folder: Path, options: SweepOptions) -> Sweep:

@@ -12,8 +12,6 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.study.tuning.evaluate import Evaluations, Score, SpentError
 
-METHODS = ("both", "global", "local")
-"""Differential evolution with a half of the budget, then COBYQA; or one of them."""
 _MISSED = 10.0
 """Objective at the border of the constraints; the start has 1."""
 _INSIDE = 0.005

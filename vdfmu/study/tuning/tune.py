@@ -16,13 +16,13 @@ from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import doing, report
 from vdfmu.base.show_progress import with_progress
 from vdfmu.base.toml_text import toml_text
-from vdfmu.study.options import ProblemOptions, ScenarioOptions, TuneOptions
+from vdfmu.study.options import METHODS, ProblemOptions, ScenarioOptions, TuneOptions
 from vdfmu.study.run.scenario_run import prepare
 from vdfmu.study.sweeps.ledger import Ledger
-from vdfmu.study.sweeps.local import processors
+from vdfmu.study.sweeps.local import check_workers, processors
 from vdfmu.study.tuning.evaluate import Evaluations, Score
 from vdfmu.study.tuning.problem import make_problem
-from vdfmu.study.tuning.search import METHODS, objective, search
+from vdfmu.study.tuning.search import objective, search
 from vdfmu.system.scenario.values import group_value
 
 
@@ -97,11 +97,10 @@ def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **op
     workers, time_limit, out = options["workers"], options["time_limit"], options["out"]
     if method not in METHODS:
         raise UsageError(f"method: expected {', '.join(METHODS)}, got {method}.")
-    for name, value in (("evaluations", budget), ("spread_points", options["spread_points"]), ("workers", workers)):
-        if value is not None and value < 1:
+    for name, value in (("evaluations", budget), ("spread_points", options["spread_points"])):
+        if value < 1:
             raise UsageError(f"{name}: expected at least 1, got {value}.")
-    if time_limit is not None and not time_limit > 0.0:
-        raise UsageError(f"time_limit: expected a positive time, got {time_limit:g} s.")
+    check_workers(options)
     if not math.isfinite(growth):
         raise UsageError(f"growth: expected a finite rate, got {growth:g} 1/s.")
     import scipy

@@ -51,8 +51,8 @@ export class Budget {
         this.show(rows);
       }
       this.status.textContent = "";
-    } catch {
-      this.status.textContent = "Stopped for a slider.";
+    } catch (error) {
+      this.status.textContent = error.name === "AbortError" ? "Stopped for a slider." : error.message;
     }
     this.button.disabled = false;
   }

@@ -8,6 +8,8 @@ export const study = content.study;
 export const live = content.live;
 /** The robot, in the page of one. */
 export const robot = content.robot;
+/** The cells of a comparison of control laws, in its page. */
+export const compared = content.compared;
 /** Digest to module, of the units of all runs that can be simulated. */
 export const binaries = content.binaries;
 
@@ -125,6 +127,27 @@ export function make(tag, attributes = {}, ...children) {
   }
   element.append(...children);
   return element;
+}
+
+/** Copy a text; whether the browser lets a page do it. */
+export async function copied(text) {
+  try {
+    await navigator.clipboard.writeText(text);
+    return true;
+  } catch { // a browser that lets no page from disk do this
+    const field = make("textarea", { style: "position:fixed;opacity:0" }, text);
+    document.body.append(field);
+    field.select();
+    const done = document.execCommand("copy");
+    field.remove();
+    return done;
+  }
+}
+
+/** A button that copies a command. */
+export function copyButton(command) {
+  const button = make("button", { type: "button", click: async () => { button.textContent = (await copied(command)) ? "Copied" : "Not allowed here: select the command"; } }, "Copy");
+  return button;
 }
 
 /** A labelled choice: pairs of value and words. */

@@ -3,12 +3,16 @@
 import { COLOURS, curvesOf, make, merged, recorded, runs, simulated, toggle, view } from "./data.js";
 import { Chart } from "./chart.js";
 
-/** Fill the section of the figures; `more` are figures that the page has calculated. */
+/** Fill the section of the figures; `more` are figures that the page has calculated: key, title, unit and a function that gives the curves. */
 export function showFigures(section, more) {
   const several = recorded.length > 1; // then dashes are for the runs, and what is desired is not drawn
-  const charts = [...merged("figures")].map(([key, { title, unit }]) => new Chart(several ? title.replace(/, [^,]*dashed/, "") : title, unit,
-    () => curvesOf("figures", key).filter(({ dashed }) => !several || !dashed)));
-  charts.push(...more.map(({ title, unit, curves }) => new Chart(title, unit, curves)));
+  const packed = [...merged("figures")].map(([key, { title, unit }]) => ({ key, unit, title: several ? title.replace(/, [^,]*dashed/, "") : title,
+    curves: () => curvesOf("figures", key).filter(({ dashed }) => !several || !dashed) }));
+  const charts = [...packed, ...more].map(({ key, title, unit, curves }) => {
+    const chart = new Chart(title, unit, curves);
+    chart.element.dataset.figure = key; // by which tiles and addresses find it
+    return chart;
+  });
   if (!charts.length) return charts;
   section.hidden = false;
   section.append(

@@ -1,6 +1,6 @@
 // The points of a study: pictures that choose together, the chosen point with its command, and its run in the bench.
 
-import { choice, make, unpack } from "./data.js";
+import { choice, copyButton, make, unpack } from "./data.js";
 import { Column, Contour, Parallel, Scatter, fieldOf, shade, svg } from "./lab_plots.js";
 import { quantity } from "./numbers.js";
 
@@ -139,13 +139,13 @@ function pointPanel(lab, bench) {
     const row = lab.chosen, { study } = lab, buttons = [["Smaller", -1], ["Larger", 1]].map(([words, by]) => make("button", { type: "button", "aria-label": `${words} ${lab.colour.name}`, click: step(by) }, words));
     if (row === null) return panel.replaceChildren(make("div", { class: "bar" }, make("h3", {}, "No point chosen"), make("button", { type: "button", click: step(1) }, `Smallest ${lab.colour.name}`)));
     const values = lab.columns.map((column) => make("div", {}, make("dt", {}, column.name), make("dd", {}, column.written(row))));
-    const command = `${study.command} ${study.points[row]}`, copy = make("button", { type: "button", click: () => navigator.clipboard?.writeText(command).then(() => { copy.textContent = "Copied"; }) }, "Copy");
+    const command = `${study.command} ${study.points[row]}`;
     const failed = study.failed[row] === null ? [] : [make("p", { class: "failure" }, study.failed[row])];
     const changes = lab.changes(row);
     const words = changes && bench ? "Simulated by this page, over the scenario as it is: the arm and the figures below." : study.reason || "This point differs in more than parameters from what the page simulates; the command runs it.";
     panel.replaceChildren(
       make("div", { class: "bar" }, make("h3", {}, `Point ${study.points[row]}`), ...buttons), ...failed, make("dl", {}, ...values),
-      ...(study.command ? [make("div", { class: "bar" }, make("code", {}, command), copy)] : []), make("p", { class: "note" }, words), ...keptCurves(study, row));
+      ...(study.command ? [make("div", { class: "bar" }, make("code", {}, command), copyButton(command))] : []), make("p", { class: "note" }, words), ...keptCurves(study, row));
     return panel;
   };
   lab.addEventListener("change", show);

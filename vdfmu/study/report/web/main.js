@@ -1,6 +1,6 @@
 // Put the page together.
 
-import { binaries, curvesOf, make, merged, recorded, runs, view } from "./data.js";
+import { binaries, curvesOf, make, recorded, runs, view } from "./data.js";
 import { Chain, Motion, toolErrors } from "./arm.js";
 import { differences, showComparison } from "./comparison.js";
 import { showFigures } from "./figures.js";
@@ -16,12 +16,10 @@ import { SimulationWorker, difference } from "./worker.js";
 const section = (id) => document.getElementById(id);
 view.time = view.full()[0];
 const places = [...runs.keys()].filter((k) => runs[k].arm && runs[k].frames.error);
-const more = places.length
-  ? [{
-    title: "Error of the end effector", unit: "mm",
-    curves: () => places.map((k) => ({ label: "distance", joint: 0, colour: 0, dashed: false, run: k, ...toolErrors(runs[k]) })),
-  }]
-  : [];
+const more = places.length ? [{
+  key: "tool", title: "Error of the end effector", unit: "mm",
+  curves: () => places.map((k) => ({ label: "distance", joint: 0, colour: 0, dashed: false, run: k, ...toolErrors(runs[k]) })),
+}] : [];
 const player = recorded.some((run) => run.arm) ? new Player(section("arm")) : null;
 const charts = showFigures(section("figures"), more);
 const simulation = showSimulation(section("simulate"));
@@ -29,8 +27,6 @@ showSystem(section("system"));
 showComparison(section("comparison"));
 const follows = followRun(player);
 
-const keys = [...merged("figures").keys()];
-charts.forEach(({ element }, k) => { element.dataset.figure = keys[k] ?? "tool"; });
 const title = document.querySelector("h1"), top = make("div", { class: "title" });
 title.replaceWith(top);
 top.append(title, shareButtons(simulation));

@@ -1,6 +1,6 @@
 // What is passed on: a link to what is shown, the command that makes it, a picture and a film of the arm.
 
-import { make, recorded, reducedMotion, simulated, view } from "./data.js";
+import { copied, make, recorded, reducedMotion, simulated, view } from "./data.js";
 import { quantity } from "./numbers.js";
 import { address } from "./state.js";
 import { handOver } from "./save.js";
@@ -36,20 +36,6 @@ export function shareButtons(simulation) {
   const run = () => simulated.of ?? recorded[0];
   const command = recorded.some((one) => one.command) ? [copy("Copy as command", () => commandOf(run(), simulation?.changes() ?? []))] : [];
   return make("div", { class: "share" }, said, copy("Copy link", address), ...command);
-}
-
-async function copied(text) {
-  try {
-    await navigator.clipboard.writeText(text);
-    return true;
-  } catch { // a browser that lets no page from disk do this
-    const field = make("textarea", { style: "position:fixed;opacity:0" }, text);
-    document.body.append(field);
-    field.select();
-    const done = document.execCommand("copy");
-    field.remove();
-    return done;
-  }
 }
 
 /** Buttons that save the arm as it is drawn, and as a film of the whole run. */
