@@ -1,4 +1,4 @@
-"""Documentation of several versions, side by side in one folder: each in a folder of its name, ``0.1``, ``0.2``, ``dev``."""
+"""Documentation of several versions side by side: each in a folder of its name, ``0.1``, ``0.2``, ``dev``."""
 
 from __future__ import annotations
 

@@ -9,8 +9,8 @@ import pytest
 
 import vdfmu
 from vdfmu.base import words
-from vdfmu.base.progress import warn_once
 from vdfmu.base.errors import ModelError, UsageError
+from vdfmu.base.progress import warn_once
 from vdfmu.base.toml_file import locate
 from vdfmu.base.words import takes_old_words
 from vdfmu.cli.app import look_anew

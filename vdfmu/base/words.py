@@ -7,7 +7,7 @@ function; no name is that of commands themselves; ``vdfmu`` are names of the API
 
 from __future__ import annotations
 
-import sys
+import inspect
 import warnings
 from collections.abc import Callable, Mapping
 from functools import wraps
@@ -53,8 +53,8 @@ def present_word(place: str, word: str, where: str = "", say: Callable[[str], No
 
 def warn_python(text: str) -> None:
     """Warn the line outside of the package, and of decorators, that the call came from."""
-    level, frame = 1, sys._getframe()
-    while frame.f_back and frame.f_globals["__name__"].partition(".")[0] in ("vdfmu", "contextlib"):
+    level, frame = 1, inspect.currentframe()
+    while frame and frame.f_globals["__name__"].partition(".")[0] in ("vdfmu", "contextlib"):
         level, frame = level + 1, frame.f_back
     warnings.warn(text, DeprecationWarning, stacklevel=level)
 
