@@ -29,8 +29,8 @@ mutants: $(VENV)/test  ## seed faults into the package and see whether make test
 bench: $(VENV)/test  ## measure times
 	$(BIN)/python -m benchmarks
 
-docs: $(VENV)/docs  ## build the documentation into site/; a warning is an error
-	$(BIN)/python docs/make.py
+docs: $(VENV)/docs  ## build the documentation into site/VERSION, beside other versions; a warning is an error
+	$(BIN)/python docs/make.py $(DOCS_ARGS)
 
 # Types are resolved in what the tests install: the packages of all extras.
 lint: $(VENV)/test $(VENV)/dev  ## ruff and pyright

@@ -1,7 +1,11 @@
-"""Build the documentation into ``site``: write the pages that are made from the code, then all as HTML."""
+"""Build the documentation: write the pages that are made from the code, then all as HTML.
+
+``site`` gets a folder for the version, ``site/0.1`` or ``site/dev``, and keeps those of other versions.
+"""
 
 from __future__ import annotations
 
+import argparse
 import os
 import re
 import shutil
@@ -14,6 +18,7 @@ from gallery import gallery_page
 from interface_pages import interface_page, robot_file_page
 from notebook_pages import NOTEBOOKS, page
 from reference_pages import command_line_page, scenario_file_page
+from versions import add_version, version_name
 
 import vdfmu
 from vdfmu.base.files import write_whole
@@ -36,7 +41,12 @@ _SHIM = re.compile(r'src="https://[^"]*iframe-worker[^"]*"')
 
 
 def main() -> int:
-    """Write the pages and build; return the exit code."""
+    """Write the pages, build them, and add them to a folder of versions; return the exit code."""
+    parser = argparse.ArgumentParser(description="Build the documentation into a folder of versions, beside others.")
+    parser.add_argument("--into", type=Path, default=DOCS.parent / "site", metavar="FOLDER")
+    changelog = (DOCS.parent / "CHANGELOG.md").read_text(encoding="utf-8")
+    parser.add_argument("--name", default=version_name(changelog), help="folder of this version, %(default)s")
+    arguments = parser.parse_args()
     for name, made in PAGES.items():
         write_whole(DOCS / name, [made().encode()])
     for name in NOTEBOOKS:
@@ -50,9 +60,10 @@ def main() -> int:
         env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))},
         check=False,
     )
-    site = DOCS.parent / "site"
+    site = DOCS.parent / "build" / "site"
     for program in (*site.glob("*.py"), *site.rglob("*.ipynb")):  # it copies all that it does not know
         program.unlink()
+    shutil.rmtree(site / "__pycache__", ignore_errors=True)
     for built in site.rglob("*.html"):  # what search needs from disk comes with the pages, not from a network
         root = "../" * (len(built.relative_to(site).parts) - 1)
         text = _SHIM.sub(f'src="{root}js/iframe-worker.js"', built.read_text(encoding="utf-8"))
@@ -65,6 +76,8 @@ def main() -> int:
             vdfmu.run(name, out=folder, simulate=True)
             (site / "live").mkdir(parents=True, exist_ok=True)
             shutil.copy(Path(folder) / "report.html", site / "live" / f"{name}.html")
+    if not done.returncode:
+        print(f"Written to {add_version(site, arguments.into, arguments.name) / 'index.html'}")
     return done.returncode
 
 

@@ -1,7 +1,8 @@
 """All that is public, a line each, made from the code; ``python -m tests.promise --write`` records it.
 
 `docs/promise.md` says what each part promises. The record is ``promise.txt`` beside this file: a test holds the code
-against it, so that nothing public changes unseen.
+against it, so that nothing public changes unseen. A change is recorded once the changelog names it. What each release
+promised is in ``earlier``, and a test holds the changelog since then against it.
 """
 
 from __future__ import annotations
@@ -39,8 +40,10 @@ from vdfmu.system.scenario.schema import robot_schema, scenario_schema, system_s
 RECORD = Path(__file__).with_suffix(".txt")
 _GROUPS = (UNITS, ROBOTS, algorithms.PLUGINS, formats.PLUGINS, log_files.PLUGINS)
 PLUGINS = [f"vdfmu.{each.group}: {each.expected}" for each in _GROUPS]
-WAY_OUT = """What is public changed. If that is meant: 'python -m tests.promise --write' records it, and CHANGELOG.md
-needs a line that names what went or changed (docs/promise.md says how long the old form has to work)."""
+CHANGELOG = RECORD.parents[1] / "CHANGELOG.md"
+EARLIER = RECORD.parent / "earlier"
+WAY_OUT = """What is public changed. If that is meant: name in CHANGELOG.md what went, came or changed, then
+record it by 'python -m tests.promise --write' (docs/promise.md says how long the old form has to work)."""
 
 
 def promised() -> list[str]:
@@ -64,10 +67,34 @@ def promised() -> list[str]:
     return [line for name, lines in parts.items() for line in (f"# {name}", *sorted({*lines}), "")]
 
 
-def changes() -> tuple[list[str], list[str]]:
+def changes(record: Path | None = None) -> tuple[list[str], list[str]]:
     """Return the lines that went, and those that came, each with its part, since they were recorded."""
-    now, before = (list(_with_parts(each)) for each in (promised(), RECORD.read_text(encoding="utf-8").splitlines()))
+    recorded = (record or RECORD).read_text(encoding="utf-8").splitlines()
+    now, before = (list(_with_parts(each)) for each in (promised(), recorded))
     return [line for line in before if line not in now], [line for line in now if line not in before]
+
+
+def sections(changelog: str) -> dict[str, str]:
+    """Return the text of each version of a changelog by its heading, the newest first."""
+    found = re.split(r"^## (.*)$", changelog, flags=re.MULTILINE)[1:]
+    return dict(zip(found[::2], found[1::2], strict=True))
+
+
+def not_named(lines: Iterable[str], changelog: str) -> list[str]:
+    """Return the lines whose name no piece of code of a changelog has, ``--seed`` or ``vdfmu tune --seed``."""
+    code = " ".join(re.findall(r"`([^`]+)`", changelog))
+    return [line for line in lines if not re.search(rf"(?<![\w-]){re.escape(name_of(line))}(?![\w-])", code)]
+
+
+def name_of(line: str) -> str:
+    """Return what a line is about, ``--seed`` of ``commands: vdfmu sweep run --seed int = 0``; of a path its end."""
+    part, _, text = line.partition(": ")
+    if part in ("files of a run", "entry points", "exit codes"):
+        return text.partition(": ")[0].partition(" ")[0]
+    words = re.split("[:=]", re.sub(r"\[.*?\]", "", text))[0].split()
+    option = next((word.rstrip(",") for word in words if word.startswith("-")), "")
+    last = words[-1] if part in ("Python", "commands") else words[0]
+    return option or last.removesuffix("()").rpartition(".")[2].strip("*")
 
 
 def _with_parts(lines: Iterable[str]) -> Iterator[str]:
@@ -182,10 +209,13 @@ def _variables() -> Iterator[str]:
 
 
 def main() -> None:
-    """Print the changes; with ``--write`` record them."""
-    gone, new = changes() if RECORD.exists() else ([], promised())
+    """Print the changes; with ``--write`` record them, if the newest version of the changelog names each."""
+    gone, new = changes()
     print("\n".join([*(f"- {line}" for line in gone), *(f"+ {line}" for line in new)]))
     if "--write" in sys.argv[1:]:
+        newest = next(iter(sections(CHANGELOG.read_text(encoding="utf-8")).values()))
+        if missing := {name_of(line): None for line in not_named([*gone, *new], newest)}:
+            sys.exit(f"Not recorded: the newest version in CHANGELOG.md does not name `{'`, `'.join(missing)}`.")
         RECORD.write_text("\n".join(promised()), encoding="utf-8")
 
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
+import sys
 from pathlib import Path
 
 import pytest
 
 import vdfmu
 from tests import promise
-from tests.promise import WAY_OUT, changes
+from tests.promise import CHANGELOG, EARLIER, WAY_OUT, changes, name_of, not_named, sections
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.study.report.shown_run import read_run
 
@@ -19,6 +21,59 @@ def test_nothing_public_changes_unseen():
     gone, new = changes()
     lines = [*(f"- {line}" for line in gone), *(f"+ {line}" for line in new)]
     assert not lines, "\n".join([*lines, WAY_OUT])
+
+
+def test_the_changelog_names_what_changed_since_the_last_release():
+    versions = sections(CHANGELOG.read_text(encoding="utf-8"))
+    released = [heading for heading in versions if "unreleased" not in heading.lower()]
+    for heading in released:  # each has its record: `cp tests/promise.txt tests/earlier/0.2`
+        assert record_of(heading).exists(), heading
+    if released:
+        gone, new = changes(record_of(released[0]))
+        since = "".join(text for heading, text in versions.items() if heading not in released)
+        assert not not_named([*gone, *new], since), WAY_OUT
+
+
+def record_of(heading):
+    """Return the record of the release with a heading, ``[0.2.0] - 2027-01-31``; a patch has that of its minor."""
+    number = re.match(r"\[(\d+\.\d+)", heading)
+    return EARLIER / number[1] / "promise.txt"
+
+
+@pytest.mark.parametrize(("line", "name"), [
+    ("Python: vdfmu.sweep vary: Sequence[str] = ()", "vary"),
+    ("Python: vdfmu.Results.compare()", "compare"),
+    ("commands: vdfmu sweep run --seed int = 0", "--seed"),
+    ("commands: vdfmu sweep", "sweep"),
+    ("exit codes: 2 wrong usage or input", "2"),
+    ("files of a run: figure_10.pdf", "figure_10.pdf"),
+    ("keys of summary.json: pace: table of speed, rows", "pace"),
+    ("keys of robot files: joints[].drive.I_m: number, needed", "I_m"),
+    ("variables of units, and columns of results: plant.M_e[6,6]: input Real [kg, kg.m, kg.m2]", "M_e"),
+    ("entry points: vdfmu.units: a class of a unit", "vdfmu.units"),
+])  # fmt: skip
+def test_a_change_is_named_by_its_word_in_code(line, name):
+    assert name_of(line) == name
+    assert not_named([line], f"- `vdfmu x {name}` is new.") == []
+    for other in ("", name, f"`{name}_more`", f"`--{name}`"):
+        assert not_named([line], f"- {other} is new.") == [line]
+
+
+def test_a_change_is_recorded_once_the_changelog_names_it(monkeypatch, tmp_path, capsys):
+    now = promise.promised()
+    place = now.index("# scenarios")
+    monkeypatch.setattr(promise, "promised", lambda: [*now[: place + 1], "new_scenario", *now[place + 1 :]])
+    monkeypatch.setattr(promise, "RECORD", record := tmp_path / "promise.txt")
+    monkeypatch.setattr(promise, "CHANGELOG", changelog := tmp_path / "CHANGELOG.md")
+    monkeypatch.setattr(sys, "argv", ["promise", "--write"])
+    record.write_text("\n".join(now), encoding="utf-8")
+    changelog.write_text("# Changelog\n\n## [0.3.0] - unreleased\n\n- Better.\n\n## [0.2.0]\n\n- `new_scenario`\n")
+    with pytest.raises(SystemExit, match="does not name `new_scenario`"):
+        promise.main()
+    assert capsys.readouterr().out == "+ scenarios: new_scenario\n" and "new_scenario" not in record.read_text()
+    changelog.write_text("# Changelog\n\n## [0.3.0] - unreleased\n\n- A scenario `new_scenario`.\n")
+    promise.main()
+    assert "\nnew_scenario\n" in record.read_text()
 
 
 def test_a_line_that_goes_from_one_part_is_seen_though_another_has_it(monkeypatch):

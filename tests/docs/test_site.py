@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import vdfmu
+from tests.docs.test_versions import loaded as loaded_versions
 from tests.study.page.browser import Browser
 from vdfmu.arm import dynamics
 
@@ -22,25 +23,30 @@ DOCUMENTED = [vdfmu.Robot, vdfmu.Results, *(f for f in vars(dynamics).values() i
               vdfmu.run, vdfmu.simulate, vdfmu.build_fmus, vdfmu.write_container]  # fmt: skip
 
 
+VERSIONS = loaded_versions()
+
+
 def pages_of(site):
-    """Return the pages of the documentation, without those of runs that some have in a frame."""
-    return sorted(page for page in site.rglob("*.html") if page.parent.name != "live")
+    """Return the pages of one version of the documentation."""
+    return [site / page for page in VERSIONS.pages_of(site)]
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """Return the folder of the pages, from a build that stops at any warning."""
+    """Return the folder of the pages of version 0.1, beside one of 0.2, from a build that stops at any warning."""
     folder = tmp_path_factory.mktemp("site")
     shutil.copytree(ROOT / "docs", folder / "docs")
     shutil.copy(ROOT / "zensical.toml", folder)
+    shutil.copy(ROOT / "CHANGELOG.md", folder)
     (folder / "vdfmu").symlink_to(ROOT / "vdfmu")
     done = subprocess.run(
-        [sys.executable, "docs/make.py"], cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        [sys.executable, "docs/make.py", "--name", "0.1"], cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)},
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout
-    assert {path.name for path in (folder / "site/live").iterdir()} == {"tracking.html", "wall.html"}
-    pages = pages_of(folder / "site")
+    built = folder / "site/0.1"
+    assert {path.name for path in (built / "live").iterdir()} == {"tracking.html", "wall.html"}
+    pages = pages_of(built)
     assert len(pages) > 30
     for page in pages:  # nothing comes from a network, and the search has its worker beside it
         text = page.read_text(encoding="utf-8")
@@ -48,7 +54,10 @@ def site(tmp_path_factory):
         assert [url for url in loaded if re.match(r"\w+://|//", url)] == [], page
         (shim,) = (url for url in loaded if url.endswith("js/iframe-worker.js"))
         assert (page.parent / shim).exists()
-    return folder / "site"
+    later = shutil.copytree(folder / "build/site", folder / "build/later")
+    (later / "view.html").unlink()
+    VERSIONS.add_version(later, folder / "site", "0.2")
+    return built
 
 
 @pytest.fixture(scope="module")
@@ -154,6 +163,34 @@ def test_every_page_is_readable_on_a_phone(site, tmp_path):
             assert browser.run("document.styleSheets.length") > 2, page
         assert browser.problems == []
         assert [url for url in browser.requests if not url.startswith(("file:", "data:", "blob:"))] == []
+
+
+SELECTOR = """new Promise(done => {
+    const look = () => {
+        const links = [...document.querySelectorAll(".md-version__list a")].map(a => a.href)
+        if (links.length) done([document.querySelector(".md-version__current").textContent, document.title, ...links])
+        else setTimeout(look, 50)
+    }
+    look()
+})"""
+
+
+def test_each_page_says_its_version_and_leads_to_the_same_page_of_others(site, tmp_path):
+    at = site.parent.as_uri()
+    with Browser(tmp_path) as browser:
+        for version, page, there in (
+            ("0.1", "guides/fmpy.html", "guides/fmpy.html"),
+            ("0.2", "native.html", "native.html"),
+            ("0.1", "view.html", "index.html"),  # which 0.2 does not have
+        ):
+            browser.open(site.parent / version / page)
+            said, title, *links = browser.run(SELECTOR)
+            assert (said, title.endswith(f" - vdfmu {version}")) == (version, True)
+            assert links == [f"{at}/0.2/{there}", f"{at}/0.1/{page}"]
+        browser.open(site.parent / "index.html")
+        browser.settle()
+        assert browser.run(SELECTOR)[0] == "0.2"
+        assert browser.problems == []
 
 
 FOUND = """new Promise((done, failed) => {

@@ -16,7 +16,7 @@ from typing import Any, ForwardRef, ParamSpec, TypeVar, cast, get_args
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.text import close_to
-from vdfmu.base.words import new_word
+from vdfmu.base.words import new_word, present_parameters
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -103,12 +103,13 @@ def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
 
     @wraps(function)
     def called(*args: _P.args, **kwargs: _P.kwargs) -> _T:
-        for unknown in kwargs.keys() - signature.parameters.keys():
+        given = present_parameters(name, kwargs)
+        for unknown in given.keys() - signature.parameters.keys():
             new = new_word(name, unknown)
             way = f"; it is now {new!r}" if new else close_to(unknown, signature.parameters)
             raise TypeError(f"{name}() got an unexpected keyword argument {unknown!r}{way}")
         try:
-            bound = signature.bind(*args, **kwargs)
+            bound = signature.bind(*args, **given)
         except TypeError as error:
             raise TypeError(f"{name}() {error}") from None
         bound.apply_defaults()

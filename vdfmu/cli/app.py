@@ -23,7 +23,7 @@ from vdfmu.base.bars import Bars, errors
 from vdfmu.base.progress import LOG, showing
 from vdfmu.base.text import close_to
 from vdfmu.base.version import __version__
-from vdfmu.base.words import new_word
+from vdfmu.base.words import new_word, present_word
 from vdfmu.cli.options import expanded
 from vdfmu.cli.terminal import console, say_error
 
@@ -42,7 +42,15 @@ VerboseOption = Annotated[
 
 
 class CommandGroup(TyperGroup):
-    """All commands: wrong usage is an error as any other; old words are answered with the new ones."""
+    """All commands: wrong usage is an error as any other; old words work on or are answered with the new ones."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find the command in words; deprecated ones are replaced."""
+        path = ctx.command_path.partition(" ")[2]
+        look(quiet=bool({"-q", "--quiet"} & {*args}))
+        name, command, rest = super().resolve_command(ctx, [present_word(path, args[0]), *args[1:]])
+        place = _place(f"{path} {name}".strip())
+        return name, command, [_present_option(place, word) if word.startswith("--") else word for word in rest]
 
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
         """Read the words before the command."""
@@ -77,7 +85,7 @@ def _usage(error: Any, path: str, context: Any) -> str:
     message = error.format_message().rstrip(".")
     option: str = getattr(error, "option_name", None) or ""
     if type(error).__name__ == "NoSuchOption":
-        new = new_word(path.removesuffix(" run"), option)
+        new = new_word(_place(path), option)
         known = [word for one in context.command.params for word in (*one.opts, *one.secondary_opts)]
         close = re.sub(r"([\w-]+)(?=[,?])", r"--\1", close_to(option.lstrip("-"), [word.lstrip("-") for word in known]))
         message = f"{option} is now {new}" if new else f"No such option: {option}{close}"
@@ -88,8 +96,22 @@ def _usage(error: Any, path: str, context: Any) -> str:
     return f"{message}{stop} See '{' '.join(filter(None, ('vdfmu', path)))} --help'."
 
 
+def _present_option(place: str, word: str) -> str:
+    """Return ``--option`` or ``--option=value`` by its present name."""
+    option, sign, value = word.partition("=")
+    return present_word(place, option) + sign + value
+
+
+def _place(path: str) -> str:
+    """Return the name of a command's function: that of ``sweep run`` is ``sweep``."""
+    return path.removesuffix(" run")
+
+
 class App(typer.Typer):
     """An app or a group of commands."""
+
+    def __init__(self, *, cls: type[CommandGroup] = CommandGroup, **options: Any) -> None:
+        super().__init__(cls=cls, **options)
 
     def command(self, name: str | None = None, **options: Any) -> _Decorator:
         """Register a command, as typer does."""

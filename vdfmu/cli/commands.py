@@ -33,11 +33,10 @@ from vdfmu.cli import (
     units,
     view,
 )
-from vdfmu.cli.app import App, CommandGroup, QuietOption, VerboseOption, look, look_anew
+from vdfmu.cli.app import App, QuietOption, VerboseOption, look, look_anew
 from vdfmu.cli.terminal import console, fail, table
 
 app = App(
-    cls=CommandGroup,
     invoke_without_command=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",

@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Annotated, Any, Unpack
 
 import typer
-from typer.core import TyperGroup
 
 from vdfmu.base.files import replacing_foreign, require_ours
-from vdfmu.cli.app import App
+from vdfmu.cli.app import App, CommandGroup
 from vdfmu.cli.options import choice
 from vdfmu.cli.terminal import (
     ForeignOption,
@@ -29,7 +28,7 @@ _SHOWN = 5
 """Failed points that are listed."""
 
 
-class _SweepGroup(TyperGroup):
+class _SweepGroup(CommandGroup):
     """``vdfmu sweep SCENARIO`` is ``vdfmu sweep run SCENARIO``; options of all may come before either."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:

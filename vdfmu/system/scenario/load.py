@@ -47,7 +47,7 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
         If the scenario or its robot has problems; it lists every one of both files.
     """
     path = locate(path_or_name, "scenarios")
-    data = read_toml(path)
+    data = read_toml(path, "scenarios")
     problems = Problems(str(path))
     written = data.get("robot")
     if isinstance(robot, str):
@@ -57,7 +57,7 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
     if (robot is None or "paper" in data) and isinstance(written, str) and written:
         try:
             located = locate(written, "robots", path.parent)
-            named = robot_from_dict(read_toml(located), str(located))
+            named = robot_from_dict(read_toml(located, "robots"), str(located))
         except ModelError as error:
             robot_problems = error.problems
         except UsageError as error:
@@ -108,7 +108,7 @@ def load_system(path_or_name: str | os.PathLike[str], start: Path | None = None)
         If the file cannot be used; it lists every problem.
     """
     path = locate(path_or_name, "systems", start)
-    data = read_toml(path)
+    data = read_toml(path, "systems")
     problems = Problems(str(path))
     base: SystemFile | None = None
     if "extends" in data:

@@ -1,0 +1,93 @@
+"""The entries for lists of tools, in ``docs/listing``: each in the form of its list, and true."""
+
+import json
+import re
+import tomllib
+from pathlib import Path
+
+import yaml
+from lxml import html
+
+import vdfmu
+from vdfmu.arm.units import shipped_units
+from vdfmu.base.standards import FMI_VERSIONS, SSP_FORMATS
+from vdfmu.compiler.c.platforms import PLATFORMS
+from vdfmu.compiler.efmi.manifest import ALGORITHM, PRODUCTION
+from vdfmu.compiler.fmu.description import model_description
+from vdfmu.compiler.fmu.description3 import model_description_3
+from vdfmu.compiler.fmu.reference_results import FOLDER
+from vdfmu.compiler.unit.interface import Interface
+from vdfmu.engine.fmu.description import KINDS
+from vdfmu.engine.fmu.integrator import ModelExchangeIntegrator
+
+ROOT = Path(__file__).resolve().parents[2]
+LISTING = ROOT / "docs" / "listing"
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+EMPTY = {
+    "fmi-standard.org.json": '"url": ""|"vendorURL": ""|"examplesURL": ""',
+    "ssp-standard.org.html": 'href=""',
+    "efmi-standard.org.md": r"\]\(\)",
+    "awesome-fmi.md": r"\]\(\)",
+    "awesome-robotics-libraries.yaml": 'github: ""',
+}
+"""Addresses that the project does not have yet, in each entry."""
+
+
+def text(name):
+    return (LISTING / name).read_text(encoding="utf-8")
+
+
+def test_each_entry_is_in_the_list_with_its_empty_addresses():
+    listed = text("README.md")
+    assert {path.name for path in LISTING.iterdir()} == {"README.md", *EMPTY}
+    for name, empty in EMPTY.items():
+        assert f"| `{name}` |" in listed and re.search(empty, text(name)), name
+    assert "urls" not in PROJECT  # once there is an address, it goes into the entries
+
+
+def test_the_fmi_list():
+    entry = json.loads(text("fmi-standard.org.json"))
+    assert [*entry] == [  # the columns of its CONTRIBUTING.md; a logo is optional
+        "name", "license", "url", "vendor", "vendorURL", "examplesURL", "description", "features", "platforms",
+        "interfaces", "fmiVersions", "fmuExport", "fmuImport", "layeredStandards",
+    ]  # fmt: skip
+    assert (entry["license"], PROJECT["license"], entry["vendor"]) == ("osi", "MIT", PROJECT["authors"][0]["name"])
+    assert not re.search(r"\.$|Windows|Linux|FMI|MIT|leading|flexible|https?:|[*_`]", entry["description"])
+    assert entry["fmiVersions"] == [*FMI_VERSIONS]
+    systems = {"darwin": "macOS", "linux": "Linux", "windows": "Windows"}
+    built = {systems[name.split("-")[1]] for name in PLATFORMS if "-" in name}
+    assert {*entry["platforms"]} == built | {"Source Code"}
+    assert all(any(system in each for each in PROJECT["classifiers"]) for system in ("MacOS", "Linux", "Windows"))
+    assert "vdfmu" in PROJECT["scripts"] and vdfmu.__all__ and entry["interfaces"] == ["CLI", "library"]
+    plant = Interface(shipped_units()["plant"], vdfmu.load_robot("planar_2dof"))
+    for made in (model_description(plant, "{}", "", {}, ("unit.c",)), model_description_3(plant, "{}", "", {})):
+        kinds = [kind for kind in KINDS if made.find(kind) is not None]
+        assert ["".join(re.findall("[A-Z]", kind)) for kind in kinds] == entry["fmuExport"]
+    # what runs: tests/engine/test_model_exchange.py, with the refusal of what is for scheduled execution alone
+    assert entry["fmuImport"] == ["CS", "ME"] and ModelExchangeIntegrator
+    assert FOLDER.endswith("fmi-ls-ref") and entry["layeredStandards"] == ["REF"]
+
+
+def test_the_ssp_list():
+    row = html.fromstring(f"<table>{text('ssp-standard.org.html')}</table>")
+    cells = [" ".join(cell.text_content().split()) for cell in row.iter("td")]
+    versions = "/".join(SSP_FORMATS)
+    assert (cells[0], cells[1], *cells[3:]) == ("vdfmu", PROJECT["authors"][0]["name"], "free", versions, versions)
+    assert len(cells) == 6
+
+
+def test_the_efmi_list():
+    rows = text("efmi-standard.org.md").splitlines()
+    assert all(row.startswith("| ") and row.endswith(" |") and row.count("|") == 3 for row in rows)
+    containers = re.findall(r"\*\*([A-Z]C|BM):\*\*", "".join(rows))
+    assert containers == ["".join(re.findall("[A-Z]", name)) for name in (ALGORITHM, PRODUCTION)]
+    assert f"**Since version:** {vdfmu.__version__.rpartition('.')[0]} " in rows[0]
+
+
+def test_the_awesome_lists():
+    assert re.fullmatch(r"- \[vdfmu\]\(\) - Python package .*\. \[MIT\]\n", text("awesome-fmi.md"))
+    (entry,) = yaml.safe_load(text("awesome-robotics-libraries.yaml"))
+    assert entry.keys() == {"name", "github", "description", "license", "languages", "models", "features"}
+    assert (entry["name"], entry["license"]) == ("vdfmu", PROJECT["license"])
+    assert {"robot_from_urdf", "robot_from_mjcf", "inverse_dynamics"} <= {*vdfmu.__all__}
+    assert {"id", "urdf", "mjcf"} <= {*entry["features"]}
