@@ -46,12 +46,12 @@ class CommandGroup(TyperGroup):
 
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
         """Read the words before the command."""
-        with _usage_errors():
+        with _usage_errors(None):
             return super().make_context(*args, **kwargs)
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command."""
-        with _usage_errors():
+        with _usage_errors(ctx):
             return super().invoke(ctx)
 
 
@@ -60,14 +60,15 @@ _CLICK: Any = typer.BadParameter.__mro__[2]
 
 
 @contextmanager
-def _usage_errors() -> Generator[None]:
+def _usage_errors(top: Any) -> Generator[None]:
     try:
         yield
     except _CLICK as error:
         context = getattr(error, "ctx", None)
         if type(error).__name__ == "NoArgsIsHelpError":  # the message is the help
             raise
-        path = context.command_path.partition(" ")[2] if context else ""
+        # an option without its value has no context of its command
+        path = context.command_path.partition(" ")[2] if context else (top and top.invoked_subcommand) or ""
         say_error(_usage(error, path, context))
         raise typer.Exit(2) from None
 
