@@ -142,7 +142,10 @@ def _value(parameter: Any, asked: Callable[[Any, Any], Any], context: Any, value
     elif kind is Path and isinstance(value, (str, Path)) and (os.access(value, os.R_OK) or not os.path.exists(value)):
         found = Path(value)
     elif not (kind is str and isinstance(value, str) or kind == list[str] and value and isinstance(value, list)):
-        return asked(context, value)
+        found = asked(context, value)
+        if any(each != each for each in (found if isinstance(found, (list, tuple)) else (found,))):
+            raise typer.BadParameter("expected a number, got nan", context, parameter)
+        return found
     return found if parameter.callback is None else parameter.callback(context, parameter, found)
 
 
