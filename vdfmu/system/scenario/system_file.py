@@ -130,10 +130,8 @@ def _part(problems: Problems, key: str, value: object, folder: Path) -> Part:
         if "robot" in table.data and (named := table.text("robot")):
             try:
                 robot = load_robot(locate(named, "robots", folder))
-            except ModelError as error:
-                problems.lines.extend(error.problems)
-            except UsageError as error:
-                problems.lines.append(f"{problems.where}: {where}.robot: {error}")
+            except (ModelError, UsageError) as error:
+                problems.take(error, f"{where}.robot")
         return Part(_located(unit, folder), box, robot, tuple(end for end in ENDS if table.flag(end, False)))
     problems.add(
         where,
