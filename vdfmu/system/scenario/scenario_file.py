@@ -18,10 +18,9 @@ from vdfmu.base.errors import ModelError, UnitError, UsageError
 from vdfmu.base.toml_tables import FloatArray, Problems, Table, as_number, shape_of, shown
 from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
 from vdfmu.engine.algorithms import ALGORITHMS, count_steps, is_continuous
-from vdfmu.system.scenario.replace import started
 from vdfmu.system.scenario.resolved import ROBOT_WAY_OUT, resolve
 from vdfmu.system.scenario.scenario import FACTOR_FIELDS, Scenario, apply_factors
-from vdfmu.system.scenario.start import with_starts
+from vdfmu.system.scenario.start import started, with_starts
 from vdfmu.system.scenario.system_file import SystemFile
 from vdfmu.system.scenario.values import section_values
 

@@ -106,7 +106,10 @@ def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, ba
                 )  # fmt: skip
         own[source] = ends
     fed = {end for ends in own.values() for end in ends}
-    kept = {key: [end for end in ends if end not in fed] for key, ends in base.connections.items()} if base else {}
+    kept = {
+        key: [end for end in ends if fed.isdisjoint((end, end.partition("[")[0]))]
+        for key, ends in (base.connections.items() if base else ())
+    }
     connections = {key: ends for key, ends in kept.items() if ends}
     for source, ends in own.items():
         connections[source] = [*connections.get(source, ()), *ends]
