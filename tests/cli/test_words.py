@@ -96,6 +96,8 @@ def test_old_words_are_answered_with_words_that_there_are():
         ("run --mastre jacobi", "No such option: --mastre; did you mean --master"),
         ("rum", "No such command 'rum'. Did you mean 'run'?"),
         ("run --step fast", "Invalid value for '--step'"),
+        ("margins --at 1 --at nan", "Invalid value for '--at': expected a number, got nan."),
+        ("run --set", "Option '--set' requires an argument. See 'vdfmu run --help'."),
     ],
 )
 def test_wrong_words_are_errors_of_one_kind(tmp_path, words, said):

@@ -44,12 +44,7 @@ def replacing(path: Path) -> Generator[BinaryIO]:
     A link stays, and what it leads to is replaced. The file has the mode that any new file gets. StorageError if `path`
     is not a regular file, OSError if it cannot be written.
     """
-    with _replacing(regular_target(path)) as stream:
-        yield stream
-
-
-@contextmanager
-def _replacing(target: Path) -> Generator[BinaryIO]:
+    target = regular_target(path)
     temporary = target.with_name(f"{secrets.token_hex(8)}.tmp")
     handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
     try:
@@ -68,7 +63,7 @@ def write_whole(path: Path, blocks: Iterable[bytes]) -> None:
     UsageError if its folder or the right to write is missing, VdfmuError for another reason.
     """
     try:
-        with _replacing(path) as stream:
+        with replacing(path) as stream:
             stream.writelines(blocks)
     except OSError as error:
         kind = UsageError if isinstance(error, (FileNotFoundError, PermissionError)) else VdfmuError

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.base.errors import ModelError
+from vdfmu.base.errors import ModelError, VdfmuError
 from vdfmu.base.measure import LARGEST_NUMBER, POSITIVE
 from vdfmu.base.text import FORBIDDEN, nearest, printable
 
@@ -32,6 +32,13 @@ class Problems:
         """Note that `key` holds something else than expected."""
         key = printable(key)
         self.lines.append(f"{self.where}: {key}: expected {expected}, got {got}. {way_out}")
+
+    def take(self, error: VdfmuError, key: str = "") -> None:
+        """Note what an error says, for a key where there is one; problems of another file have their place already."""
+        if isinstance(error, ModelError):
+            self.lines += error.problems
+        else:
+            self.lines += [f"{self.where}: {f'{key}: ' if key else ''}{line}" for line in str(error).splitlines()]
 
     def raise_any(self) -> None:
         """Raise `ModelError` with all that was noted, if anything was."""

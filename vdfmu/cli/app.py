@@ -54,12 +54,12 @@ class CommandGroup(TyperGroup):
 
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
         """Read the words before the command."""
-        with _usage_errors():
+        with _usage_errors(None):
             return super().make_context(*args, **kwargs)
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command."""
-        with _usage_errors():
+        with _usage_errors(ctx):
             return super().invoke(ctx)
 
 
@@ -68,14 +68,15 @@ _CLICK: Any = typer.BadParameter.__mro__[2]
 
 
 @contextmanager
-def _usage_errors() -> Generator[None]:
+def _usage_errors(top: Any) -> Generator[None]:
     try:
         yield
     except _CLICK as error:
         context = getattr(error, "ctx", None)
         if type(error).__name__ == "NoArgsIsHelpError":  # the message is the help
             raise
-        path = context.command_path.partition(" ")[2] if context else ""
+        # an option without its value has no context of its command
+        path = context.command_path.partition(" ")[2] if context else (top and top.invoked_subcommand) or ""
         say_error(_usage(error, path, context))
         raise typer.Exit(2) from None
 
@@ -163,7 +164,10 @@ def _value(parameter: Any, asked: Callable[[Any, Any], Any], context: Any, value
     elif kind is Path and isinstance(value, (str, Path)) and (os.access(value, os.R_OK) or not os.path.exists(value)):
         found = Path(value)
     elif not (kind is str and isinstance(value, str) or kind == list[str] and value and isinstance(value, list)):
-        return asked(context, value)
+        found = asked(context, value)
+        if any(each != each for each in (found if isinstance(found, (list, tuple)) else (found,))):
+            raise typer.BadParameter("expected a number, got nan", context, parameter)
+        return found
     return found if parameter.callback is None else parameter.callback(context, parameter, found)
 
 

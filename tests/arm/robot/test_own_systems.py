@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 
 import pytest
 
 import vdfmu
 from vdfmu.arm.robot import load_robot
+from vdfmu.base.errors import UsageError
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.check import model_notes
 from vdfmu.system.scenario.load import load_system
+from vdfmu.system.scenario.replace import with_units
 from vdfmu.system.scenario.start import with_starts
 from vdfmu.system.scenario.values import system_values
 
@@ -110,6 +113,21 @@ def test_what_a_file_says_of_the_start_counts(mine):
     assert (values["q_0[1]"], values["q_0[2]"]) == (0.1, 0.2)
     shared = SYSTEM + '[shared.mine]\nway = "q_end"\narm = "q_0"\n'
     assert system_values(mine(system=shared))["arm"]["q_0[2]"] == 0.5
+
+
+@pytest.mark.parametrize("tolerance", [0.5, math.nan, -1.0])
+def test_the_tolerance_is_one_that_the_solvers_take(mine, tolerance):
+    with pytest.raises(UsageError, match=r"arm\.tolerance: expected"):
+        system_values(dataclasses.replace(mine(), tolerance=tolerance))
+
+
+def test_the_tolerance_of_the_solvers_reaches_no_parameter_of_this_name_in_a_unit_without_one(mine, tmp_path):
+    scenario = dataclasses.replace(mine(), tolerance=1e-9)
+    more = '    tolerance = Parameter("m", text="of the parts", start=0.5)\n    q_d ='
+    (tmp_path / "own.py").write_text(OWN.replace("    q_d =", more, 1))
+    assert system_values(scenario)["arm"]["tolerance"] == 1e-9
+    scenario = with_units(scenario, {"way": tmp_path / "own.py"})
+    assert "tolerance" not in system_values(scenario)["way"]
 
 
 @pytest.mark.parametrize("name", ["system", "two_arms", "screw", "wall", "estimator"])

@@ -5,6 +5,7 @@ import pytest
 
 import vdfmu
 from vdfmu.base.errors import ModelError
+from vdfmu.system.scenario.load import load_system
 from vdfmu.system.scenario.values import system_values
 
 UNIT = '''
@@ -59,6 +60,15 @@ def test_an_element_feeds_a_scalar_and_a_scalar_an_element(folder):
     assert np.ptp(results["spring.f"]) > 1e-3
     # as for the shipped units: the plant's tolerance of 1e-7 rad, and nothing added by the connection
     assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
+
+
+def test_a_group_takes_the_place_of_the_elements_that_another_file_feeds(folder):
+    (folder / "more.toml").write_text(
+        'extends = "system.toml"\n[units]\nwall = "wall"\n[connections]\n"wall.F_e" = ["plant.F_e"]\n'
+    )
+    connections = load_system(folder / "more.toml").connections
+    assert "spring.f" not in connections
+    assert connections["plant.q[1]"] == ["spring.q"]
 
 
 @pytest.mark.parametrize(

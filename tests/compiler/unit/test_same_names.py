@@ -187,6 +187,12 @@ def test_a_change_within_a_second_and_of_no_size_is_seen(tmp_path, monkeypatch):
     assert sorted(file.name for file in tmp_path.iterdir()) == ["factor.py", "helped.py"]
 
 
+def test_a_file_that_ends_python_has_no_unit(tmp_path):
+    (tmp_path / "ends.py").write_text("import sys\n\nsys.exit()\n")
+    with pytest.raises(UnitError, match="ends.py, line 3: SystemExit"):
+        find_unit(tmp_path / "ends.py")
+
+
 def test_a_file_that_fails_leaves_no_module(tmp_path):
     (tmp_path / "beside.py").write_text("VALUE = 1\n")
     (tmp_path / "failing.py").write_text("import beside\n\n1 / 0\n")

@@ -6,7 +6,7 @@ import stat
 import pytest
 
 from vdfmu.base.errors import StorageError
-from vdfmu.base.files import pack_zip, read_member, replacing
+from vdfmu.base.files import pack_zip, read_member, replacing, write_whole
 from vdfmu.system.package.write import write_ssp
 
 
@@ -18,6 +18,8 @@ def test_a_special_file_is_refused_and_stays(tmp_path):
     for path in (pipe, link):
         with pytest.raises(StorageError, match="is a device, a pipe or another special file; expected a regular"):
             pack_zip(path, {"a": b"1"})
+        with pytest.raises(StorageError, match="is a device, a pipe or another special file; expected a regular"):
+            write_whole(path, [b"1"])
     assert stat.S_ISFIFO(pipe.stat().st_mode)
     assert sorted(tmp_path.iterdir()) == [link, pipe]
 
@@ -33,6 +35,9 @@ def test_a_link_stays_and_its_file_is_written(tmp_path, exists):
     assert link.is_symlink()
     assert read_member(target, "a") == b"1"
     assert list(target.parent.iterdir()) == [target]
+    write_whole(link, [b"2"])
+    assert link.is_symlink()
+    assert target.read_bytes() == b"2"
 
 
 def test_links_in_a_circle_are_refused(tmp_path):

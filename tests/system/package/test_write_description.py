@@ -104,6 +104,15 @@ def test_arrays_are_connected_whole_and_mixed_units_by_element():
     assert {link.start[1].name for link in mixed if link.start[1].group == "q"} == {"q[1]", "q[2]", "q[3]"}
 
 
+def test_single_elements_of_two_arrays_are_connected_by_their_indices():
+    scenario = load_scenario("planar_tracking")
+    crossed = {"trajectory.q_d[1]": ["controller.q_d[2]"], "plant.q": ["controller.q"]}
+    scenario = dataclasses.replace(scenario, system=dataclasses.replace(scenario.system, connections=crossed))
+    element, whole = SystemDescription(scenario, version="2.0").links
+    assert (element.start[1].shape, element.start_index, element.end_index) == ((2,), (1,), (2,))
+    assert (whole.start_index, whole.end_index) == ((), ())
+
+
 def test_an_array_and_scalars_are_connected_by_index():
     description = SystemDescription(load_scenario("planar_tracking"), version="2.0")
     array = next(s for s in description.signals("controller", "input") if s.name == "q")

@@ -85,7 +85,7 @@ def read_motion(problems: Problems, data: object, robot: Robot, folder: Path) ->
         try:
             return load_motion(folder / data, robot)
         except ModelError as error:
-            problems.lines.extend(error.problems)
+            problems.take(error)
             return None
     before = len(problems.lines)
     kind = Table(problems, data, "motion", list(data) if isinstance(data, dict) else ()).text("kind", choices=(*KINDS,))
@@ -110,7 +110,7 @@ def read_motion(problems: Problems, data: object, robot: Robot, folder: Path) ->
         check_motion(motion, robot)
         notes = _wide_angles(motion, robot)
     except UsageError as error:
-        problems.lines.extend(f"{problems.where}: motion: {one}" for one in str(error).splitlines())
+        problems.take(error, "motion")
         return None
     return replace(motion, notes=(*motion.notes, *notes))
 

@@ -79,11 +79,11 @@ def load_units(file: Path) -> dict[str, type[Unit]]:
         ran = True
     except SyntaxError as error:
         raise UnitError(f"{error.filename or file}, line {error.lineno}: {error.msg}.") from None
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # whatever code of others raises
         lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
         where = f"{file}, line {lines[-1]}" if lines else str(file)
         reason = str(error) if isinstance(error, UnitError) else f"{type(error).__name__}: {error}"
-        raise UnitError(f"{where}: {reason.rstrip('.')}.") from None
+        raise UnitError(f"{where}: {reason.rstrip('.: ')}.") from None
     finally:
         sys.dont_write_bytecode = writes_none
         if folder in sys.path:

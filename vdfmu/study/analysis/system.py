@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from vdfmu.base.errors import UsageError
 from vdfmu.base.progress import counted
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.engine.inspect.linear import LinearSystem, linear_system
@@ -108,6 +109,8 @@ def margins_along(
     UsageError, SspError, CosimError
         See these, and :func:`vdfmu.engine.inspect.linear.linear_system`.
     """
+    if math.isnan(growth):
+        raise UsageError("growth: expected a rate in 1/s up to which what grows counts as stable, got nan.")
     with packaged(system, settings, backend) as (package, options):
         chosen: dict[str, Any] = options | ({"algorithm": master} if master else {})
         if at is None:

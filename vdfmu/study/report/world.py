@@ -31,7 +31,7 @@ def scene_of(system: SystemDescription) -> dict[str, Any]:
     """
     scenario, resolved = system.scenario, system.resolved
     robot = scenario.plant_robot if scenario.robot else None
-    feeds = {target: source for source, targets in system.groups.items() for target in targets}
+    feeds = {target: source for source, targets in system.connections.items() for target in targets}
     arms: list[dict[str, Any]] = []
     for name in resolved.plants:
         own = scenario.system.parts[name].robot_of(robot)
@@ -97,8 +97,8 @@ def _object(system: SystemDescription, name: str) -> list[dict[str, Any]]:
                 "component": name, "kind": look, "direction": (along / length).tolist(),
                 **{key: float(group_of(table, values, key)) for key in ("distance", *more)},
                 **({"turn": f"{name}.turn"} if look == "screw" else {}),
-                "tool": next((c for c in system.resolved.plants if f"{c}.p_O" in system.groups
-                              and f"{name}.p_O" in system.groups[f"{c}.p_O"]), ""),
+                "tool": next((c for c in system.resolved.plants if f"{c}.p_O" in system.connections
+                              and f"{name}.p_O" in system.connections[f"{c}.p_O"]), ""),
                 "forces": {f"{name}.{v.name}": general_description(v.description) for v in outputs},
             }]  # fmt: skip
     return []

@@ -46,7 +46,7 @@ def _limits(system: SystemDescription) -> Iterator[ArmLimits]:
         robot = system.resolved.robots[plant]
         if robot is None or "q_0" not in unit.declared or "tau" not in unit.declared:
             continue
-        sources = [source for source, targets in system.groups.items() if f"{plant}.tau" in targets]
+        sources = [source for source, targets in system.connections.items() if f"{plant}.tau" in targets]
         controller = sources[0].partition(".")[0] if sources else ""
         cuts = controller in units and "tau_max" in units[controller].declared
         tau_max = with_named(np.full(robot.n, NO_LIMIT), "tau_max", values[controller] if cuts else {})

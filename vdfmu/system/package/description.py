@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
@@ -16,7 +16,7 @@ from vdfmu.compiler.fmu.description3 import FMI_3_TYPES
 from vdfmu.compiler.unit.interface import Interface, general_description
 from vdfmu.compiler.unit.variable import Variable
 from vdfmu.system.scenario import Scenario
-from vdfmu.system.scenario.resolved import Variables, end_signals
+from vdfmu.system.scenario.resolved import Variables
 from vdfmu.system.scenario.system_file import Box, SystemFile
 from vdfmu.system.scenario.values import system_values
 
@@ -105,8 +105,7 @@ class SystemDescription:
         self.values: Values = system_values(scenario) if values is None else values
         system = scenario.system
         self.name, self.description = system.name, system.description
-        self.groups = system.connections
-        self._shared = system.shared
+        self.connections, self._shared = system.connections, system.shared
         self.resolved = scenario.resolved
         self.tables = self.resolved.tables
         self.corners = _corners(system)
@@ -149,42 +148,28 @@ class SystemDescription:
         """All connections."""
         return tuple(
             link
-            for source, targets in self.groups.items()
+            for source, targets in self.connections.items()
             for target in targets
             for link in self._links(source, target)
         )
 
     def _links(self, source: str, target: str) -> list[ElementConnection]:
-        starts, ends = self._ends(source, "output"), self._ends(target, "input")
-        (start_unit, _), (end_unit, _) = source.split(".", 1), target.split(".", 1)
-        wholes = {s for s, _ in starts.values()}, {s for s, _ in ends.values()}
-        arrays = all(len(found) == 1 and next(iter(found)).shape for found in wholes)
-        if arrays and starts.keys() == ends.keys():
-            return [ElementConnection((start_unit, wholes[0].pop()), (end_unit, wholes[1].pop()))]
+        """Return a connection of whole arrays as one, others element by element."""
+        start, end = (name.partition(".")[0] for name in (source, target))
+        joined = self.resolved.joined(source, target)
+        pairs = [(self._signal_of[start, a.name], self._signal_of[end, b.name]) for a, b in joined]
+        whole = len(set(pairs)) == 1 and all(a.index == b.index for a, b in joined)
+        if whole and all(signal.shape and len(signal.variables) == len(pairs) for signal in pairs[0]):
+            return [ElementConnection((start, pairs[0][0]), (end, pairs[0][1]))]
         return [
-            ElementConnection((start_unit, start), (end_unit, end), _counted(start, a), _counted(end, b))
-            for index, (end, b) in ends.items()
-            if index in starts
-            for start, a in [starts[index]]
+            ElementConnection((start, first), (end, second), _counted(first, a), _counted(second, b))
+            for (a, b), (first, second) in zip(joined, pairs, strict=True)
         ]
 
-    def _ends(self, end: str, kind: str) -> dict[tuple[int, ...], tuple[PackageSignal, Variable]]:
-        """Signals and variables of one end of a connection by their indices."""
-        component, name = end.split(".", 1)
-        signals = {v: s for s in self.signals(component, kind) for v in s.variables}
-        found = end_signals(self.tables[component], name, kind)
-        return {index: (signals[v], v) for index, v in found.items()}
-
-    def element_links(self) -> Iterator[tuple[str, int, str, int]]:
-        """Yield every connection of single elements: unit and position of the output, the same of the input."""
-        for source, targets in self.groups.items():
-            for target in targets:
-                starts, ends = self._ends(source, "output"), self._ends(target, "input")
-                start, end = source.partition(".")[0], target.partition(".")[0]
-                for index, (_, variable) in ends.items():
-                    if index in starts:
-                        a, b = self.tables[start].reference, self.tables[end].reference
-                        yield start, a[starts[index][1].name], end, b[variable.name]
+    @cached_property
+    def _signal_of(self) -> dict[tuple[str, str], PackageSignal]:
+        """Component and name of a variable to the signal that has it."""
+        return {(unit, v.name): s for unit, signals in self._signals.items() for s in signals for v in s.variables}
 
     @cached_property
     def measures(self) -> list[str]:

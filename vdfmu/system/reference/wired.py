@@ -99,7 +99,11 @@ class WiredUnits:
             memory = self.memory[begin : begin + interface.size]
             memory[:] = interface.memory_of(description.values[name])
             self.units[name] = evaluation(interface, memory)
-        self._source = {(end, j): (start, i) for start, i, end, j in description.element_links()}
+        links = [
+            [(name, interfaces[name].reference[variable.name]) for name, variable in ends]
+            for ends in description.resolved.links()
+        ]
+        self._source = {end: start for start, end in links}
         self.outside: list[tuple[int, Course]] = []
         fed: set[_Node] = set()
         for table in read_inputs(description.scenario.inputs, description.scenario.input_hold):

@@ -1,4 +1,4 @@
-"""Checks of a scenario: its steps, and what looks like a wrong sign or unit of measurement."""
+"""What of a scenario looks like a wrong sign or unit of measurement, or reaches no component."""
 
 from __future__ import annotations
 
@@ -8,10 +8,7 @@ import numpy as np
 
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.arm.robot.robot import Robot
-from vdfmu.base.errors import UsageError
 from vdfmu.base.measure import WIDE_ANGLE
-from vdfmu.base.toml_tables import Problems
-from vdfmu.engine.plan.grid import count_steps
 from vdfmu.system.scenario.scenario import Scenario
 from vdfmu.system.scenario.values import section_values
 
@@ -82,12 +79,3 @@ _STRONG_GRAVITY = 30.0
 """Above that of every planet [m/s2], below 980 cm/s2."""
 _HEAVY_LINK = 500.0
 """Links of the largest industrial robots have some hundred kg; a link of half a kilogram has 500 g."""
-
-
-def check_step(problems: Problems, stop: float, step: float) -> None:
-    """Note a stop time that is not a whole number of communication steps."""
-    if stop > 0 and step > 0:
-        try:
-            count_steps(step, stop)
-        except UsageError as error:
-            problems.lines.append(f"{problems.where}: {error}")

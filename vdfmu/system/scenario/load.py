@@ -53,30 +53,25 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
     if isinstance(robot, str):
         robot = load_robot(robot)
     named: Robot | None = None
-    robot_problems: list[str] = []
+    others = Problems(str(path))
     if (robot is None or "paper" in data) and isinstance(written, str) and written:
         try:
             located = locate(written, "robots", path.parent)
             named = robot_from_dict(read_toml(located, "robots"), str(located))
-        except ModelError as error:
-            robot_problems = error.problems
-        except UsageError as error:
-            robot_problems = [f"{path}: robot: {error}"]
-    if robot is not None:
-        robot_problems = []
-        if named is None or _numbers(robot) != _numbers(named):
-            data.pop("paper", None)
+        except (ModelError, UsageError) as error:
+            if robot is None:
+                others.take(error, "robot")
+    if robot is not None and (named is None or _numbers(robot) != _numbers(named)):
+        data.pop("paper", None)
     system: SystemFile | None = None
     wired = data.get("system", "system")
     if isinstance(wired, str) and wired:
         try:
             system = load_system(wired, path.parent)
-        except ModelError as error:
-            robot_problems += error.problems
-        except UsageError as error:
-            robot_problems.append(f"{path}: system: {error}")
+        except (ModelError, UsageError) as error:
+            others.take(error, "system")
     scenario = read_scenario(problems, data, robot or named, system)
-    problems.lines.extend(robot_problems)
+    problems.lines += others.lines
     problems.raise_any()
     assert scenario is not None  # else there are problems
     if robot is not None and "robot" not in data and not scenario.resolved.takers:
@@ -117,7 +112,7 @@ def load_system(path_or_name: str | os.PathLike[str], start: Path | None = None)
         except RecursionError:
             raise ModelError(f"{path}: extends: the files extend each other.") from None
         except UsageError as error:
-            problems.lines.append(f"{path}: extends: {error}")
+            problems.take(error, "extends")
     system = read_system_file(problems, data, path, base)
     problems.raise_any()
     return system

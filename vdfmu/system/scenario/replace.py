@@ -1,4 +1,4 @@
-"""Other units for some components of a scenario's system."""
+"""Changes of a scenario: other units for some components of its system, and a payload."""
 
 from __future__ import annotations
 
@@ -10,12 +10,10 @@ from typing import Any
 import numpy as np
 
 from vdfmu.arm.robot.parameters import read_only, section
-from vdfmu.arm.units._played import Played
 from vdfmu.base.errors import UsageError
-from vdfmu.compiler.unit.unit import Unit
 from vdfmu.system.scenario.resolved import ResolvedSystem, resolve
 from vdfmu.system.scenario.scenario import Scenario
-from vdfmu.system.scenario.system_file import SystemFile
+from vdfmu.system.scenario.start import started
 from vdfmu.system.scenario.values import section_values
 
 
@@ -120,16 +118,3 @@ def _joined(scenario: Scenario, resolved: ResolvedSystem, new: Iterable[str]) ->
 
 def _has(system: ResolvedSystem, component: str, group: str, causality: str) -> bool:
     return any(v.group == group and v.causality == causality for v in system.tables[component])
-
-
-def started(
-    system: SystemFile, component: str, unit: type[Unit], sections: Mapping[str, Mapping[str, Any]]
-) -> dict[str, Any]:
-    """Return the sections with the start of a motion for what shares it with the trajectory, unless they give one."""
-    found = dict(sections)
-    if issubclass(unit, Played) and unit.rows is not None:
-        for members in system.shared.values():
-            for other, group in members.items():
-                if members.get(component) == "q_start" and other != component:
-                    found[other] = {group: unit.begin()} | dict(found.get(other, {}))
-    return found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from functools import cached_property
 
 from vdfmu.arm.robot import Robot
@@ -86,6 +86,18 @@ class ResolvedSystem:
                 found[name] = interface_of(unit, self.robots[name] if unit.needs_robot() else None)
         return found
 
+    def links(self) -> Iterator[tuple[tuple[str, Variable], tuple[str, Variable]]]:
+        """Yield every connection of single elements: component and variable of the output, the same of the input."""
+        for source, targets in self.system.connections.items():
+            for target in targets:
+                for a, b in self.joined(source, target):
+                    yield (source.partition(".")[0], a), (target.partition(".")[0], b)
+
+    def joined(self, source: str, target: str) -> list[tuple[Variable, Variable]]:
+        """Return the elements that a connection of two groups, or of single elements, joins."""
+        (start, a), (end, b) = source.split(".", 1), target.split(".", 1)
+        return _pairs(_end(self.tables[start], a, "output"), _end(self.tables[end], b, "input"))
+
     def check_connections(self) -> None:
         """Raise UsageError for connections that cannot be made, with a line for each problem.
 
@@ -98,7 +110,7 @@ class ResolvedSystem:
             starts = _signals(self.tables, source, "output", problems)
             for target in targets:
                 ends = _signals(self.tables, target, "input", problems)
-                shared = [(starts[index], ends[index]) for index in ends if index in starts]
+                shared = _pairs(starts, ends)
                 if starts and ends and not shared:
                     problems.append(
                         f"{source} -> {target}: expected signals of one shape, got {_shape(starts)} and {_shape(ends)}."
@@ -130,10 +142,17 @@ def _is_plant(unit: type[Unit]) -> bool:
     )
 
 
-def end_signals(table: Variables, name: str, causality: str) -> dict[tuple[int, ...], Variable]:
+def _end(table: Variables, name: str, causality: str) -> dict[tuple[int, ...], Variable]:
     """Variables of one end of a connection by their indices; one element, ``q[1]``, is a scalar."""
     found = [v for v in table if v.causality == causality and name in (v.group, v.name)]
     return {v.index if v.group == name else (): v for v in found}
+
+
+def _pairs(
+    starts: Mapping[tuple[int, ...], Variable], ends: Mapping[tuple[int, ...], Variable]
+) -> list[tuple[Variable, Variable]]:
+    """Return what has one index at both ends of a connection."""
+    return [(starts[index], end) for index, end in ends.items() if index in starts]
 
 
 def optional(table: Variables, name: str) -> str:
@@ -149,7 +168,7 @@ def _signals(
 ) -> dict[tuple[int, ...], Variable]:
     """Variables of one end of a connection by their indices; a problem if there are none."""
     component, _, name = end.partition(".")
-    found = end_signals(tables[component], name, causality)
+    found = _end(tables[component], name, causality)
     if not found:
         known = list(dict.fromkeys(v.group for v in tables[component] if v.causality == causality))
         way = optional(tables[component], name) or nearest(name, known)

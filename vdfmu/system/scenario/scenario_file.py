@@ -17,35 +17,34 @@ from vdfmu.arm.robot.robot_file import check_robot, section_numbers
 from vdfmu.base.errors import ModelError, UnitError, UsageError
 from vdfmu.base.toml_tables import FloatArray, Problems, Table, as_number, shape_of, shown
 from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
-from vdfmu.engine.algorithms import ALGORITHMS, is_continuous
-from vdfmu.system.scenario.check import check_step
-from vdfmu.system.scenario.replace import started
+from vdfmu.engine.algorithms import ALGORITHMS, count_steps, is_continuous
 from vdfmu.system.scenario.resolved import ROBOT_WAY_OUT, resolve
 from vdfmu.system.scenario.scenario import FACTOR_FIELDS, Scenario, apply_factors
-from vdfmu.system.scenario.start import with_starts
+from vdfmu.system.scenario.start import started, with_starts
 from vdfmu.system.scenario.system_file import SystemFile
 from vdfmu.system.scenario.values import section_values
 
 MASTER = "gauss-seidel"
 """Algorithm of a file that names none."""
-SCENARIO_KEYS = (
-    "name",
-    "description",
-    "system",
-    "robot",
-    "friction",
-    "stop",
-    "step",
-    "master",
-    "adaptive",
-    "tolerance",
-    "inputs",
-    "input_hold",
-    "payload",
-    "motion",
-    "plant_factors",
-    "paper",
-)
+KEYS = {
+    "name": "",
+    "description": "",
+    "system": "Which units, and how they are connected: a name or a TOML file",
+    "robot": "A name or a TOML file, where a component takes one",
+    "friction": "Instead of the robot's",
+    "stop": "End of the run [s]",
+    "step": "Communication step [s]",
+    "master": "How the units are stepped",
+    "adaptive": "Largest relative error of a coupled signal in a step",
+    "tolerance": "Tolerance of the solvers",
+    "inputs": "CSV file of signals for inputs that nothing is connected to",
+    "input_hold": "Hold these until the next row",
+    "payload": "",
+    "motion": "Motion of the joints instead of (57), or the TOML file with it; each kind has keys of its own",
+    "plant_factors": "",
+    "paper": "",
+}
+"""Keys of a scenario file and what they are, in words where the name does not say it."""
 ROBOT_KEYS = ("friction", "payload", "motion", "plant_factors", "paper")
 """Requirements of a scenario on its robot."""
 PAPER_LISTS = ("rms_position_error_deg", "max_position_error_deg", "rms_torque_compensation_error_nm")
@@ -63,14 +62,14 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None, system:
             system = with_starts(system)
     # sections of an unknown system may be right
     components = list(system.parts) if system is not None else [k for k, v in written.items() if isinstance(v, dict)]
-    file = Table(problems, data, "", (*SCENARIO_KEYS, *components))
+    file = Table(problems, data, "", (*KEYS, *components))
     n = robot.n if robot is not None else None
     name = file.name("name")
     description = file.text("description", "")
     file.text("system", "system")
     sections: dict[str, Any] = {}
     for component in components:
-        if component in file.data and component not in SCENARIO_KEYS:
+        if component in file.data and component not in KEYS:
             found = file.data[component]
             known = list(cast("dict[str, object]", found)) if isinstance(found, dict) else ()
             sections[component] = Table(problems, found, component, known).data
@@ -97,7 +96,11 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None, system:
         system, sections = _moved(file, robot, system, sections)
     stop = file.number("stop", "s", above=0, way_out="Give the end of the run.")
     step = file.number("step", "s", above=0, way_out="Give the communication step.")
-    check_step(problems, stop, step)
+    if stop > 0 and step > 0:
+        try:
+            count_steps(step, stop)
+        except UsageError as error:
+            problems.take(error)
     master = file.text("master", MASTER, ALGORITHMS.names(file.data.get("master", MASTER)))
     adaptive = _adaptive(file, master)
     way_out = f"{SOLVER_TOLERANCE:g} is a good start."
@@ -120,7 +123,7 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None, system:
         try:
             check_robot(apply_factors(robot, factors), f"{problems.where}: plant_factors: the plant")
         except ModelError as error:
-            problems.lines.extend(error.problems)
+            problems.take(error)
     if system is None or problems.lines:
         return None
     return Scenario(
@@ -157,7 +160,7 @@ def _moved(
     try:
         unit = motion.unit()
     except UsageError as error:
-        problems.lines.append(f"{problems.where}: {error}")
+        problems.take(error)
         return system, sections
     part = dataclasses.replace(system.parts["trajectory"], unit=unit)
     system = dataclasses.replace(system, parts={**system.parts, "trajectory": part})

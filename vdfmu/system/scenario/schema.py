@@ -26,7 +26,7 @@ from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.system.scenario.load import load_system
 from vdfmu.system.scenario.resolved import resolve
 from vdfmu.system.scenario.scenario import FACTOR_FIELDS
-from vdfmu.system.scenario.scenario_file import PAPER_LISTS
+from vdfmu.system.scenario.scenario_file import KEYS, PAPER_LISTS
 
 Schema = dict[str, Any]
 _TEXT: Schema = {"type": "string"}
@@ -72,24 +72,21 @@ def scenario_schema(system: str = "system") -> Schema:
     paper: Schema = {"source": _TEXT} | {name: _list({"type": "number", "minimum": 0}) for name in PAPER_LISTS}
     sections: Schema = {name: {"type": "object"} for name in file.parts}  # of an FMU of any tool: what it has
     sections |= {name: _table(_values(unit), []) for name, unit in resolve(file, None).units.items()}
-    keys: Schema = {
-        "name": _TEXT,
-        "description": _TEXT,
-        "system": _TEXT | {"description": "Which units, and how they are connected: a name or a TOML file"},
-        "robot": _TEXT | {"description": "A name or a TOML file, where a component takes one"},
-        "friction": {"enum": list(FRICTION_ARRANGEMENTS)} | {"description": "Instead of the robot's"},
-        "stop": positive | {"description": "End of the run [s]"},
-        "step": positive | {"description": "Communication step [s]"},
-        "master": {"enum": ALGORITHMS.names()} | {"description": "How the units are stepped"},
-        "adaptive": share | {"description": "Largest relative error of a coupled signal in a step"},
-        "tolerance": share | {"description": "Tolerance of the solvers"},
-        "inputs": _TEXT | {"description": "CSV file of signals for inputs that nothing is connected to"},
-        "input_hold": {"type": "boolean", "description": "Hold these until the next row"},
+    types: Schema = {
+        **dict.fromkeys(("name", "description", "system", "robot", "inputs"), _TEXT),
+        "friction": {"enum": list(FRICTION_ARRANGEMENTS)},
+        "stop": positive,
+        "step": positive,
+        "master": {"enum": ALGORITHMS.names()},
+        "adaptive": share,
+        "tolerance": share,
+        "input_hold": {"type": "boolean"},
         "payload": _table(_rows("payload") | {"known": {"type": "boolean"}}, _required("payload")),
         "motion": _motion(),
         "plant_factors": _table(factors, []),
         "paper": _table(paper, []),
     }
+    keys: Schema = {key: types[key] | ({"description": text} if text else {}) for key, text in KEYS.items()}
     return _file("Scenario of vdfmu", sections | keys, ["name", "stop", "step"])
 
 
@@ -132,8 +129,7 @@ def _motion() -> Schema:
         _table({"kind": {"const": kind}, **dict.fromkeys((*keys, *["file"] * (kind in OF_FILE)), {})}, ["kind"])
         for kind, (_, keys) in KINDS_OF_MOTION.items()
     ]
-    text = "Motion of the joints instead of (57), or the TOML file with it; each kind has keys of its own"
-    return {"anyOf": [_TEXT, *kinds], "description": text}
+    return {"anyOf": [_TEXT, *kinds]}
 
 
 def _visual() -> Schema:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
+from typing import Any
 
 from vdfmu.arm.units._played import Played
 from vdfmu.compiler.unit.declaration import JOINTS, Output
@@ -14,7 +16,7 @@ from vdfmu.system.scenario.system_file import SystemFile
 def leaders(resolved: ResolvedSystem) -> dict[str, str]:
     """Return plant to the component whose desired motion ``q_d`` reaches it first; without those that have several.
 
-    A plant is a component with start positions of the joints, ``q_0``.
+    Here a plant is any component with start positions of the joints, ``q_0``.
     """
     units = resolved.units
     plants = [name for name, unit in units.items() if _is_position(unit, "q_0")]
@@ -49,6 +51,19 @@ def with_starts(system: SystemFile) -> SystemFile:
             name = next(known, "start" if "start" not in shared else f"start_{plant}")
             shared[name] = {leader: "q_start", **shared.get(name, {}), plant: "q_0"}
     return dataclasses.replace(system, shared=shared)
+
+
+def started(
+    system: SystemFile, component: str, unit: type[Unit], sections: Mapping[str, Mapping[str, Any]]
+) -> dict[str, Any]:
+    """Return the sections with the start of a motion for what shares it with the trajectory, unless they give one."""
+    found = dict(sections)
+    if issubclass(unit, Played) and unit.rows is not None:
+        for members in system.shared.values():
+            for other, group in members.items():
+                if members.get(component) == "q_start" and other != component:
+                    found[other] = {group: unit.begin()} | dict(found.get(other, {}))
+    return found
 
 
 def _is_position(unit: type[Unit], name: str) -> bool:

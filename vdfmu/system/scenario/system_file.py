@@ -106,7 +106,10 @@ def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, ba
                 )  # fmt: skip
         own[source] = ends
     fed = {end for ends in own.values() for end in ends}
-    kept = {key: [end for end in ends if end not in fed] for key, ends in base.connections.items()} if base else {}
+    kept = {
+        key: [end for end in ends if fed.isdisjoint((end, end.partition("[")[0]))]
+        for key, ends in (base.connections.items() if base else ())
+    }
     connections = {key: ends for key, ends in kept.items() if ends}
     for source, ends in own.items():
         connections[source] = [*connections.get(source, ()), *ends]
@@ -130,10 +133,8 @@ def _part(problems: Problems, key: str, value: object, folder: Path) -> Part:
         if "robot" in table.data and (named := table.text("robot")):
             try:
                 robot = load_robot(locate(named, "robots", folder))
-            except ModelError as error:
-                problems.lines.extend(error.problems)
-            except UsageError as error:
-                problems.lines.append(f"{problems.where}: {where}.robot: {error}")
+            except (ModelError, UsageError) as error:
+                problems.take(error, f"{where}.robot")
         return Part(_located(unit, folder), box, robot, tuple(end for end in ENDS if table.flag(end, False)))
     problems.add(
         where,

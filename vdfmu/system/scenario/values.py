@@ -14,6 +14,7 @@ from vdfmu.arm.robot.structure import parameters
 from vdfmu.base.errors import UsageError
 from vdfmu.base.text import nearest
 from vdfmu.base.words import present_word
+from vdfmu.compiler.unit.declaration import Derivative
 from vdfmu.compiler.unit.interface import Interface, interface_of
 from vdfmu.compiler.unit.requirements import unmet
 from vdfmu.compiler.unit.unit import Unit
@@ -47,11 +48,14 @@ def system_values(scenario: Scenario, settings: Mapping[str, Any] | None = None)
 def given_values(scenario: Scenario, settings: Mapping[str, Any] | None = None) -> dict[str, Values]:
     """Return the values of :func:`system_values` without parameters that follow from others; nothing is checked."""
     resolved = scenario.resolved
+    # any other unit, or FMU of another tool, may call what it likes a tolerance
+    solvers = [n for n, u in resolved.units.items() if any(isinstance(d, Derivative) for d in u.declared.values())]
+    tolerances = _set_all(resolved, {f"{name}.tolerance": scenario.tolerance for name in solvers})
     written = _set_all(resolved, _sections(resolved, scenario.sections))
     changed = _set_all(resolved, settings or {})
     return {
         name: {v.name: v.start for v in table if isinstance(table, Interface) and is_free(resolved.system, name, v)}
-        | {v.name: scenario.tolerance for v in table if v.name == "tolerance" and v.causality == "parameter"}
+        | tolerances.get(name, {})
         | robot_parameters(name, table, scenario)
         | written.get(name, {})
         | changed.get(name, {})
