@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -17,11 +18,14 @@ import pytest
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import shipped_units
+from vdfmu.arm.units.pieces.plant_joint import PlantJoint
 from vdfmu.base.errors import FmuError, UsageError
 from vdfmu.compiler.c import PLATFORMS, compile, native_available, platforms, programs, this_platform
 from vdfmu.compiler.c.compile import Compilation, _Workshop, compile_library
+from vdfmu.compiler.c.generate import generated_sources
 from vdfmu.compiler.fmu.content import Content
 from vdfmu.compiler.fmu.native import fmi_headers, unit_sources
+from vdfmu.compiler.unit.interface import Interface
 
 SMALL = {"unit.c": b"double twice(double x) { return 2.0 * x; }\n"}
 FAST = ["trajectory", "controller"]
@@ -67,6 +71,12 @@ def test_a_cold_build_in_another_process_and_folder_has_the_same_bytes(
     )  # fmt: skip
     for path in here.values():
         assert (folder / "out" / path.name).read_bytes() == path.read_bytes(), path.name
+
+
+def test_functions_of_the_choices_of_a_unit_stand_in_one_order() -> None:
+    header = generated_sources(Interface(PlantJoint, None), "")["kernel.h"]
+    copies = re.findall(r"\w+_step_\w+(?=_avx2\()", header)
+    assert len(copies) == 4 and copies == sorted(copies)
 
 
 @pytest.mark.parametrize(

@@ -162,28 +162,34 @@ def plant_derivative(robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray
 
 
 def balance(
-    robot: Any, x: np.ndarray, q_ddot: np.ndarray, tau: np.ndarray, F_e: np.ndarray, ends: Ends = FREE
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the plant's equations of motion in implicit form, which are short to differentiate.
+    robot: Any, x: np.ndarray, x_dot: np.ndarray, tau: np.ndarray, F_e: np.ndarray, ends: Ends = FREE
+) -> np.ndarray:
+    """Return the plant's equations in implicit form, which are short to differentiate: 0 for its own x_dot.
+
+    Those of the links are ``tau_s - xi_l - ID(q, q_dot, q_ddot)`` [N m or N], with end stops; the others are the
+    differences of rates.
 
     Parameters
     ----------
     x, tau, F_e, ends : as in :func:`plant_derivative`
-    q_ddot : (n,) [rad/s2 or m/s2]
+    x_dot : as x
 
     Returns
     -------
-    links : (n,) [N m or N] ``tau_s - xi_l - ID(q, q_dot, q_ddot)``, with end stops, 0 for the plant's own q_ddot
-    rotors : (n,) [rad/s2 or m/s2] kappa_ddot while the links accelerate by q_ddot
+    residual : as x
     """
-    state = split_state(robot, x)
+    state, rate = split_state(robot, x), split_state(robot, x_dot)
     tau_l, tau_k = plant_torques(robot, state, tau)
-    motion = link_motion(robot, state.q, state.q_dot, q_ddot, ends.base)
+    motion = link_motion(robot, state.q, state.q_dot, rate.q_dot, ends.base)
     F_e = F_e + ends.M_e @ tool_acceleration(robot, motion.V_B[-1], motion.V_B_dot[-1])
     V_D = rotor_velocities(robot, motion.V_B, state.kappa_dot, ends.base.V_S)  # (4)
     F_Dk = [rotor_force(robot, i, V_D[i], tau_k[i]) for i in range(robot.n)]  # (7), (10)
-    torques = joint_torques(robot, state.q, link_forces(robot, motion, F_e, F_Dk))  # (11), (44)-(47)
-    return tau_l - torques, rotor_acceleration(robot, tau_k, motion)
+    links = tau_l - joint_torques(robot, state.q, link_forces(robot, motion, F_e, F_Dk))  # (11), (44)-(47)
+    rotors = rotor_acceleration(robot, tau_k, motion) - rate.kappa_dot
+    kappa = rotor_position(robot, state.q, state.tau_s)
+    springs = spring_rate(robot, kappa, state.kappa_dot, state.q_dot, state.tau_s) - rate.tau_s
+    added = [own - rate.options[name] for name, own in option_rates(robot, state, tau).items()]
+    return np.concatenate([state.q_dot - rate.q, links, rotors, springs, *added])
 
 
 def equilibrium_torque(robot: Any, q: np.ndarray, F_e: np.ndarray = NO_WRENCH, base: Base = AT_REST) -> np.ndarray:

@@ -6,19 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.drive.options import OPTION_STATES, OPTIONS
-from vdfmu.arm.equations.flexible_joint import rotor_acceleration, rotor_position, spring_rate
-from vdfmu.arm.equations.forward_dynamics import Rotors, forward_dynamics
-from vdfmu.arm.equations.inverse_dynamics import link_motion
+from vdfmu.arm.drive.options import OPTIONS
 from vdfmu.arm.equations.plant import (
     BasePose,
-    PlantState,
     balance,
     base_load,
     equilibrium_torque,
-    option_rates,
+    plant_derivative,
     plant_outputs,
-    plant_torques,
     rest_state,
     state_names,
     tool_motion,
@@ -165,12 +160,9 @@ class Plant(Unit):
     chain = 9  # from here on elimination along the chain takes fewer operations than that of the dense block
     experiment_stop = 0.2
 
-    def _x(self) -> Any:
-        return np.concatenate([getattr(self, name) for name in state_names(self.of_robot)])
-
-    def _state(self) -> PlantState:
-        added = {name: getattr(self, name) for name, option in OPTION_STATES.items() if getattr(self.of_robot, option)}
-        return PlantState(self.q, self.q_dot, self.kappa_dot, self.tau_s, added)
+    def _x(self, prefix: str = "") -> Any:
+        """State, or with the prefix ``der_`` its derivative."""
+        return np.concatenate([getattr(self, prefix + name) for name in state_names(self.of_robot)])
 
     def _ends(self) -> Ends:
         return Ends(base_of(self), self.M_e) if self.robot.coupled_tool else Ends(base_of(self))
@@ -204,28 +196,14 @@ class Plant(Unit):
 
     def derivatives(self) -> None:
         """Eq. (9), (10) and the springs, in the order of the docstring; then the states of options."""
-        robot, state = self.robot, self._state()
-        tau_l, tau_k = plant_torques(robot, state, self.tau)  # tau_s - xi_l, tau - tau_s / ell - xi_m
-        F_e, ends = self.F_e, self._ends()
-        rotors = Rotors(self.kappa_dot, tau_k)
-        self.der_q = self.q_dot
-        self.der_q_dot = forward_dynamics(robot, self.q, self.q_dot, tau_l, F_e, rotors, ends)  # links, (9), (11)
-        motion = link_motion(robot, self.q, self.q_dot, self.der_q_dot, ends.base)
-        self.der_kappa_dot = rotor_acceleration(robot, tau_k, motion)  # rotors, (10), (56)
-        kappa = rotor_position(robot, self.q, self.tau_s)
-        self.der_tau_s = spring_rate(robot, kappa, self.kappa_dot, self.q_dot, self.tau_s)  # springs, (2)-(3)
-        for name, rate in option_rates(robot, state, self.tau).items():
+        x_dot = plant_derivative(self.robot, self._x(), self.tau, self.F_e, self._ends())
+        names = state_names(self.of_robot)
+        for name, rate in zip(names, np.split(x_dot, len(names)), strict=True):
             setattr(self, f"der_{name}", rate)
 
     def balance(self) -> Any:
         """Balance forces, by the inverse dynamics: shorter derivatives than those of accelerations."""
-        links, rotors = balance(self.robot, self._x(), self.der_q_dot, self.tau, self.F_e, self._ends())
-        kappa = rotor_position(self.robot, self.q, self.tau_s)
-        springs = spring_rate(self.robot, kappa, self.kappa_dot, self.q_dot, self.tau_s)
-        rates = [self.q_dot - self.der_q, links, rotors - self.der_kappa_dot, springs - self.der_tau_s]
-        for name, rate in option_rates(self.robot, self._state(), self.tau).items():
-            rates.append(rate - getattr(self, f"der_{name}"))
-        return np.concatenate(rates)
+        return balance(self.robot, self._x(), self._x("der_"), self.tau, self.F_e, self._ends())
 
     def experiment(self) -> None:
         """Torques that hold the arm at its start and push it somewhat harder than friction, and a small wrench."""

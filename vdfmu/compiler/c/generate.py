@@ -63,8 +63,8 @@ class _TracedFunctions:
         self.interface = interface
         program = interface.program
         self.called = [call.function for call in program.calls]
-        self.steps = {call.function for call in program.step}
-        names = [*self.called, *sorted(self.steps), *(call.function for call in program.left)]
+        self.steps = sorted({call.function for call in program.step})
+        names = [*self.called, *self.steps, *(call.function for call in program.left)]
         self.functions = {
             name: interface.functions.casadi_function(name)
             for name in counted(f"trace {interface.name}", names, len(names))
