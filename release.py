@@ -73,7 +73,6 @@ with a step of 1 ms. The packages in `reference/` are that system, connected, an
 | --- | ---: | --- |
 {arms}
 """
-"""
 
 
 def problems(final: bool) -> list[str]:
