@@ -1,34 +1,106 @@
 """Make a release: ``make release``. It takes SOURCE_DATE_EPOCH or a fixed date, and twice gives the same bits.
 
-``dist/vdfmu-VERSION`` gets the wheel, the sdist, the bill of materials that ``make sbom`` wrote, and for each arm the
-FMUs of its units in FMI 2.0 and 3.0 for all platforms, a first motion as SSP 1.0 and 2.0, and reference results of it.
-SHA256SUMS has the digest of each file: ``sha256sum -c SHA256SUMS``.
+``dist/vdfmu-VERSION`` gets the wheel, the sdist, the bill of materials that ``make sbom`` wrote, the recipe for conda,
+and for each arm the FMUs of its units in FMI 2.0 and 3.0 for all platforms, a first motion as SSP 1.0 and 2.0, and
+reference results of it. README.md says what each file is. SHA256SUMS has the digest of each: ``sha256sum -c``.
 """
 
 from __future__ import annotations
 
 import argparse
-import hashlib
+import json
 import os
+import re
 import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
+from hashlib import sha256
 from pathlib import Path
 
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot, robot_names
+from vdfmu.arm.units import shipped_units
 from vdfmu.base.standards import FMI_3, FMI_VERSIONS
 from vdfmu.base.version import __version__
 from vdfmu.compiler.c.platforms import COMPONENT, PLATFORMS
+from vdfmu.compiler.c.programs import compiler_version
 from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.run.package import write_reference
 from vdfmu.system.scenario.values import system_values
 
 ROOT = Path(__file__).parent
 SBOM = ROOT / "dist" / "sbom.cdx.json"
+SDIST = f"vdfmu-{__version__}.tar.gz"
+RECIPE_SOURCE = (
+    "  path: ..\n",
+    f"  url: https://an.index/packages/source/v/vdfmu/{SDIST}\n  sha256: DIGEST\n",
+)
+"""Source in the recipe of the tree, and in that of a release: the address and the digest of its sdist."""
 EPOCH = "1577836800"
 """Date of the files in archives where SOURCE_DATE_EPOCH says none: 1 January 2020, as of hatchling."""
+
+README = """\
+# vdfmu {version}
+
+Serial manipulators with flexible joints as FMUs, for tools of FMI and SSP. The FMUs need neither Python nor anything else.
+
+| file | what |
+| --- | --- |
+| `ARM/fmi2.0/UNIT.fmu`, `ARM/fmi3.0/UNIT.fmu` | a unit of an arm in FMI 2.0, with scalars, and 3.0, with arrays |
+| `ARM/reference/` | the whole system of an arm as SSP 1.0 and 2.0, its results, and a script that compares yours: README.md there |
+| `vdfmu-{version}-py3-none-any.whl`, `vdfmu-{version}.tar.gz` | the Python package, and all sources: `pip install "vdfmu-{version}-py3-none-any.whl[native]"` |
+| `recipe.yaml` | the recipe of the conda package |
+| `sbom.cdx.json` | what is installed with the package, as CycloneDX |
+| `SHA256SUMS` | the digest of each file: `sha256sum -c SHA256SUMS` |
+| `LICENSE` | MIT; an FMU has its own, with the compiler's, in `documentation/licenses` |
+
+## To import an FMU
+
+Take FMI 2.0, unless your tool knows the arrays of FMI 3.0. A file has the libraries of all its platforms: {platforms}. Units are in SI, angles in rad. An FMU is a zip file: `documentation/index.html` in it has its
+equations and variables, `sources/` its C for other platforms, `extra/org.fmi-standard.fmi-ls-ref/` an experiment with its results.
+
+Plant.fmu is for co-simulation and model exchange; its input `tau` is the torque of the motors. Start values are those of the arm's first motion, so that Trajectory, Feedforward, PDController and Plant move the arm as they are: connect outputs to inputs of the same name,
+with a step of 1 ms. The packages in `reference/` are that system, connected, and its tables of results are what your tool should give.
+
+`vdfmu verify ARM/fmi2.0/Plant.fmu`, with this version of vdfmu and {compiler}, builds an FMU again and says whether it is the same to the bit.
+
+| unit | what |
+| --- | --- |
+{units}
+
+| arm | joints | what |
+| --- | ---: | --- |
+{arms}
+"""
+
+
+def problems(final: bool) -> list[str]:
+    """Return what does not fit together: version, changelog, and of a final release date and commit."""
+    changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    newest = re.search(r"^## (.*)", changelog, re.MULTILINE)
+    heading = newest[1] if newest else "none"
+    found: list[str] = []
+    if not heading.startswith(f"[{__version__}] - "):
+        found.append(f"CHANGELOG.md: expected [{__version__}] as its newest version, as vdfmu has it, got {heading}.")
+    if not final:
+        return found
+    date = heading.rpartition(" - ")[2]
+    if not re.fullmatch(r"\d{4}-\d\d-\d\d", date):
+        found.append(f"CHANGELOG.md: expected the date of the release, such as 2027-01-31, got {date}.")
+    elif f"\ndate-released: {date}\n" not in (ROOT / "CITATION.cff").read_text(encoding="utf-8"):
+        found.append(f"CITATION.cff: expected date-released: {date}, as the changelog has it.")
+    if changed := _git("status", "--porcelain"):
+        found.append(f"git: expected a commit, got changed or further files: {', '.join(changed)}.")
+    if f"v{__version__}" not in _git("tag", "--points-at", "HEAD"):
+        found.append(f"git: expected the tag v{__version__} at this commit.")
+    return found
+
+
+def _git(*arguments: str) -> list[str]:
+    """Return the lines that git prints."""
+    done = subprocess.run(["git", *arguments], cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True)
+    return done.stdout.split("\n")[:-1]
 
 
 def make(out: Path, arms: Sequence[str], platforms: Sequence[str]) -> None:
@@ -38,18 +110,41 @@ def make(out: Path, arms: Sequence[str], platforms: Sequence[str]) -> None:
     environment = {"SOURCE_DATE_EPOCH": EPOCH} | os.environ
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-t", "sdist", "-d", str(out.absolute())]
     subprocess.run(build, cwd=ROOT, env=environment, check=True)
-    if SBOM.exists():
-        shutil.copy(SBOM, out)
     for name in arms:
-        robot = load_robot(name)
+        scenario = reach_scenario(name)
+        values = system_values(scenario, {})
         for version in FMI_VERSIONS:
             fitting = [each for each in platforms if each != COMPONENT or version == FMI_3.name]
-            build_fmus(robot, out / name / f"fmi{version}", fmi_version=version, platforms=fitting, progress=True)
-        scenario = reach_scenario(name)
-        write_reference(scenario, out / name / "reference", system_values(scenario, {}))
+            build_fmus(
+                load_robot(name), out / name / f"fmi{version}", start_values=values, fmi_version=version,
+                platforms=fitting, progress=True,
+            )  # fmt: skip
+        write_reference(scenario, out / name / "reference", values)
+    _write_texts(out, arms, platforms)
     files = sorted(path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file())
-    sums = (f"{hashlib.sha256((out / name).read_bytes()).hexdigest()}  {name}\n" for name in files)
+    sums = (f"{sha256((out / name).read_bytes()).hexdigest()}  {name}\n" for name in files)
     (out / "SHA256SUMS").write_text("".join(sums), encoding="utf-8")
+
+
+def _write_texts(out: Path, arms: Sequence[str], platforms: Sequence[str]) -> None:
+    """Write what is of all arms: README, licence, recipe, and the bill of materials if there is one."""
+    robots = [load_robot(name) for name in arms]
+    readme = README.format(
+        version=__version__,
+        compiler=compiler_version(),
+        platforms=", ".join(f"`{name}`" for name in platforms),
+        units="\n".join(f"| {unit.__name__} | {unit.description()} |" for unit in shipped_units().values()),
+        arms="\n".join(f"| {robot.name} | {robot.n} | {robot.description} |" for robot in robots),
+    )
+    (out / "README.md").write_text(readme, encoding="utf-8")
+    shutil.copyfile(ROOT / "LICENSE", out / "LICENSE")
+    digest = sha256((out / SDIST).read_bytes()).hexdigest()
+    recipe = (ROOT / "conda" / "recipe.yaml").read_text(encoding="utf-8")
+    (out / "recipe.yaml").write_text(recipe.replace(*RECIPE_SOURCE).replace("DIGEST", digest), encoding="utf-8")
+    if SBOM.exists():
+        bill = json.loads(SBOM.read_bytes())
+        bill["metadata"]["component"]["version"] = __version__
+        (out / SBOM.name).write_text(json.dumps(bill, indent=1) + "\n", encoding="utf-8")
 
 
 def main() -> None:
@@ -58,7 +153,10 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=ROOT / "dist" / f"vdfmu-{__version__}")
     parser.add_argument("--only", metavar="ARM", nargs="+", choices=robot_names(), default=robot_names())
     parser.add_argument("--platform", nargs="+", choices=[*PLATFORMS], default=[*PLATFORMS])
+    parser.add_argument("--final", action="store_true", help="refuse without date in the changelog, tag and commit")
     given = parser.parse_args()
+    if found := problems(given.final):
+        parser.exit(1, "\n".join(found) + "\n")
     make(given.out, given.only, given.platform)
 
 

@@ -87,7 +87,8 @@ class Compilation:
     def objects(self) -> dict[str, str]:
         """C file to the key of its object."""
         names = sorted(name for name in self.sources if name.endswith(".c"))
-        return {name: self._key(f"object {' '.join(self.flags_of(name))}", self._needed(name)) for name in names}
+        how = {name: f"object {self.target.target} {' '.join(self.flags_of(name))}" for name in names}
+        return {name: self._key(how[name], self._needed(name)) for name in names}
 
     def flags_of(self, name: str) -> list[str]:
         """Return the flags that a C file is compiled with."""
@@ -113,11 +114,11 @@ class Compilation:
     @cached_property
     def key(self) -> str:
         """Key of the library."""
-        how = [*self.exported, *([self.world, wasm_tools()[1]] if self.world else [])]
+        how = [repr(self.target), *self.exported, *([self.world, wasm_tools()[1]] if self.world else [])]
         return self._key(f"library {' '.join([*how, *self.objects.values()])}", self.sources)
 
     def _key(self, kind: str, files: Mapping[str, bytes]) -> str:
-        digest = sha256(repr((kind, compiler_version(), self.target, self.flags)).encode())
+        digest = sha256(repr((kind, compiler_version(), self.flags)).encode())
         for name, text in sorted(files.items()):
             digest.update(f"\n{name} {len(text)}\n".encode())
             digest.update(text)
