@@ -17,7 +17,8 @@ from vdfmu.arm.robot.robot_file import check_robot, section_numbers
 from vdfmu.base.errors import ModelError, UnitError, UsageError
 from vdfmu.base.toml_tables import FloatArray, Problems, Table, as_number, shape_of, shown
 from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
-from vdfmu.engine.algorithms import ALGORITHMS, count_steps, is_continuous
+from vdfmu.engine.algorithms import ALGORITHMS, is_continuous
+from vdfmu.engine.plan.grid import count_steps
 from vdfmu.system.scenario.resolved import ROBOT_WAY_OUT, resolve
 from vdfmu.system.scenario.scenario import FACTOR_FIELDS, Scenario, apply_factors
 from vdfmu.system.scenario.start import started, with_starts
