@@ -1,4 +1,4 @@
-"""Build hook of hatchling: the README as a package index shows it, where there are no sources and links lead nowhere."""
+"""Build hook of hatchling: the README as an index shows it, without the sources that its links lead to."""
 
 from __future__ import annotations
 
