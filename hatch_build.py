@@ -1,4 +1,4 @@
-"""Build hook of hatchling: the README as a package index shows it, where links to files of the project lead nowhere."""
+"""Build hook of hatchling: the README as an index shows it, without the sources that its links lead to."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from pathlib import Path
 
 from hatchling.metadata.plugin.interface import MetadataHookInterface
 
+_SOURCES = '-c constraints.txt ".[native]"'
+"""What pip installs in a clone."""
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\((?!\w+:)([^)]*)\)")
 
 
@@ -21,7 +23,10 @@ class IndexReadme(MetadataHookInterface):
 
 
 def for_index(text: str, home: str, version: str) -> str:
-    """Return a text whose links to files lead to a version in a repository; without one, links are their words."""
+    """Return a text that installs from the index, and whose links lead to a version in a repository.
+
+    Without a repository, links are their words.
+    """
 
     def absolute(found: re.Match[str]) -> str:
         picture, words, target = found.groups()
@@ -29,4 +34,4 @@ def for_index(text: str, home: str, version: str) -> str:
             return f"{picture}[{words}]({home}/{'raw' if picture else 'blob'}/v{version}/{target})"
         return "" if picture else words
 
-    return _LINK.sub(absolute, text)
+    return _LINK.sub(absolute, text.replace(_SOURCES, '"vdfmu[native]"'))

@@ -237,9 +237,9 @@ def test_the_figures_of_paper_and_citation_are_those_of_the_pages():
     assert "within 3 %" in paper and "3 %" in measured
     for said, name, shown in (
         ("262 published arms agree", "importing.md", "262 arms imported"),
-        ("some 10⁻⁶ of the motion while its joints turn", "robot_r3.md", "some 10⁻⁶ of the motion while the joints turn"),
+        ("10⁻⁶ of the motion while its joints turn", "robot_r3.md", "10⁻⁶ of the motion while the joints turn"),
         ("eFMI checker has no finding", "efmi.md", "and the schemas | no finding"),
-        ("five arms that differ", "compare.md", "five arms"),
+        ("five arms, with eleven differences", "compare.md", "five arms, eleven mismatches"),
     ):
         assert said in paper and shown in (ROOT / "docs" / name).read_text(encoding="utf-8"), said
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")

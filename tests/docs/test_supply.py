@@ -105,6 +105,7 @@ def test_the_readme_of_an_index_has_no_link_that_leads_nowhere(tmp_path: Path) -
         text = archive.read(name).decode()
         assert "vdfmu/py.typed" in archive.namelist()
     assert "# vdfmu\n" in text and "vdfmu run tracking" in text
+    assert 'pip install "vdfmu[native]"' in text and "constraints.txt" not in text  # which are in a clone
     targets = re.findall(r"\]\(([^)]*)\)", text)
     assert all(target.startswith("https://") for target in targets)
 

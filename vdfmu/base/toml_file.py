@@ -68,7 +68,7 @@ def read_toml(path: Path, kind: str = "") -> dict[str, Any]:
         data = tomllib.loads(read_bytes(path, "a TOML file").decode("utf-8-sig"))
         problem = _TOO_DEEP if _too_deep(data) else format_problem(data.pop("format", 1))
         if not problem:
-            return _with_present_keys(data, kind, f"{path}: ")
+            return _with_present_keys(data, kind, f"{path}: ") if kind else data
     except RecursionError:
         problem = _TOO_DEEP
     except UnicodeDecodeError as error:
