@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vdfmu.base.errors import CosimError, StorageError, VdfmuError, disk_error
+from vdfmu.base.errors import CosimError, StorageError, UsageError, VdfmuError, disk_error
 from vdfmu.base.text import error_text, matching
 from vdfmu.engine.inspect.loops import Poses
 from vdfmu.engine.plan.inputs import InputTable
@@ -94,6 +95,25 @@ class Job:
     def together(self) -> list[int]:
         """Number of points of each system that are run side by side."""
         return [1 if system.program is None else LANES for system in self.systems]
+
+    def packed(self) -> bytes:
+        """Return it in the form for a worker; functions of a script go with their text.
+
+        UsageError if a function among the measures cannot be sent to another process.
+        """
+        if all(measure.function is None for measure in self.measures):
+            return pickle.dumps(self)
+        try:
+            import cloudpickle
+
+            return cloudpickle.dumps(self)
+        except ImportError:
+            raise UsageError(
+                "a function is sent to the workers by cloudpickle, which is not installed: pip install 'vdfmu[sweep]', "
+                "or write it as an expression."
+            ) from None
+        except (TypeError, pickle.PicklingError) as error:
+            raise UsageError(f"a function cannot be sent to another process: {error}.") from None
 
 
 Task = tuple[int, int, dict[str, Any]]
