@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,12 +18,8 @@ from vdfmu.base.text import error_text, matching
 from vdfmu.engine.inspect.loops import Poses
 from vdfmu.engine.plan.inputs import InputTable
 from vdfmu.engine.run import Results, Simulator
-from vdfmu.study.batch.program import LANES, BatchProgram
-from vdfmu.study.run.stability import explain
+from vdfmu.study.batch.engine import LANES, BatchProgram, Engine
 from vdfmu.study.sweeps.measures import Measure, measured
-
-if TYPE_CHECKING:
-    from vdfmu.study.batch.engine import Engine
 
 Row = dict[str, Any]
 """``point``, ``failed`` (why, or None), ``failed_at`` [s], ``wall_s``, measures and signals, by column; for some points
@@ -180,6 +176,8 @@ class Bench:
             )
         except CosimError as error:
             if loops is not None:
+                from vdfmu.study.run.stability import explain  # takes long to import
+
                 explain(error, loops)
             raise
         if loops is not None:
@@ -188,8 +186,6 @@ class Bench:
 
     def _engine(self, number: int) -> Engine:
         if number not in self._engines:
-            from vdfmu.study.batch.engine import Engine
-
             program = self._job.systems[number].program
             assert program is not None
             self._engines[number] = Engine(program, self._job.record)
