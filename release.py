@@ -22,7 +22,7 @@ from vdfmu.base.standards import FMI_3, FMI_VERSIONS
 from vdfmu.base.version import __version__
 from vdfmu.compiler.c.platforms import COMPONENT, PLATFORMS
 from vdfmu.study.analysis.reach import reach_scenario
-from vdfmu.study.run.package import write_reference
+from vdfmu.study.run.reference_folder import write_reference
 from vdfmu.system.scenario.values import system_values
 
 ROOT = Path(__file__).parent

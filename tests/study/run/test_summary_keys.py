@@ -7,7 +7,7 @@ import pytest
 
 import vdfmu
 from vdfmu.engine.simulate import run_system
-from vdfmu.study.report.summary import read_summary, typed
+from vdfmu.study.report.read_summary import read_summary, typed
 from vdfmu.study.report.summary_keys import KEYS, Keyed, List, Record
 
 
