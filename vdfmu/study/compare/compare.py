@@ -29,7 +29,7 @@ from vdfmu.engine.run.simulator import Simulator
 from vdfmu.study.compare.axes import ARMS, LAWS, MISMATCHES, MOTIONS, ComparedLaw, corner_of
 from vdfmu.study.compare.cells import PAYLOAD, ComparedArm
 from vdfmu.study.compare.comparison import AXES, LawComparison
-from vdfmu.study.compare.measures import HIDDEN, MEASURES, SIGNALS, OfRun, path_accuracy, path_repeatability
+from vdfmu.study.compare.measures import MEASURES, OF_A_RUN, SIGNALS, OfRun, path_accuracy, path_repeatability
 from vdfmu.study.compare.page import write_comparison
 from vdfmu.study.compare.words import in_words
 from vdfmu.study.options import CompareOptions, TuneOptions
@@ -259,7 +259,7 @@ def _plan(
     known = system_values(scenarios[0], {PAYLOAD: 0.0})
     limits = limits_of(SystemDescription(scenarios[0], known))
     corner = forward_kinematics(arm.robot, corner_of(arm.start, arm.end))[0]
-    measures = read_measures({n: OfRun(n, arm.robot, corner, limits) for n in (*MEASURES, *HIDDEN) if n != "RT"})
+    measures = read_measures({n: OfRun(n, arm.robot, corner, limits) for n in OF_A_RUN})
     job = Job(tuple(wired), tuple(measures), tuple(f"{name}[*" for name in SIGNALS), ())
     facts = {
         **_facts(f"{arm.name}_{law.unit}", [f"{n}={', '.join(dict.fromkeys(map(str, c)))}" for n, c in columns.items()],
