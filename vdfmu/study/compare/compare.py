@@ -156,7 +156,6 @@ def _wrong_names(chosen: Mapping[str, Sequence[str]], arms: Sequence[str]) -> It
 
 
 def _wrong_numbers(options: CompareOptions) -> Iterator[str]:
-    """Yield a line for each number out of its range."""
     for name in ("evaluations", "repeats"):
         if options[name] < 1:
             yield f"{name}: expected at least 1, got {options[name]}."
@@ -275,7 +274,6 @@ def _plan(
 
 
 def _facts(name: str, axes: list[str], n: int, seed: int) -> dict[str, Any]:
-    """Return the facts that each study has."""
     return {
         "vdfmu": __version__, "scenario": name, "source": name, "axes": axes, "sample": "grid", "n": n, "seed": seed,
         "settings": {}, "options": {}, "measures": {n: m.title for n, m in MEASURES.items()},
@@ -303,7 +301,6 @@ def _cell(arm: ComparedArm, repeats: Sequence[Row]) -> dict[str, Any]:
 
 
 def _table(folder: Path, rows: Sequence[dict[str, Any]], about: dict[str, Any]) -> LawComparison:
-    """Write the table of all cells."""
     if not rows:
         reasons = [f"{arm}: {law}: {t['why_not']}" for arm, laws in about["tunings"].items() for law, t in laws.items()]
         raise VdfmuError("no law is tuned:\n" + "\n".join(reasons))
