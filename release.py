@@ -26,7 +26,7 @@ from vdfmu.base.version import __version__
 from vdfmu.compiler.c.platforms import COMPONENT, PLATFORMS
 from vdfmu.compiler.c.programs import compiler_version
 from vdfmu.study.analysis.reach import reach_scenario
-from vdfmu.study.run.package import write_reference
+from vdfmu.study.run.reference_folder import write_reference
 from vdfmu.system.scenario.values import system_values
 
 ROOT = Path(__file__).parent

@@ -16,11 +16,12 @@ from scipy.signal import butter, sosfiltfilt
 import vdfmu
 from benchmarks.report import Report, Table
 from vdfmu.arm.equations.friction import stribeck_friction
+from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.study.identify.fit import identify
 from vdfmu.study.identify.log import Log, read_log
-from vdfmu.study.identify.regressor import body_parameters, regressor
+from vdfmu.study.identify.regressor import regressor
 
 BAND = 4.0
 """Band of the equations [Hz]; the motions have frequencies of up to 0.7 Hz."""

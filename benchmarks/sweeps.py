@@ -15,8 +15,7 @@ import numpy as np
 import vdfmu
 from benchmarks.report import Report, Table
 from benchmarks.timing import processor_time
-from vdfmu.study.batch.engine import Engine
-from vdfmu.study.batch.program import LANES
+from vdfmu.study.batch.engine import LANES, Engine
 from vdfmu.study.sweeps.job import Bench, Job
 from vdfmu.study.sweeps.measures import measured
 from vdfmu.study.sweeps.plan import Plan, make_plan

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import vdfmu
+from tests.study.page.browser import number, show
 from tests.study.sweeps.conftest import table
 from vdfmu.base.errors import UnitError, UsageError, VdfmuError
 from vdfmu.base.once import one_job
@@ -226,7 +227,7 @@ def test_the_margin_of_the_search_is_that_of_the_loops_along_the_motion(delayed,
         job = Job((of_scenario(path, [], {}, {}),), tuple(read_measures({"margin": missing})), ("*",), ())
         (row,) = Bench(job, tmp_path).run([(0, 0, {})])
         margins = ArmLoops(vdfmu.load_scenario(path), growth=GROWTH).margins(delay=int(delayed))
-    # three poses of a run here, eleven times there, which dry friction and the gravity's slope change by some per cent
+    # five times of a run here, eleven there, which dry friction and the gravity's slope change by some per cent
     assert -row["margin"] == pytest.approx(margins.modulus.min(), rel=0.05)
 
 
@@ -255,6 +256,20 @@ def test_the_words_and_the_page_have_the_numbers(small):
     data = json.loads(page.partition('type="application/json">')[2].partition("</script>")[0])["compared"]
     assert len(data["cells"]) == len(small) and data["seed"] == 3
     assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org", "")
+
+
+@pytest.mark.heavy
+def test_a_cell_of_the_page_shows_its_command(small, browser):
+    show(browser, small.folder / "report.html")
+    assert browser.run("document.querySelectorAll('.matrix button').length") == len(small)
+    (row,) = (r for r in small.rows if (r["law"], r["mismatch"]) == ("controller", "masses"))
+    wanted = "[...document.querySelectorAll('.matrix button')].find(b => b.title.startsWith('controller, masses'))"
+    browser.run(f"{wanted}.click()")
+    assert browser.run("document.querySelector('#cell pre').textContent").endswith(f"--row {row['point']}")
+    assert number(browser.run(f"{wanted}.textContent")) == pytest.approx(
+        1e3 * row["rms_tool"], rel=6e-3
+    )  # three digits
+    assert browser.problems == [] and browser.requests == browser.asked
 
 
 @pytest.mark.heavy

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 import vdfmu
 from tests.study.page.browser import show
 from vdfmu.base.errors import UsageError
+from vdfmu.base.files import PAGE_MARK, require_ours
 from vdfmu.base.quantity import quantity
 from vdfmu.cli import opening
 from vdfmu.cli.commands import app
@@ -182,6 +183,8 @@ def test_printed_pages_of_others_are_kept(results):
     assert (folder / "report.pdf").read_bytes() == b"%PDF-1.7 mine"
     done = CliRunner().invoke(app, ["report", "--no-simulate", "--pdf", str(folder), "-o", str(folder / "two.pdf")])
     assert "expected the name of the page, such as report.html" in str(done.exception)
+    (folder / "report.pdf").write_bytes(b"%PDF-1.7 " + bytes(10_000) + b"\n%" + PAGE_MARK + b"\n")
+    require_ours(folder / "report.pdf")  # as the one that a page is printed into
 
 
 def test_the_page_of_several_is_opened_and_not_printed(results, monkeypatch):

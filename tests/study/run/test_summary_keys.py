@@ -4,10 +4,10 @@ import json
 from collections.abc import Mapping
 
 import pytest
-from vdfmu.study.report.summary import read_summary, typed
 
 import vdfmu
 from vdfmu.engine.package_run import run_system
+from vdfmu.study.report.read_summary import read_summary, typed
 from vdfmu.study.report.summary_keys import KEYS, Keyed, List, Record
 
 

@@ -47,6 +47,16 @@ def test_each_joint_is_better_at_its_own_margin(tuned):
 
 
 @pytest.mark.heavy
+def test_a_function_of_a_script_is_a_cost(tmp_path):
+    found = vdfmu.tune(
+        "planar_tracking", ["controller.K_p"], lambda results: float(np.abs(results["controller.tau"]).max()),
+        limit={"far": lambda results: float(results["plant.q[1]"].max() - 100.0)}, together=True, method="global",
+        evaluations=2, stop=0.05, workers=1, out=tmp_path / "search",
+    )  # fmt: skip
+    assert found.after.feasible and found.after.cost[0] <= found.before.cost[0] < np.inf
+
+
+@pytest.mark.heavy
 def test_the_cost_is_that_of_runs_one_by_one(tuned, tmp_path):
     """To the bit: the values of the fragment are those that were run."""
     with open(tuned.folder / "tuned.toml", "rb") as file:

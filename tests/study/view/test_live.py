@@ -23,11 +23,11 @@ from vdfmu.cli.view import live_view
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report.content import arm_of
+from vdfmu.study.report.shapes import mesh_parts
 from vdfmu.study.view.live import HEAD, LiveView
 from vdfmu.study.view.live_server import ViewServer
 from vdfmu.study.view.robot import RobotView
 from vdfmu.study.view.server import PageServer
-from vdfmu.study.view.shapes import mesh_parts
 
 NAMES = [f"{name}[{i}]" for name in ("plant.q", "trajectory.q_d", "controller.tau", "plant.kappa") for i in (1, 2)]
 

@@ -8,9 +8,8 @@ import pytest
 import vdfmu
 from vdfmu.study.analysis.modes import middle_pose
 from vdfmu.study.report.content import arm_of
-from vdfmu.study.report.shapes import Chain, own_shapes, turn_to
+from vdfmu.study.report.shapes import Chain, half_axes, inertia_parts, own_shapes, turn_to
 from vdfmu.study.view.robot import mode_facts
-from vdfmu.study.view.shapes import half_axes, inertia_parts
 
 ROBOTS = vdfmu.robot_names()
 

@@ -24,22 +24,25 @@ from vdfmu.system.scenario.values import system_values
 
 @contextmanager
 def packaged(
-    system: Scenario | str | os.PathLike[str], settings: Mapping[str, Any] | None = None, backend: str | None = None
+    system: Scenario | str | os.PathLike[str],
+    settings: Mapping[str, Any] | None = None,
+    backend: str | None = None,
+    master: str | None = None,
 ) -> Generator[tuple[Path, dict[str, Any]]]:
     """Yield the package of a system, and the options of :class:`vdfmu.Simulator` that it takes.
 
-    The system is a scenario, its name or file, or an ``.ssp``; `settings` change its parameters, and `backend` is the
-    kind of a scenario's FMUs, ``native`` or ``python``.
+    The system is a scenario, its name or file, or an ``.ssp``; `settings` change its parameters, `backend` is the kind
+    of a scenario's FMUs, ``native`` or ``python``, and `master` replaces its own.
     """
     if not isinstance(system, Scenario):
         if Path(system).suffix.lower() == ".ssp":
-            yield Path(system), {"parameters": settings}
+            yield Path(system), {"parameters": settings, "algorithm": master}
             return
         system = load_scenario(system)
     values = system_values(system, settings)
     with temporary_folder("vdfmu_") as folder:
         built = cached_fmus(system, folder, backend)
-        options = {"algorithm": system.master, "inputs": system.inputs, "input_hold": system.input_hold}
+        options = {"algorithm": master or system.master, "inputs": system.inputs, "input_hold": system.input_hold}
         yield write_ssp(system, built, Path(folder) / "system.ssp", values, mixed=True), options
 
 
@@ -53,12 +56,10 @@ def linearized(
 ) -> LinearSystem:
     """Linearise the components of a scenario or package at a time of its run, by default its start.
 
-    `master` replaces its own; for the others see :func:`packaged`, for errors
-    :func:`vdfmu.engine.inspect.linear.linear_system`.
+    For the others see :func:`packaged`, for errors :func:`vdfmu.engine.inspect.linear.linear_system`.
     """
-    with packaged(system, settings, backend) as (package, options):
-        chosen: dict[str, Any] = options | ({"algorithm": master} if master else {})
-        return linear_system(package, at, **chosen)
+    with packaged(system, settings, backend, master) as (package, options):
+        return linear_system(package, at, **options)
 
 
 class SystemMargins(NamedTuple):
@@ -95,14 +96,12 @@ def margins_along(
 
     Parameters
     ----------
-    system, settings, backend
-        See :func:`packaged`.
+    system, settings, backend, master
+        See :func:`packaged`; under ``gauss-seidel`` or ``jacobi``.
     opened, growth
         See :func:`vdfmu.engine.inspect.loops.system_margins`; by default the growth that the verdict of a run allows.
     at : sequence of float, optional [s]
         Default five, evenly spread from the start to the end, as the verdict of a run has them.
-    master : str, optional
-        ``gauss-seidel`` or ``jacobi``, instead of the system's own.
 
     Raises
     ------
@@ -111,12 +110,11 @@ def margins_along(
     """
     if math.isnan(growth):
         raise UsageError("growth: expected a rate in 1/s up to which what grows counts as stable, got nan.")
-    with packaged(system, settings, backend) as (package, options):
-        chosen: dict[str, Any] = options | ({"algorithm": master} if master else {})
+    with packaged(system, settings, backend, master) as (package, options):
         if at is None:
-            begin, end, step, n = Simulator(package, **chosen).grid(None, None, None)
+            begin, end, step, n = Simulator(package, **options).grid(None, None, None)
             at = [begin + row * step for row in margin_rows(n)[:-1]] + [end]
-        found = (linear_system(package, t, **chosen) for t in counted("loops", at, len(at)))
+        found = (linear_system(package, t, **options) for t in counted("loops", at, len(at)))
         systems = [replace(one, parts=of_positions(one.parts)) for one in found]
     first = systems[0]
     names = tuple(first.parts.inputs[i] for i in first.places(opened))

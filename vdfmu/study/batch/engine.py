@@ -1,9 +1,10 @@
-"""Runs of a program in lanes."""
+"""The compiled communication steps of a system, as a worker gets them, and their runs in lanes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from ctypes import CDLL, c_int64, c_void_p
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,12 +15,39 @@ from vdfmu.base.text import matching
 from vdfmu.compiler.c.loaded import load_library
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
-from vdfmu.study.batch.program import BatchProgram
 
+LANES = 8
+"""Most lanes that a processor has."""
 _ALIGNED = 64
 """Bytes at multiples of which the memory begins."""
 _MOST = 2**30
 """Most bytes of the rows of all lanes."""
+
+
+@dataclass(frozen=True)
+class BatchProgram:
+    """The compiled communication steps of a system."""
+
+    libraries: tuple[bytes, ...]
+    """See :data:`vdfmu.study.batch.make.LEVELS`, as many as the platform has."""
+    memory: Floats
+    """Values before the start, (m,)."""
+    parameters: Mapping[str, tuple[int, float, float]]
+    """Variables that a point may set, ``component.variable``: place, least and largest value."""
+    signals: Mapping[str, tuple[int, str]]
+    """Signals that can be recorded: place and unit."""
+    optional: list[list[int]]
+    """Places set by calls that run only if one of these places is recorded."""
+    fed: npt.NDArray[np.int64]
+    """Places of the inputs from outside, (k,)."""
+    course: Floats
+    """Their values in the steps, (n, k)."""
+    points: Floats
+    """Begin of each step [s], (n,)."""
+    sizes: Floats
+    """Length of each step [s], (n,)."""
+    time: Floats
+    """Times of the rows [s], (n + 1,)."""
 
 
 class Engine:

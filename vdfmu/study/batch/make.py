@@ -16,7 +16,7 @@ from vdfmu.compiler.unit.interface import Interface
 from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.plan.grid import largest_step
 from vdfmu.engine.plan.inputs import Course
-from vdfmu.study.batch.program import BatchProgram
+from vdfmu.study.batch.engine import BatchProgram
 from vdfmu.study.batch.source import lane_sources
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.wired import WiredUnits

@@ -95,7 +95,6 @@ class _LaneCode(Code):
         )
 
     def _step(self, i: int, name: str) -> str:
-        """Text of a step of the solver of a unit."""
         unit, begin = self.system.units[name], self.system.begin(name)
         assert isinstance(unit, Traced)
         (call,) = (c for c in unit.interface.program.step if unit.takes(c))

@@ -10,8 +10,7 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
-from vdfmu.study.batch.engine import aligned, lane_library, set_lane, shown_calls
-from vdfmu.study.batch.program import BatchProgram
+from vdfmu.study.batch.engine import BatchProgram, aligned, lane_library, set_lane, shown_calls
 
 
 class SteppedLanes:

@@ -29,7 +29,7 @@ from vdfmu.engine.run.simulator import Simulator
 from vdfmu.study.compare.axes import ARMS, LAWS, MISMATCHES, MOTIONS, ComparedLaw, corner_of
 from vdfmu.study.compare.cells import PAYLOAD, ComparedArm
 from vdfmu.study.compare.comparison import AXES, LawComparison
-from vdfmu.study.compare.measures import HIDDEN, MEASURES, SIGNALS, OfRun, path_accuracy, path_repeatability
+from vdfmu.study.compare.measures import MEASURES, OF_A_RUN, SIGNALS, OfRun, path_accuracy, path_repeatability
 from vdfmu.study.compare.page import write_comparison
 from vdfmu.study.compare.words import in_words
 from vdfmu.study.options import CompareOptions, TuneOptions
@@ -156,7 +156,6 @@ def _wrong_names(chosen: Mapping[str, Sequence[str]], arms: Sequence[str]) -> It
 
 
 def _wrong_numbers(options: CompareOptions) -> Iterator[str]:
-    """Yield a line for each number out of its range."""
     for name in ("evaluations", "repeats"):
         if options[name] < 1:
             yield f"{name}: expected at least 1, got {options[name]}."
@@ -259,7 +258,7 @@ def _plan(
     known = system_values(scenarios[0], {PAYLOAD: 0.0})
     limits = limits_of(SystemDescription(scenarios[0], known))
     corner = forward_kinematics(arm.robot, corner_of(arm.start, arm.end))[0]
-    measures = read_measures({n: OfRun(n, arm.robot, corner, limits) for n in (*MEASURES, *HIDDEN) if n != "RT"})
+    measures = read_measures({n: OfRun(n, arm.robot, corner, limits) for n in OF_A_RUN})
     job = Job(tuple(wired), tuple(measures), tuple(f"{name}[*" for name in SIGNALS), ())
     facts = {
         **_facts(f"{arm.name}_{law.unit}", [f"{n}={', '.join(dict.fromkeys(map(str, c)))}" for n, c in columns.items()],
@@ -275,7 +274,6 @@ def _plan(
 
 
 def _facts(name: str, axes: list[str], n: int, seed: int) -> dict[str, Any]:
-    """Return the facts that each study has."""
     return {
         "vdfmu": __version__, "scenario": name, "source": name, "axes": axes, "sample": "grid", "n": n, "seed": seed,
         "settings": {}, "options": {}, "measures": {n: m.title for n, m in MEASURES.items()},
@@ -303,7 +301,6 @@ def _cell(arm: ComparedArm, repeats: Sequence[Row]) -> dict[str, Any]:
 
 
 def _table(folder: Path, rows: Sequence[dict[str, Any]], about: dict[str, Any]) -> LawComparison:
-    """Write the table of all cells."""
     if not rows:
         reasons = [f"{arm}: {law}: {t['why_not']}" for arm, laws in about["tunings"].items() for law, t in laws.items()]
         raise VdfmuError("no law is tuned:\n" + "\n".join(reasons))

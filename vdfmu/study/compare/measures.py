@@ -173,13 +173,14 @@ def _limited(run: PathRun) -> float:
 
 
 class FieldMeasure(NamedTuple):
-    """A measure: title, unit, what to multiply by to show it, unit shown, function of a run; less is better."""
+    """A measure: title, unit, what to multiply by to show it, unit shown; less is better."""
 
     title: str
     unit: str
     factor: float
     shown: str
-    of: Callable[[PathRun], Any]
+    of: Callable[[PathRun], Any] | None
+    """Function of a run; None for a measure of all runs of a cell."""
     more_is_better: bool = False
 
 
@@ -188,9 +189,8 @@ def _rms(x: Floats) -> float:
 
 
 MEASURES: dict[str, FieldMeasure] = {
-    "AT": FieldMeasure("path accuracy AT", "m", 1e3, "mm", lambda run: path_accuracy(
-        planes(run.p_d, run.end), crossings(run.p_d, run.p, run.end)[None])),
-    "RT": FieldMeasure("path repeatability RT", "m", 1e3, "mm", lambda run: 0.0),
+    "AT": FieldMeasure("path accuracy AT", "m", 1e3, "mm", None),
+    "RT": FieldMeasure("path repeatability RT", "m", 1e3, "mm", None),
     "CR": FieldMeasure("corner deviation CR", "m", 1e3, "mm", corner_deviation),
     "stabilisation": FieldMeasure("position stabilisation time", "s", 1e3, "ms", stabilisation),
     "overshoot": FieldMeasure("position overshoot", "m", 1e3, "mm", overshoot),
@@ -210,7 +210,8 @@ HIDDEN: dict[str, Callable[[PathRun], Any]] = {
     "unstable": _growth, "limited": _limited, "crossing": lambda run: crossings(run.p_d, run.p, run.end).ravel(),
     "place": lambda run: planes(run.p_d, run.end).ravel(),
 }  # fmt: skip
-"""What the verdict of a cell, and AT and RT of several runs, are made of."""
+"""What the verdict of a cell, and AT and RT of its runs, are made of."""
+OF_A_RUN = {name: measure.of for name, measure in MEASURES.items() if measure.of} | HIDDEN
 _OF_LOOPS = ("modulus", "unstable", "margin")
 """Measures of the loops of a run, which is linearised for them."""
 
@@ -239,4 +240,4 @@ class OfRun:
         run = PathRun(results, self.robot, self.corner, self.limits)
         if self.name == "margin":
             return self.least - _required(run, self.delayed)
-        return MEASURES[self.name].of(run) if self.name in MEASURES else HIDDEN[self.name](run)
+        return OF_A_RUN[self.name](run)

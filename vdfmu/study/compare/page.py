@@ -38,7 +38,6 @@ its other measures and the command that runs it again with everything that a run
 
 
 def _content(study: LawComparison) -> dict[str, object]:
-    """Return what the page's script draws."""
     about, rows = study.about, study.rows
     settings = {f"{r['arm']} {r['mismatch']}": json.loads(r["run"])["settings"] for r in reversed(rows)}
     return {

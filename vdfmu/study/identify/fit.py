@@ -166,5 +166,4 @@ def check_settings(robot: Robot, band: float | None, prior: float) -> None:
 
 
 def _numbers(chosen: Any) -> str:
-    """Return the numbers of joints."""
     return ", ".join(str(i + 1) for i in np.flatnonzero(chosen))

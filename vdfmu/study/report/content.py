@@ -21,6 +21,7 @@ from vdfmu.engine.results.results import Results
 from vdfmu.study.report.curves import Curve, CurveTable, Figure, Terms, recipes_of, values_of
 from vdfmu.study.report.frames import FRAMES, ArmFrames
 from vdfmu.study.report.joints import UNITS
+from vdfmu.study.report.shapes import principal
 from vdfmu.study.report.wired import joints_of
 
 EXTREMES = 1000
@@ -90,8 +91,7 @@ def _payload(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
     """
     names = ("payload_mass", "payload_centroid", "payload_inertia")
     mass, centroid, inertia = (with_named(getattr(robot, name), name, values) for name in names)
-    moments, axes = np.linalg.eigh((inertia + inertia.T) / 2.0)
-    axes[:, 2] *= np.sign(np.linalg.det(axes))
+    moments, axes = principal(inertia)
     squares = 6.0 * (moments.sum() - 2.0 * moments) / max(float(mass), 1e-9)
     cube = (float(mass) / _DENSITY) ** (1.0 / 3.0)
     sides = np.sqrt(np.maximum(squares, cube**2 / 25.0)) if squares.max() > cube**2 / 25.0 else np.full(3, cube)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -37,11 +36,8 @@ class ArmLimits(NamedTuple):
 
 def limits_of(system: SystemDescription) -> list[ArmLimits]:
     """Return the limits of the arms of a system, except arms without limits."""
-    return [one for one in _limits(system) if one.robot is not None or (one.tau_max < NO_LIMIT).any()]
-
-
-def _limits(system: SystemDescription) -> Iterator[ArmLimits]:
     units, values = system.resolved.units, system.values
+    found: list[ArmLimits] = []
     for plant, unit in units.items():
         robot = system.resolved.robots[plant]
         if robot is None or "q_0" not in unit.declared or "tau" not in unit.declared:
@@ -55,7 +51,9 @@ def _limits(system: SystemDescription) -> Iterator[ArmLimits]:
             names = (row.name for row in section("limits"))
             own = {name: with_named(getattr(robot, name), name, values[plant]) for name in names}
             limited = SimpleNamespace(**own)
-        yield ArmLimits(plant, limited, tau_max)
+        if limited is not None or (tau_max < NO_LIMIT).any():
+            found.append(ArmLimits(plant, limited, tau_max))
+    return found
 
 
 def time_at_limits(results: Results, limits: list[ArmLimits]) -> dict[str, Any]:

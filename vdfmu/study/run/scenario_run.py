@@ -220,7 +220,6 @@ def _say(log: Callable[[LogMessage], None] | None, note: str) -> None:
 
 
 def _notes(scenario: Scenario, backend: str) -> Iterator[str]:
-    """Yield what is to be known before a run."""
     yield from (f"{connection}: {_LEFT_OUT}" for connection in scenario.system.dropped)
     yield from (f"{connection}: {_JOINED}" for connection in scenario.system.joined)
     for note in (*model_notes(scenario), *build_notes(scenario.robot, backend)):

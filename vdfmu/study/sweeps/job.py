@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
+import pickle
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from vdfmu.base.errors import CosimError, StorageError, VdfmuError, disk_error
+from vdfmu.base.errors import CosimError, StorageError, UsageError, VdfmuError, disk_error
 from vdfmu.base.text import error_text, matching
 from vdfmu.engine.inspect.loops import Poses
 from vdfmu.engine.plan.inputs import InputTable
 from vdfmu.engine.run import Results, Simulator
-from vdfmu.study.batch.program import LANES, BatchProgram
-from vdfmu.study.run.stability import explain
+from vdfmu.study.batch.engine import LANES, BatchProgram, Engine
 from vdfmu.study.sweeps.measures import Measure, measured
-
-if TYPE_CHECKING:
-    from vdfmu.study.batch.engine import Engine
 
 Row = dict[str, Any]
 """``point``, ``failed`` (why, or None), ``failed_at`` [s], ``wall_s``, measures and signals, by column; for some points
@@ -95,6 +92,25 @@ class Job:
         """Number of points of each system that are run side by side."""
         return [1 if system.program is None else LANES for system in self.systems]
 
+    def packed(self) -> bytes:
+        """Return it in the form for a worker; functions of a script go with their text.
+
+        UsageError if a function among the measures cannot be sent to another process.
+        """
+        if all(measure.function is None for measure in self.measures):
+            return pickle.dumps(self)
+        try:
+            import cloudpickle
+
+            return cloudpickle.dumps(self)
+        except ImportError:
+            raise UsageError(
+                "a function is sent to the workers by cloudpickle, which is not installed: pip install 'vdfmu[sweep]', "
+                "or write it as an expression."
+            ) from None
+        except (TypeError, pickle.PicklingError) as error:
+            raise UsageError(f"a function cannot be sent to another process: {error}.") from None
+
 
 Task = tuple[int, int, dict[str, Any]]
 """Number of a point, number of its system, and the values of its axes by target."""
@@ -160,6 +176,8 @@ class Bench:
             )
         except CosimError as error:
             if loops is not None:
+                from vdfmu.study.run.stability import explain  # takes long to import
+
                 explain(error, loops)
             raise
         if loops is not None:
@@ -168,8 +186,6 @@ class Bench:
 
     def _engine(self, number: int) -> Engine:
         if number not in self._engines:
-            from vdfmu.study.batch.engine import Engine
-
             program = self._job.systems[number].program
             assert program is not None
             self._engines[number] = Engine(program, self._job.record)

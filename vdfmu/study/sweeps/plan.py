@@ -21,7 +21,7 @@ from vdfmu.base.temporary import temporary_folder
 from vdfmu.base.version import __version__
 from vdfmu.engine.options import CouplingOptions
 from vdfmu.engine.plan.inputs import read_inputs
-from vdfmu.study.batch.program import LANES, BatchProgram
+from vdfmu.study.batch.engine import LANES, BatchProgram
 from vdfmu.study.options import ENGINES, PlanOptions, ScenarioOptions
 from vdfmu.study.sweeps.axes import Axis, is_option, read_axes
 from vdfmu.study.sweeps.checks import check_overlap, default_measures, recorded, signals_of, try_measures

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Unpack
@@ -15,7 +14,6 @@ from vdfmu.base.progress import report
 from vdfmu.base.show_progress import with_progress
 from vdfmu.study.options import PlanOptions, SweepOptions
 from vdfmu.study.sweeps.chunks import Chunks
-from vdfmu.study.sweeps.job import Job
 from vdfmu.study.sweeps.ledger import Ledger
 from vdfmu.study.sweeps.local import check_workers, processors, run_here
 from vdfmu.study.sweeps.plan import Plan, make_plan, name_of
@@ -69,7 +67,7 @@ def sweep(scenario: Any, vary: Mapping[str, Any] | Sequence[str] = (), **options
 def run_plan(plan: Plan, folder: Path, options: SweepOptions) -> Sweep:
     """Run the points of a plan that the folder does not have yet; see :func:`sweep`."""
     chunk, time_limit, scheduler = options.get("chunk"), options["time_limit"], options.get("scheduler")
-    job = packed(plan.job)
+    job = plan.job.packed()
     with Ledger(folder, plan.facts, plan.key, plan.points, options["overwrite"]) as ledger:
         done = ledger.done(again="" if options.get("retry") else KILLED)
         finished, total = int(done.sum()), len(plan)
@@ -105,24 +103,3 @@ def run_plan(plan: Plan, folder: Path, options: SweepOptions) -> Sweep:
 def default_folder(scenario: Any) -> Path:
     """Return ``results/sweep_NAME``."""
     return Path("results") / f"sweep_{name_of(scenario)}"
-
-
-def packed(job: Job) -> bytes:
-    """Return a job in the form for a worker; functions of a script go with their text.
-
-    UsageError if a function among the measures cannot be sent to another process.
-    """
-    functions = [m.function for m in job.measures if m.function is not None]
-    if not functions:
-        return pickle.dumps(job)
-    try:
-        import cloudpickle
-
-        return cloudpickle.dumps(job)
-    except ImportError:
-        raise UsageError(
-            "measure: a function is sent to the workers by cloudpickle, which is not installed: "
-            "pip install 'vdfmu[sweep]', or write it as an expression."
-        ) from None
-    except (TypeError, pickle.PicklingError) as error:
-        raise UsageError(f"measure: a function cannot be sent to another process: {error}.") from None

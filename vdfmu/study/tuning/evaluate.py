@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 import queue
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -77,7 +76,7 @@ class Evaluations:
         self._next = 1 + max((row["point"] for row in known), default=-1)
         self._fresh: list[Row] = []
         self._kept_at = monotonic()
-        self._team = [Worker(pickle.dumps(problem.plan.job), time_limit) for _ in range(workers)]
+        self._team = [Worker(problem.plan.job.packed(), time_limit) for _ in range(workers)]
         self._idle: queue.SimpleQueue[Worker] = queue.SimpleQueue()
         for worker in self._team:
             self._idle.put(worker)

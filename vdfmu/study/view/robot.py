@@ -21,9 +21,8 @@ from vdfmu.study.report.content import arm_of
 from vdfmu.study.report.curves import packed
 from vdfmu.study.report.joints import UNITS
 from vdfmu.study.report.scripts import ROBOT, data_element, libraries, look, module_element
-from vdfmu.study.report.shapes import Chain, DrawnShape, drawing_of, own_shapes
+from vdfmu.study.report.shapes import Chain, DrawnShape, centres, drawing_of, inertia_parts, mesh_parts, own_shapes
 from vdfmu.study.view.server import PERIOD, PageServer
-from vdfmu.study.view.shapes import centres, inertia_parts, mesh_parts
 
 _SECTIONS = (("joints", "Joints"), ("modes", "Modes"))
 _REST = 0.3
