@@ -43,7 +43,10 @@ def try_abilities(path: Path, start: float, step: float) -> Findings:
     }
     for what, (declared, attempt) in attempts.items():
         if declared:
-            problem = _attempt(description, folder, attempt, start, step)
+            try:
+                problem = _tried(description, folder, attempt, start, step)
+            except CosimError as error:
+                problem = str(error).removeprefix("FMU: ")
             if problem:
                 findings.problem("RUN009", f"{what}: {problem}")
     return findings
@@ -75,19 +78,10 @@ def try_sandboxed(path: Path, start: float, step: float, steps: int) -> bool:
     return True
 
 
-def _attempt(
-    description: Description, folder: Path, attempt: Callable[[Instance, float, float], str], start: float, step: float
-) -> str:
-    """Take an instance through initialization and an attempt; return what is wrong."""
-    try:
-        return _tried(description, folder, attempt, start, step)
-    except CosimError as error:
-        return str(error).removeprefix("FMU: ")
-
-
 def _tried(
     description: Description, folder: Path, attempt: Callable[[Instance, float, float], str], start: float, step: float
 ) -> str:
+    """Take an instance through initialization and an attempt; return what is wrong, CosimError if a call fails."""
     instance = class_of(description)("FMU", description, folder, MessageBox(lambda message: None), set())
     instance.event_mode = attempt is _event_mode
     instance.box.time = start
@@ -129,12 +123,12 @@ def _step(instance: Instance, time: float, step: float) -> None:
     instance.run([instance.step_call(c_double(time), c_double(step))])
 
 
-def _outputs(instance: Instance) -> Floats:
-    """Return the real outputs that are got between steps."""
+def _outputs(instance: Instance) -> tuple[Floats, list[FmuVariable]]:
+    """Return the real outputs that are got between steps, values and variables."""
     own = [v for v in instance.description.named("output") if v.kind == "Real" and not v.clocks]
     values = np.zeros(len(own))
     instance.run(instance.access("Get", own, values))
-    return values
+    return values, own
 
 
 def _state(instance: Instance, start: float, step: float) -> str:
@@ -157,19 +151,18 @@ def _serialized(instance: Instance, start: float, step: float) -> str:
 def _repeated(instance: Instance, time: float, step: float, state: c_void_p) -> str:
     """Step from the current state, and from the saved state, which should equal it; return how the outputs differ."""
     _step(instance, time, step)
-    first = _outputs(instance)
+    first, outputs = _outputs(instance)
     instance.restore_state(state)
     _step(instance, time, step)
-    second = _outputs(instance)
+    second, _ = _outputs(instance)
     instance.free_state(state)
     with np.errstate(invalid="ignore"):
         wrong = ~(np.abs(second - first) <= _REPEATED * (1.0 + np.abs(first))) & np.isfinite(first)
     if not wrong.any():
         return ""
     k = int(np.argmax(wrong))
-    name = [v.name for v in instance.description.named("output") if v.kind == "Real" and not v.clocks][k]
     return (
-        f"the step from t = {time:.9g} s, repeated from the saved state, gives {name} = {second[k]:.9g}; "
+        f"the step from t = {time:.9g} s, repeated from the saved state, gives {outputs[k].name} = {second[k]:.9g}; "
         f"the first time it gave {first[k]:.9g}"
     )
 

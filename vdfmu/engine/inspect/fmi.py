@@ -11,7 +11,7 @@ from urllib.parse import unquote
 
 from lxml.etree import QName  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
-from vdfmu.engine.inspect.description import DESCRIPTION, schema_faults, variables_of
+from vdfmu.engine.inspect.description import DESCRIPTION, schema_faults, types_of, variables_of
 from vdfmu.engine.inspect.findings import Findings
 from vdfmu.engine.rules import Finding, finding, line_of
 
@@ -27,12 +27,7 @@ _SHOWN = 5
 
 def variable_faults(root: Any) -> list[Finding]:
     """Return the variables whose values break their own ranges, those with a wrong `initial`, and faulty aliases."""
-    version = str(root.get("fmiVersion"))[0]
-    types = {
-        item.get("name"): item if version == "3" else item[0]
-        for item in root.iterfind("TypeDefinitions/*")
-        if version == "3" or len(item)
-    }
+    version, types = str(root.get("fmiVersion"))[0], types_of(root)
     faults: list[Finding] = []
     for item, value in variables_of(root):
         stated = _stated(value, types)

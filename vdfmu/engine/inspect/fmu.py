@@ -103,7 +103,7 @@ def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, st
     broken, mended = _rules(unit)
     findings.add(broken)
     try:
-        description = read_unit(path)
+        description: Any = fmpy.read_model_description(str(path), validate=False)
     except Exception:  # fmpy raises bare ones for unexpected elements; `_rules` says which
         description = mended
     if description is None:
@@ -138,11 +138,6 @@ def _rules(unit: _FmuContents) -> tuple[Findings, Any]:
     if description is None:  # only faults against the schema are reported
         return Findings(problems), None
     return Findings([*problems, *ours, *build.problems], [*notes, *build.notes]), description
-
-
-def read_unit(path: Path) -> Any:
-    """Return fmpy's model description, whatever rules it breaks."""
-    return fmpy.read_model_description(str(path), validate=False)
 
 
 def _experiment(description: Any) -> list[Finding]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections import deque
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from graphlib import CycleError, TopologicalSorter
 from itertools import pairwise
@@ -346,6 +346,17 @@ def topological(nodes: Sequence[N], edges: Iterable[tuple[N, N]]) -> list[N]:
         order.append(nodes[heapq.heappop(ready)])
         graph.done(order[-1])
     return order
+
+
+def ranks(nodes: Sequence[N], edges: Iterable[tuple[N, N]], counts: Callable[[N, N], bool]) -> dict[N, int]:
+    """Return for each node of an acyclic graph how many edges that count are on a way to it, at most."""
+    before: dict[N, list[N]] = {}
+    for a, b in edges:
+        before.setdefault(b, []).append(a)
+    found: dict[N, int] = {}
+    for b in topological(nodes, edges):
+        found[b] = max((found[a] + counts(a, b) for a in before.get(b, ())), default=0)
+    return found
 
 
 def cycles(nodes: Sequence[N], edges: Iterable[tuple[N, N]]) -> list[tuple[list[N], list[N]]]:

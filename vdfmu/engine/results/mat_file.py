@@ -14,6 +14,7 @@ import numpy as np
 
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import replacing
+from vdfmu.engine.results.formats import Format
 from vdfmu.engine.results.recorded import (
     Recorded,
     from_arrays,
@@ -38,7 +39,7 @@ _TAKEN = (
 
 
 def write_mat(results: Recorded, path: Path) -> None:
-    """Write the signals that copy no other, their units, and the summary; see `Results.write`."""
+    """Write the signals that copy no other, their units, and the summary."""
     from scipy.io import savemat
 
     signals, facts = to_facts(results)
@@ -66,7 +67,7 @@ def write_mat(results: Recorded, path: Path) -> None:
 
 
 def read_mat(path: Path) -> Recorded:
-    """Read what `write_mat` wrote; see `Results.read`."""
+    """Read what `write_mat` wrote."""
     found = mat_variables(path)
     try:
         signals, summary = from_facts(str(found["vdfmu"]))
@@ -122,3 +123,6 @@ def _hdf5() -> Any:
     except ImportError as error:
         raise missing("a MATLAB file of version 7.3", "h5py", "matlab", error) from None
     return h5py
+
+
+FORMAT = Format(lambda: None, write_mat, read_mat)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import replacing
+from vdfmu.engine.results.formats import Format
 from vdfmu.engine.results.recorded import (
     Recorded,
     Signal,
@@ -62,7 +63,7 @@ def _topics(signals: list[Signal]) -> Iterator[tuple[str, str, np.dtype[Any], li
 
 
 def write_mcap(results: Recorded, path: Path) -> None:
-    """Write the signals that copy no other, and the summary; see `Results.write`."""
+    """Write the signals that copy no other, and the summary."""
     mcap = needed()[1]
     signals, facts = to_facts(results)
     topics = list(_topics(signals))
@@ -99,7 +100,7 @@ def _messages(block: Recorded, layout: np.dtype[Any], fields: list[tuple[str, li
 
 
 def read_mcap(path: Path) -> Recorded:
-    """Read what `write_mcap` wrote; see `Results.read`."""
+    """Read what `write_mcap` wrote."""
     mcap = needed()[0]
     texts: dict[str, list[bytes]] = {}
     try:
@@ -122,3 +123,6 @@ def read_mcap(path: Path) -> Recorded:
         raise
     except Exception as error:  # mcap has many kinds for a file that is damaged
         raise UsageError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
+
+
+FORMAT = Format(needed, write_mcap, read_mcap)
