@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import re
 from typing import Any
 
 from fmpy import fmi2
+from fmpy.fmi1 import FMICallException
 
 _MOST = 20
 """Most messages of a unit that are kept, from the first."""
@@ -43,3 +45,9 @@ class Said:
             from fmpy.logging import addLoggerProxy
 
             addLoggerProxy(ctypes.byref(fmi2.defaultCallbacks))
+
+
+def refuse_negative(call: str) -> None:
+    """Raise for a call, as fmpy logs it, that returned a status below 0. fmpy takes such a status for success."""
+    if match := re.fullmatch(r"(\w+)\(.*\) -> (-\d+)", call, re.DOTALL):
+        raise FMICallException(function=match[1], status=int(match[2]))

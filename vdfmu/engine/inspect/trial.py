@@ -24,8 +24,8 @@ from vdfmu.base.process import Listener, end_group, limit, started
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.engine.inspect.abilities import try_abilities, try_sandboxed
 from vdfmu.engine.inspect.findings import Findings
-from vdfmu.engine.inspect.reference import compare, refuse_negative
-from vdfmu.engine.inspect.said import Said
+from vdfmu.engine.inspect.reference import compare
+from vdfmu.engine.inspect.said import Said, refuse_negative
 from vdfmu.engine.package.limits import package_limit, unpack_limit
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import System
