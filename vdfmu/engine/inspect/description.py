@@ -45,7 +45,7 @@ _TYPE_ATTRIBUTES = (
 
 
 def description_faults(root: Any) -> tuple[list[Finding], Any]:
-    """Return all that breaks the schema or a rule, and fmpy's description, None where it breaks the schema.
+    """Return all breaches of the schema and of rules, and fmpy's description, None where it breaks the schema.
 
     fmpy stops at the first reference that leads nowhere. Such references are found here and removed from `root`, so
     that it can report everything else. If the schema is broken, only that is reported.
@@ -74,7 +74,7 @@ def _schema(name: str) -> Any:
 
 
 def schema_faults(root: Any, name: str, where: str) -> list[Finding]:
-    """Return what breaks a schema of fmpy, such as ``fmi2/fmi2ModelDescription.xsd``."""
+    """Return the breaches of a schema of fmpy, such as ``fmi2/fmi2ModelDescription.xsd``."""
     schema = _schema(name)
     if schema.validate(root):
         return []

@@ -123,7 +123,7 @@ def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, st
 
 
 def _rules(unit: _FmuContents) -> tuple[Findings, Any]:
-    """Return what breaks the schema or a rule of the standard, and fmpy's description of what is left."""
+    """Return the breaches of the schema and of the rules of the standard, and fmpy's description of what is left."""
     root = unit.roots[DESCRIPTION]
     ours = variable_faults(root)
     if TERMINALS in unit.roots:
@@ -141,7 +141,7 @@ def _rules(unit: _FmuContents) -> tuple[Findings, Any]:
 
 
 def _experiment(description: Any) -> list[Finding]:
-    """Return what is wrong with the times of the default experiment."""
+    """Return the faults of the times of the default experiment."""
     experiment = description.defaultExperiment
     problems: list[Finding] = []
 

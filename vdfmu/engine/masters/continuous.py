@@ -43,8 +43,8 @@ class ContinuousStepper(Stepper):
     schedule; each input runs linearly from its value at the start of the step to that at its end, which is the
     computed output where its source has stepped, else the predicted one; a signal from outside is known.
     `iterative` repeats that from the saved states, with better guesses, until the outputs come out as they went in.
-    What is discrete (integers, booleans, discrete reals) does not run: it changes at the end of a step, and over
-    the step has the value at its start. Where an output depends on it directly (see `Schedule.fresh`), the unit
+    Discrete signals (integers, booleans, discrete reals) do not run: they change at the end of a step, and over the
+    step have the value at its start. Where an output depends on one directly (see `Schedule.fresh`), the unit
     gets its value at the end of the step.
 
     Parameters

@@ -130,7 +130,7 @@ class Exchange:
             self._carry(link, self._value(link))
 
     def _value(self, link: Link) -> Any:
-        """Return what a connection carries now."""
+        """Return the value that a connection carries now."""
         value: Any = self._source(link)
         if link.conversion.table is not None:
             return link.conversion.table.get(int(value), int(value))

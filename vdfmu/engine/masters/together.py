@@ -63,7 +63,7 @@ class Together:
         return self._integrator.step_call(clock, size)
 
     def _planned(self, descriptions: Mapping[str, Description], links: Sequence[Link]) -> list[Callable[[], None]]:
-        """Return what passes the values on, stage by stage: outputs of one rank, then the inputs that they feed."""
+        """Return the functions that pass values on, stage by stage: outputs of one rank, then inputs that they feed."""
         ports, edges = variable_graph(descriptions, links, initial=False)
         ends = {link.end for link in links}
         rank = ranks(ports, edges, lambda _, port: port not in ends)
@@ -81,7 +81,7 @@ class Together:
         return stages
 
     def _carry(self, links: Sequence[Link]) -> Callable[[], None]:
-        """Return what copies the outputs to the inputs of connections."""
+        """Return the function that copies the outputs to the inputs of connections."""
         bank, first = self.bank, self.bank.outputs.size
         pairs = sorted((bank.position[k.end] - first, bank.position[k.start], k.conversion) for k in links)
         targets, sources = (np.array([pair[i] for pair in pairs], np.intp) for i in (0, 1))

@@ -59,7 +59,7 @@ def choose_schedule(
 ) -> tuple[str, Schedule, list[str], list[str]]:
     """Order a system by an algorithm; for None by `DEFAULT`, or jacobi if only undeclared dependencies forbid that.
 
-    Returns the algorithm, the schedule, problems as of `make_schedule`, and notes: that it is jacobi, and why.
+    Returns the algorithm, the schedule, problems, see `make_schedule`, and notes: that it is jacobi, and why.
     """
     schedule, problems = make_schedule(descriptions, links, algorithm or DEFAULT)
     if algorithm is not None or not problems:

@@ -74,6 +74,6 @@ def result_files(folder: Path | None = None) -> tuple[str, ...]:
 
 
 def choice_of_formats(suffixes: Iterable[str] | None = None) -> str:
-    """Return what may be asked for, in words; by default with all formats of other packages, which are loaded."""
+    """Return the formats in words; by default with all formats of other packages, which are loaded."""
     names = [suffix[1:] for suffix in (FORMATS.names() if suffixes is None else suffixes)]
     return f"{', '.join(names)}, or {','.join(names)} for all"
