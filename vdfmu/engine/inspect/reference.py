@@ -255,13 +255,12 @@ def _results(
         """Set the inputs to their values from a time on, or those that are `running` in a step."""
         if signals is None:
             return
-        values = _values_at(signals, time)
-        instance.set_all([
-            (v, as_type(value if v.variability == "continuous" else held, v))
-            for name, own in inputs.items()
-            for v, value, held in zip(own, *values[name], strict=True)
-            if v.variability == "continuous" or not running
-        ])  # fmt: skip
+        lines, held = _values_at(signals, time)
+        for name, own in inputs.items():
+            continuous = own[0].variability == "continuous"
+            if continuous or not running:
+                values = zip(own, (lines if continuous else held)[name].tolist(), strict=True)
+                instance.set_all([(v, bool(x) if v.kind == "Boolean" else as_type(x, v)) for v, x in values])
 
     def steps(instance: Instance, *_: float) -> str:
         read = {name: _reader(instance, own) for name, own in outputs.items()}
@@ -308,16 +307,14 @@ def _points(description: Description, expected: ReferenceTable, signals: Referen
     return start + step * np.arange(round(count) + 1)
 
 
-def _values_at(signals: ReferenceTable, time: float) -> dict[str, tuple[list[float], list[float]]]:
-    """Return the values of each input from a time on: between two rows on a line, and those of the last row."""
+def _values_at(signals: ReferenceTable, time: float) -> tuple[dict[str, Floats], dict[str, Floats]]:
+    """Return the values of each input from a time on: on the line between two rows, and of the last row."""
     last = max(int(np.searchsorted(signals.time, time, side="right")) - 1, 0)
     following = min(last + 1, len(signals.time) - 1)
     span = signals.time[following] - signals.time[last]
     part = (time - signals.time[last]) / span if span > 0.0 and time > signals.time[last] else 0.0
-    return {
-        name: ((column[last] + part * (column[following] - column[last])).tolist(), column[last].tolist())
-        for name, column in signals.columns.items()
-    }
+    held, then = ({name: x[row] for name, x in signals.columns.items()} for row in (last, following))
+    return {name: value + part * (then[name] - value) for name, value in held.items()}, held
 
 
 def _reader(instance: Instance, variables: Sequence[FmuVariable]) -> Callable[[], NDArray[Any]]:
