@@ -35,7 +35,7 @@ AGREEMENT = 1e-3
 _MANY = 20_000
 """Steps that a comparison may take in any case: seconds for a compiled unit, less than the time limit for others."""
 _EVEN = 1e-9
-"""Difference of steps that are even, as a part of the last time: rows are rounded."""
+"""Difference of steps that are even, as a part of the largest time: rows are rounded."""
 _NUMBERS = ("Real", "Integer", "Boolean", "Enumeration")
 """Types, as the master names them, that a cell of the table can hold."""
 
@@ -269,7 +269,7 @@ def _results(
                 if inputs and description.exchange:
                     instance.line = lambda time: feed(instance, time, running=True)
                 make_step(instance, points[k - 1].item(), time - points[k - 1].item())
-            if instance.box.ended:
+            if instance.box.ended and time < points[-1]:
                 raise ValueError(f"the unit ended the simulation at t = {instance.box.time:.9g} s")
             for name, values in read.items():
                 rows[name][k] = values()
@@ -296,7 +296,7 @@ def _points(description: Description, expected: ReferenceTable, signals: Referen
     points = distinct(expected.time if signals is None else np.concatenate([expected.time, signals.time]))
     points = points[(points >= start) & (points <= stop)]
     steps = np.diff(points)
-    if description.varies_steps or not steps.size or steps.max() - steps.min() <= _EVEN * stop:
+    if description.varies_steps or not steps.size or steps.max() - steps.min() <= _EVEN * np.abs(points).max():
         return points
     step = float(np.diff(distinct(expected.time)).min())
     count = (stop - start) / step
