@@ -17,7 +17,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.messages import MessageBox
-from vdfmu.engine.masters.broyden import Broyden
+from vdfmu.engine.masters.broyden import Broyden, not_solved
 from vdfmu.engine.masters.coupled import Block, Coupled, CoupledUnit
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.masters.interface import interface_inverse
@@ -313,12 +313,11 @@ class ContinuousStepper(Stepper):
             return
         i = int(np.argmax(sizes))
         unit, variable = self._variables[torn[i]]
-        still = f"still changes by {sizes[i]:.3g} of its size" if math.isfinite(sizes[i]) else "is not a number"
         way = "" if self.error is not None else ", or error control (adaptive)"
         raise CosimError(
             unit, "doStep", time,
-            f"the coupling does not converge: {variable.name} {still} after "
-            f"{count} repetitions of the step (wanted: {self.convergence:g}); choose a shorter step{way}",
+            f"the coupling does not converge: {variable.name} {not_solved(sizes[i], count, self.convergence)}; "
+            f"choose a shorter step{way}",
         )  # fmt: skip
 
     def _sweep(self, block: Block, time: float, h: float) -> None:

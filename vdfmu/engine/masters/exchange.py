@@ -18,7 +18,7 @@ from vdfmu.engine.fmu.access import KINDS, TEXTS, Call, held
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.masters.bank import Bank
-from vdfmu.engine.masters.broyden import Broyden
+from vdfmu.engine.masters.broyden import Broyden, not_solved
 from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.inputs import Course
@@ -114,14 +114,10 @@ class Exchange:
         if not np.all(sizes <= convergence):
             worst = int(np.argmax(sizes))
             link = torn[worst]
-            still = (
-                f"still changes by {sizes[worst]:.3g} of its size" if np.isfinite(sizes[worst]) else "is not a number"
-            )
             raise CosimError(
                 link.start[0], "initialization", time,
-                f"the values do not agree after {count} repetitions: {link} {still} "
-                f"(wanted: {convergence:g}). Algebraic loop: {initial.loops[initial.torn.index(link)]}. Give "
-                "start values nearer to the solution, or break the loop",
+                f"the values do not agree: {link} {not_solved(sizes[worst], count, convergence)}. Algebraic loop: "
+                f"{initial.loops[initial.torn.index(link)]}. Give start values nearer to the solution, or break it",
             )  # fmt: skip
 
     def _pass(self, links: Sequence[Link], torn: Sequence[Link] = ()) -> None:
@@ -144,7 +140,7 @@ class Exchange:
         return self.instances[link.start[0]].get(link.source)
 
     def _carry(self, link: Link, value: Value) -> None:
-        self.instances[link.end[0]].set(link.sink, value)
+        self.instances[link.end[0]].set_all([(link.sink, value)])
         if link.stepped:
             bank = self._bank(link.sink.kind)
             bank.memory[bank.position[link.end]] = held(bank.kind, value)
