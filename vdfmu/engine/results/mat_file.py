@@ -20,8 +20,8 @@ from vdfmu.engine.results.recorded import (
     from_arrays,
     from_facts,
     grouped,
+    imported,
     legal_names,
-    missing,
     no_rows,
     to_facts,
 )
@@ -107,7 +107,8 @@ def mat_variables(path: Path) -> dict[str, Any]:
                     if not str(name).startswith("_"):
                         add(str(name), value)
             except NotImplementedError:  # version 7.3
-                with _hdf5().File(file, "r") as tree:
+                (h5py,) = imported("a MATLAB file of version 7.3", "h5py", "matlab", "h5py")
+                with h5py.File(file, "r") as tree:
                     add("", tree)
     except UsageError:
         raise
@@ -115,14 +116,6 @@ def mat_variables(path: Path) -> dict[str, Any]:
         why = getattr(error, "strerror", None) or error
         raise UsageError(f"{path}: expected a MATLAB file, got what cannot be read: {why}") from None
     return {name: value for name, value in found.items() if not name.startswith("#")}
-
-
-def _hdf5() -> Any:
-    try:
-        import h5py
-    except ImportError as error:
-        raise missing("a MATLAB file of version 7.3", "h5py", "matlab", error) from None
-    return h5py
 
 
 FORMAT = Format(lambda: None, write_mat, read_mat)

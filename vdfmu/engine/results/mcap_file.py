@@ -24,8 +24,8 @@ from vdfmu.engine.results.recorded import (
     from_arrays,
     from_facts,
     grouped,
+    imported,
     legal_names,
-    missing,
     no_rows,
     to_facts,
 )
@@ -36,14 +36,9 @@ _TYPES = {"real": ("float64", "<f8"), "integer": ("int32", "<i4"), "boolean": ("
 _BLOCK = 4096
 
 
-def needed() -> tuple[ModuleType, ModuleType, ModuleType]:
+def needed() -> tuple[ModuleType, ...]:
     """Return mcap's reader and writer, and the decoder of ROS 2; UsageError if one is not installed."""
-    try:
-        from mcap import reader, writer
-        from mcap_ros2 import decoder
-    except ImportError as error:
-        raise missing("MCAP", "mcap-ros2-support", "mcap", error) from None
-    return reader, writer, decoder
+    return imported("MCAP", "mcap-ros2-support", "mcap", "mcap.reader", "mcap.writer", "mcap_ros2.decoder")
 
 
 def _topics(signals: list[Signal]) -> Iterator[tuple[str, str, np.dtype[Any], list[tuple[str, list[Signal]]]]]:

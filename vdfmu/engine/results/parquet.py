@@ -19,21 +19,16 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.files import replacing
 from vdfmu.base.json_text import to_json
 from vdfmu.engine.results.formats import Format
-from vdfmu.engine.results.recorded import Recorded, Signal, from_arrays, grouped, missing, no_rows
+from vdfmu.engine.results.recorded import Recorded, Signal, from_arrays, grouped, imported, no_rows
 
 _GROUP = 2**16
 """Rows that are compressed at a time: the part of a long run held in memory."""
 _KEY = b"vdfmu"
 
 
-def needed() -> tuple[ModuleType, ModuleType]:
+def needed() -> tuple[ModuleType, ...]:
     """Return pyarrow and its module for Parquet; UsageError if it is not installed."""
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError as error:
-        raise missing("Parquet", "pyarrow", "parquet", error) from None
-    return pyarrow, pyarrow.parquet
+    return imported("Parquet", "pyarrow", "parquet", "pyarrow", "pyarrow.parquet")
 
 
 def write_parquet(results: Recorded, path: Path) -> None:
