@@ -62,15 +62,8 @@ def run_apart(
     findings = Findings(ran=True)
     with temporary_folder("vdfmu_check_") as folder:
         try:
-            code, words = _contained(
-                module,
-                kind,
-                str(path.resolve()),
-                str(monotonic() + SECONDS - NAMING),
-                folder,
-                str(unpack_limit()),
-                task,
-            )
+            deadline = str(monotonic() + SECONDS - NAMING)
+            code, words = _contained(module, kind, str(path.resolve()), deadline, folder, str(unpack_limit()), task)
         except OSError as error:
             return Findings([finding("RUN001", f"{task} could not be tried: {error}")])
         noted = Path(folder, _PHASE)

@@ -166,7 +166,7 @@ class Exchange:
         """
         wanted = None if record is None else self._match(record)
         order = {unit: i for i, unit in enumerate(self.checked.descriptions)}
-        found: list[tuple[int, int, int, Signal]] = []
+        found: list[tuple[int, Signal]] = []
         data: dict[str, NDArray[Any]] = {}
         stores: list[Callable[[int], None]] = []
         for bank in (each for each in self.banks if each.kind not in TEXTS):
@@ -194,7 +194,7 @@ class Exchange:
                     f"{unit}.{v.name}", kind, v.unit.name if v.unit else "", columns[place],
                     f"{source}.{copied.name}" if of != i else "", late,
                 )  # fmt: skip
-                found.append((2 * order[unit] + is_input, v.reference, v.index, signal))
+                found.append((2 * order[unit] + is_input, signal))
             if bank is self.banks[0]:
                 read = {bank.position[link.start] for link in bank.links}
                 self._watched = np.array(sorted(read | {i for i in chosen if i < bank.outputs.size}), np.intp)
@@ -207,7 +207,7 @@ class Exchange:
             for each in stores:
                 each(k)
 
-        return [signal for *_, signal in found], data, stores[0] if len(stores) == 1 else store
+        return [signal for _, signal in found], data, stores[0] if len(stores) == 1 else store
 
     def reals(self, wanted: Iterable[str]) -> tuple[list[str], Floats, list[int]]:
         """Return names of real signals that match, their memory, and the place of each in it."""
