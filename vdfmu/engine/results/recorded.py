@@ -212,7 +212,7 @@ def from_arrays(time: Floats, signals: Sequence[Signal], arrays: Sequence[NDArra
 
 
 def to_facts(results: Recorded) -> tuple[list[Signal], str]:
-    """Return the signals that copy no other, and JSON, of several lines, of their names, kinds, units and the summary."""
+    """Return the signals that copy no other, and lines of JSON of their names, kinds and units and the summary."""
     signals = [s for s in results.signals if not s.of]
     return signals, to_json({"signals": [(s.name, s.kind, s.unit) for s in signals], "summary": results.summary})
 
