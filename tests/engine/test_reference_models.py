@@ -94,5 +94,19 @@ def test_the_check_compares_with_reference_results_of_model_exchange(built, tmp_
         archive.writestr(f"{REFERENCES}m_in.csv", f"time,u\n0,{cells(u)}\n1,{cells(u)}\n")
     findings = compare(path)
     assert (findings.compared, findings.notes) == (["m_out.csv"], [])
-    # 1e-3 is allowed; FMPy's solver is at 1e-5
+    # 1e-3 is allowed; the master integrates to 1e-6
     assert [problem.rule.number for problem in findings.problems] == ([] if factor == 1.0 else ["RUN003"])
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_the_check_feeds_truth_values_and_integers_of_reference_results(built, tmp_path, version):
+    path = tmp_path / "m.fmu"
+    path.write_bytes(built(models.FEEDTHROUGH if version == "3.0" else models.FEEDTHROUGH_2, version))
+    names = ("Boolean", "Int32")
+    with zipfile.ZipFile(path, "a") as archive:
+        for end, rows in (("in", ((1, 3), (0, -4), (0, -4))), ("out", ((1, 3), (1, 3), (0, -4)))):
+            head = ",".join(f"{name}_{end}put" for name in names)
+            lines = [f"{t},{','.join(map(str, row))}" for t, row in enumerate(rows)]
+            archive.writestr(f"{REFERENCES}m_{end}.csv", "\n".join([f"time,{head}", *lines]))
+    findings = compare(path)
+    assert (findings.problems, findings.compared) == ([], ["m_out.csv"])

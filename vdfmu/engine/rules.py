@@ -59,7 +59,7 @@ def line_of(element: Any) -> str:
 
 
 def finding(number: str, text: str, at: Any = ("", 0)) -> Finding:
-    """Return what breaks a rule; `at` is its place, or the element of XML."""
+    """Return the finding that a rule is broken; `at` is its place, or the element of XML."""
     file, line = at if isinstance(at, tuple) else place_of(at)
     return Finding(text, RULES[number], str(file), int(line))
 
@@ -70,7 +70,7 @@ def breach(number: str, text: str, at: Any = ("", 0)) -> SspError:
 
 
 def fmpy_found(text: str, reworded: str = "") -> Finding:
-    """Return what fmpy says of a model description as a finding; `reworded`, if given, is its text."""
+    """Return the finding of a message of fmpy on a model description; `reworded`, if given, is its text."""
     number = next((number for number, word in _FMPY if word in text), "FMI013")
     line = re.search(r"\(line (\d+)\)", text)
     return finding(number, reworded or text, ("modelDescription.xml", int(line[1]) if line else 0))

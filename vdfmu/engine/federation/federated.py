@@ -149,6 +149,10 @@ class Federated(Elsewhere):
         }
         return {"federates": federates, "core": self._plan.core}
 
+    def notes(self) -> list[str]:
+        """Return notes on the run: none."""
+        return []
+
     def close(self) -> CosimError | None:
         """Free all, end the processes, the broker's last, and return the first failure."""
         failures = [federate.close() for federate in reversed(self._federates.values())]

@@ -11,7 +11,7 @@ from vdfmu.engine.fmu.description import Description, FmuVariable
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.feed import Feed
 from vdfmu.engine.plan.link import SOURCE, Link, Port
-from vdfmu.engine.plan.schedule import topological, variable_graph
+from vdfmu.engine.plan.schedule import ranks, variable_graph
 
 
 class Sent(NamedTuple):
@@ -54,13 +54,7 @@ def levels(checked: Checked, crossing: Sequence[Link]) -> dict[Port, int]:
     ports, edges = variable_graph(checked.sources, checked.links, initial=True)
     edges -= {(link.start, link.end) for link in checked.schedule.initial.torn}
     between = {(link.start, link.end) for link in crossing}
-    levels = dict.fromkeys(ports, 0)
-    into: dict[Port, list[Port]] = {}
-    for a, b in edges:
-        into.setdefault(b, []).append(a)
-    for b in topological(ports, edges):
-        levels[b] = max((levels[a] + ((a, b) in between) for a in into.get(b, ())), default=0)
-    return levels
+    return ranks(ports, edges, lambda a, b: (a, b) in between)
 
 
 def share(checked: Checked, components: Collection[str]) -> Checked:

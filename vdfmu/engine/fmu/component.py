@@ -81,7 +81,7 @@ def sandboxed(engine: Any, component: Any, log: Callable[..., None]) -> tuple[An
 class ComponentInstance(Instance3):
     """An instance of an FMU of FMI 3.0 in a sandbox.
 
-    What fmpy's instance is to the other classes is `_Methods` here; functions take Python's values.
+    `_Methods` takes the place of fmpy's instance; functions take Python's values.
     """
 
     _unit: cv.Handle | None = None
@@ -313,27 +313,18 @@ class _Methods:
         self.freeInstance = instance.release
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
-        if name[3:] in Instance3.dtypes:
-            return partial(self._typed, name, Instance3.dtypes[name[3:]])
         return partial(self._instance.ask, name)
-
-    def _typed(self, name: str, dtype: Any, references: Sequence[int], values: Any = (), nValues: int = 0) -> Any:
-        lists = [np.array(values, dtype)] if name.startswith("set") else []
-        return self._instance.ask(name, np.array(references, np.uint32), *lists)
 
     def enterInitializationMode(
         self, tolerance: float | None = None, startTime: float = 0.0, stopTime: float | None = None
     ) -> None:
         self._instance.ask("enterInitializationMode", cv.Optional(tolerance), float(startTime), cv.Optional(stopTime))
 
-    def doStep(self, time: float, size: float) -> None:
-        self._instance.ask("doStep", float(time), float(size), True)
-
     def completedIntegratorStep(self) -> Any:
         return self._instance.ask("completedIntegratorStep", True)
 
     def getFMUState(self) -> Any:
-        """Return the bytes of a state; of an empty list there is no telling what it is a list of."""
+        """Return the bytes of a state; an empty list does not say what it is a list of."""
         return np.asarray(self._instance.ask("getFMUState"), np.uint8)
 
     def freeFMUState(self, state: Any) -> None:

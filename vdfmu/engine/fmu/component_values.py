@@ -1,6 +1,6 @@
 """Values of calls of a component of WebAssembly, as the C interface of wasmtime has them.
 
-What the package wasmtime makes of a call is an object for each number. Here the values of a list are one array: a value
+The package wasmtime makes an object for each number of a call. Here the values of a list are one array: a value
 of wasmtime is 32 bytes, `ROW`, which begin with its kind; a number follows after 8 bytes, or the size of a list and its
 address.
 """

@@ -12,7 +12,7 @@ import numpy as np
 from fmpy.model_description import CoSimulation, ModelDescription, ValidationError, read_model_description
 
 from vdfmu.base.errors import SspError
-from vdfmu.base.standards import FMI_2, FMI_3, FMI_VERSIONS, FmiVersion
+from vdfmu.base.standards import FMI_2, FMI_VERSIONS, FmiVersion
 from vdfmu.engine.fmu.variables import FmuVariable, element_names, read_variables, type_of
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.elements import read_units
@@ -81,7 +81,7 @@ class Description:
     @property
     def binary(self) -> str:
         """The member that holds the binary that runs."""
-        return (component_name if self.sandboxed else library_name)(self.identifier, self.version)
+        return component_name(self.identifier) if self.sandboxed else library_name(self.identifier, self.version)
 
     @property
     def sampled(self) -> list[FmuVariable]:
@@ -118,7 +118,7 @@ def library_name(identifier: str, version: FmiVersion) -> str:
     return f"binaries/{platform}/{identifier}{fmpy.sharedLibraryExtension}"
 
 
-def component_name(identifier: str, _: FmiVersion = FMI_3) -> str:
+def component_name(identifier: str) -> str:
     """Return the member of an FMU that holds a component of WebAssembly, as the draft FMI-LS-WASM has it."""
     return f"binaries/{COMPONENTS}/{identifier}.wasm"
 

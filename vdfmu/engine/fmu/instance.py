@@ -209,10 +209,6 @@ class Instance(Library):
         self.run(self.access("Get", [variable], values))
         return shown(variable.kind, values[0])
 
-    def set(self, variable: FmuVariable, value: Value) -> None:
-        """Set one variable."""
-        self.set_all([(variable, value)])
-
     def set_all(self, values: Starts) -> None:
         """Set many variables with one call a type."""
         for variable, value in values:

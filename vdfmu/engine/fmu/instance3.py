@@ -14,7 +14,7 @@ from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import Call, Transfer
 from vdfmu.engine.fmu.instance import Instance, Starts, Steps
 from vdfmu.engine.fmu.messages import on_message
-from vdfmu.engine.fmu.variables import FmuVariable
+from vdfmu.engine.fmu.variables import INTEGERS, FmuVariable
 
 _EVENT, _END, _EARLY = range(3)
 """Answers of doStep."""
@@ -31,7 +31,7 @@ class Instance3(Instance):
     prefix, sized, derivatives_name = "fmi3", True, "GetContinuousStateDerivatives"
     dtypes = {  # noqa: RUF012
         "Float64": np.float64, "Float32": np.float32, "Boolean": np.bool_, "String": np.uintp, "Binary": np.uintp,
-        **{f"{sign}Int{bits}": np.dtype(f"{sign.lower()}int{bits}") for sign in ("", "U") for bits in (8, 16, 32, 64)},
+        **{name: np.dtype(name.lower()) for name in INTEGERS},
     }  # fmt: skip
 
     event_needed = False

@@ -14,15 +14,13 @@ from vdfmu.base.standards import FMI_VERSIONS
 from vdfmu.engine.package.system import UnitFactor, Value
 
 _KIND = {"Enumeration": "Integer"}
+INTEGERS = tuple(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64))
+"""Integer types of FMI 3.0; numpy's have the same names in small letters."""
 RANGES = {"Integer": (-(2**31), 2**31 - 1)} | {
-    f"{sign}Int{bits}": (0, min(2**bits, 2**63) - 1) if sign else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
-    for sign in ("", "U")
-    for bits in (8, 16, 32, 64)
+    name: (int(np.iinfo(name.lower()).min), min(int(np.iinfo(name.lower()).max), 2**63 - 1)) for name in INTEGERS
 }
 """Least and largest value of integer types; for UInt64, of the values that the master passes on."""
-_TYPES = {"Float32": "Real", "Float64": "Real"} | {
-    f"{sign}Int{bits}": "Integer" for sign in ("", "U") for bits in (8, 16, 32, 64)
-}
+_TYPES = {"Float32": "Real", "Float64": "Real", **dict.fromkeys(INTEGERS, "Integer")}
 """Types of FMI 3.0 that the master treats as a type of FMI 2.0."""
 
 

@@ -20,6 +20,8 @@ from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.inspect.findings import Findings
 from vdfmu.engine.package.archive import Archive
 
+Attempt = Callable[[Instance, float, float], str]
+"""Takes an instance after its initialization, start and step [s]; returns what is wrong."""
 _MOST = 20
 """Directional derivatives are asked for of this many outputs, the first."""
 _REPEATED = 1e-9
@@ -34,7 +36,7 @@ def try_abilities(path: Path, start: float, step: float) -> Findings:
         return findings
     folder = Path(fmpy.extract(str(path)))
     simulated = not description.exchange
-    attempts: dict[str, tuple[bool, Callable[[Instance, float, float], str]]] = {
+    attempts: dict[str, tuple[bool, Attempt]] = {
         "event mode (hasEventMode)": (description.event_mode, _event_mode),
         "inputs, set to their start values": (bool(_inputs(description)), _stepped),
         "FMU state (canGetAndSetFMUState)": (simulated and description.saves_state, _state),
@@ -43,7 +45,10 @@ def try_abilities(path: Path, start: float, step: float) -> Findings:
     }
     for what, (declared, attempt) in attempts.items():
         if declared:
-            problem = _attempt(description, folder, attempt, start, step)
+            try:
+                problem = tried(description, folder, attempt, start, step)
+            except CosimError as error:
+                problem = str(error).removeprefix("FMU: ")
             if problem:
                 findings.problem("RUN009", f"{what}: {problem}")
     return findings
@@ -65,29 +70,26 @@ def try_sandboxed(path: Path, start: float, step: float, steps: int) -> bool:
         return False
 
     def stepped(instance: Instance, start: float, step: float) -> str:
-        if not description.exchange:
-            instance.leave_event()
         for k in range(steps):
-            _step(instance, start + k * step, step)
+            make_step(instance, start + k * step, step)
         return ""
 
-    _tried(description, Path(fmpy.extract(str(path))), stepped, start, step)
+    tried(description, Path(fmpy.extract(str(path))), stepped, start, step)
     return True
 
 
-def _attempt(
-    description: Description, folder: Path, attempt: Callable[[Instance, float, float], str], start: float, step: float
+def tried(
+    description: Description,
+    folder: Path,
+    attempt: Attempt,
+    start: float,
+    step: float,
+    begin: Callable[[Instance], None] = lambda instance: None,
 ) -> str:
-    """Take an instance through initialization and an attempt; return what is wrong."""
-    try:
-        return _tried(description, folder, attempt, start, step)
-    except CosimError as error:
-        return str(error).removeprefix("FMU: ")
+    """Take an instance through initialization and an attempt; return what is wrong, CosimError if a call fails.
 
-
-def _tried(
-    description: Description, folder: Path, attempt: Callable[[Instance, float, float], str], start: float, step: float
-) -> str:
+    `begin` is called in initialization mode.
+    """
     instance = class_of(description)("FMU", description, folder, MessageBox(lambda message: None), set())
     instance.event_mode = attempt is _event_mode
     instance.box.time = start
@@ -95,6 +97,7 @@ def _tried(
         instance.instantiate()
         instance.prepare(None, start, start + 10 * step, [])
         instance.enter_initialization()
+        begin(instance)
         instance.exit_initialization(ModelExchangeIntegrator)
         return attempt(instance, start, step)
     finally:
@@ -108,45 +111,44 @@ def _inputs(description: Description) -> list[FmuVariable]:
 
 def _event_mode(instance: Instance, start: float, step: float) -> str:
     instance.update(start)
-    instance.leave_event()
-    _step(instance, start, step)
+    make_step(instance, start, step)
     return ""
 
 
 def _stepped(instance: Instance, start: float, step: float) -> str:
     """Set the inputs and step, twice; they are set again once the instance has states."""
     for k in range(2):
-        if instance.description.exchange and k:
-            instance.enter_event()
         instance.set_all([(v, v.start) for v in _inputs(instance.description)])
-        instance.leave_event()
-        _step(instance, start + k * step, step)
+        make_step(instance, start + k * step, step)
     return ""
 
 
-def _step(instance: Instance, time: float, step: float) -> None:
+def make_step(instance: Instance, time: float, step: float) -> None:
+    """Do a step from a time [s]; for model exchange it begins and ends in event mode."""
+    if not instance.description.exchange:
+        instance.leave_event()
     instance.box.time = time
     instance.run([instance.step_call(c_double(time), c_double(step))])
 
 
-def _outputs(instance: Instance) -> Floats:
-    """Return the real outputs that are got between steps."""
+def _outputs(instance: Instance) -> tuple[Floats, list[FmuVariable]]:
+    """Return the real outputs that are got between steps, values and variables."""
     own = [v for v in instance.description.named("output") if v.kind == "Real" and not v.clocks]
     values = np.zeros(len(own))
     instance.run(instance.access("Get", own, values))
-    return values
+    return values, own
 
 
 def _state(instance: Instance, start: float, step: float) -> str:
     """Step, step again from the saved state, and compare."""
-    _step(instance, start, step)
+    make_step(instance, start, step)
     state = instance.saved_state()
     return _repeated(instance, start + step, step, state)
 
 
 def _serialized(instance: Instance, start: float, step: float) -> str:
     """Do the same with a state that was bytes in between."""
-    _step(instance, start, step)
+    make_step(instance, start, step)
     state = instance.saved_state()
     content = instance.fmu.serializeFMUState(state)
     instance.free_state(state)
@@ -156,28 +158,26 @@ def _serialized(instance: Instance, start: float, step: float) -> str:
 
 def _repeated(instance: Instance, time: float, step: float, state: c_void_p) -> str:
     """Step from the current state, and from the saved state, which should equal it; return how the outputs differ."""
-    _step(instance, time, step)
-    first = _outputs(instance)
+    make_step(instance, time, step)
+    first, outputs = _outputs(instance)
     instance.restore_state(state)
-    _step(instance, time, step)
-    second = _outputs(instance)
+    make_step(instance, time, step)
+    second, _ = _outputs(instance)
     instance.free_state(state)
     with np.errstate(invalid="ignore"):
         wrong = ~(np.abs(second - first) <= _REPEATED * (1.0 + np.abs(first))) & np.isfinite(first)
     if not wrong.any():
         return ""
     k = int(np.argmax(wrong))
-    name = [v.name for v in instance.description.named("output") if v.kind == "Real" and not v.clocks][k]
     return (
-        f"the step from t = {time:.9g} s, repeated from the saved state, gives {name} = {second[k]:.9g}; "
+        f"the step from t = {time:.9g} s, repeated from the saved state, gives {outputs[k].name} = {second[k]:.9g}; "
         f"the first time it gave {first[k]:.9g}"
     )
 
 
 def _derivatives(instance: Instance, start: float, step: float) -> str:
     """Ask for the directional derivative of each output by the inputs on which it depends."""
-    instance.leave_event()
-    _step(instance, start, step)
+    make_step(instance, start, step)
     description = instance.description
 
     def continuous(causality: str) -> list[FmuVariable]:

@@ -45,7 +45,7 @@ _TYPE_ATTRIBUTES = (
 
 
 def description_faults(root: Any) -> tuple[list[Finding], Any]:
-    """Return all that breaks the schema or a rule, and fmpy's description, None where it breaks the schema.
+    """Return all breaches of the schema and of rules, and fmpy's description, None where it breaks the schema.
 
     fmpy stops at the first reference that leads nowhere. Such references are found here and removed from `root`, so
     that it can report everything else. If the schema is broken, only that is reported.
@@ -74,7 +74,7 @@ def _schema(name: str) -> Any:
 
 
 def schema_faults(root: Any, name: str, where: str) -> list[Finding]:
-    """Return what breaks a schema of fmpy, such as ``fmi2/fmi2ModelDescription.xsd``."""
+    """Return the breaches of a schema of fmpy, such as ``fmi2/fmi2ModelDescription.xsd``."""
     schema = _schema(name)
     if schema.validate(root):
         return []
@@ -86,6 +86,13 @@ def variables_of(root: Any) -> Iterator[tuple[Any, Any]]:
     for item in root.iterfind("ModelVariables/*"):
         if item.get("name") is not None:
             yield item, next((c for c in item if item.tag == "ScalarVariable" and c.tag in _TYPES), item)
+
+
+def types_of(root: Any) -> dict[str, Any]:
+    """Return the defined types by name, each as the element with its attributes."""
+    three = str(root.get("fmiVersion")).startswith("3")
+    items = (item for item in root.iterfind("TypeDefinitions/*") if three or len(item))
+    return {item.get("name"): item if three else item[0] for item in items}
 
 
 def _restore_lines(model: Any, root: Any) -> None:
@@ -145,7 +152,11 @@ class _Dangling:
 
     def all(self) -> None:
         """Look at every kind of reference that fmpy follows."""
-        types = self._types()
+        types = types_of(self.root)
+        for kind in self.root.iterfind("TypeDefinitions/*") if self.version == "3" else ():
+            for attribute in kind.attrib:
+                if attribute not in _TYPE_ATTRIBUTES:
+                    del kind.attrib[attribute]
         for item, value in self.variables:
             declared = value.get("declaredType")
             if declared is not None and declared not in types:
@@ -162,16 +173,6 @@ class _Dangling:
         for path in _UNKNOWNS.get(self.version, {}).values():
             for item in self.root.findall(f"ModelStructure/{path}"):
                 self._unknown(item)
-
-    def _types(self) -> dict[str, Any]:
-        """Return the defined types, each as the element with its attributes."""
-        types: dict[str, Any] = {}
-        for item in self.root.iterfind("TypeDefinitions/*"):
-            types[item.get("name")] = item if self.version == "3" else item[0]
-            for attribute in item.attrib if self.version == "3" else ():
-                if attribute not in _TYPE_ATTRIBUTES:
-                    del item.attrib[attribute]
-        return types
 
     def _causality(self, item: Any, value: Any) -> None:
         causality, variability = item.get("causality", "local"), item.get("variability")

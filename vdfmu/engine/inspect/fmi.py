@@ -11,7 +11,7 @@ from urllib.parse import unquote
 
 from lxml.etree import QName  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
-from vdfmu.engine.inspect.description import DESCRIPTION, schema_faults, variables_of
+from vdfmu.engine.inspect.description import DESCRIPTION, schema_faults, types_of, variables_of
 from vdfmu.engine.inspect.findings import Findings
 from vdfmu.engine.rules import Finding, finding, line_of
 
@@ -27,12 +27,7 @@ _SHOWN = 5
 
 def variable_faults(root: Any) -> list[Finding]:
     """Return the variables whose values break their own ranges, those with a wrong `initial`, and faulty aliases."""
-    version = str(root.get("fmiVersion"))[0]
-    types = {
-        item.get("name"): item if version == "3" else item[0]
-        for item in root.iterfind("TypeDefinitions/*")
-        if version == "3" or len(item)
-    }
+    version, types = str(root.get("fmiVersion"))[0], types_of(root)
     faults: list[Finding] = []
     for item, value in variables_of(root):
         stated = _stated(value, types)
@@ -52,14 +47,14 @@ def _stated(value: Any, types: Mapping[str, Any]) -> ChainMap[str, str]:
 
 
 def _nominal_fault(text: str | None) -> str:
-    """Return what is wrong with a nominal value, by which importers scale tolerances."""
+    """Return the fault of a nominal value, by which importers scale tolerances."""
     if text is None or _number(text) is None or (math.isfinite(float(text)) and float(text)):
         return ""
     return f"nominal is {text}; expected a finite number other than 0"
 
 
 def manifest_faults(name: str, root: Any) -> list[Finding]:
-    """Return what the manifest of a layered standard does not state."""
+    """Return the facts that the manifest of a layered standard does not state."""
     missing = [
         key
         for key in ("fmi-ls-name", "fmi-ls-version")
@@ -80,7 +75,7 @@ _PURPOSES = ("smoke-test", "validation", "uncertainty-analysis")
 
 
 def related_notes(root: Any) -> list[Finding]:
-    """Return what breaks the rules of FMI-LS-REF, a draft, in its manifest."""
+    """Return the breaches of FMI-LS-REF, a draft, in its manifest."""
     faults: list[Finding] = []
     if root.tag != "fmiReferences":
         faults.append(
@@ -158,7 +153,7 @@ def _alias_faults(root: Any, types: Mapping[str, Any]) -> list[Finding]:
 
 
 def build_faults(root: Any, build: Any, names: Collection[str]) -> Findings:
-    """Return what is wrong with the source files that the model description, or a build description, lists."""
+    """Return the faults of the source files that the model description, or a build description, lists."""
     where, listed = DESCRIPTION, root.iterfind("*/SourceFiles/File")
     if build is not None:
         version = build.get("fmiVersion") or "none"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import posixpath
 import re
+import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,6 @@ import fmpy
 
 from vdfmu.base.errors import SspError, StorageError
 from vdfmu.engine.fmu.description import COMPONENTS, component_name
-from vdfmu.engine.inspect.binary import ENDINGS, architecture_fault, library_fault
 from vdfmu.engine.inspect.description import DESCRIPTION, description_faults
 from vdfmu.engine.inspect.findings import Findings
 from vdfmu.engine.inspect.fmi import (
@@ -36,6 +36,16 @@ _VERSION = re.compile(r"[12]\.0|3\.0(\.\d+)?")
 """FMI 1.0 and 2.0 fix the text of fmiVersion; FMI 3.0 leaves a third number open."""
 NOT_RUN = finding("RUN006", "not run: code of a file with problems is not run; mend them first")
 _XML_FOLDERS = ("terminalsAndIcons/", "sources/", "extra/")
+_MAGIC = {
+    ".so": (b"\x7fELF",),
+    ".dll": (b"MZ",),
+    ".wasm": (b"\0asm",),
+    ".dylib": (b"\xcf\xfa\xed\xfe", b"\xce\xfa\xed\xfe", b"\xca\xfe\xba\xbe", b"\xca\xfe\xba\xbf"),
+}
+"""First bytes of a shared library."""
+_ENDINGS = tuple(_MAGIC)
+_ELF = {3: "x86", 40: "arm", 62: "x86_64", 183: "aarch64", 243: "riscv"}
+_PE = {0x14C: "x86", 0x1C0: "arm", 0x8664: "x86_64", 0xAA64: "aarch64"}
 
 
 @dataclass(frozen=True)
@@ -103,7 +113,7 @@ def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, st
     broken, mended = _rules(unit)
     findings.add(broken)
     try:
-        description = read_unit(path)
+        description: Any = fmpy.read_model_description(str(path), validate=False)
     except Exception:  # fmpy raises bare ones for unexpected elements; `_rules` says which
         description = mended
     if description is None:
@@ -123,7 +133,7 @@ def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, st
 
 
 def _rules(unit: _FmuContents) -> tuple[Findings, Any]:
-    """Return what breaks the schema or a rule of the standard, and fmpy's description of what is left."""
+    """Return the breaches of the schema and of the rules of the standard, and fmpy's description of what is left."""
     root = unit.roots[DESCRIPTION]
     ours = variable_faults(root)
     if TERMINALS in unit.roots:
@@ -140,13 +150,8 @@ def _rules(unit: _FmuContents) -> tuple[Findings, Any]:
     return Findings([*problems, *ours, *build.problems], [*notes, *build.notes]), description
 
 
-def read_unit(path: Path) -> Any:
-    """Return fmpy's model description, whatever rules it breaks."""
-    return fmpy.read_model_description(str(path), validate=False)
-
-
 def _experiment(description: Any) -> list[Finding]:
-    """Return what is wrong with the times of the default experiment."""
+    """Return the faults of the times of the default experiment."""
     experiment = description.defaultExperiment
     problems: list[Finding] = []
 
@@ -192,13 +197,13 @@ def _read(path: Path, label: str, findings: Findings, outer: Archive | None) -> 
                 except SspError as error:
                     findings.problems += error.problems
         for name in archive.names:
-            if name.startswith("binaries/") and name.count("/") == 2 and name.endswith(ENDINGS):
+            if name.startswith("binaries/") and name.count("/") == 2 and name.endswith(_ENDINGS):
                 data = archive.head(name)
-                fault = library_fault(name, data)
+                fault = _library_fault(name, data)
                 if fault is not None:
                     findings.problem("FMI018", fault)
                 elif name.split("/")[1] in (fmpy.platform, fmpy.platform_tuple):
-                    fault = architecture_fault(name, data)
+                    fault = _architecture_fault(name, data)
                     if fault is not None:
                         misbuilt[name] = fault
         return _FmuContents(archive.names, roots, misbuilt)
@@ -225,3 +230,35 @@ def _binaries(unit: _FmuContents, description: Any, kinds: list[str], findings: 
             folder, library = posixpath.split(libraries[0])
             findings.problem("FMI017", f"{folder} has no {library}, as the model identifier asks for")
         findings.problems += [finding("FMI018", unit.misbuilt[name]) for name in here_too if name in unit.misbuilt]
+
+
+def _library_fault(name: str, data: bytes) -> str | None:
+    """Return the fault of a file that is named as a shared library, or None."""
+    if data.startswith(_MAGIC[posixpath.splitext(name)[1]]):
+        return None
+    return f"{name}: is not a shared library of the kind its name says"
+
+
+def _architecture_fault(name: str, data: bytes) -> str | None:
+    """Return why a library in a folder of this platform cannot be loaded by its processor, or None."""
+    has = _architecture(data)
+    if has is None or has == fmpy.architecture:
+        return None
+    return f"{name}: is compiled for {has}, this platform needs {fmpy.architecture}; build the FMU for it"
+
+
+def _architecture(data: bytes) -> str | None:
+    """Return the processor of an ELF or PE library; None where the header does not say."""
+    try:
+        if data.startswith(b"\x7fELF"):
+            (number,) = struct.unpack_from("<H" if data[5] == 1 else ">H", data, 18)
+            return _ELF.get(number, f"processor {number} (e_machine)")
+        if data.startswith(b"MZ"):
+            (head,) = struct.unpack_from("<I", data, 0x3C)
+            (number,) = struct.unpack_from("<H", data, head + 4)
+            return (
+                _PE.get(number, f"processor {number:#x} (PE machine)") if data[head : head + 4] == b"PE\0\0" else None
+            )
+    except (struct.error, IndexError):  # truncated; loading reports it
+        pass
+    return None

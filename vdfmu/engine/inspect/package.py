@@ -86,15 +86,13 @@ def _check_variant(path: Path, variant: str, folder: Path, stored: dict[str, Pat
         findings.problems += system.faults
         try:
             checked = check_system(system, algorithm=master_of(system), ignore_unmatched=True)
-            against = Findings(notes=cast("list[Finding]", list(checked.notes)))  # others are of values that are given
+            problems, notes = [], cast("list[Finding]", [*checked.notes])  # others are of values that are given
         except SspError as error:
-            against = Findings(error.problems, list(error.notes))
+            problems, notes = error.problems, [*error.notes]
+        findings.notes += notes
         starts = tuple(f"{c.name}: {c.source}: " for c in system.components if units.get(c.source))
-        findings.notes += against.notes
-        findings.problems += [
-            text for text in against.problems if not (text.startswith(starts) and text.rule.number.startswith(_OF_UNIT))
-        ]
-        findings.problems = list(dict.fromkeys(findings.problems))
+        new = [each for each in problems if not (each.startswith(starts) and each.rule.number.startswith(_OF_UNIT))]
+        findings.problems = list(dict.fromkeys([*findings.problems, *new]))
     for source, faults in units.items():
         findings.add(Findings(faults), source, f"{path.name}: {source}")
     return findings

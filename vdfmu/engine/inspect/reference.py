@@ -5,9 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import posixpath
-import re
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,18 +14,19 @@ from urllib.parse import unquote
 
 import fmpy
 import numpy as np
-from fmpy.fmi1 import FMICallException
-from fmpy.fmi3 import FMU3Slave
+from numpy.typing import NDArray
 
-from vdfmu.base.arrays import Floats
+from vdfmu.base.arrays import Floats, distinct
 from vdfmu.base.errors import SspError
-from vdfmu.engine.fmu.component import ComponentInstance
-from vdfmu.engine.fmu.messages import MessageBox
-from vdfmu.engine.inspect.abilities import described
+from vdfmu.engine.fmu.access import DTYPES
+from vdfmu.engine.fmu.description import Description
+from vdfmu.engine.fmu.instance import Instance
+from vdfmu.engine.fmu.variables import FmuVariable, type_of
+from vdfmu.engine.inspect.abilities import described, make_step, tried
 from vdfmu.engine.inspect.findings import Findings
 from vdfmu.engine.inspect.fmi import MANIFEST, REFERENCES
-from vdfmu.engine.inspect.said import Said
 from vdfmu.engine.package.parse import parse_xml
+from vdfmu.engine.plan.conversion import as_type
 from vdfmu.engine.rules import finding
 
 # Reference results say nothing of the solver's tolerance. This is far above those in use and far below a wrong result.
@@ -34,9 +34,10 @@ AGREEMENT = 1e-3
 
 _MANY = 20_000
 """Steps that a comparison may take in any case: seconds for a compiled unit, less than the time limit for others."""
-_INTEGERS = tuple(f"{u}Int{n}" for u in ("", "U") for n in (8, 16, 32, 64))
-_NUMBERS = {"Float64", "Float32", "Real", "Integer", "Boolean", "Enumeration", *_INTEGERS}
-"""Types that a cell of the table can hold."""
+_EVEN = 1e-9
+"""Difference of steps that are even, as a part of the largest time: rows are rounded."""
+_NUMBERS = ("Real", "Integer", "Boolean", "Enumeration")
+"""Types, as the master names them, that a cell of the table can hold."""
 
 
 class _NotComparedError(Exception):
@@ -51,31 +52,18 @@ class ReferenceTable:
     columns: Mapping[str, Floats]
 
 
-def refuse_negative(call: str) -> None:
-    """Raise for a call, as fmpy logs it, that returned a status below 0. fmpy takes such a status for success."""
-    if match := re.fullmatch(r"(\w+)\(.*\) -> (-\d+)", call, re.DOTALL):
-        raise FMICallException(function=match[1], status=int(match[2]))
-
-
 def compare(path: Path) -> Findings:
     """Compare the results of an FMU with every table of reference results in it."""
-    findings = Findings()
-    description = fmpy.read_model_description(str(path), validate=False)
-    variables = {v.name: v for v in description.modelVariables}
+    findings, description = Findings(), described(path)
     with zipfile.ZipFile(path) as archive:
         for name, inputs in _tables(archive, findings).items():
-            short, said = posixpath.basename(name), Said()
+            short = posixpath.basename(name)
             try:
-                version = description.fmiVersion or ""
-                if version == "1.0":
+                if description is None:
                     raise _NotComparedError("reference results are defined for FMI 2.0 and 3.0")
-                expected = _results_of(archive, name, variables, findings)
-                signals = _inputs_of(archive, inputs, variables)
-                results = (
-                    _results_3(path, description, variables, expected, signals, said)
-                    if version.startswith("3") and description.coSimulation is not None
-                    else _simulated(path, description, expected, signals, said)
-                )
+                expected = _results_of(archive, name, description, findings)
+                signals = _inputs_of(archive, inputs, description)
+                results = _results(path, description, expected, signals)
                 findings.problems += [
                     finding("RUN003", f"{short}: {problem}") for problem in _differences(expected, results)
                 ]
@@ -83,7 +71,7 @@ def compare(path: Path) -> Findings:
             except _NotComparedError as reason:
                 _leave(findings, name, str(reason))
             except Exception as error:  # foreign files and units
-                text = f"{short}: the reference results cannot be compared: {said.with_error(error)}"
+                text = f"{short}: the reference results cannot be compared: {str(error).removeprefix('FMU: ')}"
                 findings.problem("RUN003", text)
     return findings
 
@@ -156,9 +144,7 @@ def _experiments(root: Any, owner: str, names: set[str], findings: Findings) -> 
     return found
 
 
-def _results_of(
-    archive: zipfile.ZipFile, name: str, variables: Mapping[str, Any], findings: Findings
-) -> ReferenceTable:
+def _results_of(archive: zipfile.ZipFile, name: str, description: Description, findings: Findings) -> ReferenceTable:
     """Return the columns that can be compared; a note names the others.
 
     One table may serve several FMUs, so a column need not have a variable in each.
@@ -166,8 +152,8 @@ def _results_of(
     left: dict[str, list[str]] = {}
 
     def skip(column: str) -> bool:
-        kind = variables[column].type if column in variables else None
-        if kind in _NUMBERS:
+        kind = _type(description, column)
+        if type_of(kind) in _NUMBERS:
             return False
         why = f"of type {kind}, which a table of numbers does not hold" if kind else "the unit has no such variable"
         left.setdefault(why, []).append(column)
@@ -183,16 +169,22 @@ def _results_of(
     return table
 
 
-def _inputs_of(archive: zipfile.ZipFile, inputs: str | None, variables: Mapping[str, Any]) -> ReferenceTable | None:
+def _type(description: Description, name: str) -> str:
+    """Return the type that the FMU states of a variable, an array too; empty without one."""
+    return next((v.declared for v in description.elements(name)), "")
+
+
+def _inputs_of(archive: zipfile.ZipFile, inputs: str | None, description: Description) -> ReferenceTable | None:
     """Return the inputs that belong to a table of results; raise for a column that cannot be fed."""
     if inputs is None:
         return None
 
     def check(column: str) -> bool:
-        if column not in variables:
+        kind = _type(description, column)
+        if not kind:
             raise ValueError(f"the unit has no variable {column!r}")
-        if variables[column].type not in _NUMBERS:
-            raise _NotComparedError(f"the input {column!r} is of type {variables[column].type}")
+        if type_of(kind) not in _NUMBERS:
+            raise _NotComparedError(f"the input {column!r} is of type {kind}")
         return False
 
     return read_table(archive.read(inputs).decode("utf-8-sig"), check)
@@ -248,99 +240,90 @@ def _differences(expected: ReferenceTable, results: Mapping[str, Floats]) -> lis
     return problems
 
 
-def _simulated(
-    path: Path, description: Any, expected: ReferenceTable, signals: ReferenceTable | None, said: Said
+def _results(
+    path: Path, description: Description, expected: ReferenceTable, signals: ReferenceTable | None
 ) -> dict[str, Floats]:
-    """Return the results of an FMU 2.0, or of one that FMPy's solver integrates, at the times of a table."""
-    names, time = list(expected.columns), expected.time
-    fed: Any = None
-    if signals is not None:
-        kinds: list[Any] = [("time", float)]
-        kinds += [(name, float, c.shape[1:] if c.shape[1] > 1 else ()) for name, c in signals.columns.items()]
-        fed = np.zeros(len(signals.time), dtype=kinds)
-        fed["time"] = signals.time
-        for name, column in signals.columns.items():
-            fed[name] = column if column.shape[1] > 1 else column[:, 0]
-    steps = np.diff(time)
-    step = float(steps[steps > 0.0].min()) if np.any(steps > 0.0) else 1e-3
-    count = (time[-1] - time[0]) / step
-    if count > max(_MANY, 2 * len(time)):
+    """Return the results of an FMU at the times of a table: inputs set, values read, at every communication point."""
+    outputs = {name: _elements(description, name, column) for name, column in expected.columns.items()}
+    inputs = {
+        name: _elements(description, name, column) for name, column in (signals.columns if signals else {}).items()
+    }
+    points = _points(description, expected, signals)
+    rows = {name: np.empty((len(points), column.shape[1])) for name, column in expected.columns.items()}
+
+    def feed(instance: Instance, time: float, running: bool = False) -> None:
+        """Set the inputs to their values from a time on, or those that are `running` in a step."""
+        if signals is None:
+            return
+        lines, held = _values_at(signals, time)
+        for name, own in inputs.items():
+            continuous = own[0].variability == "continuous"
+            if continuous or not running:
+                values = zip(own, (lines if continuous else held)[name].tolist(), strict=True)
+                instance.set_all([(v, bool(x) if v.kind == "Boolean" else as_type(x, v)) for v, x in values])
+
+    def steps(instance: Instance, *_: float) -> str:
+        read = {name: _reader(instance, own) for name, own in outputs.items()}
+        for k, time in enumerate(points.tolist()):
+            if k:
+                if inputs and description.exchange:
+                    instance.line = lambda time: feed(instance, time, running=True)
+                make_step(instance, points[k - 1].item(), time - points[k - 1].item())
+            if instance.box.ended and time < points[-1]:
+                raise ValueError(f"the unit ended the simulation at t = {instance.box.time:.9g} s")
+            for name, values in read.items():
+                rows[name][k] = values()
+            instance.line = lambda time: None
+            feed(instance, time)
+        return ""
+
+    start = points[0].item()
+    length = (points[-1].item() - start) / 10.0  # ten steps are announced
+    tried(description, Path(fmpy.extract(str(path))), steps, start, length, lambda instance: feed(instance, start))
+    return {name: np.stack([np.interp(expected.time, points, x) for x in each.T], 1) for name, each in rows.items()}
+
+
+def _elements(description: Description, name: str, column: Floats) -> list[FmuVariable]:
+    found = description.elements(name)
+    if len(found) != column.shape[1]:
+        raise ValueError(f"{name}: the unit has {len(found)} elements, the table {column.shape[1]}")
+    return found
+
+
+def _points(description: Description, expected: ReferenceTable, signals: ReferenceTable | None) -> Floats:
+    """Return the communication points: the times of both tables, or even steps for a unit that takes no others."""
+    start, stop = expected.time[0], expected.time[-1]
+    points = distinct(expected.time if signals is None else np.concatenate([expected.time, signals.time]))
+    points = points[(points >= start) & (points <= stop)]
+    steps = np.diff(points)
+    if description.varies_steps or not steps.size or steps.max() - steps.min() <= _EVEN * np.abs(points).max():
+        return points
+    step = float(np.diff(distinct(expected.time)).min())
+    count = (stop - start) / step
+    if count > max(_MANY, 2 * len(expected.time)):
         raise _NotComparedError(
             f"two rows are {step:g} s apart; steps of that size from the first row to the last would be {count:.3g}"
         )
-    kind = "CoSimulation" if description.coSimulation is not None else "ModelExchange"
-    try:
-        result: Any = fmpy.simulate_fmu(
-            str(path), validate=False, fmi_type=kind, start_time=time[0], stop_time=max(time[-1], time[0] + step),
-            output_interval=step, input=fed, output=names, logger=said, fmi_call_logger=refuse_negative,
-            remote_platform=None,  # pyright: ignore[reportArgumentType]
-        )  # fmt: skip
-    finally:
-        said.stay()
-    columns = {name: result[name].reshape(len(result), -1).T for name in names}
-    return {name: np.stack([np.interp(time, result["time"], x) for x in c], 1) for name, c in columns.items()}
+    return start + step * np.arange(round(count) + 1)
 
 
-def _results_3(
-    path: Path,
-    description: Any,
-    variables: Mapping[str, Any],
-    expected: ReferenceTable,
-    signals: ReferenceTable | None,
-    said: Said,
-) -> dict[str, Floats]:
-    """Return the results of an FMU 3.0 at the times of a table: arrays set and read at every communication point."""
-    folder, known = fmpy.extract(str(path)), described(path)
-    if known is not None and known.sandboxed:
-        own = ComponentInstance("check", known, Path(folder), MessageBox(lambda message: None), set())
-        own.instantiate()
-        instance: Any = own.fmu
-    else:
-        instance = FMU3Slave(
-            guid=description.guid, unzipDirectory=folder, instanceName="check",
-            modelIdentifier=description.coSimulation.modelIdentifier, fmiCallLogger=refuse_negative,
-        )  # fmt: skip
-    start, stop = float(expected.time[0]), float(expected.time[-1])
-    points = expected.time if signals is None else np.concatenate([expected.time, signals.time])
-    points = np.unique(points[(points >= start) & (points <= stop)])
-    results = {name: np.empty_like(column) for name, column in expected.columns.items()}
-    try:
-        if isinstance(instance, FMU3Slave):
-            instance.instantiate(logMessage=said)
-        instance.enterInitializationMode(startTime=start, stopTime=stop)
-        _feed(instance, variables, signals, start)
-        instance.exitInitializationMode()
-        for index, time in enumerate(points):
-            if index:
-                instance.doStep(points[index - 1], time - points[index - 1])
-            for row in np.flatnonzero(expected.time == time):
-                for name, column in results.items():
-                    get = getattr(instance, f"get{_accessor(variables[name])}")
-                    column[row] = get([variables[name].valueReference], nValues=column.shape[1])
-            _feed(instance, variables, signals, float(time))
-        instance.terminate()
-        return results
-    finally:
-        instance.freeInstance()
-
-
-def _feed(instance: Any, variables: Mapping[str, Any], signals: ReferenceTable | None, time: float) -> None:
-    """Set the inputs to their values from a time on: between two rows continuous ones change linearly."""
-    if signals is None:
-        return
+def _values_at(signals: ReferenceTable, time: float) -> tuple[dict[str, Floats], dict[str, Floats]]:
+    """Return the values of each input from a time on: on the line between two rows, and of the last row."""
     last = max(int(np.searchsorted(signals.time, time, side="right")) - 1, 0)
     following = min(last + 1, len(signals.time) - 1)
     span = signals.time[following] - signals.time[last]
     part = (time - signals.time[last]) / span if span > 0.0 and time > signals.time[last] else 0.0
-    for name, column in signals.columns.items():
-        variable = variables[name]
-        value = column[last]
-        if variable.variability == "continuous":
-            value = value + part * (column[following] - value)
-        kind = _accessor(variable)
-        cast = float if kind.startswith("Float") else bool if kind == "Boolean" else int
-        getattr(instance, f"set{kind}")([variable.valueReference], [cast(x) for x in value])
+    held, then = ({name: x[row] for name, x in signals.columns.items()} for row in (last, following))
+    return {name: value + part * (then[name] - value) for name, value in held.items()}, held
 
 
-def _accessor(variable: Any) -> str:
-    return "Int64" if variable.type == "Enumeration" else str(variable.type)
+def _reader(instance: Instance, variables: Sequence[FmuVariable]) -> Callable[[], NDArray[Any]]:
+    """Return a function that gets the elements of a variable."""
+    values = np.zeros(len(variables), DTYPES[variables[0].kind])
+    calls = instance.access("Get", variables, values)
+
+    def read() -> NDArray[Any]:
+        instance.run(calls)
+        return values
+
+    return read

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import errno
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -17,6 +20,8 @@ from typing import Any
 import fmpy
 import numpy as np
 import numpy.typing as npt
+from fmpy import fmi2
+from fmpy.fmi1 import FMICallException
 
 from vdfmu.base.errors import StorageError, VdfmuError
 from vdfmu.base.interrupt import listening
@@ -24,8 +29,7 @@ from vdfmu.base.process import Listener, end_group, limit, started
 from vdfmu.base.temporary import temporary_folder
 from vdfmu.engine.inspect.abilities import try_abilities, try_sandboxed
 from vdfmu.engine.inspect.findings import Findings
-from vdfmu.engine.inspect.reference import compare, refuse_negative
-from vdfmu.engine.inspect.said import Said
+from vdfmu.engine.inspect.reference import compare
 from vdfmu.engine.package.limits import package_limit, unpack_limit
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import System
@@ -49,6 +53,10 @@ _PHASE = "phase.txt"
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _FULL_NOTICE = "vdfmu: no space left in the temporary folder"
 """Last line of the error output of a process that could not write."""
+_MOST = 20
+"""Most messages of a unit that are kept, from the first."""
+_TEXT = 1000
+"""Most characters of one of them."""
 
 
 def run_apart(
@@ -62,15 +70,8 @@ def run_apart(
     findings = Findings(ran=True)
     with temporary_folder("vdfmu_check_") as folder:
         try:
-            code, words = _contained(
-                module,
-                kind,
-                str(path.resolve()),
-                str(monotonic() + SECONDS - NAMING),
-                folder,
-                str(unpack_limit()),
-                task,
-            )
+            deadline = str(monotonic() + SECONDS - NAMING)
+            code, words = _contained(module, kind, str(path.resolve()), deadline, folder, str(unpack_limit()), task)
         except OSError as error:
             return Findings([finding("RUN001", f"{task} could not be tried: {error}")])
         noted = Path(folder, _PHASE)
@@ -141,9 +142,46 @@ def _contained(module: str, *arguments: str) -> tuple[int | None, str]:
     return code, listener.finish()
 
 
+class _Said:
+    """The first messages of a unit that are worse than a warning: a logger for FMPy."""
+
+    def __init__(self) -> None:
+        self.messages: list[str] = []
+
+    def __call__(self, *given: Any) -> None:
+        """Keep a message; before its status FMI 3.0 has one argument, FMI 1.0 and 2.0 have two."""
+        status, _, message = given[-3:]
+        if status not in (0, 1) and len(self.messages) <= _MOST:
+            text = message if isinstance(message, str) else message.decode(errors="replace")
+            text = text if len(text) <= _TEXT else f"{text[:_TEXT]} ... ({len(text) - _TEXT} characters more)"
+            self.messages.append(text if len(self.messages) < _MOST else f"more than {_MOST} messages")
+
+    def with_error(self, error: Exception) -> str:
+        """Return its messages before an error, and the error, as one text."""
+        return "; ".join([*self.messages, str(error)])
+
+    def stay(self) -> None:
+        """Take messages of FMI 1.0 and 2.0 from now on.
+
+        FMPy has one place for all loggers of the process. The logger of its last simulation stays there after its
+        memory has been freed.
+        """
+        fmi2.defaultCallbacks.logger = fmi2.fmi2CallbackLoggerTYPE(self)
+        with contextlib.suppress(ImportError, OSError):  # as FMPy: there is a library for some platforms
+            from fmpy.logging import addLoggerProxy
+
+            addLoggerProxy(ctypes.byref(fmi2.defaultCallbacks))
+
+
+def _refuse_negative(call: str) -> None:
+    """Raise for a call, as fmpy logs it, that returned a status below 0. fmpy takes such a status for success."""
+    if match := re.fullmatch(r"(\w+)\(.*\) -> (-\d+)", call, re.DOTALL):
+        raise FMICallException(function=match[1], status=int(match[2]))
+
+
 def _run_unit(path: Path, phase: Callable[..., None]) -> Findings:
     """Make ten steps of an FMU, compare with the reference results that it carries, try what else it declares."""
-    said = Said()
+    said = _Said()
     description = fmpy.read_model_description(str(path), validate=False)
     if description.coSimulation is None and description.modelExchange is None:
         return Findings(notes=[finding("RUN006", "not run: it has neither co-simulation nor model exchange")])
@@ -158,7 +196,7 @@ def _run_unit(path: Path, phase: Callable[..., None]) -> Findings:
             stop_time=start + STEPS * step,
             output_interval=step,
             logger=said,
-            fmi_call_logger=refuse_negative,
+            fmi_call_logger=_refuse_negative,
             debug_logging=True,
             remote_platform=None,  # pyright: ignore[reportArgumentType]  # None: never another process
         )

@@ -20,6 +20,12 @@ _KEPT = 1e-3
 _Map = Callable[[Floats], Floats]
 
 
+def not_solved(size: float, count: int, tolerance: float) -> str:
+    """Return how far a size of the last residual is from the tolerance, for messages."""
+    still = f"still changes by {size:.3g} of its size" if np.isfinite(size) else "is not a number"
+    return f"{still} after {count} repetitions (wanted: {tolerance:g})"
+
+
 @dataclass
 class Broyden:
     """Solves one fixed point problem after the other and keeps what it has learnt."""

@@ -17,7 +17,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.messages import MessageBox
-from vdfmu.engine.masters.broyden import Broyden
+from vdfmu.engine.masters.broyden import Broyden, not_solved
 from vdfmu.engine.masters.coupled import Block, Coupled, CoupledUnit
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.masters.interface import interface_inverse
@@ -43,8 +43,8 @@ class ContinuousStepper(Stepper):
     schedule; each input runs linearly from its value at the start of the step to that at its end, which is the
     computed output where its source has stepped, else the predicted one; a signal from outside is known.
     `iterative` repeats that from the saved states, with better guesses, until the outputs come out as they went in.
-    What is discrete (integers, booleans, discrete reals) does not run: it changes at the end of a step, and over
-    the step has the value at its start. Where an output depends on it directly (see `Schedule.fresh`), the unit
+    Discrete signals (integers, booleans, discrete reals) do not run: they change at the end of a step, and over the
+    step have the value at its start. Where an output depends on one directly (see `Schedule.fresh`), the unit
     gets its value at the end of the step.
 
     Parameters
@@ -313,12 +313,11 @@ class ContinuousStepper(Stepper):
             return
         i = int(np.argmax(sizes))
         unit, variable = self._variables[torn[i]]
-        still = f"still changes by {sizes[i]:.3g} of its size" if math.isfinite(sizes[i]) else "is not a number"
         way = "" if self.error is not None else ", or error control (adaptive)"
         raise CosimError(
             unit, "doStep", time,
-            f"the coupling does not converge: {variable.name} {still} after "
-            f"{count} repetitions of the step (wanted: {self.convergence:g}); choose a shorter step{way}",
+            f"the coupling does not converge: {variable.name} {not_solved(sizes[i], count, self.convergence)}; "
+            f"choose a shorter step{way}",
         )  # fmt: skip
 
     def _sweep(self, block: Block, time: float, h: float) -> None:

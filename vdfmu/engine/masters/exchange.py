@@ -18,7 +18,7 @@ from vdfmu.engine.fmu.access import KINDS, TEXTS, Call, held
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.masters.bank import Bank
-from vdfmu.engine.masters.broyden import Broyden
+from vdfmu.engine.masters.broyden import Broyden, not_solved
 from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.inputs import Course
@@ -114,14 +114,10 @@ class Exchange:
         if not np.all(sizes <= convergence):
             worst = int(np.argmax(sizes))
             link = torn[worst]
-            still = (
-                f"still changes by {sizes[worst]:.3g} of its size" if np.isfinite(sizes[worst]) else "is not a number"
-            )
             raise CosimError(
                 link.start[0], "initialization", time,
-                f"the values do not agree after {count} repetitions: {link} {still} "
-                f"(wanted: {convergence:g}). Algebraic loop: {initial.loops[initial.torn.index(link)]}. Give "
-                "start values nearer to the solution, or break the loop",
+                f"the values do not agree: {link} {not_solved(sizes[worst], count, convergence)}. Algebraic loop: "
+                f"{initial.loops[initial.torn.index(link)]}. Give start values nearer to the solution, or break it",
             )  # fmt: skip
 
     def _pass(self, links: Sequence[Link], torn: Sequence[Link] = ()) -> None:
@@ -130,7 +126,7 @@ class Exchange:
             self._carry(link, self._value(link))
 
     def _value(self, link: Link) -> Any:
-        """Return what a connection carries now."""
+        """Return the value that a connection carries now."""
         value: Any = self._source(link)
         if link.conversion.table is not None:
             return link.conversion.table.get(int(value), int(value))
@@ -144,7 +140,7 @@ class Exchange:
         return self.instances[link.start[0]].get(link.source)
 
     def _carry(self, link: Link, value: Value) -> None:
-        self.instances[link.end[0]].set(link.sink, value)
+        self.instances[link.end[0]].set_all([(link.sink, value)])
         if link.stepped:
             bank = self._bank(link.sink.kind)
             bank.memory[bank.position[link.end]] = held(bank.kind, value)
@@ -170,7 +166,7 @@ class Exchange:
         """
         wanted = None if record is None else self._match(record)
         order = {unit: i for i, unit in enumerate(self.checked.descriptions)}
-        found: list[tuple[int, int, int, Signal]] = []
+        found: list[tuple[int, Signal]] = []
         data: dict[str, NDArray[Any]] = {}
         stores: list[Callable[[int], None]] = []
         for bank in (each for each in self.banks if each.kind not in TEXTS):
@@ -198,7 +194,7 @@ class Exchange:
                     f"{unit}.{v.name}", kind, v.unit.name if v.unit else "", columns[place],
                     f"{source}.{copied.name}" if of != i else "", late,
                 )  # fmt: skip
-                found.append((2 * order[unit] + is_input, v.reference, v.index, signal))
+                found.append((2 * order[unit] + is_input, signal))
             if bank is self.banks[0]:
                 read = {bank.position[link.start] for link in bank.links}
                 self._watched = np.array(sorted(read | {i for i in chosen if i < bank.outputs.size}), np.intp)
@@ -211,7 +207,7 @@ class Exchange:
             for each in stores:
                 each(k)
 
-        return [signal for *_, signal in found], data, stores[0] if len(stores) == 1 else store
+        return [signal for _, signal in found], data, stores[0] if len(stores) == 1 else store
 
     def reals(self, wanted: Iterable[str]) -> tuple[list[str], Floats, list[int]]:
         """Return names of real signals that match, their memory, and the place of each in it."""

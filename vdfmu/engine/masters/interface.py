@@ -71,7 +71,7 @@ def _sensitivity(unit: CoupledUnit, coupled: Coupled, h: float) -> Callable[[Flo
 def jacobian_of(
     instance: Instance, inputs: Sequence[FmuVariable], outputs: Sequence[FmuVariable], some: Sequence[int] | None = None
 ) -> Callable[[], Floats]:
-    """Return what calculates the derivatives of the declared states' rates and of outputs, by states and by inputs.
+    """Return the function for the derivatives of the declared states' rates and of outputs, by states and by inputs.
 
     From the directional derivatives of the component where it is then: [[A, B], [C, D]]. With `some`, the places of
     inputs, the derivatives by the others are left 0.

@@ -23,11 +23,11 @@ class Stepper:
 
     def notes(self) -> list[str]:
         """Return notes on the run."""
-        return []
+        raise NotImplementedError
 
     def facts(self) -> dict[str, Any]:
         """Return the summary's entries on the steps."""
-        return {}
+        raise NotImplementedError
 
     def free(self) -> None:
         """Free what it has of the components, such as saved states."""
@@ -73,3 +73,11 @@ class SampledStepper(Stepper):
         for instance, function, arguments, name in self._calls:
             if status := function(*arguments):
                 instance.judge(status, name)
+
+    def notes(self) -> list[str]:
+        """Return notes on the run: none."""
+        return []
+
+    def facts(self) -> dict[str, Any]:
+        """Return the summary's entries on the steps: none."""
+        return {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 from vdfmu.base.errors import UsageError
@@ -47,16 +48,6 @@ def held(coupling: Coupling) -> SampledStepper:
     return SampledStepper(coupling.exchange)
 
 
-def extrapolated(coupling: Coupling) -> ContinuousStepper:
-    """Return the stepper for inputs that run to predicted outputs."""
-    return continuous(coupling, None)
-
-
-def iterative(coupling: Coupling) -> ContinuousStepper:
-    """Return the stepper that repeats steps until the predicted outputs come out."""
-    return continuous(coupling, Broyden)
-
-
 def continuous(coupling: Coupling, solver: Callable[[], Broyden] | None) -> ContinuousStepper:
     """Return the stepper for inputs that run over a step; for `solver` see :class:`ContinuousStepper`."""
     error = coupling.error
@@ -64,3 +55,9 @@ def continuous(coupling: Coupling, solver: Callable[[], Broyden] | None) -> Cont
     return ContinuousStepper(
         coupling.exchange, coupling.box, solver=solver, convergence=convergence, error=error, span=coupling.span
     )
+
+
+extrapolated = partial(continuous, solver=None)
+"""Inputs run to predicted outputs."""
+iterative = partial(continuous, solver=Broyden)
+"""Steps are repeated until the predicted outputs come out."""

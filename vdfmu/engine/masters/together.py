@@ -16,8 +16,8 @@ from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.integrator import ModelExchangeIntegrator
 from vdfmu.engine.masters.bank import Bank
-from vdfmu.engine.plan.link import Link, Port
-from vdfmu.engine.plan.schedule import topological, variable_graph
+from vdfmu.engine.plan.link import Link
+from vdfmu.engine.plan.schedule import ranks, variable_graph
 
 _ROUNDS = 100
 """Most rounds of an event between members."""
@@ -63,15 +63,10 @@ class Together:
         return self._integrator.step_call(clock, size)
 
     def _planned(self, descriptions: Mapping[str, Description], links: Sequence[Link]) -> list[Callable[[], None]]:
-        """Return what passes the values on, stage by stage: outputs of one rank, then the inputs that they feed."""
+        """Return the functions that pass values on, stage by stage: outputs of one rank, then inputs that they feed."""
         ports, edges = variable_graph(descriptions, links, initial=False)
-        before: dict[Port, list[Port]] = {}
-        for a, b in edges:
-            before.setdefault(b, []).append(a)
         ends = {link.end for link in links}
-        rank: dict[Port, int] = {}
-        for port in topological(ports, edges):
-            rank[port] = max((rank[a] for a in before.get(port, ())), default=0) + (port not in ends)
+        rank = ranks(ports, edges, lambda _, port: port not in ends)
         stages: list[Callable[[], None]] = []
         for _, group in groupby(sorted(links, key=lambda k: rank[k.end]), lambda k: rank[k.end]):
             stage = list(group)
@@ -86,7 +81,7 @@ class Together:
         return stages
 
     def _carry(self, links: Sequence[Link]) -> Callable[[], None]:
-        """Return what copies the outputs to the inputs of connections."""
+        """Return the function that copies the outputs to the inputs of connections."""
         bank, first = self.bank, self.bank.outputs.size
         pairs = sorted((bank.position[k.end] - first, bank.position[k.start], k.conversion) for k in links)
         targets, sources = (np.array([pair[i] for pair in pairs], np.intp) for i in (0, 1))

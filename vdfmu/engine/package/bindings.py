@@ -11,9 +11,9 @@ from vdfmu.base.standards import SSP_FORMATS
 from vdfmu.engine.package.archive import resolve
 from vdfmu.engine.package.elements import Node, Scope, read_boolean, read_shape, read_transformation, read_units
 from vdfmu.engine.package.parse import NAMESPACES, validate
-from vdfmu.engine.package.system import BoundParameter, Hop, Shape, UnitFactor, Value
+from vdfmu.engine.package.system import BoundParameter, Hop, UnitFactor, Value
 from vdfmu.engine.package.wiring import Key, Wiring, show, show_shape
-from vdfmu.engine.rules import Finding, Place, breach, finding, place_of
+from vdfmu.engine.rules import Finding, breach, finding, place_of
 
 _SSV = f"{{{NAMESPACES['ssv']}}}"
 SET_TYPE = "application/x-ssp-parameter-set"
@@ -21,24 +21,11 @@ MAPPING_TYPE = "application/x-ssp-parameter-mapping"
 
 
 @dataclass(frozen=True)
-class _BoundValue:
-    """One value of a parameter set on its way to a variable."""
-
-    name: str
-    value: Value | tuple[Value, ...]
-    type: str
-    unit: UnitFactor | None
-    hop: Hop
-    origin: str
-    place: Place
-    dimensions: Shape
-
-
-@dataclass(frozen=True)
 class _Bound:
     """A value that arrived: at a variable of a component, or at a connector of a system."""
 
-    entry: _BoundValue
+    entry: BoundParameter
+    """By its name in the element, yet without a component."""
     node: Node
     level: int
     """Depth of the binding in the tree; 0 for the whole system."""
@@ -75,7 +62,7 @@ class Bindings:
         self._collect(top)
         for key, bound in self._bound.items():
             if not self._is_connector(key):
-                self._store(key, bound, (bound.entry.hop,))
+                self._store(key, bound, bound.entry.hops)
         for key, bound in self._bound.items():
             if self._is_connector(key):
                 self._pass_on(key, bound)
@@ -108,7 +95,7 @@ class Bindings:
                     key = place.path, name
                     if key in self._bound and place.kind == "component":
                         old = self._bound[key]
-                        self._lost.setdefault(place.path, []).append(self._parameter(key, old, (old.entry.hop,)))
+                        self._lost.setdefault(place.path, []).append(self._parameter(key, old, old.entry.hops))
                     self._bound[key] = _Bound(entry, place, len(node.path), others)
                 if not places:
                     text = f"{node.label or 'the system'}: parameter {entry.name!r} ({entry.origin}) "
@@ -118,7 +105,7 @@ class Bindings:
     def _pass_on(self, key: Key, bound: _Bound) -> None:
         """Give the value of a connector of a system to all variables that it feeds."""
         connector = bound.node.connectors[key[1]]
-        hop = bound.entry.hop
+        (hop,) = bound.entry.hops
         where = f"{bound.node.label or 'the system'}: parameter {key[1]!r} ({bound.entry.origin})"
         if not self._passes_on(key):
             text = f"{where}: has no effect, {show(key)} is of kind {connector.kind} and has the value of its source"
@@ -159,12 +146,8 @@ class Bindings:
         self._values.setdefault(key[0], {})[key[1]] = self._parameter(key, bound, hops)
 
     def _parameter(self, key: Key, bound: _Bound, hops: tuple[Hop, ...]) -> BoundParameter:
-        entry = bound.entry
         elsewhere = () if self._is_connector((bound.node.path, key[1])) else bound.elsewhere
-        return BoundParameter(
-            self.wiring.names[key[0]], key[1], entry.value, entry.type, entry.unit, hops, entry.origin, entry.place,
-            entry.dimensions, elsewhere,
-        )  # fmt: skip
+        return replace(bound.entry, component=self.wiring.names[key[0]], name=key[1], hops=hops, elsewhere=elsewhere)
 
     def _document(self, node: Node, scope: Scope, element: Any, kind: str, where: str) -> Any:
         """Return the root of an external file (`source`) or of the inline content; None when empty."""
@@ -188,11 +171,11 @@ class Bindings:
             validate(root, kind, where, scope.version)
         return root
 
-    def _entries(self, node: Node, binding: Any, scope: Scope) -> list[_BoundValue]:
+    def _entries(self, node: Node, binding: Any, scope: Scope) -> list[BoundParameter]:
         """Return the values of a binding under the names of the node; SspError lists the faults of set and mapping."""
         where = f"{scope.label}: parameter binding of {node.label or 'the system'}"
         problems: list[Finding] = []
-        entries: list[_BoundValue] = []
+        entries: list[BoundParameter] = []
         mapping: Any = None
 
         def refuse(at: Any, text: str) -> SspError:
@@ -222,9 +205,9 @@ class Bindings:
             raise SspError(problems)
         return entries if mapping is None else self._mapped(entries, mapping, where)
 
-    def _mapped(self, entries: list[_BoundValue], mapping: Any, where: str) -> list[_BoundValue]:
+    def _mapped(self, entries: list[BoundParameter], mapping: Any, where: str) -> list[BoundParameter]:
         by_name = {entry.name: entry for entry in entries}
-        mapped: list[_BoundValue] = []
+        mapped: list[BoundParameter] = []
         items = list(mapping.iterfind("ssm:MappingEntry", NAMESPACES))
         sources: dict[str, list[str]] = {}
         for item in items:
@@ -241,12 +224,12 @@ class Bindings:
                 continue
             transformation = read_transformation(item, f"{where}: {entry.name!r}")
             hop = Hop(transformation, read_boolean(item.get("suppressUnitConversion")))
-            mapped.append(replace(entry, name=item.get("target"), hop=hop))
+            mapped.append(replace(entry, name=item.get("target"), hops=(hop,)))
         return mapped
 
-    def _values_of(self, root: Any, prefix: str, label: str, scope: Scope) -> list[_BoundValue]:
+    def _values_of(self, root: Any, prefix: str, label: str, scope: Scope) -> list[BoundParameter]:
         units = {**scope.units_here(), **read_units(root.iterfind("ssv:Units/ssc:Unit", NAMESPACES))}
-        entries: dict[str, _BoundValue] = {}
+        entries: dict[str, BoundParameter] = {}
         for item in root.iterfind("ssv:Parameters/ssv:Parameter", NAMESPACES):
             name = item.get("name")
             typed = next(c for c in item if c.tag.startswith(_SSV))
@@ -269,9 +252,9 @@ class Bindings:
                 text = f"{scope.label}: {origin}: {len(values)} value(s) for {show_shape(shape)}"
                 self.fatal.append(finding("SSP054", text, item))
             unit = typed.get("unit")
-            entries[name] = _BoundValue(
-                prefix + name, tuple(values) if shape or not values else values[0], kind,
-                units.get(unit, UnitFactor(unit)) if unit else None, Hop(), origin, place_of(item), shape,
+            entries[name] = BoundParameter(
+                "", prefix + name, tuple(values) if shape or not values else values[0], kind,
+                units.get(unit, UnitFactor(unit)) if unit else None, (Hop(),), origin, place_of(item), shape,
             )  # fmt: skip
         return list(entries.values())
 

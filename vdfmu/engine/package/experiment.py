@@ -33,7 +33,7 @@ class Experiment:
 
 
 def read_experiment(root: Any, where: str) -> tuple[Experiment, list[Finding]]:
-    """Return the default experiment of an SSD, and what is wrong with it."""
+    """Return the default experiment of an SSD, and its faults."""
     element = root.find("ssd:DefaultExperiment", NAMESPACES)
     if element is None:
         return Experiment(), []

@@ -32,6 +32,12 @@ class Grid(NamedTuple):
         """Return the times of the points from `first` to before `after`, without rounding the last to the end."""
         return self.begin + self.step * np.arange(first, after, dtype=np.float64)
 
+    @property
+    def last(self) -> float:
+        """Length of the last step, which for no rounding leads beyond the end [s]."""
+        time = self.begin + (self.n - 1) * self.step
+        return self.step if time + self.step == self.end else largest_step(time, self.end)
+
 
 def count_steps(step: float, stop: float, start: float = 0.0) -> int:
     """Return the number of communication steps of a run; UsageError if its times [s] do not fit together."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections import deque
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from graphlib import CycleError, TopologicalSorter
 from itertools import pairwise
@@ -59,7 +59,7 @@ def choose_schedule(
 ) -> tuple[str, Schedule, list[str], list[str]]:
     """Order a system by an algorithm; for None by `DEFAULT`, or jacobi if only undeclared dependencies forbid that.
 
-    Returns the algorithm, the schedule, problems as of `make_schedule`, and notes: that it is jacobi, and why.
+    Returns the algorithm, the schedule, problems, see `make_schedule`, and notes: that it is jacobi, and why.
     """
     schedule, problems = make_schedule(descriptions, links, algorithm or DEFAULT)
     if algorithm is not None or not problems:
@@ -346,6 +346,17 @@ def topological(nodes: Sequence[N], edges: Iterable[tuple[N, N]]) -> list[N]:
         order.append(nodes[heapq.heappop(ready)])
         graph.done(order[-1])
     return order
+
+
+def ranks(nodes: Sequence[N], edges: Iterable[tuple[N, N]], counts: Callable[[N, N], bool]) -> dict[N, int]:
+    """Return for each node of an acyclic graph how many edges that count are on a way to it, at most."""
+    before: dict[N, list[N]] = {}
+    for a, b in edges:
+        before.setdefault(b, []).append(a)
+    found: dict[N, int] = {}
+    for b in topological(nodes, edges):
+        found[b] = max((found[a] + counts(a, b) for a in before.get(b, ())), default=0)
+    return found
 
 
 def cycles(nodes: Sequence[N], edges: Iterable[tuple[N, N]]) -> list[tuple[list[N], list[N]]]:

@@ -17,19 +17,20 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import write_whole
 from vdfmu.base.scipy_parts import scipy_part
+from vdfmu.engine.results.formats import Format, Stream
 from vdfmu.engine.results.recorded import KINDS, Recorded, Signal, copies_in, with_copies
 
 _BLOCK = 512
 
 
 def write_csv(results: Recorded, path: Path) -> None:
-    """Write all signals; see `Results.write`."""
+    """Write all signals."""
     blocks = (csv_lines(block.time, results.signals, block.data, slice(None)) for block in results.blocks(_BLOCK))
     write_whole(path, (text.encode() for text in chain([csv_head(results.signals)], blocks)))
 
 
 def read_csv(path: Path) -> Recorded:
-    """Read what `write_csv` or a run wrote; see `Results.read`."""
+    """Read what `write_csv` or a run wrote."""
     try:
         with path.open(encoding="utf-8", newline="") as stream:
             names, units, table = _read_table(path, stream)
@@ -134,3 +135,6 @@ def _numbers(array: Floats) -> bytes:
         stream = io.BytesIO()
         mmwrite(stream, array, symmetry="general")
     return stream.getvalue().split(b"\n", 3)[-1]  # below its head
+
+
+FORMAT = Format(lambda: None, write_csv, read_csv, Stream(csv_head, csv_lines))

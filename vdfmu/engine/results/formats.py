@@ -1,8 +1,9 @@
-"""The formats that results are written in, one row each: a new format is a file of its own and its row in `FORMATS`."""
+"""The formats that results are written in, one row each: a new one is a file that has a `FORMAT`, and its row here."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -37,36 +38,18 @@ class Format(NamedTuple):
     needs: Callable[[], object]
     """Raises UsageError if a package that it needs is not installed."""
     write: Callable[[Recorded, Path], None]
+    """Writes the signals, those that copy another as it likes; see `vdfmu.Results.write`."""
     read: Callable[[Path], Recorded]
+    """Reads what `write` wrote, with all copies."""
     streams: Stream | None = None
     """None: it is written when the run ends."""
 
 
-def _csv() -> Format:
-    from vdfmu.engine.results.csv_file import csv_head, csv_lines, read_csv, write_csv
-
-    return Format(lambda: None, write_csv, read_csv, Stream(csv_head, csv_lines))
+def _of(module: str) -> Callable[[], Format]:
+    return lambda: import_module(f"vdfmu.engine.results.{module}").FORMAT
 
 
-def _parquet() -> Format:
-    from vdfmu.engine.results.parquet import needed, read_parquet, write_parquet
-
-    return Format(needed, write_parquet, read_parquet)
-
-
-def _mat() -> Format:
-    from vdfmu.engine.results.mat_file import read_mat, write_mat
-
-    return Format(lambda: None, write_mat, read_mat)
-
-
-def _mcap() -> Format:
-    from vdfmu.engine.results.mcap_file import needed, read_mcap, write_mcap
-
-    return Format(needed, write_mcap, read_mcap)
-
-
-_SHIPPED = {".csv": _csv, ".parquet": _parquet, ".mat": _mat, ".mcap": _mcap}
+_SHIPPED = {".csv": _of("csv_file"), ".parquet": _of("parquet"), ".mat": _of("mat_file"), ".mcap": _of("mcap_file")}
 PLUGINS = Plugins("formats", "format of results", "a function that returns a Format", callable)
 FORMATS: PluginTable[Callable[[], Format]] = PluginTable(PLUGINS, _SHIPPED, prefix=".")
 """Formats by suffix; where a folder has several, the last is read. Each is imported when used."""
@@ -91,6 +74,6 @@ def result_files(folder: Path | None = None) -> tuple[str, ...]:
 
 
 def choice_of_formats(suffixes: Iterable[str] | None = None) -> str:
-    """Return what may be asked for, in words; by default with all formats of other packages, which are loaded."""
+    """Return the formats in words; by default with all formats of other packages, which are loaded."""
     names = [suffix[1:] for suffix in (FORMATS.names() if suffixes is None else suffixes)]
     return f"{', '.join(names)}, or {','.join(names)} for all"

@@ -14,13 +14,14 @@ import numpy as np
 
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import replacing
+from vdfmu.engine.results.formats import Format
 from vdfmu.engine.results.recorded import (
     Recorded,
     from_arrays,
     from_facts,
     grouped,
+    imported,
     legal_names,
-    missing,
     no_rows,
     to_facts,
 )
@@ -38,7 +39,7 @@ _TAKEN = (
 
 
 def write_mat(results: Recorded, path: Path) -> None:
-    """Write the signals that copy no other, their units, and the summary; see `Results.write`."""
+    """Write the signals that copy no other, their units, and the summary."""
     from scipy.io import savemat
 
     signals, facts = to_facts(results)
@@ -66,7 +67,7 @@ def write_mat(results: Recorded, path: Path) -> None:
 
 
 def read_mat(path: Path) -> Recorded:
-    """Read what `write_mat` wrote; see `Results.read`."""
+    """Read what `write_mat` wrote."""
     found = mat_variables(path)
     try:
         signals, summary = from_facts(str(found["vdfmu"]))
@@ -106,7 +107,8 @@ def mat_variables(path: Path) -> dict[str, Any]:
                     if not str(name).startswith("_"):
                         add(str(name), value)
             except NotImplementedError:  # version 7.3
-                with _hdf5().File(file, "r") as tree:
+                (h5py,) = imported("a MATLAB file of version 7.3", "h5py", "matlab", "h5py")
+                with h5py.File(file, "r") as tree:
                     add("", tree)
     except UsageError:
         raise
@@ -116,9 +118,4 @@ def mat_variables(path: Path) -> dict[str, Any]:
     return {name: value for name, value in found.items() if not name.startswith("#")}
 
 
-def _hdf5() -> Any:
-    try:
-        import h5py
-    except ImportError as error:
-        raise missing("a MATLAB file of version 7.3", "h5py", "matlab", error) from None
-    return h5py
+FORMAT = Format(lambda: None, write_mat, read_mat)

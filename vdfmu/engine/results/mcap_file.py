@@ -17,14 +17,15 @@ from numpy.typing import NDArray
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import replacing
+from vdfmu.engine.results.formats import Format
 from vdfmu.engine.results.recorded import (
     Recorded,
     Signal,
     from_arrays,
     from_facts,
     grouped,
+    imported,
     legal_names,
-    missing,
     no_rows,
     to_facts,
 )
@@ -35,14 +36,9 @@ _TYPES = {"real": ("float64", "<f8"), "integer": ("int32", "<i4"), "boolean": ("
 _BLOCK = 4096
 
 
-def needed() -> tuple[ModuleType, ModuleType, ModuleType]:
+def needed() -> tuple[ModuleType, ...]:
     """Return mcap's reader and writer, and the decoder of ROS 2; UsageError if one is not installed."""
-    try:
-        from mcap import reader, writer
-        from mcap_ros2 import decoder
-    except ImportError as error:
-        raise missing("MCAP", "mcap-ros2-support", "mcap", error) from None
-    return reader, writer, decoder
+    return imported("MCAP", "mcap-ros2-support", "mcap", "mcap.reader", "mcap.writer", "mcap_ros2.decoder")
 
 
 def _topics(signals: list[Signal]) -> Iterator[tuple[str, str, np.dtype[Any], list[tuple[str, list[Signal]]]]]:
@@ -62,7 +58,7 @@ def _topics(signals: list[Signal]) -> Iterator[tuple[str, str, np.dtype[Any], li
 
 
 def write_mcap(results: Recorded, path: Path) -> None:
-    """Write the signals that copy no other, and the summary; see `Results.write`."""
+    """Write the signals that copy no other, and the summary."""
     mcap = needed()[1]
     signals, facts = to_facts(results)
     topics = list(_topics(signals))
@@ -99,7 +95,7 @@ def _messages(block: Recorded, layout: np.dtype[Any], fields: list[tuple[str, li
 
 
 def read_mcap(path: Path) -> Recorded:
-    """Read what `write_mcap` wrote; see `Results.read`."""
+    """Read what `write_mcap` wrote."""
     mcap = needed()[0]
     texts: dict[str, list[bytes]] = {}
     try:
@@ -122,3 +118,6 @@ def read_mcap(path: Path) -> Recorded:
         raise
     except Exception as error:  # mcap has many kinds for a file that is damaged
         raise UsageError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
+
+
+FORMAT = Format(needed, write_mcap, read_mcap)

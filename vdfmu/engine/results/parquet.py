@@ -18,25 +18,21 @@ from numpy.typing import NDArray
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import replacing
 from vdfmu.base.json_text import to_json
-from vdfmu.engine.results.recorded import Recorded, Signal, from_arrays, grouped, missing, no_rows
+from vdfmu.engine.results.formats import Format
+from vdfmu.engine.results.recorded import Recorded, Signal, from_arrays, grouped, imported, no_rows
 
 _GROUP = 2**16
 """Rows that are compressed at a time: the part of a long run held in memory."""
 _KEY = b"vdfmu"
 
 
-def needed() -> tuple[ModuleType, ModuleType]:
+def needed() -> tuple[ModuleType, ...]:
     """Return pyarrow and its module for Parquet; UsageError if it is not installed."""
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError as error:
-        raise missing("Parquet", "pyarrow", "parquet", error) from None
-    return pyarrow, pyarrow.parquet
+    return imported("Parquet", "pyarrow", "parquet", "pyarrow", "pyarrow.parquet")
 
 
 def write_parquet(results: Recorded, path: Path) -> None:
-    """Write the signals that copy no other, and the summary; see `Results.write`."""
+    """Write the signals that copy no other, and the summary."""
     pa, parquet = needed()
     signals = [Signal("time", "real", "s", 0), *(s for s in results.signals if not s.of)]
     types = {"real": pa.float64(), "integer": pa.int32(), "boolean": pa.bool_()}
@@ -62,7 +58,7 @@ def _array(pa: ModuleType, column: NDArray[Any]) -> Any:
 
 
 def read_parquet(path: Path) -> Recorded:
-    """Read what `write_parquet` wrote; see `Results.read`."""
+    """Read what `write_parquet` wrote."""
     pa, parquet = needed()
     try:
         with open(path, "rb") as file:
@@ -85,3 +81,6 @@ def read_parquet(path: Path) -> Recorded:
     ]
     arrays = [np.column_stack([table[s.name].to_numpy() for s in each]) for each in grouped(signals).values()]
     return from_arrays(table["time"].to_numpy(), signals, arrays, summary)
+
+
+FORMAT = Format(needed, write_parquet, read_parquet)

@@ -75,7 +75,7 @@ def draw_signals(
     over : mapping of str to Recorded, optional
         Other runs to draw over these, by what they are called.
     order : sequence of str, optional
-        Signals in the order of their panels; by default that of the results.
+        Signals in the order of their panels; by default the order of the results.
     """
     panels = _panels(results, hidden, order)
     shown = _chosen(panels)

@@ -8,7 +8,9 @@ import mmap
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -210,7 +212,7 @@ def from_arrays(time: Floats, signals: Sequence[Signal], arrays: Sequence[NDArra
 
 
 def to_facts(results: Recorded) -> tuple[list[Signal], str]:
-    """Return the signals that copy no other, and JSON of their names, kinds and units and of the summary."""
+    """Return the signals that copy no other, and lines of JSON of their names, kinds and units and the summary."""
     signals = [s for s in results.signals if not s.of]
     return signals, to_json({"signals": [(s.name, s.kind, s.unit) for s in signals], "summary": results.summary})
 
@@ -237,12 +239,15 @@ def legal_names(names: Sequence[str], taken: Sequence[str], most: int, *, ros: b
     return found
 
 
-def missing(what: str, package: str, extra: str, error: ImportError) -> UsageError:
-    """Return the error of a format whose package is not installed."""
-    return UsageError(
-        f"{what} needs the package {package}, which cannot be imported: {error}. Install it with "
-        f"'pip install vdfmu[{extra}]'. The results of a run can be CSV, which needs no package: --format csv."
-    )
+def imported(what: str, package: str, extra: str, *modules: str) -> tuple[ModuleType, ...]:
+    """Return modules of a package that a format needs; UsageError if it is not installed."""
+    try:
+        return tuple(import_module(module) for module in modules)
+    except ImportError as error:
+        raise UsageError(
+            f"{what} needs the package {package}, which cannot be imported: {error}. Install it with "
+            f"'pip install vdfmu[{extra}]'. The results of a run can be CSV, which needs no package: --format csv."
+        ) from None
 
 
 def copies_of(signals: Sequence[Signal]) -> dict[str, dict[str, str]]:

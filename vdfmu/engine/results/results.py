@@ -106,7 +106,7 @@ class Results(Recorded):
         return self.contents().to_html()
 
     def contents(self) -> Listing:
-        """Return what is there, as a table that shows itself: groups, their shapes, units and extremes."""
+        """Return the contents, as a table that shows itself: groups, their shapes, units and extremes."""
         rows: list[tuple[Any, ...]] = []
         copies = {signal.name for signal in self.signals if signal.of}
         for group, elements in self.groups.items():

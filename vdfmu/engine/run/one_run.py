@@ -84,13 +84,10 @@ class Run:
             store = probe.keeping(components, session.checked, grid, store)
         if visitor is not None and isinstance(components, Components):
             store = visited(visitor, components, grid, store)
-        self._guard = InterruptGuard()
+        guard = self._guard = InterruptGuard()
+        self._stopped = lambda: guard.number != 0  # the stepper keeps this, and not the rows
         self._pace = None if speed is None else Pace(speed, grid.step, store, self._stopped)
         self._store = store if self._pace is None else self._pace.store
-
-    def _stopped(self) -> bool:
-        """Whether the user wants to stop."""
-        return self._guard.number != 0
 
     def steps(self, progress: Any) -> Results:
         """Do the steps and return the results; `progress` is called as ``progress(k, n)``, if it is not None."""

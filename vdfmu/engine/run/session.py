@@ -13,7 +13,7 @@ from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.components import Components, failure_message
 from vdfmu.engine.masters.sampled import Stepper
 from vdfmu.engine.plan.checked import Checked
-from vdfmu.engine.plan.grid import Grid, largest_step
+from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.plan.unpacked import no_room, unpack_units
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.elsewhere import Elsewhere, Limits, Making
@@ -110,12 +110,12 @@ class Session:
         """Return the function for step k of a run, which checks that values read are finite."""
         box, advance, exchange, finite = self.box, self.stepper.advance, self.exchange, self.exchange.finite
         begin, end, step, n = grid
-        last = n - 1
+        last, rest = n - 1, grid.last
 
         def one(k: int) -> None:
             box.time = time = begin + k * step
             stop = begin + (k + 1) * step if k < last else end
-            advance(time, step if k < last or time + step == end else largest_step(time, end), stop)
+            advance(time, step if k < last else rest, stop)
             if not finite():
                 exchange.refuse_not_finite("doStep", stop)
 

@@ -200,7 +200,7 @@ class Simulator:
         step: float | None = None,
         parameters: Mapping[str, Value] | None = None,
     ) -> None:
-        """Begin a run whose steps are made by :meth:`step`; arguments as of :meth:`run`.
+        """Begin a run whose steps are made by :meth:`step`; for arguments see :meth:`run`.
 
         With the same arguments as before, components of FMI 2.0 that save their state go back to it, under gauss-seidel
         and jacobi; others are initialized anew.

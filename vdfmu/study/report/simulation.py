@@ -33,7 +33,7 @@ from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.plan.checked import Checked
-from vdfmu.engine.plan.grid import largest_step
+from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.plan.link import Link
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report.causes import LESS, causes, scaled_as
@@ -243,7 +243,6 @@ def _simulation(
         port: place for place, port in enumerate((name, v.name) for name in names for v in _outputs(checked, name))
     }
     begin, stop, step, steps = (summary[key] for key in ("start", "stop", "step", "steps"))
-    time = begin + (steps - 1) * step
     sliders = list(knobs(checked))
     passed = (summary.get("verdict") or {}).get("passed", False)
     values = values_of(checked)
@@ -266,7 +265,7 @@ def _simulation(
         "stop": stop,
         "step": step,
         "steps": steps,
-        "last": step if time + step == stop else largest_step(time, stop),
+        "last": Grid(begin, stop, step, steps).last,
         "knobs": sliders,
         "causes": list(causes(values, sliders, steps * len(places) * LESS <= MOST_VALUES)),
         "margins": {"good": GOOD, "poor": POOR},
