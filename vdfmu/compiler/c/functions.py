@@ -198,7 +198,11 @@ def operations_of(function: ca.Function, language: Language = C) -> list[Operati
         else:
             pattern = language.expressions.get(operation)
             if pattern is None:
-                raise KernelError(f"{function.name()}: operation {operation} of the trace has no text.")
+                name = next(key for key, code in vars(ca).items() if key.startswith("OP_") and code == operation)
+                raise KernelError(
+                    f"{function.name()}: CasADi's operation {name} has no text in C. Write it with others, or write "
+                    'backend = "python" in the class of the unit.'
+                )
             value = pattern.format(*[f"w{i}" for i in source])
             found.append(Operation(assign(f"w{target[0]}", value), source, target))
     return found
