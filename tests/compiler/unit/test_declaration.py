@@ -223,6 +223,10 @@ def test_an_instance_has_values_and_refuses_others(slider):
     unit.outputs()
     assert unit.y.tolist() == [1.0, 4.0, 9.0]
     assert (unit.k, unit.mode, unit.on, unit.n) == (4.0, "fast", True, 3)
+    gains = np.ones(3)
+    unit.g = gains
+    gains[0] = 2.0
+    assert unit.g.tolist() == [1.0, 1.0, 1.0]
     with pytest.raises(UsageError, match=r"Many has no 'K' to set\. There are: k, period, mode"):
         Many(slider, K=1.0)
     with pytest.raises(UsageError, match=r"Many\.g: expected shape \(3,\), got \(2,\)"):

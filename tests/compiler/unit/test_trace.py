@@ -26,6 +26,7 @@ from vdfmu.unit import (
     State,
     Switch,
     Unit,
+    zeros,
 )
 
 EPS = np.finfo(float).eps
@@ -165,6 +166,45 @@ class Undeclared(Geared):
 
     def outputs(self) -> None:
         self.y = self.robot.mass * self.tau
+
+
+class Reused(Unit):
+    """Sets two outputs to one array, which it changes in between."""
+
+    u = Input("1")
+    y = Output("1", 2)
+    z = Output("1", 2)
+
+    def outputs(self) -> None:
+        array = zeros((2,), self.u)
+        array[0] = self.u
+        self.y = array
+        array[1] = 5.0
+        self.z = array
+
+
+def test_a_variable_keeps_what_an_array_was_when_it_was_set():
+    for unit in both(Reused):
+        unit.group("u")[:] = 3.0
+        unit.outputs()
+        assert (unit.group("y").tolist(), unit.group("z").tolist()) == ([3.0, 0.0], [3.0, 5.0])
+
+
+class Touched(Unit):
+    """Changes an element of a parameter that has its start value."""
+
+    K = Parameter("1", 2, start=[1.0, 2.0])
+    y = Output("1", 2)
+
+    def outputs(self) -> None:
+        self.K[0] = 7.0
+        self.y = self.K
+
+
+def test_an_element_of_a_parameter_is_not_set():
+    for kind in (Traced, Plain):
+        with pytest.raises(UnitError, match=r"line \d+: outputs\(\) of Touched fails: an element of a variable"):
+            kind(Interface(Touched, None)).outputs()
 
 
 class ManyWays(Unit):

@@ -27,6 +27,7 @@ from vdfmu.compiler.unit.declaration import (
     State,
     Switch,
     Terminal,
+    constant,
 )
 from vdfmu.compiler.unit.follow import MARK, followers, mark_parameter, roots, start_arrays, with_mark
 from vdfmu.compiler.unit.machine import Machine
@@ -257,10 +258,9 @@ class BaseUnit:
         if array.dtype.kind not in "biuf" and not all(_is_number(v) for v in array.flat):
             raise UsageError(f"{where}: expected numbers, got {value!r}.")
         try:
-            shaped = np.broadcast_to(array, sizes)
+            return constant(array, sizes)[()]
         except ValueError:
             raise UsageError(f"{where}: expected shape {sizes}, got {array.shape}.") from None
-        return shaped if sizes else shaped[()]
 
     @property
     def n(self) -> int:

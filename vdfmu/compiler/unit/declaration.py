@@ -114,12 +114,19 @@ class Declared:
         return self.shaped(np.asarray(start(robot) if callable(start) else start), robot)
 
     def shaped(self, value: np.ndarray[Any, Any], robot: Machine | None) -> np.ndarray[Any, Any]:
-        """Return a value in the shape for a robot; UnitError if it does not fit."""
+        """Return a value in the shape for a robot, constant; UnitError if it does not fit."""
         sizes = self.sizes(robot.n if robot is not None else 0)
         try:
-            return np.broadcast_to(value, sizes).copy()
+            return constant(value, sizes)
         except ValueError:
             raise UnitError(f"{self.name}: start value: expected shape {sizes}, got {value.shape}.") from None
+
+
+def constant(values: np.ndarray[Any, Any], shape: tuple[int, ...]) -> np.ndarray[Any, Any]:
+    """Return a copy in a shape, whose elements cannot be set, which would be lost; ValueError for another shape."""
+    copy = np.broadcast_to(values, shape).copy()
+    copy.flags.writeable = False
+    return copy
 
 
 class Input(Declared):
