@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu.base.arrays import Floats
-from vdfmu.compiler.functions.functions import KernelFunction
+from vdfmu.compiler.functions.traced import KernelFunction
 from vdfmu.compiler.unit.declaration import PHASES, Choice, Declared, Derivative, Switch, constant
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.program import Call

@@ -6,8 +6,8 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.compiler.functions import traced_function
 from vdfmu.compiler.functions.rodas import Stages, permuted, rodas_step, stage_equations
+from vdfmu.compiler.functions.traced import traced_function
 from vdfmu.compiler.scalar.elimination import factorize, solve
 from vdfmu.compiler.scalar.generic import cutting
 from vdfmu.compiler.scalar.symbol import from_sx, to_sx
