@@ -243,6 +243,13 @@ def test_an_instance_has_values_and_refuses_others(slider):
         _ = Many(slider).y
 
 
+def test_the_experiment_keeps_inputs_within_their_limits():
+    unit = type("Narrow", (Unit,), {"u": Input("1", 2, start=3.0, minimum=2.0, maximum=4.0), "v": Input("1")})()
+    unit.t = 1.0
+    unit.experiment()
+    assert unit.u.tolist() == [2.0, 2.0] and unit.v == 0.1 * np.sin(3.0)
+
+
 def test_a_start_value_of_another_shape_is_refused(slider):
     class Bad(Unit):
         """Two numbers for three joints."""

@@ -186,6 +186,8 @@ class Symbol:
         """Return the symbol, which is real."""
         return self
 
+    __pos__ = conjugate
+
     def arctan2(self, x: Any) -> Symbol:
         """Angle of the point (x, self)."""
         return Symbol(ca.atan2(self.sx, _sx(x)))

@@ -200,7 +200,7 @@ class BaseUnit:
                 size = np.shape(getattr(self, name))
                 count = math.prod(size)
                 wave = 0.1 * np.sin(2.0 * self.t + phase + 0.4 * np.arange(count)).reshape(size)
-                setattr(self, name, wave)
+                setattr(self, name, np.clip(wave, declared.minimum, declared.maximum))
                 phase += 1.0
 
     # ---------------------------------------------------------------- values
