@@ -40,16 +40,18 @@ class Elementwise(Unit):
     """What vdfmu.unit gives, on arrays and scalars."""
 
     u = Input("1", 3)
-    y = Output("1", (9, 3))
-    z = Output("1", 6)
+    y = Output("1", (10, 3))
+    z = Output("1", 8)
 
     def outputs(self) -> None:
         u, a = self.u, self.u[0]
         self.y = np.stack([
+            where(np.logical_and(u > 0.3, np.logical_not(u > 1.0)) | np.logical_or(u < -2.0, u > 3.0), u, 1.0),
             where(u > 0.3, u, -u), where(u <= 0.5, 1.0, u), clip(u, -1.0, 1.0), clip(0.5, u, 2.0), minimum(u, 0.5),
             maximum(u[::-1], u), sgn(u), np.abs(u), where((u > -1.0) & ~(u >= 1.0) | (u < -2.0), u, 0.0),
         ])  # fmt: skip
-        self.z = [where(a > 0.0, a, 2.0 * a), minimum(a, 1.0), maximum(0.0, a), clip(a, 0.0, 1.0), sgn(+a), abs(a)]
+        self.z = [where(a > 0.0, a, 2.0 * a), minimum(a, 1.0), maximum(0.0, a), clip(a, 0.0, 1.0), sgn(+a), abs(a), np.any(u > 2.0),
+                  np.all(u < 2.0)]  # fmt: skip
 
 
 class Rounding(Unit):

@@ -246,6 +246,8 @@ _ELEMENTWISE: Mapping[np.ufunc, np.ufunc] = {
     np.maximum: _pairs(ca.fmax), np.fmax: _pairs(ca.fmax), np.minimum: _pairs(ca.fmin), np.fmin: _pairs(ca.fmin),
     np.arctan2: _pairs(ca.atan2), np.hypot: _pairs(ca.hypot), np.copysign: _pairs(ca.copysign),
     np.fmod: _pairs(ca.fmod), np.float_power: _pairs(operator.pow),
+    np.logical_and: _pairs(ca.logic_and), np.logical_or: _pairs(ca.logic_or),
+    np.logical_not: np.frompyfunc(lambda a: Symbol(ca.logic_not(_sx(a))), 1, 1),
     np.heaviside: _pairs(lambda x, at_zero: ca.if_else(x == 0.0, at_zero, x > 0.0)),
     np.logaddexp: _pairs(lambda a, b: ca.fmax(a, b) + ca.log1p(ca.exp(-ca.fabs(a - b)))),
     np.sign: np.frompyfunc(lambda a: Symbol(ca.sign(_sx(a))), 1, 1),
