@@ -167,7 +167,7 @@ def compiling(jobs: Iterable[Compilation]) -> Generator[Callable[[], list[bytes]
             if first is not None:
                 zig()
                 workshop = _Workshop(stack.enter_context(temporary_folder("vdfmu_native_")))
-                made = stack.enter_context(stack.enter_context(workshop).making(chain([first], missing)))
+                made = stack.enter_context(workshop.making(chain([first], missing)))
 
         def libraries() -> list[bytes]:
             with _saying_where():
@@ -204,12 +204,6 @@ class _Workshop:
             "ZIG_LOCAL_CACHE_DIR": str(self._folder / "zig"),
             "ZIG_GLOBAL_CACHE_DIR": self._support_folder(),
         }
-
-    def __enter__(self) -> _Workshop:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stop()
 
     def _support_folder(self) -> str:
         """Folder in which zig keeps what it compiles of its own for each platform, with locks of its own."""
