@@ -8,7 +8,6 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from vdfmu.base.errors import KernelError
 from vdfmu.compiler.c.counterparts import Trace
 from vdfmu.compiler.c.expressions import EXPRESSIONS, c_prototype, slopes
 from vdfmu.compiler.c.functions import c_texts
@@ -180,9 +179,3 @@ def test_few_joints_and_joints_with_nothing_in_common_have_no_loops():
     functions = [ca.sin, ca.cos, ca.tan, ca.exp, ca.sqrt, ca.tanh, ca.atan, ca.log1p, ca.sinh, ca.cosh, ca.fabs]
     y = [functions[k % 11](functions[(k + 1 + k // 11) % 11](x[k])) for k in range(N)]
     assert find_loops(ca.Function("unlike", [x], [ca.vertcat(*y)], ["x"], ["y"]), N) is None
-
-
-def test_an_operation_without_c_is_named():
-    x = ca.SX.sym("x")
-    with pytest.raises(KernelError, match=r"f: CasADi's operation OP_ERF has no text in C\. Write it with others"):
-        c_texts(ca.Function("f", [x], [ca.erf(x)]))
