@@ -50,8 +50,10 @@ class Elementwise(Unit):
             where(u > 0.3, u, -u), where(u <= 0.5, 1.0, u), clip(u, -1.0, 1.0), clip(0.5, u, 2.0), minimum(u, 0.5),
             maximum(u[::-1], u), sgn(u), np.abs(u), where((u > -1.0) & ~(u >= 1.0) | (u < -2.0), u, 0.0),
         ])  # fmt: skip
-        self.z = [where(a > 0.0, a, 2.0 * a), minimum(a, 1.0), maximum(0.0, a), clip(a, 0.0, 1.0), sgn(+a), abs(a), np.any(u > 2.0),
-                  np.all(u < 2.0)]  # fmt: skip
+        self.z = [
+            where(a > 0.0, a, 2.0 * a), minimum(a, 1.0), maximum(0.0, a), clip(a, 0.0, 1.0), sgn(+a), abs(a),
+            np.any(u > 2.0), np.all(u < 2.0),
+        ]  # fmt: skip
 
 
 class Rounding(Unit):
