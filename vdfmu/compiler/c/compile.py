@@ -100,7 +100,7 @@ class Compilation:
         return [*_FLAGS, *chosen, *self.target.flags, *self.flags]
 
     def _needed(self, name: str) -> dict[str, bytes]:
-        """Return a file and those of the sources that it includes, by way of others too."""
+        """Return a file and the sources that it includes, directly or through others."""
         found: dict[str, bytes] = {}
         names = [name]
         while names:
@@ -181,7 +181,7 @@ def compiling(jobs: Iterable[Compilation]) -> Generator[Callable[[], list[bytes]
 
 @contextmanager
 def _saying_where() -> Generator[None]:
-    """Say in which folder the system refuses a file."""
+    """Name the folder in which the system refuses a file."""
     try:
         yield
     except OSError as error:
@@ -280,7 +280,7 @@ class _Workshop:
         files = [os.path.relpath(objects[key], place) for key in job.objects.values()]
         library = f"{job.name}{job.target.suffix}"
         extra = self._system_libraries(job)
-        # the name inside the library is that of its file, not of the folder in which it was made
+        # the name inside the library is its file's, without the folder in which it was made
         if job.platform.endswith("darwin"):
             extra.append(f"-Wl,-install_name,@rpath/{library}")
         if job.platform == WASM:

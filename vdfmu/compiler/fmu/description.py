@@ -1,4 +1,4 @@
-"""modelDescription.xml of FMI 2.0, of Python and of native FMUs, and what that of FMI 3.0 shares with it."""
+"""modelDescription.xml of FMI 2.0, of Python and native FMUs, and the parts that FMI 3.0 has too."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ def add_units(root: Element, variables: Iterable[Variable]) -> None:
 def add_log_and_experiment(root: Element, fmi: str, interface: Interface) -> None:
     """Add the log categories and the default experiment; `fmi` is the prefix of status names.
 
-    A unit with a solver names the tolerance of its parameter: importers take one of their own where there is none. The
+    The tolerance is that of the unit's solver: importers choose one of their own where none is named. The
     step of one with sampled states is their period.
     """
     categories = SubElement(root, "LogCategories")

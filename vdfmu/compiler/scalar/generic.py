@@ -18,7 +18,7 @@ from vdfmu.base.errors import UsageError
 
 
 def sgn(x: Any) -> Any:
-    """Sign of every element, -1 or 1; that of the zero at zero, so that sgn(x) * f(|x|) keeps its slope."""
+    """Sign of every element, -1 or 1; at a zero its own sign, so that sgn(x) * f(|x|) keeps its slope."""
     if isinstance(x, np.ndarray) and x.dtype == object:
         return np.frompyfunc(sgn, 1, 1)(x)
     own = getattr(x, "sgn", None)

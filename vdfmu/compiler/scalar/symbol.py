@@ -192,7 +192,7 @@ class Symbol:
         return _of_arrays(function, args, kwargs)
 
     def sgn(self) -> Symbol:
-        """Sign, that of the zero at zero."""
+        """Sign; at a zero the sign of the zero."""
         return Symbol(ca.copysign(1.0, self.sx))
 
     def minimum(self, other: Any) -> Symbol:

@@ -155,8 +155,8 @@ class State(Declared):
 class Sampled(State):
     """A state that ``update`` sets every ``period``, a parameter of the unit [s]; it is held in between.
 
-    Its value is that of the time from the sample on, so the unit is stepped before those that read it. One that is
-    `delayed` reaches them at the next communication point: that breaks a loop of sampled units.
+    Its value holds from the sample on, so the unit is stepped before the units that read it. A `delayed` one reaches
+    them at the next communication point: that breaks a loop of sampled units.
 
     Parameters: see :class:`Declared`, and
 

@@ -20,8 +20,8 @@ class ImplicitEquations:
 
     ``E`` and ``EJ`` are the derivatives of the balance with respect to derivatives and states, where the unit has one:
     the identity and the Jacobian else. `Ef_t` is E times the derivative along inputs that change at `rates`, and time.
-    With `cut` and a long chain, rows and columns of what the balance cuts come after those of the states: E is 0 in
-    these columns. `order` is that of the elimination.
+    With `cut` and a long chain, rows and columns of what the balance cuts come after the states' own; E is 0 in these
+    columns. `order` is the order of elimination.
     """
 
     def __init__(self, watch: SymbolicWatch, cut: bool = False) -> None:

@@ -154,7 +154,7 @@ class UnitFunctions(Functions):
 
     @property
     def sources(self) -> dict[str, bytes]:
-        """Name to content of the unit's file, as ``unit.py``, and of the files beside it that it names.
+        """Name to content of the unit's file, as ``unit.py``, and of the `files` that it names.
 
         Raises
         ------

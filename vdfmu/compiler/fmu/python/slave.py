@@ -98,7 +98,7 @@ def _told(name: str, words: str) -> Generator[None]:
 
 
 class UnitSlave(Fmi2Slave):
-    """The slave of all units; those of :func:`slave_class` name the model of their `unit`."""
+    """The slave of all units; the subclasses of :func:`slave_class` have the model name in `unit`."""
 
     unit: ClassVar[str] = ""
     log_categories = LOG_CATEGORIES
