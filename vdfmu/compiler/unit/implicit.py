@@ -84,6 +84,8 @@ class ImplicitEquations:
         start = ca.Function(f"{name}_start", list(used.values()), started, list(used), list(made))
         if stages.carried:
             derivatives = self._balance(f"{name}_balance", stages)
+        elif not derivatives.n_in():  # constant rates, of which a step could make no call
+            derivatives = ca.Function(f"{name}_rate", [self.x], [ca.densify(self.x_dot)], ["x"], ["x_dot"])
 
         moving = {key: value for key, value in self.inputs.items() if key in self.rates or key == "t"}
         later = [value + time * self.rates.get(key, 1.0) for key, value in moving.items()]
