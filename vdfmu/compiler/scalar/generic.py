@@ -107,7 +107,7 @@ def lookup(x: Any, edges: Any, rows: Any) -> Any:
         )
     if hasattr(x, "row_of"):
         return x.row_of(edges, rows)
-    return rows[min(max(int(np.searchsorted(edges, x, "right")) - 1, 0), len(rows) - 1)]
+    return np.asarray(rows)[min(max(int(np.searchsorted(edges, x, "right")) - 1, 0), len(rows) - 1)]
 
 
 _Cutter = Callable[[int, Any], Any]
