@@ -91,6 +91,6 @@ def build_fmus(
         check_robot(robot)
     chosen = [one if isinstance(one, type) else find_unit(one) for one in units or shipped_units()]
     return build_units(
-        robot, out_dir, chosen, start_values=start_values, backend=backend, fmi_version=fmi_version,
+        robot, out_dir, chosen, start_values=start_values or {}, backend=backend, fmi_version=fmi_version,
         platforms=platforms, sources=sources, target=target, precision=precision, step=step,
     )  # fmt: skip

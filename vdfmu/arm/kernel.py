@@ -21,7 +21,7 @@ from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.structure import structure_key, symbolic_robot, values
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import KernelError
-from vdfmu.compiler.functions import Functions, KernelFunction, traced_function
+from vdfmu.compiler.functions.traced import Functions, KernelFunction, traced_function
 from vdfmu.compiler.scalar.symbol import from_sx, to_sx
 
 
@@ -58,7 +58,7 @@ class Kernel(Functions):
     robot : Robot
         Its structure decides the functions; `p` holds the values of its run-time parameters.
     cache : path, None or "default"
-        See :class:`~vdfmu.compiler.functions.functions.Functions`.
+        See :class:`~vdfmu.compiler.functions.traced.Functions`.
     """
 
     def __init__(self, robot: Robot, cache: Path | None | str = "default") -> None:

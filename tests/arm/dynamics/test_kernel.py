@@ -13,8 +13,8 @@ from vdfmu.arm.kernel import Kernel
 from vdfmu.base import cache
 from vdfmu.base.cache import cache_folder
 from vdfmu.base.errors import KernelError, UsageError
-from vdfmu.compiler.functions.functions import KernelFunction
 from vdfmu.compiler.functions.sources import imported
+from vdfmu.compiler.functions.traced import KernelFunction
 from vdfmu.compiler.scalar.generic import clip, piecewise_hold, sgn, zeros
 from vdfmu.compiler.scalar.jet import Jet
 from vdfmu.compiler.scalar.symbol import Symbol, from_sx, to_sx

@@ -10,7 +10,7 @@ from vdfmu.arm import dynamics
 from vdfmu.arm.kernel import Kernel
 from vdfmu.base.errors import KernelError
 from vdfmu.compiler.c import rows
-from vdfmu.compiler.functions import KernelFunction
+from vdfmu.compiler.functions.traced import KernelFunction
 
 
 @pytest.fixture

@@ -57,7 +57,7 @@ class Encoder(Unit):
 class Mixer(Unit):
     """Two signals, mixed in one of three ways."""
 
-    u = Input("1", 2, text="signal")
+    u = Input("1", 2, text="signal", minimum=-1e3, maximum=1e3)
     way = Choice("sum", "product", "the larger", text="way of mixing")
     inverted = Switch(False, text="changes the sign")
     y = Output("1", text="mixture")

@@ -20,9 +20,11 @@ from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import shipped_units
 from vdfmu.arm.units.pieces.plant_joint import PlantJoint
 from vdfmu.base.errors import FmuError, UsageError
-from vdfmu.compiler.c import PLATFORMS, compile, native_available, platforms, programs, this_platform
+from vdfmu.compiler.c import compile, platforms, programs
 from vdfmu.compiler.c.compile import Compilation, _Workshop, compile_library
 from vdfmu.compiler.c.generate import generated_sources
+from vdfmu.compiler.c.platforms import PLATFORMS, this_platform
+from vdfmu.compiler.c.programs import native_available
 from vdfmu.compiler.fmu.content import Content
 from vdfmu.compiler.fmu.native import fmi_headers, unit_sources
 from vdfmu.compiler.unit.interface import Interface

@@ -19,8 +19,8 @@ from tests.compiler.fmu.conftest import Lazy
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import shipped_units
-from vdfmu.compiler.c import PLATFORMS, platforms
-from vdfmu.compiler.c.platforms import ALL
+from vdfmu.compiler.c import platforms
+from vdfmu.compiler.c.platforms import ALL, PLATFORMS
 from vdfmu.compiler.fmu.native import fmi_headers
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.engine.inspect.fmi import related_notes

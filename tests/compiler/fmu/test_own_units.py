@@ -12,6 +12,7 @@ from typing import Any
 import fmpy
 import numpy as np
 import pytest
+from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 from lxml import html
 
@@ -138,6 +139,14 @@ def test_choices_and_switches_decide_what_runs(own: Opener, form: str, way: int,
     for u in ([0.3, 0.7], [2.0, -1.5]):
         expected = (sum(u), u[0] * u[1], max(u))[way]
         assert unit.step(u=u).get("y") == (-expected if inverted else expected)
+
+
+def test_an_input_is_held_to_its_limits(own: Opener, form: str) -> None:
+    unit = own("Mixer", form).start(u=[1e3, -1e3])
+    with pytest.raises((AssertionError, FMICallException)):
+        unit.set(u=[0.0, 2e3])
+    assert "u[2]: expected at most 1000, got 2000." in str(unit.messages[-1])
+    assert np.ravel(unit.step().get("y")) == [0.0]
 
 
 def test_a_unit_without_inputs_is_a_function_of_time(own: Opener, form: str) -> None:

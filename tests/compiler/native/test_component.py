@@ -25,7 +25,7 @@ from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
 from vdfmu.base.data import data_path
 from vdfmu.base.errors import CosimError, UsageError
-from vdfmu.compiler.c import this_platform
+from vdfmu.compiler.c.platforms import this_platform
 from vdfmu.compiler.fmu import native as native_build
 from vdfmu.engine.fmu.classes import class_of
 from vdfmu.engine.fmu.description import Description, in_sandbox, inspect_description

@@ -14,7 +14,7 @@ from tests.compiler.native.binding import Instance, Model
 from tests.compiler.native.conftest import GCC, HEADERS, HERE, program, run
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.units.plant import Plant
-from vdfmu.compiler.c import this_platform
+from vdfmu.compiler.c.platforms import this_platform
 from vdfmu.compiler.unit.declaration import SOLVERS
 from vdfmu.compiler.unit.evaluate import Traced
 from vdfmu.compiler.unit.integrator import Integrator

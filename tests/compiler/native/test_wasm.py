@@ -17,7 +17,7 @@ from tests.compiler.native.conftest import alone
 from tests.compiler.native.fmi_types import signatures
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
-from vdfmu.compiler.c import this_platform
+from vdfmu.compiler.c.platforms import this_platform
 
 pytestmark = pytest.mark.heavy
 VERSIONS = ("2.0", "3.0")

@@ -223,6 +223,10 @@ def test_an_instance_has_values_and_refuses_others(slider):
     unit.outputs()
     assert unit.y.tolist() == [1.0, 4.0, 9.0]
     assert (unit.k, unit.mode, unit.on, unit.n) == (4.0, "fast", True, 3)
+    gains = np.ones(3)
+    unit.g = gains
+    gains[0] = 2.0
+    assert unit.g.tolist() == [1.0, 1.0, 1.0]
     with pytest.raises(UsageError, match=r"Many has no 'K' to set\. There are: k, period, mode"):
         Many(slider, K=1.0)
     with pytest.raises(UsageError, match=r"Many\.g: expected shape \(3,\), got \(2,\)"):
@@ -237,6 +241,13 @@ def test_an_instance_has_values_and_refuses_others(slider):
         unit.k = None
     with pytest.raises(UnitError, match=r"Many\.y is read before it is set"):
         _ = Many(slider).y
+
+
+def test_the_experiment_keeps_inputs_within_their_limits():
+    unit = type("Narrow", (Unit,), {"u": Input("1", 2, start=3.0, minimum=2.0, maximum=4.0), "v": Input("1")})()
+    unit.t = 1.0
+    unit.experiment()
+    assert unit.u.tolist() == [2.0, 2.0] and unit.v == 0.1 * np.sin(3.0)
 
 
 def test_a_start_value_of_another_shape_is_refused(slider):

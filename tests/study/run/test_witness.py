@@ -12,7 +12,7 @@ import vdfmu
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.cache import load, store
 from vdfmu.compiler.c import generate
-from vdfmu.compiler.functions.functions import Functions
+from vdfmu.compiler.functions.traced import Functions
 from vdfmu.compiler.unit.program import UnitFunctions
 from vdfmu.study.run import scenario_run as study
 from vdfmu.system.package.write import write_ssp
@@ -241,7 +241,7 @@ def test_it_shares_nothing_and_takes_little_time(tmp_path, monkeypatch, calls):
     results = vdfmu.run("tracking", stop=0.1, reference=False, backend="python", out=tmp_path / "out")
     for place in (UnitFunctions, Functions):
         monkeypatch.setattr(place, "casadi_function", refuse)
-    monkeypatch.setattr("vdfmu.compiler.functions.functions.load", refuse)
+    monkeypatch.setattr("vdfmu.compiler.functions.traced.load", refuse)
     monkeypatch.setattr("vdfmu.compiler.unit.evaluate.Traced", refuse)
     found = made[0].summary(results)
     assert found["faults"] == []

@@ -101,7 +101,7 @@ class Compilation:
         return [*_FLAGS, *chosen, *self.target.flags, *self.flags]
 
     def _needed(self, name: str) -> dict[str, bytes]:
-        """Return a file and those of the sources that it includes, by way of others too."""
+        """Return a file and the sources that it includes, directly or through others."""
         found: dict[str, bytes] = {}
         names = [name]
         while names:
@@ -168,7 +168,7 @@ def compiling(jobs: Iterable[Compilation]) -> Generator[Callable[[], list[bytes]
             if first is not None:
                 zig()
                 workshop = _Workshop(stack.enter_context(temporary_folder("vdfmu_native_")))
-                made = stack.enter_context(stack.enter_context(workshop).making(chain([first], missing)))
+                made = stack.enter_context(workshop.making(chain([first], missing)))
 
         def libraries() -> list[bytes]:
             with _saying_where():
@@ -182,7 +182,7 @@ def compiling(jobs: Iterable[Compilation]) -> Generator[Callable[[], list[bytes]
 
 @contextmanager
 def _saying_where() -> Generator[None]:
-    """Say in which folder the system refuses a file."""
+    """Name the folder in which the system refuses a file."""
     try:
         yield
     except OSError as error:
@@ -205,12 +205,6 @@ class _Workshop:
             "ZIG_LOCAL_CACHE_DIR": str(self._folder / "zig"),
             "ZIG_GLOBAL_CACHE_DIR": self._support_folder(),
         }
-
-    def __enter__(self) -> _Workshop:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stop()
 
     def _support_folder(self) -> str:
         """Folder in which zig keeps what it compiles of its own for each platform, with locks of its own."""
@@ -287,7 +281,7 @@ class _Workshop:
         files = [os.path.relpath(objects[key], place) for key in job.objects.values()]
         library = f"{job.name}{job.target.suffix}"
         extra = self._system_libraries(job)
-        # the name inside the library is that of its file, not of the folder in which it was made
+        # the name inside the library is its file's, without the folder in which it was made
         if job.platform.endswith("darwin"):
             extra.append(f"-Wl,-install_name,@rpath/{library}")
         if job.platform == WASM:

@@ -34,7 +34,7 @@ def kernel_files(
 ) -> dict[str, str]:
     """Return file name to text of a traced function, without what it calls of `apart`; it loops over many `joints`.
 
-    With `derivative`, which traces one by its direction, those of its derivatives too.
+    With `derivative`, which traces a derivative by its direction, the files of its derivatives too.
     """
     loops = find_loops(function, joints)
     calls = not function.is_a("SXFunction")
@@ -61,7 +61,7 @@ def kernel_files(
 
 
 def avx2_copies(files: Mapping[str, str]) -> dict[str, str]:
-    """Files that compile those of the step again, for AVX2, with other names of the functions in them."""
+    """Files that compile the files of the step again, for AVX2, with other names of their functions."""
     names = _DEFINED.findall("\n".join(files.values()))
     renamed = "".join(f"#define {name} {name}_avx2\n" for name in names)
     return {

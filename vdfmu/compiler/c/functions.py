@@ -25,7 +25,7 @@ def c_texts(function: ca.Function, apart: Collection[str] = (), joints: int = 0)
     """Return a C11 function of a trace, as texts that can be compiled side by side; the last has the function itself.
 
     ``void name(const double *restrict argument, .., double *restrict result_out, ..)``, with a pointer for
-    scalars too, matrices as in :class:`~vdfmu.compiler.functions.functions.KernelFunction`. It needs ``<math.h>``.
+    scalars too, matrices as in :class:`~vdfmu.compiler.functions.traced.KernelFunction`. It needs ``<math.h>``.
 
     The trace becomes loops over many `joints`, see :mod:`.loops`. Where these have too little in common, one of more
     than :data:`WHOLE` operations becomes a chain of functions ``name_part_1``, ..: the time in which compilers place
@@ -198,7 +198,11 @@ def operations_of(function: ca.Function, language: Language = C) -> list[Operati
         else:
             pattern = language.expressions.get(operation)
             if pattern is None:
-                raise KernelError(f"{function.name()}: operation {operation} of the trace has no text.")
+                name = next(key for key, code in vars(ca).items() if key.startswith("OP_") and code == operation)
+                raise KernelError(
+                    f"{function.name()}: CasADi's operation {name} has no text in C. Write it with others, or write "
+                    'backend = "python" in the class of the unit.'
+                )
             value = pattern.format(*[f"w{i}" for i in source])
             found.append(Operation(assign(f"w{target[0]}", value), source, target))
     return found

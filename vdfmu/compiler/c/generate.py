@@ -91,7 +91,7 @@ class _TracedFunctions:
 
 
 class _UnitGenerator:
-    """Generator of one unit, with its functions or those of a shorter arm, which have the same names."""
+    """Generator of one unit, with its functions or a shorter arm's, which have the same names."""
 
     def __init__(self, interface: Interface, guid: str, traced: _TracedFunctions) -> None:
         self.interface, self.guid = interface, guid

@@ -24,7 +24,7 @@ def grown(shorter: Mapping[int, Mapping[str, str]], joints: int) -> dict[str, st
     shorter : mapping of int to mapping
         At least two smaller numbers of joints to the files there. Two decide how each number grows, others check it.
     joints : int
-        Whole steps more, of which the first two are apart.
+        The number asked for: whole steps from the first, as the first two are apart.
 
     Returns
     -------

@@ -48,7 +48,7 @@ def find_loops(function: ca.Function, joints: int) -> Loops | None:
 
 
 def straight(function: ca.Function) -> Loops | None:
-    """Return a trace whose operations all come before loops, of which there are none; None if it calls functions."""
+    """Return a trace without loops, as operations that come before them; None if it calls functions."""
     if not _calls_none(function):
         return None
     trace = Trace(function)

@@ -19,8 +19,8 @@ class Platform:
     Attributes
     ----------
     name : str
-        Platform tuple of FMI 3.0, which names its folder in ``binaries/``; of WebAssembly that of the processor alone,
-        as the module asks no system for anything.
+        Platform tuple of FMI 3.0, which names its folder in ``binaries/``; of WebAssembly the processor alone, as the
+        module asks no system for anything.
     target : str
         Target of zig: the oldest system on which the library loads.
     folder_2 : str
@@ -33,7 +33,7 @@ class Platform:
         Flags of the linker.
     libraries : mapping of str to mapping of str to str
         The system's libraries: file, then version of its functions, then the functions that may be called, separated
-        by spaces. The linker needs no more of them. Without any it takes those of zig, which compiles them first.
+        by spaces. The linker needs no more of them. Without any it takes zig's own, which zig compiles first.
     folder_3 : str
         Folder in FMI 3.0, where it does not have the name.
     """

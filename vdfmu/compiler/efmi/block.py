@@ -1,7 +1,7 @@
 """A unit as a block of eFMI: its variables, and what its methods call.
 
-What is fixed in a run is constant here: parameters that cannot be tuned, those of the robot, and choices, of which only
-the chosen method is written. What a sampled state was before the sample is a state of its own, as in ``previous(x)``
+What is fixed in a run is constant here: parameters that cannot be tuned, parameters of the robot, and choices; only the
+chosen method is written. What a sampled state was before the sample is a state of its own, as in ``previous(x)``
 of Modelica. A unit that reads the time counts its steps.
 """
 
@@ -84,7 +84,7 @@ class SampledBlock:
     Parameters
     ----------
     interface : Interface
-        Its start values are those of tunable parameters, and the values of all others.
+        Its start values are the start values of tunable parameters, and the values of all others.
     step : float
         Time from one step to the next [s] of a memoryless unit; a sampled one has its period.
 

@@ -10,14 +10,13 @@ from pathlib import Path
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import regular_target, require_ours, storing
-from vdfmu.base.once import one_job
 from vdfmu.base.progress import warn_once
-from vdfmu.base.standards import BACKENDS, FMI_2, FMI_3, FMI_VERSIONS, PYTHON_FMI, WITHOUT_NATIVE
-from vdfmu.compiler.c import native_available
+from vdfmu.base.standards import BACKENDS, FMI_3, FMI_VERSIONS, PYTHON_FMI, WITHOUT_NATIVE
 from vdfmu.compiler.c.platforms import COMPONENT
+from vdfmu.compiler.c.programs import native_available
 from vdfmu.compiler.efmi.production import PRECISIONS
 from vdfmu.compiler.fmu.content import Content, is_built, keep_record
-from vdfmu.compiler.targets import FMI, TARGETS, BuildTarget
+from vdfmu.compiler.targets import TARGETS, BuildTarget
 from vdfmu.compiler.unit.base import BaseUnit, unit_name
 from vdfmu.compiler.unit.machine import Machine
 from vdfmu.compiler.unit.requirements import unmet
@@ -61,20 +60,19 @@ def choose_backend(backend: str | None) -> str:
     return backend
 
 
-@one_job()
 def build_units(
     robot: Machine | None,
     out_dir: str | os.PathLike[str],
     units: Sequence[type[BaseUnit]],
     *,
-    start_values: Mapping[str, Mapping[str, float]] | None = None,
-    backend: str | None = None,
-    fmi_version: str = FMI_2.name,
-    platforms: Sequence[str] | str | None = None,
-    sources: bool = True,
-    target: str = FMI,
-    precision: str = "double",
-    step: float = 1e-3,
+    start_values: Mapping[str, Mapping[str, float]],
+    backend: str | None,
+    fmi_version: str,
+    platforms: Sequence[str] | str | None,
+    sources: bool,
+    target: str,
+    precision: str,
+    step: float,
 ) -> dict[str, Path]:
     """Build FMUs of units, each ``<Name>.fmu``; see :func:`vdfmu.build_fmus`."""
     further = _checked_target(target, precision, step, backend, units)
@@ -83,7 +81,7 @@ def build_units(
         backend = "native"  # what only native FMUs have asks for them
     named = {unit_name(unit): unit for unit in units}
     backend = choose_backend(backend)
-    _check_names(named, start_values or {}, backend, fmi_version, platforms)
+    _check_names(named, start_values, backend, fmi_version, platforms)
     if robot is not None:
         if robot.n > _MOST_JOINTS:
             raise UsageError(
@@ -96,7 +94,7 @@ def build_units(
         out / f"{unit.__name__}.fmu": Content(
             unit,
             robot if unit.needs_robot() else None,
-            dict((start_values or {}).get(name, {})),
+            dict(start_values.get(name, {})),
             *form_of(unit, backend, fmi_version),
             sources=sources,
         )

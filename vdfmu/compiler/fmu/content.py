@@ -64,7 +64,7 @@ class Content:
     unit: type[BaseUnit]
     robot: Machine | None
     start_values: Mapping[str, float]
-    """Start values that differ from those of the declaration."""
+    """Start values instead of the declared ones."""
     backend: str = "python"
     """``python`` or ``native``."""
     fmi_version: str = FMI_2.name
@@ -162,7 +162,7 @@ class Content:
 
     @staticmethod
     def of(data: Mapping[str, Any], unit: type[BaseUnit] | None, file: str, model_name: str) -> Content:
-        """Content of the text of a content file; `unit` is that of a user's own.
+        """Content of the text of a content file; `unit` is the user's own, if it is not one of the package.
 
         Raises
         ------
@@ -226,7 +226,7 @@ def keep_record(path: Path, guid: str) -> None:
 def is_built(path: Path, guid: str) -> bool:
     """Whether an FMU on disk is, to the byte, one that was built here with this GUID or instantiation token.
 
-    The GUID inside would not do: whoever changes a library leaves it as it is.
+    The GUID inside does not show that: it stays the same when a library is changed.
     """
     try:
         return path.is_file() and load(_record(path)) == guid.encode()

@@ -1,4 +1,4 @@
-"""modelDescription.xml of FMI 2.0, of Python and of native FMUs, and what that of FMI 3.0 shares with it."""
+"""modelDescription.xml of FMI 2.0, of Python and native FMUs, and the parts that FMI 3.0 has too."""
 
 from __future__ import annotations
 
@@ -131,8 +131,9 @@ def root_element(interface: Interface, version: FmiVersion, guid: str, tool: str
 
 def add_units(root: Element, variables: Iterable[Variable]) -> None:
     """Add the definitions of the units that some variables have."""
-    definitions = SubElement(root, "UnitDefinitions")
-    for name in sorted({v.unit for v in variables if v.unit}):
+    names = sorted({v.unit for v in variables if v.unit})
+    definitions = SubElement(root, "UnitDefinitions") if names else root
+    for name in names:
         unit = SubElement(definitions, "Unit", {"name": name})
         exponents = {base: str(exponent) for base, exponent in measure(name).exponents.items()}
         SubElement(unit, "BaseUnit", exponents)
@@ -143,7 +144,7 @@ def add_units(root: Element, variables: Iterable[Variable]) -> None:
 def add_log_and_experiment(root: Element, fmi: str, interface: Interface) -> None:
     """Add the log categories and the default experiment; `fmi` is the prefix of status names.
 
-    A unit with a solver names the tolerance of its parameter: importers take one of their own where there is none. The
+    The tolerance is that of the unit's solver: importers choose one of their own where none is named. The
     step of one with sampled states is their period.
     """
     categories = SubElement(root, "LogCategories")
@@ -201,8 +202,8 @@ def _add_sources(parent: Element, sources: Sequence[str]) -> None:
 
 
 def _add_unknowns(structure: Element, tag: str, unknowns: Sequence[int], dependencies: Sequence[Sequence[int]]) -> None:
-    """Add a list of unknowns; FMI 2.0 counts variables from 1."""
-    parent = SubElement(structure, tag)
+    """Add a list of unknowns, which may not be empty; FMI 2.0 counts variables from 1."""
+    parent = SubElement(structure, tag) if unknowns else structure
     for unknown, positions in zip(unknowns, dependencies, strict=True):
         knowns = " ".join(str(i + 1) for i in positions)
         SubElement(parent, "Unknown", {"index": str(unknown + 1), "dependencies": knowns})

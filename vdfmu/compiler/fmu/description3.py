@@ -20,7 +20,7 @@ from vdfmu.compiler.fmu.description import (
 from vdfmu.compiler.unit.interface import Array, Interface
 
 FMI_3_TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
-"""Type of FMI 2.0 to that of FMI 3.0 and SSP 2.0."""
+"""Type of FMI 2.0 to the type of FMI 3.0 and SSP 2.0."""
 
 
 def model_description_3(

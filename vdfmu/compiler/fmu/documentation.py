@@ -9,6 +9,7 @@ from html import escape
 from vdfmu.base.page import page, table
 from vdfmu.compiler.fmu.about import terms
 from vdfmu.compiler.fmu.content import Content
+from vdfmu.compiler.fmu.reference_results import columns
 from vdfmu.compiler.unit.interface import Array, Interface
 from vdfmu.compiler.unit.variable import Variable
 
@@ -70,10 +71,11 @@ def _files(content: Content) -> str:
     sources = """
 <li><code>sources/</code>: all C files. <code>unit.c</code> holds tables and program of this unit,
 <code>kernel_*.c</code> its equations; the others are the same for all units.</li>"""
-    return f"""<h2>Files</h2>
-<ul>{sources if content.sources else ""}
+    reference = """
 <li><code>extra/org.fmi-standard.fmi-ls-ref/</code>: reference results,
-see <a href="fmi-ls-ref.txt">fmi-ls-ref.txt</a>.</li>
+see <a href="fmi-ls-ref.txt">fmi-ls-ref.txt</a>.</li>"""
+    return f"""<h2>Files</h2>
+<ul>{sources if content.sources else ""}{reference if columns(content, "output") else ""}
 <li><code>extra/vdfmu/vdfmu.json</code>: the robot, the start values and the versions that made the FMU.</li>
 </ul>
 <h2>Licence</h2>

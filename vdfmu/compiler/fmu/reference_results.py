@@ -33,18 +33,19 @@ _DIGITS = "%.12g"
 
 
 def reference_files(content: Content) -> dict[str, bytes]:
-    """Path in the FMU to content: manifest, inputs, results, and a page about them."""
+    """Path in the FMU to content: manifest, inputs, results, and a page about them; nothing without results."""
     interface, name = content.interface, content.model_name
+    outputs, inputs = columns(content, "output"), columns(content, "input")
+    if not outputs:
+        return {}
     stored = _stored(content)
     times = [_time(interface, k) for k in range(_intervals(interface) + 1)]
-    arrays = content.fmi.arrays
-    files = {f"{FOLDER}/{name}_out.csv": _csv(interface, times, stored["results"], arrays)}
-    inputs = stored["inputs"]
+    files = {f"{FOLDER}/{name}_out.csv": _csv(outputs, times, stored["results"])}
     if inputs:
         # every change is a row for the value before it and one for the value after it
         double = [t for t in times for _ in (0, 1)][1:-1]
-        held = {group: [row for row in rows for _ in (0, 1)] for group, rows in inputs.items()}
-        files[f"{FOLDER}/{name}_in.csv"] = _csv(interface, double, held, arrays)
+        held = {group: [row for row in rows for _ in (0, 1)] for group, rows in stored["inputs"].items()}
+        files[f"{FOLDER}/{name}_in.csv"] = _csv(inputs, double, held)
     files[f"{FOLDER}/fmi-ls-manifest.xml"] = document(_manifest(name, times[-1], bool(inputs)))
     files["documentation/fmi-ls-ref.txt"] = _page(interface, bool(inputs)).encode()
     return files
@@ -132,30 +133,38 @@ def _settled(unit: Plain, t: float) -> dict[str, list[float]]:
 # ------------------------------------------------------------------ files
 
 
-def _csv(
-    interface: Interface, times: Sequence[float], rows: Mapping[str, Sequence[Sequence[float]]], arrays: bool
-) -> bytes:
-    """Table of variables over time. In FMI 3.0 a cell holds an array, its elements separated by spaces.
+Column = tuple[str, str, slice]
+"""A variable, its group, and the elements of the group that it has."""
+
+
+def columns(content: Content, causality: str) -> list[Column]:
+    """Return the columns of the table of inputs or outputs. In FMI 3.0 a column is an array.
 
     Readers split the head at commas, so variables with a comma in their name are left out.
     """
-    columns: list[tuple[str, str, slice]] = []
+    interface, groups = content.interface, content.interface.groups_of(causality)
+    found: list[Column] = []
     for array in interface.arrays:
         group = interface.memory[array.first].group
-        if group not in rows:
+        if group not in groups:
             continue
-        first = array.first - interface.groups[group].start
-        if arrays:
-            columns.append((array.name, group, slice(first, first + array.size)))
+        first = array.first - groups[group].start
+        if content.fmi.arrays:
+            found.append((array.name, group, slice(first, first + array.size)))
         else:
             names = [v.name for v in interface.memory[array.positions]]
-            columns += [(name, group, slice(first + i, first + i + 1)) for i, name in enumerate(names)]
-    columns = [column for column in columns if "," not in column[0]]
-    lines = [",".join(["time", *[name for name, _, _ in columns]])]
+            found += [(name, group, slice(first + i, first + i + 1)) for i, name in enumerate(names)]
+    return [column for column in found if "," not in column[0]]
+
+
+def _csv(listed: Sequence[Column], times: Sequence[float], rows: Mapping[str, Sequence[Sequence[float]]]) -> bytes:
+    """Table of variables over time; the elements of an array are separated by spaces."""
+    listed = [column for column in listed if column[1] in rows]
+    lines = [",".join(["time", *[name for name, _, _ in listed]])]
     for k, t in enumerate(times):
         cells = [_DIGITS % t]
-        cells += [" ".join(_DIGITS % v for v in rows[group][k][where]) for _, group, where in columns]
-        if all(np.isfinite(rows[group][k]).all() for _, group, _ in columns):
+        cells += [" ".join(_DIGITS % v for v in rows[group][k][where]) for _, group, where in listed]
+        if all(np.isfinite(rows[group][k]).all() for _, group, _ in listed):
             lines.append(",".join(cells))
     return ("\n".join(lines) + "\n").encode()
 

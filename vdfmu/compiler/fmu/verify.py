@@ -30,7 +30,7 @@ def verify(path: Path, unit: type[BaseUnit] | None = None) -> list[str]:
     Raises
     ------
     FmuError
-        If it is no FMU of vdfmu, or one of another version, with which it cannot be the same.
+        If it is not an FMU of vdfmu, or of another version, which cannot make the same bits.
     UsageError
         If its unit is missing.
     """

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 
 DIRECTIONS = ("forward", "reverse")
-"""Endings of the names of derivatives: the product of the Jacobian with a direction, that of a direction with it."""
+"""Endings of the names of derivatives: Jacobian times direction, and direction times Jacobian."""
 
 
 def derivative_names(function: ca.Function, ending: str) -> tuple[list[str], list[str]]:
@@ -23,10 +23,10 @@ def derivative_names(function: ca.Function, ending: str) -> tuple[list[str], lis
 def derivative(function: ca.Function, ending: str, rounded: bool = False) -> ca.Function:
     """Return the product of the Jacobian of `function` with a direction, ``<name>_forward``, or ``<name>_reverse``.
 
-    The arguments of the first are those of `function` and a direction ``d_<argument>`` for each, its results
-    ``d_<result>``, (J direction). Those of the second are those of `function` and a direction ``bar_<result>`` for
-    each result, its results ``bar_<argument>``, (direction J). With `rounded`, what depends on an argument by rounding
-    alone, as of an encoder, has the slope of the line that the rounding follows, instead of 0.
+    Forward takes the arguments of `function` and a direction ``d_<argument>`` for each, and returns ``d_<result>``,
+    (J direction). Reverse takes the arguments and a direction ``bar_<result>`` for each result, and returns
+    ``bar_<argument>``, (direction J). With `rounded`, what depends on an argument by rounding alone, as an encoder
+    does, has the slope of the line that the rounding follows, instead of 0.
     """
     transposed = ending == "reverse"
     arguments = [ca.SX.sym(name, function.numel_in(name)) for name in function.name_in()]

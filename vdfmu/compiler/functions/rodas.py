@@ -123,8 +123,8 @@ def rodas_step(
     stage solves R for x_dot. Of rows ``f(x, t) - y`` y cancels, and the step is that for ordinary differential
     equations.
 
-    In SX the step is traced as a whole; in MX it calls functions that are traced once: `f`, that of `stages` and
-    those that form the arguments of the two, ``<name>_point_2``, ``<name>_right_1``, ..
+    In SX the step is traced as a whole; in MX it calls functions that are traced once: `f`, the one of `stages`, and
+    those that form the arguments of both, ``<name>_point_2``, ``<name>_right_1``, ..
 
     Parameters
     ----------

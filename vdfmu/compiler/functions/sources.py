@@ -55,7 +55,7 @@ def _files() -> dict[str, Path]:
 
 @cache
 def _source(name: str) -> tuple[str, frozenset[str]]:
-    """Return the digest of a module, and the names that it imports, some of which are not modules."""
+    """Return the digest of a module, and the names that it imports; some are not modules."""
     content = source_bytes(_files()[name])
     names = _imports(content.decode())
     return sha256(content).hexdigest(), frozenset([name.rpartition(".")[0], *names])

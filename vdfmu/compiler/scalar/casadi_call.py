@@ -12,14 +12,14 @@ from vdfmu.compiler.scalar.symbol import from_sx, to_sx
 
 
 def casadi_call(function: ca.Function, *arguments: Any) -> Any:
-    """Call a CasADi function with numbers, or with what a trace has in their place.
+    """Call a CasADi function with numbers, or with the symbols of a trace.
 
     Parameters
     ----------
     function : casadi.Function
-        One of which ``function.expand()`` is possible.
+        ``function.expand()`` must be possible.
     *arguments : array_like
-        As many as it has inputs: () for 1 by 1, (m,) for m by 1, else (m, k).
+        One for each input: () for 1 by 1, (m,) for m by 1, else (m, k).
 
     Returns
     -------

@@ -18,7 +18,7 @@ from vdfmu.base.errors import UsageError
 
 
 def sgn(x: Any) -> Any:
-    """Sign of every element, -1 or 1; that of the zero at zero, so that sgn(x) * f(|x|) keeps its slope."""
+    """Sign of every element, -1 or 1; at a zero its own sign, so that sgn(x) * f(|x|) keeps its slope."""
     if isinstance(x, np.ndarray) and x.dtype == object:
         return np.frompyfunc(sgn, 1, 1)(x)
     own = getattr(x, "sgn", None)
@@ -107,7 +107,7 @@ def lookup(x: Any, edges: Any, rows: Any) -> Any:
         )
     if hasattr(x, "row_of"):
         return x.row_of(edges, rows)
-    return rows[min(max(int(np.searchsorted(edges, x, "right")) - 1, 0), len(rows) - 1)]
+    return np.asarray(rows)[min(max(int(np.searchsorted(edges, x, "right")) - 1, 0), len(rows) - 1)]
 
 
 _Cutter = Callable[[int, Any], Any]

@@ -80,7 +80,7 @@ class Jet:
         return Jet(f, df * self.x_dot, df * self.x_ddot + ddf * self.x_dot**2)
 
     def sgn(self) -> Any:
-        """Sign, that of the zero at zero; its derivatives are 0."""
+        """Sign; at a zero the sign of the zero. Its derivatives are 0."""
         return Jet(sgn(self.x))
 
     def sin(self) -> Jet:

@@ -1,7 +1,7 @@
 """Linear systems, inverses and exponentials of matrices, on floats and, for fixed sizes, on symbols.
 
-On floats they are those of numpy and scipy. On symbols they have no loop that ends by a value and no branch: rows are
-exchanged, and squarings kept, by ``where``, so a trace has all cases and its derivatives are those of the case at hand.
+On floats numpy and scipy calculate them. On symbols there is no branch, and no loop that ends by a value: ``where``
+exchanges rows and keeps squarings, so a trace has all cases, and its derivatives belong to the case at hand.
 """
 
 from __future__ import annotations

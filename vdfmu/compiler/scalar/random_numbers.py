@@ -50,7 +50,7 @@ def normal(state: Any, count: int) -> tuple[Any, Any]:
     """Return numbers (count,) of mean 0 and standard deviation 1, nearly normal, and the next state (6,).
 
     Each is the sum of twelve uniform numbers less 6: no logarithm, whose last bits differ between platforms. Its
-    kurtosis is 2.9 in place of 3, and it is at most 6.
+    kurtosis is 2.9 instead of 3, and it is at most 6.
     """
     drawn, state = uniform(state, _OF_NORMAL * count)
     return drawn.reshape(count, _OF_NORMAL).sum(axis=1) - 0.5 * _OF_NORMAL, state

@@ -10,6 +10,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Mapping
 from contextvars import ContextVar
+from functools import partial
 from hashlib import sha256
 from typing import Any, TypeVar
 
@@ -78,6 +79,14 @@ def _operator(function: Callable[[ca.SX, ca.SX], ca.SX]) -> Callable[[Symbol, An
     return lambda a, b: NotImplemented if _foreign(b) else Symbol(function(a.sx, _sx(b)))
 
 
+def _reflected(function: Callable[[ca.SX, ca.SX], ca.SX]) -> Callable[[Symbol, Any], Any]:
+    """Return the method of an operator whose second operand is the symbol."""
+    return lambda b, a: NotImplemented if _foreign(a) else Symbol(function(_sx(a), b.sx))
+
+
+_ARITHMETIC = partial(_binary, ca.OP_SUB), partial(_binary, ca.OP_DIV), operator.pow, _quotient, _remainder
+
+
 class Symbol:
     """One scalar expression. Arithmetic and the functions that numpy calls by name build larger ones."""
 
@@ -128,9 +137,6 @@ class Symbol:
             return other
         return NotImplemented if _foreign(other) else Symbol(_binary(ca.OP_ADD, self.sx, _sx(other)))
 
-    def __sub__(self, other: Any) -> Any:
-        return NotImplemented if _foreign(other) else Symbol(_binary(ca.OP_SUB, self.sx, _sx(other)))
-
     def __mul__(self, other: Any) -> Any:
         if other is ZERO or (type(other) in _NUMBERS and other == 0):
             return ZERO
@@ -140,31 +146,14 @@ class Symbol:
             return ZERO
         return NotImplemented if _foreign(other) else Symbol(_binary(ca.OP_MUL, self.sx, _sx(other)))
 
-    def __truediv__(self, other: Any) -> Any:
-        return NotImplemented if _foreign(other) else Symbol(_binary(ca.OP_DIV, self.sx, _sx(other)))
-
     __radd__, __rmul__ = __add__, __mul__
     __abs__, __floor__, __ceil__, __invert__ = map(_method, (ca.fabs, ca.floor, ca.ceil, ca.logic_not))
 
-    def __rsub__(self, other: Any) -> Any:
-        return NotImplemented if _foreign(other) else Symbol(_binary(ca.OP_SUB, _sx(other), self.sx))
-
-    def __rtruediv__(self, other: Any) -> Any:
-        return NotImplemented if _foreign(other) else Symbol(_binary(ca.OP_DIV, _sx(other), self.sx))
-
-    __pow__, __floordiv__, __mod__ = map(_operator, (operator.pow, _quotient, _remainder))
+    __sub__, __truediv__, __pow__, __floordiv__, __mod__ = map(_operator, _ARITHMETIC)
+    __rsub__, __rtruediv__, __rpow__, __rfloordiv__, __rmod__ = map(_reflected, _ARITHMETIC)
     __lt__, __le__, __gt__, __ge__ = map(_operator, (operator.lt, operator.le, operator.gt, operator.ge))
     __and__, __or__ = map(_operator, (ca.logic_and, ca.logic_or))
     __rand__, __ror__ = __and__, __or__
-
-    def __rpow__(self, base: Any) -> Symbol:
-        return Symbol(_sx(base) ** self.sx)
-
-    def __rfloordiv__(self, other: Any) -> Any:
-        return NotImplemented if _foreign(other) else Symbol(_quotient(_sx(other), self.sx))
-
-    def __rmod__(self, other: Any) -> Any:
-        return NotImplemented if _foreign(other) else Symbol(_remainder(_sx(other), self.sx))
 
     def where(self, a: Any, b: Any) -> Symbol:
         """Return `a` where the symbol is not 0, else `b`."""
@@ -186,6 +175,8 @@ class Symbol:
         """Return the symbol, which is real."""
         return self
 
+    __pos__ = conjugate
+
     def arctan2(self, x: Any) -> Symbol:
         """Angle of the point (x, self)."""
         return Symbol(ca.atan2(self.sx, _sx(x)))
@@ -201,7 +192,7 @@ class Symbol:
         return _of_arrays(function, args, kwargs)
 
     def sgn(self) -> Symbol:
-        """Sign, that of the zero at zero."""
+        """Sign; at a zero the sign of the zero."""
         return Symbol(ca.copysign(1.0, self.sx))
 
     def minimum(self, other: Any) -> Symbol:
@@ -244,6 +235,8 @@ _ELEMENTWISE: Mapping[np.ufunc, np.ufunc] = {
     np.maximum: _pairs(ca.fmax), np.fmax: _pairs(ca.fmax), np.minimum: _pairs(ca.fmin), np.fmin: _pairs(ca.fmin),
     np.arctan2: _pairs(ca.atan2), np.hypot: _pairs(ca.hypot), np.copysign: _pairs(ca.copysign),
     np.fmod: _pairs(ca.fmod), np.float_power: _pairs(operator.pow),
+    np.logical_and: _pairs(ca.logic_and), np.logical_or: _pairs(ca.logic_or),
+    np.logical_not: np.frompyfunc(lambda a: Symbol(ca.logic_not(_sx(a))), 1, 1),
     np.heaviside: _pairs(lambda x, at_zero: ca.if_else(x == 0.0, at_zero, x > 0.0)),
     np.logaddexp: _pairs(lambda a, b: ca.fmax(a, b) + ca.log1p(ca.exp(-ca.fabs(a - b)))),
     np.sign: np.frompyfunc(lambda a: Symbol(ca.sign(_sx(a))), 1, 1),

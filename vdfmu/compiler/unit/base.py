@@ -27,6 +27,7 @@ from vdfmu.compiler.unit.declaration import (
     State,
     Switch,
     Terminal,
+    constant,
 )
 from vdfmu.compiler.unit.follow import MARK, followers, mark_parameter, roots, start_arrays, with_mark
 from vdfmu.compiler.unit.machine import Machine
@@ -65,7 +66,7 @@ class BaseUnit:
     backend: ClassVar[Literal["native", "python"]] = "native"
     """``"python"``: the methods cannot be traced; the FMU runs them in Python."""
     files: ClassVar[tuple[str, ...]] = ()
-    """Modules and data beside the unit's file that it loads; a Python FMU carries them."""
+    """Modules and data that the unit loads from the folder of its file; a Python FMU carries them."""
     made_of: ClassVar[Mapping[str, bytes] | None] = None
     """Name to content of ``unit.py`` and the files beside it, of a class that no file declares."""
     author: ClassVar[str | None] = None
@@ -146,7 +147,7 @@ class BaseUnit:
 
     @classmethod
     def declared_for(cls, robot: Machine | None) -> dict[str, Declared]:
-        """Variables by name, without those of options that the robot lacks."""
+        """Variables by name, except for those of options that the robot lacks."""
         return {name: d for name, d in cls.declared.items() if d.when is None or getattr(robot, d.when, False)}
 
     @classmethod
@@ -174,8 +175,8 @@ class BaseUnit:
     def balance(self) -> Any:
         """Return what is zero where the derivatives are right, in the order of the states, (n_x,).
 
-        The methods that solve stiff equations use its derivatives, which may be much shorter than those of
-        ``derivatives``: those of a balance of forces need no inverse of a mass matrix.
+        The solver uses its derivatives, which may be much shorter than the derivatives of ``derivatives``: a balance of
+        forces needs no inverse of a mass matrix.
         """
         raise NotImplementedError
 
@@ -199,7 +200,7 @@ class BaseUnit:
                 size = np.shape(getattr(self, name))
                 count = math.prod(size)
                 wave = 0.1 * np.sin(2.0 * self.t + phase + 0.4 * np.arange(count)).reshape(size)
-                setattr(self, name, wave)
+                setattr(self, name, np.clip(wave, declared.minimum, declared.maximum))
                 phase += 1.0
 
     # ---------------------------------------------------------------- values
@@ -257,10 +258,9 @@ class BaseUnit:
         if array.dtype.kind not in "biuf" and not all(_is_number(v) for v in array.flat):
             raise UsageError(f"{where}: expected numbers, got {value!r}.")
         try:
-            shaped = np.broadcast_to(array, sizes)
+            return constant(array, sizes)[()]
         except ValueError:
             raise UsageError(f"{where}: expected shape {sizes}, got {array.shape}.") from None
-        return shaped if sizes else shaped[()]
 
     @property
     def n(self) -> int:
@@ -283,7 +283,7 @@ class BaseUnit:
 
 
 def unit_name(unit: type[BaseUnit]) -> str:
-    """Name of a unit in commands, systems and scenarios: that of the file of a shipped one, ``pd_controller`` else."""
+    """Name of a unit in commands, systems and scenarios: its file's for a shipped one, else ``pd_controller``."""
     return unit.__module__.rpartition(".")[2] if is_shipped(unit) else snake_case(unit.__name__)
 
 

@@ -114,12 +114,19 @@ class Declared:
         return self.shaped(np.asarray(start(robot) if callable(start) else start), robot)
 
     def shaped(self, value: np.ndarray[Any, Any], robot: Machine | None) -> np.ndarray[Any, Any]:
-        """Return a value in the shape for a robot; UnitError if it does not fit."""
+        """Return a value in the shape for a robot, constant; UnitError if it does not fit."""
         sizes = self.sizes(robot.n if robot is not None else 0)
         try:
-            return np.broadcast_to(value, sizes).copy()
+            return constant(value, sizes)
         except ValueError:
             raise UnitError(f"{self.name}: start value: expected shape {sizes}, got {value.shape}.") from None
+
+
+def constant(values: np.ndarray[Any, Any], shape: tuple[int, ...]) -> np.ndarray[Any, Any]:
+    """Return a copy in a shape, whose elements cannot be set, which would be lost; ValueError for another shape."""
+    copy = np.broadcast_to(values, shape).copy()
+    copy.flags.writeable = False
+    return copy
 
 
 class Input(Declared):
@@ -148,8 +155,8 @@ class State(Declared):
 class Sampled(State):
     """A state that ``update`` sets every ``period``, a parameter of the unit [s]; it is held in between.
 
-    Its value is that of the time from the sample on, so the unit is stepped before those that read it. One that is
-    `delayed` reaches them at the next communication point: that breaks a loop of sampled units.
+    Its value holds from the sample on, so the unit is stepped before the units that read it. A `delayed` one reaches
+    them at the next communication point: that breaks a loop of sampled units.
 
     Parameters: see :class:`Declared`, and
 

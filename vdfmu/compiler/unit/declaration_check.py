@@ -51,6 +51,8 @@ def _of_unit(unit: type[BaseUnit]) -> Iterator[tuple[str, str]]:
             "",
             f"a unit cannot be called {unit.__name__}: expected a letter, then letters, digits and single underscores",
         )
+    if not unit.declared and unit.robot_fields is None:
+        yield "", "a unit needs variables: u = Input(..), y = Output(..)"
     states = [d for d in unit.declared.values() if type(d) is State]
     derived = [d.state for d in unit.declared.values() if isinstance(d, Derivative)]
     for state in states:

@@ -43,7 +43,7 @@ def patterns(interface: Any) -> tuple[Rows, Rows, Rows]:
 
 
 def _long(interface: Any) -> tuple[Rows, Rows, Rows] | None:
-    """Return the patterns that those of two shorter machines tell, if they agree."""
+    """Return the patterns that follow from those of two shorter machines; None if these do not agree."""
     if not interface.shorter:
         return None
     short, check, *_ = interface.shorter

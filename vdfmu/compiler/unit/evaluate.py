@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from vdfmu.base.arrays import Floats
-from vdfmu.compiler.functions.functions import KernelFunction
-from vdfmu.compiler.unit.declaration import PHASES, Choice, Declared, Derivative, Switch
+from vdfmu.compiler.functions.traced import KernelFunction
+from vdfmu.compiler.unit.declaration import PHASES, Choice, Declared, Derivative, Switch, constant
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.program import Call
 from vdfmu.compiler.unit.trace import argument_name, run
@@ -154,7 +154,8 @@ class Plain(Evaluation):
             value = int(self._place(declared)[0])
             return declared.choices[value] if declared.choices else bool(value)
         shape = declared.sizes(self._unit.n)
-        return _constant(self._place(declared).reshape(shape)) if shape else float(self._place(declared)[0])
+        place = self._place(declared)
+        return constant(place.reshape(shape), shape) if shape else float(place[0])
 
     def write(self, declared: Declared, value: Any) -> None:
         """Take the value of a variable."""
@@ -187,13 +188,6 @@ class Plain(Evaluation):
                 made = robot.with_values(values)
             self._robot = key, made
         return self._robot[1]
-
-
-def _constant(values: Floats) -> Floats:
-    """Return a copy that refuses assignment to an element, which would be lost."""
-    copy = values.copy()
-    copy.flags.writeable = False
-    return copy
 
 
 def evaluation(interface: Interface, memory: Floats | None = None) -> Evaluation:

@@ -6,8 +6,8 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.compiler.functions import traced_function
 from vdfmu.compiler.functions.rodas import Stages, permuted, rodas_step, stage_equations
+from vdfmu.compiler.functions.traced import traced_function
 from vdfmu.compiler.scalar.elimination import factorize, solve
 from vdfmu.compiler.scalar.generic import cutting
 from vdfmu.compiler.scalar.symbol import from_sx, to_sx
@@ -20,8 +20,8 @@ class ImplicitEquations:
 
     ``E`` and ``EJ`` are the derivatives of the balance with respect to derivatives and states, where the unit has one:
     the identity and the Jacobian else. `Ef_t` is E times the derivative along inputs that change at `rates`, and time.
-    With `cut` and a long chain, rows and columns of what the balance cuts come after those of the states: E is 0 in
-    these columns. `order` is that of the elimination.
+    With `cut` and a long chain, rows and columns of what the balance cuts come after the states' own; E is 0 in these
+    columns. `order` is the order of elimination.
     """
 
     def __init__(self, watch: SymbolicWatch, cut: bool = False) -> None:
@@ -84,6 +84,8 @@ class ImplicitEquations:
         start = ca.Function(f"{name}_start", list(used.values()), started, list(used), list(made))
         if stages.carried:
             derivatives = self._balance(f"{name}_balance", stages)
+        elif not derivatives.n_in():  # constant rates, of which a step could make no call
+            derivatives = ca.Function(f"{name}_rate", [self.x], [ca.densify(self.x_dot)], ["x"], ["x_dot"])
 
         moving = {key: value for key, value in self.inputs.items() if key in self.rates or key == "t"}
         later = [value + time * self.rates.get(key, 1.0) for key, value in moving.items()]

@@ -25,7 +25,7 @@ class Integrator(Solver):
     """The solver of FMUs.
 
     The local error of every internal step is kept below `tolerance` times (1 SI unit + the state's
-    magnitude), in the root mean square over all states; or the number of internal steps is that of the unit's `solver`,
+    magnitude), in the root mean square over all states; or the unit's `solver` fixes the number of internal steps,
     whatever their error. Everything that decides the next step is in the memory and
     `h`: a copy of the two restores the solver to the bit.
 

@@ -74,7 +74,7 @@ class Interface:
     robot : Robot or None
         None for a unit without joints.
     start : mapping of str to float, optional
-        Start values by variable, instead of those of the declaration.
+        Start values by variable, instead of the declared ones.
 
     Attributes
     ----------
@@ -169,7 +169,7 @@ class Interface:
         return found
 
     def groups_of(self, *causalities: str) -> dict[str, slice]:
-        """Those of :attr:`groups` that are inputs, outputs or parameters."""
+        """Return the :attr:`groups` of some causalities: input, output, parameter."""
         return {g: where for g, where in self.groups.items() if self.memory[where.start].causality in causalities}
 
     @property
@@ -333,7 +333,7 @@ class Interface:
         return tuple(found)
 
     def _shape(self, group: str, variables: tuple[Variable, ...]) -> tuple[int, ...]:
-        """Shape of a group as an array; empty if it is none."""
+        """Shape of a group as an array; empty if it is not one."""
         if group not in self.unit.declared and hasattr(self.robot, group):
             shape = np.shape(getattr(self.robot, group))
         else:
@@ -348,7 +348,7 @@ class Interface:
         return tuple(i for i, array in enumerate(self.arrays) for _ in range(array.size))
 
     def array_description(self, array: Array) -> str:
-        """Return the description of an array: that of its elements, without their indices."""
+        """Return the description of an array: its elements', without their indices."""
         text = self.memory[array.first].description
         return general_description(text) if array.shape else text
 

@@ -41,9 +41,9 @@ def state_space(
 
 
 def _jacobian(unit: Evaluation, names: Sequence[str]) -> Floats:
-    """Return the derivatives of outputs and of those of states by some arguments, (size, size) over the memory.
+    """Return the slopes of outputs and of derivatives by some arguments, (size, size) over the memory.
 
-    Calls count whose choices hold.
+    Only the calls for the present values of the choices count.
     """
     table, functions = unit.interface, unit.interface.functions
     J = np.zeros((table.size, table.size))

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Protocol, Self
 import casadi as ca
 
 from vdfmu.base.arrays import Floats
-from vdfmu.compiler.functions.functions import traced_function
+from vdfmu.compiler.functions.traced import traced_function
 from vdfmu.compiler.scalar.symbol import to_sx
 
 STRICT = 1e-300

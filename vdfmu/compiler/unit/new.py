@@ -86,7 +86,7 @@ def test_fmu(tmp_path):
 
 
 def new_unit(name: str, out: Path | None = None) -> tuple[Path, Path]:
-    """Write the file of a new unit, which builds, and a test beside it, which passes.
+    """Write the file of a new unit, which builds, and its test, which passes.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def new_unit(name: str, out: Path | None = None) -> tuple[Path, Path]:
     Raises
     ------
     UsageError
-        For a name that cannot be that of a class and a file, and for files that exist.
+        For a name that a class or a file cannot have, and for files that exist.
     StorageError
         If a file cannot be written.
     """
@@ -116,7 +116,7 @@ def new_unit(name: str, out: Path | None = None) -> tuple[Path, Path]:
 
 
 def class_and_file(name: str, out: Path | None) -> tuple[str, Path]:
-    """Return the name of a unit's class and its file; UsageError if there can be no such."""
+    """Return the name of a unit's class and its file; UsageError if they cannot have it."""
     if not _FORMS.fullmatch(name):
         raise UsageError(
             f"name: expected CamelCase or snake_case of letters and digits, MyFilter or my_filter, got {name!r}."

@@ -16,11 +16,10 @@ from pathlib import Path
 import casadi as ca
 
 from vdfmu.base.errors import KernelError, UnitError
-from vdfmu.compiler.functions import traced_function
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative
-from vdfmu.compiler.functions.functions import Functions
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.functions.switching import NEVER, time_left
+from vdfmu.compiler.functions.traced import Functions, traced_function
 from vdfmu.compiler.unit.base import BaseUnit, is_shipped, unit_name
 from vdfmu.compiler.unit.declaration import PHASES
 from vdfmu.compiler.unit.implicit import ImplicitEquations
@@ -95,7 +94,7 @@ class UnitFunctions(Functions):
     robot : Robot or None
         Its structure decides the functions.
     cache : path, None or "default"
-        See :class:`~vdfmu.compiler.functions.functions.Functions`. Functions of a unit that is not one of
+        See :class:`~vdfmu.compiler.functions.traced.Functions`. Functions of a unit that is not one of
         the package's are not kept: what they come from is known only once they are traced.
     """
 
@@ -155,7 +154,7 @@ class UnitFunctions(Functions):
 
     @property
     def sources(self) -> dict[str, bytes]:
-        """Name to content of the unit's file, as ``unit.py``, and of the files beside it that it names.
+        """Name to content of the unit's file, as ``unit.py``, and of the `files` that it names.
 
         Raises
         ------

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from vdfmu.base.errors import UnitError
-from vdfmu.compiler.functions import traced_function
+from vdfmu.compiler.functions.traced import traced_function
 from vdfmu.compiler.scalar.symbol import to_sx
 from vdfmu.compiler.unit.base import BaseUnit
 from vdfmu.compiler.unit.evaluate import Floats, Plain

@@ -1,6 +1,6 @@
 """The states of a unit over time: a solver between the samples, and sampled states that change at each.
 
-:class:`ScipySolver` is that of references; :mod:`.integrator` has that of FMUs.
+:class:`ScipySolver` makes references; the solver of FMUs is in :mod:`.integrator`.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ TOLERANCE = 1e-12
 _MOST_CALLS = 1_000_000
 """Calls of the right-hand side in one go, ten times what the shipped robots take; odd values may find no end."""
 _CLOSE = 1e-9
-"""Part of a period within which a time is that of a sample."""
+"""Part of a period within which a time counts as a sample's."""
 
 
 class _RunawayError(ArithmeticError):
-    """The motion has no end that can be found."""
+    """No end of the motion can be found."""
 
 
 class Solver:

@@ -57,7 +57,7 @@ class Leaf(NamedTuple):
 
 
 class _ForkError(Exception):
-    """A method reads a choice of which no value is fixed."""
+    """A method reads a choice whose value is not fixed."""
 
     def __init__(self, choice: Declared) -> None:
         self.choice = choice
@@ -125,7 +125,7 @@ class _TraceWatch:
 
 
 class _RobotPart:
-    """Those fields of a robot that a unit declares."""
+    """The fields of a robot that a unit declares."""
 
     def __init__(self, watch: _TraceWatch, fields: tuple[str, ...]) -> None:
         self._watch, self._fields = watch, fields
@@ -163,7 +163,7 @@ class _FloatWatch(_TraceWatch):
 
 
 class SymbolicWatch(_TraceWatch):
-    """Runs a method on symbols, or those of another watch.
+    """Runs a method on symbols, new ones or the symbols of another watch.
 
     Attributes
     ----------

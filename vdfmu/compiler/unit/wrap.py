@@ -35,7 +35,7 @@ def unit_from(source: str, name: str | None = None, out: Path | None = None) -> 
         ``.casadi`` file, written by ``Function.save``; a ``.csv`` file with names in its first line; or an object of a
         Python file, ``design.py:NAME``: a system of python-control or scipy.signal, or a CasADi function.
     name : str, optional
-        Of the unit, as of :func:`~vdfmu.compiler.unit.new.new_unit`; default that of the file or the object.
+        Name of the unit, see :func:`~vdfmu.compiler.unit.new.new_unit`; default the name of the file or the object.
     out : path, optional
         File to write; default after the name.
 

@@ -34,13 +34,13 @@ class Behaviour:
         self._saved = (*(("h",) if own else ()), *(("tolerance",) if interface.has_states else ()), "start")
 
     def check(self) -> list[str]:
-        """Problems of the parameter values together; those of each alone are checked when they are set."""
+        """Problems of the parameter values together; each alone is checked when it is set."""
         return unmet(self.interface, self.memory)
 
     def start(self, t: float, tolerance: float | None) -> None:
-        """Take the parameters as they are and set the states to those of the start time `t` [s].
+        """Set the states of the start time `t` [s] from the parameters.
 
-        `tolerance` is that of the experiment; the smaller of it and the parameter holds.
+        `tolerance` belongs to the experiment; the smaller of it and the unit's parameter holds.
         """
         if self.interface.has_states:
             own = float(self._unit.group("tolerance")[0])
@@ -75,6 +75,6 @@ class Behaviour:
         return {name: getattr(self._solver, name) for name in self._saved}
 
     def restore(self, state: Any) -> None:
-        """Take a state of :meth:`state` back; raise and change nothing if it is none."""
+        """Restore what :meth:`state` returned; raise and change nothing for anything else."""
         for name, value in {name: float(state[name]) for name in self._saved}.items():
             setattr(self._solver, name, value)

@@ -98,7 +98,7 @@ def _told(name: str, words: str) -> Generator[None]:
 
 
 class UnitSlave(Fmi2Slave):
-    """The slave of all units; those of :func:`slave_class` name the model of their `unit`."""
+    """The slave of all units; the subclasses of :func:`slave_class` have the model name in `unit`."""
 
     unit: ClassVar[str] = ""
     log_categories = LOG_CATEGORIES
@@ -241,14 +241,14 @@ class UnitSlave(Fmi2Slave):
         last = self._writes.get(kind)
         if last is None or last[0] != vrs:
             last = self._writes[kind] = (vrs, *self._writer(kind, vrs))
-        _, write, variables, inputs = last
+        _, write, variables, any_number = last
         # of inputs without limits only the sum is looked at: it is not finite if one of them is not
-        if not (inputs and math.isfinite(sum(values))):
+        if not (any_number and math.isfinite(sum(values))):
             for variable, value in zip(variables, values, strict=True):
                 problem = variable.problem(value)
                 if problem:
                     raise FmuError(f"{variable.name}: {problem}.")
-            self._unchecked = self._unchecked or not inputs
+            self._unchecked = self._unchecked or not any_number
         write(*values)
         self._stale = True
 
@@ -262,8 +262,8 @@ class UnitSlave(Fmi2Slave):
         variables = self._resolve(kind, vrs)
         for variable in variables:
             self._refuse(variable)
-        inputs = all(variable.causality == "input" for variable in variables)
-        return _writer(self._memory, vrs), variables, inputs
+        any_number = all(v.causality == "input" and v.minimum is v.maximum is None for v in variables)
+        return _writer(self._memory, vrs), variables, any_number
 
     def _resolve(self, kind: str, vrs: Sequence[int]) -> list[Variable]:
         """Variables of value references, which must exist and be of the type."""
