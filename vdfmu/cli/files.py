@@ -231,7 +231,7 @@ def check(
     try:
         with package_limit(unpack_limit):
             if source:
-                from vdfmu.system.package.check import inspect_source
+                from vdfmu.system.inspect_source import inspect_source
 
                 report = inspect_source(file, robot, run=not no_run, say=say_runs)
             else:

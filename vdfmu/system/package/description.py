@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -19,8 +18,6 @@ from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.resolved import Variables
 from vdfmu.system.scenario.system_file import Box, SystemFile
 from vdfmu.system.scenario.values import system_values
-
-Values = Mapping[str, Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -98,11 +95,13 @@ class SystemDescription:
         Version of SSP: with 2.0, groups of signals are the arrays of the FMI 3.0 units.
     """
 
-    def __init__(self, scenario: Scenario, values: Values | None = None, version: str = SSP_1.name) -> None:
+    def __init__(
+        self, scenario: Scenario, values: Mapping[str, Mapping[str, Any]] | None = None, version: str = SSP_1.name
+    ) -> None:
         self.scenario = scenario
         self.version = version
         self.arrays = SSP_FORMATS[version].fmi.arrays
-        self.values: Values = system_values(scenario) if values is None else values
+        self.values: Mapping[str, Mapping[str, Any]] = system_values(scenario) if values is None else values
         system = scenario.system
         self.name, self.description = system.name, system.description
         self.connections, self._shared = system.connections, system.shared
@@ -281,13 +280,8 @@ def _key(entry: tuple[PackageSignal, Sequence[Any]]) -> tuple[Any, ...]:
     return signal.shape, signal.type, signal.unit, tuple(v.index for v in signal.variables), tuple(values)
 
 
-def positions(signals: Sequence[PackageSignal]) -> dict[str, float]:
-    """Height of connectors on their side of the box, from 0 to 1: evenly, with a gap between groups."""
-    slots: dict[str, int] = {}
-    slot = 0
-    for _, members in groupby(signals, lambda s: s.group):
-        slot += 1
-        for signal in members:
-            slots[signal.name] = slot
-            slot += 1
-    return {name: float(np.round(1.0 - place / (slot + 1.0), 6)) for name, place in slots.items()}
+def positions(signals: Sequence[PackageSignal]) -> list[float]:
+    """Height of each connector on its side of the box, from 0 to 1: evenly, with a gap before each group."""
+    begins = [k == 0 or signal.group != signals[k - 1].group for k, signal in enumerate(signals)]
+    slots = np.arange(len(signals)) + np.cumsum(begins)
+    return np.round(1.0 - slots / (len(signals) + sum(begins) + 1.0), 6).tolist()

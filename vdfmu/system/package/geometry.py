@@ -11,12 +11,12 @@ _LANE = 5.0
 _MARGIN = 12.0
 """Distance of the outermost lane from a box, and of the canvas from what is on it [mm]."""
 
-Path = list[tuple[float, float]]
+Bends = list[tuple[float, float]]
 
 
 def route(
     description: SystemDescription, heights: Mapping[tuple[str, str], float]
-) -> tuple[list[Path], tuple[float, float, float, float]]:
+) -> tuple[list[Bends], tuple[float, float, float, float]]:
     """Return the bends of every connection [mm], without its ends, and the corners of the canvas.
 
     The boxes stand in columns. All signals of a group leave their box to the right into one lane. To the next column it
@@ -33,7 +33,7 @@ def route(
             taken = sum(unit == target for unit, *_ in before)
             x_end = corners[target][0] - _MARGIN - taken * _LANE
             before.setdefault((target, source, start.group), x_end)
-    paths: list[Path] = []
+    paths: list[Bends] = []
     for link in description.links:
         (source, start), (target, end) = link.start, link.end
         taken = sum(unit == source for unit, _ in behind)

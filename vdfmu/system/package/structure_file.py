@@ -75,9 +75,9 @@ def _add_component(
     connectors = add(component, "ssd:Connectors")
     for kind, x in _SIDES.items():
         signals = description.signals(unit, kind)
-        for name, y in positions(signals).items():
-            heights[unit, name] = y1 + y * (y2 - y1)
-            _add_connector(connectors, next(s for s in signals if s.name == name), x, y)
+        for signal, y in zip(signals, positions(signals), strict=True):
+            heights[unit, signal.name] = y1 + y * (y2 - y1)
+            _add_connector(connectors, signal, x, y)
     add(
         component,
         "ssd:ElementGeometry",

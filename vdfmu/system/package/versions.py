@@ -15,31 +15,22 @@ from vdfmu.compiler.c import native_available
 _VERSION = re.compile(rb'<fmiModelDescription[^>]*\sfmiVersion="([^"]*)"')
 
 
-def require_version(version: str) -> SspFormat:
-    """Return a version of SSP by its name.
-
-    Raises
-    ------
-    UsageError
-        For an unknown version.
-    """
+def ssp_format(version: str) -> SspFormat:
+    """Return a version of SSP by its name; UsageError for an unknown one."""
     if version not in SSP_FORMATS:
         raise UsageError(f"There is no SSP {version!r} here. There are: {', '.join(map(repr, SSP_FORMATS))}.")
     return SSP_FORMATS[version]
 
 
 def fmi_of_format(form: str, backend: str | None) -> str:
-    """Return the version of FMI that a format of ``vdfmu ssp`` needs.
+    """Return the version of FMI that a version of SSP needs.
 
     Raises
     ------
     UsageError
-        For an unknown format, or one that a backend or this installation has no units for.
+        For an unknown version, or one that a backend or this installation has no units for.
     """
-    held = {name: one.fmi.name for name, one in SSP_FORMATS.items()}
-    if form not in held:
-        raise UsageError(f"--ssp {form}: expected one of {', '.join(held)}.")
-    version = held[form]
+    version = ssp_format(form).fmi.name
     if version != PYTHON_FMI.name and backend == "python":
         raise UsageError(
             f"--ssp {form}: holds units of FMI {version}, but Python FMUs are of FMI {PYTHON_FMI.name}. "

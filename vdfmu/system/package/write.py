@@ -16,7 +16,7 @@ from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.documentation import system_page
 from vdfmu.system.package.parameter_files import mapping_file, parameter_file
 from vdfmu.system.package.structure_file import mapping_name, structure_file
-from vdfmu.system.package.versions import require_fmi, require_version
+from vdfmu.system.package.versions import require_fmi, ssp_format
 from vdfmu.system.package.xml import to_bytes
 from vdfmu.system.scenario import Scenario
 
@@ -68,7 +68,7 @@ def write_ssp(
     path = Path(path)
     regular_target(path)
     require_ours(path)
-    form = require_version(version)
+    form = ssp_format(version)
     description = SystemDescription(scenario, values, version)
     fmus = {unit: fmu for unit, fmu in fmus.items() if unit in description.tables}
     there = require_fmi(fmus, tuple(FMI_VERSIONS) if mixed else (form.fmi.name,), f"SSP {version}")
