@@ -14,11 +14,10 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import numpy.typing as npt
 
+from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import ModelError, VdfmuError
 from vdfmu.base.measure import LARGEST_NUMBER, POSITIVE
 from vdfmu.base.text import FORBIDDEN, nearest, printable
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class Problems:
@@ -208,7 +207,7 @@ class Table:
         at_most: float = LARGEST_NUMBER,
         infinite: bool = False,
         way_out: str = "",
-    ) -> FloatArray:
+    ) -> Floats:
         """Return an array of numbers, NaN where they are wrong.
 
         `scalar` allows one number for all entries, `infinite` allows plus infinity.

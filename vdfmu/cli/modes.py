@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from vdfmu.cli.options import out_option
 from vdfmu.cli.terminal import (
     JsonOption,
     OverwriteOption,
+    RobotArgument,
     complete_scenario,
     console,
     load,
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def modes(
-    robot: Annotated[str, typer.Argument(help="Name of a shipped robot, or path of a robot file.")],
+    robot: RobotArgument,
     pose: Annotated[
         str | None,
         typer.Option(
@@ -50,10 +52,7 @@ def modes(
         bool, typer.Option("--dry-friction", help="Keep Coulomb and Stribeck friction, with its slope at rest.")
     ] = False,
     out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", "-o", help="Picture of --scenario or --bode; default SCENARIO_modes.png or ROBOT_bode.png."
-        ),
+        Path | None, out_option("Picture of --scenario or --bode; default SCENARIO_modes.png or ROBOT_bode.png.")
     ] = None,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,

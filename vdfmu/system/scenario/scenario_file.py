@@ -11,11 +11,12 @@ import numpy as np
 
 from vdfmu.arm.motion.polynomial import rest
 from vdfmu.arm.motion.read import read_motion
-from vdfmu.arm.robot.parameters import PARAMETERS, Array, read_only, section
+from vdfmu.arm.robot.parameters import PARAMETERS, read_only, section
 from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, Robot
 from vdfmu.arm.robot.robot_file import check_robot, section_numbers
+from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import ModelError, UnitError, UsageError
-from vdfmu.base.toml_tables import FloatArray, Problems, Table, as_number, shape_of, shown
+from vdfmu.base.toml_tables import Problems, Table, as_number, shape_of, shown
 from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
 from vdfmu.engine.algorithms import ALGORITHMS, count_steps, is_continuous
 from vdfmu.system.scenario.resolved import ROBOT_WAY_OUT, resolve
@@ -184,8 +185,8 @@ def _adaptive(file: Table, master: str) -> float | None:
     return error
 
 
-def _factors(table: Table, n: int | None) -> dict[str, Array | float]:
-    factors: dict[str, Array | float] = {}
+def _factors(table: Table, n: int | None) -> dict[str, Floats | float]:
+    factors: dict[str, Floats | float] = {}
     for key, value in table.data.items():
         if key not in FACTOR_FIELDS:
             continue  # noted by the table
@@ -207,6 +208,6 @@ def _paper(table: Table, n: int | None) -> dict[str, Any]:
         elif key in PAPER_LISTS:
             length = (shape_of(value) or (0,))[0]
             most = n or length
-            numbers: FloatArray = table.numbers(key, (max(1, min(length, most)),), "", at_least=0)
+            numbers: Floats = table.numbers(key, (max(1, min(length, most)),), "", at_least=0)
             paper[key] = numbers.tolist()
     return paper
