@@ -69,13 +69,13 @@ def modes(
     if out is not None and bode is None:
         raise UsageError("modes: --out is for the picture of --scenario SCENARIO or --bode JOINT; neither is given.")
     from vdfmu.arm.robot import load_robot
-    from vdfmu.study.analysis.modes import MOTORS, natural_modes
+    from vdfmu.study.analysis.modes import MOTORS, middle_pose, natural_modes
 
     arm = load_robot(robot)
     if bode is not None and not 1 <= bode <= arm.n:
         raise UsageError(f"--bode {bode}: expected a joint, 1 to {arm.n}.")
     target = None if bode is None else target_file(out, f"{arm.name}_bode.png", overwrite)
-    q = _pose(arm, pose)
+    q = middle_pose(arm) if pose is None else read_pose("--pose", pose)
     found = {motors: natural_modes(arm, q, motors=motors, dry=dry) for motors in MOTORS}
     if as_json:
         say_json({"pose": q} | {f"motors_{motors}": _numbers(each) for motors, each in found.items()})
@@ -84,14 +84,6 @@ def modes(
             _print(motors, q, each)
     if bode is not None and target is not None:
         _draw_bode(arm, q, bode, dry, target, as_json)
-
-
-def _pose(robot: Robot, text: str | None) -> list[float]:
-    if text is None:
-        from vdfmu.study.analysis.modes import middle_pose
-
-        return middle_pose(robot)
-    return read_pose("--pose", text)
 
 
 def read_pose(option: str, text: str) -> list[float]:

@@ -115,8 +115,7 @@ def test_impossible_formats_say_what_to_do(monkeypatch):
 
 def test_the_page_shows_the_system(scenario):
     description = SystemDescription(scenario)
-    ssd = structure_file(description)
-    page = system_page(description, ssd, {}, ["2.0"]).decode()
+    page = system_page(description, {}, ["2.0"]).decode()
     root = ElementTree.fromstring(
         page.replace("<!DOCTYPE html>", "")
         .replace('<meta charset="utf-8">', "")

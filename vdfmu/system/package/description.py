@@ -104,6 +104,7 @@ class SystemDescription:
         self.values: Mapping[str, Mapping[str, Any]] = system_values(scenario) if values is None else values
         system = scenario.system
         self.name, self.description = system.name, system.description
+        self.full_name = f"{self.name}_{scenario.name}"
         self.connections, self._shared = system.connections, system.shared
         self.resolved = scenario.resolved
         self.tables = self.resolved.tables
@@ -285,3 +286,8 @@ def positions(signals: Sequence[PackageSignal]) -> list[float]:
     begins = [k == 0 or signal.group != signals[k - 1].group for k, signal in enumerate(signals)]
     slots = np.arange(len(signals)) + np.cumsum(begins)
     return np.round(1.0 - slots / (len(signals) + sum(begins) + 1.0), 6).tolist()
+
+
+def icon_source(component: str) -> str:
+    """Name of a component's icon in a package."""
+    return f"resources/icons/{component}.svg"

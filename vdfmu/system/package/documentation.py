@@ -13,10 +13,8 @@ from vdfmu.system.package.drawing import draw_system
 from vdfmu.system.package.xml import value_text
 
 
-def system_page(
-    description: SystemDescription, ssd: Any, icons: Mapping[str, bytes], fmi_versions: Sequence[str]
-) -> bytes:
-    """Page of a package, made from what its other files are made from: the SSD, and the icons by their sources."""
+def system_page(description: SystemDescription, icons: Mapping[str, bytes], fmi_versions: Sequence[str]) -> bytes:
+    """Page of a package, made from what its other files are made from, and the icons by their sources."""
     scenario = description.scenario
     about = [f"Scenario {scenario.name}: {scenario.description.rstrip('.')}."]
     if scenario.robot is not None:
@@ -24,7 +22,7 @@ def system_page(
     body = f"""<p>{escape(" ".join(about))} SSP {description.version}, FMI {" and ".join(fmi_versions)}.</p>
 <h2>Diagram</h2>
 <div class="wide">
-{draw_system(ssd, icons)}
+{draw_system(description, icons)}
 </div>
 <p>A wire is an array, with its size, or a scalar. Free are outputs to record, and inputs, which have the values of the
 parameter sets.</p>
@@ -40,7 +38,7 @@ parameter sets.</p>
 {_connectors(description)}
 <h2>Origin</h2>
 <p>Made by vdfmu {__version__} from the same description as the other files of this package.</p>"""
-    return page(ssd.get("name"), description.description, body, 76)
+    return page(description.full_name, description.description, body, 76)
 
 
 def _components(description: SystemDescription) -> str:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from vdfmu.engine.package.experiment import EXPERIMENT_TYPE, FOREIGN, OSP_TYPE
-from vdfmu.system.package.description import PackageSignal, SystemDescription, positions
+from vdfmu.system.package.description import PackageSignal, SystemDescription, icon_source, positions
 from vdfmu.system.package.geometry import route
-from vdfmu.system.package.xml import META, add, add_foreign, add_units, root
+from vdfmu.system.package.xml import META, add, add_units, root
 
 _SIDES = {"input": 0.0, "output": 1.0}
 
@@ -17,11 +17,11 @@ def structure_file(description: SystemDescription) -> Any:
     scenario = description.scenario
     attributes = {
         "version": description.version,
-        "name": f"{description.name}_{scenario.name}",
+        "name": description.full_name,
         "description": f"{description.description}. {scenario.description}",
         **META,
     }
-    top = root("ssd:SystemStructureDescription", attributes, ("ssd", "ssc"), FOREIGN)
+    top = root("ssd:SystemStructureDescription", attributes, ("ssd", "ssc", *FOREIGN))
     system = add(top, "ssd:System", name=description.name, description=description.description)
     elements = add(system, "ssd:Elements")
     heights: dict[tuple[str, str], float] = {}
@@ -82,7 +82,7 @@ def _add_component(
         component,
         "ssd:ElementGeometry",
         x1=x1, y1=y1, x2=x2, y2=y2,
-        iconSource=f"resources/icons/{unit}.svg",
+        iconSource=icon_source(unit),
         iconFixedAspectRatio="true",
     )  # fmt: skip
     bound_sets = description.bindings[unit]
@@ -114,14 +114,14 @@ def _add_experiment(top: Any, description: SystemDescription) -> None:
     experiment = add(top, "ssd:DefaultExperiment", startTime=0.0, stopTime=float(scenario.stop))
     annotations = add(experiment, "ssd:Annotations")
     ours = add(annotations, "ssc:Annotation", type=EXPERIMENT_TYPE)
-    attributes = {
-        "communicationStepSize": float(scenario.step),
-        "algorithm": scenario.master,
-        "solverTolerance": description.tolerance,
-    }
-    if scenario.adaptive is not None:
-        attributes["adaptive"] = scenario.adaptive
-    add_foreign(ours, FOREIGN["vdfmu"], "Experiment", **attributes)
+    add(
+        ours,
+        "vdfmu:Experiment",
+        communicationStepSize=float(scenario.step),
+        algorithm=scenario.master,
+        solverTolerance=description.tolerance,
+        adaptive=scenario.adaptive,
+    )
     osp = add(annotations, "ssc:Annotation", type=OSP_TYPE)
-    algorithm = add_foreign(osp, FOREIGN["osp"], "Algorithm")
-    add_foreign(algorithm, FOREIGN["osp"], "FixedStepAlgorithm", baseStepSize=float(scenario.step))
+    algorithm = add(osp, "osp:Algorithm")
+    add(algorithm, "osp:FixedStepAlgorithm", baseStepSize=float(scenario.step))

@@ -12,7 +12,7 @@ from vdfmu.base.errors import StorageError
 from vdfmu.base.files import pack_zip, regular_target, require_ours, storing
 from vdfmu.base.standards import FMI_VERSIONS, SSP_1, SSP_FORMATS
 from vdfmu.engine.package.parse import validate
-from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.package.description import SystemDescription, icon_source
 from vdfmu.system.package.documentation import system_page
 from vdfmu.system.package.parameter_files import mapping_file, parameter_file
 from vdfmu.system.package.structure_file import mapping_name, structure_file
@@ -72,9 +72,9 @@ def write_ssp(
     description = SystemDescription(scenario, values, version)
     fmus = {unit: fmu for unit, fmu in fmus.items() if unit in description.tables}
     there = require_fmi(fmus, tuple(FMI_VERSIONS) if mixed else (form.fmi.name,), f"SSP {version}")
-    icons = {f"resources/icons/{name}.svg": _icon(table.name) for name, table in description.tables.items()}
-    ssd = structure_file(description)
-    members = {"SystemStructure.ssd": _checked(ssd, "ssd", "SystemStructure.ssd", version), **icons}
+    icons = {icon_source(name): _icon(table.name) for name, table in description.tables.items()}
+    structure = structure_file(description)
+    members = {"SystemStructure.ssd": _checked(structure, "ssd", "SystemStructure.ssd", version), **icons}
     for file, parameters in description.parameter_sets.items():
         members[f"resources/{file}"] = _checked(parameter_file(parameters, version), "ssv", file, version)
     for unit, bindings in description.bindings.items():
@@ -83,7 +83,7 @@ def write_ssp(
                 name = mapping_name(unit, binding.file)
                 mapping = mapping_file(binding.mapping, version)
                 members[f"resources/{name}"] = _checked(mapping, "ssm", name, version)
-    members["documentation/index.html"] = system_page(description, ssd, icons, there)
+    members["documentation/index.html"] = system_page(description, icons, there)
     with storing(path):
         for unit, fmu in fmus.items():
             members[f"resources/{description.fmu_name(unit)}"] = Path(fmu).read_bytes()
