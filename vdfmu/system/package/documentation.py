@@ -44,12 +44,12 @@ parameter sets.</p>
 def _components(description: SystemDescription) -> str:
     rows = [
         (
-            unit,
-            f"resources/{description.fmu_name(unit)}",
+            component,
+            f"resources/{description.fmu_name(component)}",
             escape(table.description),
-            "<br>".join(_binding(b.file, b.mapping) for b in description.bindings[unit]),
+            "<br>".join(_binding(b.file, b.mapping) for b in description.bindings[component]),
         )
-        for unit, table in description.tables.items()
+        for component, table in description.tables.items()
     ]
     return table(("component", "FMU", "", "parameter sets"), rows, ("name", "name", "", ""))
 
@@ -70,7 +70,7 @@ of the default experiment say the same.</p>
 <code>scenario</code>; the rest are start values of the FMUs in this package, if it was made by
 <code>vdfmu ssp</code>.</p>"""
     if not description.arrays:
-        outputs = [f"{unit}.{s.name}" for unit in description.tables for s in description.signals(unit, "output")]
+        outputs = [f"{name}.{s.name}" for name in description.tables for s in description.signals(name, "output")]
         shown = next((name for name in ("plant.q[1]", *outputs) if name in outputs), "time")
         text += f"""
 <pre>vdfmu simulate system.ssp</pre>
@@ -104,9 +104,9 @@ def _units(signals: Iterable[PackageSignal]) -> str:
 
 def _parameters(description: SystemDescription) -> str:
     takers: dict[str, list[str]] = {}
-    for unit, bindings in description.bindings.items():
+    for component, bindings in description.bindings.items():
         for binding in bindings:
-            takers.setdefault(binding.file, []).append(unit)
+            takers.setdefault(binding.file, []).append(component)
     parts: list[str] = []
     for file, parameters in description.parameter_sets.items():
         rows = [
@@ -131,14 +131,14 @@ def _choice(signal: PackageSignal, values: Sequence[Any]) -> str:
 
 def _connectors(description: SystemDescription) -> str:
     parts: list[str] = []
-    for unit in description.tables:
+    for component in description.tables:
         rows = [
             (escape(s.name), kind, _type(s), escape(s.unit or ""), escape(s.description))
             for kind in ("input", "output")
-            for s in description.signals(unit, kind)
+            for s in description.signals(component, kind)
         ]
         listed = table(("connector", "kind", "type", "unit", ""), rows, ("name", "", "", "", ""))
-        parts.append(f"<details><summary>{unit}</summary>\n{listed}\n</details>")
+        parts.append(f"<details><summary>{component}</summary>\n{listed}\n</details>")
     return "\n".join(parts)
 
 

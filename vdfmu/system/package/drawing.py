@@ -126,8 +126,8 @@ def _draw(
     for name in sorted(kinds, key=places.__getitem__) if ordered else kinds:
         own = kinds[name]
         used = {
-            "input": dict.fromkeys(port for found in ends.values() for unit, port in found if unit == name),
-            "output": dict.fromkeys(port for unit, port in ends if unit == name),
+            "input": dict.fromkeys(port for found in ends.values() for component, port in found if component == name),
+            "output": dict.fromkeys(port for component, port in ends if component == name),
         }
         known = {kind: vectors(own.get(kind, ())) for kind in used}
         connected = {

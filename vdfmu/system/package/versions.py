@@ -55,15 +55,15 @@ def require_fmi(fmus: Mapping[str, str | os.PathLike[str]], versions: Sequence[s
         If one is of another version: names of arrays and of their elements differ between the two.
     """
     there: set[str] = set()
-    for unit, fmu in fmus.items():
+    for component, fmu in fmus.items():
         content = read_member(Path(fmu), "modelDescription.xml")
         if content is None:
-            raise StorageError(f"{unit}: {fmu} is missing or no FMU. Build it with vdfmu.build_fmus.")
+            raise StorageError(f"{component}: {fmu} is missing or no FMU. Build it with vdfmu.build_fmus.")
         found = _VERSION.search(content)
         got = found[1].decode() if found else "none"
         if got not in versions:
             raise UsageError(
-                f"{unit}: {what} holds units of FMI {' or '.join(versions)}, got {Path(fmu).name} of FMI {got}. "
+                f"{component}: {what} holds units of FMI {' or '.join(versions)}, got {Path(fmu).name} of FMI {got}. "
                 f'Build it with fmi_version="{versions[0]}".'
             )
         there.add(got)
