@@ -96,7 +96,7 @@ def draw_system(description: SystemDescription, icons: Mapping[str, bytes]) -> s
         for name, own in signals.items() for each in own.values() for s in each if s.shape
     }  # fmt: skip
     words = {name: PurePosixPath(description.fmu_name(name)).stem for name in signals}
-    links = [tuple((name, signal.name) for name, signal in (link.start, link.end)) for link in description.links]
+    links = [((x.start[0], x.start[1].name), (x.end[0], x.end[1].name)) for x in description.links]
     places = {name: (x, -y, icon_source(name)) for name, (x, _, _, y) in description.corners.items()}
     return _draw(kinds, words, links, sizes, places, icons)
 
