@@ -4,6 +4,7 @@ import pytest
 
 from vdfmu.base.errors import ModelError
 from vdfmu.system.scenario import load_scenario
+from vdfmu.system.scenario.check import model_notes
 from vdfmu.system.scenario.load import load_system
 
 NAME = "expected a name of letters, digits, spaces and _ [+] -, a letter, digit or _ first"
@@ -59,3 +60,10 @@ def test_what_a_scenario_cannot_have_of_a_system_is_named(tmp_path, unit, line, 
     (tmp_path / "x.toml").write_text(head + line)
     with pytest.raises(ModelError, match=said):
         load_scenario(tmp_path / "x.toml")
+
+
+def test_a_value_that_is_not_shared_is_noted(tmp_path):
+    (tmp_path / "mine.toml").write_text('extends = "system"\n[shared.mine]\nplant = "q_00"\ntrajectory = "q_end"\n')
+    head = 'name = "x"\nsystem = "mine.toml"\nrobot = "planar_2dof"\nstop = 0.01\nstep = 0.001\n'
+    (tmp_path / "x.toml").write_text(head)
+    assert model_notes(load_scenario(tmp_path / "x.toml")) == ["shared.mine: plant has no q_00, and shares nothing."]
