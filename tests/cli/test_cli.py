@@ -284,3 +284,13 @@ def test_findings_that_cannot_be_written_are_an_error(tmp_path, output):
     assert done.returncode == 2
     assert "the findings cannot be written: " in done.stderr
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="the platform has no full device")
+@pytest.mark.parametrize("words", [["robot", "show", "nosuch"], ["run", "--bogus"]])
+def test_an_error_that_cannot_be_written_has_its_exit_code(tmp_path, words):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "vdfmu.cli", *words], cwd=tmp_path, stderr=full, timeout=300, check=False
+        )
+    assert done.returncode == 2

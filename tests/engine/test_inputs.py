@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -181,6 +182,12 @@ def test_a_file_of_another_form_is_refused_with_its_row(lone, file, text, words)
         simulate(lone, stop=1.0, step=H, inputs=path)
     assert f"{path}: " in str(error.value)
     assert words in str(error.value)
+
+
+@pytest.mark.skipif(not Path("/dev/null").is_char_device(), reason="the platform has no devices in folders")
+def test_a_device_is_no_file_of_inputs():
+    with pytest.raises(UsageError, match="^/dev/null: expected a CSV file, got what cannot be read: a device$"):
+        read_inputs("/dev/null")
 
 
 @pytest.mark.parametrize(

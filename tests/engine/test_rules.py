@@ -19,7 +19,7 @@ from vdfmu.engine.inspect import trial as check_run
 from vdfmu.engine.inspect.inspection import inspect_file
 from vdfmu.engine.package import limits, parse
 from vdfmu.engine.rules import RULES
-from vdfmu.system.package.check import inspect_source
+from vdfmu.system.inspect_source import inspect_source
 
 SPACES = " ".join(
     f'xmlns:{prefix}="http://ssp-standard.org/SSP1/SystemStructure{name}"'

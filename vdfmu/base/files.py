@@ -133,6 +133,13 @@ def _is_ours(path: Path) -> bool:
     return not head or PAGE_MARK in head + end or any(MARK in text[:_HEAD] for text in (*described, head) if text)
 
 
+def read_text(path: Path) -> str:
+    """Content of a file or pipe in UTF-8; OSError if it cannot be read, or is a device, which may have no end."""
+    if path.is_char_device():
+        raise OSError("a device")
+    return path.read_bytes().decode("utf-8-sig")
+
+
 def read_member(path: Path, name: str) -> bytes | None:
     """Content of one member; None if there is none that can be read."""
     try:

@@ -110,7 +110,7 @@ class PluginTable(dict[str, _T]):
 
     def names(self, unless: object = None) -> list[str]:
         """Return all names; where `unless` is one that is shipped, those are enough and no other is looked for."""
-        if unless not in self._shipped:
+        if not isinstance(unless, str) or unless not in self._shipped:
             own = {key.removeprefix(self._prefix) for key in self._shipped}
             self.update({self._prefix + name: row for name, row in self._plugins.all(own).items()})
         return list(self)

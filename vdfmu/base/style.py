@@ -280,12 +280,8 @@ def _png(figure: Figure, stream: io.BytesIO) -> None:
     image.convert("RGB").save(stream, "png", compress_level=3, dpi=(figure.dpi, figure.dpi))
 
 
-def _svg(figure: Figure, stream: io.BytesIO) -> None:
-    figure.savefig(stream, format="svg", metadata={"Date": None})
-
-
-def _pdf(figure: Figure, stream: io.BytesIO) -> None:
-    figure.savefig(stream, format="pdf", metadata={"CreationDate": None})
-
-
-_WRITERS: dict[str, Callable[[Figure, io.BytesIO], None]] = {".png": _png, ".svg": _svg, ".pdf": _pdf}
+_WRITERS: dict[str, Callable[[Figure, io.BytesIO], None]] = {
+    ".png": _png,
+    ".svg": functools.partial(Figure.savefig, format="svg", metadata={"Date": None}),
+    ".pdf": functools.partial(Figure.savefig, format="pdf", metadata={"CreationDate": None}),
+}

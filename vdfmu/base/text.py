@@ -34,17 +34,17 @@ def elided(text: str) -> str:
     """Return a message of bounded length: long names, lines and texts without their middle."""
     if len(text) <= _LONGEST_NAME:
         return text
-    text = _LONG_NAME.sub(lambda name: _without_middle(name[0], _LONGEST_NAME, "characters"), text)
-    lines = [_without_middle(line, _LONGEST_LINE, "characters") for line in text.splitlines()]
+    text = _LONG_NAME.sub(lambda name: _without_middle(name[0], _LONGEST_NAME), text)
+    lines = [_without_middle(line, _LONGEST_LINE) for line in text.splitlines()]
     if len(lines) > _MOST_LINES:
         lines[_MOST_LINES // 2 : -_MOST_LINES // 2] = [f"... ({len(lines) - _MOST_LINES:,} lines) ..."]
     return "\n".join(lines)
 
 
-def _without_middle(text: str, most: int, what: str) -> str:
+def _without_middle(text: str, most: int) -> str:
     """Return a text, or its two ends and the size of what is left out if it is longer than `most`."""
     half = most // 2
-    return text if len(text) <= most else f"{text[:half]}...({len(text) - 2 * half:,} {what})...{text[-half:]}"
+    return text if len(text) <= most else f"{text[:half]}...({len(text) - 2 * half:,} characters)...{text[-half:]}"
 
 
 def first_few(texts: Sequence[str], rule_of: Callable[[str], str] = lambda text: "") -> list[str]:

@@ -14,11 +14,10 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import numpy.typing as npt
 
+from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import ModelError, VdfmuError
 from vdfmu.base.measure import LARGEST_NUMBER, POSITIVE
 from vdfmu.base.text import FORBIDDEN, nearest, printable
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class Problems:
@@ -31,7 +30,7 @@ class Problems:
     def add(self, key: str, expected: str, got: str, way_out: str) -> None:
         """Note that `key` holds something else than expected."""
         key = printable(key)
-        self.lines.append(f"{self.where}: {key}: expected {expected}, got {got}. {way_out}")
+        self.lines.append(f"{self.where}: {key}: expected {expected}, got {got}. {way_out}".rstrip())
 
     def take(self, error: VdfmuError, key: str = "") -> None:
         """Note what an error says, for a key where there is one; problems of another file have their place already."""
@@ -80,18 +79,19 @@ def as_number(value: object) -> float | None:
 class Table:
     """A TOML table that is being read. Wrong values are noted in `problems` and read as NaN, so that reading goes on.
 
-    `path` is its key in the file, "" for the whole file; any key that is not `known` is a problem.
+    `path` is its key in the file, "" for the whole file; any key that is not `known` is a problem, unless that is None.
     """
 
-    def __init__(self, problems: Problems, data: object, path: str, known: Sequence[str]) -> None:
+    def __init__(self, problems: Problems, data: object, path: str, known: Sequence[str] | None) -> None:
         self.problems = problems
         self.path = path
         self.usable = isinstance(data, dict)
         self.data: dict[str, Any] = cast("dict[str, Any]", data) if self.usable else {}
         if not self.usable:
-            problems.add(path or "the file", "a table", shown(data), f"Its keys are: {', '.join(known)}.")
+            keys = "" if known is None else f"Its keys are: {', '.join(known)}."
+            problems.add(path or "the file", "a table", shown(data), keys)
         for key in self.data:
-            if key not in known:
+            if known is not None and key not in known:
                 problems.add(self.key(key), "a known key", "an unknown one", nearest(key, known))
 
     def key(self, key: str) -> str:
@@ -115,7 +115,7 @@ class Table:
             return table
         return Table(self.problems, value, self.key(key), known)
 
-    def optional_table(self, key: str, known: Sequence[str]) -> Table:
+    def optional_table(self, key: str, known: Sequence[str] | None = None) -> Table:
         """Return an entry that is a table, an empty one if it is missing."""
         return Table(self.problems, self.data.get(key, {}), self.key(key), known)
 
@@ -157,14 +157,16 @@ class Table:
     def name(self, key: str) -> str:
         """Return a string that can name a file: results of a scenario go into a folder of its name."""
         value = self.label(key)
-        if value and not re.fullmatch(r"\w[\w .+-]*", value):
-            self.problems.add(
-                self.key(key),
-                "a name of letters, digits, spaces and . _ + -, a letter, digit or _ first",
-                shown(value),
-                "It names files and folders.",
-            )
+        if value:
+            self.check_name(self.key(key), value)
         return value
+
+    def check_name(self, place: str, name: str, dots: bool = True) -> None:
+        """Note what cannot name a file."""
+        if not re.fullmatch(r"\w[\w .+-]*" if dots else r"\w[\w +-]*", name) or len(name) > _LONGEST_NAME:
+            signs = f"spaces and {'. ' * dots}_ + -"
+            expected = f"a name of letters, digits, {signs}, a letter, digit or _ first"
+            self.problems.add(place, expected, shown(name), "It names files and folders.")
 
     def label(self, key: str) -> str:
         """Return a string of one short line."""
@@ -208,7 +210,7 @@ class Table:
         at_most: float = LARGEST_NUMBER,
         infinite: bool = False,
         way_out: str = "",
-    ) -> FloatArray:
+    ) -> Floats:
         """Return an array of numbers, NaN where they are wrong.
 
         `scalar` allows one number for all entries, `infinite` allows plus infinity.

@@ -25,7 +25,7 @@ from vdfmu.base.text import close_to
 from vdfmu.base.version import __version__
 from vdfmu.base.words import new_word, present_word
 from vdfmu.cli.options import expanded
-from vdfmu.cli.terminal import console, say_error
+from vdfmu.cli.terminal import console, fail
 
 _Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 QuietOption = Annotated[
@@ -77,8 +77,7 @@ def _usage_errors(top: Any) -> Generator[None]:
             raise
         # an option without its value has no context of its command
         path = context.command_path.partition(" ")[2] if context else (top and top.invoked_subcommand) or ""
-        say_error(_usage(error, path, context))
-        raise typer.Exit(2) from None
+        fail(_usage(error, path, context), 2)
 
 
 def _usage(error: Any, path: str, context: Any) -> str:

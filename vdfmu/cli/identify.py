@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vdfmu.base.option import read_settings
-from vdfmu.cli.options import typer_option
+from vdfmu.cli.options import out_option, typer_option
 from vdfmu.cli.terminal import OverwriteOption, console, say, say_notes, say_written, table, target_file
 from vdfmu.study.options import RobotOptions
 
@@ -66,8 +66,7 @@ def identify(
         ),
     ] = None,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help="Robot file to write, with the identified values; with --design the motion."),
+        Path | None, out_option("Robot file to write, with the identified values; with --design the motion.")
     ] = None,
     overwrite: OverwriteOption = False,
     design: Annotated[

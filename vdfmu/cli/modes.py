@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from vdfmu.cli.options import out_option
 from vdfmu.cli.terminal import (
     JsonOption,
     OverwriteOption,
+    RobotArgument,
     complete_scenario,
     console,
     load,
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def modes(
-    robot: Annotated[str, typer.Argument(help="Name of a shipped robot, or path of a robot file.")],
+    robot: RobotArgument,
     pose: Annotated[
         str | None,
         typer.Option(
@@ -50,10 +52,7 @@ def modes(
         bool, typer.Option("--dry-friction", help="Keep Coulomb and Stribeck friction, with its slope at rest.")
     ] = False,
     out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", "-o", help="Picture of --scenario or --bode; default SCENARIO_modes.png or ROBOT_bode.png."
-        ),
+        Path | None, out_option("Picture of --scenario or --bode; default SCENARIO_modes.png or ROBOT_bode.png.")
     ] = None,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
@@ -70,13 +69,13 @@ def modes(
     if out is not None and bode is None:
         raise UsageError("modes: --out is for the picture of --scenario SCENARIO or --bode JOINT; neither is given.")
     from vdfmu.arm.robot import load_robot
-    from vdfmu.study.analysis.modes import MOTORS, natural_modes
+    from vdfmu.study.analysis.modes import MOTORS, middle_pose, natural_modes
 
     arm = load_robot(robot)
     if bode is not None and not 1 <= bode <= arm.n:
         raise UsageError(f"--bode {bode}: expected a joint, 1 to {arm.n}.")
     target = None if bode is None else target_file(out, f"{arm.name}_bode.png", overwrite)
-    q = _pose(arm, pose)
+    q = middle_pose(arm) if pose is None else read_pose("--pose", pose)
     found = {motors: natural_modes(arm, q, motors=motors, dry=dry) for motors in MOTORS}
     if as_json:
         say_json({"pose": q} | {f"motors_{motors}": _numbers(each) for motors, each in found.items()})
@@ -85,14 +84,6 @@ def modes(
             _print(motors, q, each)
     if bode is not None and target is not None:
         _draw_bode(arm, q, bode, dry, target, as_json)
-
-
-def _pose(robot: Robot, text: str | None) -> list[float]:
-    if text is None:
-        from vdfmu.study.analysis.modes import middle_pose
-
-        return middle_pose(robot)
-    return read_pose("--pose", text)
 
 
 def read_pose(option: str, text: str) -> list[float]:

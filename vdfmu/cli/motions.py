@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from vdfmu.cli.options import out_option
 from vdfmu.cli.terminal import (
     JsonOption,
     OverwriteOption,
@@ -32,7 +33,7 @@ def motion(
         ),
     ],
     robot: RobotOption = None,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Picture to write.")] = None,
+    out: Annotated[Path | None, out_option("Picture to write.")] = None,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:

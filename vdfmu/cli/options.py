@@ -31,6 +31,11 @@ def choice(*values: str) -> dict[str, Any]:
     return {"metavar": "|".join(values), "autocompletion": completing(lambda: values)}
 
 
+def out_option(help: str) -> Any:
+    """Return what typer is told of an option ``--out`` with this help."""
+    return typer.Option("--out", "-o", help=help)
+
+
 def _told(each: DeclaredOption, help: str = "") -> Any:
     option = each.option
     return typer.Option(

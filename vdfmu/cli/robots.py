@@ -11,10 +11,11 @@ import typer
 from rich.markup import escape
 
 from vdfmu.cli.app import App
-from vdfmu.cli.options import completing
+from vdfmu.cli.options import out_option
 from vdfmu.cli.terminal import (
     JsonOption,
     OverwriteOption,
+    RobotArgument,
     console,
     say_json,
     say_list,
@@ -23,7 +24,6 @@ from vdfmu.cli.terminal import (
     table,
     target_file,
 )
-from vdfmu.study.options import known_robots
 
 app = App(name="robot", no_args_is_help=True, help="List and show robots, and import them from files of other tools.")
 
@@ -37,11 +37,7 @@ def list_robots(as_json: JsonOption = False) -> None:
 
 
 @app.command("show", epilog="Example: [bold]vdfmu robot show manipulator_6dof[/bold]")
-def show_robot(
-    name: Annotated[
-        str, typer.Argument(help="Name of a robot, or path of its TOML file.", autocompletion=completing(known_robots))
-    ],
-) -> None:
+def show_robot(name: RobotArgument) -> None:
     """Show the parameters of a robot, with their sources."""
     import numpy as np
 
@@ -94,9 +90,7 @@ def import_file(
             help="kg/m3 of the boxes, cylinders and spheres of bodies to which the file gives no mass or inertia."
         ),
     ] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Robot file to write; default FILE.toml, in this folder.")
-    ] = None,
+    out: Annotated[Path | None, out_option("Robot file to write; default FILE.toml, in this folder.")] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Write a robot file from a URDF or a MuJoCo file. It says where each number is from."""
@@ -117,10 +111,8 @@ def import_file(
 
 @app.command("reach", epilog="Example: [bold]vdfmu robot reach ./panda.toml -o reach.toml[/bold]")
 def reach(
-    robot: Annotated[str, typer.Argument(help="Name of a shipped robot, or path of a robot file.")],
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Scenario to write; default ROBOT_reach.toml, in this folder.")
-    ] = None,
+    robot: RobotArgument,
+    out: Annotated[Path | None, out_option("Scenario to write; default ROBOT_reach.toml, in this folder.")] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Write the scenario of a first motion, with gains by one rule, and print the margins of the arm's loops."""

@@ -11,7 +11,7 @@ from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.files import replacing_foreign, require_ours
 from vdfmu.base.option import pick
 from vdfmu.cli.opening import OpenOption, say_page, say_verdict
-from vdfmu.cli.options import choice, typer_option
+from vdfmu.cli.options import choice, out_option, typer_option
 from vdfmu.cli.terminal import (
     ForeignOption,
     ScenarioArgument,
@@ -208,11 +208,7 @@ def report(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out",
-            "-o",
-            help="File to write; default report.html in the folder, of several comparison.html beside it.",
-        ),
+        out_option("File to write; default report.html in the folder, of several comparison.html beside it."),
     ] = None,
     simulate: Annotated[
         bool, typer.Option(help="Let the page run them again, with sliders, where the compiler is installed.")

@@ -9,7 +9,7 @@ import typer
 
 from vdfmu.base.files import replacing_foreign, require_ours
 from vdfmu.cli.app import App, CommandGroup
-from vdfmu.cli.options import choice
+from vdfmu.cli.options import choice, out_option
 from vdfmu.cli.terminal import (
     ForeignOption,
     JsonOption,
@@ -106,7 +106,7 @@ def plot(
             **choice("scatter", "surface", "parallel", "tornado", "indices"), help="Figure; default all that fit."
         ),
     ] = None,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder; default the study's.")] = None,
+    out: Annotated[Path | None, out_option("Folder; default the study's.")] = None,
 ) -> None:
     """Draw a measure of a study over its axes."""
     from vdfmu.study.sweeps.study import Sweep
@@ -134,7 +134,7 @@ def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = Fal
 @app.command(epilog="Example: [bold]vdfmu sweep report results/sweep_tracking[/bold]")
 def report(
     study: StudyArgument,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="File; default report.html in the folder.")] = None,
+    out: Annotated[Path | None, out_option("File; default report.html in the folder.")] = None,
     simulate: Annotated[bool, typer.Option(help="Let the page run any point, where the compiler is installed.")] = True,
     overwrite: ForeignOption = False,
 ) -> None:

@@ -8,7 +8,7 @@ import re
 import sys
 import traceback
 from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
@@ -21,8 +21,8 @@ from vdfmu.base.option import read_settings
 from vdfmu.base.progress import LOG
 from vdfmu.base.table import plain_table as table
 from vdfmu.base.text import elided, error_text, first_few
-from vdfmu.cli.options import typer_option
-from vdfmu.study.options import RobotOptions, ScenarioRunOptions
+from vdfmu.cli.options import completing, typer_option
+from vdfmu.study.options import RobotOptions, ScenarioRunOptions, known_robots
 
 if TYPE_CHECKING:
     from rich.panel import Panel
@@ -70,6 +70,10 @@ ScenarioArgument = Annotated[
         help="Name of a shipped scenario, reach for a first motion of any robot, or path of a TOML file.",
         autocompletion=complete_scenario,
     ),
+]
+RobotArgument = Annotated[
+    str,
+    typer.Argument(help="Name of a shipped robot, or path of a robot file.", autocompletion=completing(known_robots)),
 ]
 RobotOption = Annotated[str | None, typer_option(RobotOptions, "robot")]
 BackendOption = Annotated[str | None, typer_option(RobotOptions, "backend")]
@@ -189,8 +193,9 @@ def load(scenario: str, robot: str | None, settings: list[str] | None = None) ->
 
 
 def fail(error: object, code: int) -> NoReturn:
-    """Say what is wrong and end."""
-    say_error(error)
+    """Say what is wrong and end, with the same code where it cannot be said."""
+    with suppress(OSError):
+        say_error(error)
     sys.exit(code)
 
 

@@ -9,6 +9,7 @@ import typer
 from rich.markup import escape
 
 from vdfmu.cli.app import App
+from vdfmu.cli.options import out_option
 from vdfmu.cli.terminal import JsonOption, console, say, say_json, say_written, table
 
 app = App(name="unit", no_args_is_help=True, help="List and show units, and write your own.")
@@ -52,7 +53,7 @@ def _kind(unit: Any) -> tuple[str, ...]:
 @app.command("new", epilog="Example: [bold]vdfmu unit new MyFilter[/bold]")
 def new(
     name: Annotated[str, typer.Argument(help="Name of the unit, MyFilter or my_filter.")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="File to write; default my_filter.py.")] = None,
+    out: Annotated[Path | None, out_option("File to write; default my_filter.py.")] = None,
 ) -> None:
     """Write a first file of a unit, which builds, and a test beside it, which passes."""
     from vdfmu.compiler.unit.new import new_unit
@@ -72,7 +73,7 @@ def from_(
         ),
     ],
     name: Annotated[str | None, typer.Option(help="Name of the unit; default that of the source.")] = None,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="File to write; default after the name.")] = None,
+    out: Annotated[Path | None, out_option("File to write; default after the name.")] = None,
 ) -> None:
     """Write the file of a unit of what is there: a linear system, a CasADi function, a table of data."""
     from vdfmu.compiler.unit.wrap import unit_from

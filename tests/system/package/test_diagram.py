@@ -9,7 +9,6 @@ import pytest
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.diagram import LETTER, Card, Net, PlacedSystem, arrange
 from vdfmu.system.package.drawing import draw_system
-from vdfmu.system.package.structure_file import structure_file
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.decomposed import decomposed
 
@@ -25,13 +24,11 @@ def picture(name, version="1.0"):
     """Return the diagram of a scenario, or one as of another tool: no places, and an order against the flow."""
     scenario = load_scenario("tracking" if name == "foreign" else name.partition(",")[0])
     scenario, values = decomposed(scenario) if "," in name else (scenario, None)
-    ssd = structure_file(SystemDescription(scenario, values, version))
+    description = SystemDescription(scenario, values, version)
     if name == "foreign":
-        elements = next(ssd.iter("{*}Elements"))
-        elements[:] = reversed(elements)
-        for geometry in list(ssd.iter("{*}ElementGeometry")):
-            geometry.getparent().remove(geometry)
-    return draw_system(ssd, {})
+        description.tables = dict(reversed(description.tables.items()))
+        description.corners = {}
+    return draw_system(description, {})
 
 
 def boxes_of(root):

@@ -88,7 +88,7 @@ def read_motion(problems: Problems, data: object, robot: Robot, folder: Path) ->
             problems.take(error)
             return None
     before = len(problems.lines)
-    kind = Table(problems, data, "motion", list(data) if isinstance(data, dict) else ()).text("kind", choices=(*KINDS,))
+    kind = Table(problems, data, "motion", None).text("kind", choices=(*KINDS,))
     if kind not in KINDS:
         return None
     make, keys = KINDS[kind]

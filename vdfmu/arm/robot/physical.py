@@ -10,7 +10,8 @@ import numpy as np
 
 from vdfmu.arm.drive.option import DriveOption
 from vdfmu.arm.robot.parameters import PARAMETERS
-from vdfmu.base.toml_tables import FloatArray, Problems, shown
+from vdfmu.base.arrays import Floats
+from vdfmu.base.toml_tables import Problems, shown
 
 # Entries of a rotation are at most 1, so ten printed digits leave R R^T - E below 1e-9.
 ROTATION_TOLERANCE = 1e-9
@@ -20,7 +21,7 @@ INERTIA_TOLERANCE = 1e-9
 CONTRACTION_LIMIT = 0.5
 
 
-def check_rotation(problems: Problems, key: str, rotation: FloatArray) -> None:
+def check_rotation(problems: Problems, key: str, rotation: Floats) -> None:
     """Note a rotation, shape (3, 3), that is not orthogonal or turns right-handed axes left-handed."""
     if not np.isfinite(rotation).all():
         return
@@ -35,7 +36,7 @@ def check_rotation(problems: Problems, key: str, rotation: FloatArray) -> None:
         )
 
 
-def check_inertia(problems: Problems, key: str, inertia: FloatArray) -> None:
+def check_inertia(problems: Problems, key: str, inertia: Floats) -> None:
     """Note an inertia, shape (3, 3) [kg.m2], that no rigid body has."""
     if not np.isfinite(inertia).all():
         return

@@ -13,11 +13,12 @@ from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, PARAMETERS, Row, Sec
 from vdfmu.arm.robot.physical import check_drive, check_friction, check_inertia, check_option, check_rotation
 from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES, Robot, joint_free, robot_argument
 from vdfmu.arm.robot.visual import read_visuals
+from vdfmu.base.arrays import Floats
 from vdfmu.base.measure import POSITIVE
 from vdfmu.base.text import nearest
-from vdfmu.base.toml_tables import FloatArray, Problems, Table, shape_of, shown
+from vdfmu.base.toml_tables import Problems, Table, shape_of, shown
 
-Numbers = dict[str, float | FloatArray]
+Numbers = dict[str, float | Floats]
 
 
 def _keys(name: Section) -> list[str]:
@@ -162,7 +163,7 @@ def bounds(row: Row, joint_type: str) -> dict[str, Any]:
     return low | {"at_most": row.largest, "way_out": row.way_out, "unit": "" if unit == "1" else unit}
 
 
-def _inertia(table: Table, row: Row, options: dict[str, Any]) -> FloatArray:
+def _inertia(table: Table, row: Row, options: dict[str, Any]) -> Floats:
     """Read an inertia as 3 x 3 matrix, from one number, three principal moments or the matrix itself.
 
     One that has a default may be 0, that of a point mass.

@@ -9,7 +9,8 @@ import numpy as np
 
 from vdfmu.arm.robot.parameters import Array, read_only
 from vdfmu.arm.robot.physical import check_rotation
-from vdfmu.base.toml_tables import FloatArray, Problems, Table, shown
+from vdfmu.base.arrays import Floats
+from vdfmu.base.toml_tables import Problems, Table, shown
 
 SHAPES = {"mesh": 3, "box": 3, "ellipsoid": 3, "cylinder": 2, "capsule": 2, "sphere": 1}
 """Shape to the numbers of its size: scale of a mesh, sides, half-axes, radius and length along z, radius."""
@@ -70,7 +71,7 @@ def _visual(problems: Problems, data: object, path: str, n: int) -> Visual:
         problems.add(f"{path}.joint", f"a joint from 0 to {n}", shown(joint), "0 is what stands still.")
     shape = table.text("shape", choices=tuple(SHAPES))
 
-    def numbers(key: str, size: tuple[int, ...], unit: str, default: Any, **bounds: Any) -> FloatArray:
+    def numbers(key: str, size: tuple[int, ...], unit: str, default: Any, **bounds: Any) -> Floats:
         return read_only(table.numbers(key, size, unit, default, **bounds))
 
     rotation = numbers("rotation", (3, 3), "", np.eye(3).tolist())

@@ -17,6 +17,7 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
+from vdfmu.base.files import read_text
 from vdfmu.engine.results.csv_file import summary_beside
 from vdfmu.engine.results.recorded import copies_in, later
 
@@ -153,7 +154,7 @@ def csv_columns(path: Path, problems: list[str], *, timed: bool = True) -> Colum
     `timed`: the first column must be the time. A second row of units, as in ``results.csv``, is as good as brackets.
     """
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        text = read_text(path)
         reader = csv.reader(io.StringIO(text, newline=""), strict=True)
         lines = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if any(row)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:

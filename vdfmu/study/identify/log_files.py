@@ -13,6 +13,7 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
+from vdfmu.base.files import read_text
 from vdfmu.base.plugins import Plugins, PluginTable
 from vdfmu.engine.results import mcap_file, parquet
 from vdfmu.engine.results.mat_file import mat_variables
@@ -78,7 +79,7 @@ _Found = Mapping[str, tuple[Any, str]]
 
 def _csv(path: Path) -> Results | _Found:
     try:
-        lines = path.read_text("utf-8-sig").splitlines()
+        lines = read_text(path).splitlines()
         delimiter = max(";\t,", key=lines[0].count) if lines else ","
         delimiter = delimiter if lines and delimiter in lines[0] else " "
         rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter) if any(row)]

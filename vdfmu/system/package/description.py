@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -19,8 +18,6 @@ from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.resolved import Variables
 from vdfmu.system.scenario.system_file import Box, SystemFile
 from vdfmu.system.scenario.values import system_values
-
-Values = Mapping[str, Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -78,12 +75,12 @@ class ParameterSet:
 
 @dataclass(frozen=True)
 class Binding:
-    """A parameter set that a unit takes."""
+    """A parameter set that a component takes."""
 
     file: str
     """Name of the set's file."""
     mapping: tuple[tuple[str, str], ...] = ()
-    """Name in the set and name in the unit; empty where they are the same."""
+    """Name in the set and name in the component; empty where they are the same."""
 
 
 class SystemDescription:
@@ -92,24 +89,27 @@ class SystemDescription:
     Parameters
     ----------
     scenario : Scenario
-    values : mapping of unit to mapping of variable to value, optional
+    values : mapping of component to mapping of variable to value, optional
         Default :func:`vdfmu.system.scenario.values.system_values`.
     version : "1.0" or "2.0"
         Version of SSP: with 2.0, groups of signals are the arrays of the FMI 3.0 units.
     """
 
-    def __init__(self, scenario: Scenario, values: Values | None = None, version: str = SSP_1.name) -> None:
+    def __init__(
+        self, scenario: Scenario, values: Mapping[str, Mapping[str, Any]] | None = None, version: str = SSP_1.name
+    ) -> None:
         self.scenario = scenario
         self.version = version
         self.arrays = SSP_FORMATS[version].fmi.arrays
-        self.values: Values = system_values(scenario) if values is None else values
+        self.values: Mapping[str, Mapping[str, Any]] = system_values(scenario) if values is None else values
         system = scenario.system
         self.name, self.description = system.name, system.description
+        self.full_name = f"{self.name}_{scenario.name}"
         self.connections, self._shared = system.connections, system.shared
         self.resolved = scenario.resolved
         self.tables = self.resolved.tables
         self.corners = _corners(system)
-        self._signals = {unit: self._signals_of(table) for unit, table in self.tables.items()}
+        self._signals = {component: self._signals_of(table) for component, table in self.tables.items()}
 
     def fmu_name(self, component: str) -> str:
         """File of a component's FMU in a package: components of one unit have the names of the components.
@@ -133,9 +133,9 @@ class SystemDescription:
                 found.append(PackageSignal(array.name, variables, array.shape, kind))
         return tuple(found)
 
-    def signals(self, unit: str, kind: str) -> tuple[PackageSignal, ...]:
-        """Signals of a unit with a causality, in the order of its table."""
-        return tuple(s for s in self._signals[unit] if s.kind == kind)
+    def signals(self, component: str, kind: str) -> tuple[PackageSignal, ...]:
+        """Signals of a component with a causality, in the order of its table."""
+        return tuple(s for s in self._signals[component] if s.kind == kind)
 
     @cached_property
     def tolerance(self) -> float:
@@ -169,7 +169,7 @@ class SystemDescription:
     @cached_property
     def _signal_of(self) -> dict[tuple[str, str], PackageSignal]:
         """Component and name of a variable to the signal that has it."""
-        return {(unit, v.name): s for unit, signals in self._signals.items() for s in signals for v in s.variables}
+        return {(name, v.name): s for name, signals in self._signals.items() for s in signals for v in s.variables}
 
     @cached_property
     def measures(self) -> list[str]:
@@ -186,7 +186,7 @@ class SystemDescription:
     def bindings(self) -> dict[str, list[Binding]]:
         """Unit to the sets that it takes, in the order in which they are applied.
 
-        A value is in one of them only. The scenario's comes first: importers that apply one set of a unit apply
+        A value is in one of them only. The scenario's comes first: importers that apply one set of a component apply
         the first, or the one that they are told; the robot is in the start values of the FMUs as well.
         """
         return self._sets[1]
@@ -194,13 +194,13 @@ class SystemDescription:
     @cached_property
     def _sets(self) -> tuple[dict[str, ParameterSet], dict[str, list[Binding]]]:
         files: dict[str, ParameterSet] = {}
-        bindings: dict[str, list[Binding]] = {unit: [] for unit in self.tables}
-        left = {unit: self._entries(unit) for unit in self.tables}
+        bindings: dict[str, list[Binding]] = {component: [] for component in self.tables}
+        left = {component: self._entries(component) for component in self.tables}
         shared = self._take_shared(left)
         robots: dict[str, dict[str, tuple[PackageSignal, tuple[Any, ...]]]] = {}
         known = self.scenario.robot
         nominal = {p.name: float(getattr(known, p.field)[p.index]) for p in parameters(known)} if known else {}
-        for unit, entries in left.items():
+        for component, entries in left.items():
             robot = {
                 name: entry
                 for name, entry in entries.items()
@@ -209,51 +209,51 @@ class SystemDescription:
                     for v, x in zip(entry[0].variables, entry[1], strict=True)
                 )
             }
-            robots[unit] = robot
+            robots[component] = robot
             rest = tuple(entry for name, entry in entries.items() if name not in robot)
             if rest:
-                files[f"{unit}.scenario.ssv"] = ParameterSet("scenario", rest)
-                bindings[unit].append(Binding(f"{unit}.scenario.ssv"))
-        for unit, robot in robots.items():
+                files[f"{component}.scenario.ssv"] = ParameterSet("scenario", rest)
+                bindings[component].append(Binding(f"{component}.scenario.ssv"))
+        for component, robot in robots.items():
             if robot:
-                # units that know the whole robot share one file
+                # components that know the whole robot share one file
                 whole = {v.name for signal, _ in robot.values() for v in signal.variables} == nominal.keys()
-                file = "robot.ssv" if whole else f"{unit}.robot.ssv"
+                file = "robot.ssv" if whole else f"{component}.robot.ssv"
                 files[file] = ParameterSet("robot", tuple(robot.values()))
-                bindings[unit].append(Binding(file))
+                bindings[component].append(Binding(file))
         for name, (entries, mappings) in shared.items():
             files[f"{name}.ssv"] = ParameterSet(name, entries)
-            for unit, mapping in mappings.items():
-                bindings[unit].append(Binding(f"{name}.ssv", mapping))
+            for component, mapping in mappings.items():
+                bindings[component].append(Binding(f"{name}.ssv", mapping))
         return files, bindings
 
-    def _entries(self, unit: str) -> dict[str, tuple[PackageSignal, tuple[Any, ...]]]:
-        """Return the parameters of a unit that have a value; an array has one with any of its elements."""
-        values = self.values[unit]
+    def _entries(self, component: str) -> dict[str, tuple[PackageSignal, tuple[Any, ...]]]:
+        """Return the parameters of a component that have a value; an array has one with any of its elements."""
+        values = self.values[component]
         return {
             s.name: (s, tuple(values.get(v.name, v.start) for v in s.variables))
-            for s in self._signals[unit]
+            for s in self._signals[component]
             if any(v.name in values for v in s.variables)
         }
 
     def _take_shared(self, left: dict[str, dict[str, tuple[PackageSignal, tuple[Any, ...]]]]) -> dict[str, Any]:
-        """Take the values that units share out of `left`, unless they differ: entries, and unit to mapping."""
+        """Take what components share out of `left`, unless it differs: name to entries, and component to mapping."""
         found: dict[str, Any] = {}
         for name, groups in self._shared.items():
             members = {
-                unit: [entry for entry in left[unit].values() if entry[0].group == group]
-                for unit, group in groups.items()
+                component: [entry for entry in left[component].values() if entry[0].group == group]
+                for component, group in groups.items()
             }
             first = next(iter(members.values()))
             keys = [[_key(entry) for entry in entries] for entries in members.values()]
             if not first or any(other != keys[0] for other in keys):
                 continue
             mappings: dict[str, tuple[tuple[str, str], ...]] = {}
-            for unit, entries in members.items():
+            for component, entries in members.items():
                 pairs = tuple((a[0].name, b[0].name) for a, b in zip(first, entries, strict=True))
-                mappings[unit] = pairs if any(a != b for a, b in pairs) else ()
+                mappings[component] = pairs if any(a != b for a, b in pairs) else ()
                 for _, key in pairs:
-                    del left[unit][key]
+                    del left[component][key]
             found[name] = (tuple(first), mappings)
         return found
 
@@ -281,13 +281,13 @@ def _key(entry: tuple[PackageSignal, Sequence[Any]]) -> tuple[Any, ...]:
     return signal.shape, signal.type, signal.unit, tuple(v.index for v in signal.variables), tuple(values)
 
 
-def positions(signals: Sequence[PackageSignal]) -> dict[str, float]:
-    """Height of connectors on their side of the box, from 0 to 1: evenly, with a gap between groups."""
-    slots: dict[str, int] = {}
-    slot = 0
-    for _, members in groupby(signals, lambda s: s.group):
-        slot += 1
-        for signal in members:
-            slots[signal.name] = slot
-            slot += 1
-    return {name: float(np.round(1.0 - place / (slot + 1.0), 6)) for name, place in slots.items()}
+def positions(signals: Sequence[PackageSignal]) -> list[float]:
+    """Height of each connector on its side of the box, from 0 to 1: evenly, with a gap before each group."""
+    begins = [k == 0 or signal.group != signals[k - 1].group for k, signal in enumerate(signals)]
+    slots = np.arange(len(signals)) + np.cumsum(begins)
+    return np.round(1.0 - slots / (len(signals) + sum(begins) + 1.0), 6).tolist()
+
+
+def icon_source(component: str) -> str:
+    """Name of a component's icon in a package."""
+    return f"resources/icons/{component}.svg"

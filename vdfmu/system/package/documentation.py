@@ -13,10 +13,8 @@ from vdfmu.system.package.drawing import draw_system
 from vdfmu.system.package.xml import value_text
 
 
-def system_page(
-    description: SystemDescription, ssd: Any, icons: Mapping[str, bytes], fmi_versions: Sequence[str]
-) -> bytes:
-    """Page of a package, made from what its other files are made from: the SSD, and the icons by their sources."""
+def system_page(description: SystemDescription, icons: Mapping[str, bytes], fmi_versions: Sequence[str]) -> bytes:
+    """Page of a package, made from what its other files are made from, and the icons by their sources."""
     scenario = description.scenario
     about = [f"Scenario {scenario.name}: {scenario.description.rstrip('.')}."]
     if scenario.robot is not None:
@@ -24,7 +22,7 @@ def system_page(
     body = f"""<p>{escape(" ".join(about))} SSP {description.version}, FMI {" and ".join(fmi_versions)}.</p>
 <h2>Diagram</h2>
 <div class="wide">
-{draw_system(ssd, icons)}
+{draw_system(description, icons)}
 </div>
 <p>A wire is an array, with its size, or a scalar. Free are outputs to record, and inputs, which have the values of the
 parameter sets.</p>
@@ -40,18 +38,18 @@ parameter sets.</p>
 {_connectors(description)}
 <h2>Origin</h2>
 <p>Made by vdfmu {__version__} from the same description as the other files of this package.</p>"""
-    return page(ssd.get("name"), description.description, body, 76)
+    return page(description.full_name, description.description, body, 76)
 
 
 def _components(description: SystemDescription) -> str:
     rows = [
         (
-            unit,
-            f"resources/{description.fmu_name(unit)}",
+            component,
+            f"resources/{description.fmu_name(component)}",
             escape(table.description),
-            "<br>".join(_binding(b.file, b.mapping) for b in description.bindings[unit]),
+            "<br>".join(_binding(b.file, b.mapping) for b in description.bindings[component]),
         )
-        for unit, table in description.tables.items()
+        for component, table in description.tables.items()
     ]
     return table(("component", "FMU", "", "parameter sets"), rows, ("name", "name", "", ""))
 
@@ -72,7 +70,7 @@ of the default experiment say the same.</p>
 <code>scenario</code>; the rest are start values of the FMUs in this package, if it was made by
 <code>vdfmu ssp</code>.</p>"""
     if not description.arrays:
-        outputs = [f"{unit}.{s.name}" for unit in description.tables for s in description.signals(unit, "output")]
+        outputs = [f"{name}.{s.name}" for name in description.tables for s in description.signals(name, "output")]
         shown = next((name for name in ("plant.q[1]", *outputs) if name in outputs), "time")
         text += f"""
 <pre>vdfmu simulate system.ssp</pre>
@@ -106,9 +104,9 @@ def _units(signals: Iterable[PackageSignal]) -> str:
 
 def _parameters(description: SystemDescription) -> str:
     takers: dict[str, list[str]] = {}
-    for unit, bindings in description.bindings.items():
+    for component, bindings in description.bindings.items():
         for binding in bindings:
-            takers.setdefault(binding.file, []).append(unit)
+            takers.setdefault(binding.file, []).append(component)
     parts: list[str] = []
     for file, parameters in description.parameter_sets.items():
         rows = [
@@ -133,14 +131,14 @@ def _choice(signal: PackageSignal, values: Sequence[Any]) -> str:
 
 def _connectors(description: SystemDescription) -> str:
     parts: list[str] = []
-    for unit in description.tables:
+    for component in description.tables:
         rows = [
             (escape(s.name), kind, _type(s), escape(s.unit or ""), escape(s.description))
             for kind in ("input", "output")
-            for s in description.signals(unit, kind)
+            for s in description.signals(component, kind)
         ]
         listed = table(("connector", "kind", "type", "unit", ""), rows, ("name", "", "", "", ""))
-        parts.append(f"<details><summary>{unit}</summary>\n{listed}\n</details>")
+        parts.append(f"<details><summary>{component}</summary>\n{listed}\n</details>")
     return "\n".join(parts)
 
 

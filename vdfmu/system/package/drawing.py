@@ -13,6 +13,7 @@ from vdfmu.base.errors import SspError
 from vdfmu.base.files import read_member
 from vdfmu.engine.package.parse import NAMESPACES, parse_xml
 from vdfmu.engine.package.read import load_ssp
+from vdfmu.system.package.description import SystemDescription, icon_source
 from vdfmu.system.package.diagram import HEAD, LETTER, Card, Net, Point, Port, Wire, arrange, free_words, vectors
 
 _COLOURS = 4
@@ -58,23 +59,21 @@ def system_diagram(package: Path, held: Container[str] = ()) -> str:
     }
     words = {c.name: PurePosixPath(c.source).stem for c in system.components}
     data = read_member(package, "SystemStructure.ssd")
-    places = _places(() if data is None else parse_xml(data, str(package)).iterfind(_COMPONENTS, NAMESPACES))
+    places = {} if data is None else _places(parse_xml(data, str(package)))
     icons = {source: read_member(package, source) for *_, source in places.values() if source.endswith(".svg")}
     links = [(c.start, c.end) for c in system.connections]
     return _draw(kinds, words, links, _sizes(system), places, icons, held)
 
 
-def _places(components: Iterable[Any]) -> dict[str, tuple[float, float, str]]:
+def _places(ssd: Any) -> dict[str, tuple[float, float, str]]:
     """Return where components of an SSD have their left and upper edge, and the source of their icon."""
+    components = ssd.iterfind("ssd:System/ssd:Elements/ssd:Component", NAMESPACES)
     geometry = {c.get("name"): c.find("ssd:ElementGeometry", NAMESPACES) for c in components}
     return {
         name: (float(place.get("x1")), -float(place.get("y2")), place.get("iconSource", ""))
         for name, place in geometry.items()
         if place is not None
     }
-
-
-_COMPONENTS = "ssd:System/ssd:Elements/ssd:Component"
 
 
 def _sizes(system: Any) -> dict[Port, str]:
@@ -86,24 +85,20 @@ def _sizes(system: Any) -> dict[Port, str]:
     }
 
 
-def draw_system(ssd: Any, icons: Mapping[str, bytes]) -> str:
-    """Return the picture of the system of an SSD without nested systems; `icons`: SVG files by their sources."""
-    components = ssd.findall(_COMPONENTS, NAMESPACES)
-    kinds: dict[str, dict[str, list[str]]] = {}
-    sizes: dict[Port, str] = {}
-    for component in components:
-        name = component.get("name")
-        kinds[name] = {"input": [], "output": []}
-        for connector in component.iterfind("ssd:Connectors/ssd:Connector", NAMESPACES):
-            kinds[name].setdefault(connector.get("kind"), []).append(connector.get("name"))
-            if dimensions := [d.get("size") for d in connector.iterfind("ssc:Dimension", NAMESPACES)]:
-                sizes[name, connector.get("name")] = " × ".join(dimensions)
-    words = {c.get("name"): PurePosixPath(c.get("source")).stem for c in components}
-    links = [
-        ((c.get("startElement"), c.get("startConnector")), (c.get("endElement"), c.get("endConnector")))
-        for c in ssd.iterfind("ssd:System/ssd:Connections/ssd:Connection", NAMESPACES)
-    ]
-    return _draw(kinds, words, links, sizes, _places(components), icons)
+def draw_system(description: SystemDescription, icons: Mapping[str, bytes]) -> str:
+    """Return the picture of the system of a scenario; `icons`: SVG files by their sources in its package."""
+    signals = {
+        name: {kind: description.signals(name, kind) for kind in ("input", "output")} for name in description.tables
+    }
+    kinds = {name: {kind: [s.name for s in each] for kind, each in own.items()} for name, own in signals.items()}
+    sizes = {
+        (name, s.name): " × ".join(map(str, s.shape))
+        for name, own in signals.items() for each in own.values() for s in each if s.shape
+    }  # fmt: skip
+    words = {name: PurePosixPath(description.fmu_name(name)).stem for name in signals}
+    links = [((x.start[0], x.start[1].name), (x.end[0], x.end[1].name)) for x in description.links]
+    places = {name: (x, -y, icon_source(name)) for name, (x, _, _, y) in description.corners.items()}
+    return _draw(kinds, words, links, sizes, places, icons)
 
 
 def _draw(
@@ -131,8 +126,8 @@ def _draw(
     for name in sorted(kinds, key=places.__getitem__) if ordered else kinds:
         own = kinds[name]
         used = {
-            "input": dict.fromkeys(port for found in ends.values() for unit, port in found if unit == name),
-            "output": dict.fromkeys(port for unit, port in ends if unit == name),
+            "input": dict.fromkeys(port for found in ends.values() for component, port in found if component == name),
+            "output": dict.fromkeys(port for component, port in ends if component == name),
         }
         known = {kind: vectors(own.get(kind, ())) for kind in used}
         connected = {

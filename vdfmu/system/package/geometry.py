@@ -11,32 +11,32 @@ _LANE = 5.0
 _MARGIN = 12.0
 """Distance of the outermost lane from a box, and of the canvas from what is on it [mm]."""
 
-Path = list[tuple[float, float]]
+Bends = list[tuple[float, float]]
 
 
 def route(
     description: SystemDescription, heights: Mapping[tuple[str, str], float]
-) -> tuple[list[Path], tuple[float, float, float, float]]:
+) -> tuple[list[Bends], tuple[float, float, float, float]]:
     """Return the bends of every connection [mm], without its ends, and the corners of the canvas.
 
     The boxes stand in columns. All signals of a group leave their box to the right into one lane. To the next column it
-    leads to the connectors, at `heights` [mm] by unit and connector; to others by a lane below all boxes and one in
-    front of the target.
+    leads to the connectors, at `heights` [mm] by component and connector; to others by a lane below all boxes and one
+    in front of the target.
     """
     corners, columns = description.corners, list(description.corners)
     bottom = min(corner[1] for corner in corners.values())
-    behind: dict[tuple[str, str], float] = {}  # unit and group to the lane
+    behind: dict[tuple[str, str], float] = {}  # component and group to the lane
     below: dict[tuple[str, str], float] = {}
     before: dict[tuple[str, str, str], float] = {}
     for (source, start), (target, _) in reversed([(link.start, link.end) for link in description.links]):
         if columns.index(target) != columns.index(source) + 1:
-            taken = sum(unit == target for unit, *_ in before)
+            taken = sum(component == target for component, *_ in before)
             x_end = corners[target][0] - _MARGIN - taken * _LANE
             before.setdefault((target, source, start.group), x_end)
-    paths: list[Path] = []
+    paths: list[Bends] = []
     for link in description.links:
         (source, start), (target, end) = link.start, link.end
-        taken = sum(unit == source for unit, _ in behind)
+        taken = sum(component == source for component, _ in behind)
         x = behind.setdefault((source, start.group), corners[source][2] + _MARGIN + taken * _LANE)
         y, y_end = heights[source, start.name], heights[target, end.name]
         x_end = before.get((target, source, start.group))

@@ -25,7 +25,7 @@ def parameter_file(parameters: ParameterSet, version: str) -> Any:
 
 
 def mapping_file(pairs: Sequence[tuple[str, str]], version: str) -> Any:
-    """Root element of an SSM: name in the set to name in the unit."""
+    """Root element of an SSM: name in the set to name in the component."""
     top = root("ssm:ParameterMapping", {"version": version, **META}, ("ssm", "ssc"))
     for source, target in pairs:
         add(top, "ssm:MappingEntry", source=source, target=target)

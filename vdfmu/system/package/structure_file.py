@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from vdfmu.engine.package.experiment import EXPERIMENT_TYPE, FOREIGN, OSP_TYPE
-from vdfmu.system.package.description import PackageSignal, SystemDescription, positions
+from vdfmu.system.package.description import PackageSignal, SystemDescription, icon_source, positions
 from vdfmu.system.package.geometry import route
-from vdfmu.system.package.xml import META, add, add_foreign, add_units, root
+from vdfmu.system.package.xml import META, add, add_units, root
 
 _SIDES = {"input": 0.0, "output": 1.0}
 
@@ -17,16 +17,16 @@ def structure_file(description: SystemDescription) -> Any:
     scenario = description.scenario
     attributes = {
         "version": description.version,
-        "name": f"{description.name}_{scenario.name}",
+        "name": description.full_name,
         "description": f"{description.description}. {scenario.description}",
         **META,
     }
-    top = root("ssd:SystemStructureDescription", attributes, ("ssd", "ssc"), FOREIGN)
+    top = root("ssd:SystemStructureDescription", attributes, ("ssd", "ssc", *FOREIGN))
     system = add(top, "ssd:System", name=description.name, description=description.description)
     elements = add(system, "ssd:Elements")
     heights: dict[tuple[str, str], float] = {}
-    for unit in description.corners:
-        _add_component(elements, description, unit, heights)
+    for component in description.corners:
+        _add_component(elements, description, component, heights)
     paths, (x1, y1, x2, y2) = route(description, heights)
     connections = add(system, "ssd:Connections") if description.links else None
     for link, path in zip(description.links, paths, strict=True):
@@ -59,45 +59,45 @@ def structure_file(description: SystemDescription) -> Any:
 
 
 def _add_component(
-    elements: Any, description: SystemDescription, unit: str, heights: dict[tuple[str, str], float]
+    elements: Any, description: SystemDescription, component: str, heights: dict[tuple[str, str], float]
 ) -> None:
-    x1, y1, x2, y2 = description.corners[unit]
-    table = description.tables[unit]
-    component = add(
+    x1, y1, x2, y2 = description.corners[component]
+    table = description.tables[component]
+    element = add(
         elements,
         "ssd:Component",
-        name=unit,
+        name=component,
         description=table.description,
         type="application/x-fmu-sharedlibrary",
-        source=f"resources/{description.fmu_name(unit)}",
+        source=f"resources/{description.fmu_name(component)}",
         implementation=table.implementation,
     )
-    connectors = add(component, "ssd:Connectors")
+    connectors = add(element, "ssd:Connectors")
     for kind, x in _SIDES.items():
-        signals = description.signals(unit, kind)
-        for name, y in positions(signals).items():
-            heights[unit, name] = y1 + y * (y2 - y1)
-            _add_connector(connectors, next(s for s in signals if s.name == name), x, y)
+        signals = description.signals(component, kind)
+        for signal, y in zip(signals, positions(signals), strict=True):
+            heights[component, signal.name] = y1 + y * (y2 - y1)
+            _add_connector(connectors, signal, x, y)
     add(
-        component,
+        element,
         "ssd:ElementGeometry",
         x1=x1, y1=y1, x2=x2, y2=y2,
-        iconSource=f"resources/icons/{unit}.svg",
+        iconSource=icon_source(component),
         iconFixedAspectRatio="true",
     )  # fmt: skip
-    bound_sets = description.bindings[unit]
+    bound_sets = description.bindings[component]
     if not bound_sets:
         return
-    bindings = add(component, "ssd:ParameterBindings")
+    bindings = add(element, "ssd:ParameterBindings")
     for bound in bound_sets:
         binding = add(bindings, "ssd:ParameterBinding", source=f"resources/{bound.file}")
         if bound.mapping:
-            add(binding, "ssd:ParameterMapping", source=f"resources/{mapping_name(unit, bound.file)}")
+            add(binding, "ssd:ParameterMapping", source=f"resources/{mapping_name(component, bound.file)}")
 
 
-def mapping_name(unit: str, file: str) -> str:
-    """Name of the file that maps a parameter set to a unit."""
-    return f"{unit}.{file.removesuffix('.ssv')}.ssm"
+def mapping_name(component: str, file: str) -> str:
+    """Name of the file that maps a parameter set to a component."""
+    return f"{component}.{file.removesuffix('.ssv')}.ssm"
 
 
 def _add_connector(connectors: Any, signal: PackageSignal, x: float, y: float) -> None:
@@ -114,14 +114,14 @@ def _add_experiment(top: Any, description: SystemDescription) -> None:
     experiment = add(top, "ssd:DefaultExperiment", startTime=0.0, stopTime=float(scenario.stop))
     annotations = add(experiment, "ssd:Annotations")
     ours = add(annotations, "ssc:Annotation", type=EXPERIMENT_TYPE)
-    attributes = {
-        "communicationStepSize": float(scenario.step),
-        "algorithm": scenario.master,
-        "solverTolerance": description.tolerance,
-    }
-    if scenario.adaptive is not None:
-        attributes["adaptive"] = scenario.adaptive
-    add_foreign(ours, FOREIGN["vdfmu"], "Experiment", **attributes)
+    add(
+        ours,
+        "vdfmu:Experiment",
+        communicationStepSize=float(scenario.step),
+        algorithm=scenario.master,
+        solverTolerance=description.tolerance,
+        adaptive=scenario.adaptive,
+    )
     osp = add(annotations, "ssc:Annotation", type=OSP_TYPE)
-    algorithm = add_foreign(osp, FOREIGN["osp"], "Algorithm")
-    add_foreign(algorithm, FOREIGN["osp"], "FixedStepAlgorithm", baseStepSize=float(scenario.step))
+    algorithm = add(osp, "osp:Algorithm")
+    add(algorithm, "osp:FixedStepAlgorithm", baseStepSize=float(scenario.step))

@@ -15,31 +15,22 @@ from vdfmu.compiler.c.programs import native_available
 _VERSION = re.compile(rb'<fmiModelDescription[^>]*\sfmiVersion="([^"]*)"')
 
 
-def require_version(version: str) -> SspFormat:
-    """Return a version of SSP by its name.
-
-    Raises
-    ------
-    UsageError
-        For an unknown version.
-    """
+def ssp_format(version: str) -> SspFormat:
+    """Return a version of SSP by its name; UsageError for an unknown one."""
     if version not in SSP_FORMATS:
         raise UsageError(f"There is no SSP {version!r} here. There are: {', '.join(map(repr, SSP_FORMATS))}.")
     return SSP_FORMATS[version]
 
 
 def fmi_of_format(form: str, backend: str | None) -> str:
-    """Return the version of FMI that a format of ``vdfmu ssp`` needs.
+    """Return the version of FMI that a version of SSP needs.
 
     Raises
     ------
     UsageError
-        For an unknown format, or one that a backend or this installation has no units for.
+        For an unknown version, or one that a backend or this installation has no units for.
     """
-    held = {name: one.fmi.name for name, one in SSP_FORMATS.items()}
-    if form not in held:
-        raise UsageError(f"--ssp {form}: expected one of {', '.join(held)}.")
-    version = held[form]
+    version = ssp_format(form).fmi.name
     if version != PYTHON_FMI.name and backend == "python":
         raise UsageError(
             f"--ssp {form}: holds units of FMI {version}, but Python FMUs are of FMI {PYTHON_FMI.name}. "
@@ -64,15 +55,15 @@ def require_fmi(fmus: Mapping[str, str | os.PathLike[str]], versions: Sequence[s
         If one is of another version: names of arrays and of their elements differ between the two.
     """
     there: set[str] = set()
-    for unit, fmu in fmus.items():
+    for component, fmu in fmus.items():
         content = read_member(Path(fmu), "modelDescription.xml")
         if content is None:
-            raise StorageError(f"{unit}: {fmu} is missing or no FMU. Build it with vdfmu.build_fmus.")
+            raise StorageError(f"{component}: {fmu} is missing or no FMU. Build it with vdfmu.build_fmus.")
         found = _VERSION.search(content)
         got = found[1].decode() if found else "none"
         if got not in versions:
             raise UsageError(
-                f"{unit}: {what} holds units of FMI {' or '.join(versions)}, got {Path(fmu).name} of FMI {got}. "
+                f"{component}: {what} holds units of FMI {' or '.join(versions)}, got {Path(fmu).name} of FMI {got}. "
                 f'Build it with fmi_version="{versions[0]}".'
             )
         there.add(got)

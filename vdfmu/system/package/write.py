@@ -12,11 +12,11 @@ from vdfmu.base.errors import StorageError
 from vdfmu.base.files import pack_zip, regular_target, require_ours, storing
 from vdfmu.base.standards import FMI_VERSIONS, SSP_1, SSP_FORMATS
 from vdfmu.engine.package.parse import validate
-from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.package.description import SystemDescription, icon_source
 from vdfmu.system.package.documentation import system_page
 from vdfmu.system.package.parameter_files import mapping_file, parameter_file
 from vdfmu.system.package.structure_file import mapping_name, structure_file
-from vdfmu.system.package.versions import require_fmi, require_version
+from vdfmu.system.package.versions import require_fmi, ssp_format
 from vdfmu.system.package.xml import to_bytes
 from vdfmu.system.scenario import Scenario
 
@@ -38,12 +38,12 @@ def write_ssp(
     Parameters
     ----------
     scenario : Scenario
-    fmus : mapping of unit to path
+    fmus : mapping of component to path
         FMUs from :func:`vdfmu.build_fmus`, for the scenario's robot: FMI 2.0 for SSP 1.0, FMI 3.0 for SSP 2.0.
         Those that the scenario's system does not have are left out.
     path : path
         File to write, ``name.ssp``.
-    values : mapping of unit to mapping of variable to value, optional
+    values : mapping of component to mapping of variable to value, optional
         Parameter values, see :func:`vdfmu.system.scenario.values.system_values`; default those of robot and scenario.
     version : "1.0" or "2.0", optional
         Version of SSP. With 2.0 connectors and parameters are arrays where the units of FMI 3.0 have arrays.
@@ -68,25 +68,25 @@ def write_ssp(
     path = Path(path)
     regular_target(path)
     require_ours(path)
-    form = require_version(version)
+    form = ssp_format(version)
     description = SystemDescription(scenario, values, version)
-    fmus = {unit: fmu for unit, fmu in fmus.items() if unit in description.tables}
+    fmus = {component: fmu for component, fmu in fmus.items() if component in description.tables}
     there = require_fmi(fmus, tuple(FMI_VERSIONS) if mixed else (form.fmi.name,), f"SSP {version}")
-    icons = {f"resources/icons/{name}.svg": _icon(table.name) for name, table in description.tables.items()}
-    ssd = structure_file(description)
-    members = {"SystemStructure.ssd": _checked(ssd, "ssd", "SystemStructure.ssd", version), **icons}
+    icons = {icon_source(name): _icon(table.name) for name, table in description.tables.items()}
+    structure = structure_file(description)
+    members = {"SystemStructure.ssd": _checked(structure, "ssd", "SystemStructure.ssd", version), **icons}
     for file, parameters in description.parameter_sets.items():
         members[f"resources/{file}"] = _checked(parameter_file(parameters, version), "ssv", file, version)
-    for unit, bindings in description.bindings.items():
+    for component, bindings in description.bindings.items():
         for binding in bindings:
             if binding.mapping:
-                name = mapping_name(unit, binding.file)
+                name = mapping_name(component, binding.file)
                 mapping = mapping_file(binding.mapping, version)
                 members[f"resources/{name}"] = _checked(mapping, "ssm", name, version)
-    members["documentation/index.html"] = system_page(description, ssd, icons, there)
+    members["documentation/index.html"] = system_page(description, icons, there)
     with storing(path):
-        for unit, fmu in fmus.items():
-            members[f"resources/{description.fmu_name(unit)}"] = Path(fmu).read_bytes()
+        for component, fmu in fmus.items():
+            members[f"resources/{description.fmu_name(component)}"] = Path(fmu).read_bytes()
         path.parent.mkdir(parents=True, exist_ok=True)
         pack_zip(path, members)
     return path

@@ -10,6 +10,7 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml sh
 from vdfmu.base.measure import measure
 from vdfmu.base.version import __version__
 from vdfmu.compiler.fmu.description import number
+from vdfmu.engine.package.experiment import FOREIGN
 from vdfmu.engine.package.parse import NAMESPACES
 
 META = {
@@ -18,31 +19,24 @@ META = {
 }
 
 
-def tag(name: str) -> str:
-    """Tag of ``prefix:name``."""
+_SPACES = NAMESPACES | FOREIGN
+
+
+def _tag(name: str) -> str:
     prefix, _, local = name.partition(":")
-    return f"{{{NAMESPACES[prefix]}}}{local}"
+    return f"{{{_SPACES[prefix]}}}{local}"
 
 
-def root(
-    name: str, attributes: Mapping[str, str], prefixes: Iterable[str], foreign: Mapping[str, str] | None = None
-) -> Any:
-    """Root element ``prefix:name`` that declares the namespaces of the prefixes, and others."""
-    spaces = {p: NAMESPACES[p] for p in prefixes} | dict(foreign or {})
-    return etree.Element(tag(name), dict(attributes), nsmap=spaces)
+def root(name: str, attributes: Mapping[str, str], prefixes: Iterable[str]) -> Any:
+    """Root element ``prefix:name`` that declares the namespaces of the prefixes."""
+    return etree.Element(_tag(name), dict(attributes), nsmap={p: _SPACES[p] for p in prefixes})
 
 
 def add(parent: Any, name: str, /, **attributes: Any) -> Any:
     """Append an element ``prefix:name``; attributes that are None are left out."""
     return etree.SubElement(
-        parent, tag(name), {key: _text(value) for key, value in attributes.items() if value is not None}
+        parent, _tag(name), {key: _text(value) for key, value in attributes.items() if value is not None}
     )
-
-
-def add_foreign(parent: Any, namespace: str, name: str, /, **attributes: Any) -> Any:
-    """Append an element of another namespace, which the root declares."""
-    texts = {key: _text(value) for key, value in attributes.items()}
-    return etree.SubElement(parent, f"{{{namespace}}}{name}", texts)
 
 
 def add_units(parent: Any, name: str, units: Iterable[str]) -> None:

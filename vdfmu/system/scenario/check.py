@@ -8,7 +8,9 @@ import numpy as np
 
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.arm.robot.robot import Robot
+from vdfmu.arm.units._played import Played
 from vdfmu.base.measure import WIDE_ANGLE
+from vdfmu.compiler.unit.unit import Unit
 from vdfmu.system.scenario.scenario import Scenario
 from vdfmu.system.scenario.values import section_values
 
@@ -17,6 +19,13 @@ def model_notes(scenario: Scenario) -> list[str]:
     """Return the notes of a scenario, and what of it looks like a wrong sign or unit, though it may be meant."""
     robot, resolved = scenario.robot, scenario.resolved
     notes = [*scenario.notes, *_not_reached(scenario)]
+    notes += [
+        f"shared.{name}: {component} has no {group}, and shares nothing."
+        for name, members in scenario.system.shared.items()
+        for component, group in members.items()
+        if all(v.group != group for v in resolved.tables[component])
+        and not issubclass(resolved.units.get(component, Unit), Played)  # shares its start all the same
+    ]
     if robot is not None:
         notes += _robot_notes(robot)
         if not resolved.takers:

@@ -85,7 +85,9 @@ def _numbers(robot: Robot) -> dict[str, Any]:
     return {key: value for key, value in robot.to_dict(looks=False).items() if key not in texts}
 
 
-def load_system(path_or_name: str | os.PathLike[str], start: Path | None = None) -> SystemFile:
+def load_system(
+    path_or_name: str | os.PathLike[str], start: Path | None = None, extending: tuple[Path, ...] = ()
+) -> SystemFile:
     """Load a system by the name of a shipped one or by the path of a TOML file.
 
     Parameters
@@ -94,6 +96,8 @@ def load_system(path_or_name: str | os.PathLike[str], start: Path | None = None)
         See `load_robot`.
     start : Path, optional
         Folder at which a relative path starts.
+    extending : tuple of Path, optional
+        Files that extend it.
 
     Raises
     ------
@@ -107,10 +111,10 @@ def load_system(path_or_name: str | os.PathLike[str], start: Path | None = None)
     problems = Problems(str(path))
     base: SystemFile | None = None
     if "extends" in data:
+        if (here := path.resolve()) in extending:
+            raise ModelError(f"{path}: extends: the files extend each other.")
         try:
-            base = load_system(str(data["extends"]), path.parent)
-        except RecursionError:
-            raise ModelError(f"{path}: extends: the files extend each other.") from None
+            base = load_system(str(data["extends"]), path.parent, (*extending, here))
         except UsageError as error:
             problems.take(error, "extends")
     system = read_system_file(problems, data, path, base)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -25,16 +25,12 @@ def build_parts(
     folder: str | os.PathLike[str],
     values: Mapping[str, Mapping[str, Any]] | None = None,
     *,
-    backend: str | None = None,
-    fmi_version: str = FMI_2.name,
-    platforms: Sequence[str] | str | None = None,
-    sources: bool = True,
     target: str = FMI,
-    precision: str = "double",
+    **options: Any,
 ) -> dict[str, Path]:
     """Build the FMUs of the scenario's system, or take those that are there; component to its FMU.
 
-    `values` are start values by component; other arguments as of :func:`vdfmu.build_fmus`. Components of one
+    `values` are start values by component; `target` and `options`: see :func:`vdfmu.build_fmus`. Components of one
     unit have an FMU each if their start values differ. Those that cannot be built for the target are left out.
     """
     units, robots = _units_for(scenario, target), scenario.resolved.robots
@@ -50,13 +46,9 @@ def build_parts(
             place,
             units=list(dict.fromkeys(here.values())),
             start_values={unit_name(unit): dict(given.get(name, {})) for name, unit in here.items()},
-            backend=backend,
-            fmi_version=fmi_version,
-            platforms=platforms,
-            sources=sources,
             target=target,
-            precision=precision,
             step=scenario.step,
+            **options,
         )
         found |= {name: built[unit_name(unit)] for name, unit in here.items()}
     return {name: found[name] for name in scenario.system.parts if name in found}
@@ -105,19 +97,16 @@ def cached_fmus(
     placed = _placed(units, robots, {}, Path(folder))
     for name, unit in units.items():
         own = form_of(unit, backend, fmi_version)
-        places[name] = (
-            cache_folder()
-            / "fmus"
-            / Content(unit, robots[name] if unit.needs_robot() else None, {}, *own).guid.strip("{}")
-        )
-        cached[name] = content = load(places[name])
-        if content is not None:
+        content = Content(unit, robots[name] if unit.needs_robot() else None, {}, *own)
+        places[name] = cache_folder() / "fmus" / content.guid.strip("{}")
+        cached[name] = fmu = load(places[name])
+        if fmu is not None:
             with suppress(OSError):  # of which the build then says more
                 placed[name].mkdir(parents=True, exist_ok=True)
-                (placed[name] / f"{unit.__name__}.fmu").write_bytes(content)
+                (placed[name] / f"{unit.__name__}.fmu").write_bytes(fmu)
     fmus = build_parts(scenario, folder, backend=backend, fmi_version=fmi_version)
     for name, place in places.items():
-        content = fmus[name].read_bytes()
-        if content != cached[name]:
-            store(place, content)
+        fmu = fmus[name].read_bytes()
+        if fmu != cached[name]:
+            store(place, fmu)
     return fmus

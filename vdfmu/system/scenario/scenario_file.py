@@ -11,11 +11,12 @@ import numpy as np
 
 from vdfmu.arm.motion.polynomial import rest
 from vdfmu.arm.motion.read import read_motion
-from vdfmu.arm.robot.parameters import PARAMETERS, Array, read_only, section
+from vdfmu.arm.robot.parameters import PARAMETERS, read_only, section
 from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, Robot
 from vdfmu.arm.robot.robot_file import check_robot, section_numbers
+from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import ModelError, UnitError, UsageError
-from vdfmu.base.toml_tables import FloatArray, Problems, Table, as_number, shape_of, shown
+from vdfmu.base.toml_tables import Problems, Table, as_number, shape_of, shown
 from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
 from vdfmu.engine.algorithms import ALGORITHMS, is_continuous
 from vdfmu.engine.plan.grid import count_steps
@@ -70,10 +71,11 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None, system:
     file.text("system", "system")
     sections: dict[str, Any] = {}
     for component in components:
-        if component in file.data and component not in KEYS:
-            found = file.data[component]
-            known = list(cast("dict[str, object]", found)) if isinstance(found, dict) else ()
-            sections[component] = Table(problems, found, component, known).data
+        if component in KEYS:
+            expected = "components whose names are not keys of a scenario"
+            problems.add("system", expected, f"one of the name {component}", "Rename it: it has no section here.")
+        elif component in file.data:
+            sections[component] = file.optional_table(component).data
     unnamed = robot is None and "robot" not in file.data
     if "robot" in file.data:
         file.text("robot")
@@ -185,8 +187,8 @@ def _adaptive(file: Table, master: str) -> float | None:
     return error
 
 
-def _factors(table: Table, n: int | None) -> dict[str, Array | float]:
-    factors: dict[str, Array | float] = {}
+def _factors(table: Table, n: int | None) -> dict[str, Floats | float]:
+    factors: dict[str, Floats | float] = {}
     for key, value in table.data.items():
         if key not in FACTOR_FIELDS:
             continue  # noted by the table
@@ -208,6 +210,6 @@ def _paper(table: Table, n: int | None) -> dict[str, Any]:
         elif key in PAPER_LISTS:
             length = (shape_of(value) or (0,))[0]
             most = n or length
-            numbers: FloatArray = table.numbers(key, (max(1, min(length, most)),), "", at_least=0)
+            numbers: Floats = table.numbers(key, (max(1, min(length, most)),), "", at_least=0)
             paper[key] = numbers.tolist()
     return paper

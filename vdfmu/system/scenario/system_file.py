@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,7 +16,7 @@ from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.base.once import cached_per_command
 from vdfmu.base.text import nearest
 from vdfmu.base.toml_file import locate
-from vdfmu.base.toml_tables import Problems, Table, shown
+from vdfmu.base.toml_tables import Problems, Table, as_number, shown
 
 _KEYS = ("extends", "name", "description", "units", "shared", "connections")
 Box = tuple[float, float, float, float]
@@ -85,13 +86,13 @@ def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, ba
     name = file.name("name") if "name" in data or base is None else base.name
     description = file.text("description", "" if base is None else base.description)
     parts = dict(base.parts) if base is not None else {}
-    for key, value in file.optional_table("units", list(data.get("units", {}))).data.items():
+    for key, value in file.optional_table("units").data.items():
+        file.check_name(f"units.{key}", key, dots=False)
         parts[key] = _part(problems, key, value, path.parent)
     if not parts:
         problems.add("units", "a table with a line for each component", "none", 'Write plant = "plant".')
     own: dict[str, list[str]] = {}
-    listed = file.optional_table("connections", list(data.get("connections", {}))).data
-    for source, value in listed.items():
+    for source, value in file.optional_table("connections").data.items():
         targets = [value] if isinstance(value, str) else value
         if not isinstance(targets, list) or not all(isinstance(one, str) for one in cast("list[object]", targets)):
             problems.add(f"connections.{source}", 'a list such as ["plant.tau"]', shown(value), "Name inputs.")
@@ -114,7 +115,16 @@ def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, ba
     for source, ends in own.items():
         connections[source] = [*connections.get(source, ()), *ends]
     shared = dict(base.shared) if base is not None else {}
-    shared |= file.optional_table("shared", list(data.get("shared", {}))).data
+    for key, members in file.optional_table("shared").data.items():
+        where = f"shared.{key}"
+        file.check_name(where, key, dots=False)
+        if not isinstance(members, dict) or not members or not all(isinstance(one, str) for one in members.values()):
+            expected = 'a table such as { trajectory = "q_start", plant = "q_0" }'
+            problems.add(where, expected, shown(members), "Name a group of each component that shares its value.")
+        elif unknown := [one for one in members if one not in parts]:
+            problems.add(where, "components in [units]", ", ".join(unknown), nearest(unknown[0], list(parts)))
+        else:
+            shared[key] = members
     return SystemFile(name, description, path, parts, connections, shared)
 
 
@@ -155,8 +165,9 @@ def _located(unit: str, folder: Path) -> str:
 
 def _box(problems: Problems, where: str, value: object) -> Box | None:
     numbers = cast("list[object]", value) if isinstance(value, list) else []
-    if len(numbers) == 4 and all(isinstance(one, (int, float)) for one in numbers):
-        x1, y1, x2, y2 = (float(cast("float", one)) for one in numbers)
+    corners = [number for one in numbers if (number := as_number(one)) is not None and math.isfinite(number)]
+    if len(numbers) == len(corners) == 4:
+        x1, y1, x2, y2 = corners
         if x1 < x2 and y1 < y2:
             return x1, y1, x2, y2
     problems.add(where, "corners [x1, y1, x2, y2] in mm, x1 < x2 and y1 < y2", shown(value), "Or leave the box out.")

@@ -9,9 +9,9 @@ from typer.testing import CliRunner
 
 from vdfmu.base.data import data_path
 from vdfmu.cli.commands import app
-from vdfmu.system.package.check import inspect_source
+from vdfmu.system.inspect_source import inspect_source
 
-EXAMPLES = Path(__file__).resolve().parents[3] / "examples" / "units"
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples" / "units"
 SCENARIO = 'name = "x"\nrobot = "planar_2dof"\nstop = 1.0\nstep = 0.001\n'
 SYSTEM = 'name = "x"\ndescription = "x"\n[units]\nplant = "plant"\ncontroller = "controller"\n[connections]\n'
 UNIT = "from vdfmu.unit import Input, Output, Unit\n\n\nclass Gain(Unit):\n    u = Input()\n    y = Output()\n\n"

@@ -46,7 +46,7 @@ def inspect_source(path: Path, robot: str, run: bool = True, say: Callable[[str]
         if run:
             say(str(code.file))
             arm = str(Path(robot).resolve()) if Path(robot).exists() else robot
-            findings.add(run_apart(path, f"{kind} {arm}", "vdfmu.system.package.check", f"the check of {path.name}"))
+            findings.add(run_apart(path, f"{kind} {arm}", "vdfmu.system.inspect_source", f"the check of {path.name}"))
         else:
             text = f"{code.file} is code and was not run (--no-run): its syntax was read, not what it declares"
             if code.file != path:

@@ -1,0 +1,69 @@
+"""System files that cannot be used are refused in words, and scenarios of them."""
+
+import pytest
+
+from vdfmu.base.errors import ModelError
+from vdfmu.system.scenario import load_scenario
+from vdfmu.system.scenario.check import model_notes
+from vdfmu.system.scenario.load import load_system
+
+NAME = "expected a name of letters, digits, spaces and _ [+] -, a letter, digit or _ first"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[shared]\na = 3", r"shared\.a: expected a table such as .*, got 3\. Name a group of each component"),
+        ("[shared.a]\nplant = 3", r"shared\.a: expected a table such as .*, got a table"),
+        ("[shared.a]", r"shared\.a: expected a table such as .*, got a table"),
+        ('[shared.a]\nplnt = "q_0"', r"shared\.a: expected components in \[units\], got plnt. Did you mean .plant"),
+        ('[shared."../a"]\nplant = "q_0"', rf"shared\.\.\./a: {NAME}, got .\.\./a"),
+        ("shared = [1]", r"shared: expected a table, got \[1\]\.$"),
+        ("units = 3", "units: expected a table, got 3"),
+        ('connections = "x"', "connections: expected a table, got .x"),
+        ('[units]\n"../x" = "wall"', rf"units\.\.\./x: {NAME}, got .\.\./x"),
+        ('[units]\n"a.b" = "wall"', rf"units\.a\.b: {NAME}, got .a\.b"),
+        ('[units]\n"" = "wall"', rf"units\.: {NAME}, got"),
+        (
+            "[units]\nplant = [0, 0, inf, 1]",
+            "units.plant: expected corners .*, got .0, 0, inf, 1.. Or leave the box out",
+        ),
+        ("[units]\nplant = [false, false, true, true]", "units.plant: expected corners"),
+        (f"[units]\nplant = [0, 0, 1{'0' * 400}, 1]", "units.plant: expected corners"),
+    ],
+)
+def test_what_a_system_file_cannot_have_is_named(tmp_path, text, said):
+    path = tmp_path / "mine.toml"
+    path.write_text(f'extends = "system"\n{text}\n' if "[" in text[:1] else f'{text}\nextends = "system"\n')
+    with pytest.raises(ModelError, match=said):
+        load_system(path)
+
+
+def test_files_that_extend_each_other_are_named(tmp_path):
+    for name, other in (("a", "b"), ("b", "a")):
+        (tmp_path / f"{name}.toml").write_text(f'extends = "{other}.toml"\n')
+    with pytest.raises(ModelError, match=r"a\.toml: extends: the files extend each other\.$"):
+        load_system(tmp_path / "a.toml")
+
+
+@pytest.mark.parametrize(
+    ("unit", "line", "said"),
+    [
+        ("stop", "", "system: expected components whose names are not keys of a scenario, got one of the name stop"),
+        ("wall", 'master = ["jacobi"]', "master: expected .gauss-seidel"),
+        ("wall", "wall = 3", "wall: expected a table, got 3"),
+    ],
+)
+def test_what_a_scenario_cannot_have_of_a_system_is_named(tmp_path, unit, line, said):
+    (tmp_path / "mine.toml").write_text(f'extends = "system"\n[units]\n{unit} = "wall"\n')
+    head = 'name = "x"\nsystem = "mine.toml"\nrobot = "planar_2dof"\nstop = 0.01\nstep = 0.001\n'
+    (tmp_path / "x.toml").write_text(head + line)
+    with pytest.raises(ModelError, match=said):
+        load_scenario(tmp_path / "x.toml")
+
+
+def test_a_value_that_is_not_shared_is_noted(tmp_path):
+    (tmp_path / "mine.toml").write_text('extends = "system"\n[shared.mine]\nplant = "q_00"\ntrajectory = "q_end"\n')
+    head = 'name = "x"\nsystem = "mine.toml"\nrobot = "planar_2dof"\nstop = 0.01\nstep = 0.001\n'
+    (tmp_path / "x.toml").write_text(head)
+    assert model_notes(load_scenario(tmp_path / "x.toml")) == ["shared.mine: plant has no q_00, and shares nothing."]
