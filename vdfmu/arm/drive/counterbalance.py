@@ -26,7 +26,7 @@ class CounterbalanceRows:
         hint="Give 0 for a joint without a counterbalance.")
     D_cb: Array = row(
         "counterbalance", "m", "distance from the joint's axis to the pivot of the cylinder", "", 1e4, 0.0,
-        default=0.0, part_of="F_cb")
+        default=0.0, part_of="F_cb", start=1.0)
     r_cb: Array = row(
         "counterbalance", "m", "radius of the crank that the cylinder pulls at", "", 1e4, 0.0, default=0.0,
         part_of="F_cb")
@@ -35,7 +35,7 @@ class CounterbalanceRows:
         part_of="F_cb")
     L_cb: Array = row(
         "counterbalance", "m", "length of the gas column at dead centre", "", 1e6, 0.0, default=0.0, part_of="F_cb",
-        hint="It is the volume of the gas there over the area of the piston.")
+        hint="It is the volume of the gas there over the area of the piston.", start=1.0)
     # fmt: on
 
 

@@ -108,7 +108,7 @@ class DriveOption:
     dry_friction: Hook = _same
     """(xi, robot, velocity, level, own): friction instead of ``xi = level tanh(velocity / eps)`` in (54)."""
     viscosity: Hook = _same
-    """(f_v, robot, own): viscous friction instead of that of (54)."""
+    """(f_v, robot, velocity, own): coefficient of viscous friction instead of `f_v`."""
     stored: Hook = _nothing
     """(robot, velocity, level, own): the part of the power of friction that is stored [W]."""
 
