@@ -108,6 +108,8 @@ def motor_rectangle(robot: Any, most: Any) -> tuple[Any, Any]:
 LIMITS = DriveOption(
     stop_torque=stop_torque,
     link_energy=stop_energy,
-    conditions=(Condition("q_max", "q_min", lambda robot: robot.q_min, "The joint moves between them."),),
+    conditions=(
+        Condition("q_max", "q_max > q_min", lambda robot: robot.q_max - robot.q_min, "The joint moves between them."),
+    ),
     motor=lambda tau, robot, kappa_dot, own: motor_torque(robot, tau, kappa_dot),
 )

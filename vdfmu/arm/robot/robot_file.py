@@ -10,7 +10,7 @@ import numpy as np
 from vdfmu.arm.drive.options import OPTIONS
 from vdfmu.arm.robot.catalogue import NAMED, completed
 from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, PARAMETERS, Row, Section, read_only, section
-from vdfmu.arm.robot.physical import check_drive, check_friction, check_inertia, check_option, check_rotation
+from vdfmu.arm.robot.physical import CONTRACTION, STATIC_FRICTION, check_conditions, check_inertia, check_rotation
 from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES, Robot, joint_free, robot_argument
 from vdfmu.arm.robot.visual import read_visuals
 from vdfmu.base.measure import POSITIVE
@@ -130,11 +130,13 @@ def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
     parts: tuple[Section, ...] = ("link", "drive", "friction", *(part for part in JOINT_OPTIONS if options[part]))
     for part in parts:
         joint |= section_numbers(table.table(part, _keys(part)), part, kind)
-    check_drive(problems, f"{path}.drive", joint["ell"], joint["theta_err_amplitude"])
-    check_friction(problems, f"{path}.friction", joint["f_c"], joint["f_s"])
-    for option in JOINT_OPTIONS:
-        if options[option]:
-            check_option(problems, f"{path}.{option}", OPTIONS[option], joint)
+    check_conditions(problems, path, (CONTRACTION, STATIC_FRICTION), joint)
+    for option in (option for option in JOINT_OPTIONS if options[option]):
+        for name in OPTIONS[option].revolute_only:
+            if kind == "prismatic" and joint[name] != 0.0:
+                key = f"{path}.{option}.{name}"
+                problems.add(key, "0 at a prismatic joint", f"{joint[name]:g}", "Its law is that of a turn.")
+        check_conditions(problems, path, OPTIONS[option].conditions, joint)
     return joint
 
 
