@@ -131,7 +131,9 @@ def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
     for part in parts:
         joint |= section_numbers(table.table(part, _keys(part)), part, kind)
     check_conditions(problems, path, (CONTRACTION, STATIC_FRICTION), joint)
-    for option in (option for option in JOINT_OPTIONS if options[option]):
+    for option in JOINT_OPTIONS:
+        if not options[option]:
+            continue
         for name in OPTIONS[option].revolute_only:
             if kind == "prismatic" and joint[name] != 0.0:
                 key = f"{path}.{option}.{name}"
