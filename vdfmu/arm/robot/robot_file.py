@@ -1,8 +1,11 @@
-"""The layout of a robot file: from its tables to a `Robot`, with every problem reported at once."""
+"""Robot files: from a name or path and its tables to a `Robot`, with every problem reported at once."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Container, Mapping
+from dataclasses import replace
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -15,6 +18,7 @@ from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES, Robot, joi
 from vdfmu.arm.robot.visual import read_visuals
 from vdfmu.base.measure import POSITIVE
 from vdfmu.base.text import nearest
+from vdfmu.base.toml_file import locate, read_toml, shipped_names, toml_names
 from vdfmu.base.toml_tables import FloatArray, Problems, Table, shape_of, shown
 
 Numbers = dict[str, float | FloatArray]
@@ -104,6 +108,36 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
         **flags,
         **arrays,
     )
+
+
+def robot_names() -> list[str]:
+    """Return the names of the robots that travel with the package."""
+    return toml_names("robots")
+
+
+def load_robot(path_or_name: str | os.PathLike[str]) -> Robot:
+    """Load a robot by the name of a shipped one or by the path of a TOML file.
+
+    Parameters
+    ----------
+    path_or_name : str or path
+        A value with a path separator, one that ends in ``.toml`` and the name of an existing file are paths.
+
+    Returns
+    -------
+    Robot
+
+    Raises
+    ------
+    UsageError
+        If no shipped robot has the name.
+    ModelError
+        If the file cannot be read or describes no physical robot; it lists every problem.
+    """
+    path = locate(path_or_name, "robots")
+    robot = robot_from_dict(read_toml(path), str(path))
+    shipped = str(path_or_name) in shipped_names("robots") and path != Path(path_or_name)
+    return robot if shipped else replace(robot, file=str(path_or_name))
 
 
 def check_robot(robot: Robot, where: str = "") -> Robot:
