@@ -54,7 +54,7 @@ def inverse_dynamics(
 ) -> Floats:
     """Joint torques of the rigid arm for a given motion, Eq. (29)-(31) and (44)-(47), without friction.
 
-    What [joints.counterbalance] gives is taken off: it is what the drives must give.
+    They are the torques of the drives: those of [joints.counterbalance] are taken off.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def forward_dynamics(
 
 
 def gravity_torque(robot: Robot, q: npt.ArrayLike) -> Floats:
-    """Joint torques that hold the rigid arm at rest against gravity, beside counterbalances, Eq. (44)-(47) with (62).
+    """Joint torques that hold the rigid arm at rest against gravity, with counterbalances, Eq. (44)-(47) with (62).
 
     Parameters
     ----------

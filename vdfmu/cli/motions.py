@@ -43,9 +43,8 @@ def motion(
     from vdfmu.arm.dynamics import inverse_dynamics
     from vdfmu.arm.motion import load_motion
     from vdfmu.arm.robot import load_robot
-    from vdfmu.arm.robot.load import locate
     from vdfmu.base.errors import UsageError
-    from vdfmu.base.toml_file import read_toml
+    from vdfmu.base.toml_file import locate, read_toml
 
     place: str | Path | None = robot
     path = Path(file) if file.lower().endswith(".csv") else locate(file, "scenarios")

@@ -144,7 +144,7 @@ def list_drives(
     as_json: JsonOption = False,
 ) -> None:
     """List the gears and motors that a joint's gear = ".." and motor = ".." can name."""
-    from vdfmu.arm.drive.fit import catalogue_torsion, fit_spring
+    from vdfmu.arm.drive.spring_fit import catalogue_torsion, fit_spring
     from vdfmu.arm.robot.catalogue import catalogue
     from vdfmu.base.errors import UsageError
     from vdfmu.base.text import nearest

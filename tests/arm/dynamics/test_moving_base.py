@@ -15,20 +15,12 @@ from vdfmu.arm.equations.forward_dynamics import apparent_load, forward_dynamics
 from vdfmu.arm.equations.friction import joint_friction
 from vdfmu.arm.equations.inverse_dynamics import gravity_in_links, inverse_dynamics, link_motion
 from vdfmu.arm.equations.kinematics import tool_transform
-from vdfmu.arm.equations.plant import (
-    BasePose,
-    balance,
-    base_load,
-    plant_derivative,
-    plant_outputs,
-    split_state,
-    tool_motion,
-)
+from vdfmu.arm.equations.plant import balance, base_load, plant_derivative, plant_outputs, split_state, tool_motion
 from vdfmu.arm.equations.rigid_body import coriolis_force, gravity_force, mass_matrix
 from vdfmu.arm.equations.spatial import skew
 from vdfmu.arm.equations.trajectory import desired_motion
 from vdfmu.arm.robot.parameters import PARAMETERS
-from vdfmu.arm.world.attachment import Ends, moving_base, point_acceleration
+from vdfmu.arm.world.attachment import Base, Ends, moving_base, point_acceleration
 from vdfmu.compiler.scalar.jet import derivative, jets
 
 # Of the largest: some 5000 roundings on either side, and solutions with mass matrices of a condition up to 1e4.
@@ -147,24 +139,24 @@ def test_gravity_is_an_acceleration_of_the_base(chain, draw):
 
 
 def turned(robot, angle, rate, acceleration):
-    """Pose of a base that turns about the axis of joint 1, and its ride."""
+    """Return the place and motion of a base that turns about the axis of joint 1, and its ride."""
     axis, place = robot.rotation[0][:, 2], np.array(robot.offset[0])
     R_S = Rotation.from_rotvec(angle * axis).as_matrix()
     omega, alpha = rate * axis, acceleration * axis
     v = np.cross(omega, -place)
     a = np.cross(alpha, -place) + np.cross(omega, v)
     V_S = np.concatenate([v, omega])
-    return BasePose(place - R_S @ place, R_S, V_S), Ride(R_S, V_S, np.concatenate([a, alpha]))
+    return (place - R_S @ place, Base(R_S, V_S)), Ride(R_S, V_S, np.concatenate([a, alpha]))
 
 
 def test_a_base_that_turns_about_the_axis_of_joint_1_is_joint_1(chain, draw):
     for state in draw(chain, 5, seed=20):
-        pose, ride = turned(chain, 0.7, 1.3, -2.1)
+        posed, ride = turned(chain, 0.7, 1.3, -2.1)
         first = np.eye(chain.n)[0]
         found = inverse_dynamics(chain, state.q, state.q_dot, state.q_ddot, state.F_e, base=ride.base(chain))
         moved = state.q + 0.7 * first, state.q_dot + 1.3 * first, state.q_ddot - 2.1 * first
         close(found, inverse_dynamics(chain, *moved, state.F_e), 1e-12)
-        shown = plant_outputs(dataclasses.replace(chain, rotor_coupling=False), state.x, pose)
+        shown = plant_outputs(dataclasses.replace(chain, rotor_coupling=False), state.x, *posed)
         other = np.concatenate([moved[0], moved[1], state.kappa_dot, state.tau_s])
         expected = plant_outputs(dataclasses.replace(chain, rotor_coupling=False), other)
         for name in ("p_O", "R_O", "E_kin", "E_pot"):
@@ -233,12 +225,9 @@ def test_energy_changes_by_the_power_of_motors_tool_and_base(chain, draw):
         ends = Ends(ride.base(robot))
         x_dot = plant_derivative(robot, state.x, state.tau, state.F_e, ends)
         V_S_dot = ride.A_S - point_acceleration(ride.V_S, np.zeros(6))
-        pose = BasePose(
-            jets(np.zeros(3), ride.R_S @ ride.V_S[:3], 0.0),
-            jets(ride.R_S, ride.R_S @ skew(ride.V_S[3:]), 0.0),
-            jets(ride.V_S, V_S_dot, 0.0),
-        )
-        out = plant_outputs(robot, jets(state.x, x_dot, 0.0), pose)
+        base = Base(jets(ride.R_S, ride.R_S @ skew(ride.V_S[3:]), 0.0), jets(ride.V_S, V_S_dot, 0.0))
+        p_S = jets(np.zeros(3), ride.R_S @ ride.V_S[:3], 0.0)
+        out = plant_outputs(robot, jets(state.x, x_dot, 0.0), p_S, base)
         rates = [float(derivative(E, 1)) for E in (out.E_kin, out.E_pot, out.E_spring)]
         M_S, F_S0 = base_load(robot, state.x, state.tau, state.F_e, ends)
         V_O, _ = tool_motion(robot, state.x, state.tau, state.F_e, ends)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from tests.conftest import TYPICAL
-from vdfmu.arm.drive.torque_estimate import torque_estimates
 from vdfmu.arm.equations.feedforward import FeedbackGains, feedforward_inverse, feedforward_vdc
 from vdfmu.arm.equations.flexible_joint import rotor_position
 from vdfmu.arm.equations.forward_dynamics import forward_dynamics
@@ -16,6 +15,7 @@ from vdfmu.arm.equations.mapping import jacobian, joint_space_mass_matrix
 from vdfmu.arm.equations.newton_euler import newton_euler
 from vdfmu.arm.equations.pd import pd_control
 from vdfmu.arm.equations.plant import balance, equilibrium_torque, plant_derivative, plant_outputs
+from vdfmu.arm.equations.torque_estimation import torque_estimates
 from vdfmu.arm.equations.trajectory import desired_motion
 from vdfmu.arm.kernel import FUNCTIONS
 from vdfmu.arm.robot import Robot, load_robot

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from vdfmu.arm.drive.torque_estimate import estimate_torque, torque_estimates, torque_of_deformation
 from vdfmu.arm.equations.flexible_joint import rotor_position
 from vdfmu.arm.equations.harmonic_drive import deformation, deformation_derivative
+from vdfmu.arm.equations.torque_estimation import estimate_torque, torque_estimates, torque_of_deformation
 
 EPS = np.finfo(float).eps
 TORQUES = (-80.0, -7.0, -1e-3, 0.0, 1e-6, 0.3, 20.0, 80.0)

@@ -155,7 +155,7 @@ def test_without_limits_nothing_is_traced_of_them(planar, functions_of):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"q_max": -1.0}, r"joints\[2\]\.limits\.q_max: expected q_max > q_min = -0\.5, got -1"),
+        ({"q_max": -1.0}, r"joints\[2\]\.limits\.q_max: expected q_max > q_min, got q_max = -1, q_min = -0\.5"),
         ({"tau_stall": 0.0}, r"joints\[2\]\.limits\.tau_stall: expected a finite number > 0 in N\.m"),
         ({"stop_damping": -1.0}, r"joints\[2\]\.limits\.stop_damping: expected .* >= 0 in s/rad"),
         (None, r"joints\[2\]\.limits: expected a table, as other joints have, got nothing"),

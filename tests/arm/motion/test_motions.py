@@ -336,6 +336,7 @@ def test_amplitudes_shrink_to_keep_limits_and_say_so():
         ({"lines": [2, 2]}, "lines: expected whole numbers of at least 1, each once"),
         ({"periods": np.nan}, "periods: expected a whole number"),
         ({"seed": -1}, "seed: expected a whole number of at least 0"),
+        ({"seed": np.nan}, "seed: expected a whole number of at least 0, got nan"),
         ({"start": []}, "start: expected a position for each joint"),
         ({"amplitude": np.inf}, "amplitude: expected one above 0"),
     ],
@@ -481,7 +482,7 @@ def test_a_redundant_arm_takes_least_norms_and_goes_to_the_middle_of_its_range(a
         ({"orientation": 2.0 * np.eye(3)}, "orientation: expected a rotation, three rows"),
         ({"start": [0.1]}, "start: expected the positions of 2 joints"),
         ({"duration": None}, "expected a duration, a speed, or limits"),
-        ({"dwell": [0.1, 0.2]}, "dwell: expected one time"),
+        ({"dwell": [0.1, 0.2]}, "dwell: expected one number"),
         ({"dwell": -0.1}, "dwell: expected one time above 0 s"),
         ({"tolerance": 0.0}, "tolerance: expected more than 0"),
         ({"speed": np.inf}, "speed: expected more than 0"),
@@ -510,6 +511,8 @@ def test_motions_that_do_not_meet_are_not_joined():
     for parts in ([one, other], [one, motions.rest(np.zeros(3), 1.0)]):
         with pytest.raises(UsageError, match=r"joined: expected motion 2 to start at .*, where motion 1 ends, got"):
             motions.joined(parts)
+    with pytest.raises(UsageError, match="joined: expected motions, got none"):
+        motions.joined([])
     with pytest.raises(UsageError, match="factor: expected a number above 0"):
         one.slower(-1.0)
 
@@ -541,6 +544,8 @@ def test_a_circle_that_does_not_fit_is_named(planar):
     [
         (lambda arm: motions.waypoints([[0.0, 0.0], [1.0]], duration=1.0), ["points: expected a number, or a list"]),
         (lambda arm: motions.rest("here", 1.0), ["q: expected a number, or a list"]),
+        (lambda arm: motions.rest(0.5, 1.0), ["q: expected a position for each joint"]),
+        (lambda arm: motions.circle(arm.name, [0.3, 0.8], [0.6, 0, 0.5]), ["expected a Robot, got str"]),
         (lambda arm: motions.samples([0.0, "x"], None), ["times: expected a number, or a list or rows of them"]),
         (
             lambda arm: motions.fastest([[0, 0], [1, "far"]], True, 1.0, smoothing=[1.0]),

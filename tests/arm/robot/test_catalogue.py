@@ -1,6 +1,7 @@
 """Gears and motors by name: printed numbers with sources, what is calculated from them, and joints that name them."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,9 +9,10 @@ from scipy.integrate import solve_ivp
 from typer.testing import CliRunner
 
 from vdfmu.arm.drive.dahl import dahl_rate
-from vdfmu.arm.drive.fit import catalogue_torsion, fit_friction, fit_hysteresis, fit_load_loss, fit_spring
 from vdfmu.arm.drive.load_loss import efficiency
+from vdfmu.arm.drive.spring_fit import catalogue_torsion, fit_spring
 from vdfmu.arm.equations.harmonic_drive import deformation, deformation_derivative
+from vdfmu.arm.equations.torque_estimation import torque_of_deformation
 from vdfmu.arm.robot import load_robot, robot_from_dict
 from vdfmu.arm.robot.catalogue import catalogue
 from vdfmu.base.errors import ModelError
@@ -42,14 +44,18 @@ def test_every_number_of_a_gear_has_one_source_and_its_tables_are_calculated_fro
     # three straight pieces against a smooth curve, whose corners it rounds: 1.5 % seen, at ratio 30
     assert residual < 0.016 * catalogue_torsion(gear["repeated"], K, T)
     assert math.degrees(residual) * 60.0 < 0.2
-    assert gear["hysteresis"] == pytest.approx(fit_hysteresis(ratio, spring, K[0], gear["hysteresis_loss"]), rel=1e-4)
+    # where the torque has turned back the springs carry what the element holds: D(f_h) is half of the loop's width
+    drive, width = SimpleNamespace(ell=ratio, **spring), np.array([gear["hysteresis_loss"]])
+    f_h = float(torque_of_deformation(drive, 0.5 * width, np.array([1e9]))[0])
+    assert gear["hysteresis"] == pytest.approx({"K_h": K[0], "f_h": f_h}, rel=1e-4)
     assert ("running" in gear) == ("friction" in gear) == ("load_loss" in gear)
     if "running" in gear:
-        assert gear["friction"] == pytest.approx(
-            fit_friction(ratio, gear["starting"], gear["running"], SPEED), rel=1e-4
-        )
-        share = fit_load_loss(ratio, gear["rated"], gear["efficiency"], gear["running"])
-        assert gear["load_loss"] == pytest.approx(share, rel=1e-4)
+        f_c, running = ratio * gear["starting"], gear["running"]
+        f_v = ratio**2 * (running - gear["starting"]) / SPEED
+        without_load = {"f_c": f_c, "f_s": f_c, "f_v": f_v, "v_s": 1.0, "f_ck": 0.0}
+        assert gear["friction"] == pytest.approx(without_load, rel=1e-4)
+        mu_l = max(0.0, 1.0 / gear["efficiency"] - 1.0 - ratio * running / gear["rated"])
+        assert gear["load_loss"] == pytest.approx({"mu_l": mu_l}, rel=1e-4)
 
 
 def test_every_motor_has_a_source():

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from vdfmu.arm.drive.torque_estimate import torque_estimates
 from vdfmu.arm.equations.feedforward import FeedbackGains, feedforward_inverse, feedforward_vdc
 from vdfmu.arm.equations.pd import pd_control
 from vdfmu.arm.equations.plant import equilibrium_torque, plant_derivative, plant_outputs
+from vdfmu.arm.equations.torque_estimation import torque_estimates
 from vdfmu.arm.equations.trajectory import Desired, desired_motion
 from vdfmu.arm.robot import Robot, check_robot
 from vdfmu.arm.robot.parameters import SPRING_KEYS

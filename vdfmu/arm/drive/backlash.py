@@ -23,7 +23,7 @@ class BacklashRows:
     # fmt: off
     w_gap: Array = row("backlash", "position", "width of the backlash, link-side", "", 1.0, 0.0)
     tau_gap: Array = row(
-        "backlash", "torque", "torque that takes up 71 % of the backlash, link-side", "", 1e9, POSITIVE)
+        "backlash", "torque", "torque that takes up 71 % of the backlash, link-side", "", 1e9, POSITIVE, start=1.0)
     # fmt: on
 
 

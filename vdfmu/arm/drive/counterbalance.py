@@ -26,7 +26,7 @@ class CounterbalanceRows:
         hint="Give 0 for a joint without a counterbalance.")
     D_cb: Array = row(
         "counterbalance", "m", "distance from the joint's axis to the pivot of the cylinder", "", 1e4, 0.0,
-        default=0.0, part_of="F_cb")
+        default=0.0, part_of="F_cb", start=1.0)
     r_cb: Array = row(
         "counterbalance", "m", "radius of the crank that the cylinder pulls at", "", 1e4, 0.0, default=0.0,
         part_of="F_cb")
@@ -35,7 +35,7 @@ class CounterbalanceRows:
         part_of="F_cb")
     L_cb: Array = row(
         "counterbalance", "m", "length of the gas column at dead centre", "", 1e6, 0.0, default=0.0, part_of="F_cb",
-        hint="It is the volume of the gas there over the area of the piston.")
+        hint="It is the volume of the gas there over the area of the piston.", start=1.0)
     # fmt: on
 
 
@@ -77,8 +77,18 @@ COUNTERBALANCE = DriveOption(
     link_energy=counterbalance_energy,
     revolute_only=("F_cb",),
     conditions=(
-        Condition("r_cb", "0", lambda robot: 0.0 * robot.r_cb, "The crank has a length."),
-        Condition("D_cb", "r_cb", lambda robot: robot.r_cb, "The pivot is further from the axis than the crank."),
-        Condition("L_cb", "2*r_cb", lambda robot: 2.0 * robot.r_cb, "The gas column is longer than its stroke."),
+        Condition("r_cb", "r_cb > 0", lambda robot: robot.r_cb, "The crank has a length."),
+        Condition(
+            "D_cb",
+            "D_cb > r_cb",
+            lambda robot: robot.D_cb - robot.r_cb,
+            "The pivot is further from the axis than the crank.",
+        ),
+        Condition(
+            "L_cb",
+            "L_cb > 2*r_cb",
+            lambda robot: robot.L_cb - 2.0 * robot.r_cb,
+            "The gas column is longer than its stroke.",
+        ),
     ),
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -34,14 +35,22 @@ class OptionState(NamedTuple):
 
 
 class Condition(NamedTuple):
-    """Condition ``name > bound`` on parameters of a joint; not asked where what `name` is a part of is 0."""
+    """Condition on parameters of a joint; not asked where what `name` is a part of is 0."""
 
     name: str
-    bound: str
-    """Its text, such as ``2*r_cb``."""
-    value: Hook
-    """(robot): its values, (n,)."""
+    """Parameter that a message is about."""
+    text: str
+    """The condition with the names of its parameters, such as ``L_cb > 2*r_cb``."""
+    margin: Hook
+    """(robot): (n,), above 0 where it holds."""
     way_out: str
+    strict: bool = True
+    """Whether a margin of 0 is too small."""
+
+    @property
+    def names(self) -> list[str]:
+        """Its parameters."""
+        return re.findall(r"[A-Za-z]\w*", self.text)
 
 
 class JointMotion(NamedTuple):
@@ -108,7 +117,7 @@ class DriveOption:
     dry_friction: Hook = _same
     """(xi, robot, velocity, level, own): friction instead of ``xi = level tanh(velocity / eps)`` in (54)."""
     viscosity: Hook = _same
-    """(f_v, robot, own): viscous friction instead of that of (54)."""
+    """(f_v, robot, velocity, own): coefficient of viscous friction instead of `f_v`."""
     stored: Hook = _nothing
     """(robot, velocity, level, own): the part of the power of friction that is stored [W]."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -57,3 +57,15 @@ def options_of(robot: Any, states: Mapping[str, Any] | None = None) -> list[tupl
         for name, option in OPTIONS.items()
         if getattr(robot, name)
     ]
+
+
+def dry_friction(names: Collection[str]) -> set[str]:
+    """Of the parameters of a unit, those that are 0, or as small as they may be, without dry friction.
+
+    A unit without parameters of a spring is not an arm, and has none.
+    """
+    if "K_f0" not in names:
+        return set()
+    replaced = any(option.replaces_dry_friction and {*option.dry_parameters} & {*names} for option in OPTIONS.values())
+    dry = {"f_ck", *(name for option in OPTIONS.values() for name in option.dry_parameters)}
+    return {*names} & (dry if replaced else dry | {"f_c", "f_s"})

@@ -27,18 +27,19 @@ class ThermalRows:
     # fmt: on
 
 
-def viscosity(robot: Any, T_j: Any = None) -> Any:
+def warm_viscosity(f_v: Any, robot: Any, T_j: Any = None) -> Any:
     """Viscous friction ``f_v exp(-(T - T_ref) / T_v)``: (n,) [N m s/rad or N s/m], link-side.
 
     The law of Bittencourt et al. (2010) for the joint of an industrial robot.
 
     Parameters
     ----------
+    f_v : (n,) [N m s/rad or N s/m] viscous friction at T_ref
     T_j : (n,) [K], optional
         Temperature; default that of the surroundings.
     """
     T = robot.T_amb if T_j is None else T_j
-    return robot.f_v * np.exp((robot.T_ref - T) / robot.T_v)
+    return f_v * np.exp((robot.T_ref - T) / robot.T_v)
 
 
 def temperature_rate(robot: Any, loss: Any, T_j: Any) -> Any:
@@ -52,16 +53,17 @@ def temperature_rate(robot: Any, loss: Any, T_j: Any) -> Any:
     return (loss - robot.G_th * (T_j - robot.T_amb)) / robot.C_th
 
 
-def ambient(robot: Any) -> Any:
-    """Temperature of the surroundings: (n,) [K]."""
-    return robot.T_amb
-
-
 THERMAL = DriveOption(
     state=OptionState(
-        "T_j", "K", "temperature of the joint", "start temperature", start=ambient, minimum=0.0, slow=True
+        "T_j",
+        "K",
+        "temperature of the joint",
+        "start temperature",
+        start=lambda robot: robot.T_amb,
+        minimum=0.0,
+        slow=True,
     ),
-    viscosity=lambda f_v, robot, T_j: viscosity(robot, T_j),
+    viscosity=lambda f_v, robot, velocity, T_j: warm_viscosity(f_v, robot, T_j),
     rate=lambda robot, motion, T_j: temperature_rate(robot, motion.loss, T_j),
     rest=lambda robot, tau_s: None,
 )

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.drive.options import OPTIONS, options_of
+from vdfmu.arm.drive.options import options_of
 
 States = Mapping[str, Any]
 """States that options add, (n,) each, by name; empty along a desired motion, which has none."""
@@ -34,7 +34,7 @@ def stribeck_friction(robot: Any, velocity: Any, states: States | None = None) -
     dry, f_v = level * np.tanh(velocity / robot.eps), robot.f_v
     for option, own in options_of(robot, states):
         dry = option.dry_friction(dry, robot, velocity, level, own)
-        f_v = option.viscosity(f_v, robot, own)
+        f_v = option.viscosity(f_v, robot, velocity, own)
     return dry + f_v * velocity
 
 
@@ -101,15 +101,3 @@ def friction_loss(robot: Any, q_dot: Any, kappa_dot: Any, load: Any = 0.0, state
     for option, own in options_of(robot, states):
         loss = loss - option.stored(robot, velocity, friction_level(robot, velocity), own)
     return loss
-
-
-def dry_friction(names: Collection[str]) -> set[str]:
-    """Of the parameters of a unit, those that are 0, or as small as they may be, without dry friction.
-
-    A unit without parameters of a spring is not an arm, and has none.
-    """
-    if "K_f0" not in names:
-        return set()
-    replaced = any(option.replaces_dry_friction and {*option.dry_parameters} & {*names} for option in OPTIONS.values())
-    dry = {"f_ck", *(name for option in OPTIONS.values() for name in option.dry_parameters)}
-    return {*names} & (dry if replaced else dry | {"f_c", "f_s"})

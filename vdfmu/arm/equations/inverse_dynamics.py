@@ -147,7 +147,7 @@ def inverse_dynamics(
 
     Returns
     -------
-    tau : (n,) [N m or N], link-side, without friction: what drives must give beside counterbalances
+    tau : (n,) [N m or N], link-side, without friction, of drives: those of counterbalances are taken off
     """
     motion = link_motion(robot, q, q_dot, q_ddot, base=base)
     F_Dk = None if rotors is None else rotor_forces(robot, motion, *rotors)

@@ -198,29 +198,28 @@ def equilibrium_torque(robot: Any, q: np.ndarray, F_e: np.ndarray = NO_WRENCH, b
     return inverse_dynamics(robot, q, zero, zero, F_e, base=base)
 
 
-class BasePose(NamedTuple):
-    """Place p_S [m] and rotation R_S of the base frame {S} in {I}, and its velocity V_S in {S}."""
-
-    p_S: Any = np.zeros(3)
-    R_S: Any = np.eye(3)
-    V_S: Any = np.zeros(6)
+_ORIGIN = np.zeros(3)
 
 
-_AT_ORIGIN = BasePose()
-
-
-def plant_outputs(robot: Any, x: np.ndarray, base: BasePose = _AT_ORIGIN) -> Outputs:
+def plant_outputs(robot: Any, x: np.ndarray, p_S: Any = _ORIGIN, base: Base = AT_REST) -> Outputs:
     """Return the outputs of the plant. They depend on its state, and on the motion of its base, alone.
 
     The rotor's kinetic energy is ``J_r s^2 / 2`` with ``J_r = I_m / ell`` and s its speed about its axis, the z
     component of V_D (4); in pure rotation (56) that is ``ell kappa_dot``. The potential energy is zero with all
     centres of mass at the height of the origin of {I}.
+
+    Parameters
+    ----------
+    x : as in :func:`plant_derivative`
+    p_S : (3,) [m] place of the base in {I}
+    base : Base
+        Its motion, default at rest; its acceleration does not count.
     """
     q, q_dot, kappa_dot, tau_s, states = split_state(robot, x)
     p_O, R_O = end_effector_pose(robot, q)
-    p, R = base.p_S, base.R_S
+    p, R = p_S, base.R_S
     p_O, R_O = p + R @ p_O, R @ R_O
-    motion = link_motion(robot, q, q_dot, np.zeros(robot.n), Base(R, base.V_S))
+    motion = link_motion(robot, q, q_dot, np.zeros(robot.n), base)
     V_D = rotor_velocities(robot, motion.V_B, kappa_dot, base.V_S)  # (4)
     spin = np.array([V_Dk[5] for V_Dk in V_D]) / robot.ell
     E_kin = 0.5 * (robot.I_m * robot.ell) @ (spin * spin)

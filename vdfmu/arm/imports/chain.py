@@ -17,8 +17,6 @@ from vdfmu.base.text import nearest
 from vdfmu.base.toml_tables import Problems
 
 _HERE = Placement(np.eye(3), np.zeros(3))
-_MOST_TIPS = 12
-"""Most tips that a message lists."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,11 +140,10 @@ def _only_tip(tree: Tree, base: str) -> str | None:
             return last
         if len(onward) > 1:
             ends = tips(tree, base)
-            shown = [f"{name} ({n} joint{'s' * (n > 1)})" for n, name in ends[:_MOST_TIPS]]
-            more = f" and {len(ends) - _MOST_TIPS} more" if len(ends) > _MOST_TIPS else ""
+            names = few([f"{name} ({n} joint{'s' * (n > 1)})" for n, name in ends])
             tree.problems.add(
                 "--tip", "a link", f"nothing, and {len(onward)} joints branch off from {link}",
-                f"Choose where the arm ends; what moves beside it is held at 0. There are: {', '.join(shown)}{more}.",
+                f"Choose where the arm ends; what moves beside it is held at 0. There are: {names}.",
             )  # fmt: skip
             return None
         link = onward[0].child
@@ -163,7 +160,7 @@ def _rigid(tree: Tree, link: str, far: int = 0) -> Iterator[tuple[int, str]]:
 def _onward(tree: Tree, link: str) -> tuple[str, list[Joint]]:
     """Return the last link that is fixed to a link, and the joints that go on from there.
 
-    Joints that are coupled to others, as those of a gripper, are none of an arm.
+    Joints that are coupled to others, as those of a gripper, are not joints of an arm.
     """
     rigid = list(_rigid(tree, link))
     moving = [joint for _, name in rigid for joint in tree.below(name) if joint.kind != "fixed"]

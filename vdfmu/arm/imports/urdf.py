@@ -7,13 +7,14 @@ without its line, follow entities of XML to other files, and bring readers of me
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.imports.tree import MOVING, Joint, Placement, RigidLink, Tree
+from vdfmu.arm.imports.tree import MOVING, Joint, Placement, RigidLink, Tree, few
 from vdfmu.arm.robot.parameters import read_only
 from vdfmu.arm.robot.visual import Visual
 from vdfmu.base.arrays import Floats
@@ -23,6 +24,7 @@ from vdfmu.base.toml_tables import Problems
 _STANDARD_GRAVITY = np.array([0.0, 0.0, 9.81])
 _KINDS = (*MOVING, "fixed", "floating", "planar")
 _GIVEN = {"limit": ("lower", "upper", "effort", "velocity"), "dynamics": ("damping", "friction")}
+_ONE = re.compile(r"\s*[-+]?1(\.0*)?\s*")
 _GREY = (0.7, 0.7, 0.7, 1.0)
 
 
@@ -42,10 +44,15 @@ def read_urdf(root: Any, path: Path, problems: Problems) -> Tree:
         name = reader.name(element, joints)
         joints[name] = reader.joint(name, element, links)
     if reader.lost:
-        reader.notes.append(
-            f"{len(reader.lost)} meshes were not found; the robot file has their names as they are: "
-            f"{', '.join(list(reader.lost)[:3])}{' ...' if len(reader.lost) > 3 else ''}."
-        )
+        reader.notes.append(f"meshes not found, which the robot file names as they are: {few(list(reader.lost))}.")
+    geared = [
+        printable(joint.get("name", ""))
+        for transmission in root.findall("transmission")
+        if any(not _ONE.fullmatch(ratio.text or "") for ratio in transmission.iter("mechanicalReduction"))
+        for joint in transmission.findall("joint")
+    ]
+    if geared:
+        reader.notes.append(f"ratios of transmissions are left out, which --drives can give: {few(geared)}.")
     return Tree(
         str(root.get("name") or path.stem), problems, links, tuple(joints.values()), _STANDARD_GRAVITY,
         True, reader.notes,

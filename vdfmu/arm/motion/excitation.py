@@ -64,12 +64,11 @@ def multisine(
         problems.append(f"lines: expected whole numbers of at least 1, each once, got {lines}.")
     if not (np.isfinite(period) and period > 0.0):
         problems.append(f"period: expected more than 0 s, got {period}.")
-    if not np.isfinite(periods) or int(periods) != periods or periods < 1:
-        problems.append(f"periods: expected a whole number of at least 1, got {periods}.")
+    for name, number, least in (("periods", periods, 1), ("seed", seed, 0)):
+        if not np.isfinite(number) or int(number) != number or number < least:
+            problems.append(f"{name}: expected a whole number of at least {least}, got {number}.")
     if phases not in ("schroeder", "random"):
         problems.append(f"phases: expected schroeder or random, got {phases!r}.")
-    if int(seed) != seed or seed < 0:
-        problems.append(f"seed: expected a whole number of at least 0, got {seed}.")
     if problems:
         raise UsageError("\n".join(problems))
     count = np.arange(1, k.size + 1)

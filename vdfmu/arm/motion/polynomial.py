@@ -231,16 +231,20 @@ def spline(t: Floats, q: Floats) -> Motion:
 @of_numbers
 def rest(q: Floats, seconds: float) -> Motion:
     """Return a motion that stands still at `q`, (n,) [rad or m], for some `seconds`."""
-    if np.ndim(seconds) or not 0.0 < seconds < np.inf:
+    if not 0.0 < seconds < np.inf:
         raise UsageError(f"dwell: expected one time above 0 s, got {seconds}.")
+    if np.ndim(q) != 1:
+        raise UsageError(f"q: expected a position for each joint, got {q}.")
     coefficients = np.zeros((1, DEGREE + 1, len(q)))
     coefficients[0, 0] = q
     return Motion(np.array([0.0, seconds]), coefficients)
 
 
 def joined(parts: Iterable[Motion]) -> Motion:
-    """Return motions one after the other; UsageError if one does not start where the one before ends."""
+    """Return motions one after the other; UsageError if one does not start where the one before ends, or for none."""
     parts = list(parts)
+    if not parts:
+        raise UsageError("joined: expected motions, got none.")
     for i, (one, other) in enumerate(pairwise(parts), 1):
         if one.n != other.n or np.abs(other.start - one.end).max() > _GAP:
             raise UsageError(

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 import os
 from collections.abc import Callable
 from dataclasses import replace
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +14,13 @@ import numpy as np
 
 from vdfmu.arm.drive.limits import motor_torque
 from vdfmu.arm.dynamics import inverse_dynamics
-from vdfmu.arm.motion.arguments import NUMBERS, ONE, SINGLE, TEXTS, WHOLE
+from vdfmu.arm.motion.arguments import NUMBERS, ONE, Argument, arguments_of
 from vdfmu.arm.motion.cartesian import circle, line
 from vdfmu.arm.motion.excitation import multisine, sweep
 from vdfmu.arm.motion.joint_space import samples, waypoints
 from vdfmu.arm.motion.minimum_time import LOOKS, fastest
 from vdfmu.arm.motion.polynomial import Motion
-from vdfmu.arm.robot import Robot
+from vdfmu.arm.robot.robot import Robot, robot_argument
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.base.measure import WIDE_ANGLE
@@ -29,14 +29,12 @@ from vdfmu.base.toml_tables import Problems, Table, shape_of, shown
 from vdfmu.engine.plan.inputs import csv_columns
 
 _KINDS: tuple[Callable[..., Motion], ...] = (waypoints, samples, fastest, line, circle, sweep, multisine)
-KINDS: dict[str, tuple[Callable[..., Motion], dict[str, inspect.Parameter]]] = {
-    make.__name__: (make, {k: p for k, p in inspect.signature(make).parameters.items() if k != "robot"})
-    for make in _KINDS
+KINDS: dict[str, tuple[Callable[..., Motion], dict[str, Argument]]] = {
+    make.__name__: (make, arguments_of(make)) for make in _KINDS
 }
 """Kind to the function that works it out, and its parameters, which are the keys of the table."""
 OF_FILE = ("waypoints", "samples", "fastest")
 """Kinds whose points may be in a CSV file."""
-_OF_ROBOT = ("fastest", "line", "circle")
 _FACTORS = {"revolute": {"rad": 1.0, "deg": math.pi / 180.0}, "prismatic": {"m": 1.0, "mm": 1e-3}}
 _EXAMPLE = "time [s], q1 [rad], q2 [deg]"
 
@@ -60,6 +58,7 @@ def load_motion(path: str | os.PathLike[str], robot: Robot) -> Motion:
     ModelError
         For what is wrong with the file or with the motion; it lists every problem.
     """
+    robot_argument(robot)
     path = Path(path)
     problems = Problems(str(path))
     if path.suffix.lower() == ".csv":
@@ -93,20 +92,20 @@ def read_motion(problems: Problems, data: object, robot: Robot, folder: Path) ->
         return None
     make, keys = KINDS[kind]
     table = Table(problems, data, "motion", ("kind", *(("file",) if kind in OF_FILE else ()), *keys))
-    values = {key: _value(table, key) for key in table.data if key in keys}
+    values = {key: _value(table, key, keys[key]) for key in table.data if key in keys}
     if kind in OF_FILE and "file" in table.data:
         read = read_points(folder / table.text("file"), robot, problems, keys)
         if twice := [key for key in read if key in values]:
             problems.add("motion.file", "values in one place", f"{', '.join(twice)} twice", "Remove one of them.")
         values |= read
-    for key, parameter in keys.items():
-        if parameter.default is parameter.empty and key not in values and len(problems.lines) == before:
+    for key, argument in keys.items():
+        if argument.needed and key not in values and len(problems.lines) == before:
             way = 'Add the key, or file = "points.csv".' if kind in OF_FILE else "The key is missing: add it."
             problems.add(table.key(key), f"a value for {kind}", "nothing", way)
     if len(problems.lines) > before:
         return None
     try:
-        motion = make(**values, **({"robot": robot} if kind in _OF_ROBOT else {}))
+        motion = make(**values, **({"robot": robot} if "robot" in signature(make).parameters else {}))
         check_motion(motion, robot)
         notes = _wide_angles(motion, robot)
     except UsageError as error:
@@ -155,20 +154,20 @@ def check_motion(motion: Motion, robot: Robot) -> None:
         raise UsageError("\n".join(problems))
 
 
-def _value(table: Table, key: str) -> Any:
+def _value(table: Table, key: str, argument: Argument) -> Any:
     """Return the value of a key: a text, or a number or an array."""
     value = table.data[key]
-    if key in TEXTS and isinstance(value, str):
+    if argument.text and isinstance(value, str):
         return table.text(key)
     shape, numbers = shape_of(value), np.array(value, dtype=object).ravel()
-    if shape and key in SINGLE:
+    if shape and argument.single:
         table.problems.add(table.key(key), ONE, shown(value), "Correct it.")
     elif shape is None or len(shape) > 2 or 0 in shape:
         table.problems.add(table.key(key), NUMBERS, shown(value), "Correct it.")
-    elif key in WHOLE and any(type(one) is not int for one in numbers):
+    elif argument.whole and any(type(one) is not int for one in numbers):
         table.problems.add(table.key(key), "whole numbers", shown(value), "Correct it.")
     elif not shape:
-        return int(value) if key in WHOLE else table.number(key, "")
+        return int(value) if argument.whole else table.number(key, "")
     else:
         return table.numbers(key, shape, "")
     return None

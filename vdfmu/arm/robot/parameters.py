@@ -73,6 +73,9 @@ class Row:
         gravity, the tip.
     scaled_as : str
         Word by which users scale it; all parameters of one word are scaled together.
+    start : float, matrix or None
+        Start value in the unit of a single link or joint; default that of a robot, or 0. A joint's unit has the options
+        without a state always: with these values an option changes no number to the bit.
     """
 
     name: str
@@ -89,6 +92,7 @@ class Row:
     hint: str = ""
     given: str = ""
     scaled_as: str = ""
+    start: Any = None
 
     @property
     def per_joint(self) -> bool:
@@ -157,7 +161,7 @@ class ArmParameters:
     # fmt: off
     gravity: Array = row(
         "robot", "m/s2", "Gravity vector of Eq. {} in {I}, upward", "(62)", 1e4, shape=_VECTOR, fold="zeros",
-        hint="Write +9.81 along the upward axis.", given="gravity")
+        hint="Write +9.81 along the upward axis.", given="gravity", start=(0.0, 0.0, 9.81))
     tool_offset: Array = row(
         "robot", "m", "Origin of the end-effector frame {O} in the last link frame", "(44)", 1e4, default=0.0,
         shape=_VECTOR, fold="zeros", given="tip")
@@ -174,30 +178,30 @@ class ArmParameters:
         shape=_MATRIX, fold="inertia", hint=_MOMENTS)
     rotation: Array = row(
         "joint", "1", "Rotation matrix from the link frame to the frame of the previous link at q = 0", "(34)-(36)",
-        shape=_MATRIX, fold="always")
+        shape=_MATRIX, fold="always", start=_ALIGNED)
     offset: Array = row(
         "joint", "m", "Origin of the link frame in the frame of the previous link", "(34)-(36)", 1e4, shape=_VECTOR,
         fold="zeros")
     centroid: Array = row("link", "m", "Centre of mass in the link frame", "(60)", 1e4, shape=_VECTOR, fold="zeros")
-    mass: Array = row("link", "kg", "mass of the link", "(60)", 1e6, POSITIVE, scaled_as="mass")
+    mass: Array = row("link", "kg", "mass of the link", "(60)", 1e6, POSITIVE, scaled_as="mass", start=1.0)
     inertia: Array = row(
         "link", "kg.m2", "Inertia about the centre of mass", "(60)", 1e9, shape=_MATRIX, fold="inertia",
-        hint=_MOMENTS, scaled_as="mass")
+        hint=_MOMENTS, scaled_as="mass", start=((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.1)))
     ell: Array = row(
         "drive", "ratio", "reduction ratio", "(1)", 1e6, 1.0,
-        hint="Give the rotor angle for one unit of joint motion.")
+        hint="Give the rotor angle for one unit of joint motion.", start=100.0)
     I_m: Array = row("drive", "rotor inertia", "rotor inertia times ell, Eq. {}", "(56)", 1e6, POSITIVE,
-        given="armature")
+        given="armature", start=1e-3)
     K_f0: Array = row("drive", "stiffness", "flexspline stiffness, link-side, Eq. {}", "(2)", 1e12, POSITIVE,
-        scaled_as="stiffness")
+        scaled_as="stiffness", start=1e4)
     c_f: Array = row(
         "drive", "per torque", "flexspline stiffening, link-side, Eq. {}", "(2)", 1e6, POSITIVE,
-        hint="For a linear spring give a small value such as 1e-6.")
+        hint="For a linear spring give a small value such as 1e-6.", start=1e-3)
     K_w0: Array = row("drive", "N.m/rad", "wave generator stiffness, motor-side, Eq. {}", "(3)", 1e12, POSITIVE,
-        scaled_as="stiffness")
+        scaled_as="stiffness", start=1.0)
     c_w: Array = row(
         "drive", "1/(N.m)", "wave generator stiffening, motor-side, Eq. {}", "(3)", 1e9, POSITIVE,
-        hint="For a linear spring give a small value such as 1e-3.")
+        hint="For a linear spring give a small value such as 1e-3.", start=10.0)
     f_c: Array = row(
         "friction", "torque", "Coulomb friction, link-side, Eq. {}", "(54)", 1e9, 0.0, given="friction",
         scaled_as="friction")
@@ -209,7 +213,7 @@ class ArmParameters:
         scaled_as="friction")
     v_s: Array = row(
         "friction", "velocity", "Stribeck velocity, Eq. {}", "(54)", 1e6, POSITIVE,
-        hint="For friction without the Stribeck effect set f_s = f_c.")
+        hint="For friction without the Stribeck effect set f_s = f_c.", start=0.1)
     eps: Array = row(
         "friction", "velocity", "velocity that regularises sgn as tanh(v/eps)", "(54)-(55)", 1e6, POSITIVE,
         default=1e-3)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.drive.option import DriveOption
+from vdfmu.arm.drive.option import Condition
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.arrays import Floats
 from vdfmu.base.toml_tables import Problems, shown
@@ -57,37 +57,26 @@ def check_inertia(problems: Problems, key: str, inertia: Floats) -> None:
         )
 
 
-def check_drive(problems: Problems, key: str, ell: float, theta_err_amplitude: float) -> None:
-    """Note a kinematic error so large that the rotor position does not follow from the spring."""
-    slope = 2 * ell * theta_err_amplitude
-    if slope >= CONTRACTION_LIMIT:
-        problems.add(
-            f"{key}.theta_err_amplitude",
-            f"2*ell*theta_err_amplitude < {CONTRACTION_LIMIT:g}",
-            f"{slope:.6g}",
-            f"Lower the amplitude below {CONTRACTION_LIMIT / (2 * ell):.6g}.",
-        )
+CONTRACTION = Condition(
+    "theta_err_amplitude",
+    f"2*ell*theta_err_amplitude < {CONTRACTION_LIMIT:g}",
+    lambda robot: CONTRACTION_LIMIT - 2.0 * robot.ell * robot.theta_err_amplitude,
+    "Lower the amplitude, or the rotor's position does not follow from the spring.",
+)
+STATIC_FRICTION = Condition(
+    "f_s",
+    "f_s >= f_c",
+    lambda robot: robot.f_s - robot.f_c,
+    "Set f_s = f_c for friction without the Stribeck effect.",
+    strict=False,
+)
 
 
-def check_friction(problems: Problems, key: str, f_c: float, f_s: float) -> None:
-    """Note a static friction below the Coulomb friction."""
-    if f_s < f_c:
-        problems.add(
-            f"{key}.f_s",
-            f"f_s >= f_c = {f_c:g} (static friction is not below Coulomb friction)",
-            f"{f_s:g}",
-            "Set f_s = f_c for friction without the Stribeck effect.",
-        )
-
-
-def check_option(problems: Problems, key: str, option: DriveOption, joint: Mapping[str, Any]) -> None:
-    """Note parameters of an option that a joint, field of `Robot` to its value, cannot have."""
-    for name in option.revolute_only:
-        if joint["type"] == "prismatic" and joint[name] != 0.0:
-            problems.add(f"{key}.{name}", "0 at a prismatic joint", f"{joint[name]:g}", "Its law is that of a turn.")
-    for condition in option.conditions:
-        whole, value = PARAMETERS[condition.name].part_of, joint[condition.name]
-        bound = condition.value(SimpleNamespace(**joint))
-        if value <= bound and (not whole or joint[whole] != 0.0):
-            text = condition.bound if condition.bound == "0" else f"{condition.bound} = {bound:g}"
-            problems.add(f"{key}.{condition.name}", f"{condition.name} > {text}", f"{value:g}", condition.way_out)
+def check_conditions(problems: Problems, path: str, conditions: Iterable[Condition], joint: Mapping[str, Any]) -> None:
+    """Note conditions that a joint at `path`, field of `Robot` to its value, does not meet."""
+    for condition in conditions:
+        row, margin = PARAMETERS[condition.name], condition.margin(SimpleNamespace(**joint))
+        broken = margin <= 0.0 if condition.strict else margin < 0.0
+        if broken and (not row.part_of or joint[row.part_of] != 0.0):
+            got = ", ".join(f"{name} = {joint[name]:g}" for name in condition.names)
+            problems.add(f"{path}.{row.section}.{row.key}", condition.text, got, condition.way_out)

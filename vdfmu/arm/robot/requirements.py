@@ -1,19 +1,18 @@
 """Conditions that the run-time parameters of a robot must meet together, as margins that can be traced.
 
-The same conditions as those of :mod:`vdfmu.arm.robot.physical`, written without eigenvalues so that a native unit can
-evaluate them.
+Those of :mod:`vdfmu.arm.robot.physical`; those of inertias without eigenvalues, so that a native unit can evaluate
+them.
 """
 
 from __future__ import annotations
 
-import re
 from typing import Any
 
 import numpy as np
 
 from vdfmu.arm.drive.option import Condition
 from vdfmu.arm.drive.options import options_of
-from vdfmu.arm.robot.physical import CONTRACTION_LIMIT, INERTIA_TOLERANCE
+from vdfmu.arm.robot.physical import CONTRACTION, INERTIA_TOLERANCE, STATIC_FRICTION
 from vdfmu.arm.robot.structure import parameters
 from vdfmu.compiler.scalar.generic import minimum
 from vdfmu.compiler.unit.machine import STRICT, Entry, Requirement
@@ -22,36 +21,27 @@ from vdfmu.compiler.unit.machine import STRICT, Entry, Requirement
 def requirements(robot: Any) -> list[Requirement]:
     """Return the conditions of a robot, joint by joint."""
     listed = dict.fromkeys(parameters(robot))
+    conditions = [one for option, _ in options_of(robot) for one in option.conditions]
     inertias: list[list[Entry]] = [[] for _ in range(robot.n)]
     for p in listed:
         if p.field == "inertia":
             inertias[p.index[0]].append(p)
     found: list[Requirement] = []
     for i, inertia in enumerate(map(tuple, inertias)):
-        f_c, f_s = Entry("f_c", (i,)), Entry("f_s", (i,))
-        amplitude, ell = Entry("theta_err_amplitude", (i,)), Entry("ell", (i,))
-        found.append(Requirement("f_s >= f_c", (f_s, f_c), lambda arm, at: arm.f_s[at.index] - arm.f_c[at.index]))
         found += [
-            _of_option(condition, i)
-            for option, _ in options_of(robot)
-            for condition in option.conditions
+            _of_joint(condition, i)
+            for condition in (STATIC_FRICTION, *conditions, CONTRACTION)
             if Entry(condition.name, (i,)) in listed
         ]
-        if amplitude in listed:
-            text = f"2*ell*theta_err_amplitude < {CONTRACTION_LIMIT:g}"
-            found.append(Requirement(text, (ell, amplitude), _kinematic_error))
         found += _of_inertia(inertia)
     payload = tuple(p for p in listed if p.field == "payload_inertia")
     return found + (_of_inertia(payload) if payload else [])
 
 
-def _of_option(condition: Condition, i: int) -> Requirement:
-    names = [condition.name, *re.findall(r"[A-Za-z]\w*", condition.bound)]
-    return Requirement(
-        f"{condition.name} > {condition.bound}",
-        tuple(Entry(name, (i,)) for name in names),
-        lambda arm, at: getattr(arm, at.field)[at.index] - condition.value(arm)[at.index] - STRICT,
-    )
+def _of_joint(condition: Condition, i: int) -> Requirement:
+    entries = tuple(Entry(name, (i,)) for name in condition.names)
+    least = STRICT if condition.strict else 0.0
+    return Requirement(condition.text, entries, lambda arm, at: condition.margin(arm)[at.index] - least)
 
 
 def _of_inertia(inertia: tuple[Entry, ...]) -> list[Requirement]:
@@ -64,10 +54,6 @@ def _of_inertia(inertia: tuple[Entry, ...]) -> list[Requirement]:
         ),
         Requirement(text, inertia, _triangle),
     ]
-
-
-def _kinematic_error(robot: Any, first: Entry) -> Any:
-    return CONTRACTION_LIMIT - 2.0 * robot.ell[first.index] * robot.theta_err_amplitude[first.index] - STRICT
 
 
 def _triangle(robot: Any, first: Entry) -> Any:

@@ -1,8 +1,11 @@
-"""The layout of a robot file: from its tables to a `Robot`, with every problem reported at once."""
+"""Robot files: from a name or path and its tables to a `Robot`, with every problem reported at once."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Container, Mapping
+from dataclasses import replace
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -10,12 +13,13 @@ import numpy as np
 from vdfmu.arm.drive.options import OPTIONS
 from vdfmu.arm.robot.catalogue import NAMED, completed
 from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, PARAMETERS, Row, Section, read_only, section
-from vdfmu.arm.robot.physical import check_drive, check_friction, check_inertia, check_option, check_rotation
+from vdfmu.arm.robot.physical import CONTRACTION, STATIC_FRICTION, check_conditions, check_inertia, check_rotation
 from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES, Robot, joint_free, robot_argument
 from vdfmu.arm.robot.visual import read_visuals
 from vdfmu.base.arrays import Floats
 from vdfmu.base.measure import POSITIVE
 from vdfmu.base.text import nearest
+from vdfmu.base.toml_file import locate, read_toml, shipped_names, toml_names
 from vdfmu.base.toml_tables import Problems, Table, shape_of, shown
 
 Numbers = dict[str, float | Floats]
@@ -107,6 +111,36 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     )
 
 
+def robot_names() -> list[str]:
+    """Return the names of the robots that travel with the package."""
+    return toml_names("robots")
+
+
+def load_robot(path_or_name: str | os.PathLike[str]) -> Robot:
+    """Load a robot by the name of a shipped one or by the path of a TOML file.
+
+    Parameters
+    ----------
+    path_or_name : str or path
+        A value with a path separator, one that ends in ``.toml`` and the name of an existing file are paths.
+
+    Returns
+    -------
+    Robot
+
+    Raises
+    ------
+    UsageError
+        If no shipped robot has the name.
+    ModelError
+        If the file cannot be read or describes no physical robot; it lists every problem.
+    """
+    path = locate(path_or_name, "robots")
+    robot = robot_from_dict(read_toml(path, "robots"), str(path))
+    shipped = str(path_or_name) in shipped_names("robots") and path != Path(path_or_name)
+    return robot if shipped else replace(robot, file=str(path_or_name))
+
+
 def check_robot(robot: Robot, where: str = "") -> Robot:
     """Return the robot if it is physical, such as one from `Robot.with_parameters`.
 
@@ -131,11 +165,15 @@ def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
     parts: tuple[Section, ...] = ("link", "drive", "friction", *(part for part in JOINT_OPTIONS if options[part]))
     for part in parts:
         joint |= section_numbers(table.table(part, _keys(part)), part, kind)
-    check_drive(problems, f"{path}.drive", joint["ell"], joint["theta_err_amplitude"])
-    check_friction(problems, f"{path}.friction", joint["f_c"], joint["f_s"])
+    check_conditions(problems, path, (CONTRACTION, STATIC_FRICTION), joint)
     for option in JOINT_OPTIONS:
-        if options[option]:
-            check_option(problems, f"{path}.{option}", OPTIONS[option], joint)
+        if not options[option]:
+            continue
+        for name in OPTIONS[option].revolute_only:
+            if kind == "prismatic" and joint[name] != 0.0:
+                key = f"{path}.{option}.{name}"
+                problems.add(key, "0 at a prismatic joint", f"{joint[name]:g}", "Its law is that of a turn.")
+        check_conditions(problems, path, OPTIONS[option].conditions, joint)
     return joint
 
 

@@ -6,6 +6,7 @@ Beside those of the shipped systems there are control laws in `laws` and observe
 from __future__ import annotations
 
 import os
+import re
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
@@ -55,7 +56,7 @@ def find_unit(name: str | os.PathLike[str]) -> type[Unit]:
     Raises
     ------
     UsageError
-        If there is none of the name.
+        If no unit has the name.
     UnitError
         If the file fails or declares a unit wrongly; with file and line.
     """
@@ -63,13 +64,14 @@ def find_unit(name: str | os.PathLike[str]) -> type[Unit]:
     shipped = package_units()
     if text in shipped:
         return shipped[text]
-    file, _, wanted = text.partition(":") if not Path(text).is_file() else (text, "", "")
-    if not file.endswith(".py"):
+    of_file = re.fullmatch(r"(.*\.py)(?::(.*))?", text)
+    if not of_file:
         added = PLUGINS.get(text)
         if added is not None:
             return added
         names = ", ".join(known_units())
         raise UsageError(f"There is no unit {text!r}. There are: {names}, and files: my_unit.py, or my_units.py:Name.")
+    file, wanted = of_file.groups()
     units = load_units(Path(file))
     classes = {unit.__name__: unit for unit in units.values()}
     if wanted:

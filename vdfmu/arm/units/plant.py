@@ -8,7 +8,6 @@ import numpy as np
 
 from vdfmu.arm.drive.options import OPTIONS
 from vdfmu.arm.equations.plant import (
-    BasePose,
     balance,
     base_load,
     equilibrium_torque,
@@ -183,12 +182,12 @@ class Plant(Unit):
     def outputs(self) -> None:
         """Calculate the outputs of the plant in addition to its state."""
         robot, x = self.robot, self._x()
-        base = BasePose(self.p_S, self.R_S, self.V_S) if robot.moving_base else BasePose()
-        self.kappa, self.p_O, self.R_O, self.E_kin, self.E_pot, self.E_spring = plant_outputs(robot, x, base)
+        base = (self.p_S, Base(self.R_S, self.V_S)) if robot.moving_base else ()
+        self.kappa, self.p_O, self.R_O, self.E_kin, self.E_pot, self.E_spring = plant_outputs(robot, x, *base)
         if robot.coupled_tool:
             V_O, self.A_O = tool_motion(robot, x, self.tau, self.F_e, self._ends())
             if robot.moving_base:
-                V_O = V_O + np.concatenate([self.R_O.T @ (base.R_S @ base.V_S[:3]), np.zeros(3)])
+                V_O = V_O + np.concatenate([self.R_O.T @ (self.R_S @ self.V_S[:3]), np.zeros(3)])
             self.V_O = V_O
         if robot.moving_base:
             self.M_S, self.F_S0 = base_load(robot, x, self.tau, self.F_e, self._ends())

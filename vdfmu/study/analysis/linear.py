@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.arm.drive.options import OPTIONS
-from vdfmu.arm.equations.friction import dry_friction
+from vdfmu.arm.drive.options import OPTIONS, dry_friction
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError

@@ -7,9 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from vdfmu.arm.robot.load import load_robot
 from vdfmu.arm.robot.robot import Robot
-from vdfmu.arm.robot.robot_file import robot_from_dict
+from vdfmu.arm.robot.robot_file import load_robot, robot_from_dict
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.base.toml_file import locate, read_toml, toml_names
 from vdfmu.base.toml_tables import Problems

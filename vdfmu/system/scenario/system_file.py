@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
 
-from vdfmu.arm.robot.load import load_robot
+from vdfmu.arm.robot import load_robot
 from vdfmu.arm.robot.robot import ENDS, Robot
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.base.once import cached_per_command

@@ -21,16 +21,6 @@ from vdfmu.compiler.unit import Choice, Input, Output, Parameter, State, Switch,
 
 D = TypeVar("D", Input, Output, Parameter, State)
 E = TypeVar("E", Input, Output)
-_STARTS: dict[str, Any] = {
-    "gravity": [0.0, 0.0, 9.81], "rotation": np.eye(3), "inertia": 0.1 * np.eye(3), "mass": 1.0, "ell": 100.0,
-    "I_m": 1e-3, "K_f0": 1e4, "c_f": 1e-3, "K_w0": 1.0, "c_w": 10.0, "v_s": 0.1, "q_min": -1e6, "q_max": 1e6,
-    "stop_stiffness": 1.0, "tau_stall": 1e9, "kappa_dot_max": 1e9, "full_speed": 0.9, "D_cb": 1.0, "L_cb": 1.0,
-    "tau_gap": 1.0,
-}  # fmt: skip
-"""Start values of parameters that robots must give; those of the others are their defaults, or 0.
-
-With these, an option of the drive changes no number to the bit: end stops are out of reach, a force is 0.
-"""
 STATELESS: tuple[OptionName, ...] = tuple(name for name, option in OPTIONS.items() if option.state is None)
 """Options of the drive that every joint has."""
 JOINT: tuple[Section, ...] = ("joint", "drive", "friction", *STATELESS)
@@ -44,7 +34,7 @@ def numbers(*sections: Section, names: tuple[str, ...] = (), joint_type: str = "
     return {
         row.name: Parameter(
             row.unit(joint_type), row.shape, row.description[0].upper() + row.description[1:],
-            start=_STARTS.get(row.name, 0.0 if row.default is None else row.default),
+            start=next((one for one in (row.start, row.default) if one is not None), 0.0),
             minimum=row.smallest, maximum=row.largest,
         )
         for row in PARAMETERS.values()

@@ -1,4 +1,4 @@
-"""The law of (2)-(3) and its options fitted to what catalogues of strain-wave gears print.
+"""The law of (2)-(3) fitted to what catalogues of strain-wave gears print.
 
 A catalogue prints three stiffnesses, K_1 up to the torque T_1, K_2 up to T_2 and K_3 beyond: a torsion of three
 straight pieces, measured with the wave generator held. The fit is that of the deformation D: least squares of the
@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.drive.torque_estimate import torque_of_deformation
 from vdfmu.arm.equations.harmonic_drive import deformation
 
 _POINTS, _PASSES = 60, 200
@@ -29,6 +28,8 @@ def catalogue_torsion(torque: Any, K: Any, T: Any) -> Any:
 
 def fit_spring(ratio: float, K: Any, T: Any, largest: float) -> tuple[dict[str, float], float]:
     """Fit the parameters of (2)-(3): Levenberg's method in their logarithms, which keeps them positive.
+
+    scipy's methods with bounds end in another minimum for two gears of the catalogue.
 
     Parameters
     ----------
@@ -63,31 +64,3 @@ def fit_spring(ratio: float, K: Any, T: Any, largest: float) -> tuple[dict[str, 
         else:
             damping *= 4.0
     return dict(zip(_NAMES, map(float, np.exp(x)), strict=True)), float(np.abs(r).max() * wanted[-1])
-
-
-def fit_hysteresis(ratio: float, spring: dict[str, float], K_1: float, loss: float) -> dict[str, float]:
-    """Return the hysteresis element of a gear with a loss [rad], the width of its loop at zero torque.
-
-    Where the torque has turned back, the springs carry what the element holds: ``D(f_h) = loss / 2``. The element is
-    as stiff as the gear at rest, so that it slips long before the rated torque.
-    """
-    drive = SimpleNamespace(ell=ratio, **spring)
-    f_h = torque_of_deformation(drive, np.array([0.5 * loss]), np.array([1e9]))
-    return {"K_h": K_1, "f_h": float(f_h[0])}
-
-
-def fit_friction(ratio: float, starting: float, running: float, speed: float) -> dict[str, float]:
-    """Return the friction without load: Coulomb friction that of the start, the rest viscous; without Stribeck effect.
-
-    Parameters
-    ----------
-    starting, running : float [N m], motor-side
-        Torque without load, at the start and at `speed` [rad/s] of the motor.
-    """
-    f_c = ratio * starting
-    return {"f_c": f_c, "f_s": f_c, "f_v": ratio**2 * (running - starting) / speed, "v_s": 1.0, "f_ck": 0.0}
-
-
-def fit_load_loss(ratio: float, rated: float, efficiency: float, running: float) -> dict[str, float]:
-    """Return what grows with the load of the losses at rated torque; `running` as of :func:`fit_friction`."""
-    return {"mu_l": max(0.0, 1.0 / efficiency - 1.0 - ratio * running / rated)}
