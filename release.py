@@ -25,7 +25,6 @@ from vdfmu.base.once import one_job
 from vdfmu.base.standards import FMI_3, FMI_VERSIONS
 from vdfmu.base.version import __version__
 from vdfmu.compiler.c.platforms import COMPONENT, PLATFORMS
-from vdfmu.compiler.c.programs import compiler_version
 from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.run.package import write_reference
 from vdfmu.system.scenario import Scenario
@@ -48,7 +47,8 @@ Serial manipulators with flexible joints as FMUs, for tools of FMI and SSP. The 
 | --- | --- |
 | `ARM/fmi2.0/UNIT.fmu`, `ARM/fmi3.0/UNIT.fmu` | a unit of an arm in FMI 2.0, with scalars, and 3.0, with arrays |
 | `ARM/reference/` | the system of an arm as SSP 1.0 and 2.0, its results, a script that compares yours, a README |
-| `vdfmu-{version}-py3-none-any.whl` | the Python package: `pip install "vdfmu-{version}-py3-none-any.whl[native]"` |
+| `vdfmu-{version}-py3-none-any.whl` | the Python package |
+| `constraints.txt` | versions of other packages that it was tested with |
 | `vdfmu-{version}.tar.gz`, `recipe.yaml` | all sources, with tests and documentation; the recipe of the conda package |
 | `sbom.cdx.json` | what is installed with the package, as CycloneDX |
 | `SHA256SUMS` | the digest of each file: `sha256sum -c SHA256SUMS` |
@@ -66,8 +66,14 @@ of the arm's first motion: Trajectory, Feedforward, PDController and Plant move 
 inputs of the same name, with a step of 1 ms. The packages in `reference/` are that system; its tables of results are
 what your tool should give.
 
-`vdfmu verify ARM/fmi2.0/Plant.fmu` builds an FMU again, and says whether it is the same to the bit. It needs this
-version of vdfmu and {compiler}.
+## Is an FMU what its sources make?
+
+```sh
+pip install -c constraints.txt "vdfmu-{version}-py3-none-any.whl[native,wasm]"
+vdfmu verify ARM/fmi2.0/Plant.fmu
+```
+
+builds the FMU again, without the cache, and names each file that is not the same to the bit.
 
 | unit | what |
 | --- | --- |
@@ -140,13 +146,13 @@ def _write_texts(out: Path, arms: Sequence[str], platforms: Sequence[str]) -> No
     robots = [load_robot(name) for name in arms]
     readme = README.format(
         version=__version__,
-        compiler=compiler_version(),
         platforms=", ".join(f"`{name}`" for name in platforms),
         units="\n".join(f"| {unit.__name__} | {unit.description()} |" for unit in shipped_units().values()),
         arms="\n".join(f"| {robot.name} | {robot.n} | {robot.description} |" for robot in robots),
     )
     (out / "README.md").write_text(readme, encoding="utf-8")
-    shutil.copyfile(ROOT / "LICENSE", out / "LICENSE")
+    for name in ("LICENSE", "constraints.txt"):
+        shutil.copyfile(ROOT / name, out / name)
     digest = sha256((out / SDIST).read_bytes()).hexdigest()
     recipe = (ROOT / "conda" / "recipe.yaml").read_text(encoding="utf-8")
     (out / "recipe.yaml").write_text(recipe.replace(*RECIPE_SOURCE).replace("DIGEST", digest), encoding="utf-8")
