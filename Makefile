@@ -38,9 +38,9 @@ lint: $(VENV)/test $(VENV)/dev  ## ruff and pyright
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
-sbom: $(VENV)/demo $(VENV)/supply  ## write dist/sbom.cdx.json: what is installed with vdfmu, as CycloneDX
+sbom: $(VENV)/listed $(VENV)/supply  ## write dist/sbom.cdx.json: what is installed with vdfmu[native], as CycloneDX
 	mkdir -p dist
-	$(VENV)/tools/bin/cyclonedx-py environment $(BIN)/python --pyproject pyproject.toml --output-reproducible \
+	$(VENV)/tools/bin/cyclonedx-py environment $(VENV)/user/bin/python --pyproject pyproject.toml --output-reproducible \
 		--output-format JSON --output-file dist/sbom.cdx.json
 
 # A known vulnerability fails; a service that cannot be reached does not, and is said.
@@ -78,6 +78,12 @@ $(VENV)/test $(VENV)/docs $(VENV)/dev: EXTRA = $(@F)
 $(VENV)/demo $(VENV)/test $(VENV)/docs $(VENV)/dev: $(VENV)/python pyproject.toml $(wildcard requirements/*.txt)
 	$(BIN)/python $(PIP_INSTALL) --require-hashes -r requirements/$(EXTRA).txt
 	$(BIN)/python $(PIP_INSTALL) --no-deps --no-build-isolation -e .
+	touch $@
+
+# An environment of its own: $(VENV) may have the packages of the tests too.
+$(VENV)/listed: $(VENV)/python requirements/base.txt requirements/native.txt
+	$(PYTHON) -m venv $(VENV)/user
+	$(VENV)/user/bin/python $(PIP_INSTALL) --require-hashes -r requirements/native.txt
 	touch $@
 
 $(VENV)/supply: $(VENV)/python requirements/supply.txt

@@ -21,21 +21,19 @@ from pathlib import Path
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot, robot_names
 from vdfmu.arm.units import shipped_units
+from vdfmu.base.once import one_job
 from vdfmu.base.standards import FMI_3, FMI_VERSIONS
 from vdfmu.base.version import __version__
 from vdfmu.compiler.c.platforms import COMPONENT, PLATFORMS
-from vdfmu.compiler.c.programs import compiler_version
 from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.run.reference_folder import write_reference
+from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.values import system_values
 
 ROOT = Path(__file__).parent
 SBOM = ROOT / "dist" / "sbom.cdx.json"
 SDIST = f"vdfmu-{__version__}.tar.gz"
-RECIPE_SOURCE = (
-    "  path: ..\n",
-    f"  url: https://an.index/packages/source/v/vdfmu/{SDIST}\n  sha256: DIGEST\n",
-)
+RECIPE_SOURCE = ("  path: ..\n", f"  url: https://an.index/packages/source/v/vdfmu/{SDIST}\n  sha256: DIGEST\n")
 """Source in the recipe of the tree, and in that of a release: the address and the digest of its sdist."""
 EPOCH = "1577836800"
 """Date of the files in archives where SOURCE_DATE_EPOCH says none: 1 January 2020, as of hatchling."""
@@ -43,27 +41,39 @@ EPOCH = "1577836800"
 README = """\
 # vdfmu {version}
 
-Serial manipulators with flexible joints as FMUs, for tools of FMI and SSP. The FMUs need neither Python nor anything else.
+Serial manipulators with flexible joints as FMUs, for tools of FMI and SSP. The FMUs need no Python.
 
 | file | what |
 | --- | --- |
 | `ARM/fmi2.0/UNIT.fmu`, `ARM/fmi3.0/UNIT.fmu` | a unit of an arm in FMI 2.0, with scalars, and 3.0, with arrays |
-| `ARM/reference/` | the whole system of an arm as SSP 1.0 and 2.0, its results, and a script that compares yours: README.md there |
-| `vdfmu-{version}-py3-none-any.whl`, `vdfmu-{version}.tar.gz` | the Python package, and all sources: `pip install "vdfmu-{version}-py3-none-any.whl[native]"` |
-| `recipe.yaml` | the recipe of the conda package |
+| `ARM/reference/` | the system of an arm as SSP 1.0 and 2.0, its results, a script that compares yours, a README |
+| `vdfmu-{version}-py3-none-any.whl` | the Python package |
+| `constraints.txt` | versions of other packages that it was tested with |
+| `vdfmu-{version}.tar.gz`, `recipe.yaml` | all sources, with tests and documentation; the recipe of the conda package |
 | `sbom.cdx.json` | what is installed with the package, as CycloneDX |
 | `SHA256SUMS` | the digest of each file: `sha256sum -c SHA256SUMS` |
 | `LICENSE` | MIT; an FMU has its own, with the compiler's, in `documentation/licenses` |
 
 ## To import an FMU
 
-Take FMI 2.0, unless your tool knows the arrays of FMI 3.0. A file has the libraries of all its platforms: {platforms}. Units are in SI, angles in rad. An FMU is a zip file: `documentation/index.html` in it has its
-equations and variables, `sources/` its C for other platforms, `extra/org.fmi-standard.fmi-ls-ref/` an experiment with its results.
+Take FMI 2.0, unless your tool knows the arrays of FMI 3.0. One file has the libraries of all platforms:
+{platforms}. Units are SI, angles in rad.
+An FMU is a zip file: in it are `documentation/index.html`, equations and variables; `sources/`, C for other platforms;
+`extra/org.fmi-standard.fmi-ls-ref/`, an experiment and its results.
 
-Plant.fmu is for co-simulation and model exchange; its input `tau` is the torque of the motors. Start values are those of the arm's first motion, so that Trajectory, Feedforward, PDController and Plant move the arm as they are: connect outputs to inputs of the same name,
-with a step of 1 ms. The packages in `reference/` are that system, connected, and its tables of results are what your tool should give.
+Plant.fmu is for co-simulation and model exchange; its input `tau` is the torque of the motors. Start values are those
+of the arm's first motion: Trajectory, Feedforward, PDController and Plant move the arm as they are. Connect outputs to
+inputs of the same name, with a step of 1 ms. The packages in `reference/` are that system; its tables of results are
+what your tool should give.
 
-`vdfmu verify ARM/fmi2.0/Plant.fmu`, with this version of vdfmu and {compiler}, builds an FMU again and says whether it is the same to the bit.
+## Is an FMU what its sources make?
+
+```sh
+pip install -c constraints.txt "vdfmu-{version}-py3-none-any.whl[native,wasm]"
+vdfmu verify ARM/fmi2.0/Plant.fmu
+```
+
+builds the FMU again, without the cache, and names each file that is not the same to the bit.
 
 | unit | what |
 | --- | --- |
@@ -111,19 +121,24 @@ def make(out: Path, arms: Sequence[str], platforms: Sequence[str]) -> None:
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-t", "sdist", "-d", str(out.absolute())]
     subprocess.run(build, cwd=ROOT, env=environment, check=True)
     for name in arms:
-        scenario = reach_scenario(name)
-        values = system_values(scenario, {})
-        for version in FMI_VERSIONS:
-            fitting = [each for each in platforms if each != COMPONENT or version == FMI_3.name]
-            build_fmus(
-                load_robot(name), out / name / f"fmi{version}", start_values=values, fmi_version=version,
-                platforms=fitting, progress=True,
-            )  # fmt: skip
-        write_reference(scenario, out / name / "reference", values)
+        with one_job():
+            _write_arm(reach_scenario(name), out / name, platforms)
     _write_texts(out, arms, platforms)
     files = sorted(path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file())
     sums = (f"{sha256((out / name).read_bytes()).hexdigest()}  {name}\n" for name in files)
     (out / "SHA256SUMS").write_text("".join(sums), encoding="utf-8")
+
+
+def _write_arm(scenario: Scenario, folder: Path, platforms: Sequence[str]) -> None:
+    """Write the FMUs of an arm with the values of a motion, the packages that move it, and what comes of it."""
+    values = system_values(scenario, {})
+    for version in FMI_VERSIONS:
+        fitting = [name for name in platforms if name != COMPONENT or version == FMI_3.name]
+        build_fmus(
+            scenario.robot, folder / f"fmi{version}", start_values=values, fmi_version=version, platforms=fitting,
+            progress=True,
+        )  # fmt: skip
+    write_reference(scenario, folder / "reference", values)
 
 
 def _write_texts(out: Path, arms: Sequence[str], platforms: Sequence[str]) -> None:
@@ -131,13 +146,13 @@ def _write_texts(out: Path, arms: Sequence[str], platforms: Sequence[str]) -> No
     robots = [load_robot(name) for name in arms]
     readme = README.format(
         version=__version__,
-        compiler=compiler_version(),
         platforms=", ".join(f"`{name}`" for name in platforms),
         units="\n".join(f"| {unit.__name__} | {unit.description()} |" for unit in shipped_units().values()),
         arms="\n".join(f"| {robot.name} | {robot.n} | {robot.description} |" for robot in robots),
     )
     (out / "README.md").write_text(readme, encoding="utf-8")
-    shutil.copyfile(ROOT / "LICENSE", out / "LICENSE")
+    for name in ("LICENSE", "constraints.txt"):
+        shutil.copyfile(ROOT / name, out / name)
     digest = sha256((out / SDIST).read_bytes()).hexdigest()
     recipe = (ROOT / "conda" / "recipe.yaml").read_text(encoding="utf-8")
     (out / "recipe.yaml").write_text(recipe.replace(*RECIPE_SOURCE).replace("DIGEST", digest), encoding="utf-8")
