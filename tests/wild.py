@@ -8,6 +8,8 @@ from pathlib import Path
 
 import fmpy
 
+from tests.cc import CC
+
 XML = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="Wild" guid="{{wild {0} {1}}}">
   <CoSimulation modelIdentifier="wild" canHandleVariableCommunicationStepSize="true" canGetAndSetFMUstate="true"/>
@@ -29,7 +31,7 @@ def build(folder: Path, name: str = "wild") -> Path:
     headers = Path(fmpy.__file__).parent / "c-code"
     flags = ["-std=c11", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", f"-I{headers}"]
     source = Path(__file__).parent / "engine" / f"{name}.c"
-    subprocess.run(["cc", *flags, "-o", path, source, "-lm"], check=True)
+    subprocess.run([*CC, *flags, "-o", path, source, "-lm"], check=True)
     return path
 
 

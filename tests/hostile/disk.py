@@ -20,6 +20,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from tests.cc import CC
 from tests.hostile.commands import PATIENCE, workshop
 from tests.hostile.jobs import JOBS, begin, differing, files, require_nothing_left, require_whole
 from tests.hostile.table import Corpus
@@ -42,7 +43,7 @@ class Disk:
         (self.home / "user").mkdir()
         library, plan = self.home / "disk.so", self.home / "plan"
         subprocess.run(
-            ["gcc", "-shared", "-fPIC", "-O2", "-o", library, Path(__file__).with_name("disk.c")], check=True
+            [*CC, "-shared", "-fPIC", "-O2", "-o", library, Path(__file__).with_name("disk.c")], check=True
         )
         plan.write_bytes(bytes(_PLAN.size))
         with plan.open("r+b") as file:

@@ -9,6 +9,7 @@ from pathlib import Path
 import fmpy
 import pytest
 
+from tests.cc import CC
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
 from vdfmu.base.files import pack_zip
@@ -48,7 +49,7 @@ def unit(tmp_path: Path):
             f"__attribute__((constructor)) static void run(void) {{ {code} }}\n"
         )
         library = tmp_path / f"bad{fmpy.sharedLibraryExtension}"
-        subprocess.run(["cc", "-shared", "-fPIC", "-o", library, source], check=True)
+        subprocess.run([*CC, "-shared", "-fPIC", "-o", library, source], check=True)
         path = tmp_path / "Bad.fmu"
         with zipfile.ZipFile(path, "w") as archive:
             archive.writestr("modelDescription.xml", xml)

@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from tests.cc import CC
 from vdfmu.compiler.c.counterparts import Trace
 from vdfmu.compiler.c.expressions import EXPRESSIONS, c_prototype, slopes
 from vdfmu.compiler.c.functions import c_texts
@@ -59,7 +60,7 @@ def results_of(text, function, given, tmp_path, name="kernel", level="-O1"):
         (tmp_path / file).write_text(other)
     sources = [source, *([tmp_path / "operations.c"] if "Operations" in text else [])]
     flags = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Werror", level, "-ffp-contract=off", "-shared", "-fPIC"]
-    subprocess.run(["cc", *flags, "-o", library, *sources, "-lm"], check=True)
+    subprocess.run([*CC, *flags, "-o", library, *sources, "-lm"], check=True)
     made = [np.full(function.numel_out(i), np.nan) for i in range(function.n_out())]
     arguments = [a.ctypes.data_as(ctypes.c_void_p) for a in (*given, *made)]
     called = ctypes.CDLL(str(library))[function.name()]

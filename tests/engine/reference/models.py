@@ -14,6 +14,8 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 
 import fmpy
 
+from tests.cc import CC
+
 HERE = Path(__file__).parent
 HEADERS = Path(fmpy.__file__).parent / "c-code"
 INTEGERS = tuple(f"{sign}Int{bits}" for bits in (8, 16, 32, 64) for sign in ("", "U"))
@@ -222,7 +224,7 @@ def build(model: Model, version: str, folder: Path) -> Path:
              "-Wno-nonnull", "-shared", "-fPIC",
              "-ffp-contract=off", f"-DFMI={version[0]}", f"-I{HEADERS}", f"-I{work}"]  # fmt: skip
     sources = [HERE / "layer.c", HERE / "stubs.c"]
-    subprocess.run(["cc", *flags, "-o", library, *sources, "-lm"], check=True)
+    subprocess.run([*CC, *flags, "-o", library, *sources, "-lm"], check=True)
     root = description_2(model) if version == "2.0" else description_3(model)
     platform = fmpy.platform if version == "2.0" else fmpy.platform_tuple
     path = folder / f"{model.name}_{version[0]}.fmu"

@@ -1,0 +1,7 @@
+"""The C compiler of what tests compile for this machine: the system's, else the one that makes native FMUs."""
+
+import shutil
+
+from vdfmu.compiler.c.programs import zig
+
+CC = ["cc"] if shutil.which("cc") else [zig(), "cc", "-fno-sanitize=undefined"]
