@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from vdfmu.engine.run.master import simulate
 
 from benchmarks import importers
 from benchmarks.importers import ImporterError, ask, ask_rows
@@ -25,6 +24,7 @@ from vdfmu.arm.units import shipped_units
 from vdfmu.base.errors import VdfmuError
 from vdfmu.engine.container import write_container
 from vdfmu.engine.package.read import load_ssp
+from vdfmu.engine.run.simulator import simulate
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.reference.reference import reference

@@ -18,12 +18,12 @@ import fmpy
 import numpy as np
 from fmpy.fmi2 import FMU2Slave
 from numpy.typing import NDArray
-from vdfmu.engine.run.master import simulate
 
 from benchmarks import masters_worker
 from benchmarks.interop import Tracking
 from vdfmu.arm.units import shipped_units
 from vdfmu.engine.package.read import load_ssp
+from vdfmu.engine.run.simulator import simulate
 
 ORDER = ("feedforward", "controller", "plant", "trajectory")
 """The order of this project's gauss-seidel."""

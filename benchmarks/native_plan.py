@@ -20,12 +20,13 @@ from vdfmu.base.files import pack_zip
 from vdfmu.compiler.c.compile import compile_library
 from vdfmu.compiler.c.platforms import PLATFORMS, this_platform
 from vdfmu.engine.fmu.instance import Instance
-from vdfmu.engine.masters.exchange import Call, Exchange, SampledStepper
+from vdfmu.engine.masters.exchange import Call, Exchange
+from vdfmu.engine.masters.sampled import SampledStepper
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import Component, System
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.run.isolated import Limits
-from vdfmu.engine.run.session import Run
+from vdfmu.engine.run.one_run import Run
 
 _COPY, _TRANSFER, _DO_STEP = range(3)
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
 
+from tests.engine.files import check_file
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import UnitError
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.engine.inspect.inspection import check_file
 from vdfmu.unit import Derivative, Input, Output, Parameter, State, Unit
 
 
