@@ -52,7 +52,7 @@ def test_start_values_that_are_not_met_are_refused_by_the_build(tmp_path):
         )
 
 
-class _Early(Unit):
+class Early(Unit):
     """A unit whose requirements read what has no value yet."""
 
     u = Input("1", text="input")
@@ -66,7 +66,7 @@ class _Early(Unit):
 
 @pytest.mark.parametrize("name", ["u", "mode"])
 def test_what_is_no_parameter_is_not_required(name):
-    unit = type("Early", (_Early,), {"requirements": lambda self: {"k": ("more", getattr(self, name))}})
+    unit = type("Early", (Early,), {"requirements": lambda self: {"k": ("more", getattr(self, name))}})
     with pytest.raises(UnitError, match=f"requirements.* {name} is not a parameter with numbers"):
         traced_requirements(Interface(unit, None))
 
@@ -83,7 +83,7 @@ def test_what_is_no_parameter_is_not_required(name):
     ],
 )
 def test_requirements_of_another_form_are_told_with_what_is_expected(returned, got):
-    unit = type("Early", (_Early,), {"requirements": lambda self: returned})
+    unit = type("Early", (Early,), {"requirements": lambda self: returned})
     words = f"requirements.. of Early: expected a parameter's name to what is expected of it and one number.*got {got}"
     with pytest.raises(UnitError, match=words):
         traced_requirements(Interface(unit, None))

@@ -10,7 +10,7 @@ from tests.conftest import heavy
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear, held
-from vdfmu.engine.inspect.loops import Loop
+from vdfmu.engine.inspect.loops import Loop, _margins
 from vdfmu.study.analysis.margins import ArmLoops
 from vdfmu.unit import Output, Unit
 
@@ -144,7 +144,7 @@ def _rows(scenario, settings, master, folder):
     return np.hstack([found[group] for group in groups])
 
 
-class _Plain(Unit):
+class Plain(Unit):
     """A unit that cannot be traced."""
 
     backend = "python"
@@ -155,5 +155,14 @@ class _Plain(Unit):
 
 
 def test_what_cannot_be_traced_cannot_be_linearised():
-    with pytest.raises(UsageError, match="_Plain: what cannot be traced has no derivatives"):
-        _Plain().linearize()
+    with pytest.raises(UsageError, match="Plain: what cannot be traced has no derivatives"):
+        Plain().linearize()
+
+
+def test_a_loop_that_is_zero_at_a_frequency_has_the_margins_of_its_other_frequencies():
+    w = np.geomspace(0.1, 10.0, 200)
+    loop = 4.0 / (1.0 + 1j * w[:, None]) ** 3
+    cut = loop.copy()
+    cut[-1] = 0.0  # beyond all crossings
+    with np.errstate(all="raise"):
+        np.testing.assert_array_equal(_margins(cut, w), _margins(loop, w))

@@ -386,12 +386,12 @@ def _margins(L: Any, w: Floats) -> Floats:
     for i, loop in enumerate(L.T):
         if not loop.any():  # nothing comes back
             continue
-        size = np.log(np.abs(loop))
+        size = np.log(np.maximum(np.abs(loop), np.finfo(float).tiny))  # of none the log is -708
         left = np.angle(-loop)  # the lag left until -1
         if loop[-1].real < 0.0:  # at half the sampling frequency a loop is real
             left[-1] = 0.0
-        change = np.angle(loop[1:] / loop[:-1])
-        turn = np.flatnonzero((left[1:] * left[:-1] <= 0.0) & (np.abs(left[:-1]) < np.pi / 2.0))
+        change = np.angle(loop[1:] * loop[:-1].conj())
+        turn = np.flatnonzero((left[1:] * left[:-1] <= 0.0) & (np.abs(left[:-1]) < np.pi / 2.0) & (change != 0.0))
         share = np.clip(-left[turn] / change[turn], 0.0, 1.0)
         gains = -(size[turn] + share * (size[turn + 1] - size[turn]))
         found[1, i] = np.exp(gains[gains > 0.0].min(initial=np.inf))
