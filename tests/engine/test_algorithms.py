@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vdfmu.engine.plan.schedule import topological
+from vdfmu.engine.plan.graph import topological
 from vdfmu.engine.run import simulate
 
 H, G, K = 0.125, 0.75, 1.5  # K is that of `loop`

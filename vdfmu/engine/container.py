@@ -33,8 +33,8 @@ from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import System
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.graph import cycles, topological
 from vdfmu.engine.plan.link import Link
-from vdfmu.engine.plan.schedule import cycles, topological
 
 
 def write_container(system: System | str | os.PathLike[str], path: str | os.PathLike[str], *, step: float) -> Path:
