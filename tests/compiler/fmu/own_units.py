@@ -118,6 +118,8 @@ class Words(Unit):
     p = Parameter("N.s/m", text="damping", start=0.4, minimum=0.0, tunable=True)
     t_0 = Parameter("kg", text="mass", start=0.5, minimum=1e-3)
     double = Parameter("N/m", text="stiffness", start=3.0)
+    v0 = Parameter("m/s", text="speed of the ground", start=0.0)
+    factors = Parameter("m/s", text="another speed", start=0.0)
     x = State("m", text="position")
     h = State("m/s", text="speed")
     x_dot = Derivative(x)
@@ -133,7 +135,7 @@ class Words(Unit):
         self.norm = self.w1 + self.y + self.d_x
 
     def derivatives(self) -> None:
-        self.x_dot = self.h
+        self.x_dot = self.h + self.v0 + self.factors
         self.h_dot = (self.w1 + self.y + self.d_x - self.p * self.h - self.double * self.x) / self.t_0
 
 

@@ -152,6 +152,12 @@ def test_a_recursion_whose_end_alone_is_a_result_is_one_loop(tmp_path):
     assert text.count("for (int i") == 1
 
 
+def test_arguments_may_be_called_as_what_loops_count_with(tmp_path):
+    i, r = ca.SX.sym("i", N), ca.SX.sym("r", N)
+    function = ca.Function("counted", [i, r], [ca.sin(i) * r + ca.cos(r * i)], ["i", "r"], ["z"])
+    assert "for (int i" in check_bits(function, find_loops(function, N), tmp_path)
+
+
 def test_every_operation_is_in_one_series():
     trace = Trace(recursion(seed=3))
     layout = find_series(trace, N, 1, trace.digests(0))

@@ -41,7 +41,7 @@ class Elementwise(Unit):
 
     u = Input("1", 3)
     y = Output("1", (10, 3))
-    z = Output("1", 8)
+    z = Output("1", 10)
 
     def outputs(self) -> None:
         u, a = self.u, self.u[0]
@@ -52,7 +52,7 @@ class Elementwise(Unit):
         ])  # fmt: skip
         self.z = [
             where(a > 0.0, a, 2.0 * a), minimum(a, 1.0), maximum(0.0, a), clip(a, 0.0, 1.0), sgn(+a), abs(a),
-            np.any(u > 2.0), np.all(u < 2.0),
+            np.any(u > 2.0), np.all(u < 2.0), np.clip(a, None, 0.5), np.clip(u, -0.5, None)[1],
         ]  # fmt: skip
 
 

@@ -18,6 +18,8 @@ from vdfmu.compiler.c.loops import Loops, Operand, Pass, Segment
 STACK = 32_768
 """Numbers of the memory from which it is not on the stack, which threads have 512 kB of on some systems."""
 
+_INDEX = re.compile(r"\b([ir])\b")
+"""What the loops count with: arguments of these names have others in the definition."""
 _OPERAND = re.compile(r"{(\d)}")
 _WORDS = 16
 """Words of an expression from which it has a line of its own; digits would grow with the joints."""
@@ -34,10 +36,11 @@ class _Text:
     def __init__(self, loops: Loops) -> None:
         self.loops, self.series = loops, loops.series
         function = loops.trace.function
-        self._prototype = c_prototype(function)
+        self._prototype = _INDEX.sub(r"own_\1", c_prototype(function))
         self._name_of_all, _, arguments = self._prototype.removeprefix("void ").partition("(")
         self._arguments = arguments.removesuffix(")").split(", ")
-        self.given, self.made = function.name_in(), function.name_out()
+        self.given = [_INDEX.sub(r"own_\1", name) for name in function.name_in()]
+        self.made = function.name_out()
         self._reserve()
         self._read = Counter(
             segment.operands[int(k)].series

@@ -26,8 +26,9 @@ def sgn(x: Any) -> Any:
 
 
 def clip(x: Any, low: Any, high: Any) -> Any:
-    """Limit every element of `x` to [`low`, `high`]."""
-    return minimum(maximum(x, low), high)
+    """Limit every element of `x` to [`low`, `high`]; None is no limit, as in numpy."""
+    x = x if low is None else maximum(x, low)
+    return x if high is None else minimum(x, high)
 
 
 def where(condition: Any, a: Any, b: Any) -> Any:

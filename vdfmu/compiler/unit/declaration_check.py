@@ -12,6 +12,7 @@ from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.base.measure import unit_of
 from vdfmu.compiler.unit.base import ABOUT, BaseUnit
 from vdfmu.compiler.unit.declaration import (
+    JOINTS,
     SOLVERS,
     Choice,
     Declared,
@@ -127,7 +128,8 @@ def _of_variable(unit: type[BaseUnit], declared: Declared, robot: Machine | None
         yield f"{name}: expected two or more different choices, got {declared.choices}"
     if isinstance(declared, (Choice, Switch)):
         return
-    if not all(axis == "JOINTS" or (isinstance(axis, int) and axis > 0) for axis in _axes(declared)):
+    axes: tuple[object, ...] = declared.shape
+    if not all(axis is JOINTS or (isinstance(axis, int) and axis > 0) for axis in axes):
         yield f"{name}: expected a shape of positive integers and JOINTS, got {declared.shape}"
         return
     sizes = declared.sizes(robot.n if robot is not None else 0)
@@ -152,10 +154,6 @@ def _of_variable(unit: type[BaseUnit], declared: Declared, robot: Machine | None
 def _texts(value: object) -> bool:
     """Whether a value is a sequence of texts."""
     return isinstance(value, Sequence) and all(isinstance(one, str) for one in cast("Sequence[object]", value))
-
-
-def _axes(declared: Declared) -> list[object]:
-    return [axis if isinstance(axis, int) else repr(axis) for axis in declared.shape]
 
 
 def _of_start(declared: Declared, robot: Machine | None, sizes: tuple[int, ...]) -> Iterator[str]:

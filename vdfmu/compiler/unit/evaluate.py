@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,14 @@ from vdfmu.compiler.unit.declaration import PHASES, Choice, Declared, Derivative
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.program import Call
 from vdfmu.compiler.unit.trace import argument_name, run
+
+Conditions = list[tuple[Floats, float]]
+"""Choices in the memory of a unit, and the values with which something holds."""
+
+
+def holds(conditions: Conditions) -> bool:
+    """Whether the choices have these values."""
+    return all(choice[0] == value for choice, value in conditions)
 
 
 class Evaluation:
@@ -41,7 +49,6 @@ class Evaluation:
         self.interface = interface
         self.memory = memory = interface.memory_of({}) if memory is None else memory
         self.x, self.x_dot = memory[interface.states], memory[interface.derivatives]
-        self._left: list[tuple[Call, KernelFunction]] | None = None
 
     def group(self, name: str) -> Floats:
         """Values of a group, in place."""
@@ -65,16 +72,18 @@ class Evaluation:
 
     def left(self, t: float) -> float:
         """Return the time [s] until the derivatives switch by time, with the inputs held; inf where they do not."""
-        if self._left is None:
-            calls = self.interface.program.left if self.switches else ()
-            self._left = [(call, self.bound(call.function)) for call in calls]
         self.memory[-1] = t
         found = math.inf
-        for call, function in self._left:
-            if self.takes(call):
+        for conditions, function in self._left:
+            if holds(conditions):
                 function.run()
                 found = float(function.results["left"][0])
         return found
+
+    @cached_property
+    def _left(self) -> list[tuple[Conditions, KernelFunction]]:
+        calls = self.interface.program.left if self.switches else ()
+        return [(self.conditions(call), self.bound(call.function)) for call in calls]
 
     def bound(self, name: str, **buffers: Floats) -> KernelFunction:
         """Return a function of the step or the time left on the memory, with rates of 0."""
@@ -82,13 +91,13 @@ class Evaluation:
         names = [n for n in functions.casadi_function(name).name_in() if n[:5] != "rate_" and n not in buffers]
         return functions.function(name, **{n: self.argument(n) for n in names}, **buffers)
 
-    def conditions(self, call: Call) -> list[tuple[Floats, float]]:
+    def conditions(self, call: Call) -> Conditions:
         """Return the choices of the unit for which a call is, in place, and their values."""
         return [(self.argument(argument_name(choice)), float(value)) for choice, value in call.when]
 
     def takes(self, call: Call) -> bool:
         """Whether the values of the unit's choices are those for which a call is."""
-        return all(choice[0] == value for choice, value in self.conditions(call))
+        return holds(self.conditions(call))
 
 
 class Traced(Evaluation):
@@ -125,7 +134,7 @@ class Traced(Evaluation):
             return lambda: bound.run()  # keeps `bound`, whose buffers it needs
 
         def run_chosen() -> None:
-            if all(parameter[0] == value for parameter, value in conditions):
+            if holds(conditions):
                 bound.run()
                 for target, source in copies:
                     target[:] = source

@@ -10,7 +10,7 @@ import numpy as np
 from vdfmu.base.errors import KernelError
 from vdfmu.compiler.functions.rodas import ORDER
 from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
-from vdfmu.compiler.unit.evaluate import Evaluation
+from vdfmu.compiler.unit.evaluate import Evaluation, holds
 from vdfmu.compiler.unit.solver import Solver, margin
 
 MINIMUM_STEP = 1e-12
@@ -69,7 +69,7 @@ class Integrator(Solver):
             step, or `MAXIMUM_STEPS` do not reach the end. The message says where; the state is that before the call.
         """
         x, x_new, norm = self.x, self._x_new, self._norm
-        step = next(s.run for conditions, s in self._steps if all(choice[0] == value for choice, value in conditions))
+        step = next(s.run for conditions, s in self._steps if holds(conditions))
         if fixed := int(self.unit.group("solver")[0]):
             self._advance_fixed(step, fixed, t, duration)
             return
