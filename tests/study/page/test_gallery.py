@@ -13,7 +13,7 @@ import vdfmu
 from tests.study.page.browser import show
 from vdfmu.base.errors import UsageError
 from vdfmu.base.quantity import quantity
-from vdfmu.cli import opening
+from vdfmu.cli import runs
 from vdfmu.cli.commands import app
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.simulate import run_system
@@ -176,7 +176,7 @@ def test_a_file_of_others_is_not_replaced(results):
 
 def test_the_page_of_several_is_opened_and_not_printed(results, monkeypatch):
     opened = []
-    monkeypatch.setattr(opening.webbrowser, "open", lambda address: opened.append(address) or True)
+    monkeypatch.setattr(runs.webbrowser, "open", lambda address: opened.append(address) or True)
     done = CliRunner().invoke(app, ["report", str(results), "--open"])
     assert opened == [(results / "index.html").as_uri()] and f"Open {results / 'index.html'}" in done.output
     done = CliRunner().invoke(app, ["report", str(results), "--pdf"])
