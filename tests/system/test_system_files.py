@@ -18,6 +18,7 @@ NAME = "expected a name of letters, digits, spaces and _ [+] -, a letter, digit 
         ("[shared.a]", r"shared\.a: expected a table such as .*, got a table"),
         ('[shared.a]\nplnt = "q_0"', r"shared\.a: expected components in \[units\], got plnt. Did you mean .plant"),
         ('[shared."../a"]\nplant = "q_0"', rf"shared\.\.\./a: {NAME}, got .\.\./a"),
+        ('[shared.robot]\nplant = "q_0"', r"shared\.robot: expected another name, got robot\. The parameter set of"),
         ("shared = [1]", r"shared: expected a table, got \[1\]\.$"),
         ("units = 3", "units: expected a table, got 3"),
         ('connections = "x"', "connections: expected a table, got .x"),
