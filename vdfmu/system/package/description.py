@@ -208,9 +208,7 @@ class SystemDescription:
             robots[component] = robot = {
                 name: (signal, values)
                 for name, (signal, values) in entries.items()
-                if all(
-                    v.name in nominal and x == nominal[v.name] for v, x in zip(signal.variables, values, strict=True)
-                )
+                if all(nominal.get(v.name) == x for v, x in zip(signal.variables, values, strict=True))
             }
             rest = tuple(entry for name, entry in entries.items() if name not in robot)
             if rest:
