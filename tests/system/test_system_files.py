@@ -18,6 +18,7 @@ NAME = "expected a name of letters, digits, spaces and _ [+] -, a letter, digit 
         ("[shared.a]", r"shared\.a: expected a table such as .*, got a table"),
         ('[shared.a]\nplnt = "q_0"', r"shared\.a: expected components in \[units\], got plnt. Did you mean .plant"),
         ('[shared."../a"]\nplant = "q_0"', rf"shared\.\.\./a: {NAME}, got .\.\./a"),
+        ('[shared.robot]\nplant = "q_0"', r"shared\.robot: expected another name, got robot\. The parameter set of"),
         ("shared = [1]", r"shared: expected a table, got \[1\]\.$"),
         ("units = 3", "units: expected a table, got 3"),
         ('connections = "x"', "connections: expected a table, got .x"),
@@ -47,23 +48,24 @@ def test_files_that_extend_each_other_are_named(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("unit", "line", "said"),
-    [
-        ("stop", "", "system: expected components whose names are not keys of a scenario, got one of the name stop"),
-        ("wall", 'master = ["jacobi"]', "master: expected .gauss-seidel"),
-        ("wall", "wall = 3", "wall: expected a table, got 3"),
-    ],
+    ("line", "said"),
+    [('master = ["jacobi"]', "master: expected .gauss-seidel"), ("wall = 3", "wall: expected a table, got 3")],
 )
-def test_what_a_scenario_cannot_have_of_a_system_is_named(tmp_path, unit, line, said):
-    (tmp_path / "mine.toml").write_text(f'extends = "system"\n[units]\n{unit} = "wall"\n')
+def test_what_a_scenario_cannot_have_of_a_system_is_named(tmp_path, line, said):
+    (tmp_path / "mine.toml").write_text('extends = "system"\n[units]\nwall = "wall"\n')
     head = 'name = "x"\nsystem = "mine.toml"\nrobot = "planar_2dof"\nstop = 0.01\nstep = 0.001\n'
     (tmp_path / "x.toml").write_text(head + line)
     with pytest.raises(ModelError, match=said):
         load_scenario(tmp_path / "x.toml")
 
 
-def test_a_value_that_is_not_shared_is_noted(tmp_path):
-    (tmp_path / "mine.toml").write_text('extends = "system"\n[shared.mine]\nplant = "q_00"\ntrajectory = "q_end"\n')
+def test_values_that_are_not_shared_and_cannot_be_set_are_noted(tmp_path):
+    (tmp_path / "mine.toml").write_text(
+        'extends = "system"\n[units]\nstop = "wall"\n[shared.mine]\nplant = "q_00"\ntrajectory = "q_end"\n'
+    )
     head = 'name = "x"\nsystem = "mine.toml"\nrobot = "planar_2dof"\nstop = 0.01\nstep = 0.001\n'
     (tmp_path / "x.toml").write_text(head)
-    assert model_notes(load_scenario(tmp_path / "x.toml")) == ["shared.mine: plant has no q_00, and shares nothing."]
+    assert model_notes(load_scenario(tmp_path / "x.toml")) == [
+        "system: stop is a key of scenarios, which cannot set values of a component of this name.",
+        "shared.mine: plant has no q_00, and shares nothing.",
+    ]

@@ -20,7 +20,7 @@ from typing import Any
 from vdfmu.base.process import Listener, end_group, private_pipes, started
 
 SIZE = struct.Struct("<I")
-"""Length of what follows; 0 for what each side knows without words."""
+"""Length of the message that follows; a message of length 0 is the whole message."""
 _LARGEST = 2**30
 """Bytes of the largest answer that is read."""
 _BLOCK = 2**20

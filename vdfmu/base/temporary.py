@@ -14,7 +14,7 @@ def temporary_folder(prefix: str) -> Generator[str]:
     """Make a temporary folder, and remove it in the end, whenever Ctrl-C comes: what cannot be removed stays.
 
     Python's own leaves a folder after an interrupt between its making and the note to remove it, and by one during
-    the removal; and the first look for a place leaves the file that it tries it with. OSError if there is no place.
+    the removal; and its first search for a place leaves a trial file. OSError if there is no place.
     """
     made = None
     try:

@@ -10,7 +10,7 @@ import numpy as np
 
 
 def toml_text(table: Mapping[str, Any], rounding: float = 0.0) -> str:
-    """Return the content of a file, the values of each table before its tables; `rounding` as of `toml_value`."""
+    """Return the content of a file, the values of each table before its tables; `rounding`: see `toml_value`."""
     return "\n".join(_lines(table, "", rounding)).lstrip("\n") + "\n"
 
 

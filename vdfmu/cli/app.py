@@ -47,7 +47,7 @@ class CommandGroup(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the command in words; deprecated ones are replaced."""
         path = ctx.command_path.partition(" ")[2]
-        look(quiet=bool({"-q", "--quiet"} & {*args}))
+        set_verbosity(quiet=bool({"-q", "--quiet"} & {*args}))
         name, command, rest = super().resolve_command(ctx, [present_word(path, args[0]), *args[1:]])
         place = _place(f"{path} {name}".strip())
         return name, command, [_present_option(place, word) if word.startswith("--") else word for word in rest]
@@ -174,8 +174,8 @@ def _name_of(command: typer.models.CommandInfo) -> str:
     return command.name or getattr(command.callback, "__name__", "").replace("_", "-")
 
 
-def look(quiet: bool = False, verbose: bool = False) -> None:
-    """Let notes, warnings and bars not be seen, or details too."""
+def set_verbosity(quiet: bool = False, verbose: bool = False) -> None:
+    """Hide notes, warnings and bars, or show details."""
     if not any(isinstance(handler, _Lines) for handler in LOG.handlers):
         LOG.addHandler(_Lines())
     if quiet:
@@ -189,8 +189,8 @@ def look(quiet: bool = False, verbose: bool = False) -> None:
         LOG.info("vdfmu %s, Python %s, %s", __version__, platform.python_version(), ", ".join(there))
 
 
-def look_anew() -> None:
-    """Forget what was said of how to look, in a process that runs several commands."""
+def reset_verbosity() -> None:
+    """Show what commands show by default, in a process that runs several of them."""
     errors.quiet = False
     LOG.setLevel(logging.NOTSET)
     for handler in list(LOG.handlers):
@@ -206,7 +206,7 @@ def showing_signs(title: str) -> _Decorator:
 
         @wraps(function)
         def command(*, quiet: bool, verbose: bool, **options: Any) -> None:
-            look(quiet, verbose)
+            set_verbosity(quiet, verbose)
             with Bars(title) as bars, showing(bars.update):
                 console.bars = bars
                 try:

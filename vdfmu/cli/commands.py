@@ -33,7 +33,7 @@ from vdfmu.cli import (
     units,
     view,
 )
-from vdfmu.cli.app import App, QuietOption, VerboseOption, look, look_anew
+from vdfmu.cli.app import App, QuietOption, VerboseOption, reset_verbosity, set_verbosity
 from vdfmu.cli.terminal import console, fail, table
 
 app = App(
@@ -112,8 +112,8 @@ def _options(
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
 ) -> None:
-    look_anew()
-    look(quiet, verbose)
+    reset_verbosity()
+    set_verbosity(quiet, verbose)
     if context.invoked_subcommand is None:
         _say_first(context)
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import webbrowser
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Unpack
 
 import typer
+from rich.text import Text
 
+from vdfmu.base.bars import errors
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.files import replacing_foreign, require_ours
 from vdfmu.base.option import pick
-from vdfmu.cli.opening import OpenOption, say_page, say_verdict
 from vdfmu.cli.options import choice, out_option, typer_option
 from vdfmu.cli.terminal import (
     ForeignOption,
@@ -28,6 +31,7 @@ from vdfmu.cli.view import LiveOption, PortOption, live_view
 from vdfmu.engine.options import PackageOptions, SystemOptions
 from vdfmu.study.options import RobotOptions, ScenarioOptions, ScenarioRunOptions
 
+OpenOption = Annotated[bool, typer.Option("--open", help="Open the page in a browser.")]
 PackageArgument = Annotated[Path, typer.Argument(help="A system package of SSP 1.0 or 2.0, of this or any other tool.")]
 
 
@@ -103,8 +107,8 @@ def run(
         (tell if passed else console.print)(tables.verdict_table(summary))
         folder = Path(options["out"] or Path("results", summary["scenario"]))
         say_written(*(folder / name for name in written(folder, RUN_OUTPUTS)))
-        say_verdict(summary)
-        say_page(folder / NAME, opened)
+        _say_verdict(summary)
+        _say_page(folder / NAME, opened)
     if not passed:
         raise typer.Exit(1)
 
@@ -120,8 +124,8 @@ def _say_failed(error: Any, folder: Path, opened: bool = False) -> None:
     stopped = isinstance(error, KeyboardInterrupt)
     if not stopped:
         say_error(error)
-    say_verdict(error.results.summary)
-    say_page(page, opened)
+    _say_verdict(error.results.summary)
+    _say_page(page, opened)
     if not stopped:
         raise typer.Exit(1)
 
@@ -231,7 +235,7 @@ def report(
         with replacing_foreign(overwrite):
             require_ours(page)
         say_written(write_gallery(folders[0], page))
-        say_page(page, opened)
+        _say_page(page, opened)
         return
     folders = [run_folder(folder) for folder in folders or [newest_run(Path("results"))]]
     runs = [read_run(folder) for folder in folders]
@@ -246,7 +250,7 @@ def report(
         require_ours(page, *printed)
     write_report(runs, page, simulate=simulate)
     say_written(page, *(write_pdf(page, target) for target in printed))
-    say_page(page, opened)
+    _say_page(page, opened)
 
 
 def _run_package(package: Path, unpack_limit: int | None, **options: Unpack[SystemOptions]) -> None:
@@ -271,3 +275,22 @@ def _run_package(package: Path, unpack_limit: int | None, **options: Unpack[Syst
         raise
     tell(tables.run_panel(results.summary))
     say_written(*(folder / name for name in written(folder, SYSTEM_OUTPUTS)))
+
+
+def _say_verdict(summary: Mapping[str, Any]) -> None:
+    """Print the verdict on a run as a sentence, and how many checks pass."""
+    from vdfmu.study.report.headline import checks_line, headline
+
+    found = headline(summary)
+    text = "; ".join(dict.fromkeys(filter(None, [found.text, checks_line(summary)])))
+    if text and not (errors.quiet and found.passed):
+        console.print(Text(text, style="bold" if found.passed else "bold red"), soft_wrap=True)
+
+
+def _say_page(page: Path, opened: bool) -> None:
+    """Print how to open a page, as a link where the terminal has them, and open it if that is wanted."""
+    address = page.resolve().as_uri()
+    if not errors.quiet and page.exists():
+        console.print(Text.assemble("Open ", (str(page), f"link {address}")), soft_wrap=True)
+    if opened and not webbrowser.open(address):
+        say_notes([f"{page}: expected a browser to open it in, found none."])

@@ -130,6 +130,12 @@ def test_the_tolerance_of_the_solvers_reaches_no_parameter_of_this_name_in_a_uni
     assert "tolerance" not in system_values(scenario)["way"]
 
 
+@pytest.mark.parametrize("unit", [3, None, int])
+def test_what_is_no_unit_is_refused(mine, unit):
+    with pytest.raises(UsageError, match="units: pd: expected a unit, its name or its file, got"):
+        with_units(mine(), {"pd": unit})
+
+
 @pytest.mark.parametrize("name", ["system", "two_arms", "screw", "wall", "estimator"])
 def test_the_shipped_systems_say_what_would_be_taken(name):
     system = load_system(name)

@@ -14,7 +14,7 @@ from tests.study.page.browser import show
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import PAGE_MARK, require_ours
 from vdfmu.base.quantity import quantity
-from vdfmu.cli import opening
+from vdfmu.cli import runs
 from vdfmu.cli.commands import app
 from vdfmu.engine.package_run import run_system
 from vdfmu.engine.results.results import Results
@@ -189,7 +189,7 @@ def test_printed_pages_of_others_are_kept(results):
 
 def test_the_page_of_several_is_opened_and_not_printed(results, monkeypatch):
     opened = []
-    monkeypatch.setattr(opening.webbrowser, "open", lambda address: opened.append(address) or True)
+    monkeypatch.setattr(runs.webbrowser, "open", lambda address: opened.append(address) or True)
     done = CliRunner().invoke(app, ["report", str(results), "--open"])
     assert opened == [(results / "index.html").as_uri()] and f"Open {results / 'index.html'}" in done.output
     done = CliRunner().invoke(app, ["report", str(results), "--pdf"])

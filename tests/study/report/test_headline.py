@@ -10,7 +10,7 @@ from vdfmu.arm.dynamics import forward_kinematics
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.quantity import quantity
 from vdfmu.base.toml_file import locate
-from vdfmu.cli import opening
+from vdfmu.cli import runs
 from vdfmu.cli.commands import app
 from vdfmu.engine.results.verdict import Check, verdict_of
 from vdfmu.study.analysis.reach import reach_scenario
@@ -185,7 +185,7 @@ def test_the_command_has_each_option_that_differs(planar, tmp_path):
 
 def test_a_command_ends_with_the_verdict_and_what_opens_the_page(planar, monkeypatch):
     opened = []
-    monkeypatch.setattr(opening.webbrowser, "open", lambda address: opened.append(address) or True)
+    monkeypatch.setattr(runs.webbrowser, "open", lambda address: opened.append(address) or True)
     said = CliRunner().invoke(app, ["report", str(planar[1]), "--no-simulate", "--open"])
     assert said.exit_code == 0, said.output
     page = planar[1] / "report.html"

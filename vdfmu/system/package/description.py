@@ -65,12 +65,16 @@ class ElementConnection:
     end_index: tuple[int, ...] = ()
 
 
+Entry = tuple[PackageSignal, tuple[Any, ...]]
+"""A parameter and the values of its elements."""
+
+
 @dataclass(frozen=True)
 class ParameterSet:
-    """Parameters of one file: signal and the values of its elements."""
+    """Parameters of one file."""
 
     name: str
-    entries: tuple[tuple[PackageSignal, tuple[Any, ...]], ...]
+    entries: tuple[Entry, ...]
 
 
 @dataclass(frozen=True)
@@ -184,7 +188,7 @@ class SystemDescription:
 
     @cached_property
     def bindings(self) -> dict[str, list[Binding]]:
-        """Unit to the sets that it takes, in the order in which they are applied.
+        """Component to the sets that it takes, in the order in which they are applied.
 
         A value is in one of them only. The scenario's comes first: importers that apply one set of a component apply
         the first, or the one that they are told; the robot is in the start values of the FMUs as well.
@@ -197,19 +201,15 @@ class SystemDescription:
         bindings: dict[str, list[Binding]] = {component: [] for component in self.tables}
         left = {component: self._entries(component) for component in self.tables}
         shared = self._take_shared(left)
-        robots: dict[str, dict[str, tuple[PackageSignal, tuple[Any, ...]]]] = {}
+        robots: dict[str, dict[str, Entry]] = {}
         known = self.scenario.robot
         nominal = {p.name: float(getattr(known, p.field)[p.index]) for p in parameters(known)} if known else {}
         for component, entries in left.items():
-            robot = {
-                name: entry
-                for name, entry in entries.items()
-                if all(
-                    v.name in nominal and x == nominal[v.name]
-                    for v, x in zip(entry[0].variables, entry[1], strict=True)
-                )
+            robots[component] = robot = {
+                name: (signal, values)
+                for name, (signal, values) in entries.items()
+                if all(nominal.get(v.name) == x for v, x in zip(signal.variables, values, strict=True))
             }
-            robots[component] = robot
             rest = tuple(entry for name, entry in entries.items() if name not in robot)
             if rest:
                 files[f"{component}.scenario.ssv"] = ParameterSet("scenario", rest)
@@ -227,7 +227,7 @@ class SystemDescription:
                 bindings[component].append(Binding(f"{name}.ssv", mapping))
         return files, bindings
 
-    def _entries(self, component: str) -> dict[str, tuple[PackageSignal, tuple[Any, ...]]]:
+    def _entries(self, component: str) -> dict[str, Entry]:
         """Return the parameters of a component that have a value; an array has one with any of its elements."""
         values = self.values[component]
         return {
@@ -236,7 +236,7 @@ class SystemDescription:
             if any(v.name in values for v in s.variables)
         }
 
-    def _take_shared(self, left: dict[str, dict[str, tuple[PackageSignal, tuple[Any, ...]]]]) -> dict[str, Any]:
+    def _take_shared(self, left: dict[str, dict[str, Entry]]) -> dict[str, Any]:
         """Take what components share out of `left`, unless it differs: name to entries, and component to mapping."""
         found: dict[str, Any] = {}
         for name, groups in self._shared.items():
@@ -275,7 +275,7 @@ def _corners(system: SystemFile) -> dict[str, Box]:
     return corners
 
 
-def _key(entry: tuple[PackageSignal, Sequence[Any]]) -> tuple[Any, ...]:
+def _key(entry: Entry) -> tuple[Any, ...]:
     """Return what two entries that share a value have in common: indices, type, unit and values."""
     signal, values = entry
     return signal.shape, signal.type, signal.unit, tuple(v.index for v in signal.variables), tuple(values)

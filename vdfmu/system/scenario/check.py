@@ -12,6 +12,7 @@ from vdfmu.arm.units._played import Played
 from vdfmu.base.measure import WIDE_ANGLE
 from vdfmu.compiler.unit.unit import Unit
 from vdfmu.system.scenario.scenario import Scenario
+from vdfmu.system.scenario.scenario_file import KEYS
 from vdfmu.system.scenario.values import section_values
 
 
@@ -19,6 +20,11 @@ def model_notes(scenario: Scenario) -> list[str]:
     """Return the notes of a scenario, and what of it looks like a wrong sign or unit, though it may be meant."""
     robot, resolved = scenario.robot, scenario.resolved
     notes = [*scenario.notes, *_not_reached(scenario)]
+    notes += [
+        f"system: {name} is a key of scenarios, which cannot set values of a component of this name."
+        for name in scenario.system.parts
+        if name in KEYS
+    ]
     notes += [
         f"shared.{name}: {component} has no {group}, and shares nothing."
         for name, members in scenario.system.shared.items()

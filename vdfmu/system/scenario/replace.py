@@ -11,6 +11,7 @@ import numpy as np
 
 from vdfmu.arm.robot.parameters import read_only, section
 from vdfmu.base.errors import UsageError
+from vdfmu.compiler.unit.unit import Unit
 from vdfmu.system.scenario.resolved import ResolvedSystem, resolve
 from vdfmu.system.scenario.scenario import Scenario
 from vdfmu.system.scenario.start import started
@@ -53,6 +54,9 @@ def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:
             raise UsageError(
                 f"units: the system {system.name} has no component {name!r}. There are: {', '.join(parts)}."
             )
+        known = issubclass(unit, Unit) if isinstance(unit, type) else isinstance(unit, (str, os.PathLike))
+        if not known:
+            raise UsageError(f"units: {name}: expected a unit, its name or its file, got {unit!r}.")
         value = unit if isinstance(unit, type) else os.fspath(unit)
         parts[name] = dataclasses.replace(parts[name], unit=value)
     system = dataclasses.replace(system, parts=parts)

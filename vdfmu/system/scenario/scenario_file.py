@@ -71,10 +71,7 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None, system:
     file.text("system", "system")
     sections: dict[str, Any] = {}
     for component in components:
-        if component in KEYS:
-            expected = "components whose names are not keys of a scenario"
-            problems.add("system", expected, f"one of the name {component}", "Rename it: it has no section here.")
-        elif component in file.data:
+        if component in file.data and component not in KEYS:
             sections[component] = file.optional_table(component).data
     unnamed = robot is None and "robot" not in file.data
     if "robot" in file.data:

@@ -123,6 +123,8 @@ def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, ba
             problems.add(where, expected, shown(members), "Name a group of each component that shares its value.")
         elif unknown := [one for one in members if one not in parts]:
             problems.add(where, "components in [units]", ", ".join(unknown), nearest(unknown[0], list(parts)))
+        elif key == "robot":
+            problems.add(where, "another name", key, "The parameter set of the robot has it.")
         else:
             shared[key] = members
     return SystemFile(name, description, path, parts, connections, shared)
