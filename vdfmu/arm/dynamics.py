@@ -112,7 +112,7 @@ def gravity_torque(robot: Robot, q: npt.ArrayLike) -> Floats:
     ----------
     robot : Robot
     q : (n,) or (m, n) [rad or m]
-        One position or a batch of m; errors as of :func:`inverse_dynamics`.
+        One position or a batch of m; errors: see :func:`inverse_dynamics`.
 
     Returns
     -------
@@ -129,7 +129,7 @@ def mass_matrix(robot: Robot, q: npt.ArrayLike) -> Floats:
     ----------
     robot : Robot
     q : (n,) or (m, n) [rad or m]
-        One position or a batch of m; errors as of :func:`inverse_dynamics`.
+        One position or a batch of m; errors: see :func:`inverse_dynamics`.
 
     Returns
     -------
@@ -147,7 +147,7 @@ def jacobian(robot: Robot, q: npt.ArrayLike) -> Floats:
     ----------
     robot : Robot
     q : (n,) or (m, n) [rad or m]
-        One position or a batch of m; errors as of :func:`inverse_dynamics`.
+        One position or a batch of m; errors: see :func:`inverse_dynamics`.
 
     Returns
     -------
@@ -164,7 +164,7 @@ def forward_kinematics(robot: Robot, q: npt.ArrayLike) -> tuple[Floats, Floats]:
     ----------
     robot : Robot
     q : (n,) or (m, n) [rad or m]
-        One position or a batch of m; errors as of :func:`inverse_dynamics`.
+        One position or a batch of m; errors: see :func:`inverse_dynamics`.
 
     Returns
     -------

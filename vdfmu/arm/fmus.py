@@ -48,8 +48,8 @@ def build_fmus(
     out_dir : path
         Folder, made if it does not exist.
     units : sequence of str, path or type of Unit, optional
-        Names of units of the package, files ``my_unit.py`` or ``my_units.py:Name``, or classes; default all units of
-        the package.
+        Names of units of the package, files ``my_unit.py`` or ``my_units.py:Name``, or classes; a text is one of them.
+        Default: those of the shipped systems that need a robot.
     start_values : mapping of unit to mapping of variable to number, optional
         Start values instead of those of the declaration.
     backend : "python" or "native", optional
@@ -89,7 +89,8 @@ def build_fmus(
     """
     if robot is not None:
         check_robot(robot)
-    chosen = [one if isinstance(one, type) else find_unit(one) for one in units or shipped_units()]
+    asked = [units] if isinstance(units, str) else units or shipped_units()
+    chosen = [unit if isinstance(unit, type) else find_unit(unit) for unit in asked]
     return build_units(
         robot, out_dir, chosen, start_values=start_values or {}, backend=backend, fmi_version=fmi_version,
         platforms=platforms, sources=sources, target=target, precision=precision, step=step,

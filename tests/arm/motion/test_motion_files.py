@@ -128,6 +128,7 @@ def test_problems_of_a_csv_file_are_named_at_once_with_their_rows(robot, written
 @pytest.mark.parametrize(
     ("text", "words"),
     [
+        ('motion = "motion.toml"', ["motion: expected a table, or another file with it, got the file itself"]),
         ('kind = "circel"', ["motion.kind: expected", 'Did you mean "circle"?']),
         ("points = [[0, 0]]", ["motion.kind: expected"]),
         ('kind = "waypoints"', ["motion.points: expected a value for waypoints, got nothing", "points.csv"]),

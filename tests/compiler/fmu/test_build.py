@@ -89,7 +89,7 @@ def test_a_file_that_vdfmu_did_not_write_is_not_replaced(planar: Robot, tmp_path
     path = build_fmus(planar, tmp_path, units=["controller"], backend="python")["controller"]
     good = path.read_bytes()
     path.write_bytes(b"")  # no loss
-    build_fmus(planar, tmp_path, units=["controller"], backend="python")
+    build_fmus(planar, tmp_path, units="controller", backend="python")
     assert path.read_bytes() == good
     there = good[: len(good) // 2] if damage is None else damage
     path.write_bytes(there)

@@ -151,6 +151,7 @@ class Plain(Unit):
     y = Output("1", text="signal")
 
     def outputs(self):
+        """Set y."""
         self.y = 1.0
 
 

@@ -15,7 +15,7 @@ Hook = Callable[..., Any]
 
 
 def row(*values: Any, **rest: Any) -> Any:
-    """Field of a table of parameters; arguments as of :class:`~vdfmu.arm.robot.parameters.Row`, except for the name."""
+    """Field of a table of parameters; arguments: see :class:`~vdfmu.arm.robot.parameters.Row`, without the name."""
     return field(metadata={"row": values, "rest": rest})
 
 
@@ -26,7 +26,7 @@ class OptionState(NamedTuple):
     unit: str
     text: str
     start_text: str
-    """Unit of the parameter ``<name>_0``."""
+    """Text of the parameter ``<name>_0``."""
     start: Any = 0.0
     """Its value, or a function of the robot."""
     minimum: float | None = None
@@ -128,7 +128,7 @@ class DriveOption:
     loss: Hook = _nothing
     """(robot, stretch, own): power that turns into heat in addition to friction's [W]."""
     rest: Hook = lambda robot, tau_s: np.zeros(robot.n)
-    """(robot, tau_s): state where springs and motors hold the arm at rest; None: that of the parameter."""
+    """(robot, tau_s): state where springs and motors hold the arm at rest; None: its parameter's value."""
 
     @property
     def replaces_dry_friction(self) -> bool:

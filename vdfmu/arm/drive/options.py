@@ -50,7 +50,7 @@ def link_torques(robot: Any, q: Any) -> Any:
 
 
 def options_of(robot: Any, states: Mapping[str, Any] | None = None) -> list[tuple[DriveOption, Any]]:
-    """Return the options that a robot has, each with its state; None for one of which `states` say nothing."""
+    """Return the options that a robot has, each with its state; None for one that `states` do not have."""
     given = states or {}
     return [
         (option, given.get(option.state.name) if option.state else None)
@@ -60,7 +60,7 @@ def options_of(robot: Any, states: Mapping[str, Any] | None = None) -> list[tupl
 
 
 def dry_friction(names: Collection[str]) -> set[str]:
-    """Of the parameters of a unit, those that are 0, or as small as they may be, without dry friction.
+    """Parameters of a unit that are 0, or as small as they may be, without dry friction; among its `names`.
 
     A unit without parameters of a spring is not an arm, and has none.
     """

@@ -140,10 +140,10 @@ def feedforward_inverse(
     tau_k = axial_torques(F_Dk)
     with_rotors = joint_torques(robot, desired.q_d, link_forces(robot, motion, F_e_d, F_Dk)) + xi_l  # (11), (44)-(47)
     tau_s = np.where(robot.rotor_coupling, with_rotors, drive.tau_s)
-    return FeedforwardTorques(motor_torque(robot, tau_k, tau_s, xi_m), tau_s, drive.kappa_dot)
+    return FeedforwardTorques(feedforward_torque(robot, tau_k, tau_s, xi_m), tau_s, drive.kappa_dot)
 
 
-def motor_torque(robot: Any, tau_k: Any, tau_s: Any, xi_m: Any) -> Any:
+def feedforward_torque(robot: Any, tau_k: Any, tau_s: Any, xi_m: Any) -> Any:
     """Torque of the motors (27) with zero velocity error: (n,) [N m], motor-side; `tau_k` turns the rotors."""
     return tau_k + tau_s / robot.ell + xi_m
 

@@ -28,7 +28,7 @@ def stribeck_friction(robot: Any, velocity: Any, states: States | None = None) -
     ----------
     velocity : (n,) [rad/s or m/s]
     states : mapping of str to (n,), optional
-        Those of options, such as a temperature on which the viscous friction depends.
+        States of options, such as a temperature on which the viscous friction depends.
     """
     level = friction_level(robot, velocity)
     dry, f_v = level * np.tanh(velocity / robot.eps), robot.f_v
@@ -91,7 +91,7 @@ def joint_friction(
 
 
 def friction_loss(robot: Any, q_dot: Any, kappa_dot: Any, load: Any = 0.0, states: States | None = None) -> Any:
-    """Power that friction turns into heat, never negative: (n,) [W]. Parameters as of :func:`joint_friction`.
+    """Power that friction turns into heat, never negative: (n,) [W]. Parameters: see :func:`joint_friction`.
 
     It is the power that friction takes, except for what bristles store and give back.
     """

@@ -50,10 +50,8 @@ def drive_joints(bodies: Sequence[Body], file: str, chosen: Sequence[Numbers], g
     for i, body in enumerate(bodies):
         kind = MOVING[body.joint.kind]
         rating, rated_by = _rating(bodies[i:], file, gravity)
-        like, numbers = (
-            assumed[kind],
-            {row.path: chosen[i][row.path] for row in section("link") if row.path in chosen[i]},
-        )
+        like = assumed[kind]
+        numbers = {row.path: chosen[i][row.path] for row in section("link") if row.path in chosen[i]}
         source = f"Assumed: {like['source']}, for the largest torque in the comment above the joint"
         ratio = chosen[i].get(PARAMETERS["ell"].path, (like["drive"]["ell"], ""))[0]
         for row in (row for part in parts for row in section(part)):

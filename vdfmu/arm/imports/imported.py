@@ -12,7 +12,7 @@ import numpy as np
 
 from vdfmu.arm.imports.chain import choose_arm
 from vdfmu.arm.imports.drives import drive_joints, read_drives
-from vdfmu.arm.imports.inertia import completed
+from vdfmu.arm.imports.inertia import with_inertia
 from vdfmu.arm.imports.mjcf import read_mjcf
 from vdfmu.arm.imports.urdf import read_urdf
 from vdfmu.arm.imports.write import robot_text
@@ -132,7 +132,7 @@ def import_robot(
     assert arm is not None
     gravity = float(np.linalg.norm(tree.gravity))
     chosen = read_drives(None if drives is None else Path(drives), arm.bodies, problems)
-    arm = replace(arm, bodies=completed(arm.bodies, chosen, density, path.name, tree))
+    arm = replace(arm, bodies=with_inertia(arm.bodies, chosen, density, path.name, tree))
     problems.raise_any()
     driven = drive_joints(arm.bodies, path.name, chosen, gravity)
     folder = Path(out).parent if out is not None else path.parent
@@ -142,7 +142,7 @@ def import_robot(
 
 
 def parse_file(path: Path) -> Any:
-    """Return the root element of an XML file; `ModelError` for what is none, or has the elements of xacro."""
+    """Return the root element of an XML file; `ModelError` if it is not one, or has elements of xacro."""
     data = read_bytes(path, "a URDF or MJCF file", _LARGEST)
     try:
         root = parse_xml(data, str(path))

@@ -58,7 +58,7 @@ def of_shapes(shapes: Iterable[Visual]) -> Mass | None:
     return whole if whole.mass else None
 
 
-def completed(
+def with_inertia(
     bodies: Sequence[Body], chosen: Sequence[Numbers], density: float | None, file: str, tree: Tree
 ) -> tuple[Body, ...]:
     """Return bodies with the numbers of ``link`` that a file of drives has, and else with their shapes' inertia.

@@ -124,8 +124,8 @@ class Body:
 class Tree:
     """Links by name and joints, in the order of the file; gravity (3,) [m/s2] in the root's frame, upward.
 
-    Gravity is `standard` where the file has none. `notes` is what is worth knowing; `loops` is what closes chains
-    in addition to joints: its name, and the links that it joins.
+    Gravity is `standard` where the file has none. `notes` are for the user; `loops` are what closes chains in addition
+    to joints: name, and the links that it joins.
     """
 
     name: str

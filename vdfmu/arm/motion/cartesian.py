@@ -28,7 +28,7 @@ _SAME = 1e-9
 _TURNS = 10
 """Turns of a circle at most."""
 _STANDS = 1e-5
-"""Length of a path [m] that may be what inverse kinematics leaves."""
+"""Length of a path [m] that may be an error of inverse kinematics."""
 _LOOKS = 16
 """Times in a piece of a motion at which the speed of the end effector is looked at."""
 _BETWEEN = 4
@@ -246,7 +246,7 @@ def _timed(
 
 
 def _largest_speed(robot: Robot, motion: Motion) -> float:
-    """Return the largest speed of the end effector [m/s], from above by the difference that a look makes.
+    """Return an upper bound of the speed of the end effector [m/s].
 
     Between looks that lie close a smooth speed rises by an eighth of its second difference; the whole one is added.
     """

@@ -81,6 +81,9 @@ def load_motion(path: str | os.PathLike[str], robot: Robot) -> Motion:
 def read_motion(problems: Problems, data: object, robot: Robot, folder: Path) -> Motion | None:
     """Work out the motion of a table ``[motion]``, or of the TOML file that its text names; None with problems."""
     if isinstance(data, str):
+        if (folder / data).resolve() == Path(problems.where).resolve():
+            problems.add("motion", "a table, or another file with it", "the file itself", "Write the table here.")
+            return None
         try:
             return load_motion(folder / data, robot)
         except ModelError as error:

@@ -80,8 +80,8 @@ def tables_of(problems: Problems, path: str, named: dict[str, Any], kind: str, e
     return found
 
 
-def completed(problems: Problems, joint: Any, path: str) -> tuple[Any, dict[str, str]]:
-    """Return a joint's table, completed from the catalogue, and the sources of what was added by key."""
+def filled_from_catalogue(problems: Problems, joint: Any, path: str) -> tuple[Any, dict[str, str]]:
+    """Return a joint's table, filled_from_catalogue from the catalogue, and the sources of what was added by key."""
     if not isinstance(joint, dict) or not any(what in joint for what in NAMED):
         return joint, {}
     own = {part: joint[part] for part in (*_ALWAYS, *JOINT_OPTIONS) if isinstance(joint.get(part), dict)}

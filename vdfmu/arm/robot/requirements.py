@@ -1,7 +1,7 @@
 """Conditions that the run-time parameters of a robot must meet together, as margins that can be traced.
 
-Those of :mod:`vdfmu.arm.robot.physical`; those of inertias without eigenvalues, so that a native unit can evaluate
-them.
+They are the checks of :mod:`vdfmu.arm.robot.physical`, for inertias without eigenvalues, so that a native unit can
+evaluate them.
 """
 
 from __future__ import annotations

@@ -70,7 +70,7 @@ class Robot(Parameters):
     visuals : tuple of Visual
         Shapes of the links in pictures; no calculation uses them.
     file : str
-        The path or name of which it was loaded, if it is not a shipped one.
+        The path or name from which it was loaded, if it is not a shipped one.
     """
 
     reader: ClassVar[str] = "vdfmu.arm.robot.robot_file:robot_from_dict"

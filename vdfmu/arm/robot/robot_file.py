@@ -11,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 
 from vdfmu.arm.drive.options import OPTIONS
-from vdfmu.arm.robot.catalogue import NAMED, completed
+from vdfmu.arm.robot.catalogue import NAMED, filled_from_catalogue
 from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, PARAMETERS, Row, Section, read_only, section
 from vdfmu.arm.robot.physical import CONTRACTION, STATIC_FRICTION, check_conditions, check_inertia, check_rotation
 from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES, Robot, joint_free, robot_argument
@@ -21,8 +21,6 @@ from vdfmu.base.measure import POSITIVE
 from vdfmu.base.text import nearest
 from vdfmu.base.toml_file import locate, read_toml, shipped_names, toml_names
 from vdfmu.base.toml_tables import Problems, Table, shape_of, shown
-
-Numbers = dict[str, float | Floats]
 
 
 def _keys(name: Section) -> list[str]:
@@ -74,7 +72,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     read: list[dict[str, Any]] = []
     of_catalogue: dict[str, str] = {}
     for i, joint in enumerate(cast("list[Any]", joints or []), 1):
-        joint, where_from = completed(problems, joint, f"joints[{i}]")
+        joint, where_from = filled_from_catalogue(problems, joint, f"joints[{i}]")
         of_catalogue |= where_from
         read.append(_joint(problems, joint, f"joints[{i}]"))
     names = [joint["name"] for joint in read]
@@ -179,9 +177,9 @@ def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
 
 def section_numbers(
     table: Table, part: Section, joint_type: str = "revolute", keys: Container[str] | None = None
-) -> Numbers:
+) -> dict[str, float | FloatArray]:
     """Read the numbers of a section, or some `keys` of it: field of `Robot` to its value."""
-    found: Numbers = {}
+    found: dict[str, float | FloatArray] = {}
     for row in (row for row in section(part) if keys is None or row.key in keys):
         options = bounds(row, joint_type)
         if row.fold == "inertia":

@@ -77,7 +77,7 @@ def _replace(robot: R, listed: Sequence[Entry], new: Sequence[Any], dtype: Any) 
     return dataclasses.replace(robot, **arrays)
 
 
-_ENDS = 3
+_UNLIKE = 3
 """Joints at each end that may be unlike the others in a robot of which shorter ones are the same."""
 
 _MANY = 1.1
@@ -99,7 +99,7 @@ def shorter_robots(robot: Any) -> list[Any]:
             free[p.index[0]].append((p.field, p.index[1:]))
     folded = [[getattr(fixed, name)[i].tobytes() for name in arrays] for i in range(n)]
     kinds = list(zip(robot.joint_types, free, folded, strict=True))
-    inner = kinds[_ENDS : n - _ENDS]
+    inner = kinds[_UNLIKE : n - _UNLIKE]
     period = next((p for p in (1, 2, 4) if inner[p:] == inner[:-p]), None)
     if period is None:
         return []

@@ -1,6 +1,7 @@
 """The units of the package, one file each. Users write theirs the same way.
 
-Beside those of the shipped systems there are control laws in `laws` and observers in `observers`.
+In addition to those of the shipped systems there are control laws in `laws`, observers in `observers`, `devices` and
+`pieces`, the links and joints of an arm by themselves.
 """
 
 from __future__ import annotations

@@ -67,7 +67,7 @@ def base_of(unit: Any) -> Base:
     return moving_base(unit.R_S, unit.V_S[3:], unit.A_S) if unit.of_robot.moving_base else AT_REST
 
 
-def tool_motion() -> tuple[Input, Input, Input]:
+def tool_inputs() -> tuple[Input, Input, Input]:
     """Pose and velocity of the end effector, as a plant with coupled_tool shows them."""
     return (
         Input("m", 3, "Position of the end effector in {I}, axis"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vdfmu.arm.units._signals import WRENCH, six, tool_motion
+from vdfmu.arm.units._signals import WRENCH, six, tool_inputs
 from vdfmu.arm.world.contact import normal_force, screw_torque
 from vdfmu.compiler.unit import Derivative, Output, Parameter, State, Terminal, Unit, clip, where
 
@@ -27,7 +27,7 @@ class Screw(Unit):
     the thread with ``d = (T_0 + T_1 turn) / omega_eps`` and no stiffness, at the seat with k_seat and c_seat T.
     """
 
-    p_O, R_O, V_O = tool_motion()
+    p_O, R_O, V_O = tool_inputs()
     turn = State("rad", text="Turn of the screw")
     turn_dot = Derivative(turn)
     F_e = Output(*WRENCH, six("Force of the arm on the screw in {O}", "Moment of the arm on the screw in {O}"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vdfmu.arm.units._signals import WRENCH, six, tool_motion
+from vdfmu.arm.units._signals import WRENCH, six, tool_inputs
 from vdfmu.arm.world.contact import friction_force, normal_force
 from vdfmu.compiler.unit import Output, Parameter, Terminal, Unit
 
@@ -24,7 +24,7 @@ class Wall(Unit):
     ``d = c N`` and more by the arm's own; in the plane k is 0 and ``d = mu N / v_eps``.
     """
 
-    p_O, R_O, V_O = tool_motion()
+    p_O, R_O, V_O = tool_inputs()
     F_e = Output(*WRENCH, six("Force of the arm on the wall in {O}", "Moment of the arm on the wall in {O}"))
     depth = Output("m", text="Depth of the end effector behind the plane")
     N = Output("N", text="Normal force")

@@ -1,4 +1,4 @@
-"""What devices have in common: samples of the past, rounding, seeds."""
+"""Common parts of devices: samples of the past, rounding, seeds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What control laws have in common: the desired motion, the motor torque and its limit, and how the arm rests."""
+"""Common parts of control laws: the desired motion, the motor torque and its limit, and how the arm rests."""
 
 from __future__ import annotations
 

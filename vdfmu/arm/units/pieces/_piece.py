@@ -1,4 +1,4 @@
-"""What links and joints have in common: numbers of the table of robots, and the signals at cutting points.
+"""Common parts of links and joints: numbers of the table of robots, and the signals at cutting points.
 
 At a cutting point a unit that is nearer to the tip is given velocities and gives forces. The letter A is for the
 cutting point of a joint on the side of the base, B for the one between a joint and its link, C and D for those of a

@@ -12,7 +12,7 @@ from vdfmu.arm.equations.feedforward import (
     desired_jets,
     drive_motion,
     drive_torques,
-    motor_torque,
+    feedforward_torque,
     required_motion,
     required_rotor_forces,
     turning_gravity,
@@ -122,7 +122,7 @@ class FeedforwardJoint(Piece):
         if self.mode == "inverse":
             with_rotors = joint_torques(robot, desired.q_d, [F_B_k]) + friction[0]
             tau_s = with_rotors if self.rotor_coupling else drive.tau_s
-            tau_m = motor_torque(robot, axial_torques(F_Dk), tau_s, friction[1])
+            tau_m = feedforward_torque(robot, axial_torques(F_Dk), tau_s, friction[1])
         else:
             tau_q, tau_kr = joint_torques(robot, q, [self.F_B_r]), axial_torques(F_D_r_star)
             tau_t, tau_m = drive_torques(robot, gains, asked, tau_q, tau_kr, friction, q_dot, kappa_dot)
