@@ -80,7 +80,7 @@ clean:  ## remove the environment and all that was built
 # which the project has none of: it comes by itself. The install is editable, so that a change of the sources needs none.
 $(VENV)/python:
 	$(PYTHON) -c "import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 15) and 'make needs Python 3.11 to 3.14, for \
-	which the versions in constraints.txt have files: make PYTHON=...; on a later one pip install \".[native]\"')"
+	which the versions in constraints.txt have files: make PYTHON=...; on a later one install \".[native]\" by pip')"
 	$(PYTHON) -m venv $(VENV)
 	touch $@
 

@@ -42,9 +42,7 @@ class Disk:
         self.place, self._log, self._said = (self.home / name for name in ("place", "log", "said"))
         (self.home / "user").mkdir()
         library, plan = self.home / "disk.so", self.home / "plan"
-        subprocess.run(
-            [*CC, "-shared", "-fPIC", "-O2", "-o", library, Path(__file__).with_name("disk.c")], check=True
-        )
+        subprocess.run([*CC, "-shared", "-fPIC", "-O2", "-o", library, Path(__file__).with_name("disk.c")], check=True)
         plan.write_bytes(bytes(_PLAN.size))
         with plan.open("r+b") as file:
             self._plan = mmap.mmap(file.fileno(), _PLAN.size)
