@@ -1,4 +1,4 @@
-# Needs Python >= 3.11 and make. `make demo PYTHON=python3.12` chooses the interpreter.
+# Needs Python 3.11 to 3.14 and make. `make demo PYTHON=python3.12` chooses the interpreter.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -9,7 +9,7 @@ PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
 unexport PYTHONDONTWRITEBYTECODE
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test test-all hostile mutants bench docs lint sbom audit release lock vendor clean
+.PHONY: demo test test-all test-lowest hostile mutants bench docs lint sbom audit release lock vendor clean
 
 demo: $(VENV)/demo  ## run the paper's tracking simulation (Section IV-B)
 	$(BIN)/vdfmu run tracking
@@ -19,6 +19,16 @@ test: $(VENV)/test  ## run the tests, except for the heavy ones: some minutes
 
 test-all: test $(VENV)/platforms  ## run the heavy ones too: all platforms, emulators, sanitizers, C++ templates, installs
 	$(BIN)/python -m pytest -n 3 -m heavy $(PYTEST_ARGS)
+
+# In an environment of its own. .ci/run does not: the versions change only with pyproject.toml.
+test-lowest: $(VENV)/supply  ## run the tests, except for the heavy ones, with the lowest versions that pyproject.toml allows
+	$(PYTHON) -m venv $(VENV)/lowest
+	sed -n 's/^requires = \["\(.*\)"\]/\1/p' pyproject.toml | $(VENV)/tools/bin/uv pip compile --quiet - pyproject.toml \
+		--extra test --extra notebook --resolution lowest-direct --only-binary :all: --generate-hashes \
+		--python $(VENV)/lowest/bin/python --output-file $(VENV)/lowest.txt
+	$(VENV)/lowest/bin/python $(PIP_INSTALL) --require-hashes -r $(VENV)/lowest.txt
+	$(VENV)/lowest/bin/python $(PIP_INSTALL) --no-deps --no-build-isolation -e .
+	$(VENV)/lowest/bin/python -m pytest -n 2 -m "not heavy" $(PYTEST_ARGS)
 
 hostile: $(VENV)/test  ## try thousands of hostile inputs, print what came of them: minutes
 	$(BIN)/python -m tests.hostile --write docs/robustness.md
@@ -69,7 +79,8 @@ clean:  ## remove the environment and all that was built
 # A stamp file for each extra: installed anew only when the dependencies change. Their files are held against hashes,
 # which the project has none of: it comes by itself. The install is editable, so that a change of the sources needs none.
 $(VENV)/python:
-	$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and 'Python >= 3.11 is needed: make PYTHON=...')"
+	$(PYTHON) -c "import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 15) and 'make needs Python 3.11 to 3.14, for \
+	which the versions in constraints.txt have files: make PYTHON=...; on a later one install \".[native]\" by pip')"
 	$(PYTHON) -m venv $(VENV)
 	touch $@
 

@@ -31,7 +31,7 @@ class Efmu:
         self.name = self.content.attrib["name"]
         self.algorithm = ET.fromstring(self.files["eFMU/AlgorithmCode/manifest.xml"])
         self.production = ET.fromstring(self.files["eFMU/ProductionCode/manifest.xml"])
-        self.variables = {v.attrib["id"]: v for v in self.algorithm.find("Variables") or ()}
+        self.variables = {v.attrib["id"]: v for v in self.algorithm.iterfind("Variables/*")}
 
     @property
     def program(self) -> str:

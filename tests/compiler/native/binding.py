@@ -41,7 +41,7 @@ _TYPES = {"Float64": "Real", "Int32": "Integer", "Real": "Real", "Integer": "Int
 def read_variables(root: ET.Element) -> list[Variable]:
     """Variables of a model description of either version."""
     found: list[Variable] = []
-    for element in root.find("ModelVariables") or ():
+    for element in root.iterfind("ModelVariables/*"):
         kind = element[0].tag if element.tag == "ScalarVariable" else element.tag
         name = element.attrib["name"]
         shape = [int(d.attrib["start"]) for d in element.findall("Dimension")]

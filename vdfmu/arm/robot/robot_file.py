@@ -177,9 +177,9 @@ def _joint(problems: Problems, data: object, path: str) -> dict[str, Any]:
 
 def section_numbers(
     table: Table, part: Section, joint_type: str = "revolute", keys: Container[str] | None = None
-) -> dict[str, float | FloatArray]:
+) -> dict[str, float | Floats]:
     """Read the numbers of a section, or some `keys` of it: field of `Robot` to its value."""
-    found: dict[str, float | FloatArray] = {}
+    found: dict[str, float | Floats] = {}
     for row in (row for row in section(part) if keys is None or row.key in keys):
         options = bounds(row, joint_type)
         if row.fold == "inertia":
