@@ -13,7 +13,7 @@ from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.base.progress import warn_once
 from vdfmu.base.toml_file import locate
 from vdfmu.base.words import takes_old_words
-from vdfmu.cli.app import look_anew
+from vdfmu.cli.app import reset_verbosity
 from vdfmu.cli.commands import app
 from vdfmu.system.scenario.values import override
 
@@ -24,7 +24,7 @@ def deprecated(monkeypatch):
     warn_once.cache_clear()
     monkeypatch.setattr(words, "DEPRECATED", rows := {})
     yield rows
-    look_anew()
+    reset_verbosity()
 
 
 def test_a_parameter_of_a_function_with_options(deprecated):

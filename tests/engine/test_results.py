@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vdfmu.base.errors import UsageError
+from vdfmu.base.errors import StorageError, UsageError
 from vdfmu.engine.results import csv_file
 from vdfmu.engine.run import Results, Signal
 
@@ -127,7 +127,7 @@ def test_a_file_that_cannot_be_written(results, tmp_path):
     with pytest.raises(UsageError, match="cannot write .*: No such file or directory"):
         results.write(tmp_path / "nowhere" / "r.csv")
     (tmp_path / "r.csv").mkdir()
-    with pytest.raises(Exception, match="cannot write .*: Is a directory"):
+    with pytest.raises(StorageError, match="r.csv: is a folder; expected the name of a file"):
         results.write(tmp_path / "r.csv")
     assert [p.name for p in tmp_path.iterdir()] == ["r.csv"]  # no half file is left
 
