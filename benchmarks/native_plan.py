@@ -26,7 +26,7 @@ from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import Component, System
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.run.isolated import Limits
-from vdfmu.engine.run.one_run import Run
+from vdfmu.engine.run.session import Session
 
 _COPY, _TRANSFER, _DO_STEP = range(3)
 
@@ -64,9 +64,9 @@ def ready(path: Path, algorithm: str, stop: float) -> Generator[Exchange]:
     """Units of a package or of one FMU, initialized, and the memory that they share."""
     with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as folder:
         system = load_ssp(path) if path.suffix == ".ssp" else _alone(path, Path(folder))
-        with Run(check_system(system, algorithm=algorithm), quiet, isolate=False, limits=Limits()) as run:
-            run.components.initialize(0.0, stop, None)
-            yield run.exchange
+        with Session(check_system(system, algorithm=algorithm), quiet, isolate=False, limits=Limits()) as session:
+            session.components.initialize(0.0, stop, None)
+            yield session.exchange
 
 
 def _alone(fmu: Path, folder: Path) -> System:

@@ -10,6 +10,7 @@ from vdfmu.arm.robot import load_robot, robot_from_dict
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.run import simulate
+from vdfmu.study.run.verdict import run_checks
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.reference.reference import reference
@@ -206,3 +207,12 @@ def test_estimates_are_those_of_the_reference(tmp_path, algorithm):
         expected = solution[signal]
         difference = np.abs(results[signal] - expected).max()
         assert difference < 1e-7 * max(1.0, np.abs(expected).max()), signal
+
+
+@pytest.mark.parametrize(("apart", "said"), [(1e-12, False), (1e-10, True)])  # of 1e-8 rad three digits show 1e-11
+def test_a_run_that_differs_is_told_to_try_another_tolerance(apart, said):
+    sampled = {"name": "sampled", "max_position_difference_rad": apart}
+    summary = {"max_position_error_deg": [np.degrees(1e-8)], "position_units": ["deg"], "tolerance": 1e-7}
+    (check,) = run_checks({**summary, "reference": {"sampled": sampled}})
+    assert check.passed is not said
+    assert ("a --tolerance below 1e-07 shows" in check.text) is said

@@ -62,4 +62,6 @@ def _reference(summary: Summary) -> Iterator[Check]:
     if limit < SHORT["atol"]:  # an arm that has hardly moved: the reference knows no more
         limit, what = SHORT["atol"], "the absolute tolerance of the reference's solver"
     text = f"positions differ by {number(apart)} rad at most; limit {number(limit)}, {what}"
+    if apart > limit and summary.get("tolerance"):
+        text += f"; a --tolerance below {summary['tolerance']:g} shows whether the solvers of the units do this"
     yield Check(f"Equals the {found['name']} scipy reference", apart <= limit, text)
