@@ -32,7 +32,7 @@ class NoFiles(ModuleType):
     """A package that has no files for this Python, as `pyproject.toml` says: what needs it is skipped."""
 
     def __getattr__(self, name: str) -> object:
-        """Skip the test, or the file that imports something of it; Python asks for names in double underscores."""
+        """Skip the test, or the file that imports something of it; Python itself asks for names with underscores."""
         if name.startswith("__") and name != "__path__":
             raise AttributeError(name)
         here = f"Python {sys.version_info.major}.{sys.version_info.minor}"

@@ -2,6 +2,7 @@
 
 import os
 import platform
+import sys
 import time
 
 import pytest
@@ -44,6 +45,8 @@ def require():
         here = (platform.system(), platform.machine())
         if tool in ("ecos", "libcosim") and here not in WHEELS:
             pytest.skip(f"{tool} has no binaries for {' '.join(here)}")
+        if tool == "libcosim" and sys.version_info >= (3, 15):
+            pytest.skip("libcosimpy has no files for Python 3.15")
         if problem := interop.missing(tool):
             pytest.fail(f"{problem}: `pip install .[test]` brings what these tests need")
 

@@ -153,6 +153,7 @@ print(json.dumps([execution.status().current_time, found]))
 """
 
 
+@pytest.mark.skipif(sys.version_info >= (3, 15), reason="libcosimpy has no files for Python 3.15")
 def test_libcosim_applies_the_values(scenario, fmus, tmp_path):
     """FMUs without the scenario's values get all but the start, which is mapped."""
     values = system_values(scenario)
