@@ -45,7 +45,7 @@ class Problems:
             raise ModelError(self.lines)
 
 
-def shown(value: object) -> str:
+def value_text(value: object) -> str:
     """Return a value as it goes into a message, shortened."""
     if isinstance(value, dict):
         return "a table"
@@ -89,7 +89,7 @@ class Table:
         self.data: dict[str, Any] = cast("dict[str, Any]", data) if self.usable else {}
         if not self.usable:
             keys = "" if known is None else f"Its keys are: {', '.join(known)}."
-            problems.add(path or "the file", "a table", shown(data), keys)
+            problems.add(path or "the file", "a table", value_text(data), keys)
         for key in self.data:
             if known is not None and key not in known:
                 problems.add(self.key(key), "a known key", "an unknown one", nearest(key, known))
@@ -126,12 +126,12 @@ class Table:
         if value is None:
             return ""
         if not isinstance(value, str):
-            self.problems.add(self.key(key), expected, shown(value), "Write a string in quotes.")
+            self.problems.add(self.key(key), expected, value_text(value), "Write a string in quotes.")
             return ""
         if choices and value not in choices:
-            self.problems.add(self.key(key), expected, shown(value), nearest(value, choices))
+            self.problems.add(self.key(key), expected, value_text(value), nearest(value, choices))
         elif not value.strip() and default != "":
-            self.problems.add(self.key(key), expected, shown(value), "Write some text.")
+            self.problems.add(self.key(key), expected, value_text(value), "Write some text.")
         else:
             self.check_text(self.key(key), value)
         return value
@@ -141,7 +141,7 @@ class Table:
         found = FORBIDDEN.search(value.replace("\n", " ").replace("\t", " "))
         if found:
             expected = "a text without control characters"
-            self.problems.add(place, expected, shown(value[max(0, found.start() - 20) :]), "Remove them.")
+            self.problems.add(place, expected, value_text(value[max(0, found.start() - 20) :]), "Remove them.")
         if len(value) > _LONGEST_TEXT:
             expected = f"at most {_LONGEST_TEXT} characters"
             self.problems.add(place, expected, str(len(value)), "Shorten it.")
@@ -150,7 +150,7 @@ class Table:
         """Return true or false."""
         value = self.data.get(key, default)
         if not isinstance(value, bool):
-            self.problems.add(self.key(key), "true or false", shown(value), "Write it without quotes.")
+            self.problems.add(self.key(key), "true or false", value_text(value), "Write it without quotes.")
             return default
         return value
 
@@ -166,7 +166,7 @@ class Table:
         if not re.fullmatch(r"\w[\w .+-]*" if dots else r"\w[\w +-]*", name) or len(name) > _LONGEST_NAME:
             signs = f"spaces and {'. ' * dots}_ + -"
             expected = f"a name of letters, digits, {signs}, a letter, digit or _ first"
-            self.problems.add(place, expected, shown(name), "It names files and folders.")
+            self.problems.add(place, expected, value_text(name), "It names files and folders.")
 
     def label(self, key: str) -> str:
         """Return a string of one short line."""
@@ -175,7 +175,7 @@ class Table:
             expected = f"at most {_LONGEST_NAME} characters"
             self.problems.add(self.key(key), expected, str(len(value)), "It names files and folders.")
         elif "\n" in value or "\t" in value:
-            self.problems.add(self.key(key), "one line without tabs", shown(value), "Write one line.")
+            self.problems.add(self.key(key), "one line without tabs", value_text(value), "Write one line.")
         return value
 
     def number(
@@ -225,7 +225,7 @@ class Table:
             return np.full(shape, self._checked(value, self.key(key), bounds, way_out))
         found = shape_of(value)
         if found != shape:
-            got = shown(value) if found is None else f"{' x '.join(str(k) for k in found) or 'one number'}"
+            got = value_text(value) if found is None else f"{' x '.join(str(k) for k in found) or 'one number'}"
             rows = "" if len(shape) < 2 else " as a list of rows"
             self.problems.add(self.key(key), expected, got, f"Write {size} numbers{rows}. {way_out}".strip())
             return np.full(shape, math.nan)
@@ -242,11 +242,11 @@ class Table:
         number = as_number(value)
         if number is None:
             expected = bounds.expected("a finite number")
-            self.problems.add(place, expected, shown(value), f"Write a number. {way_out}".strip())
+            self.problems.add(place, expected, value_text(value), f"Write a number. {way_out}".strip())
             return math.nan
         expected = bounds.broken(number)
         if expected is not None:
-            self.problems.add(place, expected, shown(value), way_out or "Correct the number.")
+            self.problems.add(place, expected, value_text(value), way_out or "Correct the number.")
             return math.nan
         return number
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from vdfmu.arm.robot.robot import robot_argument
 from vdfmu.base.errors import UsageError
-from vdfmu.base.toml_tables import shown
+from vdfmu.base.toml_tables import value_text
 
 NUMBERS = "a number, or a list or rows of them"
 ONE = "one number"
@@ -58,7 +58,7 @@ def of_numbers(make: Callable[P, R]) -> Callable[P, R]:
         if given.get("robot") is not None:
             robot_argument(given["robot"])
         problems = [
-            f"{name}: expected {expected}, got {shown(given[name])}."
+            f"{name}: expected {expected}, got {value_text(given[name])}."
             for name, argument in arguments.items()
             if name in given and (expected := _expected(argument, given[name]))
         ]

@@ -25,7 +25,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.base.measure import WIDE_ANGLE
 from vdfmu.base.toml_file import read_toml
-from vdfmu.base.toml_tables import Problems, Table, shape_of, shown
+from vdfmu.base.toml_tables import Problems, Table, shape_of, value_text
 from vdfmu.engine.plan.inputs import csv_columns
 
 _KINDS: tuple[Callable[..., Motion], ...] = (waypoints, samples, fastest, line, circle, sweep, multisine)
@@ -164,11 +164,11 @@ def _value(table: Table, key: str, argument: Argument) -> Any:
         return table.text(key)
     shape, numbers = shape_of(value), np.array(value, dtype=object).ravel()
     if shape and argument.single:
-        table.problems.add(table.key(key), ONE, shown(value), "Correct it.")
+        table.problems.add(table.key(key), ONE, value_text(value), "Correct it.")
     elif shape is None or len(shape) > 2 or 0 in shape:
-        table.problems.add(table.key(key), NUMBERS, shown(value), "Correct it.")
+        table.problems.add(table.key(key), NUMBERS, value_text(value), "Correct it.")
     elif argument.whole and any(type(one) is not int for one in numbers):
-        table.problems.add(table.key(key), "whole numbers", shown(value), "Correct it.")
+        table.problems.add(table.key(key), "whole numbers", value_text(value), "Correct it.")
     elif not shape:
         return int(value) if argument.whole else table.number(key, "")
     else:

@@ -7,7 +7,7 @@ from vdfmu.arm.robot.parameters import JOINT_OPTIONS, PARAMETERS
 from vdfmu.base.data import data_path
 from vdfmu.base.text import nearest
 from vdfmu.base.toml_file import read_toml
-from vdfmu.base.toml_tables import Problems, shown
+from vdfmu.base.toml_tables import Problems, value_text
 
 NAMED = ("gear", "motor")
 """Keys of a joint that name an entry."""
@@ -52,10 +52,12 @@ def tables_of(problems: Problems, path: str, named: dict[str, Any], kind: str, e
             entries[what] = known[name]
         elif what in named:
             way_out = nearest(name, list(known)) if isinstance(name, str) else "Give it as a string."
-            problems.add(f"{path}.{what}", f"a {what} of the catalogue", shown(name), way_out)
+            problems.add(f"{path}.{what}", f"a {what} of the catalogue", value_text(name), way_out)
     gear, motor = (entries.get(what, {}) for what in NAMED)
     if gear and kind == "prismatic":
-        problems.add(f"{path}.gear", "none on a prismatic joint", shown(named["gear"]), "Give [joints.drive] itself.")
+        problems.add(
+            f"{path}.gear", "none on a prismatic joint", value_text(named["gear"]), "Give [joints.drive] itself."
+        )
     ratio = ell if isinstance(ell, (int, float)) and ell > 0 else gear.get("ratio")
     for what, entry in entries.items():
         for part in (*_ALWAYS, *JOINT_OPTIONS):

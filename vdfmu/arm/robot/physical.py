@@ -11,7 +11,7 @@ import numpy as np
 from vdfmu.arm.drive.option import Condition
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.arrays import Floats
-from vdfmu.base.toml_tables import Problems, shown
+from vdfmu.base.toml_tables import Problems, value_text
 
 # Entries of a rotation are at most 1, so ten printed digits leave R R^T - E below 1e-9.
 ROTATION_TOLERANCE = 1e-9
@@ -42,7 +42,7 @@ def check_inertia(problems: Problems, key: str, inertia: Floats) -> None:
         return
     scale = float(np.abs(inertia).max())
     if np.abs(inertia - inertia.T).max() > INERTIA_TOLERANCE * scale:
-        problems.add(key, "a symmetric matrix", shown(inertia.tolist()), "Make entries [i][j] and [j][i] equal.")
+        problems.add(key, "a symmetric matrix", value_text(inertia.tolist()), "Make entries [i][j] and [j][i] equal.")
         return
     moments = np.linalg.eigvalsh(inertia)
     got = "principal moments " + ", ".join(f"{moment:.6g}" for moment in moments) + " kg.m2"

@@ -20,7 +20,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.measure import POSITIVE
 from vdfmu.base.text import nearest
 from vdfmu.base.toml_file import locate, read_toml, shipped_names, toml_names
-from vdfmu.base.toml_tables import Problems, Table, shape_of, shown
+from vdfmu.base.toml_tables import Problems, Table, shape_of, value_text
 
 
 def _keys(name: Section) -> list[str]:
@@ -67,7 +67,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     expected = "one table [[joints]] for each joint"
     joints = file.value("joints", expected)
     if joints is not None and (not isinstance(joints, list) or not joints):
-        problems.add("joints", expected, shown(joints), "Write [[joints]] in double brackets, at least once.")
+        problems.add("joints", expected, value_text(joints), "Write [[joints]] in double brackets, at least once.")
         joints = None
     read: list[dict[str, Any]] = []
     of_catalogue: dict[str, str] = {}
@@ -228,7 +228,7 @@ def _sources(file: Table) -> dict[str, str]:
             for key, entry in cast("dict[str, object]", value).items():
                 walk(entry, f"{path}.{key}" if path else key)
         elif not isinstance(value, str):
-            file.problems.add(f"sources.{path}", "a string", shown(value), "Say where the number is from.")
+            file.problems.add(f"sources.{path}", "a string", value_text(value), "Say where the number is from.")
         elif joint_free(path) not in SOURCE_KEYS:
             file.problems.add(f"sources.{path}", "a key of this file", "an unknown one", nearest(path, SOURCE_KEYS))
         else:
@@ -239,5 +239,5 @@ def _sources(file: Table) -> dict[str, str]:
     if isinstance(sources, dict):
         walk(cast(object, sources), "")
     else:
-        file.problems.add("sources", "a table", shown(sources), "Its entries are: key = where its number is from.")
+        file.problems.add("sources", "a table", value_text(sources), "Its entries are: key = where its number is from.")
     return found

@@ -10,7 +10,7 @@ import numpy as np
 from vdfmu.arm.robot.parameters import Array, read_only
 from vdfmu.arm.robot.physical import check_rotation
 from vdfmu.base.arrays import Floats
-from vdfmu.base.toml_tables import Problems, Table, shown
+from vdfmu.base.toml_tables import Problems, Table, value_text
 
 SHAPES = {"mesh": 3, "box": 3, "ellipsoid": 3, "cylinder": 2, "capsule": 2, "sphere": 1}
 """Shape to the numbers of its size: scale of a mesh, sides, half-axes, radius and length along z, radius."""
@@ -59,7 +59,7 @@ class Visual:
 def read_visuals(problems: Problems, data: object, n: int) -> tuple[Visual, ...]:
     """Read the tables [[visuals]] of a robot of `n` joints; what is wrong is noted."""
     if not isinstance(data, list):
-        problems.add("visuals", "tables", shown(data), "Write [[visuals]] in double brackets.")
+        problems.add("visuals", "tables", value_text(data), "Write [[visuals]] in double brackets.")
         return ()
     return tuple(_visual(problems, entry, f"visuals[{i}]", n) for i, entry in enumerate(data, 1))
 
@@ -68,7 +68,7 @@ def _visual(problems: Problems, data: object, path: str, n: int) -> Visual:
     table = Table(problems, data, path, _KEYS)
     joint = table.value("joint", f"a joint from 0 to {n}")
     if joint is not None and (isinstance(joint, bool) or not isinstance(joint, int) or not 0 <= joint <= n):
-        problems.add(f"{path}.joint", f"a joint from 0 to {n}", shown(joint), "0 is what stands still.")
+        problems.add(f"{path}.joint", f"a joint from 0 to {n}", value_text(joint), "0 is what stands still.")
     shape = table.text("shape", choices=tuple(SHAPES))
 
     def numbers(key: str, size: tuple[int, ...], unit: str, default: Any, **bounds: Any) -> Floats:

@@ -38,6 +38,9 @@ class StudyTable:
         self.folder = folder
         table = folder / TABLE if self.path.is_dir() else self.path
         self._files = [table] if table.exists() else files_of(folder)
+        expected = f"{self.path}: expected {TABLE} of a parameter study, or its folder"
+        if not self._files and not (folder / LEDGER).exists():
+            raise UsageError(f"{expected}; there is none.")
         try:
             self._schemas = [table_of(file, []).schema for file in self._files]
             found = json.loads(
@@ -47,9 +50,7 @@ class StudyTable:
         except (UsageError, ValueError, RecursionError, KeyError, TypeError) as error:
             problems = [elided(str(error))]
         if problems:
-            raise UsageError(
-                f"{self.path}: expected {TABLE} of a parameter study, or its folder: {'; '.join(problems)}."
-            )
+            raise UsageError(f"{expected}: {'; '.join(problems).rstrip('.')}.")
         self.columns: list[str] = list(dict.fromkeys(n for schema in self._schemas for n in schema.names))
 
     @property

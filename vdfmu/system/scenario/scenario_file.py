@@ -16,7 +16,7 @@ from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, Robot
 from vdfmu.arm.robot.robot_file import check_robot, section_numbers
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import ModelError, UnitError, UsageError
-from vdfmu.base.toml_tables import Problems, Table, as_number, shape_of, shown
+from vdfmu.base.toml_tables import Problems, Table, as_number, shape_of, value_text
 from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
 from vdfmu.engine.algorithms import ALGORITHMS, is_continuous
 from vdfmu.engine.plan.grid import count_steps
@@ -106,7 +106,7 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None, system:
     way_out = f"{SOLVER_TOLERANCE:g} is a good start."
     tolerance = file.number("tolerance", "", SOLVER_TOLERANCE, above=0, way_out=way_out)
     if tolerance >= 1:
-        problems.add("tolerance", "a relative tolerance < 1", shown(tolerance), way_out)
+        problems.add("tolerance", "a relative tolerance < 1", value_text(tolerance), way_out)
     inputs = Path(problems.where).parent / file.text("inputs") if "inputs" in file.data else None
     input_hold = file.flag("input_hold", False)
     factors = _factors(file.optional_table("plant_factors", FACTOR_FIELDS), n)
@@ -173,7 +173,7 @@ def _adaptive(file: Table, master: str) -> float | None:
         return None
     error = file.number("adaptive", "", above=0)
     if error >= 1:
-        file.problems.add("adaptive", "a relative error < 1", shown(error), "1e-6 is a good start.")
+        file.problems.add("adaptive", "a relative error < 1", value_text(error), "1e-6 is a good start.")
     if master in ALGORITHMS and not is_continuous(master):
         file.problems.add(
             "adaptive",

@@ -16,7 +16,7 @@ from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.base.once import cached_per_command
 from vdfmu.base.text import nearest
 from vdfmu.base.toml_file import locate
-from vdfmu.base.toml_tables import Problems, Table, as_number, shown
+from vdfmu.base.toml_tables import Problems, Table, as_number, value_text
 
 _KEYS = ("extends", "name", "description", "units", "shared", "connections")
 Box = tuple[float, float, float, float]
@@ -95,14 +95,14 @@ def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, ba
     for source, value in file.optional_table("connections").data.items():
         targets = [value] if isinstance(value, str) else value
         if not isinstance(targets, list) or not all(isinstance(one, str) for one in cast("list[object]", targets)):
-            problems.add(f"connections.{source}", 'a list such as ["plant.tau"]', shown(value), "Name inputs.")
+            problems.add(f"connections.{source}", 'a list such as ["plant.tau"]', value_text(value), "Name inputs.")
             continue
         ends = cast("list[str]", targets)
         for end in (source, *ends):
             component = end.partition(".")[0]
             if "." not in end or component not in parts:
                 problems.add(
-                    f"connections.{source}", "component.signal of components in [units]", shown(end),
+                    f"connections.{source}", "component.signal of components in [units]", value_text(end),
                     nearest(component, list(parts)),
                 )  # fmt: skip
         own[source] = ends
@@ -120,7 +120,7 @@ def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, ba
         file.check_name(where, key, dots=False)
         if not isinstance(members, dict) or not members or not all(isinstance(one, str) for one in members.values()):
             expected = 'a table such as { trajectory = "q_start", plant = "q_0" }'
-            problems.add(where, expected, shown(members), "Name a group of each component that shares its value.")
+            problems.add(where, expected, value_text(members), "Name a group of each component that shares its value.")
         elif unknown := [one for one in members if one not in parts]:
             problems.add(where, "components in [units]", ", ".join(unknown), nearest(unknown[0], list(parts)))
         elif key == "robot":
@@ -151,7 +151,7 @@ def _part(problems: Problems, key: str, value: object, folder: Path) -> Part:
     problems.add(
         where,
         'a unit such as "plant" or "my_unit.py", or a table { unit = .., box = .., robot = .. }',
-        shown(value),
+        value_text(value),
         "",
     )
     return Part(key)
@@ -172,5 +172,7 @@ def _box(problems: Problems, where: str, value: object) -> Box | None:
         x1, y1, x2, y2 = corners
         if x1 < x2 and y1 < y2:
             return x1, y1, x2, y2
-    problems.add(where, "corners [x1, y1, x2, y2] in mm, x1 < x2 and y1 < y2", shown(value), "Or leave the box out.")
+    problems.add(
+        where, "corners [x1, y1, x2, y2] in mm, x1 < x2 and y1 < y2", value_text(value), "Or leave the box out."
+    )
     return None
