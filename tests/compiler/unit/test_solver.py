@@ -256,6 +256,32 @@ def step_of(unit, robot):
     return interface.functions.casadi_function(interface.program.step[0].function)
 
 
+class Named(Unit):
+    """A state that follows inputs with names of the solver's own."""
+
+    y = Input("1")
+    h = Input("1")
+    v = State("1")
+    v_rate = Derivative(v)
+
+    def derivatives(self) -> None:
+        self.v_rate = self.y + self.h - self.v
+
+
+class NamedBalance(Named):
+    """The same by its balance."""
+
+    def balance(self):
+        return self.v_rate + self.v - self.y - self.h
+
+
+def test_inputs_of_a_balance_may_have_names_of_the_solver():
+    direct, balanced = step_of(Named, None), step_of(NamedBalance, None)
+    at = dict(zip(direct.name_in(), np.random.default_rng(0).uniform(0.1, 0.2, direct.n_in()), strict=True))
+    x_new = [np.asarray(step(*(at[name] for name in step.name_in()))[0]) for step in (direct, balanced)]
+    np.testing.assert_allclose(*x_new, rtol=0, atol=1e3 * EPS)  # a step is some hundred operations on numbers below 1
+
+
 @pytest.mark.heavy
 @pytest.mark.parametrize("name", TYPICAL)
 @pytest.mark.parametrize("coupling", [False, True])
