@@ -3,7 +3,7 @@
 The Python slave runs the lists, the native FMU is generated from them, and the dependencies are read off them. The
 arguments and results of a function are names of groups of variables; further groups are ``p``, the robot's run-time
 parameters, ``x`` and ``x_dot``, the continuous states and their derivatives, and ``t``, the time. A variable of such a
-name is ``own_x`` there.
+name is ``own_x_`` there.
 """
 
 from __future__ import annotations

@@ -41,7 +41,7 @@ _TAKEN = re.compile(
 
 def argument_name(name: str) -> str:
     """Name of a variable as an argument or result of traced functions, which have other uses for some names."""
-    return f"own_{name}" if _TAKEN.fullmatch(name) else name
+    return f"own_{name}_" if _TAKEN.fullmatch(name) else name
 
 
 class Leaf(NamedTuple):
