@@ -131,7 +131,8 @@ def _signature(name: str, function: Any) -> Iterator[str]:
     listed = [each for each in signature.parameters.values() if each.name not in ("self", "cls")]
     for place, each in enumerate(listed, 1):
         annotation = getattr(each.annotation, "__forward_arg__", each.annotation)  # of named tuples before Python 3.14
-        kind = "" if annotation is each.empty else f": {inspect.formatannotation(annotation)}".replace("'", "")
+        kind = "" if annotation is each.empty else f": {inspect.formatannotation(annotation)}"
+        kind = kind.replace("'", "").replace("pathlib._local.", "")  # the module of Path in Python 3.13
         default = "" if each.default is each.empty else f" = {each.default!r}"
         default = " = ..." if "<" in default else default  # an object whose text has its address
         stars = {each.VAR_POSITIONAL: "*", each.VAR_KEYWORD: "**"}.get(each.kind, "")

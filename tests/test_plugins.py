@@ -15,7 +15,7 @@ import pytest
 
 import vdfmu
 from tests.docs.test_tutorials import ROOT, read_blocks
-from tests.study.identify.test_logs import T, motion
+from tests.study.identify.recorded import T, motion
 from vdfmu.arm.units import find_unit, known_units
 from vdfmu.base import plugins
 from vdfmu.base.errors import UsageError

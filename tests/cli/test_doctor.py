@@ -43,7 +43,7 @@ def test_what_is_missing_is_said_with_its_price_and_the_way_to_it(monkeypatch, t
     monkeypatch.setattr(extras, "version", version)
     less = CliRunner().invoke(app, ["doctor"])
     assert less.exit_code == 1
-    assert "Extra    parquet: pyarrow>=15 not installed: results are CSV, three times the size. " in less.output
+    assert "Extra    parquet: pyarrow>=16 not installed: results are CSV, three times the size. " in less.output
     assert "pip install 'vdfmu[sweep]'" in less.output
     assert "error: casadi>=3.7 not installed, without which nothing runs" in less.output
 
