@@ -45,7 +45,7 @@ Serial manipulators with flexible joints as FMUs, for tools of FMI and SSP. The 
 
 | file | what |
 | --- | --- |
-| `ARM/fmi2.0/UNIT.fmu`, `ARM/fmi3.0/UNIT.fmu` | a unit of an arm in FMI 2.0, with scalars, and 3.0, with arrays |
+| `ARM/fmi2.0/UNIT.fmu`, `ARM/fmi3.0/UNIT.fmu` | a unit of an arm: FMI 2.0, scalars; FMI 3.0, arrays without a prismatic joint |
 | `ARM/reference/` | the system of an arm as SSP 1.0 and 2.0, its results, a script that compares yours, a README |
 | `vdfmu-{version}-py3-none-any.whl` | the Python package |
 | `constraints.txt` | versions of other packages that it was tested with |
@@ -66,6 +66,14 @@ of the arm's first motion: Trajectory, Feedforward, PDController and Plant move 
 inputs of the same name, with a step of 1 ms. The packages in `reference/` are that system; its tables of results are
 what your tool should give.
 
+| unit | what |
+| --- | --- |
+{units}
+
+| arm | joints | what |
+| --- | ---: | --- |
+{arms}
+
 ## Is an FMU what its sources make?
 
 ```sh
@@ -74,14 +82,6 @@ vdfmu verify ARM/fmi2.0/Plant.fmu
 ```
 
 builds the FMU again, without the cache, and names each file that is not the same to the bit.
-
-| unit | what |
-| --- | --- |
-{units}
-
-| arm | joints | what |
-| --- | ---: | --- |
-{arms}
 """
 
 
@@ -146,7 +146,7 @@ def _write_texts(out: Path, arms: Sequence[str], platforms: Sequence[str]) -> No
     robots = [load_robot(name) for name in arms]
     readme = README.format(
         version=__version__,
-        platforms=", ".join(f"`{name}`" for name in platforms),
+        platforms=", ".join(f"`{name}`{' in FMI 3.0' if name == COMPONENT else ''}" for name in platforms),
         units="\n".join(f"| {unit.__name__} | {unit.description()} |" for unit in shipped_units().values()),
         arms="\n".join(f"| {robot.name} | {robot.n} | {robot.description} |" for robot in robots),
     )

@@ -152,10 +152,10 @@ def test_a_file_that_cannot_be_read_is_said(tmp_path, content, words):
     ("over", "sample", "n", "words"),
     [
         (["a=lin(0, 1)"], "grid", None, "or their number"),
-        (["a=lin(0, 1, 3)"], "grid", 10, "leave it out"),
+        (["a=lin(0, 1, 3)"], "grid", 10, "^points: a grid .* leave it out"),
         (["a=lin(0, 1)"], "lhs", None, "number of points"),
         (["a=lin(0, 1)"], "lhs", 0, "number of points"),
-        ([], "grid", None, "at least one axis"),
+        ([], "grid", None, "^vary: expected at least one axis"),
         ([f"a{i}=lin(0, 1, 100)" for i in range(4)], "grid", None, "at most"),
         (["a=1"], "points.csv", None, "expected no axis with it"),
         (["a=1"], "lhz", 3, "expected grid, lhs"),

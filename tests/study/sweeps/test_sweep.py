@@ -376,3 +376,10 @@ def test_the_command_says_what_it_found(wild, tmp_path):
     assert "sweep.parquet, 2 points" in done.output
     wrong = CliRunner().invoke(app, ["sweep", str(wild), "--vary", "unit.way"])
     assert isinstance(wrong.exception, UsageError) and "TARGET=FORM" in str(wrong.exception)
+
+
+def test_a_study_that_is_not_there_is_said_and_none_above_it_is_read(tmp_path):
+    (tmp_path / "parts").mkdir()  # of a study that has begun
+    (tmp_path / "sweep.json").write_text("{}")
+    with pytest.raises(UsageError, match=r"none: expected sweep.parquet of a parameter study, or its folder; there is none\.$"):
+        Sweep(tmp_path / "none")

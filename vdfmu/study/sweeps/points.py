@@ -53,30 +53,30 @@ def draw(axes: Sequence[Axis], sample: str, n: int | None = None, seed: int = 0)
         if axes and Path(sample).suffix:
             raise UsageError(f"sample: {sample} says what varies, so expected no axis with it.")
         if n is not None and Path(sample).is_file():
-            raise UsageError(f"n: {sample} has the points; leave it out.")
+            raise UsageError(f"points: {sample} has the points; leave it out.")
         return _read(sample)
     if not axes:
-        raise UsageError("over: expected at least one axis, such as controller.K_p=lin(500, 5000, 10).")
+        raise UsageError("vary: expected at least one axis, such as controller.K_p=lin(500, 5000, 10).")
     if sample == "grid":
         return list(axes), _grid(axes, n)
     if n is None or not 1 <= n <= MOST_POINTS:
-        raise UsageError(f"n: expected a number of points of {sample} up to {MOST_POINTS:g}, got {n}.")
+        raise UsageError(f"points: expected a number of points of {sample} up to {MOST_POINTS:g}, got {n}.")
     count = n * {"saltelli": 2 * len(axes) + 2, "morris": len(axes) + 1}.get(sample, 1)
     if count > MOST_POINTS:
-        raise UsageError(f"n: expected at most {MOST_POINTS:g} points, got {count}.")
+        raise UsageError(f"points: expected at most {MOST_POINTS:g} points, got {count}.")
     drawn = shares(len(axes), sample, n, seed)
     return list(axes), {axis.target: axis.at(drawn[:, i]) for i, axis in enumerate(axes)}
 
 
 def _grid(axes: Sequence[Axis], n: int | None) -> Points:
     if n is not None:
-        raise UsageError("n: a grid has as many points as its axes say; leave it out, or take lhs or sobol.")
+        raise UsageError("points: a grid has as many points as its axes say; leave it out, or take lhs or sobol.")
     words = "expected values, or their number, lin(FROM, TO, N), in a grid; lhs and sobol need none."
     if without := [f"{axis}: {words}" for axis in axes if not axis.values]:
         raise UsageError("\n".join(without))
     size = math.prod(len(axis.values) for axis in axes)
     if size > MOST_POINTS:
-        raise UsageError(f"over: expected a grid of at most {MOST_POINTS:g} points, got {size}.")
+        raise UsageError(f"vary: expected a grid of at most {MOST_POINTS:g} points, got {size}.")
     index = np.indices([len(axis.values) for axis in axes]).reshape(len(axes), -1)
     return {axis.target: np.array(axis.values)[i] for axis, i in zip(axes, index, strict=True)}
 

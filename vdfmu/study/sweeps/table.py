@@ -39,7 +39,8 @@ class StudyTable:
         table = folder / TABLE if self.path.is_dir() else self.path
         self._files = [table] if table.exists() else files_of(folder)
         expected = f"{self.path}: expected {TABLE} of a parameter study, or its folder"
-        if not self._files and not (folder / LEDGER).exists():
+        named = self.path.name == TABLE or self.path.exists()  # the table of an unfinished study is not there yet
+        if not named or not self._files and not (folder / LEDGER).exists():
             raise UsageError(f"{expected}; there is none.")
         try:
             self._schemas = [table_of(file, []).schema for file in self._files]
