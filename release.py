@@ -45,7 +45,7 @@ Serial manipulators with flexible joints as FMUs, for tools of FMI and SSP. The 
 
 | file | what |
 | --- | --- |
-| `ARM/fmi2.0/UNIT.fmu`, `ARM/fmi3.0/UNIT.fmu` | a unit in FMI 2.0, with scalars, and 3.0, with arrays if all joints turn |
+| `ARM/fmi2.0/UNIT.fmu`, `ARM/fmi3.0/UNIT.fmu` | a unit: FMI 2.0 has scalars, 3.0 arrays if all joints turn |
 | `ARM/reference/` | the system of an arm as SSP 1.0 and 2.0, its results, a script that compares yours, a README |
 | `vdfmu-{version}-py3-none-any.whl` | the Python package |
 | `constraints.txt` | versions of other packages that it was tested with |
