@@ -91,7 +91,7 @@ def name_of(line: str) -> str:
     part, _, text = line.partition(": ")
     if part in ("files of a run", "entry points", "exit codes"):
         return text.partition(": ")[0].partition(" ")[0]
-    words = re.split("[:=]", re.sub(r"\[.*?\]", "", text))[0].split()
+    words = re.split("->|[:=]", re.sub(r"\[.*?\]", "", text))[0].split()
     option = next((word.rstrip(",") for word in words if word.startswith("-")), "")
     last = words[-1] if part in ("Python", "commands") else words[0]
     return option or last.removesuffix("()").rpartition(".")[2].strip("*")
@@ -138,6 +138,9 @@ def _signature(name: str, function: Any) -> Iterator[str]:
         stars = {each.VAR_POSITIONAL: "*", each.VAR_KEYWORD: "**"}.get(each.kind, "")
         position = f"{place} " if each.kind is each.POSITIONAL_OR_KEYWORD else ""
         yield f"{name} {position}{stars}{each.name}{kind}{default}"
+    returned = signature.return_annotation
+    if returned not in (signature.empty, None, "None"):
+        yield f"{name}() -> {inspect.formatannotation(returned)}".replace("'", "")
 
 
 def _commands(name: str, command: Any) -> Iterator[str]:

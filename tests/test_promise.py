@@ -43,6 +43,7 @@ def record_of(heading):
 @pytest.mark.parametrize(("line", "name"), [
     ("Python: vdfmu.sweep vary: Sequence[str] = ()", "vary"),
     ("Python: vdfmu.Results.compare()", "compare"),
+    ("Python: vdfmu.simulate() -> Results", "simulate"),
     ("commands: vdfmu sweep run --seed int = 0", "--seed"),
     ("commands: vdfmu sweep", "sweep"),
     ("exit codes: 2 wrong usage or input", "2"),
