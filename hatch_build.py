@@ -7,11 +7,8 @@ from pathlib import Path
 
 from hatchling.metadata.plugin.interface import MetadataHookInterface
 
-_IN_A_CLONE = {
-    '-c constraints.txt ".[native]"': '"vdfmu[native]"',
-    " On a later Python leave `-c constraints.txt` out.": "",
-}
-"""What pip installs in a clone, and what an index says instead."""
+_SOURCES = '-c constraints.txt ".[native]"'
+"""What pip installs in a clone."""
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\((?!\w+:)([^)]*)\)")
 
 
@@ -37,6 +34,4 @@ def for_index(text: str, home: str, version: str) -> str:
             return f"{picture}[{words}]({home}/{'raw' if picture else 'blob'}/v{version}/{target})"
         return "" if picture else words
 
-    for here, there in _IN_A_CLONE.items():
-        text = text.replace(here, there)
-    return _LINK.sub(absolute, text)
+    return _LINK.sub(absolute, text.replace(_SOURCES, '"vdfmu[native]"'))
