@@ -50,8 +50,7 @@ Serial manipulators with flexible joints as FMUs, for tools of FMI and SSP. The 
 | `vdfmu-{version}-py3-none-any.whl` | the Python package |
 | `constraints.txt` | versions of other packages that it was tested with |
 | `vdfmu-{version}.tar.gz`, `recipe.yaml` | all sources, with tests and documentation; the recipe of the conda package |
-| `sbom.cdx.json` | what is installed with the package, as CycloneDX |
-| `SHA256SUMS` | the digest of each file: `sha256sum -c SHA256SUMS` |
+{bill}| `SHA256SUMS` | the digest of each file: `sha256sum -c SHA256SUMS` |
 | `LICENSE` | MIT; an FMU has its own, with the compiler's, in `documentation/licenses` |
 
 ## To import an FMU
@@ -146,6 +145,7 @@ def _write_texts(out: Path, arms: Sequence[str], platforms: Sequence[str]) -> No
     robots = [load_robot(name) for name in arms]
     readme = README.format(
         version=__version__,
+        bill="| `sbom.cdx.json` | what is installed with the package, as CycloneDX |\n" if SBOM.exists() else "",
         platforms=", ".join(f"`{name}`{' in FMI 3.0' if name == COMPONENT else ''}" for name in platforms),
         units="\n".join(f"| {unit.__name__} | {unit.description()} |" for unit in shipped_units().values()),
         arms="\n".join(f"| {robot.name} | {robot.n} | {robot.description} |" for robot in robots),

@@ -8,6 +8,9 @@ import warnings
 import pytest
 
 import vdfmu
+import vdfmu.motion
+import vdfmu.plugin
+import vdfmu.unit
 from vdfmu.base import words
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.base.progress import warn_once
@@ -56,6 +59,18 @@ def test_a_name_of_the_api(deprecated):
     assert found[0].filename == __file__
     with pytest.raises(AttributeError, match="load_hand"):
         vdfmu.load_hand  # noqa: B018
+
+
+@pytest.mark.parametrize(
+    ("module", "name"), [(vdfmu.unit, "Unit"), (vdfmu.motion, "load_motion"), (vdfmu.plugin, "Signal")]
+)
+def test_a_name_of_a_module_of_the_api(deprecated, module, name):
+    deprecated[module.__name__] = {"OldName": name}
+    with pytest.warns(DeprecationWarning, match=rf"{module.__name__}\.OldName is deprecated; write {name}") as found:
+        assert module.OldName is getattr(module, name)
+    assert found[0].filename == __file__
+    with pytest.raises(AttributeError, match=f"module '{module.__name__}' has no attribute 'Nothing'"):
+        module.Nothing  # noqa: B018
 
 
 @pytest.mark.parametrize("quiet", [[], ["--quiet"]])

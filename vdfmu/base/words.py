@@ -1,8 +1,9 @@
 """Words that have another name now: those that still work, and say so, and those that are gone, which are answered.
 
 Both tables have, for each place, its old words and the new ones. A place is a function or command, by the name of the
-function; no name is that of commands themselves; ``vdfmu`` are names of the API; ``robots``, ``scenarios`` and
-``systems`` keys of files, with the tables that they are in, ``joints.drive.ell``; the class of a unit its variables.
+function; no name is that of commands themselves; ``vdfmu`` and ``vdfmu.unit`` are names of the API; ``robots``,
+``scenarios`` and ``systems`` keys of files, with the tables that they are in, ``joints.drive.ell``; the class of a unit
+its variables.
 """
 
 from __future__ import annotations
@@ -72,3 +73,11 @@ def takes_old_words(function: Callable[_P, _T]) -> Callable[_P, _T]:
         return function(*args, **present_parameters(function.__name__, kwargs))  # type: ignore[arg-type]
 
     return called
+
+
+def renamed(module: str, names: Mapping[str, Any], word: str) -> Any:
+    """Return what a deprecated name of a public module is now: its ``__getattr__`` calls this with its names."""
+    new = present_word(module, word, f"{module}.", warn_python)
+    if new not in names:
+        raise AttributeError(f"module {module!r} has no attribute {word!r}")
+    return names[new]

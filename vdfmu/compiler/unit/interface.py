@@ -363,7 +363,7 @@ def interface_of(unit: type[BaseUnit], robot: Machine | None) -> Interface:
 def _declared(unit: type[BaseUnit], robot: Machine | None) -> tuple[tuple[Variable, ...], tuple[Variable, ...]]:
     """Return the variables of a unit and the derivatives of its states; UnitError if it is declared wrongly."""
     if robot is None and unit.needs_robot():
-        raise UnitError(f"{unit.__name__} needs a robot, for its joints. Name one.")
+        raise UnitError(f"{unit.__name__} needs a robot, for its joints: name one, --robot planar_2dof.")
     check_unit(unit, robot)
     return tuple(scalar_variables(unit, robot)), tuple(derivative_variables(unit, robot))
 
