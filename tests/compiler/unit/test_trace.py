@@ -70,7 +70,7 @@ def test_each_choice_that_a_method_reads_is_traced_by_itself():
         ("chosen_outputs_c", (("mode", 2),)),
     ]
     assert [call.reads for call in program.outputs] == [("u",), ("u",), ("u",), ("k",)]
-    assert {call.sets for call in program.outputs} == {("own_y_",)}
+    assert {call.sets for call in program.outputs} == {("y",)}
     assert [call.function for call in program.step] == ["chosen_step_not_doubled", "chosen_step_doubled"]
     assert [call.function for call in program.start] == ["chosen_start"] and program.update == ()
 

@@ -102,7 +102,7 @@ class ImplicitEquations:
 
         def f(x_i: ca.MX, after: ca.MX, *y_i: ca.MX) -> ca.MX:
             moved = move.call([after, *(now[key] for key in (*moving, *rates))]) if moving else []
-            at = now | dict(zip(moving, moved, strict=True)) | {"x": x_i} | dict(zip(["y"], y_i, strict=False))
+            at = now | dict(zip(moving, moved, strict=True)) | {"x": x_i} | dict(zip(["x_dot_new"], y_i, strict=False))
             return derivatives(*(at[key] for key in derivatives.name_in()))
 
         factors, x_dot = start(*(now[key] for key in start.name_in()))
@@ -116,7 +116,7 @@ class ImplicitEquations:
         y = ca.SX.sym("y", len(stages.carried))
         x_dot = ca.SX(self.x.numel(), 1)
         x_dot[stages.carried] = y
-        at = {"y": y} | self.inputs
+        at = {"x_dot_new": y} | self.inputs
         value = self._residual(x_dot, *self.inputs.values()) + stages.explicit * x_dot
         return ca.Function(name, list(at.values()), ca.cse([ca.densify(value)]), list(at), ["value"])
 

@@ -31,7 +31,7 @@ _MAY_SET: dict[str, tuple[type[Declared], ...]] = {
 }
 _MEMORY = "What is kept from one call to the next is a Sampled state; what is not, a local variable"
 _TAKEN = re.compile(
-    r"p|x|y|x_dot|t|h|tolerance|norm|ratio|factors|given|made|w|[svw]\d+|null|jac|hess|(own|d|bar|rate)_.*|.*_(new|out)"
+    r"p|x|x_dot|t|h|tolerance|norm|ratio|factors|given|made|w|[svw]\d+|null|jac|hess|(own|d|bar|rate)_.*|.*_(new|out)"
     # keywords of C, and what it defines that traced functions use
     r"|auto|bool|break|case|char|const|continue|default|do|double|else|enum|extern|false|float|for|goto|if|inline|int"
     r"|long|register|restrict|return|short|signed|sizeof|static|struct|switch|true|typedef|typeof|union|unsigned|void"
