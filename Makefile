@@ -26,7 +26,7 @@ test-lowest: $(VENV)/supply  ## run the tests, except for the heavy ones, with t
 	sed -n 's/^requires = \["\(.*\)"\]/\1/p' pyproject.toml | $(VENV)/tools/bin/uv pip compile --quiet - pyproject.toml \
 		--extra test --extra notebook --resolution lowest-direct --only-binary :all: --generate-hashes \
 		--python $(VENV)/lowest/bin/python --output-file $(VENV)/lowest.txt
-	$(VENV)/lowest/bin/python $(PIP_INSTALL) --require-hashes -r $(VENV)/lowest.txt
+	$(VENV)/lowest/bin/python $(PIP_INSTALL) --require-hashes -r $(VENV)/lowest.txt --no-deps
 	$(VENV)/lowest/bin/python $(PIP_INSTALL) --no-deps --no-build-isolation -e .
 	$(VENV)/lowest/bin/python -m pytest -n 2 -m "not heavy" $(PYTEST_ARGS)
 

@@ -45,7 +45,8 @@ def test_shapes_have_the_inertia_that_mujoco_gives_them(urdf) -> None:
     mujoco.mju_quat2Mat(axes, body.body_iquat[1])
     turned = R.T @ axes.reshape(3, 3)
     expected = turned @ np.diag(body.body_inertia[1]) @ turned.T
-    np.testing.assert_allclose(found["inertia"], expected, rtol=0, atol=1e-10 * moments[-1])
+    # MuJoCo before 3.14 ends its turns at a cosine of 1 - 1e-12, which leaves the axes off by up to 1.4e-6 rad
+    np.testing.assert_allclose(found["inertia"], expected, rtol=0, atol=1.5e-6 * moments[-1])
 
 
 def test_what_is_made_of_shapes_is_said(urdf, tmp_path: Path) -> None:
