@@ -12,7 +12,9 @@ from benchmarks.optimal_motion import MOST, ROBOT, TO, imported_rate, shortest_m
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
 
-SEEN = pytest.mark.skipif(ca.CasadiMeta.version() < "3.8.2", reason="docs/importers.md has the importer of CasADi 3.8.2")
+VERSION = tuple(int(number) for number in ca.CasadiMeta.version().split("."))
+SEEN = pytest.mark.skipif(VERSION < (3, 8, 2), reason="docs/importers.md has the importer of CasADi 3.8.2")
+
 SWING = """
 import numpy as np
 from vdfmu.unit import Derivative, Input, Parameter, State, Unit
