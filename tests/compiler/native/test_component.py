@@ -228,7 +228,7 @@ def test_a_refusal_says_why_and_leaves_the_instance(description: Description, fo
     instance = running(in_sandbox(description), folders["plant"])
     (tau, *_) = description.elements("tau")
     with pytest.raises(CosimError, match=r"setFloat64 .*tau\[1\]: expected a finite number, .* \(status error\)"):
-        instance.set(tau, np.nan)
+        instance.set_all([(tau, np.nan)])
     moved(instance, 1)
     instance.close()
 
