@@ -33,8 +33,8 @@ from vdfmu.system.scenario.values import system_values
 ROOT = Path(__file__).parent
 SBOM = ROOT / "dist" / "sbom.cdx.json"
 SDIST = f"vdfmu-{__version__}.tar.gz"
-RECIPE_SOURCE = ("  path: ..\n", f"  url: https://an.index/packages/source/v/vdfmu/{SDIST}\n  sha256: DIGEST\n")
-"""Source in the recipe of the tree, and in that of a release: the address and the digest of its sdist."""
+RECIPE_SOURCE = ("  path: ..\n", f"  path: {SDIST}\n  sha256: DIGEST\n")
+"""Source in the recipe of the tree, and in that of a release: its sdist beside it, with the digest."""
 EPOCH = "1577836800"
 """Date of the files in archives where SOURCE_DATE_EPOCH says none: 1 January 2020, as of hatchling."""
 

@@ -112,7 +112,7 @@ def test_a_release_made_twice_has_the_same_bits(releases):
     whole = {sdist, f"vdfmu-{__version__}-py3-none-any.whl", "LICENSE", "README.md", "recipe.yaml", "constraints.txt"}
     assert whole | {"planar_2dof/reference/planar_2dof_reach_2.0.ssp"} <= digests.keys()
     recipe = (one / "recipe.yaml").read_text()
-    assert f"/{sdist}\n  sha256: {digests[sdist]}\n" in recipe and "path: .." not in recipe
+    assert f"path: {sdist}\n  sha256: {digests[sdist]}\n" in recipe and "path: .." not in recipe
 
 
 @pytest.mark.heavy
