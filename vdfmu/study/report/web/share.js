@@ -69,11 +69,14 @@ function filmed(player, button) {
   const seconds = Math.min(LONGEST_FILM, time.at(-1) - time[0]), begun = performance.now();
   recorder.addEventListener("dataavailable", ({ data }) => parts.push(data));
   recorder.addEventListener("stop", () => {
-    handOver(new Blob(parts, { type }), `${player.scene.run.name}.${type.slice(6, 10).replace(";", "")}`);
+    const film = new Blob(parts, { type });
+    if (film.size) handOver(film, `${player.scene.run.name}.${type.slice(6, 10).replace(";", "")}`);
+    button.title = film.size ? "" : "The browser recorded nothing: try again";
     button.disabled = false;
     view.change("time", before);
   });
   button.disabled = true;
+  button.title = "";
   player.play(false);
   recorder.start();
   const step = () => {
