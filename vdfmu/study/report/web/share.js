@@ -7,6 +7,7 @@ import { handOver } from "./save.js";
 
 const PRINTED = ["tracking", "torque", "compensation", "tool"];
 const LONGEST_FILM = 10; // s
+const FILM_TITLE = "Save a film of the whole run";
 const FILM_TYPES = ["video/mp4;codecs=avc1.42E01E", "video/webm;codecs=vp9", "video/webm"];
 
 /** The command of the run that is shown, with what a chosen point and the sliders have changed, in this order. */
@@ -40,7 +41,7 @@ export function shareButtons(simulation) {
 
 /** Buttons that save the arm as it is drawn, and as a film of the whole run. */
 export function pictureButtons(player) {
-  const film = make("button", { type: "button", title: "Save a film of the whole run", click: () => filmed(player, film) }, "Film");
+  const film = make("button", { type: "button", title: FILM_TITLE, click: () => filmed(player, film) }, "Film");
   const able = globalThis.MediaRecorder && HTMLCanvasElement.prototype.captureStream;
   return [make("button", { type: "button", title: "Save the arm as it is shown", click: () => savePoster(player) }, "Picture"), ...(able ? [film] : [])];
 }
@@ -71,12 +72,12 @@ function filmed(player, button) {
   recorder.addEventListener("stop", () => {
     const film = new Blob(parts, { type });
     if (film.size) handOver(film, `${player.scene.run.name}.${type.slice(6, 10).replace(";", "")}`);
-    button.title = film.size ? "" : "The browser recorded nothing: try again";
+    button.title = film.size ? FILM_TITLE : "The browser recorded nothing: try again";
     button.disabled = false;
     view.change("time", before);
   });
   button.disabled = true;
-  button.title = "";
+  button.title = FILM_TITLE;
   player.play(false);
   recorder.start();
   const step = () => {
