@@ -6,7 +6,7 @@ The two formulations share no line of code. The third column shows one reading o
 constant of 9.80 instead of 9.81 m/s2 makes. The other reading is a thousandth of the torques themselves.
 """
 
-import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
 import numpy as np
@@ -81,7 +81,7 @@ def figure_8(time, vd, newton_euler, low):
     return figure
 
 
-def main(folder="results/contrast"):
+def main(folder):
     """Print the RMS values next to Table 3 and draw the figures."""
     time, vd, newton_euler, low = torques()
     columns = (rms(vd), 1e3 * rms(vd - newton_euler), 1e3 * rms(vd - low), TABLE_3)
@@ -94,4 +94,6 @@ def main(folder="results/contrast"):
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("folder", nargs="?", default="results/contrast")
+    main(parser.parse_args().folder)

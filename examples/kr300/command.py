@@ -8,7 +8,7 @@ has the rest of that record. Written beside it: a_reference.csv, the recorded re
 the start, at as many of the record's times as lines between them need to be right.
 """
 
-import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
 import numpy as np
@@ -43,23 +43,23 @@ def write(path, time, columns):
     print(f"{path.name}: {len(table)} rows, {path.stat().st_size / 1e3:.0f} kB")
 
 
-def main(path, name):
+def main(file, record):
     """Write the tables of a record."""
-    record = loadmat(path, squeeze_me=True, struct_as_record=False)
-    time = np.asarray(record["rec"].time_cont, dtype=float)
-    ratios = record["para"].u
-    found = {
-        "kappa_dot_d": record["ref_dyn"].phi_r_m_all_d1 / ratios,
-        "tau_ff": np.array(record["tau_ff_all"].T, float),
-    }
+    data = loadmat(file, squeeze_me=True, struct_as_record=False)
+    time = np.asarray(data["rec"].time_cont, dtype=float)
+    ratios = data["para"].u
+    found = {"kappa_dot_d": data["ref_dyn"].phi_r_m_all_d1 / ratios, "tau_ff": np.array(data["tau_ff_all"].T, float)}
     rows = knots(np.hstack([found[key] / right for key, right in RIGHT.items()]), 1.0)
     units = {"kappa_dot_d": " [rad/s]", "tau_ff": " [N.m]"}
     columns = {(f"controller.{key}[{{}}]", units[key]): value[rows] for key, value in found.items()}
-    write(HERE / f"{name}_command.csv", time[rows], columns)
+    write(HERE / f"{record}_command.csv", time[rows], columns)
     pose = np.array([0, -90, 90, 0, 0, 0])  # degrees at the start, as KUKA counts
-    reference = record["rec"].ref_pos_deg.T[::10] + pose
-    write(HERE / f"{name}_reference.csv", time[::10], {("q{}", " [deg]"): reference})
+    reference = data["rec"].ref_pos_deg.T[::10] + pose
+    write(HERE / f"{record}_reference.csv", time[::10], {("q{}", " [deg]"): reference})
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("file")
+    parser.add_argument("record", choices=("a", "b"))
+    main(**vars(parser.parse_args()))

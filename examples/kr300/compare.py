@@ -9,7 +9,7 @@ the gears, as `vdfmu identify` finds them in A, and the constant between the enc
 where they start. Axes 4 to 6 have no encoders behind their gears: the position is that of the motor.
 """
 
-import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
 import numpy as np
@@ -126,7 +126,7 @@ def draw(path, name, time, here, there):
     style.save(figure, Path(path))
 
 
-def main(folder="results", *changes):
+def main(folder, *changes):
     """Compare both records; `changes`: controller.f_n=0 and so on."""
     settings = read_settings(changes, "changes", "COMPONENT.VARIABLE=VALUE")
     robot = vdfmu.load_robot("kr300_6dof")
@@ -149,4 +149,8 @@ def main(folder="results", *changes):
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("folder", nargs="?", default="results")
+    parser.add_argument("changes", nargs="*", help="controller.f_n=0 and so on")
+    given = parser.parse_args()
+    main(given.folder, *given.changes)

@@ -7,7 +7,7 @@ Modelica/Mechanics/MultiBody/Examples/Systems/RobotR3/FullRobot.
 """
 
 import csv
-import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
 import numpy as np
@@ -89,4 +89,6 @@ def main(path):
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("file")
+    main(parser.parse_args().file)

@@ -15,7 +15,8 @@ from vdfmu.compiler.fmu.build import build_units
 from vdfmu.compiler.targets import FMI
 from vdfmu.compiler.unit.unit import Unit
 
-Units = Sequence[str | os.PathLike[str] | type[Unit]]
+_One = str | os.PathLike[str] | type[Unit]
+Units = _One | Sequence[_One]
 
 
 @with_progress
@@ -47,8 +48,8 @@ def build_fmus(
         None will do for units without joints.
     out_dir : path
         Folder, made if it does not exist.
-    units : sequence of str, path or type of Unit, optional
-        Names of units of the package, files ``my_unit.py`` or ``my_units.py:Name``, or classes; a text is one of them.
+    units : str, path or type of Unit, or sequence of them, optional
+        Names of units of the package, files ``my_unit.py`` or ``my_units.py:Name``, or classes.
         Default: those of the shipped systems that need a robot.
     start_values : mapping of unit to mapping of variable to number, optional
         Start values instead of those of the declaration.
@@ -89,8 +90,8 @@ def build_fmus(
     """
     if robot is not None:
         check_robot(robot)
-    asked = [units] if isinstance(units, str) else units or shipped_units()
-    chosen = [unit if isinstance(unit, type) else find_unit(unit) for unit in asked]
+    asked = [units] if isinstance(units, str | os.PathLike | type) else units or shipped_units()
+    chosen = [find_unit(unit) for unit in asked]
     return build_units(
         robot, out_dir, chosen, start_values=start_values or {}, backend=backend, fmi_version=fmi_version,
         platforms=platforms, sources=sources, target=target, precision=precision, step=step,

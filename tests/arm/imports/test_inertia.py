@@ -111,6 +111,8 @@ def test_a_file_of_drives_gives_what_meshes_do_not(urdf, tmp_path: Path) -> None
     np.testing.assert_array_equal(robot.inertia[0], 0.02 * np.eye(3))
     with pytest.raises(vdfmu.VdfmuError, match="density: expected a number above 0 in kg/m3, got -1"):
         vdfmu.robot_from_urdf(path, density=-1.0)
+    with pytest.raises(vdfmu.VdfmuError, match="density: expected a number above 0 in kg/m3, got 'steel'"):
+        vdfmu.robot_from_urdf(path, density="steel")
 
 
 def test_joints_keep_their_names(urdf, tmp_path: Path) -> None:

@@ -241,6 +241,9 @@ def test_a_robot_that_is_not_physical_is_refused(planar: Robot, tmp_path: Path) 
 def test_unknown_units_and_folders_that_cannot_be_written_are_refused(planar: Robot, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="There is no unit 'motor'. There are: controller"):
         build_fmus(planar, tmp_path, units=["motor"], backend="python")
+    for unit in (int, 3):
+        with pytest.raises(UsageError, match="expected the name of a unit, a file or a class of Unit, got"):
+            build_fmus(planar, tmp_path, units=[unit], backend="python")
     with pytest.raises(UsageError, match="start_values: there is no unit 'motor'"):
         build_fmus(planar, tmp_path, start_values={"motor": {}}, backend="python")
     (tmp_path / "file").write_text("")

@@ -20,7 +20,7 @@ from vdfmu.arm.robot.robot import Robot
 from vdfmu.arm.robot.robot_file import robot_from_dict
 from vdfmu.base.errors import ModelError, SspError, UsageError
 from vdfmu.base.toml_file import read_bytes
-from vdfmu.base.toml_tables import Problems
+from vdfmu.base.toml_tables import Problems, as_number
 from vdfmu.engine.package.parse import parse_xml
 
 _LARGEST = 2**26
@@ -116,8 +116,8 @@ def import_robot(
         If a package is missing.
     """
     path = Path(path)
-    if density is not None and not 0.0 < density < np.inf:
-        raise UsageError(f"density: expected a number above 0 in kg/m3, got {density}.")
+    if density is not None and not 0.0 < (as_number(density) or 0.0) < np.inf:
+        raise UsageError(f"density: expected a number above 0 in kg/m3, got {density!r}.")
     root = parse_file(path)
     problems = Problems(str(path))
     if root.tag not in ("robot", "mujoco") or kind not in ("", root.tag):

@@ -51,17 +51,21 @@ def known_units() -> dict[str, type[Unit]]:
     return shipped | PLUGINS.all(shipped)
 
 
-def find_unit(name: str | os.PathLike[str]) -> type[Unit]:
-    """Return a unit by what names it: ``plant`` of this or another package, ``my_unit.py``, or ``my_units.py:Name``.
+def find_unit(name: object) -> type[Unit]:
+    """Return a unit: a class of one, ``plant`` of this or another package, ``my_unit.py``, or ``my_units.py:Name``.
 
     Raises
     ------
     UsageError
-        If no unit has the name.
+        If no unit has the name, or `name` is something else.
     UnitError
         If the file fails or declares a unit wrongly; with file and line.
     """
-    text = os.fspath(name)
+    if isinstance(name, type) and issubclass(name, Unit):
+        return name
+    if not isinstance(name, str | os.PathLike):
+        raise UsageError(f"units: expected the name of a unit, a file or a class of Unit, got {name!r}.")
+    text = str(os.fspath(name))
     shipped = package_units()
     if text in shipped:
         return shipped[text]

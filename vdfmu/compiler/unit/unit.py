@@ -1,4 +1,4 @@
-"""Units: a unit is one class that declares variables and says in numpy what it computes."""
+"""The base class of units: what `base` declares, and how a unit runs by itself in Python."""
 
 from __future__ import annotations
 

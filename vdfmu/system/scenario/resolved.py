@@ -42,10 +42,7 @@ class ResolvedSystem:
     def units(self) -> dict[str, type[Unit]]:
         """Component to its unit, without those that are FMUs of any tool."""
         parts = {name: part for name, part in self.system.parts.items() if part.fmu is None}
-        # a file is run once for all its components
-        found = {
-            unit: unit if isinstance(unit, type) else find_unit(unit) for unit in {part.unit for part in parts.values()}
-        }
+        found = {unit: find_unit(unit) for unit in {part.unit for part in parts.values()}}  # a file is run once for all
         return {name: found[part.unit] for name, part in parts.items()}
 
     @cached_property
