@@ -17,10 +17,9 @@ from benchmarks.system import packed
 from benchmarks.timing import processor_time
 from vdfmu.arm.robot import Robot, load_robot, robot_names
 from vdfmu.base.cache import COMPILER, cache_folder
-from vdfmu.study.analysis.gains import GROWTH
 from vdfmu.study.analysis.margins import ArmLoops
 from vdfmu.study.analysis.modes import natural_modes
-from vdfmu.study.analysis.reach import reach_scenario
+from vdfmu.study.analysis.reach import GROWTH, reach_scenario
 
 TITLE = "The shipped arms"
 

@@ -17,7 +17,7 @@ from vdfmu.arm.drive.counterbalance import counterbalance_torque
 from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.base.arrays import Floats
-from vdfmu.base.data import data_path
+from vdfmu.base.files import data_path
 from vdfmu.study.identify.base import base_parameters, link_covariance
 from vdfmu.study.identify.fit import PRIOR, identify
 from vdfmu.study.identify.log import Log, read_log

@@ -69,8 +69,7 @@ if TYPE_CHECKING:
     from vdfmu.study.report.animation import Animation, animate
     from vdfmu.study.run.error_budget import error_budget
     from vdfmu.study.run.scenario_run import run
-    from vdfmu.study.sweeps.study import Sweep
-    from vdfmu.study.sweeps.sweep import sweep
+    from vdfmu.study.sweeps.sweep import Sweep, sweep
     from vdfmu.study.tuning.tune import tune
     from vdfmu.study.view.live import LiveView
     from vdfmu.study.view.robot import RobotView
@@ -99,8 +98,7 @@ _NAMES = {
     "vdfmu.arm.imports": ("robot_from_mjcf", "robot_from_urdf"),
     "vdfmu.system.scenario": ("Scenario", "load_scenario", "scenario_names"),
     "vdfmu.system.package.write": ("write_ssp",),
-    "vdfmu.study.sweeps.sweep": ("sweep",),
-    "vdfmu.study.sweeps.study": ("Sweep",),
+    "vdfmu.study.sweeps.sweep": ("Sweep", "sweep"),
     "vdfmu.study.tuning.tune": ("tune",),
     "vdfmu.study.environment.arm": ("ArmEnv", "ArmVectorEnv"),
     "vdfmu.study.view.live": ("LiveView",),

@@ -12,7 +12,7 @@ from benchmarks import kr300
 from vdfmu.arm.drive.counterbalance import counterbalance_torque
 from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.arm.robot import load_robot
-from vdfmu.base.data import data_path
+from vdfmu.base.files import data_path
 from vdfmu.study.identify.log import Log
 from vdfmu.study.identify.regressor import regressor
 

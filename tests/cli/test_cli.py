@@ -189,7 +189,7 @@ def test_check_says_that_it_runs_code_only_of_a_file_that_there_is(tmp_path, nam
 @pytest.mark.heavy
 def test_a_broken_robot_file_reports_every_problem_at_once(tmp_path):
     import vdfmu as package
-    from vdfmu.base.data import data_path
+    from vdfmu.base.files import data_path
 
     text = (data_path("models") / "robots" / "planar_2dof.toml").read_text()
     broken = text.replace("mass = ", "mass = -", 1).replace("eps = ", "epsilon = ", 1)

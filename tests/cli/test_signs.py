@@ -202,7 +202,7 @@ def test_quiet_leaves_one_line_of_a_run_and_verbose_adds_what_is_done(told):
     "words", ["modes planar_2dof", "check robot.toml", "robot reach planar_2dof -o r.toml --overwrite"]
 )
 def test_quiet_leaves_the_result_of_a_command_that_prints_it(told, tmp_path, words):
-    from vdfmu.base.data import data_path
+    from vdfmu.base.files import data_path
 
     (tmp_path / "robot.toml").write_bytes((data_path("models") / "robots" / "planar_2dof.toml").read_bytes())
     output, _ = told(*words.split(), "-v")

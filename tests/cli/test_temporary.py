@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from vdfmu.base.files import temporary_folder
 from vdfmu.base.interrupt import listening
-from vdfmu.base.temporary import temporary_folder
 
 
 def use_a_folder() -> None:

@@ -12,7 +12,7 @@ import vdfmu
 from vdfmu.arm.units import shipped_units
 from vdfmu.base.standards import FMI_VERSIONS, SSP_FORMATS
 from vdfmu.compiler.c.platforms import PLATFORMS
-from vdfmu.compiler.efmi.manifest import ALGORITHM, PRODUCTION
+from vdfmu.compiler.efmi.build import ALGORITHM, PRODUCTION
 from vdfmu.compiler.fmu.description import model_description
 from vdfmu.compiler.fmu.description3 import model_description_3
 from vdfmu.compiler.fmu.reference_results import FOLDER

@@ -23,7 +23,7 @@ from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.inspect.abilities import described
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
-from vdfmu.engine.plan.unpacked import unpack_units
+from vdfmu.engine.run.session import unpack_units
 
 ADDER = Path(__file__).parent / "components" / "adder_wat_fmu.fmu"
 """The draft's example in WAT, of modelica/fmi-ls-wasm c1aac17, without names of functions. It imports WASI."""

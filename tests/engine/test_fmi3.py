@@ -42,10 +42,10 @@ def test_all_scalar_types_pass_through(system, algorithm, isolate):
 
 def test_texts_and_binary_values_arrive(system):
     """Of components that can only be asked: their last values, before they are freed."""
-    from vdfmu.base.temporary import temporary_folder
+    from vdfmu.base.files import temporary_folder
     from vdfmu.engine.fmu.messages import MessageBox
     from vdfmu.engine.masters.components import Components
-    from vdfmu.engine.plan.unpacked import unpack_units
+    from vdfmu.engine.run.session import unpack_units
 
     path = system(
         {"a": (models.FEEDTHROUGH, "3.0"), "b": (models.FEEDTHROUGH, "3.0"), "c": (models.FEEDTHROUGH_2, "2.0")},

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from vdfmu.base import bars
-from vdfmu.base.progress import report
-from vdfmu.base.show_progress import Shown, with_progress
+from vdfmu.base.progress import Shown, report, with_progress
 
 
 @pytest.mark.parametrize("terminal", [True, False])

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from vdfmu.base.data import data_path
+from vdfmu.base.files import data_path
 
 LEAKS = re.compile(r"Warning|Traceback|Glyph|findfont", re.IGNORECASE)
 

@@ -9,7 +9,7 @@ import os
 import pytest
 
 from vdfmu.base.errors import UsageError, VdfmuError
-from vdfmu.base.temporary import temporary_folder
+from vdfmu.base.files import temporary_folder
 from vdfmu.engine.results.folder import SYSTEM_OUTPUTS, replacing_results
 
 FILES = ("results.csv", "summary.json")

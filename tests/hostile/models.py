@@ -11,7 +11,7 @@ from tests.hostile.table import Corpus
 from vdfmu import forward_dynamics, inverse_dynamics
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.arm.robot.parameters import PARAMETERS
-from vdfmu.base.data import data_path
+from vdfmu.base.files import data_path
 from vdfmu.compiler.fmu.build import build_notes
 from vdfmu.engine.run import simulate
 from vdfmu.system.package.write import write_ssp

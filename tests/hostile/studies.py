@@ -15,7 +15,7 @@ from tests.hostile.commands import workshop
 from tests.hostile.results import changed
 from tests.hostile.table import Corpus
 from vdfmu.base.errors import VdfmuError
-from vdfmu.study.sweeps.study import Sweep
+from vdfmu.study.sweeps.sweep import Sweep
 
 
 def _sweep(folder: Path) -> Sweep:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from vdfmu.base.data import data_path
+from vdfmu.base.files import data_path
 from vdfmu.cli.commands import app
 from vdfmu.system.inspect_source import inspect_source
 

@@ -5,7 +5,7 @@ import pytest
 from vdfmu.base.errors import ModelError
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.check import model_notes
-from vdfmu.system.scenario.load import load_system
+from vdfmu.system.scenario.scenario_file import load_system
 
 NAME = "expected a name of letters, digits, spaces and _ [+] -, a letter, digit or _ first"
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 
-from vdfmu.base.progress import LOG
+from vdfmu.base.errors import LOG
 from vdfmu.base.text import shown
 
 if TYPE_CHECKING:

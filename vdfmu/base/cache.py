@@ -21,9 +21,8 @@ from typing import NamedTuple
 
 from platformdirs import user_cache_path
 
-from vdfmu.base.errors import UsageError
+from vdfmu.base.errors import LOG, UsageError
 from vdfmu.base.interrupt import InterruptGuard
-from vdfmu.base.progress import LOG
 
 _LINE = 65
 """Length of the digest and its end of line, which come before the content."""

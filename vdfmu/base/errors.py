@@ -1,10 +1,14 @@
-"""The errors of the package: one base class and a few kinds."""
+"""The errors of the package, one base class and a few kinds, and its log."""
 
 from __future__ import annotations
 
 import errno
+import logging
 from collections.abc import Sequence
 from typing import Any
+
+LOG = logging.getLogger("vdfmu")
+"""Details of the work: ``--verbose`` of a command shows it; warnings are shown without it too."""
 
 
 class VdfmuError(Exception):

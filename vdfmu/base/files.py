@@ -1,20 +1,21 @@
-"""Files that take their place when they are whole, and zip files whose bytes depend on their members alone."""
+"""Files that take their place when they are whole, zip files that only their members decide, temporary folders."""
 
 from __future__ import annotations
 
 import os
 import secrets
 import stat
+import tempfile
 import zipfile
 import zlib
 from collections.abc import Generator, Iterable, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Literal
 
-from vdfmu.base.errors import StorageError, UsageError, VdfmuError
-from vdfmu.base.progress import LOG
+from vdfmu.base.errors import LOG, StorageError, UsageError, VdfmuError
+from vdfmu.base.interrupt import InterruptGuard
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 MARK = b'generationTool="vdfmu'
@@ -147,3 +148,53 @@ def read_member(path: Path, name: str) -> bytes | None:
             return archive.read(name)
     except (OSError, KeyError, ValueError, zipfile.BadZipFile, zlib.error):
         return None
+
+
+@contextmanager
+def temporary_folder(prefix: str) -> Generator[str]:
+    """Make a temporary folder, and remove it in the end, whenever Ctrl-C comes: what cannot be removed stays.
+
+    Python's own leaves a folder after an interrupt between its making and the note to remove it, and by one during
+    the removal; and its first search for a place leaves a trial file. OSError if there is no place.
+    """
+    made = None
+    try:
+        with InterruptGuard():
+            made = tempfile.TemporaryDirectory(prefix=prefix, ignore_cleanup_errors=True)
+        yield made.name
+    finally:
+        if made is not None:
+            try:
+                with InterruptGuard():
+                    _remove(made)
+            except KeyboardInterrupt:  # it may have come before the guard
+                _remove(made)
+                raise
+
+
+def _remove(folder: tempfile.TemporaryDirectory[str]) -> None:
+    """Remove a folder; twice, since a passing error, which ends the first try, leaves the rest."""
+    for _ in range(2):
+        with suppress(OSError):
+            folder.cleanup()
+
+
+PACKAGE = Path(__file__).resolve().parents[1]
+
+
+def data_path(kind: Literal["models", "ssp", "fmu_src", "examples"]) -> Path:
+    """Return the folder of one kind of data file; VdfmuError if there is none.
+
+    A wheel carries the folders in ``vdfmu/_data``. A source tree, which an editable install uses, has them at its root.
+    """
+    places = (PACKAGE / "_data" / kind, PACKAGE.parent / kind)
+    for place in places:
+        if place.is_dir():
+            return place
+    looked = " or ".join(str(place) for place in places)
+    raise VdfmuError(f"data folder {kind!r} not found: expected {looked}. Reinstall vdfmu.")
+
+
+def source_bytes(file: Path) -> bytes:
+    """Return the content of a file of source, with the ends of lines of Unix on every system."""
+    return file.read_bytes().replace(b"\r\n", b"\n")

@@ -1,20 +1,19 @@
-"""Progress of what takes long far below the caller that can show it."""
+"""Progress of what takes long far below the caller that can show it, and the option `progress`: a function, or bars."""
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager
 from contextvars import ContextVar
-from functools import cache
-from typing import TypeVar
+from functools import cache, partial, wraps
+from typing import ParamSpec, TypeVar, cast
+
+from vdfmu.base.errors import LOG
 
 Progress = Callable[[str, int, int], None]
 """Called with the stage, the number of finished steps and their total."""
 _T = TypeVar("_T")
 _show: ContextVar[Progress | None] = ContextVar("progress", default=None)
-LOG = logging.getLogger("vdfmu")
-"""Details of the work: ``--verbose`` of a command shows it; warnings are shown without it too."""
 
 
 @cache
@@ -55,3 +54,41 @@ def counted(stage: str, items: Iterable[_T], total: int) -> Generator[_T]:
     for done, item in enumerate(items, 1):
         yield item
         report(stage, done, total)
+
+
+Steps = Callable[[int, int], None]
+"""Called with the number of finished steps and their total."""
+Shown = Progress | bool | None
+"""How a user wants progress: a function to call, True for bars on the terminal or in the notebook, or nothing."""
+_P = ParamSpec("_P")
+
+
+@contextmanager
+def shown_steps(progress: Steps | bool | None, stage: str) -> Generator[Steps | None]:
+    """Yield what to call with the steps of a stage; True shows them as a bar."""
+    if progress is not True:
+        yield progress or None
+        return
+    from vdfmu.base.bars import Bars  # rich takes long to import
+
+    with Bars() as bars:
+        yield partial(bars.update, stage)
+
+
+def with_progress(function: Callable[_P, _T]) -> Callable[_P, _T]:
+    """Let the option `progress` of a function have what is reported while it runs; True shows bars."""
+
+    @wraps(function)
+    def wrapper(*args: _P.args, **kwargs: _P.kwargs) -> _T:
+        progress = cast("Shown", kwargs.get("progress"))
+        if callable(progress):
+            with showing(progress):
+                return function(*args, **kwargs)
+        if not progress:
+            return function(*args, **kwargs)
+        from vdfmu.base.bars import Bars  # rich takes long to import
+
+        with Bars() as bars, showing(bars.update):
+            return function(*args, **kwargs)
+
+    return wrapper

@@ -31,7 +31,7 @@ from vdfmu.base import palette
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import write_whole
-from vdfmu.base.quantity import fitted
+from vdfmu.base.measure import fitted
 from vdfmu.base.thinning import extremes
 
 P = ParamSpec("P")

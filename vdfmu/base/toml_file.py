@@ -8,8 +8,8 @@ import tomllib
 from pathlib import Path
 from typing import Any, cast
 
-from vdfmu.base.data import data_path
 from vdfmu.base.errors import ModelError, UsageError
+from vdfmu.base.files import data_path
 from vdfmu.base.plugins import Plugins
 from vdfmu.base.text import nearest, printable
 from vdfmu.base.version import format_problem

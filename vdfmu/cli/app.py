@@ -20,7 +20,8 @@ import typer
 from typer.core import TyperGroup
 
 from vdfmu.base.bars import Bars, errors
-from vdfmu.base.progress import LOG, showing
+from vdfmu.base.errors import LOG
+from vdfmu.base.progress import showing
 from vdfmu.base.text import close_to
 from vdfmu.base.version import __version__
 from vdfmu.base.words import new_word, present_word

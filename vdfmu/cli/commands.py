@@ -16,23 +16,7 @@ from rich.markup import escape
 from vdfmu.base.errors import ModelError, SspError, UsageError, VdfmuError
 from vdfmu.base.once import one_job
 from vdfmu.base.version import __version__
-from vdfmu.cli import (
-    cache,
-    compares,
-    doctor,
-    files,
-    identify,
-    margins,
-    modes,
-    motions,
-    robots,
-    runs,
-    scenarios,
-    sweeps,
-    tunes,
-    units,
-    view,
-)
+from vdfmu.cli import cache, doctor, files, identify, modes, motions, robots, runs, scenarios, sweeps, units, view
 from vdfmu.cli.app import App, QuietOption, VerboseOption, reset_verbosity, set_verbosity
 from vdfmu.cli.terminal import console, fail, table
 
@@ -49,11 +33,11 @@ COMMANDS: dict[str, tuple[tuple[Any, str], ...]] = {
         (runs.federate, "vdfmu federate tracking.ssp --split plant --split feedforward,controller"),
         (sweeps.app, ""),
         (
-            tunes.tune,
+            sweeps.tune,
             "vdfmu tune tracking --vary controller.K_p --vary controller.K_v --cost 'rms(trajectory.q_d - plant.q)' "
             "--spread 'plant.mass=*normal(1, 0.05)' --margin same",
         ),
-        (compares.compare, "vdfmu compare --arms ur5e_6dof --laws controller,pd_gravity --mismatch none,payload"),
+        (sweeps.compare, "vdfmu compare --arms ur5e_6dof --laws controller,pd_gravity --mismatch none,payload"),
     ),
     "Look": (
         (runs.report, "vdfmu report results/tracking results/soft"),
@@ -62,7 +46,7 @@ COMMANDS: dict[str, tuple[tuple[Any, str], ...]] = {
     ),
     "Analyse": (
         (modes.modes, "vdfmu modes manipulator_6dof --pose '0 0.5 0.5 0 0 0'"),
-        (margins.margins, "vdfmu margins tracking --master jacobi --at 2.5"),
+        (modes.margins, "vdfmu margins tracking --master jacobi --at 2.5"),
         (identify.identify, "vdfmu identify results/tracking/results.csv --robot manipulator_6dof -o identified.toml"),
     ),
     "Exchange": (

@@ -34,8 +34,7 @@ def doctor() -> None:
     from vdfmu.cli.cache import say_cache
     from vdfmu.cli.extras import installed
     from vdfmu.cli.terminal import say
-    from vdfmu.compiler.c.platforms import this_platform
-    from vdfmu.compiler.c.programs import compiler_version, native_available
+    from vdfmu.compiler.c.platforms import compiler_version, native_available, this_platform
 
     try:
         here = this_platform()

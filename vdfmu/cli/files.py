@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from vdfmu.base.data import PACKAGE
 from vdfmu.base.errors import StorageError
-from vdfmu.base.files import replacing_foreign, require_ours
+from vdfmu.base.files import PACKAGE, replacing_foreign, require_ours
 from vdfmu.base.option import read_settings
 from vdfmu.base.plugins import added
 from vdfmu.base.standards import PYTHON_FMI, SSP_1, SSP_FORMATS
@@ -130,7 +129,7 @@ def container(
 ) -> None:
     """Fold the system of a scenario into one native FMU that steps its units without a master."""
     chosen = load(scenario, robot, settings)
-    from vdfmu.base.temporary import temporary_folder
+    from vdfmu.base.files import temporary_folder
     from vdfmu.engine.container import write_container
     from vdfmu.study.run.scenario_run import prepare
     from vdfmu.system.package.write import write_ssp
@@ -165,7 +164,7 @@ def ssp(
     The FMUs have the scenario's values as start values too, for importers that do not apply all parameter sets.
     """
     chosen = load(scenario, robot, settings)
-    from vdfmu.base.temporary import temporary_folder
+    from vdfmu.base.files import temporary_folder
     from vdfmu.system.package.versions import fmi_of_format
     from vdfmu.system.package.write import write_ssp
     from vdfmu.system.scenario.parts import build_parts

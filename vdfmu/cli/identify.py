@@ -153,7 +153,7 @@ def identify(
     if residuals is not None:
         from vdfmu.base.style import save
         from vdfmu.study.identify.score import score
-        from vdfmu.study.report.residuals import draw_residuals
+        from vdfmu.study.report.drawings import draw_residuals
 
         left = scored or score(found, arm, rows, rows)
         title = f"What {arm.name}, identified from {log.name}, leaves of {(other or log).name}"
@@ -161,7 +161,7 @@ def identify(
         written.append(residuals)
     if out is not None:
         from vdfmu.base.files import write_whole
-        from vdfmu.study.identify.robot import identified_robot, robot_text
+        from vdfmu.study.identify.fit import identified_robot, robot_text
 
         made, notes = identified_robot(found, arm, log.name)
         say_notes(notes)

@@ -72,7 +72,7 @@ def run(
             raise UsageError("row, by: expected --from with a parameter study, of which they choose a point.")
         given["scenario"] = load(scenario, given.pop("robot"))
     else:
-        from vdfmu.study.sweeps.study import Sweep
+        from vdfmu.study.sweeps.sweep import Sweep
 
         source = context.get_parameter_source("scenario")
         if source is not None and source.name == "COMMANDLINE":

@@ -1,4 +1,4 @@
-"""``vdfmu sweep``."""
+"""``vdfmu sweep`` and its subcommands, ``vdfmu compare`` and ``vdfmu tune``."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from vdfmu.cli.options import choice, out_option
 from vdfmu.cli.terminal import (
     ForeignOption,
     JsonOption,
+    ScenarioArgument,
     complete_scenario,
     console,
     say,
@@ -22,7 +23,7 @@ from vdfmu.cli.terminal import (
     table,
     tell,
 )
-from vdfmu.study.options import SweepOptions
+from vdfmu.study.options import CompareOptions, SweepOptions, TuneOptions
 
 _SHOWN = 5
 """Failed points that are listed."""
@@ -109,7 +110,7 @@ def plot(
     out: Annotated[Path | None, out_option("Folder; default the study's.")] = None,
 ) -> None:
     """Draw a measure of a study over its axes."""
-    from vdfmu.study.sweeps.study import Sweep
+    from vdfmu.study.sweeps.sweep import Sweep
 
     say_written(*Sweep(study).plot(kind, by, out))
 
@@ -118,7 +119,7 @@ def plot(
 def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = False) -> None:
     """Print Sobol or Morris indices of a study with --sample saltelli or morris."""
     from vdfmu.study.sweeps.indices import CONFIDENCE
-    from vdfmu.study.sweeps.study import Sweep
+    from vdfmu.study.sweeps.sweep import Sweep
 
     found = Sweep(study).indices(by)
     if as_json:
@@ -140,7 +141,7 @@ def report(
 ) -> None:
     """Write a page of a study: its points in pictures that choose together, measures, and failures by cause."""
     from vdfmu.study.report.page import NAME
-    from vdfmu.study.sweeps.study import Sweep
+    from vdfmu.study.sweeps.sweep import Sweep
 
     found = Sweep(study)
     page = out or found.folder / NAME
@@ -160,3 +161,64 @@ def _say_measures(found: Any) -> None:
         say(f"point {point} failed: {words}")
     if len(failed) > _SHOWN:
         say(f"and {len(failed) - _SHOWN} more points failed: column 'failed'")
+
+
+def compare(**options: Unpack[CompareOptions]) -> None:
+    """Tune control laws alike, run them on arms, along motions, with mismatches, and say which to take when.
+
+    What is done stays done: after Ctrl-C or a kill the same command continues where it stopped.
+    """
+    from vdfmu.study.compare.compare import compare as run_compare
+    from vdfmu.study.compare.words import in_words
+
+    try:
+        found = run_compare(**options)
+    except KeyboardInterrupt as error:
+        error.add_note("What was done is kept: give the same command again to go on.")
+        raise
+    say_notes(found.notes)
+    tell(in_words(found).rstrip())
+    names = ("report.html", "summary.md", "sweep.parquet", "sweep.csv")
+    say_written(*(found.folder / name for name in names), more=f"; {len(found)} cells")
+
+
+def tune(
+    scenario: ScenarioArgument = "tracking",
+    *,
+    vary: Annotated[
+        list[str],
+        typer.Option(
+            metavar="TARGET[=FORM]",
+            help="Parameter that varies, element by element: lin(a, b), log(a, b), after a star factors; default "
+            "*log(0.1, 10). Repeatable.",
+        ),
+    ],
+    cost: Annotated[
+        str,
+        typer.Option(
+            metavar="EXPRESSION",
+            help="Cost to make smallest, such as 'worst(rms(trajectory.q_d - plant.q))'; of several elements the mean "
+            "of their ratios to those of the start, none beyond 1.",
+        ),
+    ],
+    **options: Unpack[TuneOptions],
+) -> None:
+    """Search the values of parameters that make a cost smallest, over a spread of robots and within limits.
+
+    Every run is kept: after Ctrl-C or a kill the same command continues where it stopped.
+    """
+    from vdfmu.study.sweeps.sweep import Sweep
+    from vdfmu.study.tuning.tune import tune as run_tune
+
+    found = run_tune(scenario, vary, cost, **options)
+    say_notes(found.notes)
+    units = Sweep(found.folder).facts["units"] | {"phase": "rad", "delay": "s"}
+    shown = table("", "before", "after", "")
+    for name, before, after in found.table():
+        shown.add_row(name, f"{before:.4g}", f"{after:.4g}", units.get(name.partition("[")[0], ""))
+    tell(shown, (found.folder / "tuned.toml").read_text().rstrip())
+    say(
+        f"{found.evaluations} evaluations, {found.failed} runs failed, {found.missed} values missed the margin and "
+        "were not run."
+    )
+    say_written(*(found.folder / name for name in ("tuned.toml", "tune.json", "sweep.parquet", "tuning.png")))

@@ -16,9 +16,8 @@ import typer
 from rich.markup import escape
 
 from vdfmu.base.bars import Bars, EscapedTerminal, errors
-from vdfmu.base.errors import UsageError
+from vdfmu.base.errors import LOG, UsageError
 from vdfmu.base.option import read_settings
-from vdfmu.base.progress import LOG
 from vdfmu.base.table import plain_table as table
 from vdfmu.base.text import elided, error_text, first_few
 from vdfmu.cli.options import completing, typer_option
@@ -59,7 +58,7 @@ console = _StandardOutput(highlight=False)
 
 def complete_scenario(incomplete: str) -> list[str]:
     """Complete the name of a scenario in the shell."""
-    from vdfmu.system.scenario.load import scenario_names
+    from vdfmu.system.scenario.scenario_file import scenario_names
 
     return [name for name in (*scenario_names(), "reach") if name.startswith(incomplete)]
 
@@ -186,8 +185,8 @@ def load(scenario: str, robot: str | None, settings: list[str] | None = None) ->
     locate(scenario, "scenarios")
     if robot is not None:
         locate(robot, "robots")
-    from vdfmu.system.scenario.load import load_scenario
     from vdfmu.system.scenario.replace import with_payload
+    from vdfmu.system.scenario.scenario_file import load_scenario
 
     return with_payload(load_scenario(scenario, robot), read_settings(settings))
 

@@ -22,9 +22,8 @@ from fmpy.container_fmu.config import Component, Configuration, Connection
 from fmpy.model_description import read_model_description
 
 from vdfmu.base.errors import StorageError, UsageError
-from vdfmu.base.files import pack_zip, require_ours, storing
+from vdfmu.base.files import pack_zip, require_ours, storing, temporary_folder
 from vdfmu.base.standards import FMI_2
-from vdfmu.base.temporary import temporary_folder
 from vdfmu.base.version import __version__
 from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.masters.multirate import with_steps
@@ -33,8 +32,8 @@ from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import System
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.conversion import Link
 from vdfmu.engine.plan.graph import cycles, topological
-from vdfmu.engine.plan.link import Link
 
 
 def write_container(system: System | str | os.PathLike[str], path: str | os.PathLike[str], *, step: float) -> Path:

@@ -17,7 +17,7 @@ from vdfmu.engine.results.formats import FORMATS, SUFFIXES, choice_of_formats
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from vdfmu.base.show_progress import Shown, Steps
+    from vdfmu.base.progress import Shown, Steps
     from vdfmu.engine.fmu.messages import LogMessage
     from vdfmu.engine.masters.observer import Observer
     from vdfmu.engine.package.system import Value

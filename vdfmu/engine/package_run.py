@@ -9,8 +9,7 @@ from typing import Any, Unpack
 
 from vdfmu.base.errors import CosimError, UsageError, VdfmuError
 from vdfmu.base.option import pick, with_options
-from vdfmu.base.progress import doing, report
-from vdfmu.base.show_progress import with_progress
+from vdfmu.base.progress import doing, report, with_progress
 from vdfmu.base.version import FORMAT, __version__
 from vdfmu.engine.options import SimulateOptions, SystemOptions
 from vdfmu.engine.package.read import load_ssp

@@ -117,7 +117,7 @@ class PlanOptions(SeedOptions, ScenarioOptions, total=False):
 
     sample: Annotated[str | os.PathLike[str], Option(
         "grid, lhs, sobol, random, saltelli, morris, or a CSV file: a line of targets, then points.", "str or path",
-        "How the axes' values are combined; see :func:`vdfmu.study.sweeps.points.draw`.", "grid", typed=str,
+        "How the axes' values are combined; see :func:`vdfmu.study.sweeps.axes.draw`.", "grid", typed=str,
         choices=SAMPLES, metavar="METHOD|FILE.csv")]
     points: Annotated[int | None, Option("Number of points, but of a grid or file.",
         more="Of ``saltelli`` and ``morris`` that of base points or trajectories.")]

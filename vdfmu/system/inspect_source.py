@@ -19,8 +19,8 @@ from vdfmu.engine.inspect.trial import run_apart, serve
 from vdfmu.engine.rules import Finding, finding
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario.check import model_notes
-from vdfmu.system.scenario.load import load_scenario, load_system
 from vdfmu.system.scenario.resolved import resolve
+from vdfmu.system.scenario.scenario_file import load_scenario, load_system
 
 _KINDS = {"joints": "robot", "units": "system", "extends": "system", "connections": "system"}
 """Keys of TOML, and the kind of file that has them; others are scenarios."""

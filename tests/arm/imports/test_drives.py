@@ -11,7 +11,7 @@ from tests.arm.imports.conftest import ARM, LIMIT, joint, link
 from vdfmu.arm.imports import import_robot
 from vdfmu.arm.robot.catalogue import catalogue
 from vdfmu.arm.robot.parameters import PARAMETERS, section
-from vdfmu.base.data import data_path
+from vdfmu.base.files import data_path
 from vdfmu.base.measure import measure
 
 ASSUMED = tomllib.loads((data_path("models") / "drives" / "assumed.toml").read_text(encoding="utf-8"))

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from vdfmu.base.data import data_path
+from vdfmu.base.files import data_path
 
 MODELS = data_path("models")
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from vdfmu.arm.robot import load_robot, robot_names
-from vdfmu.base.data import data_path
 from vdfmu.base.errors import ModelError, UsageError
+from vdfmu.base.files import data_path
 from vdfmu.system.scenario import load_scenario, scenario_names
 from vdfmu.system.scenario.values import group_value
 

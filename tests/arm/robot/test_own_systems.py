@@ -13,8 +13,8 @@ from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import UsageError
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.check import model_notes
-from vdfmu.system.scenario.load import load_system
 from vdfmu.system.scenario.replace import with_units
+from vdfmu.system.scenario.scenario_file import load_system
 from vdfmu.system.scenario.start import with_starts
 from vdfmu.system.scenario.values import system_values
 

@@ -10,7 +10,7 @@ import pytest
 from jsonschema import Draft7Validator
 
 from vdfmu.arm.robot.parameters import PARAMETERS
-from vdfmu.base.data import data_path
+from vdfmu.base.files import data_path
 from vdfmu.system.scenario.schema import robot_schema, scenario_schema, system_schema
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples" / "units"

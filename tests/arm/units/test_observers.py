@@ -12,8 +12,8 @@ from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import robot_from_dict
 from vdfmu.arm.units import find_unit
-from vdfmu.base.data import data_path
 from vdfmu.base.errors import FmuError, UsageError
+from vdfmu.base.files import data_path
 from vdfmu.study.analysis.system import margins_along
 
 EPS = np.finfo(float).eps

@@ -11,7 +11,7 @@ from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics, link_forces, 
 from vdfmu.arm.equations.kinematics import joint_transforms
 from vdfmu.arm.equations.rigid_body import body_regressor, coriolis_force, gravity_force, link_body, mass_matrix
 from vdfmu.arm.units import find_unit
-from vdfmu.arm.units.laws._adaptation import natural, parameter_scales, projected, start_parameters
+from vdfmu.arm.units.laws.virtual_decomposition import natural, parameter_scales, projected, start_parameters
 
 EPS = np.finfo(float).eps
 NAMES = ("projection", "natural")

@@ -20,11 +20,10 @@ from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import shipped_units
 from vdfmu.arm.units.pieces.plant_joint import PlantJoint
 from vdfmu.base.errors import FmuError, UsageError
-from vdfmu.compiler.c import compile, platforms, programs
+from vdfmu.compiler.c import compile, platforms
 from vdfmu.compiler.c.compile import Compilation, _Workshop, compile_library
 from vdfmu.compiler.c.generate import generated_sources
-from vdfmu.compiler.c.platforms import PLATFORMS, this_platform
-from vdfmu.compiler.c.programs import native_available
+from vdfmu.compiler.c.platforms import PLATFORMS, native_available, this_platform
 from vdfmu.compiler.fmu.content import Content
 from vdfmu.compiler.fmu.native import fmi_headers, unit_sources
 from vdfmu.compiler.unit.interface import Interface
@@ -214,7 +213,7 @@ def test_a_damaged_cache_is_made_anew(damage: bytes, cold: Path) -> None:
 def test_a_missing_compiler_is_told_with_the_way_out(
     planar: Robot, tmp_path: Path, cold: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(programs, "find_spec", lambda name: None)
+    monkeypatch.setattr(platforms, "find_spec", lambda name: None)
     compile.zig.cache_clear()
     try:
         assert not native_available()

@@ -11,12 +11,12 @@ from lxml import etree
 
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import find_unit, shipped_units
-from vdfmu.base.data import data_path
+from vdfmu.base.files import data_path
 from vdfmu.base.standards import FMI_2, FMI_3, FMI_VERSIONS, FmiVersion
 from vdfmu.compiler.fmu.description import document
 from vdfmu.compiler.fmu.terminals import icon_files, terminals_and_icons
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.system.scenario.load import load_system
+from vdfmu.system.scenario.scenario_file import load_system
 
 SCHEMA = etree.XMLSchema(etree.parse(Path(fmpy.__file__).parent / "schema/fmi3/fmi3TerminalsAndIcons.xsd"))
 

@@ -23,8 +23,8 @@ from tests.compiler.native.binding import Instance, Model
 from tests.compiler.native.conftest import alone
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
-from vdfmu.base.data import data_path
 from vdfmu.base.errors import CosimError, UsageError
+from vdfmu.base.files import data_path
 from vdfmu.compiler.c.platforms import this_platform
 from vdfmu.compiler.fmu import native as native_build
 from vdfmu.engine.fmu.classes import class_of

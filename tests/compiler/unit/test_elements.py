@@ -5,7 +5,7 @@ import pytest
 
 import vdfmu
 from vdfmu.base.errors import ModelError
-from vdfmu.system.scenario.load import load_system
+from vdfmu.system.scenario.scenario_file import load_system
 from vdfmu.system.scenario.values import system_values
 
 UNIT = '''

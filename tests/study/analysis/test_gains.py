@@ -12,9 +12,9 @@ from vdfmu import run
 from vdfmu.arm.imports import import_robot
 from vdfmu.arm.robot import load_robot, robot_names
 from vdfmu.base.errors import UsageError
-from vdfmu.study.analysis.gains import GROWTH, arm_gains, joint_gains
+from vdfmu.study.analysis.gains import arm_gains, joint_gains
 from vdfmu.study.analysis.margins import ArmLoops
-from vdfmu.study.analysis.reach import reach_scenario, write_reach
+from vdfmu.study.analysis.reach import GROWTH, reach_scenario, write_reach
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.check import model_notes
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.conftest import heavy
-from vdfmu.base.data import data_path
+from vdfmu.base.files import data_path
 from vdfmu.compiler.c.compile import compile_library
 from vdfmu.compiler.c.loaded import SHOWN, load_library
 from vdfmu.compiler.c.platforms import this_platform

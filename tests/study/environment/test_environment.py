@@ -9,7 +9,7 @@ from gymnasium.utils.env_checker import check_env
 
 import vdfmu
 from vdfmu.base.errors import UsageError
-from vdfmu.study.environment.task import TrackingTask
+from vdfmu.study.environment.arm import TrackingTask
 from vdfmu.system.scenario import load_scenario
 
 VARY = {"plant.q_0[1]": (-1.6, -1.5), "plant.mass[2]": (0.5, 1.5)}

@@ -13,9 +13,8 @@ from vdfmu.arm.equations.harmonic_drive import deformation
 from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.base.errors import UsageError
 from vdfmu.cli.commands import app
-from vdfmu.study.identify.fit import identify
+from vdfmu.study.identify.fit import identified_robot, identify, robot_text
 from vdfmu.study.identify.log import Log, read_log
-from vdfmu.study.identify.robot import identified_robot, robot_text
 from vdfmu.study.identify.score import score
 
 ENCODER = 2 * np.pi / 2**17

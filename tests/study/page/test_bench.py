@@ -11,7 +11,7 @@ import pytest
 import vdfmu
 from tests.study.page.browser import centre, show
 from vdfmu.base.files import require_ours
-from vdfmu.base.quantity import quantity
+from vdfmu.base.measure import quantity
 from vdfmu.study.report.page import write_pdf, write_report
 from vdfmu.study.report.shown_run import read_run
 

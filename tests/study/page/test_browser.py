@@ -12,7 +12,7 @@ import vdfmu
 from tests.study.page.browser import centre, number, pixels, show
 from vdfmu.arm.dynamics import forward_kinematics
 from vdfmu.base import palette
-from vdfmu.base.quantity import fitted
+from vdfmu.base.measure import fitted
 from vdfmu.engine.package_run import run_system
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report.page import write_report

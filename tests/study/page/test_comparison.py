@@ -6,8 +6,8 @@ import pytest
 import vdfmu
 from tests.study.page.browser import show
 from vdfmu.engine.results.results import Results
-from vdfmu.study.report.comparison import change, difference_sheet, joint_sheets
 from vdfmu.study.report.page import report_page, write_report
+from vdfmu.study.report.parts import change, difference_sheet, joint_sheets
 from vdfmu.study.report.shown_run import read_run
 from vdfmu.system.scenario.values import system_values
 

@@ -26,7 +26,7 @@ from vdfmu.study.report.page import report_page, write_report
 from vdfmu.study.report.scripts import COMPARED, GALLERY, MODULES, ROBOT, STUDY, STUDY_ALONE, WORKER, script
 from vdfmu.study.report.shown_run import ShownRun, newest_run, read_run
 from vdfmu.study.report.tables import verdict_table
-from vdfmu.study.run.verdict import run_checks
+from vdfmu.study.run.stability import run_checks
 
 ROOT = Path(vdfmu.__file__).resolve().parents[1]
 WEB = ROOT / "vdfmu" / "study" / "report" / "web"

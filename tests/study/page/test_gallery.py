@@ -13,7 +13,7 @@ import vdfmu
 from tests.study.page.browser import show
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import PAGE_MARK, require_ours
-from vdfmu.base.quantity import quantity
+from vdfmu.base.measure import quantity
 from vdfmu.cli import runs
 from vdfmu.cli.commands import app
 from vdfmu.engine.package_run import run_system

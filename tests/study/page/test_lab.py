@@ -7,7 +7,7 @@ import pytest
 
 import vdfmu
 from tests.study.page.browser import centre, show
-from vdfmu.study.sweeps.study import Sweep
+from vdfmu.study.sweeps.sweep import Sweep
 
 pytestmark = [pytest.mark.heavy, pytest.mark.usefixtures("quiet")]
 PHONE = (390, 844)

@@ -9,7 +9,7 @@ import pytest
 
 import vdfmu
 from tests.study.page.browser import Browser, centre, number, pixels, show
-from vdfmu.base.quantity import quantity
+from vdfmu.base.measure import quantity
 from vdfmu.engine.package_run import run_system
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report.page import write_report

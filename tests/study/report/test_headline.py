@@ -8,15 +8,14 @@ from typer.testing import CliRunner
 import vdfmu
 from vdfmu.arm.dynamics import forward_kinematics
 from vdfmu.arm.robot import load_robot
-from vdfmu.base.quantity import quantity
+from vdfmu.base.measure import quantity
 from vdfmu.base.toml_file import locate
 from vdfmu.cli import runs
 from vdfmu.cli.commands import app
 from vdfmu.engine.results.verdict import Check, verdict_of
 from vdfmu.study.analysis.reach import reach_scenario
-from vdfmu.study.report.command import run_command
 from vdfmu.study.report.headline import checks_line, headline, page_title
-from vdfmu.study.report.page import report_page
+from vdfmu.study.report.page import report_page, run_command
 from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.run.scenario_run import prepare
 from vdfmu.study.run.summary import run_facts

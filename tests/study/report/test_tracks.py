@@ -13,7 +13,7 @@ from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.run.simulator import Simulator
-from vdfmu.study.analysis.linear import least_dry_friction
+from vdfmu.study.analysis.arm_space import least_dry_friction
 from vdfmu.study.analysis.system import margins_along
 from vdfmu.study.report.causes import LESS, causes
 from vdfmu.study.report.simulation import knobs, values_of

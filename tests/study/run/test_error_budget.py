@@ -5,7 +5,7 @@ import pytest
 
 import vdfmu
 from vdfmu.base.errors import UsageError
-from vdfmu.study.environment.task import opened
+from vdfmu.study.environment.arm import opened
 from vdfmu.study.run import error_budget as module
 
 FRICTION = ("f_c", "f_s", "f_v", "f_ck")

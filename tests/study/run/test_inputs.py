@@ -7,8 +7,8 @@ import pytest
 from typer.testing import CliRunner
 
 import vdfmu
-from vdfmu.base.data import data_path
 from vdfmu.base.errors import ModelError, UsageError
+from vdfmu.base.files import data_path
 from vdfmu.cli.commands import app
 from vdfmu.engine.run import Results
 from vdfmu.system.package.description import SystemDescription

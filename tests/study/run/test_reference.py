@@ -10,7 +10,7 @@ from vdfmu.arm.robot import load_robot, robot_from_dict
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.run import simulate
-from vdfmu.study.run.verdict import run_checks
+from vdfmu.study.run.stability import run_checks
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.reference.reference import reference

@@ -13,9 +13,9 @@ from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.reference.reference import reference
 from vdfmu.system.scenario import load_scenario
-from vdfmu.system.scenario.load import load_system
 from vdfmu.system.scenario.parts import cached_fmus
 from vdfmu.system.scenario.resolved import resolve
+from vdfmu.system.scenario.scenario_file import load_system
 from vdfmu.system.scenario.values import system_values
 
 ONE_ARM = """

@@ -8,7 +8,7 @@ import pytest
 
 import vdfmu
 from tests.wild import build, write
-from vdfmu.study.sweeps.study import Sweep
+from vdfmu.study.sweeps.sweep import Sweep
 
 WAYS = {"well": 0.0, "crash": 1.0, "leave": 2.0, "hang": 3.0, "refuse": 8.0}
 """Value of the parameter ``way`` of wild.c by what the unit does then at the time ``at``."""

@@ -16,7 +16,7 @@ import vdfmu
 from tests.study.sweeps.conftest import table
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.study.sweeps import cluster
-from vdfmu.study.sweeps.study import Sweep
+from vdfmu.study.sweeps.sweep import Sweep
 
 MEASURES = ["end=final(unit.y)"]
 AXES = {"unit.at": np.linspace(0.0, 1.0, 60)}
@@ -124,7 +124,7 @@ def test_a_fault_of_our_own_is_no_lost_scheduler(wild, tmp_path, dask, monkeypat
         time.sleep(1.0)  # the client sees it
         raise AttributeError("note")
 
-    monkeypatch.setattr("vdfmu.study.sweeps.chunks.Chunks.note", fail)
+    monkeypatch.setattr("vdfmu.study.sweeps.local.Chunks.note", fail)
     monkeypatch.setattr(cluster, "_PATIENCE", 2.0)
     thread, found = begin(wild, tmp_path / "study", dask)
     thread.join(60)

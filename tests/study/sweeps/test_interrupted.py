@@ -21,7 +21,7 @@ from tests.study.sweeps.conftest import study, table
 from vdfmu.base.errors import StorageError, UsageError, VdfmuError
 from vdfmu.study.sweeps import ledger, worker
 from vdfmu.study.sweeps.job import Bench, Job, WiredSystem
-from vdfmu.study.sweeps.study import Sweep
+from vdfmu.study.sweeps.sweep import Sweep
 
 
 @pytest.mark.heavy

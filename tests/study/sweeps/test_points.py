@@ -5,8 +5,7 @@ import pytest
 from scipy import stats
 
 from vdfmu.base.errors import UsageError
-from vdfmu.study.sweeps.axes import read_axes
-from vdfmu.study.sweeps.points import draw
+from vdfmu.study.sweeps.axes import draw, read_axes
 
 
 def one(text):

@@ -15,7 +15,7 @@ from tests.study.sweeps.conftest import MEASURES, WAYS, study
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.cli.commands import app
 from vdfmu.study.sweeps.plan import make_plan
-from vdfmu.study.sweeps.study import Sweep
+from vdfmu.study.sweeps.sweep import Sweep
 
 MODELS = Path(vdfmu.__file__).parents[1] / "models"
 LATE = """from vdfmu.arm.equations.trajectory import desired_motion

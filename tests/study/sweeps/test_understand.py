@@ -12,13 +12,12 @@ from typer.testing import CliRunner
 import vdfmu
 from vdfmu.base.errors import UsageError
 from vdfmu.cli.commands import app
-from vdfmu.study.sweeps.axes import read_axes
+from vdfmu.study.sweeps.axes import draw, read_axes, shares
 from vdfmu.study.sweeps.indices import morris_indices, sobol_indices
-from vdfmu.study.sweeps.lab import cause_of, failed_groups
 from vdfmu.study.sweeps.ledger import Ledger
 from vdfmu.study.sweeps.looks import FAILED
 from vdfmu.study.sweeps.measures import read_measures, unit_of
-from vdfmu.study.sweeps.points import draw, shares
+from vdfmu.study.sweeps.page import cause_of, failed_groups
 from vdfmu.study.sweeps.sides import groups, view
 
 A, B = 7.0, 0.1

@@ -14,7 +14,7 @@ from tests.study.sweeps.conftest import table
 from vdfmu.base.errors import UsageError
 from vdfmu.cli.commands import app
 from vdfmu.study.analysis.margins import ArmLoops
-from vdfmu.study.sweeps.study import Sweep
+from vdfmu.study.sweeps.sweep import Sweep
 from vdfmu.study.sweeps.worker import KILLED
 from vdfmu.study.tuning.problem import make_problem
 

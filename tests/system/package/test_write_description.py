@@ -6,8 +6,7 @@ import pytest
 
 from vdfmu.engine.package.parse import NAMESPACES
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.package.geometry import route
-from vdfmu.system.package.structure_file import structure_file
+from vdfmu.system.package.structure_file import route, structure_file
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import group_value, robot_parameters, system_values
 

@@ -18,8 +18,7 @@ from vdfmu.base.files import PAGE_MARK, read_member
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.documentation import system_page
-from vdfmu.system.package.parameter_files import mapping_file, parameter_file
-from vdfmu.system.package.structure_file import structure_file
+from vdfmu.system.package.structure_file import mapping_file, parameter_file, structure_file
 from vdfmu.system.package.versions import fmi_of_format
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.package.xml import to_bytes

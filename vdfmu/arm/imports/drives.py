@@ -12,7 +12,7 @@ from vdfmu.arm.imports.tree import MOVING, Body, Numbers
 from vdfmu.arm.robot.catalogue import NAMED, tables_of
 from vdfmu.arm.robot.parameters import PARAMETERS, Section, section
 from vdfmu.arm.robot.robot_file import section_numbers
-from vdfmu.base.data import data_path
+from vdfmu.base.files import data_path
 from vdfmu.base.measure import measure
 from vdfmu.base.text import matching, nearest
 from vdfmu.base.toml_file import read_toml

@@ -4,7 +4,7 @@ from functools import cache
 from typing import Any
 
 from vdfmu.arm.robot.parameters import JOINT_OPTIONS, PARAMETERS
-from vdfmu.base.data import data_path
+from vdfmu.base.files import data_path
 from vdfmu.base.text import nearest
 from vdfmu.base.toml_file import read_toml
 from vdfmu.base.toml_tables import Problems, value_text

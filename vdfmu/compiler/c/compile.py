@@ -24,12 +24,11 @@ from pathlib import Path, PurePosixPath
 from threading import Lock
 
 from vdfmu.base.cache import COMPILER, cache_folder, load, store, trusted
-from vdfmu.base.errors import FmuError
+from vdfmu.base.errors import LOG, FmuError
+from vdfmu.base.files import temporary_folder
 from vdfmu.base.process import end_group
-from vdfmu.base.progress import LOG, counted
-from vdfmu.base.temporary import temporary_folder
-from vdfmu.compiler.c.platforms import PLATFORMS, WASM, X86, Platform
-from vdfmu.compiler.c.programs import compiler_version, wasm_tools, zig
+from vdfmu.base.progress import counted
+from vdfmu.compiler.c.platforms import PLATFORMS, WASM, X86, Platform, compiler_version, wasm_tools, zig
 
 _FLAGS = (
     "-std=c11", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden",

@@ -1,4 +1,4 @@
-"""C text of traced functions, one C function each, from the instructions of the trace.
+"""C text of traced functions, one C function each, from the instructions of the trace, and of tables.
 
 CasADi's own generator puts a check for null around every access, and around each function an interface that a
 solver asks for; here a function is what the equations are, with plain pointers, so that a compiler sees all of
@@ -7,7 +7,7 @@ it. The arithmetic is that of the trace, operation by operation.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -15,7 +15,6 @@ import casadi as ca
 
 from vdfmu.base.errors import KernelError
 from vdfmu.compiler.c.expressions import EXPRESSIONS, c_constant, c_prototype
-from vdfmu.compiler.c.lookup import c_lookup
 from vdfmu.compiler.c.loop_text import c_loops
 from vdfmu.compiler.c.loops import find_loops
 from vdfmu.compiler.scalar.symbol import LOOKUP
@@ -230,3 +229,76 @@ def _definition(prototype: str, operations: list[Operation], head: list[str], ta
 def _part_prototype(function: ca.Function, number: int) -> str:
     head, _, arguments = c_prototype(function).partition("(")
     return f"{head}_part_{number}({arguments.removesuffix(')')}, double *restrict w)"
+
+
+_SEARCH = """\
+#ifndef LOOKUP_PLACE
+#define LOOKUP_PLACE
+#ifdef LANES /* a double is a vector: fmu_src/batch/lanes.h */
+typedef scalar table_number;
+#define LOOKUP_LANES LANES
+#define LANE(x, i) (x)[i]
+#else
+typedef double table_number;
+#define LOOKUP_LANES 1
+#define LANE(x, i) (x)
+#endif
+
+/* the last k below m with edges[k] <= x, or 0 */
+static int lookup_place(const table_number *edges, int m, table_number x)
+{
+    int low = 0;
+    for (int high = m; high - low > 1;) {
+        const int middle = (low + high) / 2;
+        if (x >= edges[middle])
+            low = middle;
+        else
+            high = middle;
+    }
+    return low;
+}
+#endif
+"""
+
+
+def c_lookup(function: ca.Function) -> str:
+    """Return the C text of a table and the static function ``name(const double *x, double *row)`` that reads it.
+
+    In a file that has it already it does nothing.
+    """
+    edges, rows = lookup_table(function)
+    name, w = function.name(), function.numel_out(0)
+    return f"""{_SEARCH}
+#ifndef {name.upper()}
+#define {name.upper()}
+static const table_number {name}_edges[] = {{
+{_listed(edges)}
+}};
+static const table_number {name}_rows[] = {{
+{_listed(rows)}
+}};
+
+static void {name}(const double *x, double *row)
+{{
+    (void)x;
+    for (int i = 0; i < LOOKUP_LANES; i++) {{
+        const table_number *from = {name}_rows + {w} * lookup_place({name}_edges, {len(edges) - 1}, LANE(*x, i));
+        for (int j = 0; j < {w}; j++)
+            LANE(row[j], i) = from[j];
+    }}
+}}
+#endif
+
+"""
+
+
+def lookup_table(function: ca.Function) -> tuple[list[float], list[float]]:
+    """Return the edges of a table, and its rows one after the other."""
+    constants = [k for k in range(function.n_instructions()) if function.instruction_id(k) == ca.OP_CONST]
+    edges, rows = (function.instruction_MX(k).to_DM().nonzeros() for k in constants)
+    return edges, rows
+
+
+def _listed(numbers: Iterable[float]) -> str:
+    found = [repr(number) for number in numbers]
+    return ",\n".join("    " + ", ".join(found[i : i + 5]) for i in range(0, len(found), 5))

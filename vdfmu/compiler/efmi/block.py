@@ -14,7 +14,7 @@ from functools import cached_property
 import casadi as ca
 
 from vdfmu.base.errors import UsageError
-from vdfmu.compiler.c.lookup import lookup_table
+from vdfmu.compiler.c.functions import lookup_table
 from vdfmu.compiler.scalar.symbol import LOOKUP
 from vdfmu.compiler.unit.base import BaseUnit
 from vdfmu.compiler.unit.declaration import State

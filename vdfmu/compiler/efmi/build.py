@@ -1,27 +1,33 @@
-"""An FMU becomes an eFMU: the folder ``eFMU`` is added to it."""
+"""An FMU becomes an eFMU: the folder ``eFMU`` is added to it, with its manifests."""
 
 from __future__ import annotations
 
+import uuid
 import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
+from hashlib import sha1, sha256
 from pathlib import Path
+from xml.etree.ElementTree import Element, SubElement
 
-from vdfmu.base.data import data_path, source_bytes
-from vdfmu.base.files import pack_zip, storing
-from vdfmu.compiler.efmi.block import SampledBlock
-from vdfmu.compiler.efmi.galec import galec_text
-from vdfmu.compiler.efmi.manifest import (
-    ALGORITHM,
-    MANIFEST,
-    PRODUCTION,
-    Origin,
-    algorithm_manifest,
-    content,
-    production_manifest,
+from vdfmu.base.files import data_path, pack_zip, source_bytes, storing
+from vdfmu.base.measure import measure
+from vdfmu.compiler.efmi.block import PERIOD, BlockVariable, SampledBlock
+from vdfmu.compiler.efmi.galec import galec_name, galec_text, galec_value
+from vdfmu.compiler.efmi.production import (
+    METHODS,
+    PRECISIONS,
+    Precision,
+    c_name,
+    c_type,
+    constant_name,
+    header_text,
+    members,
+    source_text,
 )
-from vdfmu.compiler.efmi.production import PRECISIONS, header_text, source_text
 from vdfmu.compiler.fmu.content import EFMU, Content
-from vdfmu.compiler.fmu.description import document
+from vdfmu.compiler.fmu.description import TIME_STAMP, boolean, document, number
 
 
 def make_efmu(path: Path, fmu: Content, precision: str, step: float) -> None:
@@ -73,3 +79,238 @@ def _schemas() -> dict[str, bytes]:
     folder = data_path("fmu_src") / "efmi" / "schemas"
     files = sorted(file for file in folder.rglob("*") if file.is_file())
     return {file.relative_to(folder).as_posix(): source_bytes(file) for file in files}
+
+
+ALGORITHM, PRODUCTION = "AlgorithmCode", "ProductionCode"
+MANIFEST = "manifest.xml"
+_XSI = "http://www.w3.org/2001/XMLSchema-instance"
+_ORIGIN = "algorithm"
+"""Reference of the production code to the manifest of the algorithm code."""
+_STRUCTURE = "type.block"
+
+
+@dataclass(frozen=True)
+class Origin:
+    """What all manifests of an eFMU say.
+
+    Attributes
+    ----------
+    seed : str
+        Text that is the same for the same eFMU, and for no other.
+    tool : str
+    about : mapping of str to str
+        Version, copyright and licence of the unit, as far as they are known.
+    """
+
+    seed: str
+    tool: str
+    about: Mapping[str, str]
+
+    def identifier(self, kind: str) -> str:
+        """Return the identifier of a manifest."""
+        return f"{{{uuid.UUID(bytes=sha256(f'{kind} {self.seed}'.encode()).digest()[:16])}}}"
+
+    def root(self, tag: str, kind: str, block: SampledBlock, version: str, schema: str) -> Element:
+        """Root element of a manifest."""
+        about = {name: self.about[name] for name in ("version", "copyright", "license") if name in self.about}
+        attributes = {
+            f"{{{_XSI}}}noNamespaceSchemaLocation": schema,
+            "xsdVersion": version,
+            "efmiVersion": "1.0.0",
+            "id": self.identifier(kind),
+            "name": block.name,
+            "description": block.description,
+            "generationDateAndTime": TIME_STAMP,
+            "generationTool": self.tool,
+            **about,
+        }
+        return Element(tag, attributes)
+
+
+def checksum(content: bytes) -> str:
+    """Return the checksum of a file: SHA-1."""
+    return sha1(content, usedforsecurity=False).hexdigest()
+
+
+def _add(parent: Element, tag: str, **attributes: str) -> Element:
+    return SubElement(parent, tag, attributes)
+
+
+def _add_files(root: Element, files: Mapping[str, tuple[bytes, str]]) -> None:
+    """Add the files of a container: name to content and role."""
+    listed = _add(root, "Files")
+    for name, (content, role) in files.items():
+        _add(listed, "File", id=f"file.{name}", name=name, path="./", needsChecksum="true",
+             checksum=checksum(content), role=role)  # fmt: skip
+
+
+def _identifier(v: BlockVariable) -> str:
+    return f"variable.{c_name(v)}"
+
+
+def algorithm_manifest(block: SampledBlock, origin: Origin, program: tuple[str, bytes]) -> Element:
+    """Manifest of the algorithm code; `program` is the name and the content of its file."""
+    schema = f"../schemas/{ALGORITHM}/efmiAlgorithmCodeManifest.xsd"
+    root = origin.root("Manifest", ALGORITHM, block, "0.14.0", schema)
+    root.set("kind", ALGORITHM)
+    root.set("fileRefId", f"file.{program[0]}")
+    _add_files(root, {program[0]: (program[1], "Code")})
+    period = next(v for v in block.variables if v.name == PERIOD)
+    _add(root, "Clock", id="clock", variableRefId=_identifier(period))
+    methods = _add(root, "BlockMethods")
+    signals = {"DoStep": "NAN"} | ({"Recalibrate": "INVALID_ARGUMENT"} if block.tunable else {})
+    for name in METHODS:
+        method = _add(methods, "BlockMethod", id=f"method.{name}", kind=name)
+        if name in signals:
+            _add(_add(method, "Signals"), "Signal", value=signals[name])
+    _add(root, "ErrorSignalStatus", id="errorSignals")
+    units = _add(root, "Units")
+    for name in sorted({v.unit for v in block.variables if v.unit}):
+        exponents = {base: str(exponent) for base, exponent in measure(name).exponents.items()}
+        _add(_add(units, "Unit", id=f"unit.{_units_id(name)}", name=name), "BaseUnit", **exponents)
+    variables = _add(root, "Variables")
+    for v in block.variables:
+        _add_variable(variables, v)
+    return root
+
+
+def _units_id(name: str) -> str:
+    return name.replace("*", ".").replace("^", "_")
+
+
+def _add_variable(parent: Element, v: BlockVariable) -> None:
+    values = list(v.start) if len(set(v.start)) > 1 else v.start[:1]
+    element = _add(
+        parent, f"{v.type}Variable", id=_identifier(v), name=galec_name(v), description=v.description,
+        blockCausality=v.causality, start=" ".join(_start(v, value) for value in values),
+    )  # fmt: skip
+    if v.unit:
+        element.set("unitRefId", f"unit.{_units_id(v.unit)}")
+    if v.size:
+        _add(_add(element, "Dimensions"), "Dimension", number="1", size=str(v.size))
+
+
+def _start(v: BlockVariable, value: float) -> str:
+    return number(value) if v.type == "Real" else galec_value(v, value)
+
+
+def production_manifest(
+    block: SampledBlock,
+    origin: Origin,
+    algorithm: bytes,
+    code: Mapping[str, bytes],
+    fmu: tuple[str, bytes],
+    precision: Precision,
+) -> Element:
+    """Manifest of the production code.
+
+    Parameters
+    ----------
+    block, origin
+    algorithm : bytes
+        Manifest of the algorithm code.
+    code : mapping of str to bytes
+        Name to content of the header and of the source.
+    fmu : tuple of str and bytes
+        Name and content of the FMU.
+    precision : Precision
+    """
+    schema = f"../schemas/{PRODUCTION}/efmiProductionCodeManifest.xsd"
+    root = origin.root("Manifest", PRODUCTION, block, "0.17.0", schema)
+    root.set("kind", PRODUCTION)
+    reference = {"manifestRefId": origin.identifier(ALGORITHM), "checksum": checksum(algorithm), "origin": "true"}
+    _add(_add(root, "ManifestReferences"), "ManifestReference", id=_ORIGIN, **reference)
+    _add_files(root, {name: (text, "Code") for name, text in code.items()} | {fmu[0]: (fmu[1], "FMU")})
+    container = _add(
+        root, "CodeContainer", language="C", standard="C99", platform="Legacy", floatPrecision=f"{precision.bits}-bit"
+    )
+    _add(container, "Target").text = "Generic"
+    types = {
+        f"{block.name}_Real": (f"efmiFloat{precision.bits}", precision.type),
+        "int32_t": ("efmiInteger32", "int32_t"),
+        "uint32_t": ("efmiUnsignedInteger32", "uint32_t"),
+        "bool": ("efmiBool", "bool"),
+        "void": ("efmiVoid", "void"),
+    }
+    targets = _add(container, "TargetTypes")
+    for name, (kind, coded) in types.items():
+        _add(targets, "TargetType", id=f"target.{name}", kind=kind, codedType=coded)
+    files = _add(container, "CodeFiles")
+    header, source = code
+    _add_header(files, header, block, list(types))
+    _add_source(files, source, header, block)
+    _add_logical_data(container, block)
+    return root
+
+
+def _add_header(files: Element, name: str, block: SampledBlock, types: Sequence[str]) -> None:
+    file = _add(files, "CodeFile", id="code.header", fileType=PRODUCTION, codeType="HeaderFile")
+    _add(file, "FileReference", fileRefId=f"file.{name}")
+    definitions = _add(file, "Typedefs")
+    for one in types:
+        definition = _add(definitions, "Typedef", id=f"type.{one}", name=one)
+        _add(definition, "Alias", targetTypeRefId=f"target.{one}")
+    structure = _add(_add(definitions, "Typedef", id=_STRUCTURE, name=block.name), "Components")
+    for v in members(block):
+        component = _add(structure, "Component", id=f"component.{c_name(v)}", name=c_name(v),
+                         typeDefRefId=f"type.{c_type(v, block)}")  # fmt: skip
+        _add_size(component, v)
+    _add(structure, "Component", id="component.errorSignals", name="errorSignals", typeDefRefId="type.uint32_t")
+
+
+def _add_source(files: Element, name: str, header: str, block: SampledBlock) -> None:
+    file = _add(files, "CodeFile", id="code.source", fileType=PRODUCTION, codeType="SourceFile")
+    _add(file, "FileReference", fileRefId=f"file.{name}")
+    _add(_add(file, "Includes"), "Include", codeFileRefId="code.header")
+    constants = _add(file, "Variables")
+    for v in block.of("constant"):
+        attributes = {"typeDefRefId": f"type.{c_type(v, block)}", "const": "true", "static": boolean(v.name != PERIOD)}
+        variable = _add(constants, "Variable", id=f"constant.{v.name}", name=constant_name(block, v), **attributes)
+        _add_size(variable, v)
+    functions = _add(file, "Functions")
+    for method in METHODS:
+        function = _add(functions, "Function", id=f"function.{method}", name=f"{block.name}_{method}")
+        _add(function, "ReturnParameter", id=f"return.{method}", typeDefRefId="type.void")
+        _add(_add(function, "FormalParameters"), "FormalParameter", id=f"self.{method}", name="self", number="0",
+             typeDefRefId=_STRUCTURE, pointer="true")  # fmt: skip
+
+
+def _add_size(parent: Element, v: BlockVariable) -> None:
+    if v.size:
+        _add(_add(parent, "Dimensions"), "Dimension", number="0", size=str(v.size))
+
+
+def _add_logical_data(container: Element, block: SampledBlock) -> None:
+    """Say where each variable and each method of the algorithm code is in the production code."""
+    data = _add(container, "LogicalData")
+    references = _add(data, "DataReferences")
+
+    def foreign(parent: Element, tag: str, identifier: str) -> None:
+        _add(parent, tag, manifestReferenceRefId=_ORIGIN, foreignRefId=identifier)
+
+    for identifier, component in [
+        *((_identifier(v), c_name(v)) for v in members(block)),
+        ("errorSignals", "errorSignals"),
+    ]:
+        reference = _add(references, "DataReference")
+        foreign(reference, "ForeignVariableReference", identifier)
+        _add(reference, "FormalParameter", formalParameterRefId="self.DoStep", componentIdentifier=component)
+    for v in block.of("constant"):
+        reference = _add(references, "DataReference")
+        foreign(reference, "ForeignVariableReference", _identifier(v))
+        _add(reference, "GlobalVariable", variableRefId=f"constant.{v.name}")
+    functions = _add(data, "FunctionReferences")
+    for method in METHODS:
+        reference = _add(functions, "FunctionReference")
+        foreign(reference, "ForeignFunctionReference", f"method.{method}")
+        _add(reference, "GlobalFunction", functionRefId=f"function.{method}")
+
+
+def content(block: SampledBlock, origin: Origin, manifests: Mapping[str, bytes]) -> Element:
+    """Root element of ``__content.xml``; `manifests` are those of the containers by their kind."""
+    root = origin.root("Content", "Content", block, "0.11.0", "schemas/efmiContainerManifest.xsd")
+    root.set("activeFmu", PRODUCTION)
+    for kind, text in manifests.items():
+        _add(root, "ModelRepresentation", name=kind, kind=kind, manifest=MANIFEST, checksum=checksum(text),
+             manifestRefId=origin.identifier(kind))  # fmt: skip
+    return root

@@ -12,8 +12,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.files import regular_target, require_ours, storing
 from vdfmu.base.progress import warn_once
 from vdfmu.base.standards import BACKENDS, FMI_3, FMI_VERSIONS, PYTHON_FMI, WITHOUT_NATIVE
-from vdfmu.compiler.c.platforms import COMPONENT
-from vdfmu.compiler.c.programs import native_available
+from vdfmu.compiler.c.platforms import COMPONENT, native_available
 from vdfmu.compiler.efmi.production import PRECISIONS
 from vdfmu.compiler.fmu.content import Content, is_built, keep_record
 from vdfmu.compiler.targets import TARGETS, BuildTarget

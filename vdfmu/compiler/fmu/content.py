@@ -1,9 +1,10 @@
-"""Content of an FMU in addition to its script: its unit, its robot, start values, and the version that built it."""
+"""Content of an FMU in addition to its script: unit and who made it, robot, start values, the version that built it."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
+import tomllib
 import uuid
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
@@ -15,16 +16,16 @@ from pathlib import Path
 from typing import Any
 
 from vdfmu.base.cache import cache_folder, load, store
-from vdfmu.base.data import data_path, source_bytes
 from vdfmu.base.errors import FmuError, VdfmuError
+from vdfmu.base.files import data_path, source_bytes
 from vdfmu.base.standards import FMI_2, FMI_VERSIONS, FmiVersion
 from vdfmu.base.version import __version__
-from vdfmu.compiler.fmu.about import about
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.unit.base import ABOUT, BaseUnit, is_shipped, unit_name
 from vdfmu.compiler.unit.interface import Interface, interface_of
 from vdfmu.compiler.unit.load import load_units
 from vdfmu.compiler.unit.machine import Machine
+from vdfmu.compiler.unit.place import source_file
 
 CONTENT_FILE = "vdfmu.json"
 CONTENT_PLACES = {"native": f"extra/vdfmu/{CONTENT_FILE}", "python": f"resources/{CONTENT_FILE}"}
@@ -52,7 +53,7 @@ def tool_of(backend: str) -> str:
     """Name and version of what makes the library of an FMU."""
     if backend == "python":
         return f"pythonfmu {version_of('pythonfmu')}"
-    from vdfmu.compiler.c.programs import compiler_version
+    from vdfmu.compiler.c.platforms import compiler_version
 
     return compiler_version()
 
@@ -75,7 +76,7 @@ class Content:
     tool: str = ""
     """Name and version of what made the FMU's libraries; empty: that of here."""
     made_by: Mapping[str, str] | None = None
-    """Author, licence, copyright and version of the unit; None: see :func:`~vdfmu.compiler.fmu.about.about`."""
+    """Author, licence, copyright and version of the unit; None: see :func:`~vdfmu.compiler.fmu.content.about`."""
     sources: bool = True
     """Whether a native FMU carries its C."""
 
@@ -237,3 +238,40 @@ def is_built(path: Path, guid: str) -> bool:
 def _record(path: Path) -> Path:
     with path.open("rb") as file:
         return cache_folder() / "built" / file_digest(file, "sha256").hexdigest()
+
+
+def about(unit: type[BaseUnit]) -> dict[str, str]:
+    """Return author, licence, copyright and version of a unit, without those that nobody has written down.
+
+    The attributes of its class count, then ``[project]`` of the nearest ``pyproject.toml`` in the folders above its
+    file. Those of units of the package are its own.
+    """
+    if is_shipped(unit):
+        return {"version": __version__, "author": "vdfmu contributors", "license": "MIT"}
+    file = source_file(unit)
+    project = {} if file is None else _project(file)
+    found = {name: getattr(unit, name) or project.get(name, "") for name in ABOUT}
+    return {name: text for name, text in found.items() if text}
+
+
+def terms(known: Mapping[str, str]) -> str:
+    """Return copyright, author and licence in a line."""
+    who = known.get("copyright") or known.get("author")
+    return f"{f'{who}, ' if who else ''}{known.get('license') or 'no licence is named'}."
+
+
+def _project(file: Path) -> dict[str, str]:
+    """Return what the nearest project of a file says."""
+    for folder in file.resolve().parents:
+        try:
+            table: Any = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+            authors = [one.get("name") or one["email"] for one in table.get("authors", ())]
+            terms = table.get("license", "")
+            return {
+                "version": str(table.get("version", "")),
+                "author": ", ".join(authors),
+                "license": terms if isinstance(terms, str) else str(terms.get("text", "")),
+            }
+        except (OSError, ValueError, LookupError, TypeError, AttributeError):
+            continue  # there is none, or not of a project
+    return {}

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from html import escape
 
 from vdfmu.base.page import page, table
-from vdfmu.compiler.fmu.about import terms
-from vdfmu.compiler.fmu.content import Content
+from vdfmu.compiler.fmu.content import Content, terms
 from vdfmu.compiler.fmu.reference_results import columns
 from vdfmu.compiler.unit.interface import Array, Interface
 from vdfmu.compiler.unit.variable import Variable

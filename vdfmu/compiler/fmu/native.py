@@ -9,15 +9,13 @@ from importlib.metadata import files as installed_files
 from importlib.util import find_spec
 from pathlib import Path
 
-from vdfmu.base.data import PACKAGE, data_path, source_bytes
 from vdfmu.base.errors import FmuError, StorageError
-from vdfmu.base.files import pack_zip, read_member
+from vdfmu.base.files import PACKAGE, data_path, pack_zip, read_member, source_bytes
 from vdfmu.base.standards import FMI_VERSIONS
 from vdfmu.compiler.c.compile import WRITTEN, Compilation, compile_libraries
 from vdfmu.compiler.c.generate import generated_sources
 from vdfmu.compiler.c.platforms import COMPONENT, binaries, chosen_platforms
-from vdfmu.compiler.fmu.about import terms
-from vdfmu.compiler.fmu.content import CONTENT_PLACES, Content, is_built, keep_record
+from vdfmu.compiler.fmu.content import CONTENT_PLACES, Content, is_built, keep_record, terms
 from vdfmu.compiler.fmu.description import document, model_description
 from vdfmu.compiler.fmu.description3 import build_description, model_description_3
 from vdfmu.compiler.fmu.documentation import documentation_files

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from xml.etree.ElementTree import Element, SubElement
 
-from vdfmu.base.data import data_path
+from vdfmu.base.files import data_path
 from vdfmu.base.standards import FMI_3, FmiVersion
 from vdfmu.compiler.fmu.description import document
 from vdfmu.compiler.unit.declaration import Terminal

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 from vdfmu.base.cache import COMPILER, cache_folder
 from vdfmu.base.errors import FmuError, UsageError
-from vdfmu.base.temporary import temporary_folder
+from vdfmu.base.files import temporary_folder
 from vdfmu.base.version import __version__
 from vdfmu.compiler.fmu.content import CONTENT_PLACES, EFMU, Content, installed_digest, tool_of
 from vdfmu.compiler.unit.base import BaseUnit

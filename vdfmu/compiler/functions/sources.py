@@ -10,7 +10,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from vdfmu.base.data import PACKAGE, source_bytes
+from vdfmu.base.files import PACKAGE, source_bytes
 
 _IMPORT = re.compile(r"^ *(?:from vdfmu([\w.]*) import (\([^)]*\)|.*)|import vdfmu([\w.]*))", re.MULTILINE)
 _NAME = re.compile(r"\w+")

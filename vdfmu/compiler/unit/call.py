@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.base.data import PACKAGE
+from vdfmu.base.files import PACKAGE
 from vdfmu.compiler.scalar.symbol import refusal, refusals
 
 

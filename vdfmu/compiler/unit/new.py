@@ -9,9 +9,8 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
-from vdfmu.base.data import data_path
 from vdfmu.base.errors import StorageError, UsageError
-from vdfmu.base.files import replacing
+from vdfmu.base.files import data_path, replacing
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.compiler import unit
 from vdfmu.compiler.unit.base import snake_case

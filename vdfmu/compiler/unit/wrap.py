@@ -15,8 +15,8 @@ import casadi as ca
 import numpy as np
 
 from vdfmu.base.errors import UnitError, UsageError
+from vdfmu.base.files import temporary_folder
 from vdfmu.base.measure import measure
-from vdfmu.base.temporary import temporary_folder
 from vdfmu.compiler.unit.load import load_units
 from vdfmu.compiler.unit.new import class_and_file, write_new
 from vdfmu.compiler.unit.unit import Unit

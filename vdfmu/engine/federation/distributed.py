@@ -18,7 +18,7 @@ from vdfmu.engine.federation.plan import FederationPlan, levels, sent_values, sh
 from vdfmu.engine.options import FederateOptions
 from vdfmu.engine.package.system import System
 from vdfmu.engine.plan.checked import Checked
-from vdfmu.engine.plan.link import SOURCE
+from vdfmu.engine.plan.conversion import SOURCE
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.elsewhere import Making
 from vdfmu.engine.run.simulator import simulate

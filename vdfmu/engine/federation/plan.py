@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 from vdfmu.engine.fmu.description import Description, FmuVariable
 from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.conversion import SOURCE, Link, Port
 from vdfmu.engine.plan.feed import Feed
 from vdfmu.engine.plan.graph import ranks
-from vdfmu.engine.plan.link import SOURCE, Link, Port
 from vdfmu.engine.plan.schedule import variable_graph
 
 

@@ -18,7 +18,7 @@ from vdfmu.engine.masters.bank import Bank
 from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.package.system import Value
-from vdfmu.engine.plan.link import SOURCE, Link, Port
+from vdfmu.engine.plan.conversion import SOURCE, Link, Port
 from vdfmu.engine.run.isolated_server import Server, serve
 
 

@@ -10,7 +10,7 @@ import re
 from functools import cache
 from typing import Any
 
-from vdfmu.base.data import data_path
+from vdfmu.base.files import data_path
 
 _NAME = r"[\w-]+"
 

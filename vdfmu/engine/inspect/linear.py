@@ -32,7 +32,7 @@ from vdfmu.engine.masters.interface import jacobian_of
 from vdfmu.engine.masters.multirate import periods
 from vdfmu.engine.package.system import System
 from vdfmu.engine.plan.checked import Checked
-from vdfmu.engine.plan.link import Port
+from vdfmu.engine.plan.conversion import Port
 from vdfmu.engine.run.simulator import Simulator
 
 Places = npt.NDArray[np.intp]

@@ -24,9 +24,9 @@ from fmpy import fmi2
 from fmpy.fmi1 import FMICallException
 
 from vdfmu.base.errors import StorageError, VdfmuError
+from vdfmu.base.files import temporary_folder
 from vdfmu.base.interrupt import listening
 from vdfmu.base.process import Listener, end_group, limit, started
-from vdfmu.base.temporary import temporary_folder
 from vdfmu.engine.inspect.abilities import try_abilities, try_sandboxed
 from vdfmu.engine.inspect.findings import Findings
 from vdfmu.engine.inspect.reference import compare

@@ -14,7 +14,7 @@ from vdfmu.engine.fmu.access import DTYPES, TEXTS, Call
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.plan.checked import Checked
-from vdfmu.engine.plan.link import Link, Port
+from vdfmu.engine.plan.conversion import Link, Port
 
 _RUNS = 6
 """Most copies of neighbours that are faster than one copy of single values."""

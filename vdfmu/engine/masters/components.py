@@ -18,7 +18,7 @@ from vdfmu.engine.fmu.library import Watch
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.events import Events
 from vdfmu.engine.masters.exchange import Exchange
-from vdfmu.engine.masters.probe import reader
+from vdfmu.engine.masters.observer import reader
 from vdfmu.engine.masters.sampled import Stepper
 from vdfmu.engine.masters.steppers import CONVERGENCE, Coupling
 from vdfmu.engine.plan.checked import Checked

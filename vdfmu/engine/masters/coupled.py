@@ -14,7 +14,7 @@ from vdfmu.engine.fmu.access import Call
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.masters.bank import Bank
 from vdfmu.engine.masters.exchange import Exchange
-from vdfmu.engine.plan.link import SOURCE
+from vdfmu.engine.plan.conversion import SOURCE
 
 Indices = NDArray[np.intp]
 

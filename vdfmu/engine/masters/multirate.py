@@ -13,8 +13,8 @@ from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.masters.sampled import SampledStepper
 from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.conversion import Link
 from vdfmu.engine.plan.grid import largest_step
-from vdfmu.engine.plan.link import Link
 
 
 def with_steps(checked: Checked, step: float) -> Checked:

@@ -1,16 +1,22 @@
-"""Observers and visitors of a run in progress."""
+"""Who sees a run in progress: observers, visitors, and probes of its components at some rows."""
 
 from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Container, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import CosimError
+from vdfmu.engine.fmu.access import DTYPES, Call
+from vdfmu.engine.fmu.instance import Instance
+from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.masters.exchange import Exchange
+from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.results import Results
 
@@ -81,3 +87,121 @@ def observed(
             due = now() + period
 
     return storing
+
+
+_PLACES = (0.0, 0.21, 0.47, 0.76, 1.0)
+"""Places of the rows in a run: uneven, since at the quarters of a motion from rest to rest some signals are zero."""
+_KINDS = ("Real", "Integer", "Boolean")
+
+Numbers = Mapping[int, float]
+"""Value reference, plus the index of an element of an array, to value."""
+
+
+class Kept(Protocol):
+    """Components that keep states: `Components` and `Isolated`."""
+
+    exchange: Exchange
+
+    def keep(self, names: Sequence[str]) -> None:
+        """See `Components.keep`."""
+        ...
+
+    def look(
+        self, steps: Mapping[str, float], times: Sequence[float], end: float
+    ) -> list[dict[str, list[list[float]]]]:
+        """See `Components.look`."""
+        ...
+
+
+class Reading(NamedTuple):
+    """The numbers of components by their names, at a row and after one more step from there."""
+
+    row: int
+    time: float
+    values: Mapping[str, Numbers]
+    after: Mapping[str, Numbers]
+
+
+class Probe:
+    """Reads all numbers of some components at five rows of a run.
+
+    Their states are kept during the run, and restored and read after it: the run is the same with and without.
+
+    Parameters
+    ----------
+    steps : mapping of str to float
+        Components, and the length [s] of the further step that each does from its kept state, with its inputs held.
+        None is done for 0, or for an end beyond the run's.
+
+    Attributes
+    ----------
+    readings : list of Reading
+    failure : str
+        Why there are fewer; empty if there are all.
+    """
+
+    def __init__(self, steps: Mapping[str, float]) -> None:
+        self.steps = steps
+        self.readings: list[Reading] = []
+        self.failure = ""
+        self._rows: dict[int, float] = {}
+
+    def keeping(
+        self, components: Kept, checked: Checked, grid: Grid, store: Callable[[int], None]
+    ) -> Callable[[int], None]:
+        """Return a function that stores row k, and keeps the states if it is one of the five."""
+        whole = int(np.lcm.reduce(list(checked.multiples.values()) or [1]))  # where all steps end
+        rows = {grid.n if place == 1.0 else whole * round(place * grid.n / whole) for place in _PLACES}
+        clock, size = components.exchange.clock, components.exchange.size
+        self.readings, self.failure, self._rows = [], "", {}
+
+        def storing(k: int) -> None:
+            store(k)
+            if k in rows and not self.failure:
+                try:
+                    components.keep(list(self.steps))
+                except CosimError as error:
+                    self.failure = str(error)
+                self._rows[k] = clock.value + size.value if k else grid.begin
+
+        return storing
+
+    def read(self, components: Kept, checked: Checked, end: float) -> None:
+        """Read the kept states of a run that is over."""
+        if self.failure:
+            return
+        try:
+            found = components.look(dict(self.steps), list(self._rows.values()), end)
+        except CosimError as error:
+            self.failure = str(error)
+            return
+        of = {name: numeric(checked.descriptions[name].variables) for name in self.steps}
+        for (row, time), each in zip(self._rows.items(), found, strict=True):
+            parts: list[dict[str, Numbers]] = [{}, {}]
+            for name, listed in each.items():
+                for part, numbers in zip(parts, listed, strict=False):
+                    places = (v.reference + v.index for v in of[name])
+                    part[name] = dict(zip(places, numbers, strict=True))
+            self.readings.append(Reading(row, time, *parts))
+
+
+def numeric(variables: Mapping[str, FmuVariable]) -> list[FmuVariable]:
+    """Return the variables that are numbers, or true or false, kind by kind."""
+    return [v for kind in _KINDS for v in variables.values() if v.kind == kind]
+
+
+def reader(instance: Instance) -> Callable[[], list[float]]:
+    """Return a function that gets all numbers of a component, in the order of :func:`numeric`."""
+    own = numeric(instance.description.variables)
+    parts: list[tuple[NDArray[Any], list[Call]]] = []
+    for kind in dict.fromkeys(v.kind for v in own):
+        variables = [v for v in own if v.kind == kind]
+        values = np.zeros(len(variables), DTYPES[kind])
+        parts.append((values, instance.access("Get", variables, values)))
+
+    def read() -> list[float]:
+        for _, calls in parts:
+            instance.run(calls)
+        return [float(value) for values, _ in parts for value in values.tolist()]
+
+    return read

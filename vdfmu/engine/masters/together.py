@@ -16,8 +16,8 @@ from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.integrator import ModelExchangeIntegrator
 from vdfmu.engine.masters.bank import Bank
+from vdfmu.engine.plan.conversion import Link
 from vdfmu.engine.plan.graph import ranks
-from vdfmu.engine.plan.link import Link
 from vdfmu.engine.plan.schedule import variable_graph
 
 _ROUNDS = 100

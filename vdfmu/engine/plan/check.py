@@ -10,11 +10,10 @@ from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.package.system import System, Value
 from vdfmu.engine.plan.checked import Checked
-from vdfmu.engine.plan.checker import Checker
+from vdfmu.engine.plan.checker import Checker, overrides
+from vdfmu.engine.plan.conversion import SOURCE, Link, Port
 from vdfmu.engine.plan.feed import feed_inputs
 from vdfmu.engine.plan.inputs import InputTable
-from vdfmu.engine.plan.link import SOURCE, Link, Port
-from vdfmu.engine.plan.overrides import overrides
 from vdfmu.engine.plan.schedule import Schedule, choose_schedule
 from vdfmu.engine.rules import finding
 

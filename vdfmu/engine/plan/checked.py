@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.package.system import System, Value
+from vdfmu.engine.plan.conversion import SOURCE, Link, Port
 from vdfmu.engine.plan.feed import Feed
-from vdfmu.engine.plan.link import SOURCE, Link, Port
 from vdfmu.engine.plan.schedule import Schedule
 
 

@@ -1,4 +1,4 @@
-"""Transformations, unit conversions and types of connections and parameters."""
+"""Connections between two variables of FMUs: their transformations, conversions of units, and types."""
 
 from __future__ import annotations
 
@@ -164,3 +164,29 @@ def as_type(value: Value, variable: FmuVariable, exact: str | None = None) -> Va
     if not low <= whole <= high:
         raise misfit
     return whole
+
+
+Port = tuple[str, str]
+"""Component and variable."""
+SOURCE = "(inputs)"
+"""Takes the place of a component for signals from outside."""
+
+
+@dataclass(frozen=True)
+class Link:
+    """A checked connection between two variables. `stepped` is False for links from parameters."""
+
+    start: Port
+    end: Port
+    source: FmuVariable
+    sink: FmuVariable
+    conversion: Conversion
+    stepped: bool
+
+    @property
+    def discrete(self) -> bool:
+        """Whether the value changes at communication points only."""
+        return self.sink.type != "Real" or "discrete" in (self.source.variability, self.sink.variability)
+
+    def __str__(self) -> str:
+        return f"{'.'.join(self.start)} -> {'.'.join(self.end)}"

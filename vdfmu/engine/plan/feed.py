@@ -14,9 +14,8 @@ from vdfmu.base.text import close_to
 from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.fmu.variables import FmuVariable, limit_fault
 from vdfmu.engine.package.system import BASE_UNITS, UnitFactor
-from vdfmu.engine.plan.conversion import Conversion, between
+from vdfmu.engine.plan.conversion import SOURCE, Conversion, Link, Port, between
 from vdfmu.engine.plan.inputs import Course, InputTable
-from vdfmu.engine.plan.link import SOURCE, Link, Port
 
 
 class Fed(NamedTuple):

@@ -8,8 +8,8 @@ from itertools import pairwise
 
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.fmu.description import Description
+from vdfmu.engine.plan.conversion import SOURCE, Link, Port
 from vdfmu.engine.plan.graph import cycles, topological
-from vdfmu.engine.plan.link import SOURCE, Link, Port
 
 DEFAULT = "gauss-seidel"
 """Master algorithm where none is named."""

@@ -16,9 +16,9 @@ from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.sampled import SampledStepper
 from vdfmu.engine.package.system import Value, spread
+from vdfmu.engine.plan.checker import overrides
 from vdfmu.engine.plan.conversion import as_type
 from vdfmu.engine.plan.grid import Grid
-from vdfmu.engine.plan.overrides import overrides
 from vdfmu.engine.run.session import Session
 
 

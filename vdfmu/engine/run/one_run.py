@@ -15,9 +15,8 @@ from vdfmu.base.errors import CosimError
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.engine.fmu.messages import LogMessage
 from vdfmu.engine.masters.components import Components
-from vdfmu.engine.masters.observer import Visitor, observed, visited
+from vdfmu.engine.masters.observer import Probe, Visitor, observed, visited
 from vdfmu.engine.masters.pace import Pace
-from vdfmu.engine.masters.probe import Probe
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.formats import format_of, suffix_of
 from vdfmu.engine.results.recorded import copies_of

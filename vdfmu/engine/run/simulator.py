@@ -11,13 +11,12 @@ import numpy as np
 
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.option import lists_options, pick, with_options
-from vdfmu.base.show_progress import shown_steps
+from vdfmu.base.progress import shown_steps
 from vdfmu.engine.algorithms import ALGORITHMS, choice, is_continuous
 from vdfmu.engine.fmu.messages import LogMessage
 from vdfmu.engine.masters.components import CONVERGENCE, Components
 from vdfmu.engine.masters.multirate import with_steps
-from vdfmu.engine.masters.observer import Visitor
-from vdfmu.engine.masters.probe import Probe
+from vdfmu.engine.masters.observer import Probe, Visitor
 from vdfmu.engine.options import RowOptions, SimulateOptions, SimulatorOptions
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import System, Value

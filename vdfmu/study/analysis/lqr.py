@@ -11,8 +11,7 @@ from vdfmu.arm.robot.robot import Robot, robot_argument
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear, held
-from vdfmu.study.analysis.arm_space import linearize
-from vdfmu.study.analysis.linear import fast_states
+from vdfmu.study.analysis.arm_space import fast_states, linearize
 
 _FED_BACK = ("q", "q_dot", "kappa", "kappa_dot")
 

@@ -14,8 +14,7 @@ from vdfmu.arm.dynamics import inverse_dynamics
 from vdfmu.arm.equations.trajectory import desired_motion
 from vdfmu.arm.robot import Robot, load_robot, robot_names
 from vdfmu.base.arrays import Floats
-from vdfmu.base.files import write_whole
-from vdfmu.base.temporary import temporary_folder
+from vdfmu.base.files import temporary_folder, write_whole
 from vdfmu.base.toml_file import locate
 from vdfmu.base.toml_text import toml_value
 from vdfmu.engine.inspect.loops import GROWTH, Margins

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from vdfmu.base.errors import UsageError
+from vdfmu.base.files import temporary_folder
 from vdfmu.base.progress import counted
-from vdfmu.base.temporary import temporary_folder
 from vdfmu.engine.inspect.linear import LinearSystem, linear_system
 from vdfmu.engine.inspect.loops import GROWTH, Margins, fastest_mode, margin_rows, of_positions, system_margins
 from vdfmu.engine.run.simulator import Simulator

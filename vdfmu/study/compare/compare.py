@@ -16,31 +16,28 @@ import numpy as np
 
 from vdfmu.arm.dynamics import forward_kinematics
 from vdfmu.base.errors import UnitError, UsageError, VdfmuError
-from vdfmu.base.files import write_whole
+from vdfmu.base.files import temporary_folder, write_whole
 from vdfmu.base.once import one_job
 from vdfmu.base.option import pick, with_options
-from vdfmu.base.progress import counted
-from vdfmu.base.show_progress import with_progress
-from vdfmu.base.temporary import temporary_folder
+from vdfmu.base.progress import counted, with_progress
 from vdfmu.base.text import close_to
 from vdfmu.base.toml_file import locate
 from vdfmu.base.version import __version__
 from vdfmu.engine.run.simulator import Simulator
 from vdfmu.study.compare.axes import ARMS, LAWS, MISMATCHES, MOTIONS, ComparedLaw, corner_of
 from vdfmu.study.compare.cells import PAYLOAD, ComparedArm
-from vdfmu.study.compare.comparison import AXES, LawComparison
 from vdfmu.study.compare.measures import MEASURES, OF_A_RUN, SIGNALS, OfRun, path_accuracy, path_repeatability
 from vdfmu.study.compare.page import write_comparison
-from vdfmu.study.compare.words import in_words
+from vdfmu.study.compare.words import AXES, LawComparison, in_words
 from vdfmu.study.options import CompareOptions, TuneOptions
 from vdfmu.study.run.at_limits import limits_of
 from vdfmu.study.run.scenario_run import prepare
+from vdfmu.study.sweeps.axes import Points
 from vdfmu.study.sweeps.job import Job, Row, Task, WiredSystem
 from vdfmu.study.sweeps.ledger import Ledger, files_of
 from vdfmu.study.sweeps.local import check_workers
 from vdfmu.study.sweeps.measures import read_measures
 from vdfmu.study.sweeps.plan import Plan, digest, of_scenario
-from vdfmu.study.sweeps.points import Points
 from vdfmu.study.sweeps.sweep import run_plan
 from vdfmu.study.tuning.tune import tune
 from vdfmu.system.package.description import SystemDescription

@@ -13,9 +13,8 @@ import numpy as np
 from vdfmu.base.files import write_whole
 from vdfmu.base.page import page
 from vdfmu.study.compare.axes import LAWS, MISMATCHES
-from vdfmu.study.compare.comparison import GOOD, LawComparison
 from vdfmu.study.compare.measures import MEASURES
-from vdfmu.study.compare.words import BY, in_words
+from vdfmu.study.compare.words import BY, GOOD, LawComparison, in_words
 from vdfmu.study.report.page import NAME
 from vdfmu.study.report.scripts import COMPARED, data_element, look, module_element
 

@@ -1,4 +1,4 @@
-"""A comparison in words, made of its numbers: which law to take when, by how much, and which fail."""
+"""The table of a comparison, and a comparison in words, made of its numbers: which law to take when, and which fail."""
 
 from __future__ import annotations
 
@@ -8,8 +8,28 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vdfmu.study.compare.axes import LAWS, MISMATCHES
-from vdfmu.study.compare.comparison import GOOD, VERDICTS, LawComparison
 from vdfmu.study.compare.measures import MEASURES
+from vdfmu.study.sweeps.sweep import Sweep
+
+AXES = ("arm", "motion", "mismatch", "law")
+GOOD = ("stable",)
+VERDICTS = (*GOOD, "not judged", "no margin", "at limits", "off the path", "unstable", "failed")
+"""Verdicts on cells; measures of the others than `GOOD` are not compared."""
+
+
+class LawComparison(Sweep):
+    """The table of a comparison: a row for each cell, and the column ``run``, with which it is run again."""
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """How it was made: budget, margin, seed, axes, and all tunings, also of laws that are not tuned."""
+        return self.facts["compare"]
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """All cells."""
+        return self.table().to_pylist()
+
 
 BY = "rms_tool"
 """Measure by which laws are ranked."""

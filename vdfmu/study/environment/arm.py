@@ -1,8 +1,10 @@
-"""Environments of gymnasium: an arm in the master, and many arms in lanes."""
+"""Environments of gymnasium: the task of an agent, an arm in the master, and many arms in lanes."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from typing import Any
 
@@ -12,10 +14,184 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.system import packaged
+from vdfmu.study.batch.engine import SteppedLanes
 from vdfmu.study.batch.make import make_program
-from vdfmu.study.batch.stepped import SteppedLanes
-from vdfmu.study.environment.task import TrackingTask
 from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.scenario import Scenario, load_scenario
+from vdfmu.system.scenario.system_file import SystemFile
+from vdfmu.system.scenario.values import override
+
+LIMITS = {"rad": 2.0 * math.pi, "rad/s": 50.0, "m": 5.0, "m/s": 10.0, "N.m": 1e3, "N": 1e4, "1": 1e6}
+"""Largest absolute value of a signal that is seen, by its unit of measurement, where none is given."""
+SEEN = ("plant.q", "plant.q_dot", "plant.kappa_dot", "plant.tau_s", "trajectory.q_d", "trajectory.q_d_dot")
+
+
+class TrackingTask:
+    """An agent's torques in place of what a scenario connects to an input, and the cost of tracking.
+
+    Parameters
+    ----------
+    scenario : Scenario, str or path
+        With its parts that reach what the agent acts on or sees; the others, such as the controller, are left out.
+    action : str
+        Group of inputs that the agent sets, ``component.group``; what fed it is disconnected.
+    seen : sequence of str
+        Groups of outputs that it sees, one after the other.
+    track : (str, str)
+        Desired and actual position; both are seen.
+    limit : float or (n,) [unit of the action]
+        Largest absolute value of the action.
+    limits : mapping of str to float
+        Group to the largest absolute value that is seen, instead of `LIMITS`.
+    hold : int
+        Communication steps for which an action holds.
+    error : float [rad or m]
+        Error of a joint that costs a half.
+    effort : float
+        Cost of all actions at their limits.
+    vary : mapping of str to (low, high)
+        Parameters, ``component.variable``, that are drawn uniformly at each reset. Each parameter ``seed`` of a
+        component that is not among them gets a whole number below 2^31.
+
+    Raises
+    ------
+    UsageError
+        For signals and parameters that are not there, numbers that cannot be, or an episode that is not a whole number
+        of actions.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario | str = "planar_tracking",
+        *,
+        action: str = "plant.tau",
+        seen: Sequence[str] = SEEN,
+        track: tuple[str, str] = ("trajectory.q_d", "plant.q"),
+        limit: float | Sequence[float] = 1.0,
+        limits: Mapping[str, float] | None = None,
+        hold: int = 4,
+        error: float = 0.1,
+        effort: float = 0.01,
+        vary: Mapping[str, tuple[float, float]] | None = None,
+    ) -> None:
+        loaded = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+        self.action, self.hold, self.error, self.effort, self.vary = action, hold, error, effort, dict(vary or {})
+        _check_number("error", error, 0.0)
+        _check_number("effort", effort, 0.0, among=True)
+        self.scenario = opened(loaded, action, seen)
+        self.length = round(loaded.stop / (loaded.step * hold)) if hold >= 1 and hold % 1 == 0 else 0
+        if self.length < 1 or not math.isclose(self.length * hold * loaded.step, loaded.stop, rel_tol=1e-9):
+            raise UsageError(f"hold: expected steps of which {loaded.stop:g} s is a whole multiple, got {hold}.")
+        tables = self.scenario.resolved.tables
+        self.inputs, self.action_units = self._named(tables, action, "input")
+        found = [self._named(tables, group, "output") for group in seen]
+        self.signals = [name for names, _ in found for name in names]
+        self.units = [unit for _, units in found for unit in units]
+        ends = np.cumsum([0, *(len(names) for names, _ in found)])
+        where = {group: slice(*ends[i : i + 2]) for i, group in enumerate(seen)}
+        if missing := {*track, *(limits or {})} - where.keys():
+            raise UsageError(f"{', '.join(sorted(missing))}: expected one of what is seen: {', '.join(seen)}.")
+        self._desired, self._actual = where[track[0]], where[track[1]]
+        self.high = np.array([LIMITS.get(unit, LIMITS["1"]) for unit in self.units])
+        for group, value in (limits or {}).items():
+            _check_number(f"limits: {group}", value, 0.0)
+            self.high[where[group]] = value
+        if np.ndim(limit) and np.shape(limit) != (len(self.inputs),):
+            raise UsageError(f"limit: expected one number, or {len(self.inputs)} for {action}, got {limit}.")
+        for each in np.ravel(limit):
+            _check_number("limit", each, 0.0)
+        self.limit = np.broadcast_to(np.asarray(limit, np.float64), (len(self.inputs),)).copy()
+        parameters = [f"{name}.{v.name}" for name, table in tables.items() for v in table if v.causality == "parameter"]
+        self.seeds = [name for name in parameters if name.endswith(".seed") and name not in self.vary]
+        self._check_varied(parameters)
+
+    def _check_varied(self, parameters: Sequence[str]) -> None:
+        """Check names and bounds of what varies; values are held against the limits of each parameter."""
+        for name, bounds in self.vary.items():
+            if np.shape(bounds) != (2,) or not (np.isfinite(bounds).all() and bounds[0] <= bounds[1]):
+                raise UsageError(f"vary: {name}: expected two finite numbers, the lower first, got {bounds}.")
+            for value in bounds:
+                override(self.scenario, {name: float(value)})
+            if name not in parameters:
+                raise UsageError(f"vary: {name}: expected one parameter of a component, such as {parameters[0]}.")
+
+    @staticmethod
+    def _named(tables: Mapping[str, Any], group: str, causality: str) -> tuple[list[str], list[str]]:
+        component, _, wanted = group.partition(".")
+        found = [v for v in tables.get(component, ()) if v.group == wanted and v.causality == causality]
+        if not found:
+            raise UsageError(f"{group!r}: expected a group of {causality}s of one of {', '.join(tables)}.")
+        return [f"{component}.{v.name}" for v in found], [v.unit or "1" for v in found]
+
+    def drawn(self, generator: np.random.Generator) -> dict[str, float]:
+        """Return values of what varies."""
+        varied = {name: float(generator.uniform(*bounds)) for name, bounds in self.vary.items()}
+        return varied | {name: int(generator.integers(2**31)) for name in self.seeds}
+
+    def limited(self, action: Any, arms: tuple[int, ...] = ()) -> Floats:
+        """Return an action (.., inputs), of one arm or several, within its limits; UsageError if it is not finite."""
+        shape = (*arms, len(self.inputs))
+        if np.shape(action) != shape or not np.isfinite(action).all():
+            got = np.array2string(np.asarray(action), threshold=9)
+            raise UsageError(f"action: expected finite numbers of shape {shape}, got {got}.")
+        return np.clip(action, -self.limit, self.limit)
+
+    def outcome(self, numbers: Floats, action: Floats, done: Any, good: Any) -> tuple[Floats, Floats, Any]:
+        """Return what is seen, the rewards, and whether episodes end before their time.
+
+        Parameters
+        ----------
+        numbers : (.., signals), at the end of the step
+        action : (.., inputs), within their limits
+        done : (..) actions of the episodes so far, this one among them
+        good : (..) whether the steps were solved
+        """
+        ended = ~(np.asarray(good) & (np.abs(numbers) <= self.high).all(axis=-1))
+        e = (numbers[..., self._desired] - numbers[..., self._actual]) / self.error
+        with np.errstate(over="ignore", invalid="ignore"):
+            cost = np.mean(e * e / (1.0 + e * e), axis=-1)
+        cost = cost + self.effort * np.mean((action / self.limit) ** 2, axis=-1)
+        rest = (1.0 + self.effort) * (self.length - done + 1)
+        return self.clipped(numbers), np.where(ended, -rest, -cost), ended
+
+    def clipped(self, numbers: Floats) -> Floats:
+        """Return numbers within what can be seen."""
+        return np.clip(np.nan_to_num(numbers), -self.high, self.high)
+
+
+def _check_number(name: str, value: Any, least: float, among: bool = False) -> None:
+    """Check that a number is finite and above `least`, or `among` what is allowed also that."""
+    number = value if np.ndim(value) == 0 and isinstance(value, (int, float, np.number)) else math.nan
+    if not (math.isfinite(number) and (number > least or (among and number == least))):
+        raise UsageError(
+            f"{name}: expected a finite number {'of at least' if among else 'above'} {least:g}, got {value}."
+        )
+
+
+def opened(scenario: Scenario, action: str, seen: Sequence[str]) -> Scenario:
+    """Return a scenario without what feeds an input, and without components that reach neither it nor what is seen."""
+    system: SystemFile = scenario.system
+    links = {key: [end for end in ends if end != action] for key, ends in system.connections.items()}
+    kept: set[str] = set()
+    new = {signal.partition(".")[0] for signal in (action, *seen)}
+    while new:
+        kept |= new
+        new = {k.partition(".")[0] for k, ends in links.items() if any(e.partition(".")[0] in new for e in ends)} - kept
+    if unknown := kept - system.parts.keys():
+        raise UsageError(f"{', '.join(sorted(unknown))}: expected components of {', '.join(system.parts)}.")
+    inner = {key: [end for end in ends if end.partition(".")[0] in kept] for key, ends in links.items()}
+    return dataclasses.replace(
+        scenario,
+        system=dataclasses.replace(
+            system,
+            parts={name: part for name, part in system.parts.items() if name in kept},
+            connections={key: ends for key, ends in inner.items() if ends and key.partition(".")[0] in kept},
+            shared={name: each for name, each in system.shared.items() if each.keys() <= kept},
+        ),
+        sections={name: section for name, section in scenario.sections.items() if name in kept},
+        paper={},
+    )
+
 
 try:
     import gymnasium
@@ -42,7 +218,7 @@ class ArmEnv(gymnasium.Env[Floats, Floats]):
     Parameters
     ----------
     scenario, **options
-        See :class:`vdfmu.study.environment.task.TrackingTask`, which is `task`.
+        See :class:`vdfmu.study.environment.arm.TrackingTask`, which is `task`.
 
     Attributes
     ----------
@@ -106,7 +282,7 @@ class ArmVectorEnv(VectorEnv[Floats, Floats, Floats]):
     ----------
     num_envs : int
     scenario, **options
-        See :class:`vdfmu.study.environment.task.TrackingTask`.
+        See :class:`vdfmu.study.environment.arm.TrackingTask`.
 
     Raises
     ------

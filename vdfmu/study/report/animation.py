@@ -10,10 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from vdfmu.base.errors import UsageError
-from vdfmu.base.files import write_whole
-from vdfmu.base.progress import counted
-from vdfmu.base.show_progress import Shown, with_progress
-from vdfmu.base.temporary import temporary_folder
+from vdfmu.base.files import temporary_folder, write_whole
+from vdfmu.base.progress import Shown, counted, with_progress
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report.browser import Browser
 from vdfmu.study.report.page import report_page

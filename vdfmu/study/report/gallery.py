@@ -21,9 +21,8 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.files import write_whole
-from vdfmu.base.measure import coherent
+from vdfmu.base.measure import coherent, quantity
 from vdfmu.base.page import page
-from vdfmu.base.quantity import quantity
 from vdfmu.engine.results.folder import PARTIAL
 from vdfmu.engine.results.formats import result_files
 from vdfmu.engine.results.results import Results

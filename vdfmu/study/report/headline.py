@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from vdfmu.base.quantity import quantity
+from vdfmu.base.measure import quantity
 from vdfmu.engine.results.verdict import checks_of
 from vdfmu.study.report.sheets import energies
 from vdfmu.study.report.summary_keys import Summary

@@ -7,21 +7,23 @@ of :mod:`vdfmu.study.report.content`.
 from __future__ import annotations
 
 import base64
+import shlex
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from vdfmu.base.errors import CosimError
-from vdfmu.base.files import PAGE_MARK, write_whole
+from vdfmu.base.errors import CosimError, VdfmuError
+from vdfmu.base.files import PAGE_MARK, temporary_folder, write_whole
 from vdfmu.base.page import page
-from vdfmu.base.temporary import temporary_folder
+from vdfmu.base.standards import PYTHON_FMI
 from vdfmu.base.text import error_text
+from vdfmu.base.toml_file import locate, read_toml, shipped_names
+from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
 from vdfmu.engine.results.folder import write_summary
 from vdfmu.engine.run import Interrupted
 from vdfmu.study.report.browser import Browser
-from vdfmu.study.report.command import run_command
-from vdfmu.study.report.content import content_of
+from vdfmu.study.report.content import content_of, wired_arm
 from vdfmu.study.report.headline import checks_line, headline, page_title
 from vdfmu.study.report.parts import checks, comparison, facts_table, marks, tables, tiles
 from vdfmu.study.report.scripts import (
@@ -38,8 +40,8 @@ from vdfmu.study.report.scripts import (
 )
 from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.report.simulation import simulation_of
-from vdfmu.study.report.wired import wired_arm
 from vdfmu.system.package.drawing import system_diagram
+from vdfmu.system.scenario.scenario_file import MASTER
 
 NAME = "report.html"
 _PRINTED = 703
@@ -184,3 +186,56 @@ def _names(runs: Sequence[ShownRun]) -> list[str]:
     if len(set(names)) < len(names):
         names = [run.name for run in runs]
     return [f"{name} ({names[: i + 1].count(name)})" if names.count(name) > 1 else name for i, name in enumerate(names)]
+
+
+_OPTIONS = ("stop", "step", "master", "adaptive", "tolerance")
+_DEFAULTS = {"master": MASTER, "tolerance": SOLVER_TOLERANCE}
+"""Of a scenario's file without these keys."""
+
+
+def run_command(summary: Mapping[str, Any]) -> str:
+    """Return the command that makes the run of a scenario, with what differs from the scenario.
+
+    It has every option of a scenario whose file cannot be read any more. Empty for other runs, and for those with
+    inputs from outside, or units of Python instead of a file or name.
+    """
+    name, units = summary.get("scenario"), summary.get("units") or {}
+    if not name or summary.get("inputs") or any("<" in unit for unit in units.values()):
+        return ""
+    scenario = str(summary.get("scenario_file", name))
+    written, robot = _written(scenario)
+    if written is None and scenario.endswith("_reach"):  # as `reach_scenario` names it
+        scenario = "reach"
+    words = ["vdfmu", "run", scenario]
+    asked = summary.get("robot_file") or summary.get("robot")
+    if "robot_file" in summary or asked != robot and asked in shipped_names("robots"):
+        words += ["--robot", str(asked)]
+    for option in _OPTIONS:
+        value = summary.get(option)
+        if value is not None and (written is None or value != written.get(option, _DEFAULTS.get(option))):
+            words += [f"--{option}", repr(value).removesuffix(".0") if isinstance(value, float) else str(value)]
+    words += ["--backend", "python"] if summary.get("backend") == "python" else []
+    words += ["--fmi", summary["fmi"]] if summary.get("fmi", PYTHON_FMI.name) != PYTHON_FMI.name else []
+    for component, unit in units.items():
+        words += ["--unit", f"{component}={unit}"]
+    for key, value in (summary.get("settings") or {}).items():
+        words += ["--set", f"{key}={value}"]
+    return shlex.join(words)
+
+
+def _written(scenario: str) -> tuple[dict[str, Any] | None, str | None]:
+    """Return the content of a scenario's file, None if there is none to read, and the name of its robot."""
+    try:
+        path = locate(scenario, "scenarios")
+        written = read_toml(path, "scenarios")
+        robot = written.get("robot")
+        return written, robot and _robot_name(robot, path.parent)
+    except VdfmuError:
+        return None, None
+
+
+def _robot_name(robot: str, start: Path) -> str | None:
+    try:
+        return read_toml(locate(robot, "robots", start), "robots").get("name")
+    except VdfmuError:
+        return None

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import NamedTuple
 
-from vdfmu.base.quantity import quantity
+from vdfmu.base.measure import quantity
 from vdfmu.base.standards import FMI_2
 from vdfmu.study.report.summary_keys import Summary
 

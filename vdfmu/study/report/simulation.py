@@ -20,12 +20,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vdfmu.base.arrays import distinct
-from vdfmu.base.data import data_path, source_bytes
 from vdfmu.base.errors import VdfmuError
+from vdfmu.base.files import data_path, source_bytes
 from vdfmu.base.standards import FMI_2
 from vdfmu.compiler.c.compile import Compilation, compile_libraries, compiling
-from vdfmu.compiler.c.platforms import WASM
-from vdfmu.compiler.c.programs import native_available
+from vdfmu.compiler.c.platforms import WASM, native_available
 from vdfmu.compiler.fmu.content import installed_digest
 from vdfmu.compiler.fmu.native import fmi_headers
 from vdfmu.engine.fmu.variables import FmuVariable, Value
@@ -33,8 +32,8 @@ from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.conversion import Link
 from vdfmu.engine.plan.grid import Grid
-from vdfmu.engine.plan.link import Link
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report.causes import LESS, causes, scaled_as
 from vdfmu.study.report.curves import packed

@@ -35,7 +35,7 @@ from vdfmu.engine.masters.components import Components
 from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.run.simulator import Simulator
-from vdfmu.study.analysis.linear import least_dry_friction
+from vdfmu.study.analysis.arm_space import least_dry_friction
 from vdfmu.study.report.causes import Names
 
 GOOD, POOR = 0.5, 0.25

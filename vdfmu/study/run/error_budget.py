@@ -12,8 +12,7 @@ import numpy as np
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.once import one_job
 from vdfmu.base.option import pick, with_options
-from vdfmu.base.progress import counted
-from vdfmu.base.show_progress import with_progress
+from vdfmu.base.progress import counted, with_progress
 from vdfmu.engine.algorithms import is_continuous
 from vdfmu.engine.options import SimulatorOptions
 from vdfmu.engine.package.read import load_ssp

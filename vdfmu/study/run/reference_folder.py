@@ -6,11 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from vdfmu.base.data import data_path
-from vdfmu.base.files import regular_target, replacing, require_ours
+from vdfmu.base.files import data_path, regular_target, replacing, require_ours, temporary_folder
 from vdfmu.base.progress import counted
 from vdfmu.base.standards import SSP_1, SSP_FORMATS
-from vdfmu.base.temporary import temporary_folder
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.run import Results
 from vdfmu.engine.run.simulator import simulate

@@ -16,12 +16,11 @@ import numpy as np
 
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import CosimError, UsageError
+from vdfmu.base.files import temporary_folder
 from vdfmu.base.once import one_job
 from vdfmu.base.option import pick, with_options
-from vdfmu.base.progress import doing, report
-from vdfmu.base.show_progress import with_progress
+from vdfmu.base.progress import doing, report, with_progress
 from vdfmu.base.standards import PYTHON_FMI
-from vdfmu.base.temporary import temporary_folder
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
 from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.inspect.loops import Poses
@@ -51,7 +50,7 @@ from vdfmu.study.report.simulation import compiling_modules
 from vdfmu.study.report.world import scene_of
 from vdfmu.study.run.at_limits import ArmLimits, limits_of, time_at_limits
 from vdfmu.study.run.key_figures import key_figures, robot_with
-from vdfmu.study.run.stability import explain, loop_checks, simulated
+from vdfmu.study.run.stability import VISIBLE, explain, loop_checks, run_checks, simulated
 from vdfmu.study.run.summary import (
     compare,
     compared,
@@ -63,7 +62,6 @@ from vdfmu.study.run.summary import (
     start_notes,
     tracking_errors,
 )
-from vdfmu.study.run.verdict import VISIBLE, run_checks
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.reference.reference import BLOCK, reference_blocks

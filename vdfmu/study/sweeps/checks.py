@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from vdfmu.base.errors import UsageError
-from vdfmu.base.temporary import temporary_folder
+from vdfmu.base.files import temporary_folder
 from vdfmu.base.text import close_to, matching
 from vdfmu.engine.package import load_ssp
 from vdfmu.engine.plan.check import check_system

@@ -12,8 +12,8 @@ from concurrent import futures
 from typing import Any
 
 from vdfmu.base.errors import UsageError, VdfmuError
-from vdfmu.study.sweeps.chunks import Chunks
 from vdfmu.study.sweeps.job import Row, Task
+from vdfmu.study.sweeps.local import Chunks
 from vdfmu.study.sweeps.worker import Worker
 
 _PATIENCE = 300.0

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
-from vdfmu.study.sweeps.axes import read_axes
-from vdfmu.study.sweeps.points import LEVELS, draw, shares, unit_problem
+from vdfmu.study.sweeps.axes import LEVELS, draw, read_axes, shares, unit_problem
 from vdfmu.study.sweeps.table import StudyTable
 
 CONFIDENCE = 0.95

@@ -24,8 +24,8 @@ from vdfmu.base.files import replacing
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.text import elided
 from vdfmu.engine.results.parquet import needed
+from vdfmu.study.sweeps.axes import Points
 from vdfmu.study.sweeps.job import Row
-from vdfmu.study.sweeps.points import Points
 from vdfmu.study.sweeps.worker import KILLED
 
 TABLE = "sweep.parquet"

@@ -1,23 +1,28 @@
-"""The page of a parameter study: pictures that choose together, tables, and a run that opens any point."""
+"""The page of a parameter study, pictures that choose together, tables, a run that opens any point; and its content."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import re
+import shlex
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vdfmu.base.errors import UsageError, VdfmuError
-from vdfmu.base.files import write_whole
+from vdfmu.base.files import temporary_folder, write_whole
 from vdfmu.base.page import table
-from vdfmu.base.temporary import temporary_folder
+from vdfmu.study.report.curves import packed
 from vdfmu.study.report.page import NAME, StudyPart, report_page, study_page
-from vdfmu.study.sweeps.axes import read_axes
+from vdfmu.study.report.shown_run import ShownRun, read_run
+from vdfmu.study.sweeps.axes import is_option, read_axes
 from vdfmu.study.sweeps.indices import indices
-from vdfmu.study.sweeps.lab import base_run, failed_groups, study_content
+from vdfmu.study.sweeps.plan import of_scenario
+from vdfmu.study.sweeps.sides import Side, view
 from vdfmu.study.sweeps.table import StudyTable
 
 
@@ -158,3 +163,166 @@ def _unit(unit: str) -> str:
 
 def _short(text: str, most: int = 160) -> str:
     return text if len(text) <= most else f"{text[: most - 2]} …"
+
+
+MOST_VALUES = 200_000
+"""Parameters of all points that a page holds, 2 MB, and values of kept curves."""
+_ROWS = 200
+"""Most rows of a kept curve."""
+_CAUSES = {
+    r"unstable": "unstable loop",
+    r"internal step reached its minimum": "solver of {}: its step reached the minimum, as of an unstable loop",
+    r"not finite": "values of {} are not finite",
+    r"time.?limit|took longer": "took longer than the time limit",
+}
+"""What the message of a failed run has, to what is said of all such runs; {} is the component."""
+
+
+class FailedGroup(NamedTuple):
+    """Points that failed for one cause."""
+
+    cause: str
+    points: Sequence[int]
+    where: str
+    """Ranges of the axes that are narrower than those of all points."""
+    message: str
+    """Of the first."""
+
+
+def cause_of(message: str) -> str:
+    """Return what a message has in common with those of other points: without numbers and elements."""
+    component = message.partition(":")[0]
+    for pattern, words in _CAUSES.items():
+        if re.search(pattern, message):
+            return words.format(component)
+    return re.sub(r"-?\d+(\.\d+)?(e[-+]?\d+)?", "…", message.splitlines()[0])[:160]
+
+
+def failed_groups(study: StudyTable) -> list[FailedGroup]:
+    """Return the failed points by cause, the most frequent first."""
+    groups: dict[str, list[int]] = {}
+    failed = study.failed
+    for point, message in failed.items():
+        groups.setdefault(cause_of(message), []).append(point)
+    if not failed:
+        return []
+    points = study["point"]
+    columns = {axis: study[axis] for axis in study.axes}
+    found: list[FailedGroup] = []
+    for cause, own in sorted(groups.items(), key=lambda one: -len(one[1])):
+        chosen = np.isin(points, own)
+        ranges = [words for axis, values in columns.items() if (words := _range(axis, values, values[chosen]))]
+        found.append(FailedGroup(cause, own, ", ".join(ranges), failed[own[0]]))
+    return found
+
+
+def _range(axis: str, values: NDArray[Any], own: NDArray[Any]) -> str:
+    """Return the range of an axis in words; empty if it is that of all points."""
+    if values.dtype.kind not in "iuf":
+        words = sorted(set(map(str, own)))
+        return f"{axis} {', '.join(words)}" if len(words) < len(set(map(str, values))) else ""
+    low, high = own.min(), own.max()
+    if low == values.min() and high == values.max():
+        return ""
+    return f"{axis} {low:.3g}" + (f" to {high:.3g}" if high > low else "")
+
+
+def columns_of(study: StudyTable) -> list[dict[str, Any]]:
+    """Return the axes that vary, the most influential first, and the measures, each a column with its scale.
+
+    Of a measure of several elements the largest comes before them. Values have six digits; None where a run failed.
+    """
+    shown = view(study)
+    sides = [(side, True) for side in shown.sides]
+    for name in study.facts["measures"]:
+        elements = study.elements(name) if any(c.partition("[")[0] == name for c in study.measures) else []
+        for one in dict.fromkeys([name, *elements] if elements else []):
+            try:
+                sides.append((view(study, one).value, False))
+            except UsageError:
+                continue  # all failed
+    return [_column(side, axis) for side, axis in sides]
+
+
+def _column(side: Side, axis: bool) -> dict[str, Any]:
+    values = [float(f"{v:.6g}") if np.isfinite(v) else None for v in side.values]
+    return {
+        "name": side.name, "unit": side.unit, "log": side.log, "words": side.words, "axis": axis, "values": values,
+    }  # fmt: skip
+
+
+def study_content(study: StudyTable) -> dict[str, Any]:
+    """Return what the page shows of the points, without ``changes``, see `base_run`, and the ``reason`` of none."""
+    package = str(study.facts["source"]).endswith(".ssp")
+    failed = study.failed
+    points = study["point"].tolist()
+    return {
+        "points": points,
+        "columns": columns_of(study),
+        "failed": [failed.get(point) for point in points],
+        "command": "" if package else f"vdfmu run --from {shlex.quote(str(study.path))} --row",
+        "kept": _kept(study),
+    }
+
+
+def base_run(study: StudyTable, folder: Path) -> tuple[ShownRun, dict[str, Any]]:
+    """Run the scenario of a study in a folder, as it is without the axes; the parameters that each point changes.
+
+    Options that vary have the values of the best point; points with others have no changes. ``names`` are
+    ``component.variable``, ``rows`` the places of points, ``values`` little-endian numbers, point by point. VdfmuError
+    where it cannot.
+    """
+    from vdfmu.study.run.scenario_run import run
+
+    facts, best = study.facts, study.row("best")
+    if str(facts["source"]).endswith(".ssp") or "run" in best:
+        raise UsageError("Only scenarios are simulated in a page.")
+    switched = {axis: best[axis] for axis in study.axes if is_option(axis)}
+    own = [axis for axis in read_axes(facts["axes"]) if not is_option(axis.target)]
+    given: Any = {**facts["options"], "settings": dict(facts["settings"])}
+    system = of_scenario(facts["source"], own, switched, given)
+    table = study.table(study.axes).to_pylist()
+    rows = [k for k, row in enumerate(table) if all(row[axis] == value for axis, value in switched.items())]
+    changes: list[dict[str, Any]] = []
+    for k in rows:
+        values = system.parameters({axis.target: table[k][axis.target] for axis in own})
+        changes.append(values | (system.follow(values) if system.follow else {}))
+    names = list(changes[0]) if changes else []
+    if len(names) * len(rows) > MOST_VALUES:
+        raise UsageError(f"The study has {len(rows)} points with {len(names)} parameters, too much for a page.")
+    numbers = np.array([[float(values[name]) for name in names] for values in changes], "<f8")
+    units = dict(given.pop("units", None) or {})
+    units |= {axis.removeprefix("unit:"): value for axis, value in switched.items() if axis.startswith("unit:")}
+    plain = {axis: value for axis, value in switched.items() if not axis.startswith("unit:")}
+    run(facts["source"], out=folder, reference=False, pictures=(), units=units or None, **given, **plain)
+    return read_run(folder), {"names": names, "rows": rows, "values": packed(numbers, "<f8")}
+
+
+def _kept(study: StudyTable) -> dict[str, Any] | None:
+    """Return the signals that were kept of each point, every k-th row; None without them, or with too many."""
+    if "time" not in study.columns:
+        return None
+    table = study.table([*dict.fromkeys(c for c in study.columns if c not in (*study.axes, *study.measures))])
+    names = [field.name for field in table.schema if str(field.type).startswith("list") and field.name != "time"]
+    longest = max((len(row) for row in table["time"].to_pylist() if row), default=0)
+    stride = max(1, -(-longest // _ROWS))
+    count = -(-longest // stride)
+    if not names or not count or table.num_rows * len(names) * count > MOST_VALUES:
+        return None
+    columns = {
+        name: np.array([_padded(row, stride, count) for row in table[name].to_pylist()], "<f4")
+        for name in ("time", *names)
+    }
+    values = np.stack([columns[name] for name in names], axis=1)
+    units = study.facts["units"]
+    return {
+        "names": names, "units": [units.get(name, "") for name in names], "count": count,
+        "time": packed(columns["time"], "<f4"), "values": packed(values, "<f4"),
+    }  # fmt: skip
+
+
+def _padded(row: Sequence[float] | None, stride: int, count: int) -> NDArray[Any]:
+    found = np.full(count, np.nan)
+    part = list(row or ())[::stride]
+    found[: len(part)] = part
+    return found

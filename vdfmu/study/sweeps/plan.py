@@ -15,19 +15,18 @@ from typing import Any, Unpack
 import numpy as np
 
 from vdfmu.base.errors import UnitError, UsageError
+from vdfmu.base.files import temporary_folder
 from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import counted
-from vdfmu.base.temporary import temporary_folder
 from vdfmu.base.version import __version__
 from vdfmu.engine.options import CouplingOptions
 from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.study.batch.engine import LANES, BatchProgram
 from vdfmu.study.options import ENGINES, PlanOptions, ScenarioOptions
-from vdfmu.study.sweeps.axes import Axis, is_option, read_axes
+from vdfmu.study.sweeps.axes import Axis, Points, draw, is_option, read_axes
 from vdfmu.study.sweeps.checks import check_overlap, default_measures, recorded, signals_of, try_measures
 from vdfmu.study.sweeps.job import AxisBinding, Job, Task, WiredSystem
 from vdfmu.study.sweeps.measures import Measure, function_digest, read_measures, unit_of
-from vdfmu.study.sweeps.points import Points, draw
 
 _FEW = 2 * LANES
 """Points of a system from which a program is compiled without being asked for."""

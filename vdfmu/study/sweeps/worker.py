@@ -14,7 +14,7 @@ import numpy as np
 
 from vdfmu.base.child import SIZE, Child
 from vdfmu.base.errors import VdfmuError
-from vdfmu.base.temporary import temporary_folder
+from vdfmu.base.files import temporary_folder
 from vdfmu.base.text import elided, shown
 from vdfmu.study.sweeps.job import Row, Task
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from vdfmu.base.errors import StorageError, UsageError
 from vdfmu.base.files import read_member
 from vdfmu.base.standards import PYTHON_FMI, SSP_1, SSP_FORMATS, SspFormat
-from vdfmu.compiler.c.programs import native_available
+from vdfmu.compiler.c.platforms import native_available
 
 _VERSION = re.compile(rb'<fmiModelDescription[^>]*\sfmiVersion="([^"]*)"')
 

@@ -7,15 +7,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from vdfmu.base.data import data_path
 from vdfmu.base.errors import StorageError
-from vdfmu.base.files import pack_zip, regular_target, require_ours, storing
+from vdfmu.base.files import data_path, pack_zip, regular_target, require_ours, storing
 from vdfmu.base.standards import FMI_VERSIONS, SSP_1, SSP_FORMATS
 from vdfmu.engine.package.parse import validate
 from vdfmu.system.package.description import SystemDescription, icon_source
 from vdfmu.system.package.documentation import system_page
-from vdfmu.system.package.parameter_files import mapping_file, parameter_file
-from vdfmu.system.package.structure_file import mapping_name, structure_file
+from vdfmu.system.package.structure_file import mapping_file, mapping_name, parameter_file, structure_file
 from vdfmu.system.package.versions import require_fmi, ssp_format
 from vdfmu.system.package.xml import to_bytes
 from vdfmu.system.scenario import Scenario

@@ -11,12 +11,11 @@ import casadi as ca
 import numpy as np
 
 from vdfmu.base.arrays import Floats
-from vdfmu.base.errors import FmuError, KernelError
-from vdfmu.base.progress import LOG
+from vdfmu.base.errors import LOG, FmuError, KernelError
 from vdfmu.compiler.c.expressions import c_prototype
 from vdfmu.compiler.c.files import kernel_source
 from vdfmu.compiler.c.loaded import SHOWN, loaded
-from vdfmu.compiler.c.programs import native_available
+from vdfmu.compiler.c.platforms import native_available
 from vdfmu.compiler.unit.evaluate import Traced
 from vdfmu.compiler.unit.program import Call
 from vdfmu.system.reference.wired import Action, AtNewTime, Carry, Run, TimeSetter, WiredUnits

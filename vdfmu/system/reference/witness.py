@@ -30,7 +30,7 @@ from vdfmu.base.errors import VdfmuError
 from vdfmu.compiler.unit.evaluate import Plain
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.solver import samples
-from vdfmu.engine.masters.probe import Numbers, Probe, Reading
+from vdfmu.engine.masters.observer import Numbers, Probe, Reading
 from vdfmu.engine.results.results import Results
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario.values import is_free

@@ -1,6 +1,6 @@
 """Scenarios and systems: what is run, from TOML files to the values of each component."""
 
-from vdfmu.system.scenario.load import load_scenario, load_system, scenario_names
 from vdfmu.system.scenario.scenario import Scenario
+from vdfmu.system.scenario.scenario_file import load_scenario, load_system, scenario_names
 
 __all__ = ["Scenario", "load_scenario", "load_system", "scenario_names"]

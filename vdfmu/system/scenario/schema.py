@@ -23,10 +23,9 @@ from vdfmu.compiler.unit.declaration import Choice, Declared, Input, Parameter, 
 from vdfmu.compiler.unit.interface import general_description
 from vdfmu.compiler.unit.unit import Unit
 from vdfmu.engine.algorithms import ALGORITHMS
-from vdfmu.system.scenario.load import load_system
 from vdfmu.system.scenario.resolved import resolve
 from vdfmu.system.scenario.scenario import FACTOR_FIELDS
-from vdfmu.system.scenario.scenario_file import KEYS, PAPER_LISTS
+from vdfmu.system.scenario.scenario_file import KEYS, PAPER_LISTS, load_system
 
 Schema = dict[str, Any]
 _TEXT: Schema = {"type": "string"}

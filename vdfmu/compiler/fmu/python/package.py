@@ -8,10 +8,8 @@ from pathlib import Path
 
 from pythonfmu import FmuBuilder
 
-from vdfmu.base.data import data_path
-from vdfmu.base.files import pack_zip
+from vdfmu.base.files import data_path, pack_zip, temporary_folder
 from vdfmu.base.interrupt import InterruptGuard
-from vdfmu.base.temporary import temporary_folder
 from vdfmu.compiler.fmu.content import CONTENT_FILE, Content
 from vdfmu.compiler.fmu.documentation import documentation_files
 

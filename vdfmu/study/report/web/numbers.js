@@ -1,4 +1,4 @@
-// How numbers are written: with units that fit their size, as vdfmu/base/quantity.py writes them.
+// How numbers are written: with units that fit their size, as vdfmu/base/measure.py writes them.
 
 const PREFIXES = { 6: "M", 3: "k", 0: "", "-3": "m", "-6": "µ", "-9": "n" };
 const ROUNDING = 1e-9; // share of a peak below which a number is 0
