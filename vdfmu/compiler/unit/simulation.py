@@ -1,4 +1,4 @@
-"""A unit by itself, as a Python object: its motion under given inputs, and its linear model, by its traced functions."""
+"""A unit by itself, as a Python object: its motion under given inputs, and its linear model, by its traces."""
 
 from __future__ import annotations
 
