@@ -25,8 +25,7 @@ from vdfmu.base.progress import showing
 from vdfmu.base.text import close_to
 from vdfmu.base.version import __version__
 from vdfmu.base.words import new_word, present_word
-from vdfmu.cli.options import expanded
-from vdfmu.cli.terminal import console, fail
+from vdfmu.cli.terminal import console, expanded, fail
 
 _Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 QuietOption = Annotated[

@@ -15,7 +15,6 @@ from vdfmu.base.plugins import added
 from vdfmu.base.standards import PYTHON_FMI, SSP_1, SSP_FORMATS
 from vdfmu.base.text import first_few
 from vdfmu.base.toml_file import shipped_names
-from vdfmu.cli.options import choice, out_option, typer_option
 from vdfmu.cli.terminal import (
     BackendOption,
     FmiOption,
@@ -25,12 +24,15 @@ from vdfmu.cli.terminal import (
     ScenarioArgument,
     SetOption,
     UnpackOption,
+    choice,
     fail,
     load,
+    out_option,
     say,
     say_json,
     say_notes,
     say_written,
+    typer_option,
 )
 from vdfmu.engine.rules import Finding
 from vdfmu.study.options import RobotOptions
@@ -165,8 +167,7 @@ def ssp(
     """
     chosen = load(scenario, robot, settings)
     from vdfmu.base.files import temporary_folder
-    from vdfmu.system.package.versions import fmi_of_format
-    from vdfmu.system.package.write import write_ssp
+    from vdfmu.system.package.write import fmi_of_format, write_ssp
     from vdfmu.system.scenario.parts import build_parts
 
     fmi_version = fmi_of_format(form, backend)
@@ -194,7 +195,7 @@ def reference(
     """Write a folder for other tools: the system as SSP 1.0 and 2.0, its results, a script that compares."""
     chosen = load(scenario, robot, settings)
     from vdfmu.study.run.reference_folder import write_reference
-    from vdfmu.system.package.versions import fmi_of_format
+    from vdfmu.system.package.write import fmi_of_format
     from vdfmu.system.scenario.values import system_values
 
     for form in SSP_FORMATS:

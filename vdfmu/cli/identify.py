@@ -9,8 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vdfmu.base.option import read_settings
-from vdfmu.cli.options import out_option, typer_option
-from vdfmu.cli.terminal import OverwriteOption, console, say, say_notes, say_written, table, target_file
+from vdfmu.cli.terminal import (
+    OverwriteOption,
+    console,
+    out_option,
+    say,
+    say_notes,
+    say_written,
+    table,
+    target_file,
+    typer_option,
+)
 from vdfmu.study.options import RobotOptions
 
 if TYPE_CHECKING:

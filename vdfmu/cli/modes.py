@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vdfmu.base.option import read_settings
-from vdfmu.cli.options import choice, out_option
 from vdfmu.cli.terminal import (
     BackendOption,
     JsonOption,
@@ -17,9 +16,11 @@ from vdfmu.cli.terminal import (
     RobotArgument,
     RobotOption,
     SetOption,
+    choice,
     complete_scenario,
     console,
     load,
+    out_option,
     say,
     say_error,
     say_json,

@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from vdfmu.cli.options import out_option
 from vdfmu.cli.terminal import (
     JsonOption,
     OverwriteOption,
@@ -15,6 +14,7 @@ from vdfmu.cli.terminal import (
     complete_scenario,
     console,
     load,
+    out_option,
     say,
     say_json,
     say_notes,

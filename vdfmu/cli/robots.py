@@ -11,12 +11,12 @@ import typer
 from rich.markup import escape
 
 from vdfmu.cli.app import App
-from vdfmu.cli.options import out_option
 from vdfmu.cli.terminal import (
     JsonOption,
     OverwriteOption,
     RobotArgument,
     console,
+    out_option,
     say_json,
     say_list,
     say_notes,

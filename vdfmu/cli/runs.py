@@ -14,17 +14,19 @@ from vdfmu.base.bars import errors
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.files import replacing_foreign, require_ours
 from vdfmu.base.option import pick
-from vdfmu.cli.options import choice, out_option, typer_option
 from vdfmu.cli.terminal import (
     ForeignOption,
     ScenarioArgument,
     UnpackOption,
+    choice,
     console,
     load,
+    out_option,
     say_error,
     say_notes,
     say_written,
     tell,
+    typer_option,
     unit_messages,
 )
 from vdfmu.cli.view import LiveOption, PortOption, live_view

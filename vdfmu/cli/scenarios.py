@@ -7,8 +7,7 @@ from typing import Annotated
 import typer
 
 from vdfmu.cli.app import App
-from vdfmu.cli.options import choice
-from vdfmu.cli.terminal import JsonOption, complete_scenario, say, say_json, say_list
+from vdfmu.cli.terminal import JsonOption, choice, complete_scenario, say, say_json, say_list
 
 app = App(name="scenario", no_args_is_help=True, help="List and show scenarios.")
 

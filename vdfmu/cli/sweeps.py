@@ -9,13 +9,14 @@ import typer
 
 from vdfmu.base.files import replacing_foreign, require_ours
 from vdfmu.cli.app import App, CommandGroup
-from vdfmu.cli.options import choice, out_option
 from vdfmu.cli.terminal import (
     ForeignOption,
     JsonOption,
     ScenarioArgument,
+    choice,
     complete_scenario,
     console,
+    out_option,
     say,
     say_json,
     say_notes,

@@ -9,8 +9,7 @@ import typer
 from rich.markup import escape
 
 from vdfmu.cli.app import App
-from vdfmu.cli.options import out_option
-from vdfmu.cli.terminal import JsonOption, console, say, say_json, say_written, table
+from vdfmu.cli.terminal import JsonOption, console, out_option, say, say_json, say_written, table
 
 app = App(name="unit", no_args_is_help=True, help="List and show units, and write your own.")
 

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vdfmu.base.errors import UsageError
-from vdfmu.cli.options import completing
-from vdfmu.cli.terminal import console, say, say_error, say_notes
+from vdfmu.cli.terminal import completing, console, say, say_error, say_notes
 from vdfmu.study.options import known_robots
 
 if TYPE_CHECKING:

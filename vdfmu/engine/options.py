@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from vdfmu.engine.masters.observer import Observer
     from vdfmu.engine.package.system import Value
     from vdfmu.engine.plan.inputs import Inputs
-    from vdfmu.engine.run.elsewhere import Division
+    from vdfmu.engine.run.isolated import Division
 
 TEXTS = list[str] | None
 """Type of an option that may be repeated on the command line."""

@@ -14,8 +14,8 @@ from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report import content
 from vdfmu.study.report.content import arm_of, content_of
-from vdfmu.study.report.read_summary import read_summary
 from vdfmu.study.report.shapes import FRAMES, Chain, drawing_of
+from vdfmu.study.report.summary_keys import read_summary
 from vdfmu.study.report.world import carriers_first, scene_of
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import load_scenario

@@ -18,7 +18,7 @@ from vdfmu.study.sweeps.ledger import Ledger
 from vdfmu.study.sweeps.looks import FAILED
 from vdfmu.study.sweeps.measures import read_measures, unit_of
 from vdfmu.study.sweeps.page import cause_of, failed_groups
-from vdfmu.study.sweeps.sides import groups, view
+from vdfmu.study.sweeps.table import groups, view
 
 A, B = 7.0, 0.1
 PART = {"a": 0.5 * (1 + B * np.pi**4 / 5) ** 2, "b": A**2 / 8, "ac": 8 * B**2 * np.pi**8 / 225}

@@ -18,10 +18,8 @@ from vdfmu.base.files import PAGE_MARK, read_member
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.documentation import system_page
-from vdfmu.system.package.structure_file import mapping_file, parameter_file, structure_file
-from vdfmu.system.package.versions import fmi_of_format
-from vdfmu.system.package.write import write_ssp
-from vdfmu.system.package.xml import to_bytes
+from vdfmu.system.package.structure_file import mapping_file, parameter_file, structure_file, to_bytes
+from vdfmu.system.package.write import fmi_of_format, write_ssp
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.parts import build_parts
 from vdfmu.system.scenario.values import system_values
@@ -107,7 +105,7 @@ def test_impossible_formats_say_what_to_do(monkeypatch):
         fmi_of_format("3.0", None)
     with pytest.raises(UsageError, match=r"Python FMUs are of FMI 2.0. Leave out --backend python"):
         fmi_of_format("2.0", "python")
-    monkeypatch.setattr("vdfmu.system.package.versions.native_available", lambda: False)
+    monkeypatch.setattr("vdfmu.system.package.write.native_available", lambda: False)
     with pytest.raises(UsageError, match=r"compiler is not installed. Install it \(pip install vdfmu\[native\]\)"):
         fmi_of_format("2.0", None)
 

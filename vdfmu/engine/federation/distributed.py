@@ -20,7 +20,7 @@ from vdfmu.engine.package.system import System
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.conversion import SOURCE
 from vdfmu.engine.results.results import Results
-from vdfmu.engine.run.elsewhere import Making
+from vdfmu.engine.run.isolated import Making
 from vdfmu.engine.run.simulator import simulate
 
 CORES = ("tcp_ss", "tcp", "zmq", "ipc")

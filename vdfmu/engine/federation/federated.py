@@ -23,8 +23,7 @@ from vdfmu.engine.fmu.access import TEXTS
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.plan.checked import Checked
-from vdfmu.engine.run.elsewhere import Elsewhere, Limits
-from vdfmu.engine.run.isolated import Isolated
+from vdfmu.engine.run.isolated import Elsewhere, Isolated, Limits
 
 
 class _Federate(Isolated):

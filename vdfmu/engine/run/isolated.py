@@ -1,4 +1,4 @@
-"""The components of one run in a process of their own, which they may crash, end, or never return in.
+"""The components of one run in a process of their own, or several: they may crash, end, or never return there.
 
 Master and process share the memory of the `Exchange`: a step is one message to the process and one back, whatever the
 number of components. In that memory the process also notes which component it calls, so that the master can name it.
@@ -9,24 +9,84 @@ from __future__ import annotations
 
 import math
 import mmap
+import os
 import pickle
 import signal
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from time import monotonic
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.child import SIZE, Child
-from vdfmu.base.errors import CosimError, VdfmuError
+from vdfmu.base.errors import CosimError, UsageError, VdfmuError
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.exchange import Exchange, words_of
+from vdfmu.engine.masters.sampled import Stepper
 from vdfmu.engine.plan.checked import Checked
-from vdfmu.engine.run.elsewhere import Elsewhere, Limits
+
+
+class Limits:
+    """Limits of components: `time` [s] for a step, and for loading and so on each, and `memory` [MB].
+
+    Default: 300 s, and half of the machine's memory.
+    """
+
+    def __init__(self, time: float | None = None, memory: float | None = None) -> None:
+        self.time = 300.0 if time is None else time
+        self.memory = _half_of_memory() if memory is None else memory
+        for name, value, unit in (("wait_limit", self.time, "s"), ("memory_limit", self.memory, "MB")):
+            if not value > 0.0:
+                raise UsageError(f"{name} must be positive, got {value:g} {unit}")
+
+
+def _half_of_memory() -> float:
+    """Return half of the machine's memory [MB]; infinite where it is unknown."""
+    try:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**21
+    except (AttributeError, ValueError, OSError):
+        return math.inf
+
+
+class Elsewhere(Stepper):
+    """Components of a run and their stepper in one; `exchange` reads the values that they have there."""
+
+    exchange: Exchange
+
+    def load(self) -> None:
+        """Load the libraries and create the instances."""
+        raise NotImplementedError
+
+    def initialize(self, *arguments: Any) -> None:
+        """See `vdfmu.engine.masters.components.Components.initialize`."""
+        raise NotImplementedError
+
+    def couple(self, *arguments: Any) -> Self:
+        """Prepare the steps, see `Components.couple`."""
+        raise NotImplementedError
+
+    def close(self) -> CosimError | None:
+        """Terminate and free all; return the first failure."""
+        raise NotImplementedError
+
+
+Making = Callable[[Checked, Mapping[str, Path], MessageBox, Path, Limits], Elsewhere]
+"""Makes them from a checked system, the folders of its FMUs, the box for messages, a temporary folder and limits."""
+
+
+class Division(Protocol):
+    """Chooses the algorithm, given the wanted one, the components that run here, and what makes them.
+
+    It is what `simulate`, `run_system` and `Simulator` take as `federation`: all that they know of running elsewhere.
+    """
+
+    def algorithm(self, wanted: str | None) -> str: ...  # noqa: D102
+    def apart(self, checked: Checked) -> tuple[Checked, Making]: ...  # noqa: D102
+
 
 STEP = struct.Struct("<ddd")
 """Time, step and stop of `advance`, after a length of 0: 1.1 us on both sides; a pickled message takes 6.7 us."""

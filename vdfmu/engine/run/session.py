@@ -1,11 +1,16 @@
-"""The components of one system in use: unpacked, loaded, stepped, reset, freed."""
+"""The components of one system in use: unpacked, loaded, stepped, reset, freed; and what if one calls C's ``exit``."""
 
 from __future__ import annotations
 
+import ctypes
+import inspect
+import os
+import platform
 import shutil
+import sys
 import tempfile
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Generator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import fmpy
@@ -13,6 +18,7 @@ import fmpy
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.files import temporary_folder
 from vdfmu.engine.fmu.description import COMPONENTS, is_ours
+from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.components import Components, failure_message
 from vdfmu.engine.masters.sampled import Stepper
@@ -20,9 +26,7 @@ from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.plan.checked import Checked
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.results import Results
-from vdfmu.engine.run.elsewhere import Elsewhere, Limits, Making
-from vdfmu.engine.run.exits import report_exits
-from vdfmu.engine.run.isolated import Isolated
+from vdfmu.engine.run.isolated import Elsewhere, Isolated, Limits, Making
 
 
 class Session:
@@ -170,3 +174,44 @@ def _needed(member: str) -> bool:
     """Whether a member of an FMU is needed to run it."""
     places = "resources/", *(f"binaries/{name}/" for name in (fmpy.platform, fmpy.platform_tuple, COMPONENTS))
     return member == "modelDescription.xml" or member.startswith(places)
+
+
+@contextmanager
+def report_exits(box: MessageBox, save: Callable[[], str]) -> Generator[None]:
+    """Report which component ends the process, save the rows, and make the exit code 1; `save` returns a text on them.
+
+    With the C libraries of Linux (glibc) and macOS; nothing is said with others, which cannot take a handler back.
+    """
+    if platform.libc_ver()[0] != "glibc" and sys.platform != "darwin":
+        yield
+        return
+    process, over = os.getpid(), False
+
+    @ctypes.CFUNCTYPE(None, ctypes.c_void_p)
+    def at_exit(_: int | None) -> None:
+        if over or os.getpid() != process:  # in a process that the component has forked
+            return
+        with suppress(BaseException):
+            where = save()
+            sys.stderr.write(f"error: {_caller()} ended the process at t = {box.time:.9g} s.{where}\n")
+            sys.stderr.flush()
+        os._exit(1)
+
+    library, key = ctypes.CDLL(None), ctypes.byref(ctypes.c_char())
+    library.__cxa_atexit(at_exit, None, key)
+    try:
+        yield
+    finally:
+        over = True
+        library.__cxa_finalize(key)  # calls it, and takes it back
+
+
+def _caller() -> str:
+    """Return the names of the components that the code above in this thread is at, by what its local variables hold."""
+    frame = inspect.currentframe()
+    while frame is not None:
+        values = [(value, getattr(value, "instance", None)) for value in frame.f_locals.values()]
+        if names := dict.fromkeys(one.name for pair in values for one in pair if isinstance(one, Instance)):
+            return f"component {' or '.join(names)}"
+        frame = frame.f_back
+    return "a component"

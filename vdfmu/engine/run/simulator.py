@@ -28,7 +28,7 @@ from vdfmu.engine.plan.schedule import DEFAULT
 from vdfmu.engine.results.formats import format_of
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.by_hand import ByHand
-from vdfmu.engine.run.elsewhere import Limits
+from vdfmu.engine.run.isolated import Limits
 from vdfmu.engine.run.one_run import Run
 from vdfmu.engine.run.session import Session
 

@@ -20,7 +20,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import StateSpace
 from vdfmu.compiler.unit.evaluate import Evaluation, evaluation
 from vdfmu.compiler.unit.interface import interface_of
-from vdfmu.compiler.unit.simulation import state_space
+from vdfmu.compiler.unit.unit import state_space
 from vdfmu.system.reference.wired import WiredUnits
 from vdfmu.system.scenario import Scenario
 

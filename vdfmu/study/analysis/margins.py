@@ -15,7 +15,7 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear
-from vdfmu.compiler.unit.simulation import state_space
+from vdfmu.compiler.unit.unit import state_space
 from vdfmu.engine.inspect.loops import Loop, Margins, of_positions
 from vdfmu.study.analysis.arm_space import fast_states, feedback, without_dry_friction
 from vdfmu.system.package.description import SystemDescription

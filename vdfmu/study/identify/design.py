@@ -27,10 +27,9 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.progress import counted
 from vdfmu.base.toml_text import toml_text
-from vdfmu.study.identify.base import link_covariance
 from vdfmu.study.identify.fit import PRIOR, Identified, check_settings, identify
 from vdfmu.study.identify.log import Log
-from vdfmu.study.identify.regressor import regressor
+from vdfmu.study.identify.regressor import link_covariance, regressor
 from vdfmu.study.identify.rows import file_torques, rows_of, slope
 from vdfmu.study.identify.search import expected_deviations
 

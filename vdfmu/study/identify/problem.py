@@ -14,7 +14,7 @@ from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.arrays import Floats
-from vdfmu.study.identify.base import BaseParameters
+from vdfmu.study.identify.regressor import BaseParameters
 
 DRIVES = ("I_m", "f_c", "f_s", "v_s", "f_v")
 SPRINGS = ("K_f0", "c_f", "K_w0", "c_w")

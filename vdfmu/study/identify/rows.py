@@ -14,11 +14,10 @@ from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
-from vdfmu.study.identify.base import base_parameters
 from vdfmu.study.identify.faults import fastest
 from vdfmu.study.identify.log import Log
 from vdfmu.study.identify.problem import IdentificationProblem, TorqueParts
-from vdfmu.study.identify.regressor import Regressor, regressor
+from vdfmu.study.identify.regressor import Regressor, base_parameters, regressor
 
 _BANDS = 3.0
 """The band of the second filter: times the frequency below which nearly all of the velocities' power is."""

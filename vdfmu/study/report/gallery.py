@@ -29,10 +29,10 @@ from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import checks_of
 from vdfmu.study.report.headline import checks_line
 from vdfmu.study.report.page import NAME
-from vdfmu.study.report.read_summary import read_summary
 from vdfmu.study.report.scripts import GALLERY, look, module_element
 from vdfmu.study.report.shapes import Chain
 from vdfmu.study.report.shown_run import run_folders
+from vdfmu.study.report.summary_keys import read_summary
 
 INDEX = "index.html"
 _TIMES = 40

@@ -18,7 +18,7 @@ from matplotlib.ticker import LogLocator, NullLocator
 from numpy.typing import NDArray
 
 from vdfmu.base import style
-from vdfmu.study.sweeps.sides import Side, View
+from vdfmu.study.sweeps.table import Side, View
 
 COLOUR_MAP = "viridis"
 _LONG = 20

@@ -22,8 +22,7 @@ from vdfmu.study.report.shown_run import ShownRun, read_run
 from vdfmu.study.sweeps.axes import is_option, read_axes
 from vdfmu.study.sweeps.indices import indices
 from vdfmu.study.sweeps.plan import of_scenario
-from vdfmu.study.sweeps.sides import Side, view
-from vdfmu.study.sweeps.table import StudyTable
+from vdfmu.study.sweeps.table import Side, StudyTable, view
 
 
 def write_page(study: StudyTable, path: Path | None = None, *, simulate: bool = True) -> Path:

@@ -31,8 +31,7 @@ from vdfmu.study.sweeps.looks import (
     legend_of,
     new_figure,
 )
-from vdfmu.study.sweeps.sides import View, groups, view
-from vdfmu.study.sweeps.table import StudyTable
+from vdfmu.study.sweeps.table import StudyTable, View, groups, view
 
 _SCATTERED, _PARALLEL = 5, 9
 """Most axes in a matrix and side by side; the most influential are shown."""

@@ -10,7 +10,7 @@ from vdfmu.base.page import page, table
 from vdfmu.base.version import __version__
 from vdfmu.system.package.description import PackageSignal, SystemDescription
 from vdfmu.system.package.drawing import draw_system
-from vdfmu.system.package.xml import value_text
+from vdfmu.system.package.structure_file import value_text
 
 
 def system_page(description: SystemDescription, icons: Mapping[str, bytes], fmi_versions: Sequence[str]) -> bytes:
