@@ -17,8 +17,8 @@ from vdfmu.base.process import KEPT
 from vdfmu.base.text import shown
 from vdfmu.engine.fmu.messages import MessageBox, boxes, on_message
 from vdfmu.engine.inspect import trial as check_run
-from vdfmu.engine.inspect.findings import Findings
 from vdfmu.engine.inspect.inspection import inspect_file
+from vdfmu.engine.rules import Findings
 
 XML = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="Bad" guid="{bad}">

@@ -170,7 +170,7 @@ def compare(**options: Unpack[CompareOptions]) -> None:
     What is done stays done: after Ctrl-C or a kill the same command continues where it stopped.
     """
     from vdfmu.study.compare.compare import compare as run_compare
-    from vdfmu.study.compare.words import in_words
+    from vdfmu.study.compare.page import in_words
 
     try:
         found = run_compare(**options)

@@ -13,10 +13,9 @@ from vdfmu.base.errors import VdfmuError
 from vdfmu.base.toml_file import read_toml
 from vdfmu.compiler.unit.interface import Interface, interface_of
 from vdfmu.compiler.unit.load import CodeNotRunError, load_units, reading_only
-from vdfmu.engine.inspect.findings import Findings
 from vdfmu.engine.inspect.inspection import Report
 from vdfmu.engine.inspect.trial import run_apart, serve
-from vdfmu.engine.rules import Finding, finding
+from vdfmu.engine.rules import Finding, Findings, finding
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario.check import model_notes
 from vdfmu.system.scenario.resolved import resolve

@@ -19,7 +19,7 @@ from vdfmu.study.compare.axes import LAWS, MISMATCHES, MOTIONS
 from vdfmu.study.compare.cells import STRUCTURES, ComparedArm
 from vdfmu.study.compare.compare import compare
 from vdfmu.study.compare.measures import MEASURES, OfRun
-from vdfmu.study.compare.words import LawComparison, in_words, ranked
+from vdfmu.study.compare.page import LawComparison, in_words, ranked
 from vdfmu.study.sweeps.job import Bench, Job
 from vdfmu.study.sweeps.measures import read_measures
 from vdfmu.study.sweeps.plan import of_scenario

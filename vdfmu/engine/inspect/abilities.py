@@ -17,8 +17,8 @@ from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.integrator import ModelExchangeIntegrator
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.fmu.variables import FmuVariable
-from vdfmu.engine.inspect.findings import Findings
 from vdfmu.engine.package.archive import Archive
+from vdfmu.engine.rules import Findings
 
 Attempt = Callable[[Instance, float, float], str]
 """Takes an instance after its initialization, start and step [s]; returns what is wrong."""

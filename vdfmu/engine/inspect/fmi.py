@@ -12,8 +12,7 @@ from urllib.parse import unquote
 from lxml.etree import QName  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
 from vdfmu.engine.inspect.description import DESCRIPTION, schema_faults, types_of, variables_of
-from vdfmu.engine.inspect.findings import Findings
-from vdfmu.engine.rules import Finding, finding, line_of
+from vdfmu.engine.rules import Finding, Findings, finding, line_of
 
 TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
 BUILD = "sources/buildDescription.xml"

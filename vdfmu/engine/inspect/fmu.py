@@ -16,7 +16,6 @@ import fmpy
 from vdfmu.base.errors import SspError, StorageError
 from vdfmu.engine.fmu.description import COMPONENTS, component_name
 from vdfmu.engine.inspect.description import DESCRIPTION, description_faults
-from vdfmu.engine.inspect.findings import Findings
 from vdfmu.engine.inspect.fmi import (
     BUILD,
     MANIFEST,
@@ -30,7 +29,7 @@ from vdfmu.engine.inspect.fmi import (
 )
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.parse import parse_xml
-from vdfmu.engine.rules import Finding, breach, finding
+from vdfmu.engine.rules import Finding, Findings, breach, finding
 
 _VERSION = re.compile(r"[12]\.0|3\.0(\.\d+)?")
 """FMI 1.0 and 2.0 fix the text of fmiVersion; FMI 3.0 leaves a third number open."""

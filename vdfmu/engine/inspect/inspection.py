@@ -15,7 +15,6 @@ from urllib.parse import unquote
 from vdfmu.base.errors import SspError, StorageError, UsageError
 from vdfmu.base.files import pack_zip, temporary_folder
 from vdfmu.base.standards import SSP_FORMATS
-from vdfmu.engine.inspect.findings import Findings, one_line
 from vdfmu.engine.inspect.fmi import REFERENCES
 from vdfmu.engine.inspect.fmu import NOT_RUN, check_unit, store
 from vdfmu.engine.inspect.trial import master_of, run_apart
@@ -23,7 +22,7 @@ from vdfmu.engine.package.archive import Archive, is_inside
 from vdfmu.engine.package.parse import parse_xml, version_of
 from vdfmu.engine.package.read import DEFAULT, read_system, variants
 from vdfmu.engine.plan.check import check_system
-from vdfmu.engine.rules import Finding, finding
+from vdfmu.engine.rules import Finding, Findings, finding, one_line
 
 FORMAT = 1
 """Version of the structure of `Report`; it changes when a key changes its meaning or is removed."""

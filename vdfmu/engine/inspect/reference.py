@@ -23,11 +23,10 @@ from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.variables import FmuVariable, type_of
 from vdfmu.engine.inspect.abilities import described, make_step, tried
-from vdfmu.engine.inspect.findings import Findings
 from vdfmu.engine.inspect.fmi import MANIFEST, REFERENCES
 from vdfmu.engine.package.parse import parse_xml
 from vdfmu.engine.plan.conversion import as_type
-from vdfmu.engine.rules import finding
+from vdfmu.engine.rules import Findings, finding
 
 # Reference results say nothing of the solver's tolerance. This is far above those in use and far below a wrong result.
 AGREEMENT = 1e-3

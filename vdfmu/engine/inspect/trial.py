@@ -28,12 +28,11 @@ from vdfmu.base.files import temporary_folder
 from vdfmu.base.interrupt import listening
 from vdfmu.base.process import Listener, end_group, limit, started
 from vdfmu.engine.inspect.abilities import try_abilities, try_sandboxed
-from vdfmu.engine.inspect.findings import Findings
 from vdfmu.engine.inspect.reference import compare
 from vdfmu.engine.package.limits import package_limit, unpack_limit
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import System
-from vdfmu.engine.rules import Finding, finding
+from vdfmu.engine.rules import Finding, Findings, finding
 
 STEPS = 10
 SECONDS = 60.0

@@ -27,8 +27,7 @@ from vdfmu.engine.run.simulator import Simulator
 from vdfmu.study.compare.axes import ARMS, LAWS, MISMATCHES, MOTIONS, ComparedLaw, corner_of
 from vdfmu.study.compare.cells import PAYLOAD, ComparedArm
 from vdfmu.study.compare.measures import MEASURES, OF_A_RUN, SIGNALS, OfRun, path_accuracy, path_repeatability
-from vdfmu.study.compare.page import write_comparison
-from vdfmu.study.compare.words import AXES, LawComparison, in_words
+from vdfmu.study.compare.page import AXES, LawComparison, in_words, write_comparison
 from vdfmu.study.options import CompareOptions, TuneOptions
 from vdfmu.study.run.at_limits import limits_of
 from vdfmu.study.run.scenario_run import prepare
