@@ -13,7 +13,7 @@ from vdfmu.compiler.c.functions import c_texts
 from vdfmu.compiler.c.loop_text import c_loops
 from vdfmu.compiler.c.loops import find_loops, straight
 from vdfmu.compiler.c.operations import c_derivatives, c_operations
-from vdfmu.compiler.c.text import head, wrapped
+from vdfmu.compiler.c.text import head, source_text, wrapped
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, has_roundings
 
 _MOST_IN_C = 1_700
@@ -66,28 +66,7 @@ def avx2_copies(files: Mapping[str, str]) -> dict[str, str]:
     renamed = "".join(f"#define {name} {name}_avx2\n" for name in names)
     return {
         file.replace(".c", "_avx2.c"): head(f"{file} once more, for processors with AVX2; see processor.h.")
-        + f"""#include <math.h>
-#include <string.h>
-
-#include "processor.h"
-
-#ifdef AVX2_STEP
-
-#ifdef __clang__
-#pragma clang attribute push(__attribute__((target("avx2"))), apply_to = function)
-#else
-#pragma GCC target("avx2")
-#endif
-
-{renamed}
-#include "{file}"
-
-#ifdef __clang__
-#pragma clang attribute pop
-#endif
-
-#endif
-"""
+        + source_text("avx2.c").replace("/* RENAMED */\n", renamed + "\n").replace("FILE", file)
         for file in files
     }
 

@@ -17,6 +17,7 @@ from vdfmu.base.errors import KernelError
 from vdfmu.compiler.c.expressions import EXPRESSIONS, c_constant, c_prototype
 from vdfmu.compiler.c.loop_text import c_loops
 from vdfmu.compiler.c.loops import find_loops
+from vdfmu.compiler.c.text import source_text
 from vdfmu.compiler.scalar.symbol import LOOKUP
 
 
@@ -231,36 +232,6 @@ def _part_prototype(function: ca.Function, number: int) -> str:
     return f"{head}_part_{number}({arguments.removesuffix(')')}, double *restrict w)"
 
 
-_SEARCH = """\
-#ifndef LOOKUP_PLACE
-#define LOOKUP_PLACE
-#ifdef LANES /* a double is a vector: fmu_src/batch/lanes.h */
-typedef scalar table_number;
-#define LOOKUP_LANES LANES
-#define LANE(x, i) (x)[i]
-#else
-typedef double table_number;
-#define LOOKUP_LANES 1
-#define LANE(x, i) (x)
-#endif
-
-/* the last k below m with edges[k] <= x, or 0 */
-static int lookup_place(const table_number *edges, int m, table_number x)
-{
-    int low = 0;
-    for (int high = m; high - low > 1;) {
-        const int middle = (low + high) / 2;
-        if (x >= edges[middle])
-            low = middle;
-        else
-            high = middle;
-    }
-    return low;
-}
-#endif
-"""
-
-
 def c_lookup(function: ca.Function) -> str:
     """Return the C text of a table and the static function ``name(const double *x, double *row)`` that reads it.
 
@@ -268,7 +239,7 @@ def c_lookup(function: ca.Function) -> str:
     """
     edges, rows = lookup_table(function)
     name, w = function.name(), function.numel_out(0)
-    return f"""{_SEARCH}
+    return f"""{source_text("lookup.h")}
 #ifndef {name.upper()}
 #define {name.upper()}
 static const table_number {name}_edges[] = {{

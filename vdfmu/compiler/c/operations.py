@@ -18,133 +18,12 @@ import casadi as ca
 from vdfmu.compiler.c.expressions import EXPRESSIONS, c_prototype, slopes
 from vdfmu.compiler.c.loop_text import STACK
 from vdfmu.compiler.c.loops import Loops, Operand, Segment
-from vdfmu.compiler.c.text import array, cell, head, wrapped
+from vdfmu.compiler.c.text import array, cell, head, source_text, wrapped
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative_names
 
 _CODES = {operation: code for code, operation in enumerate(EXPRESSIONS)}
 _CODE = 6
 """Bits of a code."""
-
-_HEADER = """\
-#ifndef OPERATIONS_H
-#define OPERATIONS_H
-
-#include <stdint.h>
-
-/* a loop over the indices from first to last, also down, of what is from begin to end */
-typedef struct {
-    int first, last, begin, end;
-} Span;
-
-/* A function as operations of loops over an index. Places move with it, each by its slope. */
-typedef struct {
-    const int64_t *lines; /* four numbers each: code and slopes, places of the result and of both operands */
-    const Span *blocks;   /* of lines */
-    const Span *passes;   /* of blocks */
-    int n_passes;
-    int slope_bits;                  /* of the number of a slope */
-    void (*move)(int i, int *moved); /* how far the places of each slope have moved at an index */
-    const int *begins;               /* of arguments and results, and their end */
-    int n_arguments, n_results;
-    const double *constants;
-    int n_constants, n;
-} Operations;
-
-/* Work of n numbers each: the values w; their changes or the derivatives by them d. */
-typedef struct {
-    double *w, *d;
-    int *moved;
-} Work;
-
-/* Set what a function changes along a direction or, back, what a direction of its results is by its arguments; given
- * are arguments and direction. What is 0 times what is infinite is 0. */
-void run_operations(const Operations *of, const double *const *given, double *const *made, const Work *work, int back);
-
-#endif
-"""
-_RUN = f"""\
-#include <math.h>
-#include <string.h>
-
-#include "operations.h"
-
-/* a value and its slopes along its operands */
-static inline void operate(int code, double a, double b, double *value, double *by_a, double *by_b)
-{{
-    switch (code) {{
-CASES
-    default: *value = *by_a = *by_b = 0.0; return;
-    }}
-}}
-
-static double times(double slope, double d)
-{{
-    return slope == 0.0 || d == 0.0 ? 0.0 : slope * d;
-}}
-
-static void run_block(const Operations *of, const Span *block, const Work *work, int back)
-{{
-    const int bits = of->slope_bits, *moved = work->moved;
-    const int64_t mask = ((int64_t)1 << bits) - 1;
-    double *w = work->w, *d = work->d;
-    for (int k = block->begin; k < block->end; k++) {{
-        const int64_t *line = of->lines + 4 * (back ? block->begin + block->end - 1 - k : k);
-        const int64_t word = line[0] >> {_CODE};
-        const int64_t t = line[1] + moved[word & mask];
-        const int64_t a = line[2] + moved[word >> bits & mask], b = line[3] + moved[word >> 2 * bits];
-        double value, by_a, by_b;
-        if (back && d[t] == 0.0)
-            continue;
-        operate(line[0] & {2**_CODE - 1}, w[a], w[b], &value, &by_a, &by_b);
-        if (back) {{
-            d[a] += times(by_a, d[t]);
-            d[b] += times(by_b, d[t]);
-        }} else {{
-            w[t] = value;
-            d[t] = times(by_a, d[a]) + times(by_b, d[b]);
-        }}
-    }}
-}}
-
-static void run_passes(const Operations *of, const Work *work, int back)
-{{
-    for (int k = 0; k < of->n_passes; k++) {{
-        const Span *pass = of->passes + (back ? of->n_passes - 1 - k : k);
-        const int first = back ? pass->last : pass->first, last = back ? pass->first : pass->last;
-        const int change = first <= last ? 1 : -1;
-        for (int i = first; i != last + change; i += change) {{
-            of->move(i, work->moved);
-            for (int m = pass->begin; m < pass->end; m++) {{
-                const Span *block = of->blocks + (back ? pass->begin + pass->end - 1 - m : m);
-                if (i >= block->first && i <= block->last)
-                    run_block(of, block, work, back);
-            }}
-        }}
-    }}
-}}
-
-static size_t size_of(const Operations *of, int k)
-{{
-    return (size_t)(of->begins[k + 1] - of->begins[k]) * sizeof(double);
-}}
-
-void run_operations(const Operations *of, const double *const *given, double *const *made, const Work *work, int back)
-{{
-    const int n = of->n_arguments, m = of->n_results, *begins = of->begins;
-    const double *const *direction = given + n;
-    for (int k = 0; k < n; k++)
-        memcpy(work->w + begins[k], given[k], size_of(of, k));
-    memcpy(work->w + of->n - of->n_constants, of->constants, (size_t)of->n_constants * sizeof(double));
-    memset(work->d, 0, (size_t)of->n * sizeof(double));
-    if (back)
-        run_passes(of, work, 0);
-    for (int k = back ? n : 0; k < (back ? n + m : n); k++)
-        memcpy(work->d + begins[k], *direction++, size_of(of, k));
-    run_passes(of, work, back);
-    for (int k = back ? 0 : n; k < (back ? n : n + m); k++)
-        memcpy(*made++, work->d + begins[k], size_of(of, k));
-}}
-"""
 
 
 def c_operations() -> dict[str, str]:
@@ -153,9 +32,10 @@ def c_operations() -> dict[str, str]:
     for operation, code in _CODES.items():
         value, by_a, by_b, *_ = (x.format("a", "b") for x in (EXPRESSIONS[operation], *slopes(operation), "0.0"))
         cases.append(f"    case {code}: *value = {value}; *by_a = {by_a}; *by_b = {by_b}; return;")
+    runner = source_text("operations.c").replace("    /* CASES */", "\n".join(cases)).replace("CODE_BITS", str(_CODE))
     return {
-        "operations.h": head("Tables of operations.") + _HEADER,
-        "operations.c": head("What runs tables of operations.") + _RUN.replace("CASES", "\n".join(cases)),
+        "operations.h": head("Tables of operations.") + source_text("operations.h"),
+        "operations.c": head("What runs tables of operations.") + runner,
     }
 
 

@@ -10,78 +10,12 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from vdfmu.base.errors import StorageError, UsageError
-from vdfmu.base.files import data_path, replacing
+from vdfmu.base.files import data_path, replacing, source_bytes
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.compiler import unit
 from vdfmu.compiler.unit.base import snake_case
 
 _FORMS = re.compile(r"[A-Z][A-Za-z0-9]*|[a-z][a-z0-9]*(_[a-z0-9]+)*")
-
-_UNIT = '''"""A unit of one's own. To build its FMU: vdfmu build FILE.py"""
-
-from vdfmu.unit import Derivative, Input, Output, Parameter, State, Unit
-
-
-class NAME(Unit):
-    """Proportional-integral controller.
-
-    The first line is the description of the FMU, all of it is on the FMU's page::
-
-        e     = r - y
-        z_dot = e
-        u     = K (e + z / T)
-    """
-
-    # Variables: unit of measurement ("1" is a number without one), shape (none is a scalar, JOINTS one for each joint),
-    # and a text. They are attributes of the class here, and their values in the methods.
-    r = Input("1", text="setpoint")
-    y = Input("1", text="measured value")
-    u = Output("1", text="actuating signal")
-    # Without tunable=True a parameter is fixed over a run.
-    K = Parameter("1", text="gain", start=2.0, minimum=0.0, tunable=True)
-    T = Parameter("s", text="integral time", start=0.5, minimum=1e-6, tunable=True)
-    # A continuous state is integrated by the FMU. It starts at the parameter z_0, which comes with it.
-    z = State("s", text="integral of the error")
-    z_dot = Derivative(z)
-
-    def outputs(self) -> None:
-        """Set the outputs, in numpy. Branches on values are where(condition, a, b), clip, minimum, maximum."""
-        e = self.r - self.y
-        self.u = self.K * (e + self.z / self.T)
-
-    def derivatives(self) -> None:
-        """Set the derivatives of the states."""
-        self.z_dot = self.r - self.y
-'''
-
-_TEST = '''"""Tests of FILE.py. To run them: python -m pytest test_FILE.py"""
-
-import fmpy
-import pytest
-from FILE import NAME
-
-import vdfmu
-
-
-def test_outputs_and_derivatives():
-    """A unit is a Python object: inputs and parameters by name, then its methods."""
-    unit = NAME(r=1.0, y=0.4, K=3.0, T=2.0, z_0=0.5)
-    unit.start()
-    unit.outputs()
-    unit.derivatives()
-    assert unit.u == pytest.approx(3.0 * (0.6 + 0.5 / 2.0))
-    assert unit.z_dot == pytest.approx(0.6)
-
-
-def test_fmu(tmp_path):
-    """The FMU integrates: a constant error gives a ramp."""
-    fmu = next(iter(vdfmu.build_fmus(None, tmp_path, units=[NAME]).values()))
-    result = fmpy.simulate_fmu(
-        fmu, stop_time=1.0, output_interval=0.1, start_values={"r": 1.0, "K": 3.0, "T": 2.0}, output=["u"]
-    )
-    # the tolerance of the solver is 1e-7
-    assert result["u"] == pytest.approx(3.0 * (1.0 + result["time"] / 2.0), abs=1e-6)
-'''
 
 
 def new_unit(name: str, out: Path | None = None) -> tuple[Path, Path]:
@@ -109,8 +43,11 @@ def new_unit(name: str, out: Path | None = None) -> tuple[Path, Path]:
     camel, path = class_and_file(name, out)
     stem = path.stem
     test = path.with_name(f"test_{stem}.py")
-    texts = {file: text.replace("NAME", camel).replace("FILE", stem) for file, text in ((path, _UNIT), (test, _TEST))}
-    write_new({file: text.encode() for file, text in texts.items()})
+    folder = data_path("examples") / "new_unit"
+    texts = {path: source_bytes(folder / "unit.py"), test: source_bytes(folder / "test_unit.py")}
+    write_new(
+        {file: text.replace(b"NAME", camel.encode()).replace(b"FILE", stem.encode()) for file, text in texts.items()}
+    )
     return path, test
 
 

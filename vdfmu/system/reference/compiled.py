@@ -16,6 +16,7 @@ from vdfmu.compiler.c.expressions import c_prototype
 from vdfmu.compiler.c.files import kernel_source
 from vdfmu.compiler.c.loaded import SHOWN, loaded
 from vdfmu.compiler.c.platforms import native_available
+from vdfmu.compiler.c.text import source_text
 from vdfmu.compiler.unit.evaluate import Traced
 from vdfmu.compiler.unit.program import Call
 from vdfmu.system.reference.wired import Action, AtNewTime, Carry, Run, TimeSetter, WiredUnits
@@ -55,40 +56,6 @@ class CompiledRun:
     def __call__(self, t: float) -> None:
         """Run it at a time [s]."""
         self.function(self.memory, t)
-
-
-_SOLVER = f"""
-/* A builtin f(t, x) of Python, made without Python's headers: the value of a number, and the address of the data of
-   an array, are the first that follow the head of an object. Returns the array of the derivatives. */
-typedef struct Object Object;
-typedef struct {{
-    void (*run)(double *memory, double t);
-    double *memory, *x;
-    size_t size; /* of x, in bytes */
-    Object *x_dot;
-    void (*hold)(Object *object);
-}} Rate;
-#define FIRST(object, type) (*(type *)((char *)(object) + {object.__basicsize__}))
-
-static Object *rate_of(Object *self, Object *const *arguments, ptrdiff_t count)
-{{
-    const Rate *rate = FIRST(self, const Rate *);
-    (void)count;
-    memcpy(rate->x, FIRST(arguments[1], const double *), rate->size);
-    rate->run(rate->memory, FIRST(arguments[0], double));
-    rate->hold(rate->x_dot);
-    return rate->x_dot;
-}}
-
-/* PyMethodDef, with METH_FASTCALL */
-SHOWN struct {{
-    const char *name;
-    Object *(*call)(Object *, Object *const *, ptrdiff_t);
-    int flags;
-    const char *text;
-}} rate_method = {{"rate", rate_of, 0x80, NULL}};
-"""
-"""C text of what a solver calls."""
 
 
 class _RateRecord(np.ndarray):
@@ -136,7 +103,8 @@ def sources(system: WiredUnits, lists: Mapping[str, Sequence[Action]]) -> dict[s
         LOG.info("the references run in Python: %s", error)
         return None
     prototypes = "".join(f"{c_prototype(made)};\n" for made in code.called.values())
-    text = "\n".join(["#include <stddef.h>\n#include <string.h>\n", SHOWN, prototypes, *functions, _SOLVER])
+    rate = "\n" + source_text("rate.c").replace("OBJECT_HEAD", str(object.__basicsize__))  # what a solver calls
+    text = "\n".join(["#include <stddef.h>\n#include <string.h>\n", SHOWN, prototypes, *functions, rate])
     return {**files, "system.c": text.encode()}
 
 

@@ -1,0 +1,26 @@
+#ifndef LOOKUP_PLACE
+#define LOOKUP_PLACE
+#ifdef LANES /* a double is a vector: fmu_src/batch/lanes.h */
+typedef scalar table_number;
+#define LOOKUP_LANES LANES
+#define LANE(x, i) (x)[i]
+#else
+typedef double table_number;
+#define LOOKUP_LANES 1
+#define LANE(x, i) (x)
+#endif
+
+/* the last k below m with edges[k] <= x, or 0 */
+static int lookup_place(const table_number *edges, int m, table_number x)
+{
+    int low = 0;
+    for (int high = m; high - low > 1;) {
+        const int middle = (low + high) / 2;
+        if (x >= edges[middle])
+            low = middle;
+        else
+            high = middle;
+    }
+    return low;
+}
+#endif
