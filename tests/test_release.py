@@ -16,7 +16,7 @@ from tests.docs.test_tutorials import ROOT
 from vdfmu.base.files import pack_zip
 from vdfmu.base.version import __version__
 from vdfmu.compiler.c.platforms import this_platform
-from vdfmu.compiler.fmu.verify import verify
+from vdfmu.compiler.fmu.build import verify
 
 CONDA_NAMES = {"fmpy": "fmpy-base", "matplotlib": "matplotlib-base"}
 """Packages that conda-forge has under another name: those without windows."""

@@ -16,7 +16,7 @@ from rich.markup import escape
 from vdfmu.base.errors import ModelError, SspError, UsageError, VdfmuError
 from vdfmu.base.once import one_job
 from vdfmu.base.version import __version__
-from vdfmu.cli import cache, doctor, files, identify, modes, motions, robots, runs, scenarios, sweeps, units, view
+from vdfmu.cli import cache, doctor, files, identify, modes, robots, runs, scenarios, sweeps, units, view
 from vdfmu.cli.app import App, QuietOption, VerboseOption, reset_verbosity, set_verbosity
 from vdfmu.cli.terminal import console, fail, table
 
@@ -42,7 +42,7 @@ COMMANDS: dict[str, tuple[tuple[Any, str], ...]] = {
     "Look": (
         (runs.report, "vdfmu report results/tracking results/soft"),
         (view.view, "vdfmu view panda_7dof"),
-        (motions.motion, "vdfmu motion path.toml --robot planar_2dof -o path.png"),
+        (modes.motion, "vdfmu motion path.toml --robot planar_2dof -o path.png"),
     ),
     "Analyse": (
         (modes.modes, "vdfmu modes manipulator_6dof --pose '0 0.5 0.5 0 0 0'"),

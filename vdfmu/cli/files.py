@@ -250,7 +250,7 @@ def verify(
 ) -> None:
     """Build an FMU again from what it carries, and say whether it is the same to the bit."""
     from vdfmu.arm.units import find_unit
-    from vdfmu.compiler.fmu.verify import verify as differences
+    from vdfmu.compiler.fmu.build import verify as differences
 
     found = differences(fmu, None if unit is None else find_unit(unit))
     for line in found:

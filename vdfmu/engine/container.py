@@ -30,8 +30,7 @@ from vdfmu.engine.masters.multirate import with_steps
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import System
-from vdfmu.engine.plan.check import check_system
-from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.check import Checked, check_system
 from vdfmu.engine.plan.conversion import Link
 from vdfmu.engine.plan.graph import cycles, topological
 

@@ -11,7 +11,7 @@ from tests.compiler.fmu.test_native_content import members
 from tests.compiler.unit.conftest import command
 from vdfmu.base.errors import FmuError, UsageError
 from vdfmu.base.files import pack_zip
-from vdfmu.compiler.fmu.verify import verify
+from vdfmu.compiler.fmu.build import verify
 
 INSIDE = "extra/vdfmu/vdfmu.json"
 

@@ -15,8 +15,7 @@ import pytest
 import vdfmu
 from tests.study.page.browser import Browser
 from vdfmu.engine.package.read import load_ssp
-from vdfmu.engine.plan.check import check_system
-from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.check import Checked, check_system
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report import simulation
 from vdfmu.study.report.page import write_report

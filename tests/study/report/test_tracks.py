@@ -10,8 +10,7 @@ from vdfmu.engine.inspect.changed import changed, with_part
 from vdfmu.engine.inspect.linear import Linearisation
 from vdfmu.engine.masters.components import Components
 from vdfmu.engine.package.read import load_ssp
-from vdfmu.engine.plan.check import check_system
-from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.check import Checked, check_system
 from vdfmu.engine.run.simulator import Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction
 from vdfmu.study.analysis.system import margins_along

@@ -17,7 +17,7 @@ from vdfmu.engine.federation.federated import Federated
 from vdfmu.engine.federation.plan import FederationPlan, levels, sent_values, share
 from vdfmu.engine.options import FederateOptions
 from vdfmu.engine.package.system import System
-from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.check import Checked
 from vdfmu.engine.plan.conversion import SOURCE
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.isolated import Making

@@ -22,7 +22,7 @@ from vdfmu.engine.federation.plan import FederationPlan, share
 from vdfmu.engine.fmu.access import TEXTS
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.masters.exchange import Exchange
-from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.check import Checked
 from vdfmu.engine.run.isolated import Elsewhere, Isolated, Limits
 
 

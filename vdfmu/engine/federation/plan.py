@@ -8,7 +8,7 @@ from hashlib import sha256
 from typing import NamedTuple
 
 from vdfmu.engine.fmu.description import Description, FmuVariable
-from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.check import Checked
 from vdfmu.engine.plan.conversion import SOURCE, Link, Port
 from vdfmu.engine.plan.feed import Feed
 from vdfmu.engine.plan.graph import ranks

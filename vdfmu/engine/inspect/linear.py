@@ -31,7 +31,7 @@ from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.interface import jacobian_of
 from vdfmu.engine.masters.multirate import periods
 from vdfmu.engine.package.system import System
-from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.check import Checked
 from vdfmu.engine.plan.conversion import Port
 from vdfmu.engine.run.simulator import Simulator
 

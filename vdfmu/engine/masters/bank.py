@@ -13,7 +13,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.engine.fmu.access import DTYPES, TEXTS, Call
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.variables import FmuVariable
-from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.check import Checked
 from vdfmu.engine.plan.conversion import Link, Port
 
 _RUNS = 6

@@ -21,7 +21,7 @@ from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.masters.observer import reader
 from vdfmu.engine.masters.sampled import Stepper
 from vdfmu.engine.masters.steppers import CONVERGENCE, Coupling
-from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.check import Checked
 
 
 class Components:

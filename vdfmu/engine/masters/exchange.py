@@ -20,7 +20,7 @@ from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.masters.bank import Bank
 from vdfmu.engine.masters.broyden import Broyden, not_solved
 from vdfmu.engine.package.system import Value
-from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.check import Checked
 from vdfmu.engine.plan.conversion import SOURCE, Link
 from vdfmu.engine.plan.inputs import Course
 from vdfmu.engine.results.recorded import Signal

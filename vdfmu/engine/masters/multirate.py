@@ -12,7 +12,7 @@ from vdfmu.engine.fmu.access import Call
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.masters.sampled import SampledStepper
-from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.check import Checked
 from vdfmu.engine.plan.conversion import Link
 from vdfmu.engine.plan.grid import largest_step
 

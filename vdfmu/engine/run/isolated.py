@@ -27,7 +27,7 @@ from vdfmu.base.errors import CosimError, UsageError, VdfmuError
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.exchange import Exchange, words_of
 from vdfmu.engine.masters.sampled import Stepper
-from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.check import Checked
 
 
 class Limits:

@@ -23,7 +23,7 @@ from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.components import Components, failure_message
 from vdfmu.engine.masters.sampled import Stepper
 from vdfmu.engine.package.archive import Archive
-from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.check import Checked
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.isolated import Elsewhere, Isolated, Limits, Making

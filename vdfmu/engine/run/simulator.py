@@ -20,8 +20,7 @@ from vdfmu.engine.masters.observer import Probe, Visitor
 from vdfmu.engine.options import RowOptions, SimulateOptions, SimulatorOptions
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import System, Value
-from vdfmu.engine.plan.check import check_system, with_parameters
-from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.check import Checked, check_system, with_parameters
 from vdfmu.engine.plan.grid import Grid, count_steps
 from vdfmu.engine.plan.inputs import outside, read_inputs
 from vdfmu.engine.plan.schedule import DEFAULT

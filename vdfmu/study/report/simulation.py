@@ -30,8 +30,7 @@ from vdfmu.compiler.fmu.native import fmi_headers
 from vdfmu.engine.fmu.variables import FmuVariable, Value
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.read import load_ssp
-from vdfmu.engine.plan.check import check_system
-from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.check import Checked, check_system
 from vdfmu.engine.plan.conversion import Link
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.results import Results

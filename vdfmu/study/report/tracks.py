@@ -33,7 +33,7 @@ from vdfmu.engine.inspect.linear import Linearisation, LinearSystem
 from vdfmu.engine.inspect.loops import GROWTH, Loop, margin_rows, modulus_margins, of_positions, opened_at, system_loop
 from vdfmu.engine.masters.components import Components
 from vdfmu.engine.package.system import Value
-from vdfmu.engine.plan.checked import Checked
+from vdfmu.engine.plan.check import Checked
 from vdfmu.engine.run.simulator import Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction
 from vdfmu.study.report.causes import Names
