@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,8 +15,10 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 from vdfmu.arm.robot import Robot
 from vdfmu.base import style
 from vdfmu.base.arrays import Floats
-from vdfmu.study.identify.score import LogScore
 from vdfmu.study.report.joints import group_joints
+
+if TYPE_CHECKING:
+    from vdfmu.study.identify.score import LogScore
 
 _ORDERS = ((0, "Position", ""), (1, "Speed", "/s"), (2, "Acceleration", "/s²"), (4, "Snap", "/s⁴"))
 _BEFORE, _AFTER = "#888888", style.COLORS[0]
