@@ -1,22 +1,15 @@
-"""Compiled functions in this process: what is fast enough for a solver, a loop of Python, or the rows of arrays."""
+"""Compiled functions in this process: what is fast enough for a solver or a loop of Python."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from ctypes import CDLL, POINTER, c_size_t, c_void_p
+from collections.abc import Mapping
+from ctypes import CDLL
 from pathlib import Path
 from typing import TypeVar
 
-import casadi as ca
-import numpy as np
-
-from vdfmu.base.arrays import Floats
-from vdfmu.base.errors import FmuError, KernelError
 from vdfmu.base.files import temporary_folder
 from vdfmu.compiler.c.compile import compile_library
-from vdfmu.compiler.c.expressions import c_prototype
-from vdfmu.compiler.c.files import kernel_source
-from vdfmu.compiler.c.platforms import PLATFORMS, native_available, this_platform
+from vdfmu.compiler.c.platforms import PLATFORMS, this_platform
 
 _Library = TypeVar("_Library", bound=CDLL)
 
@@ -54,39 +47,3 @@ def load_library(library: bytes, name: str, kind: type[_Library] = CDLL) -> _Lib
         path = Path(folder) / f"{name}{PLATFORMS[this_platform()].suffix}"
         path.write_bytes(library)
         return kind(str(path))
-
-
-def compiled_rows(function: ca.Function) -> Callable[[Sequence[Floats], Floats], None] | None:
-    """Return what sets the rows of an array (k, m) to a function of the rows of others; None without the compiler.
-
-    Each argument is (k, size), or (size,) for the same in each row.
-    """
-    if not native_available():
-        return None
-    given = [f"given[{i}] + k * step[{i}]" for i in range(function.n_in())]
-    text = f"""#include <stddef.h>
-
-{SHOWN}
-{c_prototype(function)};
-SHOWN void rows(const double *const *given, const size_t *step, double *out, size_t n);
-
-void rows(const double *const *given, const size_t *step, double *out, size_t n)
-{{
-    for (size_t k = 0; k < n; k++)
-        {function.name()}({", ".join(given)}, out + k * {function.numel_out(0)});
-}}
-"""
-    try:
-        files = {"rows.c": text.encode(), f"kernel_{function.name()}.c": kernel_source(function).encode()}
-        rows = loaded(files, "rows").rows
-    except (FmuError, KernelError):  # no room, or an operation that has no C text
-        return None
-    rows.argtypes, rows.restype = (POINTER(c_void_p), POINTER(c_size_t), c_void_p, c_size_t), None
-
-    def run(arguments: Sequence[Floats], out: Floats) -> None:
-        arrays = [np.ascontiguousarray(array) for array in arguments]
-        pointers = (c_void_p * len(arrays))(*(array.ctypes.data for array in arrays))
-        steps = (c_size_t * len(arrays))(*(array.shape[1] if array.ndim == 2 else 0 for array in arrays))
-        rows(pointers, steps, out.ctypes.data, len(out))
-
-    return run
