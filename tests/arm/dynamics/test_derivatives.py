@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tests.compiler.native.test_loops import results_of
 from vdfmu.arm.robot import check_robot
-from vdfmu.arm.robot.requirements import requirements
+from vdfmu.arm.robot.physical import requirements
 from vdfmu.arm.robot.structure import parameters, set_parameters, values
 from vdfmu.base.errors import KernelError, ModelError
 from vdfmu.compiler.c import functions as c_code

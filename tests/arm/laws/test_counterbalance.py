@@ -37,7 +37,7 @@ from vdfmu.arm.drive.counterbalance import counterbalance_energy, counterbalance
 from vdfmu.arm.equations.plant import equilibrium_torque, plant_derivative, plant_outputs
 from vdfmu.arm.kernel import FUNCTIONS, trace
 from vdfmu.arm.robot import load_robot, robot_from_dict
-from vdfmu.arm.robot.requirements import requirements
+from vdfmu.arm.robot.physical import requirements
 from vdfmu.arm.robot.structure import parameters
 from vdfmu.arm.units import shipped_units
 from vdfmu.base.errors import ModelError

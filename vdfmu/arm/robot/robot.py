@@ -24,7 +24,7 @@ from vdfmu.arm.robot.parameters import (
     read_only,
     section,
 )
-from vdfmu.arm.robot.requirements import requirements
+from vdfmu.arm.robot.physical import requirements
 from vdfmu.arm.robot.structure import parameters, set_parameters, shorter_robots, structure_key, symbolic_robot, values
 from vdfmu.arm.robot.visual import Visual
 from vdfmu.base.errors import UsageError
