@@ -28,9 +28,8 @@ def compiled(*options: str, build: bool = True) -> str:
     """Return the packages of the project for every platform, with those that build it unless `build` is False."""
     with open(PROJECT, "rb") as file:
         needed = tomllib.load(file)["build-system"]["requires"]
-    # 3.11.5 is the oldest Python of which all of them have a version
     command = [
-        Path(sys.executable).with_name("uv"), "pip", "compile", "--quiet", "--universal", "--python-version=3.11.5",
+        Path(sys.executable).with_name("uv"), "pip", "compile", "--quiet", "--universal", "--python-version=3.11",
         "--fork-strategy=fewest", "--no-header", "--no-annotate", *options, *(["-"] if build else []),
     ]  # fmt: skip
     done = subprocess.run(command, cwd=ROOT, input="\n".join(needed), stdout=subprocess.PIPE, text=True, check=True)

@@ -34,6 +34,7 @@ def test_every_constraint_is_a_name_and_a_version() -> None:
     lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()[1:]
     assert all(re.fullmatch(r"[a-z0-9][a-z0-9.-]*==[0-9][0-9a-z.]*", line) for line in lines)
     assert lines == sorted(lines)
+    assert len(names(lines)) == len(lines)  # two versions of one, for two Pythons, would fit none
 
 
 FILES = sorted(path.stem for path in (ROOT / "requirements").glob("*.txt"))
