@@ -7,7 +7,7 @@ import io
 import math
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -113,7 +113,10 @@ def read_inputs(inputs: Inputs, hold: bool = False) -> tuple[InputTable, ...]:
     if isinstance(inputs, Mapping):
         tables += [_from_arrays(name, pair, hold, problems) for name, pair in inputs.items()]
     else:
-        for one in (inputs,) if isinstance(inputs, (str, os.PathLike)) else inputs:
+        several = (inputs,) if isinstance(inputs, (str, os.PathLike)) else inputs
+        if not isinstance(several, Iterable) or not all(isinstance(x, (str, os.PathLike, InputTable)) for x in several):
+            raise UsageError(f"inputs: expected a path, several, or a mapping of signals to arrays, got {inputs!r:.60}.")
+        for one in several:
             tables.append(one if isinstance(one, InputTable) else _from_csv(Path(one), hold, problems))
     if problems:
         raise UsageError("\n".join(problems))

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vdfmu.base.errors import UsageError
+from vdfmu.base.option_types import type_problem
 
 _FORMS = {
     "lin": "lin(FROM, TO) or, with the number of values in a grid, lin(FROM, TO, N)",
@@ -80,6 +81,8 @@ def read_axes(over: Mapping[str, Any] | Sequence[str]) -> list[Axis]:
 
     UsageError with a line for each that cannot be read.
     """
+    if problem := type_problem("vary", "Mapping[str, Any] | Sequence[str]", over):
+        raise UsageError(problem)
     pairs: list[tuple[str, Any]] = []
     problems: list[str] = []
     if isinstance(over, Mapping):
@@ -106,7 +109,10 @@ def read_axes(over: Mapping[str, Any] | Sequence[str]) -> list[Axis]:
 
 def _axis(target: str, form: Any) -> Axis:
     if not isinstance(form, str):
-        values = tuple(v.item() if isinstance(v, np.generic) else v for v in np.atleast_1d(np.array(form, object)))
+        array = np.atleast_1d(np.array(form, object))
+        if array.ndim > 1:
+            raise ValueError(f"expected a value, or several in a row, got the shape {array.shape}.")
+        values = tuple(v.item() if isinstance(v, np.generic) else v for v in array)
         return Axis(target, "values", values=_checked(values))
     factor, text = form.startswith("*"), form.lstrip("*").strip()
     call = _CALL.fullmatch(text)
