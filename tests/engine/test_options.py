@@ -52,6 +52,15 @@ def test_so_it_is_of_a_study(wrong):
         vdfmu.sweep("planar_tracking", {"controller.K_p": [500.0]}, **wrong)
 
 
+def test_so_it_is_of_a_run_of_a_simulator(arm_package):
+    with vdfmu.Simulator(arm_package("python")) as simulator:
+        for run in (simulator.run, simulator.reset):
+            with pytest.raises(UsageError, match="^parameters: expected a mapping with texts as keys, got 3"):
+                run(stop=0.01, parameters=3)
+        with pytest.raises(UsageError, match="^stream: expected a pathlib.Path or a sequence of them, got 'x'"):
+            simulator.run(stop=0.01, stream="x")
+
+
 def test_numbers_of_numpy_are_numbers():
     number, whole, switch = "float | None", "int", "bool"
     for value in (1, 0.5, np.float32(1), np.int64(3), np.array(0.1), None):
@@ -74,7 +83,7 @@ def test_defaults_have_their_types_and_most_options_are_held_against_theirs():
         assert type_problem(name, annotation, one.option.default) is None
         if type_problem(name, annotation, SimpleNamespace()) is None:
             unknown.add(name)
-    assert unknown == {"inputs", "observer", "progress", "federation", "stream"}
+    assert unknown == {"inputs", "observer", "progress", "federation"}
 
 
 def test_what_varies_and_inputs_are_held_against_theirs():

@@ -48,6 +48,8 @@ class InputTable:
     """Whether a value holds until the next row; else the way between two rows is a line."""
     chosen: bool = True
     """Whether every column must name an input; else, in a results file, those that do are taken."""
+    group: str = ""
+    """Input whose elements the columns are, all of them; empty for those of a file."""
 
     @property
     def digest(self) -> str:
@@ -137,7 +139,7 @@ def _from_arrays(name: str, pair: tuple[Any, Any], hold: bool, problems: list[st
     names = [name + (f"[{','.join(str(i + 1) for i in index)}]" if index else "") for index in indices]
     columns = values.reshape(len(t), -1)
     _check_rows(where, lambda i: f"element {i}", names, t, columns, problems)
-    return InputTable(where, tuple(names), ("",) * len(names), t, columns, hold)
+    return InputTable(where, tuple(names), ("",) * len(names), t, columns, hold, group=name)
 
 
 class Columns(NamedTuple):
