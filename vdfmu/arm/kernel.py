@@ -152,6 +152,6 @@ def _finite(function: str, result: Floats) -> Floats:
         return result
     place = np.argwhere(~np.isfinite(result))[0].tolist()
     raise KernelError(
-        f"{function}: expected a finite result, got {result[tuple(place)]} at {place}. An argument is too large, or the "
-        "robot is not physical: check_robot of vdfmu.arm.robot says what of it is wrong."
+        f"{function}: expected a finite result, got {result[tuple(place)]} at {place}. An argument is too large, or "
+        "the robot is not physical: check_robot of vdfmu.arm.robot says what of it is wrong."
     )

@@ -117,9 +117,7 @@ def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
         except TypeError as error:
             raise TypeError(f"{name}() {error}") from None
         found = [
-            type_problem(
-                each.name, each.annotation, bound.arguments[each.name], each.option.kind, each.option.choices
-            )
+            type_problem(each.name, each.annotation, bound.arguments[each.name], each.option.kind, each.option.choices)
             for each in listed
             if each.name in bound.arguments
         ]

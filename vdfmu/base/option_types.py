@@ -50,9 +50,7 @@ _TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
 """Types of annotations: in words, and whether a value is of the type."""
 
 
-def type_problem(
-    name: str, annotation: str, value: Any, kind: str = "", choices: tuple[str, ...] = ()
-) -> str | None:
+def type_problem(name: str, annotation: str, value: Any, kind: str = "", choices: tuple[str, ...] = ()) -> str | None:
     """Return what is wrong with the type of an option's value, in words; None if nothing is.
 
     Parameters

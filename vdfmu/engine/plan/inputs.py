@@ -116,8 +116,10 @@ def read_inputs(inputs: Inputs, hold: bool = False) -> tuple[InputTable, ...]:
         tables += [_from_arrays(name, pair, hold, problems) for name, pair in inputs.items()]
     else:
         several = (inputs,) if isinstance(inputs, (str, os.PathLike)) else inputs
-        if not isinstance(several, Iterable) or not all(isinstance(x, (str, os.PathLike, InputTable)) for x in several):
-            raise UsageError(f"inputs: expected a path, several, or a mapping of signals to arrays, got {inputs!r:.60}.")
+        several = [*several] if isinstance(several, Iterable) else [several]
+        if wrong := [one for one in several if not isinstance(one, (str, os.PathLike, InputTable))]:
+            expected = "expected a path, several, or a mapping of signals to arrays"
+            raise UsageError(f"inputs: {expected}, got {wrong[0]!r:.60}.")
         for one in several:
             tables.append(one if isinstance(one, InputTable) else _from_csv(Path(one), hold, problems))
     if problems:
