@@ -213,6 +213,12 @@ def test_an_array_has_a_column_for_each_element():
     np.testing.assert_array_equal(table.values[1], [4.0, 5.0, 6.0, 7.0])
 
 
+def test_an_array_without_some_elements_is_refused(arm_package):
+    words = r"^inputs\['plant.F_e'\]: expected 6 columns, a value for each of plant.F_e\[1\] to plant.F_e\[6\], got 5$"
+    with pytest.raises(UsageError, match=words):
+        simulate(arm_package("python"), stop=0.01, step=1e-3, inputs={"plant.F_e": ([0.0, 1.0], np.zeros((2, 5)))})
+
+
 def test_a_line_breaks_where_it_bends_and_a_held_value_where_it_jumps():
     t = np.arange(5.0)
     values = np.array([[0.0, 1.0, 2.0, 2.0, 2.0]]).T

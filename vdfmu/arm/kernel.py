@@ -82,7 +82,7 @@ class Kernel(Functions):
             prepared = _Prepared(self.casadi_function(name), sizes, self.p)
             setattr(self._prepared, name, prepared)
         if prepared.takes(arguments):
-            return prepared.calculated()
+            return _finite(name, prepared.calculated())
         names = list(prepared.buffers)
         arrays = [_checked(name, a, v, size) for a, v, size in zip(names, arguments, sizes, strict=True)]
         batches = {len(a) for a in arrays if a.ndim == 2}
@@ -90,6 +90,7 @@ class Kernel(Functions):
             raise KernelError(f"{name}: batches of different lengths {sorted(batches)}: expected one length.")
         out = np.empty((batches.pop() if batches else 1, len(prepared.result)))
         self.calculate(name, prepared, arrays, out)
+        _finite(name, out)
         return out if any(array.ndim == 2 for array in arrays) else out[0]
 
     def calculate(self, name: str, prepared: _Prepared, arrays: Sequence[Floats], out: Floats) -> None:
@@ -121,7 +122,7 @@ class _Prepared:
                 if array.shape != shape:
                     return False
                 buffer[:] = array
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             return False
         return math.isfinite(self._all.dot(self._all))
 
@@ -134,7 +135,7 @@ class _Prepared:
 def _checked(function: str, name: str, value: npt.ArrayLike, size: int) -> Floats:
     try:
         array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise KernelError(f"{function}: {name}: expected numbers of shape ({size},) or (m, {size}): {error}") from error
     if array.ndim not in (1, 2) or array.shape[-1] != size:
         raise KernelError(f"{function}: {name}: expected shape ({size},) or (m, {size}), got {array.shape}.")
@@ -142,3 +143,15 @@ def _checked(function: str, name: str, value: npt.ArrayLike, size: int) -> Float
         where = np.argwhere(~np.isfinite(array))[0].tolist()
         raise KernelError(f"{function}: {name}{where}: expected a finite number, got {array[tuple(where)]}.")
     return array
+
+
+def _finite(function: str, result: Floats) -> Floats:
+    """Return a result; KernelError if a number of it is not finite."""
+    flat = result.ravel()
+    if math.isfinite(flat.dot(flat)) or np.isfinite(flat).all():
+        return result
+    place = np.argwhere(~np.isfinite(result))[0].tolist()
+    raise KernelError(
+        f"{function}: expected a finite result, got {result[tuple(place)]} at {place}. An argument is too large, or "
+        "the robot is not physical: check_robot of vdfmu.arm.robot says what of it is wrong."
+    )

@@ -15,6 +15,7 @@ from functools import wraps
 from typing import Any, ForwardRef, ParamSpec, TypeVar, cast, get_args
 
 from vdfmu.base.errors import UsageError
+from vdfmu.base.option_types import type_problem
 from vdfmu.base.text import close_to
 from vdfmu.base.words import new_word, present_parameters
 
@@ -88,7 +89,10 @@ def taken_options(function: Callable[..., Any]) -> Any:
 
 
 def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Give the options of a function their defaults, and name each in its signature and docstring."""
+    """Give the options of a function their defaults, and name each in its signature and docstring.
+
+    A value of another type than the declared one is a UsageError, with all of them.
+    """
     own = inspect.signature(function)
     listed = declared(taken_options(function))
     parameters = [one for one in own.parameters.values() if one.kind is not one.VAR_KEYWORD]
@@ -112,6 +116,13 @@ def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
             bound = signature.bind(*args, **given)
         except TypeError as error:
             raise TypeError(f"{name}() {error}") from None
+        found = [
+            type_problem(each.name, each.annotation, bound.arguments[each.name], each.option.kind, each.option.choices)
+            for each in listed
+            if each.name in bound.arguments
+        ]
+        if problems := [problem for problem in found if problem]:
+            raise UsageError("\n".join(problems))
         bound.apply_defaults()
         return function(*bound.args, **bound.kwargs)
 

@@ -34,7 +34,7 @@ def known_robots() -> Iterable[str]:
 
 
 def _names(text: str | None) -> list[str] | None:
-    return [name.strip() for name in text.split(",")] if text else None
+    return None if text is None else [name.strip() for name in text.split(",") if name.strip()]
 
 
 SAMPLES = ("grid", "lhs", "sobol", "random", "saltelli", "morris")

@@ -84,3 +84,13 @@ def test_wrong_arguments_are_named(planar, function):
         function(planar, [0.0, np.nan])
     with pytest.raises(UsageError, match="expected a Robot, got str .planar_2dof"):
         function("planar_2dof", [0.0, 0.0])
+
+
+def test_a_result_that_is_not_finite_is_an_error(planar):
+    """Also of a batch; numbers beyond floats are those of wrong arguments."""
+    broken, zero = planar.with_parameters(mass=0.0, inertia=np.zeros((3, 3))), np.zeros(2)
+    for q in (zero, np.zeros((3, 2))):
+        with pytest.raises(KernelError, match="forward_dynamics: expected a finite result, got nan .* check_robot"):
+            vdfmu.forward_dynamics(broken, q, zero, zero)
+    with pytest.raises(KernelError, match="q: expected numbers of shape .* int too large"):
+        vdfmu.gravity_torque(planar, [10**400, 0.0])

@@ -12,6 +12,7 @@ from tests.study.page.browser import number, show
 from tests.study.sweeps.conftest import table
 from vdfmu.base.errors import UnitError, UsageError, VdfmuError
 from vdfmu.base.once import one_job
+from vdfmu.base.option import declared
 from vdfmu.engine.inspect.loops import GROWTH
 from vdfmu.study.analysis.margins import ArmLoops
 from vdfmu.study.compare import compare as module
@@ -20,6 +21,7 @@ from vdfmu.study.compare.cells import STRUCTURES, ComparedArm
 from vdfmu.study.compare.compare import compare
 from vdfmu.study.compare.measures import MEASURES, OfRun
 from vdfmu.study.compare.page import LawComparison, in_words, ranked
+from vdfmu.study.options import CompareOptions
 from vdfmu.study.sweeps.job import Bench, Job
 from vdfmu.study.sweeps.measures import read_measures
 from vdfmu.study.sweeps.plan import of_scenario
@@ -132,6 +134,15 @@ def test_unknown_names_are_refused_before_anything_is_written(tmp_path):
 def test_a_margin_that_no_loop_has_or_all_have_is_refused(margin, tmp_path):
     with pytest.raises(UsageError, match=f"margin: expected a number above 0 and below 1, got {margin:g}"):
         compare(margin=margin, out=tmp_path / "none")
+
+
+def test_no_name_does_not_mean_all(tmp_path):
+    """As of a script whose variable is empty: ``--laws "$LAWS"``."""
+    read = {one.name: one.option.read for one in declared(CompareOptions)}["laws"]
+    assert read is not None and read("") == [] and read(None) is None
+    for axis in ("laws", "motions", "mismatches", "arms"):
+        with pytest.raises(UsageError, match=f"{axis}: expected at least one, got none"):
+            compare(**{axis: []}, out=tmp_path / "none")
 
 
 def test_twins_are_refused(tmp_path):

@@ -46,3 +46,9 @@ def test_a_scenario_without_a_motion_is_refused():
     alone = opened(vdfmu.load_scenario("planar_tracking"), "plant.tau", ("plant.q",))
     with pytest.raises(UsageError, match=r"expected an arm that follows a motion, with trajectory\.q_d and plant\.q"):
         vdfmu.error_budget(alone)
+
+
+def test_a_plant_of_another_geometry_is_refused():
+    """The joints' errors would be some micrometres of the tool's, whose links are a centimetre longer."""
+    with pytest.raises(UsageError, match=r"planar_tracking: expected a plant with the geometry of planar_2dof"):
+        vdfmu.error_budget("planar_tracking", settings={"plant.offset[2,1]": 0.51}, backend="python")

@@ -60,6 +60,24 @@ def test_a_function_is_called_with_the_results(results):
     assert measure.of(results) == {"rows": 201.0}
 
 
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("peak(inner.part.x / norm(inner.part.x))", "several elements in norm, got inner.part.x"),
+        ("worst(rms(inner.part.x))", r"several elements in worst, got rms\(inner.part.x\)"),
+        ("settling(plant.q, -1)", "expected a band above 0, got -1"),
+    ],
+)
+def test_functions_refuse_signals_that_they_are_not_for(results, text, words):
+    with pytest.raises(UsageError, match=words):
+        read_measures([f"m={text}"])[0].of(results)
+
+
+def test_powers_of_whole_numbers_are_those_of_floats(results):
+    """9^9^9^9 as a whole number would have more digits than memory."""
+    assert read_measures(["m=9**9**9**9 * rms(plant.q[1])"])[0].of(results) == {"m": np.inf}
+
+
 def test_signals_are_named_for_the_record():
     assert read_measures(["m=rms(a.b.c - d.e[1,2]) + peak(a.b.c)"])[0].signals == ("a.b.c", "d.e[1,2]")
 
@@ -73,6 +91,9 @@ def test_signals_are_named_for_the_record():
         ("m=rms(plant.q", "was never closed|got rms"),
         ("m=open('x')", "one of the functions"),
         ("m=rms(__import__('os'))", "one of the functions"),
+        ("m=rms(rms(plant.q))", r"expected a signal over time in rms, got rms\(plant.q\)"),
+        ("m=at(plant.q, plant.q)", "expected a number after the signal of at, got plant.q"),
+        pytest.param("m=rms(plant.q)" + 3000 * " + 0", "a shorter expression", id="long"),
         ("m=rms(plant.q.__class__())", "expected signals, numbers and functions"),
         ("m=rms(plant.q[x])", "expected signals, numbers and functions"),
         ("m=rms([1, 2])", "expected signals, numbers and functions"),

@@ -137,7 +137,9 @@ def test_a_file_has_targets_and_points(tmp_path):
 @pytest.mark.parametrize(
     ("content", "words"),
     [("a,b\n", "a line for each point"), ("a,b\n1\n", "line 2: expected 2 values, got 1"), ("a,a\n1,2\n", "once"),
-     ("a\nnan\n", "finite"), (None, "expected grid")],
+     ("a\nnan\n", "finite"), (None, "expected grid"),
+     ('a,b\n600,"500,5"\n601,"501,5"\n', "line 2: b: expected one value, got '500,5'"),
+     ("a,b\n\n1,2\n3,\n", "line 4: b: expected one value, got ''")],
 )  # fmt: skip
 def test_a_file_that_cannot_be_read_is_said(tmp_path, content, words):
     path = tmp_path / "points.csv"

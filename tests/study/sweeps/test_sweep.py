@@ -57,6 +57,15 @@ def test_each_point_is_the_run_of_its_values(tmp_path):
 
 
 @pytest.mark.heavy
+def test_a_measure_without_a_finite_value_is_noted(tmp_path):
+    found = vdfmu.sweep(
+        "planar_tracking", {"controller.K_p": [900.0, 1000.0]}, stop=0.01, workers=1, out=tmp_path, engine="fmu",
+        measure={"error": "rms(plant.q)", "root": "sqrt(min(plant.q[1]))"},
+    )  # fmt: skip
+    assert found.notes == ["root has no finite value at 2 of 2 points."]  # the arm hangs at -1.57 rad
+
+
+@pytest.mark.heavy
 def test_robots_motions_and_payloads_vary_together(tmp_path):
     text = (MODELS / "robots" / "planar_2dof.toml").read_text()
     robots = [str(tmp_path / "light.toml"), str(tmp_path / "heavy.toml")]

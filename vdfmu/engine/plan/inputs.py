@@ -7,7 +7,7 @@ import io
 import math
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -48,6 +48,8 @@ class InputTable:
     """Whether a value holds until the next row; else the way between two rows is a line."""
     chosen: bool = True
     """Whether every column must name an input; else, in a results file, those that do are taken."""
+    group: str = ""
+    """Input whose elements the columns are, all of them; empty for those of a file."""
 
     @property
     def digest(self) -> str:
@@ -113,7 +115,12 @@ def read_inputs(inputs: Inputs, hold: bool = False) -> tuple[InputTable, ...]:
     if isinstance(inputs, Mapping):
         tables += [_from_arrays(name, pair, hold, problems) for name, pair in inputs.items()]
     else:
-        for one in (inputs,) if isinstance(inputs, (str, os.PathLike)) else inputs:
+        several = (inputs,) if isinstance(inputs, (str, os.PathLike)) else inputs
+        several = [*several] if isinstance(several, Iterable) else [several]
+        if wrong := [one for one in several if not isinstance(one, (str, os.PathLike, InputTable))]:
+            expected = "expected a path, several, or a mapping of signals to arrays"
+            raise UsageError(f"inputs: {expected}, got {wrong[0]!r:.60}.")
+        for one in several:
             tables.append(one if isinstance(one, InputTable) else _from_csv(Path(one), hold, problems))
     if problems:
         raise UsageError("\n".join(problems))
@@ -134,7 +141,7 @@ def _from_arrays(name: str, pair: tuple[Any, Any], hold: bool, problems: list[st
     names = [name + (f"[{','.join(str(i + 1) for i in index)}]" if index else "") for index in indices]
     columns = values.reshape(len(t), -1)
     _check_rows(where, lambda i: f"element {i}", names, t, columns, problems)
-    return InputTable(where, tuple(names), ("",) * len(names), t, columns, hold)
+    return InputTable(where, tuple(names), ("",) * len(names), t, columns, hold, group=name)
 
 
 class Columns(NamedTuple):

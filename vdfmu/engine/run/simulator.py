@@ -11,6 +11,7 @@ import numpy as np
 
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.option import lists_options, pick, with_options
+from vdfmu.base.option_types import type_problem
 from vdfmu.base.progress import shown_steps
 from vdfmu.engine.algorithms import ALGORITHMS, choice, is_continuous
 from vdfmu.engine.fmu.messages import LogMessage
@@ -208,7 +209,7 @@ class Simulator:
         UsageError, CosimError
             See :meth:`run`; UsageError for components that are isolated, too.
         """
-        given = {key: np.asarray(value).tolist() for key, value in (parameters or {}).items()}
+        given = {key: np.asarray(value).tolist() for key, value in _mapping(parameters).items()}
         grid = self.grid(start, stop, step)
         wanted = grid, given
         if self._by_hand is not None and self._begun == wanted:
@@ -271,7 +272,7 @@ class Simulator:
         """Return the system with the parameters of a run."""
         if self._checked is None:
             raise UsageError("Simulator: its runs are made in a block, 'with vdfmu.Simulator(...) as simulator:'.")
-        checked = with_steps(with_parameters(self._checked, parameters or {}), step)
+        checked = with_steps(with_parameters(self._checked, _mapping(parameters)), step)
         if changed := _sizes(checked).items() - _sizes(self._checked).items():
             names = ", ".join(sorted(name for name, _ in changed))
             raise UsageError(
@@ -343,6 +344,12 @@ class Simulator:
         if step is None:
             raise UsageError("no communication step: the system's default experiment has none, give step")
         return Grid(float(begin), float(end), float(step), count_steps(step, end, begin))
+
+
+def _mapping(parameters: Mapping[str, Value] | None) -> Mapping[str, Value]:
+    if problem := type_problem("parameters", "Mapping[str, Any] | None", parameters):
+        raise UsageError(problem)
+    return parameters or {}
 
 
 def _sizes(checked: Checked) -> dict[str, Value]:

@@ -106,8 +106,8 @@ def compare(**options: Unpack[CompareOptions]) -> LawComparison:
     UsageError, ModelError
         For unknown names, and for another comparison in the folder.
     """
-    chosen = {axis: list(options[axis] or names) for axis, names in _KNOWN.items()}
-    arms = list(options["arms"] or ARMS)
+    chosen = {axis: list(names if options[axis] is None else options[axis]) for axis, names in _KNOWN.items()}
+    arms = list(ARMS if options["arms"] is None else options["arms"])
     if problems := [*_wrong_names(chosen, arms), *_wrong_numbers(options)]:
         raise UsageError("\n".join(problems))
     check_workers(options)
@@ -131,7 +131,10 @@ def compare(**options: Unpack[CompareOptions]) -> LawComparison:
 
 
 def _wrong_names(chosen: Mapping[str, Sequence[str]], arms: Sequence[str]) -> Iterator[str]:
-    """Yield a line for each name that is unknown, and for names that are given twice."""
+    """Yield a line for each name that is unknown, for names that are given twice, and for no name."""
+    for axis, names in (*chosen.items(), ("arms", arms)):
+        if not names:
+            yield f"{axis}: expected at least one, got none. Leave it out for the default."
     for axis, names in chosen.items():
         for name in dict.fromkeys(names):
             if name == "iterative_learning":

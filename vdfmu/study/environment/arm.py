@@ -74,6 +74,10 @@ class TrackingTask:
         effort: float = 0.01,
         vary: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:
+        for name, kind, value in (("seen", "Sequence[str]", seen), ("vary", "Mapping[str, Any] | None", vary),
+                                  ("limits", "Mapping[str, Any] | None", limits)):  # fmt: skip
+            if problem := type_problem(name, kind, value):
+                raise UsageError(problem)
         loaded = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
         self.action, self.hold, self.error, self.effort, self.vary = action, hold, error, effort, dict(vary or {})
         _check_number("error", error, 0.0)

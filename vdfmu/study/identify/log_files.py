@@ -50,9 +50,8 @@ def read_columns(path: Path, time: str, notes: list[str]) -> dict[str, LogColumn
     name, unit = split_unit(time)
     name = name or next((each for each in found if _TIME.fullmatch(each)), "")
     if name not in found:
-        raise UsageError(
-            f"{path}: expected a column {name or 'time'}; there are {', '.join(found)}. Name it by --time."
-        )
+        there = f"there are {', '.join(found)}. Name it by --time" if found else "the file has no columns"
+        raise UsageError(f"{path}: expected a column {name or 'time'}; {there}.")
     stamps, own = found[name]
     unit = unit or own or (match[1] if (match := re.fullmatch(r".*_(m?s|us|ns)", name)) else "")
     if unit not in _SECONDS:

@@ -22,7 +22,7 @@ from vdfmu.study.analysis.system import packaged
 from vdfmu.study.options import ErrorBudgetOptions, ScenarioOptions
 from vdfmu.study.report.causes import Names, causes
 from vdfmu.study.report.simulation import knobs, values_of
-from vdfmu.study.run.key_figures import tool_errors
+from vdfmu.study.run.key_figures import robot_with, same_frames, tool_errors
 from vdfmu.study.run.scenario_run import prepare
 from vdfmu.system.scenario import Scenario
 
@@ -82,6 +82,11 @@ def _rows(scenario: Scenario, package: Any) -> Iterator[ErrorLeft]:
     groups = {f"{name}.{v.group}" for name, table in scenario.resolved.tables.items() for v in table}
     if scenario.robot is None or not groups.issuperset(_SIGNALS):
         raise UsageError(f"{scenario.name}: expected an arm that follows a motion, with {' and '.join(_SIGNALS)}.")
+    if not same_frames(scenario.arm, robot_with(scenario.plant_robot, values_of(checked).get("plant", {}))):
+        raise UsageError(
+            f"{scenario.name}: expected a plant with the geometry of {scenario.arm.name}, by which the tool's place "
+            "is known. Leave offset and tool_offset as they are."
+        )
     values, sampled = values_of(checked), scenario.adaptive is None and not is_continuous(scenario.master)
     changed: list[dict[str, Any]] = [{"words": "As it is", "changes": []}]
     changed += causes(values, list(knobs(checked)), sampled)

@@ -49,7 +49,7 @@ def key_figures(results: Results, robot: Robot, limits: Iterable[ArmLimits], pla
             error = np.abs(scale * (part["trajectory.q_d"] - part["plant.q"]))
             peaks.add(part.time, np.column_stack([error, tool_errors(robot, part)]))
         found["joint_error"] = peaks.worst([unit.position for unit in units])
-        if all(np.array_equal(each, frames(plant)[name]) for name, each in frames(robot).items()):
+        if same_frames(robot, plant):
             found["tool_error"] = {"value": float(peaks.most[-1]), "at_s": float(peaks.at[-1])}
     if has_signals(results, "controller.tau"):
         arm = next((one for one in limits if one.plant == "plant"), None)
@@ -64,6 +64,11 @@ def tool_errors(robot: Robot, results: Results) -> Floats:
     """Return the distance of the tool from where it should be, (m,) [m]."""
     ends = [forward_kinematics(robot, results[name])[0] for name in ("trajectory.q_d", "plant.q")]
     return np.linalg.norm(ends[0] - ends[1], axis=1)
+
+
+def same_frames(robot: Robot, plant: Robot) -> bool:
+    """Whether the plant has the geometry of the robot, by which a tool error is known."""
+    return all(np.array_equal(each, frames(plant)[name]) for name, each in frames(robot).items())
 
 
 def robot_with(robot: Robot, values: Mapping[str, Any]) -> Robot:

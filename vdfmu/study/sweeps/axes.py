@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
+from vdfmu.base.option_types import type_problem
 from vdfmu.study.options import SAMPLES
 
 _FORMS = {
@@ -84,6 +85,8 @@ def read_axes(over: Mapping[str, Any] | Sequence[str]) -> list[Axis]:
 
     UsageError with a line for each that cannot be read.
     """
+    if problem := type_problem("vary", "Mapping[str, Any] | Sequence[str]", over):
+        raise UsageError(problem)
     pairs: list[tuple[str, Any]] = []
     problems: list[str] = []
     if isinstance(over, Mapping):
@@ -110,7 +113,10 @@ def read_axes(over: Mapping[str, Any] | Sequence[str]) -> list[Axis]:
 
 def _axis(target: str, form: Any) -> Axis:
     if not isinstance(form, str):
-        values = tuple(v.item() if isinstance(v, np.generic) else v for v in np.atleast_1d(np.array(form, object)))
+        array = np.atleast_1d(np.array(form, object))
+        if array.ndim > 1:
+            raise ValueError(f"expected a value, or several in a row, got the shape {array.shape}.")
+        values = tuple(v.item() if isinstance(v, np.generic) else v for v in array)
         return Axis(target, "values", values=_checked(values))
     factor, text = form.startswith("*"), form.lstrip("*").strip()
     call = _CALL.fullmatch(text)
@@ -251,23 +257,28 @@ def unit_problem(d: int, names: Sequence[str] | None = None) -> dict[str, Any]:
 def _read(path: str) -> tuple[list[Axis], Points]:
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:
-            rows = [row for row in csv.reader(file) if row]
+            reader = csv.reader(file)
+            rows = [(reader.line_num, row) for row in reader if row]
     except FileNotFoundError:
         raise UsageError(f"sample: expected {', '.join(SAMPLES)} or a CSV file, got {path}.") from None
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise UsageError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}.") from None
     if len(rows) < 2:
         raise UsageError(f"{path}: expected a line of targets, then a line for each point.")
+    (_, head), *lines = rows
     problems = [
-        f"{path}: line {k}: expected {len(rows[0])} values, got {len(row)}."
-        for k, row in enumerate(rows[1:], 2)
-        if len(row) != len(rows[0])
+        f"{path}: line {k}: expected {len(head)} values, got {len(row)}." for k, row in lines if len(row) != len(head)
+    ] or [
+        f"{path}: line {k}: {name.strip()}: expected one value, got {cell!r}."
+        for k, row in lines
+        for name, cell in zip(head, row, strict=True)
+        if "," in cell or not cell.strip()
     ]
     if problems:
         raise UsageError("\n".join(problems[:8]))
-    columns = {name.strip(): ", ".join(column) for name, *column in zip(*rows, strict=True)}
-    if len(columns) < len(rows[0]):
-        raise UsageError(f"{path}: expected each target once, got {', '.join(rows[0])}.")
+    columns = {name.strip(): ", ".join(c) for name, *c in zip(head, *(row for _, row in lines), strict=True)}
+    if len(columns) < len(head):
+        raise UsageError(f"{path}: expected each target once, got {', '.join(head)}.")
     try:
         axes = read_axes(columns)
     except UsageError as error:

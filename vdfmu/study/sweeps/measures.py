@@ -42,6 +42,8 @@ def _at(x: Array, t: Array, time: float) -> Array:
 
 def _settling(x: Array, t: Array, band: float = 0.02) -> Array:
     """First time [s] after which a signal stays within `band` of its last value."""
+    if not band > 0.0:
+        raise ValueError(f"expected a band above 0, got {band:g}")
     outside = np.abs(x - x[-1]) > band
     last = len(t) - 1 - np.argmax(outside[::-1], axis=0)
     return np.where(outside.any(axis=0), t[np.minimum(last + 1, len(t) - 1)], t[0])
@@ -55,6 +57,8 @@ class MeasureFunction(NamedTuple):
     """Unit of its value; None for its argument's, empty where that is not plain."""
     numbers: tuple[int, int] = (0, 0)
     """Least and most numbers that it takes in addition to its signal."""
+    elements: bool = False
+    """Whether it is over the elements of a signal."""
 
 
 REDUCTIONS = {
@@ -72,10 +76,10 @@ REDUCTIONS = {
 }
 """Over time: signal (m, ...) and times (m,) to (...)."""
 _FUNCTIONS = REDUCTIONS | {
-    "worst": MeasureFunction(lambda x: np.max(x, axis=-1)),  # over the elements, (..., n) to (...)
-    "least": MeasureFunction(lambda x: np.min(x, axis=-1)),
-    "sum": MeasureFunction(lambda x: np.sum(x, axis=-1)),
-    "norm": MeasureFunction(lambda x: np.linalg.norm(x, axis=-1)),
+    "worst": MeasureFunction(lambda x: np.max(x, axis=-1), elements=True),  # over the elements, (..., n) to (...)
+    "least": MeasureFunction(lambda x: np.min(x, axis=-1), elements=True),
+    "sum": MeasureFunction(lambda x: np.sum(x, axis=-1), elements=True),
+    "norm": MeasureFunction(lambda x: np.linalg.norm(x, axis=-1), elements=True),
     "abs": MeasureFunction(np.abs),  # of each element
     "degrees": MeasureFunction(np.degrees, "deg"),
     **{name: MeasureFunction(getattr(np, name), "") for name in ("sqrt", "exp", "log", "sin", "cos")},
@@ -185,8 +189,10 @@ def read_measures(measures: Mapping[str, Any] | Sequence[str]) -> list[Measure]:
             if _over_time(tree):
                 raise ValueError(f"expected one value for all times; put {', '.join(REDUCTIONS)} around it")
             found.append(Measure(name, text, signals))
-        except (ValueError, SyntaxError) as error:
+        except (ValueError, SyntaxError, RecursionError, MemoryError) as error:
             words = error.msg if isinstance(error, SyntaxError) else str(error)
+            if isinstance(error, (RecursionError, MemoryError)):
+                words = "expected a shorter expression; a function in Python may be of any length"
             problems.append(f"measure {name}: {words}; got {text}.")
     counts = Counter(measure.name for measure in found)
     problems += [f"measure {name}: expected once." for name, n in counts.items() if n > 1]
@@ -255,7 +261,12 @@ def _signals(node: ast.expr) -> list[str]:
         if not least <= len(node.args) - 1 <= most:
             count = f"{1 + least} to {1 + most}" if least < most else str(1 + most)
             raise ValueError(f"expected {count} arguments of {node.func.id}, got {len(node.args)}")
-        return [signal for argument in node.args for signal in _signals(argument)]
+        signals, *others = map(_signals, node.args)
+        if node.func.id in REDUCTIONS and not _over_time(node.args[0]):
+            raise ValueError(f"expected a signal over time in {node.func.id}, got {ast.unparse(node.args[0])}")
+        if any(others):
+            raise ValueError(f"expected a number after the signal of {node.func.id}, got {ast.unparse(node.args[1])}")
+        return signals
     raise ValueError(f"expected signals, numbers and functions, got {ast.unparse(node)}")
 
 
@@ -272,7 +283,7 @@ def _evaluate(node: ast.expr, results: Results) -> Any:
     if (name := _signal(node)) is not None:
         return results[name].astype(float, copy=False)
     if isinstance(node, ast.Constant):
-        return node.value
+        return np.float64(node.value)  # powers of whole numbers would have any number of digits
     if isinstance(node, ast.BinOp):
         return _OPERATORS[type(node.op)](_evaluate(node.left, results), _evaluate(node.right, results))
     if isinstance(node, ast.UnaryOp):
@@ -282,5 +293,7 @@ def _evaluate(node: ast.expr, results: Results) -> Any:
     assert isinstance(node, ast.Call)
     assert isinstance(node.func, ast.Name)
     first, *others = (_evaluate(argument, results) for argument in node.args)
+    if _FUNCTIONS[node.func.id].elements and np.ndim(first) < 1 + _over_time(node.args[0]):
+        raise ValueError(f"expected a signal of several elements in {node.func.id}, got {ast.unparse(node.args[0])}")
     over_time = (results.time,) if node.func.id in REDUCTIONS else ()
     return _FUNCTIONS[node.func.id].of(first, *over_time, *others)

@@ -106,7 +106,9 @@ def sweep(scenario: Any, vary: Mapping[str, Any] | Sequence[str] = (), **options
         raise UsageError(f"chunk: expected a number of points of at least 1, got {chunk}.")
     check_workers(options)
     plan = make_plan(scenario, vary, **pick(PlanOptions, options))
-    return run_plan(plan, default_folder(scenario) if options["out"] is None else Path(options["out"]), options)
+    study = run_plan(plan, default_folder(scenario) if options["out"] is None else Path(options["out"]), options)
+    study.notes += study.undefined()
+    return study
 
 
 def run_plan(plan: Plan, folder: Path, options: SweepOptions) -> Sweep:

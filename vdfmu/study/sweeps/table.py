@@ -130,6 +130,12 @@ class StudyTable:
                 rows.append([column, "no value", "", "", ""])
         return rows
 
+    def undefined(self) -> list[str]:
+        """Return a note for each column of a measure that has no finite value at points that did not fail."""
+        points, failed = self["point"], [*self.failed]
+        counts = {c: int(np.sum(~np.isfinite(self[c]) & ~np.isin(points, failed))) for c in self.measures}
+        return [f"{c} has no finite value at {n} of {len(points)} points." for c, n in counts.items() if n]
+
     def row(self, which: int | str, by: str | None = None) -> dict[str, Any]:
         """Return a point: its number, or ``worst`` or ``best``, the largest or smallest value of the measure `by`.
 
