@@ -12,6 +12,7 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError, UsageError
+from vdfmu.base.option_types import type_problem
 from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.system import packaged
 from vdfmu.study.batch.engine import SteppedLanes
