@@ -1,9 +1,9 @@
 """The code of the README and of the documentation, run as a reader would.
 
 Of the README each block runs by itself, in a fresh folder and process; of the other pages the blocks run in order, in
-one folder, the ``python`` blocks in the namespace of those before. A ``sh`` block of commands of vdfmu alone runs
-without starting Python for each, another one whole in bash. A block with a title is written to that file. A ``text`` block right after a ``python`` or ``sh`` block is its output; a line
-``...`` in it stands for any lines.
+one folder, the ``python`` blocks in the namespace of those before. A ``sh`` block runs whole in bash, unless all its
+commands are those of vdfmu, which need no Python started for each. A block with a title is written to that file. A
+``text`` block right after a ``python`` or ``sh`` block is its output; a line ``...`` in it stands for any lines.
 """
 
 import contextlib
