@@ -2,7 +2,10 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-PIP_INSTALL := -m pip install --quiet --disable-pip-version-check
+# Modules are compiled when they are imported: few of the 13,000 are.
+PIP_INSTALL := -m pip install --quiet --disable-pip-version-check --no-compile
+# Each process begins with an equal part of the tests, in their order: what the tests of a file share is made once.
+PYTEST := -m pytest --dist worksteal
 
 # Hundreds of tests start a Python, which compiles 400 modules, 0.8 s, where it may not keep them. Threads of OpenBLAS
 # would wait for each other, as each core has a test.
@@ -15,10 +18,10 @@ demo: $(VENV)/demo  ## run the paper's tracking simulation (Section IV-B)
 	$(BIN)/vdfmu run tracking
 
 test: $(VENV)/test  ## run the tests, except for the heavy ones: some minutes
-	$(BIN)/python -m pytest -n 2 -m "not heavy" $(PYTEST_ARGS)
+	$(BIN)/python $(PYTEST) -n 2 -m "not heavy" $(PYTEST_ARGS)
 
-test-all: test $(VENV)/platforms  ## run the heavy ones too: all platforms, emulators, sanitizers, C++ templates, installs
-	$(BIN)/python -m pytest -n 3 -m heavy $(PYTEST_ARGS)
+test-all: $(VENV)/test $(VENV)/platforms  ## run the heavy ones too: all platforms, emulators, sanitizers, C++ templates, installs
+	$(BIN)/python $(PYTEST) -n 3 $(PYTEST_ARGS)
 
 # In an environment of its own. .ci/run does not: the versions change only with pyproject.toml.
 test-lowest: $(VENV)/supply  ## run the tests, except for the heavy ones, with the lowest versions that pyproject.toml allows
@@ -28,7 +31,7 @@ test-lowest: $(VENV)/supply  ## run the tests, except for the heavy ones, with t
 		--python $(VENV)/lowest/bin/python --output-file $(VENV)/lowest.txt
 	$(VENV)/lowest/bin/python $(PIP_INSTALL) --require-hashes -r $(VENV)/lowest.txt --no-deps
 	$(VENV)/lowest/bin/python $(PIP_INSTALL) --no-deps --no-build-isolation -e .
-	$(VENV)/lowest/bin/python -m pytest -n 2 -m "not heavy" $(PYTEST_ARGS)
+	$(VENV)/lowest/bin/python $(PYTEST) -n 2 -m "not heavy" $(PYTEST_ARGS)
 
 hostile: $(VENV)/test  ## try thousands of hostile inputs, print what came of them: minutes
 	$(BIN)/python -m tests.hostile --write docs/robustness.md

@@ -46,6 +46,7 @@ class Server:
         env: Mapping[str, str] | None,
         given: bytes | None,
         timeout: float,
+        merged: bool,
     ) -> tuple[int, bytes, bytes]:
         """Run a command; return its exit code and what it wrote. After `timeout` seconds it is killed: raises."""
         asked = {
@@ -57,7 +58,7 @@ class Server:
         with tempfile.TemporaryFile() as said, tempfile.TemporaryFile() as failed, tempfile.TemporaryFile() as source:
             source.write(given or b"")
             source.seek(0)
-            files = [source.fileno(), said.fileno(), failed.fileno()]
+            files = [source.fileno(), said.fileno(), (said if merged else failed).fileno()]
             socket.send_fds(self._socket, [_HEAD.pack(len(content))], files)
             self._socket.sendall(content)
             child = self._answer(60.0)
@@ -89,16 +90,18 @@ def command(
     input: str | None = None,  # noqa: A002 - as subprocess.run
     timeout: float = 300.0,
     errors: str = "surrogateescape",
+    merged: bool = False,
 ) -> subprocess.CompletedProcess[str]:
-    """Run ``vdfmu arguments``, as :func:`subprocess.run` with text."""
+    """Run ``vdfmu arguments``, as :func:`subprocess.run` with text; `merged`: errors go to the standard output."""
     words = [str(each) for each in arguments]
     if not hasattr(socket, "send_fds"):  # on Windows
         return subprocess.run(
             [sys.executable, "-m", "vdfmu.cli", *words], cwd=cwd, env=env, input=input, timeout=timeout, check=False,
-            capture_output=True, encoding="utf-8", errors=errors,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT if merged else subprocess.PIPE, encoding="utf-8",
+            errors=errors,
         )  # fmt: skip
     given = None if input is None else input.encode()
-    code, *said = _server().run(words, cwd, env, given, timeout)
+    code, *said = _server().run(words, cwd, env, given, timeout, merged)
     out, error = (text.decode(errors=errors).replace("\r\n", "\n") for text in said)
     return subprocess.CompletedProcess(["vdfmu", *words], code, out, error)
 

@@ -20,7 +20,8 @@ def test_what_the_readme_installs_gives_the_same_tracking_run(tmp_path):
     )
     for written in ("results", "site"):
         shutil.rmtree(clone / written, ignore_errors=True)
-    done = run_process("sh", f"set -e\n{block}", clone, PYTHONPATH="")
+    # modules are compiled when they are imported: a third of them
+    done = run_process("sh", f"set -e\n{block}", clone, PYTHONPATH="", PIP_NO_COMPILE="1")
     assert done.returncode == 0, done.stdout
 
     found = json.loads((clone / "results" / "tracking" / "summary.json").read_text())

@@ -1,9 +1,9 @@
 """The code of the README and of the documentation, run as a reader would.
 
 Of the README each block runs by itself, in a fresh folder and process; of the other pages the blocks run in order, in
-one folder, the ``python`` blocks in the namespace of those before. A ``sh`` block runs whole in bash. A block
-with a title is written to that file. A ``text`` block right after a ``python`` or ``sh`` block is its output; a line
-``...`` in it stands for any lines.
+one folder, the ``python`` blocks in the namespace of those before. A ``sh`` block runs whole in bash, unless all its
+commands are those of vdfmu, which need no Python started for each. A block with a title is written to that file. A
+``text`` block right after a ``python`` or ``sh`` block is its output; a line ``...`` in it stands for any lines.
 """
 
 import contextlib
@@ -11,12 +11,15 @@ import io
 import os
 import platform
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+
+from tests.warm import command
 
 ROOT = Path(__file__).resolve().parents[2]
 README = ROOT / "README.md"
@@ -46,23 +49,39 @@ def run_python(body, namespace):
     return stream.getvalue()
 
 
+def environment():
+    """Return the variables of a command's environment."""
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    return os.environ | {"PATH": path, "PYTHONPATH": str(ROOT), "COLUMNS": "80", "TERM": "dumb"}
+
+
 def run_process(kind, body, cwd=None, **further):
     """Run a block in a process of its own; return what it ends with and what it prints."""
-    command = [sys.executable, "-c"] if kind == "python" else ["bash", "-c"]
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    environment = os.environ | {"PATH": path, "PYTHONPATH": str(ROOT), "COLUMNS": "80", "TERM": "dumb"}
+    program = [sys.executable, "-c"] if kind == "python" else ["bash", "-c"]
     return subprocess.run(
-        [*command, body], text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False, cwd=cwd,
-        env=environment | further,
+        [*program, body], text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False, cwd=cwd,
+        env=environment() | further,
     )  # fmt: skip
+
+
+def plain_commands(body):
+    """Return the arguments of each command of a block that has those of vdfmu alone, and nothing for a shell."""
+    lines = [line for line in body.replace("\\\n", " ").splitlines() if line and not line.startswith("#")]
+    plain = all(re.fullmatch(r"""vdfmu( +([\w.,=:/@\[\]-]|'[^']*'|"[^"$`]*")+)*( *|  +#.*)""", line) for line in lines)
+    return [shlex.split(line, comments=True)[1:] for line in lines] if plain else []
 
 
 def run_shell(body, fails=False):
     """Run a block of commands, which all succeed unless they show how something fails."""
-    done = run_process("sh", body if fails else f"set -e\n{body}")
-    assert done.returncode == 0 or (fails and done.returncode in (1, 2)), done.stdout
-    assert "Traceback" not in done.stdout, done.stdout
-    return done.stdout
+    if __name__ != "__main__" and (plain := plain_commands(body)):  # a guide has too few of them
+        done = [command(*words, env=environment(), merged=True) for words in plain]
+    else:
+        done = [run_process("sh", body if fails else f"set -e\n{body}")]
+    said = "".join(one.stdout for one in done)
+    failed = [one.returncode for one in (done[-1:] if fails else done) if one.returncode]
+    assert not failed or (fails and failed[0] in (1, 2)), said
+    assert "Traceback" not in said, said
+    return said
 
 
 def same(shown, output):
@@ -180,8 +199,8 @@ def test_guide_runs_and_shows_its_output(page, tmp_path):
     if page.stem in ("ecos", "libcosim") and here not in {("Linux", "x86_64"), ("Windows", "AMD64")}:
         pytest.skip(f"{page.stem} has no binaries for {' '.join(here)}")
     done = subprocess.run(
-        [sys.executable, __file__, str(page)], cwd=tmp_path, text=True, check=False, timeout=300,
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        [sys.executable, "-m", "tests.docs.test_tutorials", str(page)], cwd=tmp_path, text=True, check=False,
+        timeout=300, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=environment(),
     )  # fmt: skip
     assert done.returncode == 0, done.stdout
     assert int(done.stdout.splitlines()[-1]) >= 3  # blocks run or compared

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.warm import command
 from vdfmu.base.files import data_path
 
 LEAKS = re.compile(r"Warning|Traceback|Glyph|findfont", re.IGNORECASE)
@@ -62,5 +63,5 @@ def test_numbers_that_overflow_or_vanish_warn_of_nothing(tmp_path, name, number)
     text = (data_path("models") / "scenarios" / "planar_tracking.toml").read_text(encoding="utf-8")
     described = re.sub("(?m)^description = .*", 'description = "\u4e2d\u6587 $ _ ^ {"', text)
     (tmp_path / "s.toml").write_text(described, encoding="utf-8")
-    done = vdfmu(tmp_path, "run", "s.toml", "--stop", "0.01", "--set", f"{name}={number}", "--out", "out")
+    done = command("run", "s.toml", "--stop", "0.01", "--set", f"{name}={number}", "--out", "out", cwd=tmp_path)
     assert not LEAKS.search(done.stderr), done.stderr

@@ -16,7 +16,7 @@ from rich.markup import escape
 from vdfmu.base.errors import ModelError, SspError, UsageError, VdfmuError
 from vdfmu.base.once import one_job
 from vdfmu.base.version import __version__
-from vdfmu.cli import cache, doctor, files, identify, modes, robots, runs, scenarios, sweeps, units, view
+from vdfmu.cli import analysis, cache, doctor, files, identify, robots, runs, scenarios, studies, units, view
 from vdfmu.cli.app import App, QuietOption, VerboseOption, reset_verbosity, set_verbosity
 from vdfmu.cli.terminal import console, fail, table
 
@@ -31,22 +31,22 @@ COMMANDS: dict[str, tuple[tuple[Any, str], ...]] = {
         (runs.run, "vdfmu run tracking --set controller.K_p=1500 --out results/soft"),
         (runs.simulate, "vdfmu simulate tracking.ssp --master jacobi --out results/jacobi"),
         (runs.federate, "vdfmu federate tracking.ssp --split plant --split feedforward,controller"),
-        (sweeps.app, ""),
+        (studies.app, ""),
         (
-            sweeps.tune,
+            studies.tune,
             "vdfmu tune tracking --vary controller.K_p --vary controller.K_v --cost 'rms(trajectory.q_d - plant.q)' "
             "--spread 'plant.mass=*normal(1, 0.05)' --margin same",
         ),
-        (sweeps.compare, "vdfmu compare --arms ur5e_6dof --laws controller,pd_gravity --mismatch none,payload"),
+        (studies.compare, "vdfmu compare --arms ur5e_6dof --laws controller,pd_gravity --mismatch none,payload"),
     ),
     "Look": (
         (runs.report, "vdfmu report results/tracking results/soft"),
         (view.view, "vdfmu view panda_7dof"),
-        (modes.motion, "vdfmu motion path.toml --robot planar_2dof -o path.png"),
+        (analysis.motion, "vdfmu motion path.toml --robot planar_2dof -o path.png"),
     ),
     "Analyse": (
-        (modes.modes, "vdfmu modes manipulator_6dof --pose '0 0.5 0.5 0 0 0'"),
-        (modes.margins, "vdfmu margins tracking --master jacobi --at 2.5"),
+        (analysis.modes, "vdfmu modes manipulator_6dof --pose '0 0.5 0.5 0 0 0'"),
+        (analysis.margins, "vdfmu margins tracking --master jacobi --at 2.5"),
         (identify.identify, "vdfmu identify results/tracking/results.csv --robot manipulator_6dof -o identified.toml"),
     ),
     "Exchange": (

@@ -189,7 +189,7 @@ def _design(
     """Choose a motion, write it, and print what to expect of it."""
     from vdfmu.arm.robot import load_robot
     from vdfmu.base.files import write_whole
-    from vdfmu.cli.modes import read_pose
+    from vdfmu.cli.analysis import read_pose
     from vdfmu.study.identify.design import SensorNoise, design
 
     arm = load_robot(robot)

@@ -149,9 +149,7 @@ def test_a_scenario_carries_its_motion_into_the_package_and_the_results(scenario
 
 @pytest.mark.heavy
 def test_python_fmus_and_lanes_play_the_same(scenario, tmp_path):
-    native, python = (
-        vdfmu.run(scenario, out=tmp_path / name, backend=name, reference=False) for name in ("native", "python")
-    )
+    native, python = (vdfmu.run(scenario, out=False, backend=name, reference=False) for name in ("native", "python"))
     # the same operations in the same order
     assert (native["trajectory.q_d_ddddot"] == python["trajectory.q_d_ddddot"]).all()
     swept = vdfmu.sweep(
@@ -167,15 +165,15 @@ def test_python_fmus_and_lanes_play_the_same(scenario, tmp_path):
 
 
 @pytest.mark.heavy
-def test_the_arm_follows_better_without_a_jump_in_the_third_derivative(robot, tmp_path):
+def test_the_arm_follows_better_without_a_jump_in_the_third_derivative(robot):
     smooth = motions.waypoints(POINTS, TIMES)
     cubic = CubicSpline(TIMES, POINTS, bc_type="clamped")
     coefficients = np.zeros((4, 6, 2))
     coefficients[:, :4] = np.moveaxis(cubic.c[::-1], 0, 1)
     errors = []
-    for name, motion in (("smooth", smooth), ("cubic", motions.Motion(TIMES, coefficients))):
+    for motion in (smooth, motions.Motion(TIMES, coefficients)):
         results = vdfmu.run(
-            "planar_tracking", units={"trajectory": motion.unit()}, stop=1.0, reference=False, out=tmp_path / name
+            "planar_tracking", units={"trajectory": motion.unit()}, stop=1.0, reference=False, out=False
         )
         errors.append(np.abs(results["trajectory.q_d"] - results["plant.q"]).max(axis=0))
     # seen: 1.5e-4 and 5.9e-4, 1.4e-4 and 5.0e-4 rad, though the smooth one asks for 1.5 times the acceleration

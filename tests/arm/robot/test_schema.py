@@ -31,15 +31,17 @@ def test_a_schema_is_one_of_json(schema: dict[str, Any]) -> None:
 
 
 def test_every_shipped_file_fits() -> None:
-    folder = data_path("models")
-    for path in folder.glob("robots/*.toml"):
+    robots, scenarios = (sorted(data_path("models").glob(f"{kind}/*.toml")) for kind in ("robots", "scenarios"))
+    systems = sorted(data_path("ssp").glob("*.toml"))
+    assert robots and scenarios and systems
+    for path in robots:
         assert problems(robot_schema(), content(path)) == []
-    for path in folder.glob("scenarios/*.toml"):
+    for path in scenarios:
         data = content(path)
         system = data.get("system", "system")
         where = str(path.parent / system) if system.endswith(".toml") else system
         assert problems(scenario_schema(where), data) == []
-    for path in data_path("ssp").glob("*.toml"):
+    for path in systems:
         assert problems(system_schema(), content(path)) == []
 
 

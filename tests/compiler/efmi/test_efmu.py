@@ -55,9 +55,9 @@ def test_checker_finds_nothing(efmu: Callable[..., Path], unit: str, tmp_path: P
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("unit", [unit for unit in SHIPPED if unit not in ("controller", "notch_filter")])
-def test_checker_finds_nothing_in_the_other_units(efmu: Callable[..., Path], unit: str, tmp_path: Path):
+def test_checker_finds_nothing_in_the_other_units(short_efmu: Callable[..., Path], unit: str, tmp_path: Path):
     """The checker's parser takes up to a minute for the text of six joints; its statements are those of two."""
-    assert not findings(efmu(unit), tmp_path)
+    assert not findings(short_efmu(unit), tmp_path)
 
 
 @pytest.mark.heavy

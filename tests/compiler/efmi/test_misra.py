@@ -24,9 +24,9 @@ EXPLAINED = {"misra-c2012-8.7", "misra-c2012-8.9", "unusedFunction"}
         *product([*SINGLE, "examples/units/spline.py"], ["float32"]),
     ],
 )
-def test_every_finding_is_explained(efmu: Callable[..., Path], unit: str, precision: str, tmp_path: Path):
+def test_every_finding_is_explained(short_efmu: Callable[..., Path], unit: str, precision: str, tmp_path: Path):
     cppcheck = program("cppcheck", "cppcheck")
-    whole = Efmu(efmu(unit, precision=precision))
+    whole = Efmu(short_efmu(unit, precision=precision))
     for name, text in whole.code.items():
         (tmp_path / name).write_bytes(text)
     command = [cppcheck, "--std=c99", "--enable=all", "--addon=misra", "--suppress=missingIncludeSystem", "--quiet",

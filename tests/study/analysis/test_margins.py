@@ -124,7 +124,7 @@ def test_the_nonlinear_loop_moves_as_the_linear_one_near_rest(master, factor, tm
     loop = ArmLoops(scenario, settings, times=[0.0]).loops[0]
     assert (loop.margins(delay=delay).radius > 1.0) == (factor > 1.0)
     pushed = settings | {"plant.q_0": [-1.2 + 1e-5, 0.4], "plant.tolerance": 1e-9}
-    runs = [_rows(scenario, {**s, "plant.tolerance": 1e-9}, master, tmp_path) for s in (settings, pushed)]
+    runs = [_rows(scenario, {**s, "plant.tolerance": 1e-9}, master) for s in (settings, pushed)]
     z = runs[1] - runs[0]
     z = z if delay else z[:, : len(loop.plant.A)]
     predicted = z[:-1] @ loop.closed(delay=delay).T
@@ -137,9 +137,9 @@ def test_the_nonlinear_loop_moves_as_the_linear_one_near_rest(master, factor, tm
     np.testing.assert_allclose((predicted / size)[near], (z[1:] / size)[near], atol=1e-3)
 
 
-def _rows(scenario, settings, master, folder):
+def _rows(scenario, settings, master):
     """States of the plant and torques, (m, 10), of 0.015 s."""
-    found = vdfmu.run(scenario, settings=settings, master=master, stop=0.015, reference=False, out=folder)
+    found = vdfmu.run(scenario, settings=settings, master=master, stop=0.015, reference=False, out=False)
     groups = ("plant.q", "plant.q_dot", "plant.kappa_dot", "plant.tau_s", "controller.tau")
     return np.hstack([found[group] for group in groups])
 

@@ -5,7 +5,7 @@ import pytest
 from typer.testing import CliRunner
 
 import vdfmu
-from tests.study.identify.test_identify import noisy
+from tests.study.identify.test_identify import noisy, thinned
 from vdfmu.arm import motion
 from vdfmu.arm.drive.limits import motor_torque
 from vdfmu.arm.equations.feedforward import desired_drive_motion, feedforward_inverse
@@ -127,8 +127,7 @@ def test_intervals_before_the_experiment_are_those_after_it(robot, tmp_path):
     for name, moves in (("best", found.motion), ("plain", plain)):
         out = tmp_path / name
         vdfmu.run("planar_tracking", units={"trajectory": moves.unit()}, stop=60.0, reference=False, out=out)
-        log = read_log(out / "results.csv", robot)
-        log = log._replace(**{key: getattr(log, key)[:: round(STEP / 0.001)] for key in ("t", "kappa", "tau", "q")})
+        log = thinned(read_log(out / "results.csv", robot), round(STEP / 0.001))
         expected = predict(robot, moves, sensors=sensors)
         kept = [k for k in range(expected.links.stop) if expected.names[k][:2] not in ("K_", "c_")]  # see docs
         values = np.array([identify(noisy(log, robot, seed), robot).values for seed in range(12)])

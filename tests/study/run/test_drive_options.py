@@ -27,13 +27,14 @@ def scenario_of(robot):
     return scenario, system_values(scenario, SETTINGS)
 
 
-def check_run(robot, folder):
+def check_run(robot):
     """Hold a run of either backend against the scipy reference, and one backend against the other."""
     runs = [
-        vdfmu.run("planar_tracking", robot=robot, backend=backend, stop=STOP, settings=SETTINGS,
-                  reference=False, out=folder / backend)
+        vdfmu.run(
+            "planar_tracking", robot=robot, backend=backend, stop=STOP, settings=SETTINGS, reference=False, out=False
+        )
         for backend in ("native", "python")
-    ]  # fmt: skip
+    ]
     native, python = runs
     scenario, values = scenario_of(robot)
     exact = reference("sampled", SystemDescription(scenario, values), step=1e-3, stop=STOP)
@@ -52,17 +53,15 @@ def check_run(robot, folder):
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("option", OPTIONS)
-def test_a_drive_with_an_option_runs_as_its_reference(with_options, bare, tmp_path, option):
-    with_it = check_run(with_options(option), tmp_path)
+def test_a_drive_with_an_option_runs_as_its_reference(with_options, bare, option):
+    with_it = check_run(with_options(option))
     assert np.abs(with_it["plant.q"] - bare["plant.q"]).max() > 1e-8  # it acts
 
 
 @pytest.fixture(scope="module")
-def bare(tmp_path_factory):
+def bare():
     """Return the run without options."""
-    return vdfmu.run(
-        "planar_tracking", stop=STOP, reference=False, settings=SETTINGS, out=tmp_path_factory.mktemp("bare")
-    )
+    return vdfmu.run("planar_tracking", stop=STOP, reference=False, settings=SETTINGS, out=False)
 
 
 @pytest.fixture(scope="module")
@@ -78,8 +77,8 @@ def plant(every, tmp_path_factory):
 
 
 @pytest.mark.heavy
-def test_a_drive_with_all_options_runs_as_its_reference(every, tmp_path):
-    native = check_run(every, tmp_path)
+def test_a_drive_with_all_options_runs_as_its_reference(every):
+    native = check_run(every)
     for state in MORE.values():
         assert np.ptp(native[f"plant.{state}"], axis=0).min() > 0.0
 

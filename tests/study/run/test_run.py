@@ -66,19 +66,17 @@ def test_the_run_compares_with_both_references(planar_run):
 
 
 @pytest.mark.heavy
-def test_settings_change_the_run_and_its_reference_alike(tmp_path):
-    results = vdfmu.run(
-        "planar_tracking", stop=0.1, out=tmp_path, settings={"controller.K_p": 300, "plant.mass[1]": 3.0}
-    )
+def test_settings_change_the_run_and_its_reference_alike():
+    results = vdfmu.run("planar_tracking", stop=0.1, out=False, settings={"controller.K_p": 300, "plant.mass[1]": 3.0})
     assert results.summary["settings"] == {"controller.K_p": "300", "plant.mass[1]": "3.0"}
     assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
 
 
 @pytest.mark.heavy
-def test_a_wrench_given_to_a_run_acts_on_it_and_its_references(tmp_path):
+def test_a_wrench_given_to_a_run_acts_on_it_and_its_references():
     options = {"stop": 0.1, "settings": {"plant.F_e[2]": 30.0}}
-    results = vdfmu.run("planar_tracking", out=tmp_path, **options)
-    free = vdfmu.run("planar_tracking", out=tmp_path, stop=0.1, reference=False)
+    results = vdfmu.run("planar_tracking", out=False, **options)
+    free = vdfmu.run("planar_tracking", out=False, stop=0.1, reference=False)
     assert np.abs(results["plant.q[1]"] - free["plant.q[1]"]).max() > 1e-3
     # as without a wrench
     assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
@@ -94,7 +92,7 @@ def test_a_shipped_run_has_no_notes(tmp_path):
 @pytest.mark.heavy
 def test_lists_set_element_by_element_in_runs_and_simulations(tmp_path):
     K_p = [300.0, 900.0]
-    results = vdfmu.run("planar_tracking", stop=0.05, out=tmp_path, reference=False, settings={"controller.K_p": K_p})
+    results = vdfmu.run("planar_tracking", stop=0.05, out=False, reference=False, settings={"controller.K_p": K_p})
     assert results.summary["settings"] == {"controller.K_p": "[300.0, 900.0]"}
     vdfmu.write_ssp(
         vdfmu.load_scenario("planar_tracking"),
@@ -114,8 +112,8 @@ def test_lists_set_element_by_element_in_runs_and_simulations(tmp_path):
 
 
 @pytest.mark.heavy
-def test_jacobi_is_compared_with_the_delayed_reference(tmp_path):
-    results = vdfmu.run("planar_tracking", stop=0.1, out=tmp_path, master="jacobi")
+def test_jacobi_is_compared_with_the_delayed_reference():
+    results = vdfmu.run("planar_tracking", stop=0.1, out=False, master="jacobi")
     assert results.summary["reference"]["sampled"]["name"] == "sampled-delayed"
     assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
 
@@ -139,7 +137,7 @@ def with_references(monkeypatch, folder, change):
 @pytest.mark.heavy
 def test_a_chaotic_loop_is_compared_by_its_statistics(tmp_path, monkeypatch):
     with_references(monkeypatch, tmp_path, {"plant.I_m[1]": 1.0 + 1e-9})
-    summary = vdfmu.run("tracking_split", out=tmp_path).summary
+    summary = vdfmu.run("tracking_split", out=False).summary
     assert summary["friction"] == "split"
     compared = summary["reference"]["sampled"]
     # Both solutions are as good; after 2 s they have nothing in common but the size of their oscillation, 1e-3 rad.
@@ -155,7 +153,7 @@ def test_a_chaotic_loop_is_compared_by_its_statistics(tmp_path, monkeypatch):
 @pytest.mark.heavy
 def test_a_difference_that_is_a_fault_is_shown_as_one(tmp_path, monkeypatch):
     with_references(monkeypatch, tmp_path, {"plant.mass[2]": 1.01, "plant.mass[3]": 1.01, "plant.mass[5]": 1.01})
-    summary = vdfmu.run("tracking", out=tmp_path, stop=2.0).summary
+    summary = vdfmu.run("tracking", out=False, stop=2.0).summary
     assert summary["reference"]["sampled"]["max_position_difference_rad"] > 1e-6
     assert "separation" not in summary and "rms_position_difference" not in summary["reference"]["sampled"]
     assert reference_sheet(summary).columns[1] == "Position\n[rad]"

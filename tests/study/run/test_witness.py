@@ -50,8 +50,7 @@ def primed(kernel_cache, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("VDFMU_CACHE_DIR", str(cache))
         for robot in (None, other_robot()):
-            vdfmu.run("planar_tracking", robot=robot, backend="python", out=cache / "out", **SHORT)
-            shutil.rmtree(cache / "out")
+            vdfmu.run("planar_tracking", robot=robot, backend="python", out=False, **SHORT)
     return cache
 
 
@@ -72,9 +71,9 @@ def other_robot():
     return dataclasses.replace(robot, name="other", rotation=rotation)
 
 
-def faults(tmp_path, **options):
+def faults(**options):
     options = {"backend": "python", **SHORT, **options}
-    return vdfmu.run("planar_tracking", out=tmp_path / "out", **options).summary["witness"]["faults"]
+    return vdfmu.run("planar_tracking", out=False, **options).summary["witness"]["faults"]
 
 
 def entries(cache, name):
@@ -135,10 +134,10 @@ CACHED = {
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("fault", CACHED)
-def test_faults_in_the_cache_are_found(fault, cache, tmp_path):
+def test_faults_in_the_cache_are_found(fault, cache):
     seed, text = CACHED[fault]
     seed(cache)
-    found = faults(tmp_path)
+    found = faults()
     assert found
     assert re.search(text, found[0]), found
 
@@ -149,28 +148,28 @@ def test_a_run_in_another_process_is_witnessed(tmp_path):
     path = tmp_path / "held.py"
     path.write_text(HELD)
     options = {"units": {"controller": path}, "stop": 0.01, "reference": False, "backend": "python"}
-    results = vdfmu.run("planar_tracking", out=tmp_path / "out", **options)
+    results = vdfmu.run("planar_tracking", out=False, **options)
     assert results.summary["isolated"]
     assert "controller" in results.summary["witness"]["components"]
     assert results.summary["witness"]["faults"] == []
 
 
 @pytest.mark.heavy
-def test_rounding_is_not_a_fault(cache, tmp_path):
+def test_rounding_is_not_a_fault(cache):
     """A factor of 1 + 1e-14 is some 45 roundings."""
     for name, result in (("plant_outputs", "p_O"), ("feedforward_outputs_inverse", "tau_m")):
         change(cache, name, lambda v, result=result: {result: (1.0 + 1e-14) * v[result]})
-    assert faults(tmp_path) == []
+    assert faults() == []
 
 
 @pytest.mark.heavy
-def test_a_parameter_that_is_not_the_scenarios_is_found(cache, tmp_path, monkeypatch):
+def test_a_parameter_that_is_not_the_scenarios_is_found(cache, monkeypatch):
     def write(scenario, fmus, path, values, **options):
         values = {**values, "plant": values["plant"] | {"mass[2]": 1.5}}
         return write_ssp(scenario, fmus, path, values, **options)
 
     monkeypatch.setattr(study, "write_ssp", write)
-    assert faults(tmp_path)[0] == "plant.mass[2] at t = 0 s: expected 1, got 1.5"
+    assert faults()[0] == "plant.mass[2] at t = 0 s: expected 1, got 1.5"
 
 
 # ------------------------------------------------------------------ generated C
@@ -182,7 +181,7 @@ def objects(tmp_path_factory):
     cache = tmp_path_factory.mktemp("objects")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("VDFMU_CACHE_DIR", str(cache))
-        vdfmu.run("planar_tracking", backend="native", out=cache / "out", **SHORT)
+        vdfmu.run("planar_tracking", backend="native", out=False, **SHORT)
     return cache
 
 
@@ -227,7 +226,7 @@ def test_faults_in_generated_c_are_found(fault, objects, tmp_path, monkeypatch):
     path.write_text(HELD)
     units = {"controller": path} if "sample" in fault else None
     stop = 0.1 if units or "solver" in fault else 1.0  # unstable, and of short steps, with these faults
-    found = faults(tmp_path, backend="native", stop=stop, units=units)
+    found = faults(backend="native", stop=stop, units=units)
     assert re.match(text, found[0]), found
 
 
@@ -235,10 +234,10 @@ def refuse(*_, **__):
     raise AssertionError("the witness has no trace, no cache and no C")
 
 
-def test_it_shares_nothing_and_takes_little_time(tmp_path, monkeypatch, calls):
+def test_it_shares_nothing_and_takes_little_time(monkeypatch, calls):
     made = []
     monkeypatch.setattr(study, "Witness", lambda *given: made.append(Witness(*given)) or made[0])
-    results = vdfmu.run("tracking", stop=0.1, reference=False, backend="python", out=tmp_path / "out")
+    results = vdfmu.run("tracking", stop=0.1, reference=False, backend="python", out=False)
     for place in (UnitFunctions, Functions):
         monkeypatch.setattr(place, "casadi_function", refuse)
     monkeypatch.setattr("vdfmu.compiler.functions.traced.load", refuse)

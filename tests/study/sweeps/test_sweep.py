@@ -84,7 +84,7 @@ def test_robots_motions_and_payloads_vary_together(tmp_path):
     rows = found.table().to_pylist()
     assert len({row["robot"] for row in rows}) == len({row["unit:trajectory"] for row in rows}) == 2
     for row in rows:
-        results = vdfmu.run(**found.options(row["point"]), reference=False, out=tmp_path / "run")
+        results = vdfmu.run(**found.options(row["point"]), reference=False, out=False)
         error = results["trajectory.q_d"] - results["plant.q"]
         # of the mean of squares in another order: rounding
         np.testing.assert_allclose([row["error[1]"], row["error[2]"]], np.sqrt(np.mean(error**2, axis=0)), rtol=1e-12)
@@ -341,7 +341,7 @@ def test_a_row_is_run_again_by_name(tmp_path, monkeypatch):
     assert summary["settings"]["controller.K_p"] == "800.0"
     expected = np.degrees([worst["error[1]"], worst["error[2]"]])
     np.testing.assert_allclose(summary["rms_position_error_deg"], expected, rtol=1e-12)
-    again = vdfmu.run(**found.options(3), reference=False, out="again")
+    again = vdfmu.run(**found.options(3), reference=False, out=False)
     row = found.row(3)
     np.testing.assert_allclose(np.radians(again.summary["rms_position_error_deg"][0]), row["error[1]"], rtol=1e-12)
 
@@ -357,7 +357,7 @@ def test_a_row_of_a_scenario_that_was_changed_is_run_with_a_note(tmp_path):
     )  # fmt: skip
     options = found.options(1)
     assert options["settings"]["controller.K_p"] == [900.0, 700.0] and not found.notes
-    vdfmu.run(**options, reference=False, out=tmp_path / "run")
+    vdfmu.run(**options, reference=False, out=False)
     mine.write_text(mine.read_text().replace("T = 2.0", "T = 3.0"))
     done = CliRunner().invoke(
         app, ["run", "--from", str(found.folder), "--no-reference", "--out", str(tmp_path / "again")]
