@@ -13,7 +13,8 @@ import numpy as np
 
 from benchmarks.report import Report, Table
 from vdfmu.base.errors import CosimError
-from vdfmu.engine.inspect.loops import GROWTH, Poses
+from vdfmu.engine.linear.growth import Poses
+from vdfmu.engine.linear.loops import GROWTH
 from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.system import packaged
 from vdfmu.system.scenario import load_scenario

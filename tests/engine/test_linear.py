@@ -11,7 +11,7 @@ import scipy.linalg
 from tests.engine.reference import models
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import expm
-from vdfmu.engine.inspect.linear import linear_system
+from vdfmu.engine.linear.linearise import linear_system
 
 LAG = replace(models.LAG, name="LagME", kinds=("ModelExchange",))
 RING = ["a.x -> b.u", "b.x -> a.u"]

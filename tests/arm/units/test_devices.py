@@ -11,8 +11,8 @@ from tests.arm.units.test_observers import sampled
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import FmuError, UsageError
-from vdfmu.engine.inspect.linear import linear_system
-from vdfmu.engine.inspect.loops import system_margins
+from vdfmu.engine.linear.linearise import linear_system
+from vdfmu.engine.linear.loops import system_margins
 from vdfmu.system.scenario.parts import cached_fmus
 from vdfmu.unit import seeded, uniform
 

@@ -10,7 +10,7 @@ from tests.conftest import heavy
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear, held
-from vdfmu.engine.inspect.loops import Loop, _margins
+from vdfmu.engine.linear.loops import Loop, _margins
 from vdfmu.study.analysis.margins import ArmLoops
 from vdfmu.unit import Output, Unit
 

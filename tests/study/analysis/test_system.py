@@ -11,7 +11,7 @@ import vdfmu
 from tests.study.analysis.test_margins import AT_REST
 from vdfmu.base.errors import UsageError
 from vdfmu.cli.commands import app
-from vdfmu.engine.inspect.loops import system_margins
+from vdfmu.engine.linear.loops import system_margins
 from vdfmu.study.analysis.margins import ArmLoops
 from vdfmu.study.analysis.system import linearized, margins_along
 

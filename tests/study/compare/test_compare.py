@@ -13,7 +13,7 @@ from tests.study.sweeps.conftest import table
 from vdfmu.base.errors import UnitError, UsageError, VdfmuError
 from vdfmu.base.once import one_job
 from vdfmu.base.option import declared
-from vdfmu.engine.inspect.loops import GROWTH
+from vdfmu.engine.linear.loops import GROWTH
 from vdfmu.study.analysis.margins import ArmLoops
 from vdfmu.study.compare import compare as module
 from vdfmu.study.compare.axes import LAWS, MISMATCHES, MOTIONS

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import vdfmu
-from vdfmu.engine.inspect.changed import changed, with_part
-from vdfmu.engine.inspect.linear import Linearisation
+from vdfmu.engine.linear.linearise import Linearisation, changed, with_part
 from vdfmu.engine.masters.components import Components
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import Checked, check_system

@@ -97,7 +97,7 @@ def linearize(
     states, the rotors' positions kappa and the end effector's p_O, all as of the unit Plant.
 
     A system is its FMUs, by their directional derivatives, with the connections closed. All inputs of the FMUs are
-    inputs; on a connected one, a disturbance adds to the signal. See :mod:`vdfmu.engine.inspect.linear`.
+    inputs; on a connected one, a disturbance adds to the signal. See :mod:`vdfmu.engine.linear.system`.
 
     Parameters
     ----------

@@ -11,7 +11,7 @@ from scipy.linalg import block_diag, eigvals
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import StateSpace
-from vdfmu.engine.inspect.loops import Complex
+from vdfmu.engine.linear.loops import Complex
 
 _POINTS = 2000
 _SLOWEST = 1.0

@@ -23,7 +23,7 @@ from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear
-from vdfmu.engine.inspect.loops import GROWTH, Loop
+from vdfmu.engine.linear.loops import GROWTH, Loop
 
 _DAMPING = 0.5
 _FIRST, _FALL, _LAST = 0.4, 0.9, 1e-4

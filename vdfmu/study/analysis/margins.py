@@ -2,7 +2,7 @@
 
 At each time the plant is linearised on the desired motion, discretised exactly for inputs that are held over
 a communication step, and closed by ``u[k] = K x[k - d]`` with d samples of delay. Joint i's loop is opened at its
-motor, see `vdfmu.engine.inspect.loops`.
+motor, see `vdfmu.engine.linear.loops`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear
 from vdfmu.compiler.unit.unit import state_space
-from vdfmu.engine.inspect.loops import Loop, Margins, of_positions
+from vdfmu.engine.linear.loops import Loop, Margins, of_positions
 from vdfmu.study.analysis.arm_space import fast_states, feedback, without_dry_friction
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.wired import WiredUnits

@@ -14,7 +14,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.progress import counted
 from vdfmu.base.state_space import StateSpace
-from vdfmu.engine.inspect.loops import Complex
+from vdfmu.engine.linear.loops import Complex
 from vdfmu.study.analysis.arm_space import fast_states, linearize
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.wired import WiredUnits

@@ -17,7 +17,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.files import temporary_folder, write_whole
 from vdfmu.base.toml_file import locate
 from vdfmu.base.toml_text import toml_value
-from vdfmu.engine.inspect.loops import GROWTH, Margins
+from vdfmu.engine.linear.loops import GROWTH, Margins
 from vdfmu.study.analysis.gains import Gains, arm_gains
 from vdfmu.study.analysis.margins import ArmLoops
 from vdfmu.system.scenario import Scenario, load_scenario

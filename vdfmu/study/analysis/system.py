@@ -13,8 +13,10 @@ from typing import Any, NamedTuple
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import temporary_folder
 from vdfmu.base.progress import counted
-from vdfmu.engine.inspect.linear import LinearSystem, linear_system
-from vdfmu.engine.inspect.loops import GROWTH, Margins, fastest_mode, margin_rows, of_positions, system_margins
+from vdfmu.engine.linear.growth import margin_rows
+from vdfmu.engine.linear.linearise import linear_system
+from vdfmu.engine.linear.loops import GROWTH, Margins, fastest_mode, of_positions, system_margins
+from vdfmu.engine.linear.system import LinearSystem
 from vdfmu.engine.run.simulator import Simulator
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario import Scenario, load_scenario
@@ -56,7 +58,7 @@ def linearized(
 ) -> LinearSystem:
     """Linearise the components of a scenario or package at a time of its run, by default its start.
 
-    For the others see :func:`packaged`, for errors :func:`vdfmu.engine.inspect.linear.linear_system`.
+    For the others see :func:`packaged`, for errors :func:`vdfmu.engine.linear.linearise.linear_system`.
     """
     with packaged(system, settings, backend, master) as (package, options):
         return linear_system(package, at, **options)
@@ -99,14 +101,14 @@ def margins_along(
     system, settings, backend, master
         See :func:`packaged`; under ``gauss-seidel`` or ``jacobi``.
     opened, growth
-        See :func:`vdfmu.engine.inspect.loops.system_margins`; by default the growth that the verdict of a run allows.
+        See :func:`vdfmu.engine.linear.loops.system_margins`; by default the growth that the verdict of a run allows.
     at : sequence of float, optional [s]
         Default five, evenly spread from the start to the end, as the verdict of a run has them.
 
     Raises
     ------
     UsageError, SspError, CosimError
-        See these, and :func:`vdfmu.engine.inspect.linear.linear_system`.
+        See these, and :func:`vdfmu.engine.linear.linearise.linear_system`.
     """
     if math.isnan(growth):
         raise UsageError("growth: expected a rate in 1/s up to which what grows counts as stable, got nan.")

@@ -28,9 +28,10 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import VdfmuError
 from vdfmu.compiler.functions.sources import source_digest
-from vdfmu.engine.inspect.changed import can_change, changed, with_part
-from vdfmu.engine.inspect.linear import Linearisation, LinearSystem
-from vdfmu.engine.inspect.loops import GROWTH, Loop, margin_rows, modulus_margins, of_positions, opened_at, system_loop
+from vdfmu.engine.linear.growth import margin_rows
+from vdfmu.engine.linear.linearise import Linearisation, can_change, changed, with_part
+from vdfmu.engine.linear.loops import GROWTH, Loop, modulus_margins, of_positions, opened_at, system_loop
+from vdfmu.engine.linear.system import LinearSystem
 from vdfmu.engine.masters.components import Components
 from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.check import Checked

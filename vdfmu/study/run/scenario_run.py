@@ -23,7 +23,7 @@ from vdfmu.base.progress import doing, report, with_progress
 from vdfmu.base.standards import PYTHON_FMI
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
 from vdfmu.engine.algorithms import ALGORITHMS, choice
-from vdfmu.engine.inspect.loops import Poses
+from vdfmu.engine.linear.growth import Poses
 from vdfmu.engine.options import CouplingOptions
 from vdfmu.engine.plan.grid import count_steps
 from vdfmu.engine.plan.inputs import read_inputs

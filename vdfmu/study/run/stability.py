@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 
 from vdfmu.base.errors import CosimError
 from vdfmu.base.progress import doing
-from vdfmu.engine.inspect.loops import GROWTH, Growth, Poses
+from vdfmu.engine.linear.growth import Growth, Poses
+from vdfmu.engine.linear.loops import GROWTH
 from vdfmu.engine.options import SimulatorOptions
 from vdfmu.engine.results.verdict import Check
 from vdfmu.engine.run import Interrupted, Results, Simulator

@@ -15,7 +15,7 @@ import numpy as np
 
 from vdfmu.base.errors import CosimError, StorageError, UsageError, VdfmuError, disk_error
 from vdfmu.base.text import error_text, matching
-from vdfmu.engine.inspect.loops import Poses
+from vdfmu.engine.linear.growth import Poses
 from vdfmu.engine.plan.inputs import InputTable
 from vdfmu.engine.run import Results, Simulator
 from vdfmu.study.batch.engine import LANES, BatchProgram, Engine

@@ -109,7 +109,7 @@ class Measure:
     """Called with the `Results`; returns a number, or several.
 
     If it has a true attribute `loops`, the run is linearised at some of its rows, and the summary of the results has
-    ``loops``, the :class:`~vdfmu.engine.inspect.loops.Poses`."""
+    ``loops``, the :class:`~vdfmu.engine.linear.growth.Poses`."""
 
     def of(self, results: Results) -> dict[str, float]:
         """Return its value, or values, by column; UsageError if the results lack a signal, or it is not a number."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.interrupt import InterruptGuard
-from vdfmu.engine.inspect.loops import Margins
+from vdfmu.engine.linear.loops import Margins
 from vdfmu.study.sweeps.job import Row
 from vdfmu.study.sweeps.ledger import Ledger
 from vdfmu.study.sweeps.worker import Worker

@@ -16,7 +16,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.option import pick, with_options
 from vdfmu.compiler.unit.variable import NO_LIMIT
-from vdfmu.engine.inspect.loops import Margins
+from vdfmu.engine.linear.loops import Margins
 from vdfmu.study.analysis.margins import ArmLoops
 from vdfmu.study.options import ProblemOptions, ScenarioOptions
 from vdfmu.study.run.scenario_run import prepare

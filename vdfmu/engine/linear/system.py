@@ -14,9 +14,8 @@ further inputs of x and y.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,17 +24,6 @@ import numpy.typing as npt
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear, Signal, StateSpace, held
-from vdfmu.engine.fmu.instance import Instance
-from vdfmu.engine.fmu.variables import FmuVariable
-from vdfmu.engine.masters.components import Components
-from vdfmu.engine.masters.interface import jacobian_of
-from vdfmu.engine.masters.multirate import periods
-from vdfmu.engine.package.system import System
-from vdfmu.engine.plan.check import Checked
-from vdfmu.engine.plan.conversion import Port
-from vdfmu.engine.run.simulator import Simulator
-
-Places = npt.NDArray[np.intp]
 
 
 class Samples(NamedTuple):
@@ -111,7 +99,7 @@ class LinearSystem:
         acts[n + m + r :, knows] = samples.F != 0.0
         acts[n : n + m, n + m : n + m + r] = self.links != 0.0
         cut = n + np.array(self.places(opened), np.intp)
-        on = _reached(acts, cut) & _reached(acts.T, cut)
+        on = reached(acts, cut) & reached(acts.T, cut)
         on[cut] = True
         on[n + m + np.flatnonzero(self.links[cut - n].any(axis=0))] = True  # also where nothing comes back at this time
         x, u, y, s = (np.flatnonzero(part) for part in np.split(on, ends))
@@ -227,7 +215,7 @@ class LinearSystem:
         )  # fmt: skip
 
 
-def _reached(acts: npt.NDArray[np.bool_], begins: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
+def reached(acts: npt.NDArray[np.bool_], begins: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
     """Whether each place is affected, in any number of steps, by some of them."""
     found = np.zeros(len(acts), bool)
     new = np.zeros(len(acts), bool)
@@ -236,166 +224,3 @@ def _reached(acts: npt.NDArray[np.bool_], begins: npt.NDArray[np.intp]) -> npt.N
         new = acts[:, new].any(axis=1) & ~found
         found |= new
     return found
-
-
-def linear_system(
-    system: System | str | Path, at: float | None = None, *, step: float | None = None, **options: Any
-) -> LinearSystem:
-    """Run a system to a time and linearise its components there.
-
-    Directional derivatives give the matrices; for a model-exchange component without any, central differences do, with
-    one of the `notes`. Sampled states are linearised where an annotation names their period.
-
-    Parameters
-    ----------
-    system, step
-        See :func:`vdfmu.simulate`.
-    at : float, optional [s]
-        Default the start.
-    options
-        Options of :class:`vdfmu.Simulator`, such as `algorithm` and `parameters`.
-
-    Raises
-    ------
-    SspError, UsageError, CosimError, Interrupted
-        See :func:`vdfmu.simulate`; for components for co-simulation without directional derivatives.
-    """
-    simulator = Simulator(system, isolate=False, **options)
-    step = simulator.grid(None, None, step)[2]
-    with simulator:
-        components = simulator.stand(at, step)
-        return Linearisation(components, step).at(components.box.time if at is None else at)
-
-
-class Linearisation:
-    """Linearises components in this process where they are; see :func:`linear_system`.
-
-    With `loops`, for the loops alone: the derivatives by inputs on none of them may be left 0.
-
-    Raises
-    ------
-    UsageError
-        For components without derivatives.
-    """
-
-    def __init__(self, components: Components, step: float, loops: bool = False) -> None:
-        checked = components.checked
-        blind = [name for name, each in checked.descriptions.items() if not (each.derives_unknowns or each.exchange)]
-        if blind:
-            raise UsageError(
-                f"{', '.join(blind)}: expected FMUs with directional derivatives, or for model exchange, whose "
-                "derivatives are differenced. Export them so; of the FMUs of this project the native ones have them."
-            )
-        looped = _on_loops(checked) if loops else None
-        self._parts = [_Linearised(name, instance, looped) for name, instance in components.instances.items()]
-        self._sizes = n, m, p, s = [sum(len(part.groups[kind]) for part in self._parts) for kind in range(4)]
-        self._known = np.zeros((n + p + s, n + m + s))  # the matrices without what the components give
-        begins = np.zeros(4, np.intp)
-        for part in self._parts:
-            x, u, y, held = (begin + np.arange(len(each)) for begin, each in zip(begins, part.groups, strict=True))
-            begins += [len(each) for each in part.groups]
-            own = len(y) - len(held)
-            part.places = np.concatenate([x, n + y[:own], n + p + held]), np.concatenate([x, n + u, n + m + held])
-            self._known[n + y[own:], n + m + held] = 1.0  # a sampled state is an output
-        self._names, self._units = (
-            [tuple(text for part in self._parts for text in each(part, part.groups[kind])) for kind in range(4)]
-            for each in (_Linearised.names, _Linearised.units)
-        )
-        rows, columns = ({name: i for i, name in enumerate(self._names[kind])} for kind in (1, 2))
-        links, fresh, constant = np.zeros((m, p)), np.zeros(m, bool), dict[str, None]()
-        for link in checked.links:
-            start, end = ".".join(link.start), ".".join(link.end)
-            if start in columns and end in rows and link.stepped:
-                links[rows[end], columns[start]] = link.conversion.factor
-                fresh[rows[end]] = link.end in checked.schedule.fresh
-            elif link.source.type == "Real" and end.partition(".")[0] in components.instances and link.discrete:
-                constant[start] = None
-        slow = tuple(name for name, period in periods(checked).items() if round(period / step) != 1)
-        self._facts: dict[str, Any] = {
-            "links": links, "fresh": fresh, "step": step, "algorithm": checked.algorithm,
-            "constant": tuple(constant), "slow": slow,
-        }  # fmt: skip
-        self._notes = [f"its step is {n} times that of the others, and is taken as one: {name}"
-                       for name, n in checked.multiples.items() if n != 1]  # fmt: skip
-
-    def at(self, time: float, values: bool = True) -> LinearSystem:
-        """Linearise at a time [s]. Without `values`, states, inputs and outputs have the value 0."""
-        M, notes, (n, m, p, _) = self._known.copy(), list(self._notes), self._sizes
-        for part in self._parts:
-            M[np.ix_(*part.places)] = part.jacobian(time)
-            notes += part.notes()
-        x, u, y, s = (
-            np.array([float(part.instance.get(v)) for part in self._parts for v in part.groups[kind]])
-            if values
-            else np.zeros(self._sizes[kind])
-            for kind in range(4)
-        )
-        names, units = self._names, self._units
-        parts = StateSpace(
-            M[:n, :n], M[:n, n : n + m], M[n : n + p, :n], M[n : n + p, n : n + m], names[0], names[1], names[2],
-            units[0], units[1], units[2], x, u, y, notes=tuple(dict.fromkeys(notes)),
-        )  # fmt: skip
-        signals = list(zip(names[3], units[3], s.tolist(), strict=True))
-        samples = Samples(signals, M[:n, n + m :], M[n : n + p, n + m :], M[n + p :])
-        return LinearSystem(parts, samples=samples, **self._facts)
-
-
-def _on_loops(checked: Checked) -> set[Port]:
-    """Return the inputs that lie on a loop of components."""
-    names = [*checked.sources]
-    acts = np.zeros((len(names),) * 2, bool)  # of columns on rows
-    for link in checked.links:
-        acts[names.index(link.end[0]), names.index(link.start[0])] = True
-    reached = {name: _reached(acts, np.array([i])) for i, name in enumerate(names)}
-    return {link.end for link in checked.links if reached[link.end[0]][names.index(link.start[0])]}
-
-
-class _Linearised:
-    """A component: its states, inputs, outputs with the sampled ones, sampled states; and its matrices."""
-
-    places: tuple[Places, Places]
-    """Rows and columns of its Jacobian in the matrices of all."""
-
-    def __init__(self, name: str, instance: Instance, looped: Container[Port] | None) -> None:
-        description = instance.description
-        known = description.variables.values()
-        sampled = [v for v in description.sampled if v.type == "Real" and not description.exchange]
-        inputs, outputs = (
-            [v for v in known if v.causality == causality and v.type == "Real" and v.variability != "discrete"]
-            for causality in ("input", "output")
-        )
-        first = {(v.reference, v.index): v for v in reversed([*known])}
-        states = [first[x, i] for x, _, length in description.states for i in range(length)]
-        self.name, self.instance, self.acts = name, instance, False
-        if description.derives_unknowns:
-            knowns, unknowns = [*inputs, *sampled], [*outputs, *sampled]
-            some = [i for i, v in enumerate(knowns) if v in sampled or looped is None or (name, v.name) in looped]
-            whole, part = (jacobian_of(instance, knowns, unknowns, each) for each in (None, some))
-            self._ways: list[Callable[[float], Floats]] = [lambda _: part(), lambda _: whole()]
-        else:
-            assert instance.integrator is not None
-            differences, states = instance.integrator.differences, states[: instance.sizes()[0]]
-            self._ways = [lambda time: differences(time, inputs, outputs)]
-        self.groups = states, inputs, [*outputs, *sampled], sampled
-
-    def jacobian(self, time: float) -> Floats:
-        """Return its Jacobian: the first one by all inputs, for the notes, then by those on loops."""
-        J = self._ways[-1](time)
-        self.acts = self.acts or bool(J.any())
-        del self._ways[1:]
-        return J
-
-    def notes(self) -> Iterator[str]:
-        """Yield notes on its Jacobians so far."""
-        if not self.instance.description.derives_unknowns:
-            yield f"without directional derivatives, by differences: {self.name}"
-        if not self.groups[0] and self.groups[1] and not self.acts:
-            yield f"without declared states, and no output depends on an input directly: {self.name}"
-
-    def names(self, variables: Sequence[FmuVariable]) -> list[str]:
-        """Return the full names of some of its variables."""
-        return [f"{self.name}.{v.name}" for v in variables]
-
-    def units(self, variables: Sequence[FmuVariable]) -> list[str]:
-        """Return their units."""
-        return [v.unit.name if v.unit else "1" for v in variables]

@@ -1,0 +1,242 @@
+"""Linearises the components of a running system, also with other parameters at the states and inputs that a run had."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Container, Generator, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from ctypes import c_double
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError
+from vdfmu.base.state_space import StateSpace
+from vdfmu.engine.fmu.classes import class_of
+from vdfmu.engine.fmu.instance import Instance, Steps
+from vdfmu.engine.fmu.variables import FmuVariable
+from vdfmu.engine.linear.system import LinearSystem, Samples, reached
+from vdfmu.engine.masters.components import Components
+from vdfmu.engine.masters.interface import jacobian_of
+from vdfmu.engine.masters.multirate import periods
+from vdfmu.engine.package.system import System, Value
+from vdfmu.engine.plan.check import Checked
+from vdfmu.engine.plan.conversion import Port
+from vdfmu.engine.run.simulator import Simulator
+
+
+def linear_system(
+    system: System | str | Path, at: float | None = None, *, step: float | None = None, **options: Any
+) -> LinearSystem:
+    """Run a system to a time and linearise its components there.
+
+    Directional derivatives give the matrices; for a model-exchange component without any, central differences do, with
+    one of the `notes`. Sampled states are linearised where an annotation names their period.
+
+    Parameters
+    ----------
+    system, step
+        See :func:`vdfmu.simulate`.
+    at : float, optional [s]
+        Default the start.
+    options
+        Options of :class:`vdfmu.Simulator`, such as `algorithm` and `parameters`.
+
+    Raises
+    ------
+    SspError, UsageError, CosimError, Interrupted
+        See :func:`vdfmu.simulate`; for components for co-simulation without directional derivatives.
+    """
+    simulator = Simulator(system, isolate=False, **options)
+    step = simulator.grid(None, None, step)[2]
+    with simulator:
+        components = simulator.stand(at, step)
+        return Linearisation(components, step).at(components.box.time if at is None else at)
+
+
+class Linearisation:
+    """Linearises components in this process where they are; see :func:`linear_system`.
+
+    With `loops`, for the loops alone: the derivatives by inputs on none of them may be left 0.
+
+    Raises
+    ------
+    UsageError
+        For components without derivatives.
+    """
+
+    def __init__(self, components: Components, step: float, loops: bool = False) -> None:
+        checked = components.checked
+        blind = [name for name, each in checked.descriptions.items() if not (each.derives_unknowns or each.exchange)]
+        if blind:
+            raise UsageError(
+                f"{', '.join(blind)}: expected FMUs with directional derivatives, or for model exchange, whose "
+                "derivatives are differenced. Export them so; of the FMUs of this project the native ones have them."
+            )
+        looped = _on_loops(checked) if loops else None
+        self._parts = [_Linearised(name, instance, looped) for name, instance in components.instances.items()]
+        self._sizes = n, m, p, s = [sum(len(part.groups[kind]) for part in self._parts) for kind in range(4)]
+        self._known = np.zeros((n + p + s, n + m + s))  # the matrices without what the components give
+        begins = np.zeros(4, np.intp)
+        for part in self._parts:
+            x, u, y, held = (begin + np.arange(len(each)) for begin, each in zip(begins, part.groups, strict=True))
+            begins += [len(each) for each in part.groups]
+            own = len(y) - len(held)
+            part.places = np.concatenate([x, n + y[:own], n + p + held]), np.concatenate([x, n + u, n + m + held])
+            self._known[n + y[own:], n + m + held] = 1.0  # a sampled state is an output
+        self._names, self._units = (
+            [tuple(text for part in self._parts for text in each(part, part.groups[kind])) for kind in range(4)]
+            for each in (_Linearised.names, _Linearised.units)
+        )
+        rows, columns = ({name: i for i, name in enumerate(self._names[kind])} for kind in (1, 2))
+        links, fresh, constant = np.zeros((m, p)), np.zeros(m, bool), dict[str, None]()
+        for link in checked.links:
+            start, end = ".".join(link.start), ".".join(link.end)
+            if start in columns and end in rows and link.stepped:
+                links[rows[end], columns[start]] = link.conversion.factor
+                fresh[rows[end]] = link.end in checked.schedule.fresh
+            elif link.source.type == "Real" and end.partition(".")[0] in components.instances and link.discrete:
+                constant[start] = None
+        slow = tuple(name for name, period in periods(checked).items() if round(period / step) != 1)
+        self._facts: dict[str, Any] = {
+            "links": links, "fresh": fresh, "step": step, "algorithm": checked.algorithm,
+            "constant": tuple(constant), "slow": slow,
+        }  # fmt: skip
+        self._notes = [f"its step is {n} times that of the others, and is taken as one: {name}"
+                       for name, n in checked.multiples.items() if n != 1]  # fmt: skip
+
+    def at(self, time: float, values: bool = True) -> LinearSystem:
+        """Linearise at a time [s]. Without `values`, states, inputs and outputs have the value 0."""
+        M, notes, (n, m, p, _) = self._known.copy(), list(self._notes), self._sizes
+        for part in self._parts:
+            M[np.ix_(*part.places)] = part.jacobian(time)
+            notes += part.notes()
+        x, u, y, s = (
+            np.array([float(part.instance.get(v)) for part in self._parts for v in part.groups[kind]])
+            if values
+            else np.zeros(self._sizes[kind])
+            for kind in range(4)
+        )
+        names, units = self._names, self._units
+        parts = StateSpace(
+            M[:n, :n], M[:n, n : n + m], M[n : n + p, :n], M[n : n + p, n : n + m], names[0], names[1], names[2],
+            units[0], units[1], units[2], x, u, y, notes=tuple(dict.fromkeys(notes)),
+        )  # fmt: skip
+        signals = list(zip(names[3], units[3], s.tolist(), strict=True))
+        samples = Samples(signals, M[:n, n + m :], M[n : n + p, n + m :], M[n + p :])
+        return LinearSystem(parts, samples=samples, **self._facts)
+
+
+def _on_loops(checked: Checked) -> set[Port]:
+    """Return the inputs that lie on a loop of components."""
+    names = [*checked.sources]
+    acts = np.zeros((len(names),) * 2, bool)  # of columns on rows
+    for link in checked.links:
+        acts[names.index(link.end[0]), names.index(link.start[0])] = True
+    behind = {name: reached(acts, np.array([i])) for i, name in enumerate(names)}
+    return {link.end for link in checked.links if behind[link.end[0]][names.index(link.start[0])]}
+
+
+class _Linearised:
+    """A component: its states, inputs, outputs with the sampled ones, sampled states; and its matrices."""
+
+    places: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]
+    """Rows and columns of its Jacobian in the matrices of all."""
+
+    def __init__(self, name: str, instance: Instance, looped: Container[Port] | None) -> None:
+        description = instance.description
+        known = description.variables.values()
+        sampled = [v for v in description.sampled if v.type == "Real" and not description.exchange]
+        inputs, outputs = (
+            [v for v in known if v.causality == causality and v.type == "Real" and v.variability != "discrete"]
+            for causality in ("input", "output")
+        )
+        first = {(v.reference, v.index): v for v in reversed([*known])}
+        states = [first[x, i] for x, _, length in description.states for i in range(length)]
+        self.name, self.instance, self.acts = name, instance, False
+        if description.derives_unknowns:
+            knowns, unknowns = [*inputs, *sampled], [*outputs, *sampled]
+            some = [i for i, v in enumerate(knowns) if v in sampled or looped is None or (name, v.name) in looped]
+            whole, part = (jacobian_of(instance, knowns, unknowns, each) for each in (None, some))
+            self._ways: list[Callable[[float], Floats]] = [lambda _: part(), lambda _: whole()]
+        else:
+            assert instance.integrator is not None
+            differences, states = instance.integrator.differences, states[: instance.sizes()[0]]
+            self._ways = [lambda time: differences(time, inputs, outputs)]
+        self.groups = states, inputs, [*outputs, *sampled], sampled
+
+    def jacobian(self, time: float) -> Floats:
+        """Return its Jacobian: the first one by all inputs, for the notes, then by those on loops."""
+        J = self._ways[-1](time)
+        self.acts = self.acts or bool(J.any())
+        del self._ways[1:]
+        return J
+
+    def notes(self) -> Iterator[str]:
+        """Yield notes on its Jacobians so far."""
+        if not self.instance.description.derives_unknowns:
+            yield f"without directional derivatives, by differences: {self.name}"
+        if not self.groups[0] and self.groups[1] and not self.acts:
+            yield f"without declared states, and no output depends on an input directly: {self.name}"
+
+    def names(self, variables: Sequence[FmuVariable]) -> list[str]:
+        """Return the full names of some of its variables."""
+        return [f"{self.name}.{v.name}" for v in variables]
+
+    def units(self, variables: Sequence[FmuVariable]) -> list[str]:
+        """Return their units."""
+        return [v.unit.name if v.unit else "1" for v in variables]
+
+
+def can_change(components: Components, name: str) -> bool:
+    """Whether :func:`changed` can be called for a component: it has derivatives, and no sampled states."""
+    description = components.instances[name].description
+    return description.derives_unknowns and not description.sandboxed and not description.sampled
+
+
+@contextmanager
+def changed(components: Components, name: str, values: Mapping[str, Value]) -> Generator[Instance]:
+    """Yield another instance of a component, with other values of some of its parameters.
+
+    It is for model exchange, where states can be set, if it has states.
+    """
+    checked = components.checked
+    description = checked.descriptions[name]
+    description = replace(description, exchange=bool(description.states), event_mode=False)
+    instance = class_of(description)(name, description, components.folders[description.source], components.box, set())
+    starts = {v.name: (v, value) for v, value in checked.starts.get(name, ())}
+    starts |= {each: (description.variables[each], value) for each, value in values.items()}
+    try:
+        instance.instantiate()
+        instance.prepare(None, 0.0, 1.0, list(starts.values()))
+        instance.enter_initialization()
+        instance.exit_initialization(lambda *_: cast("Steps", None))  # it is not stepped
+        if description.exchange:
+            instance.fmu.enterContinuousTimeMode()
+        yield instance
+    finally:
+        instance.close()
+
+
+def with_part(system: LinearSystem, instance: Instance, time: float) -> LinearSystem:
+    """Return a system in which a component is this instance, at the states and inputs that it was linearised at."""
+    name, parts, variables = instance.name, system.parts, instance.description.variables
+    x, u, y = (
+        np.flatnonzero([each.partition(".")[0] == name for each in names])
+        for names in (parts.states, parts.inputs, parts.outputs)
+    )
+    inputs, outputs = (
+        [variables[names[i].partition(".")[2]] for i in places]
+        for names, places in ((parts.inputs, u), (parts.outputs, y))
+    )
+    if instance.description.exchange:
+        instance.call("SetTime", c_double(time))
+        instance.transfer("SetContinuousStates", np.ascontiguousarray(parts.x[x]))
+    instance.set_all(list(zip(inputs, parts.u[u].tolist(), strict=True)))
+    J, n = jacobian_of(instance, inputs, outputs)(), len(x)
+    A, B, C, D = (each.copy() for each in (parts.A, parts.B, parts.C, parts.D))
+    A[np.ix_(x, x)], B[np.ix_(x, u)], C[np.ix_(y, x)], D[np.ix_(y, u)] = J[:n, :n], J[:n, n:], J[n:, :n], J[n:, n:]
+    return replace(system, parts=replace(parts, A=A, B=B, C=C, D=D))
