@@ -1,4 +1,4 @@
-"""Digests of the sources that decide a result: a module, all that it imports, as its text says, and C of functions."""
+"""Digests of the sources that decide a result: a module and all that it imports, as its text says."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from vdfmu.base.files import PACKAGE, data_path, source_bytes
+from vdfmu.base.files import PACKAGE, source_bytes
 
 _IMPORT = re.compile(r"^ *(?:from vdfmu([\w.]*) import (\([^)]*\)|.*)|import vdfmu([\w.]*))", re.MULTILINE)
 _NAME = re.compile(r"\w+")
@@ -18,7 +18,7 @@ _NAME = re.compile(r"\w+")
 
 @cache
 def source_digest(*roots: str) -> str:
-    """Digest of modules of vdfmu with all that they import, the C that functions need, and CasADi's version.
+    """Digest of modules of vdfmu with all that they import of it, and of CasADi's version.
 
     Parameters
     ----------
@@ -26,8 +26,6 @@ def source_digest(*roots: str) -> str:
         Modules, ``arm.kernel``, or packages, ``compiler``, which stand for all modules in them.
     """
     digest = sha256(ca.CasadiMeta.version().encode())
-    for file in sorted((data_path("fmu_src") / "functions").iterdir()):
-        digest.update(source_bytes(file))
     for name in imported(*roots):
         digest.update(f"{name} {_source(name)[0]}\n".encode())
     return digest.hexdigest()
