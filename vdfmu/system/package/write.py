@@ -73,8 +73,8 @@ def write_ssp(
     fmus = {component: fmu for component, fmu in fmus.items() if component in description.tables}
     if lacking := [component for component in description.tables if component not in fmus]:
         raise UsageError(
-            f"fmus: expected one of each component of {scenario.name}, got none of {', '.join(lacking)}. Build them with "
-            "vdfmu.build_fmus, or write the package with vdfmu ssp, which builds all."
+            f"fmus: expected one of each component of {scenario.name}, got none of {', '.join(lacking)}. Build them "
+            "with vdfmu.build_fmus, or write the package with vdfmu ssp, which builds all."
         )
     there = require_fmi(fmus, tuple(FMI_VERSIONS) if mixed else (form.fmi.name,), f"SSP {version}")
     icons = {icon_source(name): _icon(table.name) for name, table in description.tables.items()}
