@@ -52,6 +52,13 @@ def test_so_it_is_of_a_study(wrong):
         vdfmu.sweep("planar_tracking", {"controller.K_p": [500.0]}, **wrong)
 
 
+def test_so_it_is_of_arguments():
+    with pytest.raises(UsageError, match=r"^vary: .*, got 'controller.K_p'. Put it into a list: \['controller.K_p'\]"):
+        vdfmu.tune("planar_tracking", "controller.K_p", "rms(plant.q)")
+    with pytest.raises(UsageError, match=r"^opened: .*, got 'plant.tau'. Put it into a list: \['plant.tau'\]"):
+        vdfmu.linearize("planar_tracking", 0.1, sampled=True, opened="plant.tau")
+
+
 def test_so_it_is_of_a_run_of_a_simulator(arm_package):
     with vdfmu.Simulator(arm_package("python")) as simulator:
         for run in (simulator.run, simulator.reset):

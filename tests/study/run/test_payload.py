@@ -103,20 +103,20 @@ def test_an_unknown_payload_costs_what_statics_say(scenario_file):
 
 
 def test_a_setting_gives_a_robot_a_payload(scenario_file):
-    scenario = prepare("planar_tracking", settings=["plant.payload_mass"])
+    scenario = prepare("planar_tracking", ["plant.payload_mass"])
     values = system_values(scenario, {"plant.payload_mass": 2.0})
     assert values["plant"]["payload_mass"] == 2.0
     assert values["feedforward"]["payload_mass"] == 0.0
-    scenario = prepare("planar_tracking", settings=["robot.payload_inertia"])
+    scenario = prepare("planar_tracking", ["robot.payload_inertia"])
     values = system_values(scenario, {"robot.payload_mass": 2.0, "robot.payload_inertia": 0.01})
     assert values["feedforward"]["payload_mass"] == 2.0
     assert values["plant"]["payload_inertia[1,1]"] == 0.01
     assert with_payload(scenario, ["plant.payload_mass"]) is scenario
-    assert not prepare("planar_tracking", settings=["plant.mass"]).robot.payload
+    assert not prepare("planar_tracking", ["plant.mass"]).robot.payload
 
 
 def test_a_component_that_knows_no_bodies_is_not_given_a_payload():
-    scenario = prepare("planar_tracking", settings=["controller.payload_mass"])
+    scenario = prepare("planar_tracking", ["controller.payload_mass"])
     with pytest.raises(UsageError, match=r"controller has no payload_mass\. There are: q_d, "):
         system_values(scenario, {"controller.payload_mass": 1.0})
 

@@ -1,5 +1,8 @@
 """What a run is judged by."""
 
+import os
+import subprocess
+import sys
 from functools import partial
 
 import numpy as np
@@ -8,7 +11,8 @@ import pytest
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
-from vdfmu.study.sweeps.measures import function_digest, read_measures
+from vdfmu.study.sweeps.digest import function_digest
+from vdfmu.study.sweeps.measures import read_measures
 
 T = np.linspace(0.0, 2.0, 201)
 Q = np.column_stack([np.sin(T), 0.5 * T])
@@ -75,7 +79,8 @@ def test_functions_refuse_signals_that_they_are_not_for(results, text, words):
 
 def test_powers_of_whole_numbers_are_those_of_floats(results):
     """9^9^9^9 as a whole number would have more digits than memory."""
-    assert read_measures(["m=9**9**9**9 * rms(plant.q[1])"])[0].of(results) == {"m": np.inf}
+    with pytest.raises(UsageError, match="OverflowError"):
+        read_measures(["m=9**9**9**9 * rms(plant.q[1])"])[0].of(results)
 
 
 def test_signals_are_named_for_the_record():
@@ -154,3 +159,51 @@ def test_the_digest_of_an_object_or_a_partial_function_has_its_code_and_its_valu
     found = [function_digest(make()) for make in makers]
     assert len(set(found)) == len(found)
     assert found == [function_digest(make()) for make in makers]
+
+
+def made(source, **names):
+    """Return the function `measure` of a script, with its globals."""
+    exec(compile(source, "script.py", "exec"), names)
+    return names["measure"]
+
+
+HELPED = "def helper(x): return {scale} * x\ndef measure(results): return helper(len(results)) + K"
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (made(HELPED.format(scale=2), K=1), made(HELPED.format(scale=2), K=2)),
+        (made(HELPED.format(scale=2), K=1), made(HELPED.format(scale=3), K=1)),
+        (made("measure = lambda r, *, a=1: a"), made("measure = lambda r, *, a=2: a")),
+        (made("def f(g):\n  return lambda r: g(r)\nmeasure = f(lambda r: 1)"),
+         made("def f(g):\n  return lambda r: g(r)\nmeasure = f(lambda r: 2)")),
+        (made("measure = lambda r: T[0](r)", T=[made("measure = len")]), made("measure = lambda r: T[0](r)", T=[max])),
+        (made("class A:\n  def f(self): return 1\na = A()\nmeasure = lambda r: a.f()"),
+         made("class A:\n  def f(self): return 2\na = A()\nmeasure = lambda r: a.f()")),
+    ],
+    ids=["global", "helper", "keyword", "closure", "list", "class"],
+)  # fmt: skip
+def test_the_digest_has_what_a_function_refers_to(first, second):
+    assert function_digest(first) != function_digest(second)
+    assert function_digest(first) == function_digest(first)
+
+
+def test_the_digest_is_that_of_another_process(tmp_path):
+    """Whatever the order of sets, and whether two equal values are one object."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from vdfmu.study.sweeps.digest import function_digest\nimport numpy as np\n"
+        "a = [1.5, 'x']; K = {'a': a, 'b': a if SAME else [1.5, 'x']}\n"
+        "def again(n): return n and again(n - 1)\n"
+        "def measure(r): return again(1) if r in {'one', 'two', 'three'} else K['a'][0] * np.max(r)\n"
+        "print(function_digest(measure))\n"
+    )
+    found = {
+        subprocess.run(
+            [sys.executable, "-c", f"SAME = {same}\nexec(open({str(script)!r}).read())"], check=True,
+            capture_output=True, text=True, env={**os.environ, "PYTHONHASHSEED": str(seed)},
+        ).stdout
+        for seed, same in ((1, True), (2, False))
+    }  # fmt: skip
+    assert len(found) == 1

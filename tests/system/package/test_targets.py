@@ -5,7 +5,7 @@ import stat
 
 import pytest
 
-from vdfmu.base.errors import StorageError
+from vdfmu.base.errors import StorageError, UsageError
 from vdfmu.base.files import pack_zip, read_member, replacing, write_whole
 from vdfmu.system.package.write import write_ssp
 
@@ -69,7 +69,7 @@ def test_a_file_that_fails_leaves_the_old_one(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_package_needs_the_name_of_a_file(scenario, tmp_path, monkeypatch):
+def test_a_package_needs_the_name_of_a_file(scenario, fmus, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder").mkdir()
     for path in ("folder", "."):  # the command line makes "." of an empty name
@@ -79,4 +79,11 @@ def test_a_package_needs_the_name_of_a_file(scenario, tmp_path, monkeypatch):
         write_ssp(scenario, {}, "")
     (tmp_path / "file").write_bytes(b"1")
     with pytest.raises(StorageError, match=r"^file/x.ssp: cannot be written"):
-        write_ssp(scenario, {}, "file/x.ssp")
+        write_ssp(scenario, fmus, "file/x.ssp")
+
+
+def test_a_package_needs_an_fmu_of_each_component(scenario, fmus, tmp_path):
+    fewer = {name: fmu for name, fmu in fmus.items() if name not in ("plant", "controller")}
+    with pytest.raises(UsageError, match="of each component of .*, got none of controller, plant"):
+        write_ssp(scenario, fewer, tmp_path / "x.ssp")
+    assert not (tmp_path / "x.ssp").exists()

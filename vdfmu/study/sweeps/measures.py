@@ -6,15 +6,10 @@ They are read as Python, but hold nothing but signals, numbers, the functions be
 from __future__ import annotations
 
 import ast
-import hashlib
 import operator
-import pickle
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
-from types import CodeType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -129,34 +124,6 @@ class Measure:
         if array.ndim == 0:
             return {self.name: float(array)}
         return {f"{self.name}[{i}]": float(x) for i, x in enumerate(array, 1)}
-
-
-def function_digest(function: Callable[..., Any]) -> str:
-    """Digest of a function, or of an object that is called: its code, and the values that it keeps.
-
-    Values that cannot be pickled do not count.
-    """
-    code = getattr(function, "__code__", None)
-    if isinstance(function, partial):
-        values = [function_digest(function.func), *function.args, *sorted(function.keywords.items())]
-    elif code is None:
-        code, values = getattr(type(function).__call__, "__code__", None), [function]
-    else:
-        values = [cell.cell_contents for cell in getattr(function, "__closure__", None) or ()]
-        values += [*(getattr(function, "__defaults__", None) or ()), getattr(function, "__self__", None)]
-    parts = [] if code is None else _code(code)
-    for value in values:
-        with suppress(Exception):  # it counts only where it can
-            parts.append(pickle.dumps(value))
-    return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
-
-
-def _code(code: CodeType) -> list[bytes]:
-    """Return instructions, names and constants, also of functions inside, without places in files."""
-    parts = [code.co_code, repr(code.co_names).encode()]
-    for value in code.co_consts:
-        parts += _code(value) if isinstance(value, CodeType) else [repr(value).encode()]
-    return parts
 
 
 def read_measures(measures: Mapping[str, Any] | Sequence[str]) -> list[Measure]:
@@ -283,7 +250,7 @@ def _evaluate(node: ast.expr, results: Results) -> Any:
     if (name := _signal(node)) is not None:
         return results[name].astype(float, copy=False)
     if isinstance(node, ast.Constant):
-        return np.float64(node.value)  # powers of whole numbers would have any number of digits
+        return float(node.value)  # powers of whole numbers would have any number of digits
     if isinstance(node, ast.BinOp):
         return _OPERATORS[type(node.op)](_evaluate(node.left, results), _evaluate(node.right, results))
     if isinstance(node, ast.UnaryOp):

@@ -25,8 +25,9 @@ from vdfmu.study.batch.engine import LANES, BatchProgram
 from vdfmu.study.options import ENGINES, PlanOptions, ScenarioOptions
 from vdfmu.study.sweeps.axes import Axis, Points, draw, is_option, read_axes
 from vdfmu.study.sweeps.checks import check_overlap, default_measures, recorded, signals_of, try_measures
+from vdfmu.study.sweeps.digest import function_digest
 from vdfmu.study.sweeps.job import AxisBinding, Job, Task, WiredSystem
-from vdfmu.study.sweeps.measures import Measure, function_digest, read_measures, unit_of
+from vdfmu.study.sweeps.measures import Measure, read_measures, unit_of
 
 _FEW = 2 * LANES
 """Points of a system from which a program is compiled without being asked for."""

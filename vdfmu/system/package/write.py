@@ -114,7 +114,7 @@ def write_ssp(
     Raises
     ------
     UsageError
-        For an unknown version, or FMUs that the version cannot hold.
+        For an unknown version, FMUs that the version cannot hold, or components without one.
     StorageError
         If an FMU cannot be read, or the file cannot be written or is not a regular file.
     """
@@ -126,6 +126,11 @@ def write_ssp(
     form = ssp_format(version)
     description = SystemDescription(scenario, values, version)
     fmus = {component: fmu for component, fmu in fmus.items() if component in description.tables}
+    if lacking := [component for component in description.tables if component not in fmus]:
+        raise UsageError(
+            f"fmus: expected one of each component of {scenario.name}, got none of {', '.join(lacking)}. Build them "
+            "with vdfmu.build_fmus, or write the package with vdfmu ssp, which builds all."
+        )
     there = require_fmi(fmus, tuple(FMI_VERSIONS) if mixed else (form.fmi.name,), f"SSP {version}")
     icons = {icon_source(name): _icon(table.name) for name, table in description.tables.items()}
     structure = structure_file(description)

@@ -1,0 +1,113 @@
+"""Digest of a function of the user's: another one has another digest, so that a study with it is another study.
+
+What decides a function is its code, the values that it keeps, and the numbers, functions and modules that it names.
+Functions and modules of installed packages count by their names.
+"""
+
+from __future__ import annotations
+
+import dis
+import hashlib
+import io
+import pickle
+import sysconfig
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from functools import partial
+from itertools import chain
+from pathlib import Path
+from types import CodeType, FunctionType, MethodType, ModuleType
+from typing import Any
+
+import vdfmu
+
+_INSTALLED = (
+    *(sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")),
+    str(Path(vdfmu.__file__).parent),
+)
+_MOST = 100
+"""Elements of a container that are looked at for functions."""
+
+
+def function_digest(function: Callable[..., Any]) -> str:
+    """Digest of a function, or of an object that is called. Values that cannot be pickled do not count."""
+    return hashlib.sha256(b"\0".join(_facts(function, {}))).hexdigest()[:16]
+
+
+def _facts(value: Any, seen: dict[int, Any]) -> Iterator[bytes]:
+    """Yield what decides a value; functions and classes that were `seen` are left out."""
+    if isinstance(value, (FunctionType, MethodType, ModuleType, partial, type)):
+        if id(value) in seen:
+            return
+        seen[id(value)] = value
+    inner: list[Any] = []
+    if isinstance(value, ModuleType):
+        yield value.__name__.encode()
+        if _is_own(file := getattr(value, "__file__", None) or ""):
+            with suppress(OSError):
+                yield Path(file).read_bytes()
+    elif isinstance(value, partial):
+        yield b"partial"
+        inner = [value.func, *value.args, *chain(*sorted(value.keywords.items()))]
+    elif isinstance(value, MethodType):
+        inner = [value.__func__, value.__self__]
+    elif isinstance(value, FunctionType):
+        yield f"{value.__module__}.{value.__qualname__}".encode()
+        if _is_own(value.__code__.co_filename):
+            yield from _code(value.__code__)
+            inner = [*(value.__defaults__ or ()), *chain(*sorted((value.__kwdefaults__ or {}).items()))]
+            for cell in value.__closure__ or ():
+                with suppress(ValueError):  # of a function that names itself, still empty
+                    inner.append(cell.cell_contents)
+            inner += [value.__globals__[name] for name in _named(value.__code__) if name in value.__globals__]
+    elif isinstance(value, type):
+        yield value.__qualname__.encode()
+        inner = [one for one in vars(value).values() if isinstance(one, FunctionType)]
+    else:
+        inner = [type(value)]
+        if isinstance(value, (list, tuple, dict)) and len(value) <= _MOST:
+            inner += [one for one in (value.values() if isinstance(value, dict) else value) if callable(one)]
+        with suppress(Exception):  # it counts only where it can
+            yield _pickled(value)
+    for one in inner:
+        yield from _facts(one, seen)
+
+
+def _is_own(file: str) -> bool:
+    """Whether a file, or text from a terminal or notebook, is the user's."""
+    return bool(file) and not file.startswith(("<frozen", *_INSTALLED))
+
+
+def _pickled(value: Any) -> bytes:
+    """Return the pickle, whichever parts of the value are one object."""
+    buffer = io.BytesIO()
+    pickler = pickle.Pickler(buffer, pickle.DEFAULT_PROTOCOL)
+    pickler.fast = True
+    pickler.dump(value)
+    return buffer.getvalue()
+
+
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    """Yield the code and that of functions inside."""
+    yield code
+    for value in code.co_consts:
+        if isinstance(value, CodeType):
+            yield from _codes(value)
+
+
+def _code(code: CodeType) -> Iterator[bytes]:
+    """Yield instructions, names and constants, without places in files."""
+    for one in _codes(code):
+        yield one.co_code
+        yield repr(one.co_names).encode()
+        for value in one.co_consts:
+            if isinstance(value, frozenset):  # whose order is another one in another process
+                value = sorted(value, key=repr)
+            if not isinstance(value, CodeType):
+                yield repr(value).encode()
+
+
+def _named(code: CodeType) -> list[str]:
+    """Return the global names that a function reads."""
+    read = (i for one in _codes(code) for i in dis.get_instructions(one) if i.opname in ("LOAD_GLOBAL", "LOAD_NAME"))
+    return sorted({i.argval for i in read})
