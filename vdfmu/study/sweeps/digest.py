@@ -22,12 +22,9 @@ from typing import Any
 
 import numpy as np
 
-import vdfmu
+from vdfmu.base.data import PACKAGE
 
-_INSTALLED = (
-    *(sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")),
-    str(Path(vdfmu.__file__).parent),
-)
+_INSTALLED = (*(sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")), str(PACKAGE))
 _MOST = 1000
 """Elements of a container that are looked at one by one; of a larger one the pickle counts."""
 _PLAIN = (bool, int, float, complex, str, bytes, type(None), np.generic)
@@ -82,7 +79,7 @@ def _facts(value: Any, seen: dict[int, Any]) -> Iterator[bytes]:
         inner = [type(value), *vars(value), *vars(value).values()] if hasattr(value, "__dict__") else [type(value)]
     else:
         yield type(value).__qualname__.encode()
-        if not type(value).__module__.startswith(f"{vdfmu.__name__}."):
+        if not type(value).__module__.startswith(f"{PACKAGE.name}."):
             with suppress(Exception):  # it counts only where it can
                 yield _pickled(value)
     for one in inner:
