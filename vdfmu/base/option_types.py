@@ -13,12 +13,12 @@ from typing import Any
 
 
 def _whole(value: Any) -> bool:
-    return isinstance(value, Integral) and not isinstance(value, bool)
+    return not isinstance(value, bool) and isinstance(value, Integral)
 
 
 def _number(value: Any) -> bool:
     kind = "" if getattr(value, "shape", None) != () else value.dtype.kind  # an array of no dimension is a number too
-    return isinstance(value, Real) and not isinstance(value, bool) or bool(kind) and kind in "iuf"
+    return not isinstance(value, bool) and isinstance(value, Real) or bool(kind) and kind in "iuf"
 
 
 def _switch(value: Any) -> bool:

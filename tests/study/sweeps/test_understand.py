@@ -162,6 +162,15 @@ def test_a_measure_without_values_is_shown_as_such(tmp_path):
     assert found.ranges() == [["y", "no value", "", "", ""]]
 
 
+def test_a_column_of_a_measure_that_no_point_has_is_said(tmp_path):
+    failed = study(tmp_path / "t", {"f.a": "lin(0, 1, 4)"}, lambda a: a, fail=range(4))
+    with pytest.raises(UsageError, match="no point has a value of y: all failed"):
+        failed["y"]
+    assert failed.undefined() == []
+    some = study(tmp_path / "s", {"f.a": "lin(0, 1, 3)"}, lambda a: np.where(a == 0.0, np.nan, a), fail=[2])
+    assert some.undefined() == ["y has no finite value at 1 of 3 points."]
+
+
 def test_what_cannot_be_drawn_is_said(tmp_path):
     found = study(tmp_path / "s", {"f.a": "lin(0, 1, 4)"}, lambda a: a)
     failed = study(tmp_path / "t", {"f.a": "lin(0, 1, 4)"}, lambda a: a, fail=range(4))

@@ -115,7 +115,7 @@ def read_inputs(inputs: Inputs, hold: bool = False) -> tuple[InputTable, ...]:
     if isinstance(inputs, Mapping):
         tables += [_from_arrays(name, pair, hold, problems) for name, pair in inputs.items()]
     else:
-        several = (inputs,) if isinstance(inputs, (str, os.PathLike)) else inputs
+        several: Any = (inputs,) if isinstance(inputs, (str, os.PathLike)) else inputs
         several = [*several] if isinstance(several, Iterable) else [several]
         if wrong := [one for one in several if not isinstance(one, (str, os.PathLike, InputTable))]:
             expected = "expected a path, several, or a mapping of signals to arrays"

@@ -13,30 +13,34 @@ import pickle
 import sysconfig
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import fields, is_dataclass
 from functools import partial
 from itertools import chain
 from pathlib import Path
 from types import CodeType, FunctionType, MethodType, ModuleType
 from typing import Any
 
-import vdfmu
+import numpy as np
 
-_INSTALLED = (
-    *(sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")),
-    str(Path(vdfmu.__file__).parent),
-)
-_MOST = 100
-"""Elements of a container that are looked at for functions."""
+from vdfmu.base.data import PACKAGE
+
+_INSTALLED = (*(sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")), str(PACKAGE))
+_MOST = 1000
+"""Elements of a container that are looked at one by one; of a larger one the pickle counts."""
+_PLAIN = (bool, int, float, complex, str, bytes, type(None), np.generic)
 
 
 def function_digest(function: Callable[..., Any]) -> str:
-    """Digest of a function, or of an object that is called. Values that cannot be pickled do not count."""
+    """Digest of a function, or of an object that is called. Other objects that cannot be pickled do not count."""
     return hashlib.sha256(b"\0".join(_facts(function, {}))).hexdigest()[:16]
 
 
 def _facts(value: Any, seen: dict[int, Any]) -> Iterator[bytes]:
-    """Yield what decides a value; functions and classes that were `seen` are left out."""
-    if isinstance(value, (FunctionType, MethodType, ModuleType, partial, type)):
+    """Yield what decides a value; functions and classes that were `seen`, and what the value is in, are left out.
+
+    Of an object of this package its fields count, not what it keeps to be fast.
+    """
+    if not isinstance(value, _PLAIN):
         if id(value) in seen:
             return
         seen[id(value)] = value
@@ -61,16 +65,31 @@ def _facts(value: Any, seen: dict[int, Any]) -> Iterator[bytes]:
                     inner.append(cell.cell_contents)
             inner += [value.__globals__[name] for name in _named(value.__code__) if name in value.__globals__]
     elif isinstance(value, type):
-        yield value.__qualname__.encode()
-        inner = [one for one in vars(value).values() if isinstance(one, FunctionType)]
+        yield f"{value.__module__}.{value.__qualname__}".encode()
+        inner = _methods(value)
+    elif is_dataclass(value):
+        inner = [type(value), *(getattr(value, one.name) for one in fields(value))]
+    elif isinstance(value, (list, tuple)) and len(value) <= _MOST:
+        inner = [type(value), *value]
+    elif isinstance(value, dict) and len(value) <= _MOST:
+        inner = [*value, *value.values()]
+    elif isinstance(value, (set, frozenset)):
+        yield repr(sorted(value, key=repr)).encode()
+    elif any(_is_own(one.__code__.co_filename) for one in _methods(type(value))):
+        inner = [type(value), *vars(value), *vars(value).values()] if hasattr(value, "__dict__") else [type(value)]
     else:
-        inner = [type(value)]
-        if isinstance(value, (list, tuple, dict)) and len(value) <= _MOST:
-            inner += [one for one in (value.values() if isinstance(value, dict) else value) if callable(one)]
-        with suppress(Exception):  # it counts only where it can
-            yield _pickled(value)
+        yield type(value).__qualname__.encode()
+        if not type(value).__module__.startswith(f"{PACKAGE.name}."):
+            with suppress(Exception):  # it counts only where it can
+                yield _pickled(value)
     for one in inner:
         yield from _facts(one, seen)
+    if not isinstance(value, (FunctionType, ModuleType, type)):
+        seen.pop(id(value), None)  # whether two equal values are one object does not count
+
+
+def _methods(kind: type) -> list[FunctionType]:
+    return [one for one in vars(kind).values() if isinstance(one, FunctionType)]
 
 
 def _is_own(file: str) -> bool:

@@ -250,7 +250,8 @@ def _evaluate(node: ast.expr, results: Results) -> Any:
     if (name := _signal(node)) is not None:
         return results[name].astype(float, copy=False)
     if isinstance(node, ast.Constant):
-        return float(node.value)  # powers of whole numbers would have any number of digits
+        value: Any = node.value
+        return float(value)  # powers of whole numbers would have any number of digits
     if isinstance(node, ast.BinOp):
         return _OPERATORS[type(node.op)](_evaluate(node.left, results), _evaluate(node.right, results))
     if isinstance(node, ast.UnaryOp):

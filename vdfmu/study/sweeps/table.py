@@ -70,6 +70,8 @@ class StudyTable:
         pyarrow, _ = needed()
         for name in columns or ():
             if name not in self.columns:
+                if (group := name.partition("[")[0]) in self.facts["measures"]:
+                    self.elements(group)  # an error where all points failed
                 way = close_to(name, self.columns) or f"; it has {', '.join(self.columns)}"
                 raise UsageError(f"the study has no column {name!r}{way}")
         tables = [
