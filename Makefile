@@ -20,8 +20,8 @@ demo: $(VENV)/demo  ## run the paper's tracking simulation (Section IV-B)
 test: $(VENV)/test  ## run the tests, except for the heavy ones: some minutes
 	$(BIN)/python $(PYTEST) -n 2 -m "not heavy" $(PYTEST_ARGS)
 
-test-all: $(VENV)/test $(VENV)/platforms  ## run the heavy ones too: all platforms, emulators, sanitizers, C++ templates, installs
-	$(BIN)/python $(PYTEST) -n 3 $(PYTEST_ARGS)
+test-all: test $(VENV)/platforms  ## run the heavy ones too: all platforms, emulators, sanitizers, C++ templates, installs
+	$(BIN)/python $(PYTEST) -n 3 -m heavy $(PYTEST_ARGS)
 
 # In an environment of its own. .ci/run does not: the versions change only with pyproject.toml.
 test-lowest: $(VENV)/supply  ## run the tests, except for the heavy ones, with the lowest versions that pyproject.toml allows

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.base.data import PACKAGE
+from vdfmu.base.files import PACKAGE
 
 _INSTALLED = (*(sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")), str(PACKAGE))
 _MOST = 1000
