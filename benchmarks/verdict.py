@@ -10,10 +10,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from vdfmu.engine.linear.growth import Poses
 
 from benchmarks.report import Report, Table
 from vdfmu.base.errors import CosimError
+from vdfmu.engine.linear.growth import Poses
 from vdfmu.engine.linear.loops import GROWTH
 from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.system import packaged

@@ -5,12 +5,12 @@ import json
 import numpy as np
 import pytest
 from typer.testing import CliRunner
-from vdfmu.engine.linear.growth import Poses
 
 import vdfmu
 from vdfmu.base.errors import CosimError
 from vdfmu.base.state_space import Linear
 from vdfmu.cli.commands import app
+from vdfmu.engine.linear.growth import Poses
 from vdfmu.engine.linear.loops import Loop, fastest_mode, system_margins
 from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.system import linearized, margins_along, packaged
