@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from numbers import Integral, Real
 from typing import Any
 
+from vdfmu.base.errors import UsageError
+
 
 def _whole(value: Any) -> bool:
     return not isinstance(value, bool) and isinstance(value, Integral)
@@ -72,3 +74,9 @@ def type_problem(name: str, annotation: str, value: Any, kind: str = "", choices
     listed = isinstance(value, str) and "Sequence[str]" in annotation
     way = f" Put it into a list: [{value!r:.60}]." if listed else ""
     return f"{name}: expected {' or '.join(dict.fromkeys(words))}, got {value!r:.60}.{way}"
+
+
+def check_type(name: str, annotation: str, value: Any) -> None:
+    """Raise UsageError for a value of another type; see :func:`type_problem`."""
+    if problem := type_problem(name, annotation, value):
+        raise UsageError(problem)

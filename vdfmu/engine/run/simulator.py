@@ -11,7 +11,7 @@ import numpy as np
 
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.option import lists_options, pick, with_options
-from vdfmu.base.option_types import type_problem
+from vdfmu.base.option_types import check_type
 from vdfmu.base.progress import shown_steps
 from vdfmu.engine.algorithms import ALGORITHMS, choice, is_continuous
 from vdfmu.engine.fmu.messages import LogMessage
@@ -347,8 +347,7 @@ class Simulator:
 
 
 def _mapping(parameters: Mapping[str, Value] | None) -> Mapping[str, Value]:
-    if problem := type_problem("parameters", "Mapping[str, Any] | None", parameters):
-        raise UsageError(problem)
+    check_type("parameters", "Mapping[str, Any] | None", parameters)
     return parameters or {}
 
 

@@ -17,7 +17,7 @@ from vdfmu.arm.robot.robot import Robot, robot_argument
 from vdfmu.arm.units.plant import Plant
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
-from vdfmu.base.option_types import type_problem
+from vdfmu.base.option_types import check_type
 from vdfmu.base.state_space import StateSpace
 from vdfmu.compiler.unit.evaluate import Evaluation, evaluation
 from vdfmu.compiler.unit.interface import interface_of
@@ -136,8 +136,7 @@ def linearize(
     >>> system.A.shape, system.inputs[:2], system.states[4:6], system.state_units[4:6]
     ((8, 8), ('tau[1]', 'tau[2]'), ('kappa_dot[1]', 'kappa_dot[2]'), ('rad/s', 'rad/s'))
     """
-    if problem := type_problem("opened", "Sequence[str]", opened):
-        raise UsageError(problem)
+    check_type("opened", "Sequence[str]", opened)
     try:
         place = np.asarray(at, dtype=float)
     except (TypeError, ValueError):

@@ -12,7 +12,7 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError, UsageError
-from vdfmu.base.option_types import type_problem
+from vdfmu.base.option_types import check_type
 from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.system import packaged
 from vdfmu.study.batch.engine import SteppedLanes
@@ -77,8 +77,7 @@ class TrackingTask:
     ) -> None:
         for name, kind, value in (("seen", "Sequence[str]", seen), ("vary", "Mapping[str, Any] | None", vary),
                                   ("limits", "Mapping[str, Any] | None", limits)):  # fmt: skip
-            if problem := type_problem(name, kind, value):
-                raise UsageError(problem)
+            check_type(name, kind, value)
         loaded = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
         self.action, self.hold, self.error, self.effort, self.vary = action, hold, error, effort, dict(vary or {})
         _check_number("error", error, 0.0)

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
-from vdfmu.base.option_types import type_problem
+from vdfmu.base.option_types import check_type
 from vdfmu.study.options import SAMPLES
 
 _FORMS = {
@@ -85,8 +85,7 @@ def read_axes(over: Mapping[str, Any] | Sequence[str]) -> list[Axis]:
 
     UsageError with a line for each that cannot be read.
     """
-    if problem := type_problem("vary", "Mapping[str, Any] | Sequence[str]", over):
-        raise UsageError(problem)
+    check_type("vary", "Mapping[str, Any] | Sequence[str]", over)
     pairs: list[tuple[str, Any]] = []
     problems: list[str] = []
     if isinstance(over, Mapping):

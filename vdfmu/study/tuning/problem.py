@@ -15,7 +15,7 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.option import pick, with_options
-from vdfmu.base.option_types import type_problem
+from vdfmu.base.option_types import check_type
 from vdfmu.compiler.unit.variable import NO_LIMIT
 from vdfmu.engine.linear.loops import Margins
 from vdfmu.study.analysis.margins import ArmLoops
@@ -144,8 +144,7 @@ def _elements(
 
     If they vary `together`, one for each parameter, of factors.
     """
-    if problem := type_problem("vary", "Mapping[str, Any] | Sequence[str]", vary):
-        raise UsageError(problem)
+    check_type("vary", "Mapping[str, Any] | Sequence[str]", vary)
     given = vary if isinstance(vary, Mapping) else [t if "=" in t else f"{t}={_RANGE}" for t in vary]
     values = system_values(scenario, settings)
     found: list[Axis] = []
