@@ -15,7 +15,7 @@ from vdfmu.base.cache import cache_folder
 from vdfmu.base.errors import KernelError, UsageError
 from vdfmu.compiler.functions.sources import imported
 from vdfmu.compiler.functions.traced import KernelFunction
-from vdfmu.compiler.scalar.generic import clip, piecewise_hold, sgn, zeros
+from vdfmu.compiler.scalar.generic import clip, sgn, zeros
 from vdfmu.compiler.scalar.jet import Jet
 from vdfmu.compiler.scalar.symbol import Symbol, from_sx, to_sx
 
@@ -366,14 +366,6 @@ def test_jets_times_arrays_are_arrays_of_jets():
     jet, array = Jet(1.0, 2.0, 3.0), np.array([2.0, 3.0])
     for product in (jet * array, array * jet, jet + array, array - jet, jet - array, jet / array, array / jet):
         assert isinstance(product, np.ndarray) and all(isinstance(v, Jet) for v in product)
-
-
-def test_hold_splits_value_and_interval():
-    for s, expected in ((-0.5, (0.0, 0.0)), (0.0, (0.0, 1.0)), (0.4, (0.4, 1.0)), (1.0, (1.0, 1.0)), (1.5, (1.0, 0.0))):
-        assert piecewise_hold(s) == expected
-        x = ca.SX.sym("x")
-        traced = ca.Function("hold", [x], [to_sx(list(piecewise_hold(Symbol(x))))])
-        np.testing.assert_array_equal(traced(s).full().ravel(), expected)
 
 
 def test_arrays_of_symbols_are_laid_out_row_by_row_as_in_fmi():

@@ -81,10 +81,35 @@ def test_trajectory_goes_from_rest_to_rest_and_holds():
 
 def test_trajectory_jerk_jumps_at_both_ends():
     jump = 4 * np.pi**2 * (Q_END - Q_START) / T**3
-    for t, outside in ((T_START, T_START - 1e-9), (T_START + T, T_START + T + 1e-9)):
-        # cos(0) and cos(2 pi) are 1: a few roundings.
+    for t, outside in ((T_START, T_START - 1e-7), (T_START + T - 1e-7, T_START + T)):
+        # cos(0) is 1, cos(2 pi - 6e-8) too but for 2e-15: a few roundings.
         np.testing.assert_allclose(motion(t).q_d_dddot, jump, rtol=1e-14)
         np.testing.assert_array_equal(motion(outside).q_d_dddot, np.zeros(2))
+
+
+def rounded_ends(draws=500, seed=11):
+    """Yield T, t_start and times of both ends that differ by rounding: the nearest floats, multiples, sums of steps."""
+    random = np.random.default_rng(seed)
+    for _ in range(draws):
+        step = 10.0 ** random.integers(-4, -1)
+        first, count = random.integers(0, 3000), random.integers(1, 3000)
+        T, t_start = count * step, first * step
+        pairs = [(t_start, t_start + T), (t_start, (first + count) * step)]
+        pairs += [(np.nextafter(a, side), np.nextafter(b, side)) for a, b in pairs for side in (-1.0, 1e9)]
+        sums = np.add.accumulate(np.full(first + count, step))
+        pairs.append((sums[first - 1] if first else 0.0, sums[-1]))
+        yield T, t_start, pairs
+
+
+def test_trajectory_at_its_ends_does_not_depend_on_rounding():
+    """At the start it moves already, at the end no more, however a time was summed up; see `desired_motion`."""
+    for T, t_start, pairs in rounded_ends():
+        for begin, end in pairs:
+            jerk = desired_motion(begin, Q_START, Q_END, T, t_start).q_d_dddot
+            # A start that is 1e-12 s late, a sum of 6000 roundings, over the shortest T, 1e-4 s: 1 - cos(6e-8) = 2e-15.
+            np.testing.assert_allclose(jerk, 4 * np.pi**2 * (Q_END - Q_START) / T**3, rtol=1e-14)
+            for value in desired_motion(end, Q_START, Q_END, T, t_start)[1:]:
+                np.testing.assert_array_equal(value, np.zeros(2))
 
 
 def test_pd_acts_on_errors_link_side_and_limits_the_motor_torque():

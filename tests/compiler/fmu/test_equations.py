@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from tests.arm.laws.test_friction_trajectory_feedforward import rounded_ends
 from vdfmu.arm.equations.feedforward import FeedbackGains, feedforward_inverse, feedforward_vdc
 from vdfmu.arm.equations.pd import pd_control
 from vdfmu.arm.equations.plant import equilibrium_torque, plant_derivative, plant_outputs
@@ -55,6 +56,20 @@ def test_the_trajectory_is_equation_57(open_unit: Opener, robot_name: str, robot
         for group, value in expected._asdict().items():
             same(unit.get(group), value, scale=(2 * np.pi / 1.5) ** Desired._fields.index(group))
         unit.step(0.1)
+
+
+def test_the_trajectory_at_its_ends_does_not_depend_on_rounding(open_unit: Opener, robot_name: str) -> None:
+    """At the start it moves already, at the end no more, in Python and C alike."""
+    unit = open_unit("trajectory", robot_name)
+    for T, t_start, pairs in rounded_ends(draws=10):
+        for begin, end in pairs:
+            unit.start(begin, q_start=0.0, q_end=1.0, T=T, t_start=t_start)
+            assert (unit.get("q_d_dddot") > 0.0).all()
+            unit.fmu.reset()
+            unit.start(end, q_start=0.0, q_end=1.0, T=T, t_start=t_start)
+            for name in Desired._fields[1:]:
+                assert not unit.get(name).any()
+            unit.fmu.reset()
 
 
 @pytest.mark.parametrize("velocity", [0, 1, 2])

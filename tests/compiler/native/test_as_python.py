@@ -18,6 +18,7 @@ from tests.compiler.fmu.test_equations import (
     test_the_plant_moves_by_its_differential_equation,
     test_the_plant_starts_from_given_values,
     test_the_plant_starts_in_equilibrium,
+    test_the_trajectory_at_its_ends_does_not_depend_on_rounding,
     test_the_trajectory_is_equation_57,
 )
 from tests.compiler.fmu.test_misuse import (

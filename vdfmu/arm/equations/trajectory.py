@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.compiler.scalar.generic import clip, lookup, minimum, piecewise_hold
+from vdfmu.compiler.scalar.generic import clip, lookup, minimum
 
 
 class Desired(NamedTuple):
@@ -20,12 +20,17 @@ class Desired(NamedTuple):
     q_d_ddddot: Any
 
 
+EARLY = 1e-9
+"""Share of ``|t_start| + T`` that is rounding of a time: a sum of 10^6 steps is off by up to 1e-10 of itself."""
+
+
 def desired_motion(t: Any, q_start: Any, q_end: Any, T: Any, t_start: Any = 0.0) -> Desired:
     """Rest-to-rest motion with a sinusoidal acceleration, Eq. (57).
 
     Deviation: (57) starts from zero at t = 0; here it goes from `q_start` to `q_end` between `t_start` and
-    `t_start + T`, and holds before and after. Its third derivative jumps at both ends, from 0 to
-    ``4 pi^2 (q_end - q_start) / T^3``; the value at the ends themselves is the one inside.
+    `t_start + T`, and holds before and after. Its third derivative jumps at both ends, between 0 and
+    ``4 pi^2 (q_end - q_start) / T^3``. A value at an end holds for the time that follows: at `t_start` the joints move,
+    at ``t_start + T`` they rest. Both ends are taken early by `EARLY`, so that no rounding of `t` decides.
 
     Parameters
     ----------
@@ -33,7 +38,9 @@ def desired_motion(t: Any, q_start: Any, q_end: Any, T: Any, t_start: Any = 0.0)
     q_start, q_end : (n,) [rad or m]
     T, t_start : float [s]
     """
-    s, inside = piecewise_hold((t - t_start) / T)
+    s = clip((t - t_start) / T, 0.0, 1.0)
+    early = EARLY * (abs(t_start) + T)
+    inside = 1.0 * ((t >= t_start - early) & (t < t_start + T - early))
     w = 2.0 * np.pi
     sin, cos = np.sin(w * s), np.cos(w * s)
     distance = q_end - q_start

@@ -135,11 +135,6 @@ def cutting(cutter: _Cutter | None) -> Generator[None]:
         _cutter.reset(before)
 
 
-def piecewise_hold(s: Any) -> tuple[Any, Any]:
-    """Return `s` limited to [0, 1], and a factor that is 1 inside that interval and 0 outside."""
-    return clip(s, 0.0, 1.0), 1.0 * ((s >= 0.0) & (s <= 1.0))
-
-
 def zeros(shape: tuple[int, ...], *like: Any) -> np.ndarray:
     """Zeros of a dtype that can hold the elements of all arrays in `like` (object if any of them is)."""
     return np.zeros(shape, dtype=object if any(np.asarray(a).dtype == object for a in like) else float)
