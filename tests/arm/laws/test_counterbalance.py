@@ -30,9 +30,9 @@ from tests.arm.laws.test_energy import energy, test_power_balance_at_any_state  
 from tests.arm.laws.test_flexible_joint import test_plant_without_springs_between_is_the_rigid_arm  # noqa: F401
 from tests.arm.laws.test_friction_trajectory_feedforward import (  # noqa: F401
     test_desired_rotor_motion_agrees_with_central_differences_in_time,
-    test_plant_driven_by_the_inverse_feedforward_follows_the_desired_motion,
     test_vdc_without_errors_is_the_exact_inverse,
 )
+from tests.arm.laws.test_inverse_and_power import test_the_plant_driven_by_the_inverse_follows_the_desired_motion  # noqa: F401
 from vdfmu.arm.drive.counterbalance import counterbalance_energy, counterbalance_torque, stroke
 from vdfmu.arm.equations.plant import equilibrium_torque, plant_derivative, plant_outputs
 from vdfmu.arm.kernel import FUNCTIONS, trace

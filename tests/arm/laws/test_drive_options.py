@@ -11,18 +11,8 @@ from vdfmu.arm.drive.load_loss import efficiency, mesh_friction
 from vdfmu.arm.drive.options import OPTION_STATES
 from vdfmu.arm.drive.thermal import THERMAL, temperature_rate, warm_viscosity
 from vdfmu.arm.drive.winding import current_rate, winding_voltage
-from vdfmu.arm.equations.feedforward import feedforward_inverse
 from vdfmu.arm.equations.friction import friction_level, joint_friction, stribeck_friction
-from vdfmu.arm.equations.mapping import jacobian
-from vdfmu.arm.equations.plant import (
-    drive_losses,
-    drive_torque,
-    plant_derivative,
-    plant_outputs,
-    split_state,
-    state_names,
-)
-from vdfmu.arm.equations.trajectory import desired_motion
+from vdfmu.arm.equations.plant import plant_derivative, plant_outputs, state_names
 from vdfmu.arm.robot import robot_from_dict
 from vdfmu.arm.robot.parameters import section
 from vdfmu.arm.robot.structure import parameters
@@ -185,29 +175,6 @@ def state_of(robot, state, seed):
     return np.concatenate([state.x, *(extra[name] for name in state_names(robot)[4:])])
 
 
-@pytest.mark.parametrize("friction", ["lumped", "split"])
-@pytest.mark.parametrize(
-    "options", [*([one] for one in OPTIONS), OPTIONS], ids=lambda o: o[0] if len(o) == 1 else "all"
-)
-def test_energy_changes_by_the_power_of_the_motors_less_losses(with_options, draw, options, friction):
-    robot = robot_from_dict(with_options(*options).to_dict() | {"friction": friction})
-    for k, state in enumerate(draw(robot, 10, seed=52)):
-        x = state_of(robot, state, k)
-        parts = split_state(robot, x)
-        x_dot = plant_derivative(robot, x, state.tau, state.F_e)
-        outputs = plant_outputs(robot, jets(x, x_dot, 0.0))
-        rates = [float(np.ravel(derivative(getattr(outputs, e), 1))[0]) for e in ("E_kin", "E_pot", "E_spring")]
-        tau = robot.k_t * parts.options["i_m"] if robot.winding else state.tau
-        losses = drive_losses(robot, parts)
-        assert (losses >= 0.0).all()
-        given = tau @ (robot.ell * parts.kappa_dot)
-        flow = given - losses.sum() - state.F_e @ (jacobian(robot, parts.q) @ parts.q_dot)
-        load = np.abs(drive_torque(robot, parts))
-        size = sum(map(abs, rates)) + load @ (np.abs(parts.kappa_dot) + np.abs(parts.q_dot)) + abs(given)
-        # as the test of the plant without options: some 1000 roundings of the powers that flow
-        assert sum(rates) == pytest.approx(flow, abs=1000 * EPS * (size + 10.0 * np.abs(x_dot[2:4]).max()))
-
-
 def assert_traced(plant_function, robot, states):
     """Assert that the traced plant has its equations and their slopes at states (x, tau)."""
     rate, slopes = (plant_function(robot, name) for name in ("derivatives", "jacobian"))
@@ -229,28 +196,6 @@ def test_traced_plant_with_all_options_has_their_laws_and_slopes(draw, with_opti
     robot = with_options()
     states = [(state_of(robot, state, k), state.tau) for k, state in enumerate(draw(robot, 3, seed=53))]
     assert_traced(plant_function, robot, states)
-
-
-def test_the_feedforward_knows_backlash_load_loss_and_the_cold_oil_exactly(with_options):
-    """They have no state, or the one that it starts with: along the motion the plant takes its torques."""
-    robot = with_options("load_loss", "backlash", "thermal")
-    desired = desired_motion(0.7, np.array([0.4, -0.3]), np.array([1.0, 0.5]), 2.0, 0.0)
-    found = feedforward_inverse(robot, desired)
-    x = np.concatenate([desired.q_d, desired.q_d_dot, found.kappa_dot_d, found.tau_s, robot.T_amb])
-    x_dot = plant_derivative(robot, x, found.tau_m, np.zeros(6))
-    # accelerations of some rad/s2 from torques of some 30 N m over 0.1 kg m2 and less: 1e3 roundings of 300
-    np.testing.assert_allclose(x_dot[2:4], desired.q_d_ddot, rtol=0, atol=1e-10)
-    # springs: their stiffness, 1e4, times the roundings of velocities
-    tau_s_dot = derivative_of_torque(robot, 0.7)
-    np.testing.assert_allclose(x_dot[6:8], tau_s_dot, rtol=1e-6)
-
-
-def derivative_of_torque(robot, t):
-    """Return the rate of the desired spring torque, by differences; their error is h^2 of the third derivative."""
-    h = 1e-5
-    ends = (desired_motion(t + s * h, np.array([0.4, -0.3]), np.array([1.0, 0.5]), 2.0, 0.0) for s in (1, -1))
-    high, low = (feedforward_inverse(robot, desired).tau_s for desired in ends)
-    return (high - low) / (2 * h)
 
 
 @pytest.mark.parametrize("option", OPTIONS)

@@ -10,7 +10,6 @@ from vdfmu.arm.equations.friction import coulomb_friction, joint_friction, strib
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.arm.equations.mapping import velocity_mapping
 from vdfmu.arm.equations.pd import pd_control
-from vdfmu.arm.equations.plant import plant_derivative
 from vdfmu.arm.equations.rigid_body import coriolis_matrix, link_body, mass_matrix
 from vdfmu.arm.equations.trajectory import Desired, desired_motion
 from vdfmu.compiler.scalar.jet import Jet, derivative, jets
@@ -130,40 +129,6 @@ def inside(robot, t=4.0):
     """Return a desired motion of all joints, away from its ends."""
     n = robot.n
     return desired_motion(t, np.linspace(-0.2, 0.2, n), np.linspace(1.0, 1.6, n), 10.0)
-
-
-@pytest.mark.parametrize("coupling", [False, True])
-def test_plant_driven_by_the_inverse_feedforward_follows_the_desired_motion(chain, coupling):
-    chain = dataclasses.replace(chain, rotor_coupling=coupling)
-    for t in (0.3, 2.0, 4.9, 7.7):
-        desired = inside(chain, t)
-        drive = desired_drive_motion(chain, desired, F_E)
-        torques = feedforward_inverse(chain, desired, F_E)
-        np.testing.assert_array_equal(torques.kappa_dot_d, drive.kappa_dot)
-        x = np.concatenate([desired.q_d, desired.q_d_dot, drive.kappa_dot, torques.tau_s])
-        q_dot, q_ddot, kappa_ddot, tau_s_dot = np.split(plant_derivative(chain, x, torques.tau_m, F_E), 4)
-        np.testing.assert_array_equal(q_dot, desired.q_d_dot)
-        # Torques of up to 100 N m through a mass matrix of 1e-3 kg m2 and more: 1e-16 * 100 * 10 / 1e-3.
-        np.testing.assert_allclose(q_ddot, desired.q_d_ddot, rtol=0, atol=1e-9)
-        # Rotor torques of up to 1 N m over I_m of 1e-3: 1e-12; friction through tanh(v / eps): its slope, up
-        # to 800 N m s/m / 600 / 1e-2, meets a rounding of the velocity, 1e-16.
-        np.testing.assert_allclose(kappa_ddot, drive.kappa_ddot, rtol=0, atol=1e-11)
-        if coupling:  # the rotors' part of the torque is left out of their motion
-            continue
-        np.testing.assert_array_equal(torques.tau_s, drive.tau_s)
-        # The spring's rate is a difference of velocities over the compliance, 1e-4 rad/(N m): 1e-16 / 1e-6
-        # and less.
-        rate = rate_of_spring_torque(chain, desired)
-        np.testing.assert_allclose(tau_s_dot, rate, rtol=0, atol=1e-8 * max(1.0, np.abs(rate).max()))
-
-
-def rate_of_spring_torque(robot, desired):
-    """Return the rate of the desired spring torque, by jets."""
-    q = jets(desired.q_d, desired.q_d_dot, desired.q_d_ddot)
-    q_dot = jets(desired.q_d_dot, desired.q_d_ddot, desired.q_d_dddot)
-    q_ddot = jets(desired.q_d_ddot, desired.q_d_dddot, desired.q_d_ddddot)
-    xi_l, _ = joint_friction(robot, q_dot, q_dot)
-    return derivative(inverse_dynamics(robot, q, q_dot, q_ddot, F_E) + xi_l, 1)
 
 
 def test_desired_rotor_motion_agrees_with_central_differences_in_time(chain):

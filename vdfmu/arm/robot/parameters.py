@@ -1,12 +1,14 @@
 """THE table of a robot's parameters: every number of a robot, once.
 
 `Robot`, the robot file with its checks, the kernel's parameter vector, the FMI variables, ``vdfmu robot show`` and the
-docs read it. A new parameter is a field of `Parameters`, or of an option in `vdfmu.arm.drive`, and an equation that
-uses it.
+docs read it. A new parameter is a field of `Parameters`, or of an option in `vdfmu.arm.drive`. The plant's torques, its
+losses and energies and the exact inverse must know it: ``tests/arm/laws/test_inverse_and_power.py`` walks the table.
+Exceptions are declared in `NOT_INVERTED` and `NOT_BALANCED`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, Literal
 
@@ -239,6 +241,23 @@ class Parameters(OptionRows, ArmParameters):
 
 PARAMETERS = {f.name: Row(f.name, *f.metadata["row"], **f.metadata["rest"]) for f in fields(Parameters) if f.metadata}
 """Name of a parameter to its row."""
+
+
+NOT_INVERTED: Mapping[str, str] = {
+    "rotor_coupling": "the acceleration of each rotor takes two more derivatives of q_d for each joint before it",
+    "hysteresis": "its torque depends on the past",
+    "bristles": "their torque depends on the past",
+    "winding": "the current follows with the bandwidth of its loop",
+    "thermal": "the oil is as warm as the surroundings",
+    "limits": "no torque takes a joint through its stops, or a motor beyond its own",
+}
+"""Options, flags and parameters that move the plant and not its exact inverse, with reasons."""
+NOT_BALANCED: Mapping[str, str] = {
+    "theta_err_amplitude": "the rotor feels tau_s / ell, whatever the kinematic error does, as the paper has it",
+    "theta_err_phase": "as the amplitude",
+    "stop_damping": "the stops get warm, not the drives, whose losses heat them",
+}
+"""Parameters whose power is in neither losses nor energies, with reasons."""
 
 
 def section(name: Section) -> list[Row]:
