@@ -117,8 +117,9 @@ def _values(scenario: Scenario, backend: str | None, settings: list[str] | None)
     from vdfmu.system.scenario.check import model_notes
     from vdfmu.system.scenario.values import system_values
 
-    say_notes([*model_notes(scenario), *build_notes(scenario.robot, backend)])
-    return system_values(scenario, read_settings(settings))
+    given = read_settings(settings)
+    say_notes([*model_notes(scenario, given), *build_notes(scenario.robot, backend)])
+    return system_values(scenario, given)
 
 
 def container(

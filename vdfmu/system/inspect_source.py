@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from vdfmu.arm.robot import Robot, load_robot
+from vdfmu.arm.robot.plausible import robot_notes
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.toml_file import read_toml
 from vdfmu.compiler.unit.interface import Interface, interface_of
@@ -98,8 +99,7 @@ def _trace(interface: Interface) -> None:
 
 
 def _robot(path: Path, robot: Robot) -> list[str]:
-    load_robot(path)
-    return []
+    return robot_notes(load_robot(path))
 
 
 _CHECKS: dict[str, Callable[[Path, Robot], list[str]]] = {

@@ -17,7 +17,7 @@ ARM = """<mujoco model="arm"><compiler angle="radian"/><option gravity="1 2 -9"/
  <joint name="turn" axis="1 2 3" pos="0.1 0 0.2" ref="0.4" range="-1 1" frictionloss="0.2"/>
  <geom type="box" size="0.1 0.2 0.3" pos="0.1 0.1 0" rgba="1 0 0 1"/>
  <body name="two" pos="0.3 0 0" quat="0.5 0.1 0.2 0.3">
-  <joint name="slide" type="slide" axis="1 0 1" ref="0.2" damping="0"/>
+  <joint name="slide" type="slide" axis="1 0 1" ref="0.2" damping="0" armature="2"/>
   <geom type="capsule" size="0.05" fromto="0 0 0 0.1 0.2 0.3"/>
   <body name="cap" pos="0 0.1 0"><geom size="0.1" group="3"/></body>
   <body name="three" pos="0 0 0.3"><joint name="last" axis="0 0 -1"/><geom size="0.1" pos="0.1 0 0"/></body>

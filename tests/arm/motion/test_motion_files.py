@@ -219,6 +219,6 @@ def test_the_command_takes_names_of_scenarios(capsys):
 def test_a_file_in_degrees_under_rad_is_noted(robot, written):
     text = "time [s],q1 [rad],q2\n0,0,0\n1,90,0.5\n2,0,0\n"
     noted = vdfmu.load_motion(written(text, "path.csv"), robot).notes
-    assert noted[-1] == "joint 1: positions up to 90 rad look like degrees: 1.571 rad."
+    assert noted[-1] == "position of joint 1 = 90 rad looks like degrees. Write 1.571 rad."
     right = vdfmu.load_motion(written(text.replace("q1 [rad]", "q1 [deg]"), "path.csv"), robot)
     assert not any("degrees" in note for note in right.notes)

@@ -3,7 +3,6 @@
 import copy
 import os
 import threading
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,6 @@ from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.compiler.fmu.build import build_notes
 from vdfmu.system.scenario import load_scenario
-from vdfmu.system.scenario.check import model_notes
 
 
 def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
@@ -113,29 +111,6 @@ def test_at_most_twenty_problems_are_printed(robot_data: dict[str, Any]) -> None
     lines = str(caught.value).splitlines()
     assert len(lines) == 21
     assert lines[-1] == "and 30 more"
-
-
-@pytest.mark.parametrize(
-    ("fields", "note"),
-    [
-        ({"gravity": [0, 0, -9.81]}, r"gravity[3] = -9.81 m/s2 pulls towards +"),
-        ({"gravity": [0, 0, 981]}, "gravity of 981 m/s2 looks like another unit"),
-        ({"mass": [2000.0, 1.0]}, "a mass of 2000 kg looks like grams"),
-    ],
-)
-def test_a_wrong_sign_or_unit_is_noted(fields: dict[str, Any], note: str) -> None:
-    scenario = load_scenario("planar_tracking")
-    changed = replace(scenario, robot=scenario.robot.with_parameters(**fields))
-    assert any(note in line for line in model_notes(changed))
-
-
-def test_angles_in_degrees_are_noted_and_shipped_scenarios_have_no_note() -> None:
-    scenario = load_scenario("planar_tracking")
-    motion = {**scenario.sections["trajectory"], "q_end": [0.5, 90.0]}
-    degrees = replace(scenario, sections={**scenario.sections, "trajectory": motion})
-    assert model_notes(degrees) == ["trajectory.q_end[2] = 90 rad looks like degrees: 1.571 rad."]
-    for name in ("planar_tracking", "tracking", "slider_tracking"):
-        assert model_notes(load_scenario(name)) == []
 
 
 def test_the_cost_of_many_joints_is_said_and_bounded(robot_data: dict[str, Any], tmp_path: Path) -> None:

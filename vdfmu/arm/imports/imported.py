@@ -16,6 +16,7 @@ from vdfmu.arm.imports.inertia import with_inertia
 from vdfmu.arm.imports.mjcf import read_mjcf
 from vdfmu.arm.imports.urdf import read_urdf
 from vdfmu.arm.imports.write import robot_text
+from vdfmu.arm.robot.plausible import robot_notes
 from vdfmu.arm.robot.robot import Robot
 from vdfmu.arm.robot.robot_file import robot_from_dict
 from vdfmu.base.errors import ModelError, SspError, UsageError
@@ -138,7 +139,8 @@ def import_robot(
     folder = Path(out).parent if out is not None else path.parent
     text = robot_text(tree.name, path.name, arm, driven, folder)
     robot = robot_from_dict(tomllib.loads(text), f"{path}: the arm to {arm.tip}")
-    return Imported(robot, text, [f"the arm ends at {arm.tip}", *tree.notes] if tip is None else tree.notes)
+    ends = [f"the arm ends at {arm.tip}"] if tip is None else []
+    return Imported(robot, text, [*ends, *tree.notes, *robot_notes(robot)])
 
 
 def parse_file(path: Path) -> Any:

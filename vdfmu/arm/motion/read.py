@@ -20,10 +20,10 @@ from vdfmu.arm.motion.excitation import multisine, sweep
 from vdfmu.arm.motion.joint_space import samples, waypoints
 from vdfmu.arm.motion.minimum_time import LOOKS, fastest
 from vdfmu.arm.motion.polynomial import Motion
+from vdfmu.arm.robot.plausible import position_notes, speed_notes
 from vdfmu.arm.robot.robot import Robot, robot_argument
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import ModelError, UsageError
-from vdfmu.base.measure import WIDE_ANGLE
 from vdfmu.base.toml_file import read_toml
 from vdfmu.base.toml_tables import Problems, Table, shape_of, value_text
 from vdfmu.engine.plan.inputs import csv_columns
@@ -110,21 +110,22 @@ def read_motion(problems: Problems, data: object, robot: Robot, folder: Path) ->
     try:
         motion = make(**values, **({"robot": robot} if "robot" in signature(make).parameters else {}))
         check_motion(motion, robot)
-        notes = _wide_angles(motion, robot)
+        notes = _plausible(motion, robot)
     except UsageError as error:
         problems.take(error, "motion")
         return None
     return replace(motion, notes=(*motion.notes, *notes))
 
 
-def _wide_angles(motion: Motion, robot: Robot) -> list[str]:
-    """Return notes on joints whose positions look like degrees."""
-    widest = np.abs(motion.coefficients[:, 0]).max(axis=0)  # at the knots
-    return [
-        f"joint {j + 1}: positions up to {widest[j]:.4g} rad look like degrees: {math.radians(widest[j]):.4g} rad."
+def _plausible(motion: Motion, robot: Robot) -> list[str]:
+    """Return notes on positions and speeds that look like another unit."""
+    widest, fastest = np.abs(motion.extremes(0)).max(axis=(0, 1)), motion.peaks[0]
+    notes = (
+        list(position_notes(f"position of joint {j + 1}", widest[j], kind))
+        or list(speed_notes(f"speed of joint {j + 1}", fastest[j], kind))
         for j, kind in enumerate(robot.joint_types)
-        if kind == "revolute" and widest[j] > WIDE_ANGLE
-    ]
+    )
+    return [note for of_joint in notes for note in of_joint]
 
 
 def check_motion(motion: Motion, robot: Robot) -> None:

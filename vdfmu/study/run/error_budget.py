@@ -22,9 +22,10 @@ from vdfmu.study.analysis.system import packaged
 from vdfmu.study.options import ErrorBudgetOptions, ScenarioOptions
 from vdfmu.study.report.causes import Names, causes
 from vdfmu.study.report.simulation import knobs, values_of
-from vdfmu.study.run.key_figures import robot_with, same_frames, tool_errors
+from vdfmu.study.run.key_figures import same_frames, tool_errors
 from vdfmu.study.run.scenario_run import prepare
 from vdfmu.system.scenario import Scenario
+from vdfmu.system.scenario.values import robot_with
 
 _SIGNALS = ("trajectory.q_d", "plant.q")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -69,13 +69,6 @@ def tool_errors(robot: Robot, results: Results) -> Floats:
 def same_frames(robot: Robot, plant: Robot) -> bool:
     """Whether the plant has the geometry of the robot, by which a tool error is known."""
     return all(np.array_equal(each, frames(plant)[name]) for name, each in frames(robot).items())
-
-
-def robot_with(robot: Robot, values: Mapping[str, Any]) -> Robot:
-    """Return a robot with numbers of its plant, by their names there: ``mass[2]``; itself if it has them."""
-    own = [float(getattr(robot, each.field)[each.index]) for each in robot.entries()]
-    new = [float(values.get(each.name, number)) for each, number in zip(robot.entries(), own, strict=True)]
-    return robot if new == own else robot.with_values(new)
 
 
 class _Peaks:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
 from itertools import chain
@@ -49,7 +49,7 @@ from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.report.simulation import compiling_modules
 from vdfmu.study.report.world import scene_of
 from vdfmu.study.run.at_limits import ArmLimits, limits_of, time_at_limits
-from vdfmu.study.run.key_figures import key_figures, robot_with
+from vdfmu.study.run.key_figures import key_figures
 from vdfmu.study.run.stability import VISIBLE, explain, loop_checks, run_checks, simulated
 from vdfmu.study.run.summary import (
     compare,
@@ -70,7 +70,7 @@ from vdfmu.system.scenario import Scenario, load_scenario
 from vdfmu.system.scenario.check import model_notes
 from vdfmu.system.scenario.parts import cached_fmus
 from vdfmu.system.scenario.replace import with_payload, with_units
-from vdfmu.system.scenario.values import system_values
+from vdfmu.system.scenario.values import robot_with, system_values
 
 RUN_OUTPUTS = (
     *SYSTEM_OUTPUTS,
@@ -162,7 +162,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
     backend = choose_backend("native" if native else options["backend"])
     say = partial(_say, options["log"])
     system = SystemDescription(scenario, system_values(scenario, options["settings"]))
-    for note in _notes(scenario, backend):
+    for note in _notes(scenario, backend, options["settings"]):
         say(note)
     with place as made, ExitStack() as stack:
         made = Path(made)
@@ -217,10 +217,10 @@ def _say(log: Callable[[LogMessage], None] | None, note: str) -> None:
         log(LogMessage("", 0.0, "note", "", note))
 
 
-def _notes(scenario: Scenario, backend: str) -> Iterator[str]:
+def _notes(scenario: Scenario, backend: str, settings: Mapping[str, Any] | None) -> Iterator[str]:
     yield from (f"{connection}: {_LEFT_OUT}" for connection in scenario.system.dropped)
     yield from (f"{connection}: {_JOINED}" for connection in scenario.system.joined)
-    for note in (*model_notes(scenario), *build_notes(scenario.robot, backend)):
+    for note in (*model_notes(scenario, settings), *build_notes(scenario.robot, backend)):
         yield f"{(scenario.robot or scenario).name}: {note}"
 
 

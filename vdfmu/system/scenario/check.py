@@ -1,23 +1,22 @@
-"""What of a scenario looks like a wrong sign or unit of measurement, or reaches no component."""
+"""Checks of a scenario for likely mistakes: wrong signs, wrong units, values that no component uses."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-import numpy as np
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 from vdfmu.arm.robot.parameters import PARAMETERS
-from vdfmu.arm.robot.robot import Robot
+from vdfmu.arm.robot.plausible import position_notes, robot_notes, speed_notes
 from vdfmu.arm.units._played import Played
-from vdfmu.base.measure import WIDE_ANGLE
+from vdfmu.arm.units.trajectory import Trajectory
 from vdfmu.compiler.unit.unit import Unit
 from vdfmu.system.scenario.scenario import Scenario
 from vdfmu.system.scenario.scenario_file import KEYS
-from vdfmu.system.scenario.values import section_values
+from vdfmu.system.scenario.values import group_of, override, robot_with, section_values
 
 
-def model_notes(scenario: Scenario) -> list[str]:
-    """Return the notes of a scenario, and what of it looks like a wrong sign or unit, though it may be meant."""
+def model_notes(scenario: Scenario, settings: Mapping[str, Any] | None = None) -> list[str]:
+    """Return the notes of a scenario with settings: likely mistakes, and values that no component uses."""
     robot, resolved = scenario.robot, scenario.resolved
     notes = [*scenario.notes, *_not_reached(scenario)]
     notes += [
@@ -32,43 +31,46 @@ def model_notes(scenario: Scenario) -> list[str]:
         if all(v.group != group for v in resolved.tables[component])
         and not issubclass(resolved.units.get(component, Unit), Played)  # shares its start all the same
     ]
-    if robot is not None:
-        notes += _robot_notes(robot)
-        if not resolved.takers:
-            notes.append("robot: no component takes it. Leave it out, unless tables and figures need it.")
-    angles = {
-        f"{component}.{name}": value
-        for component, section in section_values(resolved, scenario.sections).items()
-        for table in [resolved.tables[component]]
-        for name, value in section.items()
-        if table.variables[table.reference[name]].unit == "rad"
-    }
-    if robot is not None and robot.limits:
-        for name in ("q_min", "q_max"):
-            pairs = enumerate(zip(robot.joint_types, getattr(robot, name), strict=True), start=1)
-            none = PARAMETERS[name].largest  # as the importers write for a joint without end stops
-            angles |= {f"{name}[{i}]": q for i, (joint, q) in pairs if joint == "revolute" and abs(q) < none}
-    wide = (f"{name} = {q:g} rad looks like degrees: {np.radians(q):.4g} rad." for name, q in angles.items()
-            if abs(q) > WIDE_ANGLE)  # fmt: skip
+    if robot is not None and not resolved.takers:
+        notes.append("robot: no component takes it. Leave it out, unless tables and figures need it.")
+    written = section_values(resolved, scenario.sections)
+    for component, changed in override(scenario, settings or {}).items():
+        written[component] = written.get(component, {}) | changed
     notes += [f"motion: {note}" for unit in resolved.units.values() for note in getattr(unit, "notes", ())]
-    return notes + list(wide)
+    return list(dict.fromkeys([*notes, *_of_robots(scenario, written), *_of_motions(scenario, written)]))
 
 
-def _robot_notes(robot: Robot) -> Iterator[str]:
-    """Yield what of a robot looks like another unit or sign."""
-    size = float(np.abs(robot.gravity).max())
-    if size > _STRONG_GRAVITY:
-        yield f"gravity of {size:g} m/s2 looks like another unit: 9.81 m/s2 on Earth."
-    elif -robot.gravity.min() > max(1.0, robot.gravity.max()):
-        k = int(robot.gravity.argmin())
-        yield (
-            f"gravity[{k + 1}] = {robot.gravity[k]:g} m/s2 pulls towards +: it is written upward, +9.81 on the axis "
-            "that points up."
-        )
-    masses = robot.mass.tolist() + ([float(robot.payload_mass)] if robot.payload else [])
-    heavy = [m for m in masses if m > _HEAVY_LINK]
-    if heavy:
-        yield f"a mass of {max(heavy):g} kg looks like grams."
+def _of_robots(scenario: Scenario, written: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
+    """Yield what of the robot, and of the plants as they run, looks like another unit or sign."""
+    if scenario.robot is not None:
+        yield from robot_notes(scenario.robot)
+    for name in scenario.resolved.plants:
+        robot = scenario.system.parts[name].robot or scenario.plant_robot
+        yield from robot_notes(robot_with(robot, written.get(name, {})))
+
+
+def _of_motions(scenario: Scenario, written: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
+    """Yield what of positions and speeds looks like another unit."""
+    resolved = scenario.resolved
+    for component, values in written.items():
+        table = resolved.tables[component]
+        unit, positions = resolved.units.get(component, Unit), list[str]()
+        for name, value in values.items():
+            v = table.variables[table.reference[name]]
+            quantity = unit.declared[v.group].unit if v.group in unit.declared else ""
+            if v.unit == "rad" and v.group not in PARAMETERS:
+                positions += position_notes(f"{component}.{name}", value, "revolute")
+            elif quantity == "position":
+                positions += position_notes(f"{component}.{name}", value, "prismatic")
+            elif quantity == "velocity":
+                yield from speed_notes(f"{component}.{name}", value, "prismatic" if v.unit == "m/s" else "revolute")
+        yield from positions
+        robot = resolved.robots.get(component)
+        if issubclass(unit, Trajectory) and robot is not None and not positions:
+            start, end, T = (group_of(table, values, name) for name in ("q_start", "q_end", "T"))
+            for i, kind in enumerate(robot.joint_types):  # (57) is fastest in its middle
+                name = f"{component}: speed of joint {i + 1}"
+                yield from speed_notes(name, 2.0 * abs(end[i] - start[i]) / T, kind)
 
 
 def _not_reached(scenario: Scenario) -> Iterator[str]:
@@ -88,9 +90,3 @@ def _not_reached(scenario: Scenario) -> Iterator[str]:
             for name, own in plants.items()
             if own is not None
         )
-
-
-_STRONG_GRAVITY = 30.0
-"""Above that of every planet [m/s2], below 980 cm/s2."""
-_HEAVY_LINK = 500.0
-"""Links of the largest industrial robots have some hundred kg; a link of half a kilogram has 500 g."""

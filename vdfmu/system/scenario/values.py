@@ -171,6 +171,13 @@ def robot_parameters(component: str, table: Variables, scenario: Scenario) -> Va
     }
 
 
+def robot_with(robot: Robot, values: Mapping[str, Any]) -> Robot:
+    """Return a robot with numbers of its plant, by their names there: ``mass[2]``; itself if it has them."""
+    own = [float(getattr(robot, each.field)[each.index]) for each in robot.entries()]
+    new = [float(values.get(each.name, number)) for each, number in zip(robot.entries(), own, strict=True)]
+    return robot if new == own else robot.with_values(new)
+
+
 def is_free(system: SystemFile, component: str, variable: Variable) -> bool:
     """Whether a variable is an input that nothing feeds."""
     names = {f"{component}.{variable.group}", f"{component}.{variable.name}"}

@@ -1,0 +1,153 @@
+"""Plausibility: numbers that are allowed and of no arm, each with its likely mistake.
+
+Files of robots and scenarios, imports and runs ask this one list. Its limits lie outside all shipped robots, and all
+gears of the catalogue with all its motors, and inside the usual mistakes: factors of 1000, of 180 / pi and of ell.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vdfmu.arm.equations.harmonic_drive import deformation_derivative
+from vdfmu.arm.robot.robot import Robot
+from vdfmu.base.arrays import Floats
+from vdfmu.base.measure import WIDE_ANGLE
+
+FAR = 20.0
+"""Length [m]: the longest arms in space have 17 m, millimetres of a link are more than 20."""
+_FAST = {"revolute": (60.0, "rad/s"), "prismatic": (20.0, "m/s")}
+"""Speed of a joint. The wrists of SCARA robots reach 45 rad/s, linear motors 15 m/s. Limits in public robot files go up
+to 1e4 rad/s and are not asked."""
+_NONE = 1e6
+"""From here on a stop is none, as importers and FMUs write it."""
+_HEAVY = 500.0
+"""Mass of a link [kg]: the largest shipped has 395 kg, a link of half a kilogram has 500 g."""
+_STRONG_GRAVITY = 30.0
+"""Above that of every planet [m/s2], below 980 cm/s2."""
+_LARGE = 5.0
+"""Radius of gyration [m]: shipped links have 0.02 to 0.5, one of 10 cm in kg.mm2 has 100, in kg.cm2 10."""
+_SOFT, _STIFF = 2.0, 150.0
+"""Frequency of a rotor on its drive's spring, and on the flexspline alone [Hz]. Shipped arms and the catalogue have 10
+to 84 and 10 to 104, series elastic actuators 3 and more. Newton millimetres make it 32 times as high, a missing ell
+5 to 16 times, a stiffness per arc minute 58 times as low."""
+_WEAK_MOTOR, _STRONG_MOTOR = 1e3, 2e6
+"""Acceleration of a rotor by the motor's largest torque [rad/s2]. Shipped arms have 5e3 to 1e5, the catalogue up to
+3e5. A torque of the link side makes it ell times as high, an inertia with ell twice ell times as low."""
+
+
+class Check(NamedTuple):
+    """A size that each joint has, the limits of arms, and what to say beyond them."""
+
+    size: Callable[[Robot], Floats]
+    low: float
+    high: float
+    text: str
+    """With the size in braces."""
+    if_low: str
+    if_high: str
+
+
+def _width(robot: Robot) -> Floats:
+    return np.sqrt(np.linalg.eigvalsh(robot.inertia)[:, -1] / robot.mass)
+
+
+def _length(robot: Robot) -> Floats:
+    return np.maximum(np.abs(robot.offset).max(axis=1), np.abs(robot.centroid).max(axis=1))
+
+
+def _frequency(robot: Robot, stiffness: Any) -> Floats:
+    return np.sqrt(stiffness / (robot.I_m * robot.ell)) / (2.0 * math.pi)
+
+
+def _acceleration(robot: Robot) -> Floats:
+    return robot.tau_stall * robot.ell / robot.I_m if robot.limits else np.zeros(0)
+
+
+_DRIVES = "Drives have 10 to 100 Hz: check K_f0, K_w0 and I_m."
+_MOTORS = "Motors reach 5e3 to 3e5: check tau_stall and I_m."
+CHECKS = (
+    Check(lambda robot: robot.mass, 0.0, _HEAVY, "a mass of {:g} kg", "", "looks like grams. Give it in kg."),
+    Check(_length, 0.0, FAR, "a length of {:g} m", "", "looks like mm. Give offset and centroid in m."),
+    Check(
+        _width, 0.0, _LARGE, "the inertia of a body {:.3g} m wide", "", "looks like kg.cm2 or kg.mm2. Give it in kg.m2."
+    ),
+    Check(
+        lambda robot: _frequency(robot, 1.0 / deformation_derivative(robot, np.zeros(robot.n))), _SOFT, math.inf,
+        "a rotor that swings on its spring with {:.3g} Hz",
+        f"looks like a stiffness per arc minute, or I_m in another unit. {_DRIVES}", "",
+    ),
+    Check(
+        lambda robot: _frequency(robot, robot.K_f0), 0.0, _STIFF,
+        "a rotor that swings on its flexspline with {:.4g} Hz",
+        "", f"looks like K_f0 in N.mm/rad, I_m without its factor ell, or a simulator's armature. {_DRIVES}",
+    ),
+    Check(
+        _acceleration, _WEAK_MOTOR, _STRONG_MOTOR, "a motor that accelerates its rotor by {:.3g} rad/s2",
+        f"looks like I_m with ell twice. {_MOTORS}",
+        f"looks like tau_stall of the link side, or I_m without its factor ell. {_MOTORS}",
+    ),
+)  # fmt: skip
+"""What is asked of each joint."""
+
+
+def robot_notes(robot: Robot) -> list[str]:
+    """Return what of a robot looks like a mistake: what it is, its likely cause, and a way out."""
+    return [*_gravity(robot), *_joints(robot), *_payload(robot), *_stops(robot)]
+
+
+def _gravity(robot: Robot) -> Iterator[str]:
+    size = float(np.abs(robot.gravity).max())
+    if size > _STRONG_GRAVITY:
+        yield f"gravity of {size:g} m/s2 looks like another unit. Earth has 9.81 m/s2."
+    elif -robot.gravity.min() > max(1.0, robot.gravity.max()):
+        k = int(robot.gravity.argmin())
+        yield f"gravity[{k + 1}] = {robot.gravity[k]:g} m/s2 pulls towards +. Write +9.81 on the axis that points up."
+
+
+def _joints(robot: Robot) -> Iterator[str]:
+    """Yield a note for each check, on the joint that is furthest out."""
+    for check in CHECKS:
+        sizes = check.size(robot)
+        for out, i, why in (
+            (sizes < check.low, sizes.argmin, check.if_low), (sizes > check.high, sizes.argmax, check.if_high)
+        ):  # fmt: skip
+            if out.any():
+                yield f"joint {robot.joint_labels[i()]}: {check.text.format(sizes[i()])} {why}"
+    for i in np.flatnonzero(np.abs(robot.tool_offset) > FAR)[:1]:
+        yield f"tool_offset[{i + 1}] = {robot.tool_offset[i]:g} m looks like mm. Give it in m."
+
+
+def _payload(robot: Robot) -> Iterator[str]:
+    if robot.payload and robot.payload_mass > _HEAVY:
+        yield f"payload: a mass of {float(robot.payload_mass):g} kg looks like grams. Give it in kg."
+
+
+def _stops(robot: Robot) -> Iterator[str]:
+    """Yield a note for the lower and the upper stops, on the joint that is furthest out."""
+    for name in ("q_min", "q_max") if robot.limits else ():
+        values = getattr(robot, name)
+        i = int(np.where(np.abs(values) < _NONE, np.abs(values), 0.0).argmax())
+        if abs(values[i]) < _NONE:
+            yield from position_notes(f"{name}[{i + 1}]", float(values[i]), robot.joint_types[i])
+
+
+def position_notes(name: str, value: float, kind: str) -> Iterator[str]:
+    """Yield a note on a position of a revolute or prismatic joint that looks like degrees or millimetres."""
+    if kind == "revolute" and abs(value) > WIDE_ANGLE:
+        yield f"{name} = {value:.4g} rad looks like degrees. Write {math.radians(value):.4g} rad."
+    elif kind == "prismatic" and abs(value) > FAR:
+        yield f"{name} = {value:.4g} m looks like mm. Write {value / 1000.0:.4g} m."
+
+
+def speed_notes(name: str, value: float, kind: str) -> Iterator[str]:
+    """Yield a note on a speed of a revolute or prismatic joint that no arm has."""
+    most, unit = _FAST[kind]
+    if abs(value) > most:
+        yield (
+            f"{name} = {value:.4g} {unit} is faster than arms, whose joints reach {0.75 * most:g} {unit}. "
+            "Check positions, times and their units."
+        )
