@@ -28,24 +28,13 @@ class Algorithm:
     repeats: bool = False
     """Whether steps are repeated, from saved states, where components depend on each other."""
     substeps: int = 0
-    """Number of equal steps in a communication step, if inputs hold over each of them. An input gets the output that it
-    reads at the begin of each of these steps, or within it if the algorithm is `ordered`."""
+    """Number of equal steps in a communication step, if inputs hold over each of these; else 0."""
 
     def __post_init__(self) -> None:
         if self.substeps < 0 or (self.continuous and self.substeps):
             raise UsageError(
                 f"{self.stepper}: substeps must be 0 or more, and 0 if continuous, got {self.substeps}. Declare one."
             )
-
-    @property
-    def declared(self) -> bool:
-        """Whether the row says when inputs change."""
-        return self.continuous or self.substeps > 0
-
-    @property
-    def lag(self) -> float:
-        """How old the inputs are at the end of a communication step, as a share of it; 0 if that is not declared."""
-        return 1.0 / self.substeps if self.substeps else 0.0
 
     @property
     def reference(self) -> str:

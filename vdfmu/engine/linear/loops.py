@@ -176,8 +176,7 @@ def system_loop(system: LinearSystem, opened: Sequence[str], growth: float = 0.0
     """
     if system.how.continuous:
         raise UsageError(
-            f"margins: expected {choice(continuous=False, declared=True)}, which sample the signals, got "
-            f"{system.algorithm}."
+            f"margins: expected {choice(continuous=False)}, which sample the signals, got {system.algorithm}."
         )
     system = system.around(opened)
     loops, cut = system.sampled(opened), system.places(opened)

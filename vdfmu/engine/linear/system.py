@@ -170,7 +170,7 @@ class LinearSystem:
             For unknown inputs, or signals and samples with unknown changes from one communication point to
             the next.
         """
-        if not self.how.declared:
+        if not (self.how.continuous or self.how.substeps):
             raise UsageError(
                 f"the algorithm {self.algorithm} declares neither substeps nor continuous, so its loop is not known. "
                 "Declare one of them in its Algorithm."

@@ -184,7 +184,7 @@ def _check_abilities(
                 else "the FMU declares no event mode (hasEventMode)"
             )
             problems.append(f"{name}: {unit.source} has clocks, {', '.join(clocks)}, which tick in event mode; {way}")
-    if not how.declared:
+    if not (how.continuous or how.substeps):
         text = f"the algorithm {algorithm} declares neither substeps nor continuous in its Algorithm"
         return problems, [f"{text}: the run records all inputs, and its stability is not judged"]
     if not how.continuous:

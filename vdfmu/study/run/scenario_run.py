@@ -248,7 +248,7 @@ def _numbers(results: Results, system: SystemDescription, limits: list[ArmLimits
         found |= implied_gains(scenario.paper, robot, system.values)
     found |= time_at_limits(results, limits)
     if has_signals(results, "plant.tau_s", "estimator.tau_s_hat", "estimator.tau_f_hat"):
-        found |= estimation_errors(results, ALGORITHMS[scenario.master].lag)
+        found |= estimation_errors(results, ALGORITHMS[scenario.master].substeps)
     return found | {"paper": dict(scenario.paper)}
 
 
@@ -308,7 +308,7 @@ def _references(system: SystemDescription, package: Path, results: Results) -> d
             progress=partial(report, stage),
         )
         try:
-            differences[key], statistics = compare(results, solution, scenario.robot, how.lag)
+            differences[key], statistics = compare(results, solution, scenario.robot, how.substeps)
         except UsageError as error:  # an algebraic loop, which the run may have solved
             found["no_reference"] = str(error).rstrip(".")
             continue

@@ -99,7 +99,8 @@ def reference_blocks(
     files = sources(system, solution.lists)
     system.start()
     small = files is not None and t.size * places.size * t.itemsize <= _KEPT
-    path = cache_folder() / "references" / _key(name, system, files, times, places) if files and small else None
+    key = _key(f"{name} {substeps}", system, files, times, places) if files and small else ""
+    path = cache_folder() / "references" / key if key else None
     kept = load(path) if path is not None else None
     if kept is None:
         solved = solution.solve(times, runs(system, solution.lists, files))
