@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import ast
+import re
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import vdfmu
+from vdfmu.engine.algorithms import ALGORITHMS
 
 ROOT = Path(vdfmu.__file__).parent
 ROOMS = ("base", "engine", "compiler", "arm", "system", "study", "cli")
@@ -71,3 +73,18 @@ def test_the_equations_know_numbers_and_nothing_else():
         if module.startswith(EQUATIONS):
             known = (*EQUATIONS, "vdfmu.compiler.scalar", "vdfmu.base.measure")  # scalars, and bounds of numbers
             assert all(one.startswith(known) for one in imported), module
+
+
+def test_algorithms_are_named_in_their_rows_alone():
+    """Elsewhere code reads the row; docstrings, the table of rules and examples of commands are for readers."""
+    names = re.compile(rf"(?<!\w)({'|'.join(ALGORITHMS)})(?!\w)")
+    for path, tree in _trees().items():
+        place = path.relative_to(ROOT).as_posix()
+        if place in ("engine/algorithms.py", "engine/rules.py", "cli/commands.py"):
+            continue
+        told = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in told:
+                assert not names.search(node.value), f"{place}, line {node.lineno}: {node.value}"
+    for path in (ROOT / "study" / "report" / "web").glob("*.js"):
+        assert not names.search(path.read_text(encoding="utf-8")), path.name

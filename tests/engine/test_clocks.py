@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import fmpy
@@ -11,12 +12,13 @@ from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 
 import vdfmu
+from tests.engine.files import assert_same_bits
 from tests.engine.reference import models
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.engine.masters.multirate import with_steps
 from vdfmu.engine.package import load_ssp
 from vdfmu.engine.plan.check import check_system
-from vdfmu.engine.run import simulate
+from vdfmu.engine.run import Results, simulate
 
 LOOP = {"c": (models.CONTROLLER, "3.0"), "p": (models.LAG, "3.0")}
 WIRES = ["p.x -> c.e", "c.u -> p.u"]
@@ -56,6 +58,16 @@ def test_ticks_between_communication_points_are_communication_points(system, ste
     every, rows = (1, slice(None, None, 2)) if step < 0.1 else (round(step / 0.1), slice(None))
     np.testing.assert_allclose(results["p.x"][rows], x[::every], rtol=1e-14, atol=0)
     np.testing.assert_allclose(results["c.u"][rows], u[::every], rtol=1e-14, atol=0)
+
+
+def test_inputs_at_events_read_back_as_they_were(system, tmp_path):
+    """An event brings the inputs up to date, so an input is no output of the row before."""
+    path = system(LOOP, WIRES)
+    results = simulate(path, stop=1.0, step=0.1, stream=tmp_path / "results.csv")
+    (tmp_path / "summary.json").write_text(json.dumps(results.summary))
+    found = Results.read(tmp_path / "results.csv")
+    assert_same_bits(found, simulate(path, stop=1.0, step=0.1))
+    np.testing.assert_array_equal(found["c.e"], found["p.x"])
 
 
 def test_the_controller_in_plain_fmpy(built, tmp_path):

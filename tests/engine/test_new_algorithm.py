@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+import csv
+import json
 import subprocess
 import sys
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
+import vdfmu
+from tests.engine.files import assert_same_bits
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.algorithms import ALGORITHMS, Algorithm
-from vdfmu.engine.run import simulate
+from vdfmu.engine.linear.linearise import linear_system
+from vdfmu.engine.linear.loops import moving, system_margins
+from vdfmu.engine.run import Results, simulate
+from vdfmu.study.batch.make import make_program
+from vdfmu.system.package.description import SystemDescription
 
 TOY = '''
 from vdfmu.engine.masters.sampled import SampledStepper
@@ -24,18 +35,34 @@ class Halving(SampledStepper):
         super().advance(time + 0.5 * step, 0.5 * step, stop)
 
 
+class Varying(SampledStepper):
+    """Makes one to three steps of each."""
+
+    def advance(self, time, step, stop):
+        count = round(time / step) % 3 + 1
+        for k in range(count):
+            super().advance(time + k * step / count, step / count, stop)
+
+
 def halving(coupling):
     return Halving(coupling.exchange)
+
+
+def varying(coupling):
+    return Varying(coupling.exchange)
 '''
+SILENT = Algorithm("toy_algorithm:halving")
+HALVING = replace(SILENT, substeps=2)
 ROW = 'ALGORITHMS["halving"] = Algorithm("toy_algorithm:halving")'
+UNSAID = "the algorithm halving declares neither substeps nor continuous"
 
 
 @pytest.fixture
 def toy(tmp_path, monkeypatch):
-    """Return the folder with the file of the toy."""
+    """Return what gives the algorithm of the toy a row."""
     (tmp_path / "toy_algorithm.py").write_text(TOY)
     monkeypatch.syspath_prepend(str(tmp_path))
-    return tmp_path
+    return lambda row: monkeypatch.setitem(ALGORITHMS, "halving", row)
 
 
 @pytest.fixture
@@ -45,10 +72,18 @@ def chain(pack):
     return pack(components, ["r.y -> g.u"])
 
 
-def test_a_new_algorithm_is_one_row_of_the_registry(toy, chain, monkeypatch):
+def run_of(package: Path, folder: Path, **options) -> tuple[Results, Results]:
+    """Return the results in memory, and those read back from the file that the run wrote."""
+    options = {"algorithm": "halving", "isolate": False, **options}
+    results = simulate(package, stream=folder / "results.csv", **options)
+    (folder / "summary.json").write_text(json.dumps(results.summary))
+    return simulate(package, **options), Results.read(folder / "results.csv")
+
+
+def test_a_new_algorithm_is_one_row_of_the_registry(toy, chain):
     with pytest.raises(UsageError, match="unknown algorithm 'halving'; there are gauss-seidel, "):
         simulate(chain, step=0.1, stop=1.0, algorithm="halving")
-    monkeypatch.setitem(ALGORITHMS, "halving", Algorithm("toy_algorithm:halving"))
+    toy(SILENT)
     halved = simulate(chain, step=0.1, stop=1.0, algorithm="halving", isolate=False)
     fine = simulate(chain, step=0.05, stop=1.0, algorithm="jacobi", isolate=False)
     coarse = simulate(chain, step=0.1, stop=1.0, algorithm="jacobi", isolate=False)
@@ -56,6 +91,96 @@ def test_a_new_algorithm_is_one_row_of_the_registry(toy, chain, monkeypatch):
     for name in ("r.y", "g.y"):
         np.testing.assert_allclose(halved[name][1:], fine[name][2::2], rtol=1e-14)
     assert np.abs(halved["g.y"] - coarse["g.y"]).max() > 0.01
+
+
+def test_a_row_declares_one_kind_of_inputs():
+    for row in ({"substeps": -1}, {"substeps": 1, "continuous": True}):
+        with pytest.raises(UsageError, match="substeps must be 0 or more, and 0 if continuous, got"):
+            Algorithm("toy_algorithm:halving", **row)
+
+
+@pytest.mark.parametrize(
+    "row",
+    [SILENT, replace(SILENT, stepper="toy_algorithm:varying"), HALVING, replace(HALVING, ordered=True)],
+    ids=["silent", "varying", "halving", "ordered"],
+)
+def test_inputs_read_back_as_they_were(toy, arm_package, tmp_path, row):
+    toy(row)
+    memory, read = run_of(arm_package(), tmp_path, stop=0.05)
+    assert len(memory.names) == 77
+    assert_same_bits(read, memory)
+    # the controller's torque reaches the plant within the step, if the row is ordered: a copy of this very row
+    with (tmp_path / "results.csv").open(newline="") as file:
+        assert len(next(csv.reader(file))) - 1 == (71 if row.ordered else 77)
+    assert any(UNSAID in note for note in memory.summary["notes"]) == (row.substeps == 0)
+
+
+@pytest.mark.parametrize("ordered", [False, True])
+def test_the_loop_is_the_one_that_it_samples(toy, arm_package, ordered):
+    """Two steps of half the length: the loop of a shipped algorithm at half the step, and by matrices of its own."""
+    toy(replace(HALVING, ordered=ordered))
+    system = linear_system(arm_package(), 0.1, step=1e-3, algorithm="halving")
+    fine = linear_system(arm_package(), 0.1, step=5e-4, algorithm="gauss-seidel" if ordered else "jacobi")
+    coarse = linear_system(arm_package(), 0.1, step=1e-3, algorithm=fine.algorithm)
+    mine, other, wrong = (system_margins(each, ["plant.tau"]) for each in (system, fine, coarse))
+    # the same matrices but for times of 0.1 s that differ by 1e-17 s: rounding
+    np.testing.assert_allclose(mine.modulus, other.modulus, rtol=1e-12)
+    assert np.abs(mine.modulus - wrong.modulus).max() > 0.05
+    if ordered:
+        return
+    modulus, poles = margins_by_hand(system, 5e-4)
+    found = np.sort_complex(np.linalg.eigvals(moving(system).A))
+    # eigenvalues of 60 states whose zeros are multiple: rounding of 1e-16 to the power of a third
+    np.testing.assert_allclose(np.sort(np.abs(found))[-8:], np.sort(np.abs(poles))[-8:], rtol=1e-5)
+    # the least distance is flat: 400 points over 4 decades meet it within (ln(1e4) / 400)^2 / 2
+    np.testing.assert_allclose(mine.modulus, modulus, rtol=3e-4)
+
+
+def margins_by_hand(system, step):
+    """Return the modulus margins at plant.tau, and the poles, if every input waits for a step."""
+    p, links = system.parts, system.links
+    n, m = p.B.shape
+    whole = expm(step * np.block([[p.A, p.B], [np.zeros((m, n + m))]]))
+    moved = whole[:n]  # x at the end of the step, by (x, u)
+    waits = links @ (p.C @ moved + np.hstack([np.zeros((len(p.C), n)), p.D]))
+    closed = np.vstack([moved, waits])
+    cut = n + np.array([i for i, name in enumerate(p.inputs) if name.startswith("plant.tau[")])
+    opened, by = closed.copy(), closed[:, cut]
+    opened[:, cut] = 0.0
+    z = np.exp(1j * np.geomspace(1e-4 * np.pi, np.pi, 1000))[:, None, None]
+    T = np.linalg.solve(z * np.eye(n + m) - opened, by.astype(complex))[:, cut]  # from d to what comes back
+    S = np.linalg.inv(np.eye(len(cut)) - T)
+    return 1.0 / np.abs(np.diagonal(S, axis1=1, axis2=2)).max(axis=0), np.linalg.eigvals(closed)
+
+
+def test_a_run_is_judged_by_what_the_row_declares(toy):
+    """A wrong declaration fails by the reference; without any there is no verdict on the loops."""
+    checks = {}
+    for name, row in (("right", HALVING), ("wrong", replace(HALVING, substeps=1)), ("silent", SILENT)):
+        toy(row)
+        summary = vdfmu.run("planar_tracking", stop=0.05, master="halving", out=False).summary
+        checks[name] = {check["name"]: check["passed"] for check in summary["verdict"]["checks"]}
+        assert any(UNSAID in text for text in summary["verdict"]["not_checked"]) == (name == "silent")
+        assert ("sampled" in summary["reference"]) == (name != "silent")
+    reference = "Equals the sampled-delayed scipy reference"
+    assert (checks["right"][reference], checks["wrong"][reference]) == (True, False)
+    assert "Sampled loops" in checks["right"] and "Sampled loops" not in checks["silent"]
+
+
+@pytest.mark.parametrize("row", [SILENT, HALVING])
+def test_what_steps_once_refuses_it(toy, chain, xml, pack, row):
+    toy(row)
+    own = '<ssc:Annotation type="com.opensimulationplatform"><osp:StepSizeHint xmlns:osp='
+    own += '"http://opensimulationplatform.com/SSP/OSPAnnotations" value="0.2"/></ssc:Annotation>'
+    scenario = replace(vdfmu.load_scenario("planar_tracking"), master="halving")
+    with pytest.raises(UsageError, match="master: expected gauss-seidel or jacobi, got halving"):
+        make_program(SystemDescription(scenario), [])
+    slow = xml.component("g", "Gain", "u:input y:output", f"<ssd:Annotations>{own}</ssd:Annotations>")
+    path = pack(["r Ramp y:output", slow], ["r.y -> g.u"], name="slow.ssp")
+    with pytest.raises(UsageError, match="halving takes one step for all; use gauss-seidel or jacobi"):
+        simulate(path, step=0.1, stop=1.0, algorithm="halving", isolate=False)
+    with pytest.raises(UsageError, match="adaptive: halving samples"):
+        simulate(chain, step=0.1, stop=1.0, algorithm="halving", adaptive=1e-3)
 
 
 @pytest.mark.heavy
@@ -70,5 +195,8 @@ def test_commands_and_scenarios_know_it(toy, tmp_path):
     assert "halving" in command("run", "--help").stdout
     wrong = command("run", "planar_tracking", "--master", "halve")
     assert "extrapolated, iterative or halving" in wrong.stderr + str(wrong.stdout)
-    out = command("run", "planar_tracking", "--master", "halving", "--stop", "0.02", "--quiet")
+    out = command("run", "planar_tracking", "--master", "halving", "--stop", "0.02")
     assert out.returncode == 0, out.stderr
+    assert UNSAID in " ".join(out.stderr.split())
+    page = (tmp_path / "results" / "planar_tracking" / "report.html").read_text()
+    assert UNSAID in page and "its master is halving, and the page's is gauss-seidel or jacobi" in page

@@ -29,6 +29,7 @@ from vdfmu.cli.terminal import (
     table,
     target_file,
 )
+from vdfmu.engine.algorithms import DELAYED, named
 
 if TYPE_CHECKING:
     from vdfmu.arm.robot import Robot
@@ -194,7 +195,9 @@ def margins(
     ] = None,
     master: Annotated[
         str | None,
-        typer.Option(**choice("gauss-seidel", "jacobi"), help="jacobi has a sample of delay; default the system's."),
+        typer.Option(
+            **choice(*named(continuous=False)), help=f"{DELAYED} has a sample of delay; default the system's."
+        ),
     ] = None,
     growth: Annotated[
         float | None,

@@ -7,23 +7,39 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
+from vdfmu.base.errors import UsageError
 from vdfmu.base.plugins import Plugins, PluginTable
 
 
 @dataclass(frozen=True)
 class Algorithm:
-    """How signals pass between components from one communication point to the next."""
+    """How signals pass between components from one communication point to the next.
+
+    A row with neither `continuous` nor `substeps` does not declare when inputs change. Its runs are not judged for
+    stability, and they record all inputs.
+    """
 
     stepper: str
     """``module:function``, which makes a `vdfmu.engine.masters.sampled.Stepper` from a `Coupling` beside it."""
     continuous: bool = False
-    """Whether coupled signals are continuous, between the communication points too; else inputs hold over a step."""
+    """Whether coupled signals are continuous, between the communication points too."""
     ordered: bool = False
     """Whether an output that depends on inputs directly reaches its readers within the step."""
     repeats: bool = False
     """Whether steps are repeated, from saved states, where components depend on each other."""
-    reference: str = ""
-    """The reference of `vdfmu.system.reference` with the same schedule. A run must match it."""
+    substeps: int = 0
+    """Number of equal steps in a communication step, if inputs hold over each of these; else 0."""
+
+    def __post_init__(self) -> None:
+        if self.substeps < 0 or (self.continuous and self.substeps):
+            raise UsageError(
+                f"{self.stepper}: substeps must be 0 or more, and 0 if continuous, got {self.substeps}. Declare one."
+            )
+
+    @property
+    def reference(self) -> str:
+        """The reference of `vdfmu.system.reference` with the same schedule, in `substeps`. A run must match it."""
+        return ("sampled" if self.ordered else "sampled-delayed") if self.substeps else ""
 
     def load(self) -> Callable[..., Any]:
         """Return the function that makes the stepper."""
@@ -33,21 +49,23 @@ class Algorithm:
 
 _STEPPERS = "vdfmu.engine.masters.steppers"
 _SHIPPED = {
-    "gauss-seidel": Algorithm(f"{_STEPPERS}:held", ordered=True, reference="sampled"),
-    "jacobi": Algorithm(f"{_STEPPERS}:held", reference="sampled-delayed"),
+    "gauss-seidel": Algorithm(f"{_STEPPERS}:held", ordered=True, substeps=1),
+    "jacobi": Algorithm(f"{_STEPPERS}:held", substeps=1),
     "extrapolated": Algorithm(f"{_STEPPERS}:extrapolated", continuous=True),
     "iterative": Algorithm(f"{_STEPPERS}:iterative", continuous=True, repeats=True),
 }
+DEFAULT, DELAYED, *_ = _SHIPPED
+"""The algorithm of a system that names none, and the one that steps any system: no component waits for another."""
 PLUGINS = Plugins("algorithms", "master algorithm", "an Algorithm", lambda found: isinstance(found, Algorithm))
 ALGORITHMS = PluginTable(PLUGINS, _SHIPPED)
 
 
-def is_continuous(name: str | None) -> bool:
-    """Whether an algorithm is known and takes coupled signals as continuous."""
-    return name is not None and name in ALGORITHMS and ALGORITHMS[name].continuous
+def named(**facts: Any) -> list[str]:
+    """Return the names of all algorithms whose rows have these `facts`."""
+    return [name for name, row in ALGORITHMS.items() if all(getattr(row, key) == value for key, value in facts.items())]
 
 
-def choice(*, continuous: bool | None = None) -> str:
-    """Return the names of all algorithms, or of the algorithms that are `continuous` or not, in words."""
-    *names, last = (n for n, a in ALGORITHMS.items() if continuous is None or a.continuous == continuous)
+def choice(**facts: Any) -> str:
+    """Return the names of all algorithms whose rows have these `facts`, in words."""
+    *names, last = named(**facts)
     return f"{', '.join(names)} or {last}" if names else last

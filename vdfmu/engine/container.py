@@ -1,7 +1,7 @@
 """A whole system folded into one container FMU, which runs its units without a master.
 
 FMPy's container is an FMU 2.0 that carries the units inside it and steps them in compiled code: all units from
-the outputs at the start of the step (Jacobi), at one fixed step. Its variables are ``component.variable``.
+the outputs at the start of the step, at one fixed step. Its variables are ``component.variable``.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from vdfmu.base.errors import StorageError, UsageError
 from vdfmu.base.files import pack_zip, require_ours, storing, temporary_folder
 from vdfmu.base.standards import FMI_2
 from vdfmu.base.version import __version__
+from vdfmu.engine.algorithms import DELAYED
 from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.masters.multirate import with_steps
 from vdfmu.engine.package.archive import Archive
@@ -63,7 +64,7 @@ def write_container(system: System | str | os.PathLike[str], path: str | os.Path
     """
     if not 0.0 < step < math.inf:
         raise UsageError(f"step: expected a positive finite time, got {step:g} s.")
-    checked = check_system(system if isinstance(system, System) else load_ssp(Path(system)), algorithm="jacobi")
+    checked = check_system(system if isinstance(system, System) else load_ssp(Path(system)), algorithm=DELAYED)
     if slow := [component.name for component in checked.system.components if component.step is not None]:
         raise UsageError(
             f"{', '.join(slow)}: has a step of its own; a container FMU steps all together. Remove the annotation."

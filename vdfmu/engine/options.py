@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypedDict
 
 from vdfmu.base.option import Option, read_settings
-from vdfmu.engine.algorithms import ALGORITHMS, choice
+from vdfmu.engine.algorithms import ALGORITHMS, DEFAULT, DELAYED, choice
 from vdfmu.engine.results.formats import FORMATS, SUFFIXES, choice_of_formats
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ TEXTS = list[str] | None
 # fmt: off
 master_option = Option(f"{choice()}.", more="The first two sample the coupled signals at the communication points; "
     "the others take them as continuous and are of second order in the step. Default: from the scenario, or from "
-    "the package's annotation with its `adaptive`; else gauss-seidel, or, with a note, jacobi where the dependencies "
+    f"the package's annotation with its `adaptive`; else {DEFAULT}, or, with a note, {DELAYED} where the dependencies "
     "leave no order for it.", choices=tuple(ALGORITHMS))
 settings_option = Option("Set a parameter or input; without an index, all elements, to one value or to one each: "
     "0.3,-0.5.", "mapping of str to value",
@@ -54,7 +54,7 @@ class CouplingOptions(TypedDict, total=False):
 
     adaptive: Annotated[float | None, Option(
         "Relative error of a coupled signal that a communication step may have; steps are shortened to it.",
-        more="Relative to its size and at least to its nominal value. For ``extrapolated`` and ``iterative``.")]
+        more=f"Relative to its size and at least to its nominal value. For {choice(continuous=True)}.")]
 
 
 class InputOptions(TypedDict, total=False):
@@ -146,7 +146,7 @@ class AlgorithmOptions(LoadedOptions, total=False):
         default=False, flag=None)]
     algorithm: Annotated[str | None, master_option]
     convergence: Annotated[float | None, Option("Change of a coupled signal, relative as `adaptive`, at which "
-        "``iterative`` ends its repetitions; default a hundredth of `adaptive`, else 1e-8.", flag=None)]
+        f"{choice(repeats=True)} ends its repetitions; default a hundredth of `adaptive`, else 1e-8.", flag=None)]
 
 
 class SimulatorOptions(AlgorithmOptions, FederationOptions, total=False):
@@ -175,7 +175,7 @@ class SimulateOptions(RowOptions, SimulatorOptions, total=False):
 
 
 class FederateOptions(RowOptions, AlgorithmOptions, total=False):
-    """Options of `vdfmu.federate`; each federate is a process of its own, and the algorithm is jacobi."""
+    """Options of `vdfmu.federate`; each federate is a process of its own."""
 
 
 class ResultOptions(ProgressOptions, total=False):

@@ -23,7 +23,7 @@ SOURCES = {
 }  # fmt: skip
 
 
-def told(results, robot, name="sampled-delayed"):
+def told(results, robot, name="sampled-delayed", substeps=1):
     """Return all that is computed of the rows, with another run's as the reference."""
     n = robot.n
 
@@ -36,14 +36,21 @@ def told(results, robot, name="sampled-delayed"):
             }
             yield Reference(name, results.time[rows], signals)
 
-    absolute, relative = summary.compare(results, solution(), robot, "gauss-seidel")
+    absolute, relative = summary.compare(results, solution(), robot, substeps)
     return {
         **summary.tracking_errors(results, robot),
         **summary.power_bond(results, robot)["power_bond"],
-        **summary.estimation_errors(results, "jacobi"),
+        **summary.estimation_errors(results, substeps),
         **absolute,
         **relative,
     }
+
+
+def earlier(rows, lag):
+    """Return the values up to a row earlier, before the first row this one."""
+    k = np.arange(len(rows), dtype=float)
+    columns = rows.reshape(len(rows), -1).T
+    return np.array([np.interp(k - lag, k, column) for column in columns]).T.reshape(rows.shape)
 
 
 def on_disk(folder, rows, n):
@@ -74,15 +81,16 @@ def test_stretches_tell_what_the_whole_tells(tmp_path, monkeypatch, rows):
             assert parts[key] == value
 
 
-def test_the_whole_tells_what_its_definition_does(tmp_path):
+@pytest.mark.parametrize(("substeps", "lag"), [(1, 1.0), (2, 0.5), (0, 0.0)])
+def test_the_whole_tells_what_its_definition_does(tmp_path, substeps, lag):
     robot = vdfmu.load_robot("planar_2dof")
     results = on_disk(tmp_path, 50, robot.n)
-    found = told(results, robot)
-    true = results["plant.tau_s"][:-1]
-    late = results["estimator.tau_f_hat"][1:] - true
+    found, first = told(results, robot, substeps=substeps), int(lag > 0.0)
+    true = earlier(results["plant.tau_s"], lag)[first:]
+    late = results["estimator.tau_f_hat"][first:] - true
     tau_m = 1.125 * results["controller.tau_m[1]"]
     ours = results["controller.tau"] - results["controller.tau_m"]
-    theirs = 1.125 * results["controller.tau[1]"] - np.append(tau_m[0], tau_m[:-1])
+    theirs = 1.125 * results["controller.tau[1]"] - earlier(tau_m, lag)
     a, b = np.sqrt(np.mean(ours**2, axis=0)), np.sqrt(np.mean(theirs**2))
     difference = np.abs(results["plant.q"] - 1.125 * results["plant.q[1]"][:, None])
     # sums of 50 squares in another order
@@ -111,8 +119,10 @@ def test_a_reference_in_stretches_is_the_whole(monkeypatch, name):
     parts = list(reference_blocks(name, description, step=1e-3, stop=0.05))
     assert [len(part.t) for part in parts] == [20, 20, 11]
     np.testing.assert_array_equal(np.concatenate([part.t for part in parts]), whole.t)
+    halves = list(reference_blocks(name, description, step=2e-3, stop=0.05, substeps=2))
     for signal, array in whole.signals.items():
         np.testing.assert_array_equal(np.concatenate([part[signal] for part in parts]), array)
+        np.testing.assert_array_equal(np.concatenate([part[signal] for part in halves]), array[::2])
 
 
 @pytest.mark.heavy

@@ -13,6 +13,7 @@ from typing import Unpack
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.option import with_options
 from vdfmu.base.text import close_to
+from vdfmu.engine.algorithms import DELAYED
 from vdfmu.engine.federation.federated import Federated
 from vdfmu.engine.federation.plan import FederationPlan, levels, sent_values, share
 from vdfmu.engine.options import FederateOptions
@@ -40,10 +41,10 @@ class Federation:
     core: str = "tcp_ss"
 
     def algorithm(self, wanted: str | None) -> str:
-        """Return jacobi; UsageError if another algorithm is wanted."""
-        if wanted not in (None, "jacobi"):
-            raise UsageError(f"federates step as jacobi has it, not {wanted}")
-        return "jacobi"
+        """Return the algorithm by which federates step; UsageError if another one is wanted."""
+        if wanted not in (None, DELAYED):
+            raise UsageError(f"federates step as {DELAYED} has it, not {wanted}")
+        return DELAYED
 
     def apart(self, checked: Checked) -> tuple[Checked, Making]:
         """Return the part of a checked system that runs here, and the factory of its `Federated`.
@@ -121,7 +122,7 @@ def federate(
     """Co-simulate a system in several processes, federates, that pass each other values by HELICS.
 
     Every federate steps its components with the values that the others had at the start of the step: the results are
-    the same as with :func:`vdfmu.simulate` and ``algorithm="jacobi"``.
+    the same as with :func:`vdfmu.simulate` and the algorithm jacobi.
 
     Parameters
     ----------

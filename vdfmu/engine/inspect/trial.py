@@ -27,6 +27,7 @@ from vdfmu.base.errors import StorageError, VdfmuError
 from vdfmu.base.files import temporary_folder
 from vdfmu.base.interrupt import listening
 from vdfmu.base.process import Listener, end_group, limit, started
+from vdfmu.engine.algorithms import DELAYED
 from vdfmu.engine.inspect.abilities import try_abilities, try_sandboxed
 from vdfmu.engine.inspect.reference import compare
 from vdfmu.engine.package.limits import package_limit, unpack_limit
@@ -234,8 +235,8 @@ def _not_finite(results: npt.NDArray[Any]) -> list[Finding]:
 
 
 def master_of(system: System) -> str:
-    """Return the master algorithm of a system, else jacobi, which steps any system, even with loops."""
-    return system.experiment.algorithm or "jacobi"
+    """Return the master algorithm of a system, else the one that steps any system, even with loops."""
+    return system.experiment.algorithm or DELAYED
 
 
 def _run_system(path: Path, deadline: float) -> Findings:

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vdfmu.base.errors import VdfmuError
-from vdfmu.engine.algorithms import is_continuous
 from vdfmu.engine.linear.linearise import Linearisation
 from vdfmu.engine.linear.loops import GROWTH, fastest_mode, modulus_margins, moving, of_positions, opened_at, rates_of
 from vdfmu.engine.linear.system import LinearSystem
@@ -108,9 +107,9 @@ class Poses:
                 self.lacking = f"nothing is connected to an input {self._group}"
             if not self.lacking:
                 loops = found.around(self.opened)
-                if not (self.systems or self.spread) and not is_continuous(loops.algorithm):
+                if not (self.systems or self.spread) and not loops.how.continuous:
                     loops.sampled()  # refuses unknown behaviour
-                elif is_continuous(loops.algorithm) and loops.samples.signals:
+                elif loops.how.continuous and loops.samples.signals:
                     self.lacking = f"{loops.algorithm} takes as continuous what has sampled states"
                 for systems in lists:
                     systems.append((time, loops))
@@ -139,7 +138,7 @@ class Poses:
 
         Without a margin, the state that grows most. None for a master that takes signals as continuous.
         """
-        if is_continuous(self.systems[0][1].algorithm):
+        if self.systems[0][1].how.continuous:
             return None
         found: list[tuple[float, float, str]] = []
         for time, system in self.spread:

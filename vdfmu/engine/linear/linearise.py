@@ -100,6 +100,7 @@ class Linearisation:
                 fresh[rows[end]] = link.end in checked.schedule.fresh
             elif link.source.type == "Real" and end.partition(".")[0] in components.instances and link.discrete:
                 constant[start] = None
+        step /= max(1, checked.how.substeps)
         slow = tuple(name for name, period in periods(checked).items() if round(period / step) != 1)
         self._facts: dict[str, Any] = {
             "links": links, "fresh": fresh, "step": step, "algorithm": checked.algorithm,

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from vdfmu.base.arrays import Floats, distinct
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear, StateSpace, held
-from vdfmu.engine.algorithms import choice, is_continuous
+from vdfmu.engine.algorithms import choice
 from vdfmu.engine.linear.system import LinearSystem
 
 Complex = npt.NDArray[np.complex128]
@@ -174,7 +174,7 @@ def system_loop(system: LinearSystem, opened: Sequence[str], growth: float = 0.0
     UsageError
         For unknown inputs, and for a master that takes signals as continuous.
     """
-    if is_continuous(system.algorithm):
+    if system.how.continuous:
         raise UsageError(
             f"margins: expected {choice(continuous=False)}, which sample the signals, got {system.algorithm}."
         )
@@ -209,7 +209,7 @@ def fastest_mode(system: LinearSystem) -> tuple[float, str]:
 
 def moving(system: LinearSystem) -> StateSpace:
     """Return the closed loops as their master has them."""
-    return system.continuous() if is_continuous(system.algorithm) else system.sampled()
+    return system.continuous() if system.how.continuous else system.sampled()
 
 
 def rates_of(poles: Any, step: float | None) -> Floats:

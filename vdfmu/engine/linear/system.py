@@ -5,8 +5,8 @@ diagonal matrices. A connected input gets what the connections bring, ``L y``, a
 
 In continuous time ``y = (1 - D L)^-1 (C x + D d)``. Sampled, as the master has it, inputs are held over a step h, over
 which x is solved exactly, ``x[k+1] = Phi x[k] + Gamma u[k]``; outputs at its end are ``y[k+1] = C x[k+1] + D u[k]``.
-An input gets ``u[k] = L y[k] + d[k]``, a sample of delay for what feeds through, or, where `gauss-seidel` passes fresh
-values on, ``u[k] = L y[k+1] + d[k]``.
+An input gets ``u[k] = L y[k] + d[k]``, a sample of delay for what feeds through. If an ordered algorithm passes fresh
+values on, it gets ``u[k] = L y[k+1] + d[k]``. The step h is one of the algorithm's substeps.
 
 Sampled states s change at the begin of the step, ``s[k+1] = F (x[k], u[k], s[k])``, and are held over it: they are
 further inputs of x and y.
@@ -24,6 +24,7 @@ import numpy.typing as npt
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear, Signal, StateSpace, held
+from vdfmu.engine.algorithms import ALGORITHMS, Algorithm
 
 
 class Samples(NamedTuple):
@@ -51,6 +52,7 @@ class LinearSystem:
     fresh : (n_u,) bool array
         Inputs that get the value of the same step.
     step : float [s]
+        The communication step, or one of the algorithm's substeps.
     algorithm : str
         Algorithm of the master.
     samples : Samples
@@ -69,6 +71,11 @@ class LinearSystem:
     samples: Samples
     constant: tuple[str, ...] = ()
     slow: tuple[str, ...] = ()
+
+    @property
+    def how(self) -> Algorithm:
+        """The row of the algorithm."""
+        return ALGORITHMS[self.algorithm]
 
     def places(self, inputs: Sequence[str]) -> list[int]:
         """Return the places of inputs, ``component.variable`` with or without an index; UsageError for others."""
@@ -163,6 +170,11 @@ class LinearSystem:
             For unknown inputs, or signals and samples with unknown changes from one communication point to
             the next.
         """
+        if not (self.how.continuous or self.how.substeps):
+            raise UsageError(
+                f"the algorithm {self.algorithm} declares neither substeps nor continuous, so its loop is not known. "
+                "Declare one of them in its Algorithm."
+            )
         if self.constant:
             raise UsageError(
                 f"{', '.join(self.constant)}: expected signals with derivatives; these change at communication points "

@@ -9,7 +9,6 @@ from pathlib import Path
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
 from vdfmu.base.interrupt import InterruptGuard
-from vdfmu.engine.algorithms import ALGORITHMS, is_continuous
 from vdfmu.engine.fmu.access import TEXTS
 from vdfmu.engine.fmu.classes import class_of
 from vdfmu.engine.fmu.instance import Instance
@@ -62,7 +61,7 @@ class Components:
         """Load the libraries and create the instances."""
         corrupt: set[str] = set()
         own_steps = any(component.step is not None for component in self.checked.system.components)
-        continuous = is_continuous(self.checked.algorithm)
+        continuous = self.checked.how.continuous
         for name, description in self.checked.descriptions.items():
             folder = self.folders[description.source]
             kind = class_of(description)
@@ -106,7 +105,7 @@ class Components:
         self, adaptive: float | None, convergence: float | None, span: float, record: Sequence[str] | None
     ) -> Stepper:
         """Return their stepper, by the algorithm of `checked`; for parameters see `simulate`."""
-        make = ALGORITHMS[self.checked.algorithm].load()
+        make = self.checked.how.load()
         stepper = make(Coupling(self.exchange, self.box, self._events, convergence, adaptive, span))
         self._stepper = stepper
         return stepper

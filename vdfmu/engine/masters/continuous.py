@@ -1,6 +1,6 @@
 """Steps for continuous coupling: inputs run linearly over a step, steps are repeated until the units agree.
 
-The algorithms `extrapolated` and `iterative`, with or without error control; `docs/cosimulation.md` derives them.
+With or without repetitions and error control; `docs/cosimulation.md` derives them.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class ContinuousStepper(Stepper):
     All outputs at the end of the step are predicted from their last two values. The units step in the order of the
     schedule; each input runs linearly from its value at the start of the step to that at its end, which is the
     computed output where its source has stepped, else the predicted one; a signal from outside is known.
-    `iterative` repeats that from the saved states, with better guesses, until the outputs come out as they went in.
+    A `solver` repeats that from the saved states, with better guesses, until the outputs come out as they went in.
     Discrete signals (integers, booleans, discrete reals) do not run: they change at the end of a step, and over the
     step have the value at its start. Where an output depends on one directly (see `Schedule.fresh`), the unit
     gets its value at the end of the step.
@@ -53,7 +53,7 @@ class ContinuousStepper(Stepper):
         After the initialization, with the outputs at the start.
     box : MessageBox
     solver : callable or None
-        `iterative`: makes what solves for the guesses of a block, such as `Broyden`. None: `extrapolated`.
+        Makes what solves for the guesses of a block, such as `Broyden`. None: nothing is repeated.
     convergence : float
         Largest change of a coupled signal, relative to its size and at least to its nominal value, at which the
         repetitions end.

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from vdfmu.base.arrays import Floats, distinct
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.text import matching
-from vdfmu.engine.algorithms import is_continuous
 from vdfmu.engine.fmu.access import KINDS, TEXTS, Call, held
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.messages import MessageBox
@@ -219,10 +218,12 @@ class Exchange:
     def _copies(self, bank: Bank, among: Set[int]) -> dict[int, tuple[int, int, int]]:
         """Return the place of each copying input to the place of its values, the copied signal, and the rows of delay.
 
-        Only inputs `among` others, if the algorithm holds inputs over a step: a fresh one copies the signal it reads,
-        any other that signal one row before, as do all inputs that read the same.
+        Only inputs `among` others, if the algorithm declares that inputs hold: a fresh one copies the signal it reads.
+        Any other, in one substep, copies that signal one row before, as do all inputs that read the same.
         """
-        if is_continuous(self.checked.algorithm) or self.checked.multiples:
+        how, descriptions = self.checked.how, self.checked.descriptions.values()
+        # event mode brings inputs up to date at events too, a component with a longer step at other rows
+        if not how.substeps or self.checked.multiples or any(each.event_mode for each in descriptions):
             return {}
         found: dict[int, tuple[int, int, int]] = {}
         first: dict[int, int] = {}
@@ -231,7 +232,7 @@ class Exchange:
             fresh = link.end in self.checked.schedule.fresh
             # not if it comes from outside or is converted; initialization may have left another value
             same = bank.memory[i].tobytes() == bank.memory[of].tobytes()
-            if same and link.conversion.trivial and {i, of} <= among:
+            if same and link.conversion.trivial and {i, of} <= among and (fresh or how.substeps == 1):
                 found[i] = (of, of, 0) if fresh else (first.setdefault(of, i), of, 1)
         return found
 

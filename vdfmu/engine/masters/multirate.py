@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from vdfmu.base.errors import UsageError
-from vdfmu.engine.algorithms import ALGORITHMS, choice, is_continuous
+from vdfmu.engine.algorithms import DELAYED, choice
 from vdfmu.engine.fmu.access import Call
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.masters.exchange import Exchange
@@ -39,10 +39,10 @@ def with_steps(checked: Checked, step: float) -> Checked:
                 f"{step:g} s; choose another one (step, --step)"
             )
     slow = [name for name, multiple in multiples.items() if multiple > 1]
-    if slow and is_continuous(checked.algorithm):
+    if slow and checked.how.substeps != 1:
         problems.append(
             f"{', '.join(slow)}: have steps of their own, and {checked.algorithm} takes one step for all; use "
-            f"{choice(continuous=False)}"
+            f"{choice(substeps=1)}"
         )
     ticking = [name for name, d in checked.descriptions.items() if any(v.clock for v in d.variables.values())]
     if multiples and ticking:
@@ -55,14 +55,15 @@ def with_steps(checked: Checked, step: float) -> Checked:
         if late:
             problems.append(
                 f"{name}: has a step of its own, passes inputs on within it, and {'.'.join(late[0].start)}, which is "
-                "read, is a state; gauss-seidel cannot pass on both at their times; use jacobi, or split the unit"
+                f"read, is a state; {checked.algorithm} cannot pass on both at their times; use {DELAYED}, or split "
+                "the unit"
             )
     notes: list[str] = []
     for name, period in periods(checked).items():
         if wrong := [k for k in checked.links if k.end == (name, checked.descriptions[name].period)]:
             problems.append(f"{wrong[0]}: expected a value for the time between samples, not a connection")
         fed = [k for k in checked.links if k.stepped and k.end[0] == name]
-        own = step * multiples.get(name, 1)
+        own = step * multiples.get(name, 1) / max(1, checked.how.substeps)
         if fed and abs(period / own - max(1, round(period / own))) > 1e-9 * period / own:
             problems.append(
                 f"{name}: samples every {period:g} s, expected a whole multiple of its step {own:g} s: between "
@@ -71,11 +72,10 @@ def with_steps(checked: Checked, step: float) -> Checked:
                 f"{name}.{checked.descriptions[name].period}={own * max(1, round(period / own)):g})"
             )
         late = {k.start[1] for k in checked.links if _is_late(checked, k, name)}
-        if late and not is_continuous(checked.algorithm):
+        if late and not checked.how.continuous:
             groups = ", ".join(dict.fromkeys(output.split("[")[0] for output in late))
             notes.append(
-                f"{name}: samples every {period:g} s; what {groups} says of a sample acts a communication step later, "
-                f"after {own:g} s"
+                f"{name}: samples every {period:g} s; what {groups} says of a sample acts a step later, after {own:g} s"
             )
     if problems:
         raise UsageError("\n".join(problems))
@@ -99,10 +99,9 @@ def _is_late(checked: Checked, link: Link, name: str) -> bool:
 
 
 def _feeding(checked: Checked) -> set[str]:
-    """Return the units that compute for a step at its begin: of gauss-seidel those that pass inputs on."""
+    """Return the units that compute for a step at its begin: of an ordered algorithm those that pass inputs on."""
     direct = checked.schedule.direct
-    ordered = ALGORITHMS[checked.algorithm].ordered
-    return {k.start[0] for k in checked.links if k.start in direct} if ordered else set()
+    return {k.start[0] for k in checked.links if k.start in direct} if checked.how.ordered else set()
 
 
 @dataclass
@@ -125,7 +124,7 @@ class MultirateStepper(SampledStepper):
     """Steps units like `SampledStepper`, each by its own multiple of the communication step.
 
     A unit reads its inputs when its step begins, and they hold until it ends. Then it steps, so its outputs change at
-    the end of its step; one that passes inputs on to others with gauss-seidel steps when its step begins, and its
+    the end of its step; one that passes inputs on to others within the step steps when its step begins, and its
     outputs hold for its step. The last step of a unit may be shorter.
     """
 

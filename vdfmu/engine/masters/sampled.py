@@ -34,7 +34,7 @@ class Stepper:
 
 
 class SampledStepper(Stepper):
-    """Steps the units by `gauss-seidel` or `jacobi`: inputs are held over a step."""
+    """Steps the units once, in the order of the schedule: inputs are held over a step."""
 
     def __init__(self, exchange: Exchange) -> None:
         self._clock, self._size = exchange.clock, exchange.size

@@ -7,6 +7,7 @@ from functools import partial
 from typing import NamedTuple
 
 from vdfmu.base.errors import UsageError
+from vdfmu.engine.algorithms import choice
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.masters.broyden import Broyden
 from vdfmu.engine.masters.continuous import ContinuousStepper
@@ -39,7 +40,7 @@ def held(coupling: Coupling) -> SampledStepper:
         raise UsageError(
             f"{', '.join(checked.schedule.groups[0])}: depend on each other within a step and are integrated together; "
             "in such a system no component may have a step of its own, or events of co-simulation. Leave these out, or "
-            "use iterative"
+            f"use {choice(repeats=True)}"
         )
     if checked.multiples:
         return MultirateStepper(coupling.exchange, coupling.span)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from vdfmu.engine.algorithms import ALGORITHMS, choice, is_continuous
+from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.package.parse import NAMESPACES
 from vdfmu.engine.rules import Finding, finding
 
@@ -53,7 +53,7 @@ def read_experiment(root: Any, where: str) -> tuple[Experiment, list[Finding]]:
         adaptive = reader.number(ours, "adaptive", "a relative error below 1", above=0.0, below=1.0)
         if algorithm is not None and algorithm not in ALGORITHMS:
             reader.fault(f"expected algorithm {', '.join(ALGORITHMS.names())}, got {algorithm!r}")
-        elif adaptive is not None and not is_continuous(algorithm):
+        elif adaptive is not None and not (algorithm and ALGORITHMS[algorithm].continuous):
             reader.fault(f"adaptive is for {choice(continuous=True)}, not for {algorithm}")
     return Experiment(start, stop, step, algorithm, adaptive), reader.problems
 

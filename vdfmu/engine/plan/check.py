@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from vdfmu.base.errors import SspError, UsageError
-from vdfmu.engine.algorithms import ALGORITHMS, choice
+from vdfmu.engine.algorithms import ALGORITHMS, Algorithm, choice
 from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.package.system import System, Value
@@ -40,6 +40,11 @@ class Checked:
     """Connections of clocks."""
     multiples: Mapping[str, int] = field(default_factory=dict)
     """Communication steps that a component's own step takes; empty where all step together."""
+
+    @property
+    def how(self) -> Algorithm:
+        """The row of the algorithm."""
+        return ALGORITHMS[self.algorithm]
 
     @property
     def sources(self) -> Mapping[str, Description]:
@@ -179,6 +184,9 @@ def _check_abilities(
                 else "the FMU declares no event mode (hasEventMode)"
             )
             problems.append(f"{name}: {unit.source} has clocks, {', '.join(clocks)}, which tick in event mode; {way}")
+    if not (how.continuous or how.substeps):
+        text = f"the algorithm {algorithm} declares neither substeps nor continuous in its Algorithm"
+        return problems, [f"{text}: the run records all inputs, and its stability is not judged"]
     if not how.continuous:
         return problems, []
     # a unit alone in its block is repeated by error control only
@@ -188,7 +196,8 @@ def _check_abilities(
         if name in repeated and not unit.saves_state:
             problems.append(
                 f"{name}: {unit.source} cannot save and restore its state (canGetAndSetFMUstate), so its steps cannot "
-                "be repeated; use extrapolated with a fixed step, gauss-seidel or jacobi"
+                f"be repeated; use {choice(continuous=True, repeats=False)} with a fixed step, "
+                f"{choice(continuous=False)}"
             )
         if adaptive and not unit.varies_steps:
             problems.append(

@@ -6,13 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-from vdfmu.engine.algorithms import ALGORITHMS
+from vdfmu.engine.algorithms import ALGORITHMS, DEFAULT, DELAYED, choice
 from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.plan.conversion import SOURCE, Link, Port
 from vdfmu.engine.plan.graph import cycles, topological
-
-DEFAULT = "gauss-seidel"
-"""Master algorithm where none is named."""
 
 
 @dataclass(frozen=True)
@@ -51,9 +48,9 @@ class Schedule:
 def choose_schedule(
     descriptions: Mapping[str, Description], links: Sequence[Link], algorithm: str | None
 ) -> tuple[str, Schedule, list[str], list[str]]:
-    """Order a system by an algorithm; for None by `DEFAULT`, or jacobi if only undeclared dependencies forbid that.
+    """Order a system by an algorithm; for None by `DEFAULT`, or `DELAYED` if only undeclared dependencies forbid that.
 
-    Returns the algorithm, the schedule, problems, see `make_schedule`, and notes: that it is jacobi, and why.
+    Returns the algorithm, the schedule, problems, see `make_schedule`, and notes: that it is `DELAYED`, and why.
     """
     schedule, problems = make_schedule(descriptions, links, algorithm or DEFAULT)
     if algorithm is not None or not problems:
@@ -65,12 +62,12 @@ def choose_schedule(
     if make_schedule(declared, links, DEFAULT)[1]:
         return DEFAULT, schedule, problems, []
     more = f" (and {len(problems) - 1} more)" if problems[1:] else ""
-    note = f"the master is jacobi: {DEFAULT}, the default, has no order for this system. {problems[0]}{more}"
-    return "jacobi", make_schedule(descriptions, links, "jacobi")[0], [], [note]
+    note = f"the master is {DELAYED}: {DEFAULT}, the default, has no order for this system. {problems[0]}{more}"
+    return DELAYED, make_schedule(descriptions, links, DELAYED)[0], [], [note]
 
 
 def _late(descriptions: Mapping[str, Description], links: Sequence[Link], algorithm: str) -> list[str]:
-    """Return notes on what gauss-seidel would integrate as one, and this algorithm does not."""
+    """Return notes on what `DEFAULT` would integrate as one, and this algorithm does not."""
     if ALGORITHMS[algorithm].ordered or ALGORITHMS[algorithm].repeats:
         return []
     return [
@@ -88,7 +85,7 @@ def make_schedule(
     FMI 2.0 lets no output be read between setting an input and doStep, so the output of a controller for
     [t_k, t_k+1] is what its own doStep from t_k computes with the inputs at t_k. Hence:
 
-    gauss-seidel
+    ordered algorithms
         An output that depends on a connected input (feed-through) is passed on *fresh*: its readers get
         the value of this very step. An output that depends on none (the state of a plant, a trajectory)
         is passed on as it was at t_k, to every reader, whichever unit steps first. Feed-through units
@@ -96,13 +93,13 @@ def make_schedule(
         of the SSD. Components of model exchange that read each other's fresh outputs are integrated as one. Sampled
         control has no delay beyond its zero-order hold. Units without feed-through that read each other do so with
         values at t_k.
-    jacobi
+    other algorithms
         Every input is the output at t_k. Feed-through costs one more step of delay.
-    extrapolated, iterative
+    continuous algorithms
         Every continuous input runs over the step to the value of its source at t_k+1, computed or predicted (see
         `vdfmu.engine.masters.continuous`). A discrete one keeps its value at t_k, unless it feeds through and comes
         from a component. Units step after those that they read; where units read each other, in the
-        order of gauss-seidel within their block.
+        order of an ordered algorithm within their block.
 
     Parameters
     ----------
@@ -116,8 +113,8 @@ def make_schedule(
     -------
     Schedule
     list of str
-        One problem for each algebraic loop in the steps of gauss-seidel, with its cycle. Jacobi breaks it by its
-        delay, extrapolated by its prediction, and iterative solves it. Loops of the initialization are solved.
+        One problem for each algebraic loop in the steps of an ordered algorithm, with its cycle. Other algorithms
+        break it by their delay or prediction, or solve it. Loops of the initialization are solved.
     """
     problems: list[str] = []
     ports, edges = variable_graph(descriptions, links, initial=True)
@@ -133,8 +130,8 @@ def make_schedule(
     if ordered:
         for _, cycle in cycles(*variable_graph(descriptions, links, initial=False)):
             problems.append(
-                f"algebraic loop in the steps: {_loop_message(cycle, descriptions)}; jacobi breaks it by the delay "
-                "of a step, iterative solves it"
+                f"algebraic loop in the steps: {_loop_message(cycle, descriptions)}; {DELAYED} breaks it by the "
+                f"delay of a step, {choice(repeats=True)} solves it"
             )
 
     connected = {link.end for link in links if link.stepped}
@@ -157,6 +154,7 @@ def make_schedule(
     names = sorted(descriptions, key=lambda name: name not in feeding) if ordered else list(descriptions)
     unit_edges = {(k.start[0], k.end[0]) for k in fresh}
     groups: dict[str, tuple[str, ...]] = {}
+    others = f"{DELAYED}, or {choice(repeats=True)}"
     if not problems:
         joined = _joined(descriptions, links)
         for part, cycle in cycles(names, unit_edges):
@@ -166,23 +164,23 @@ def make_schedule(
                 inner = (k for k in links if k.stepped and {k.start[0], k.end[0]} <= set(group))
                 problems += [
                     f"{k}: is of type {k.sink.type}; {', '.join(group)} depend on each other within a step and are "
-                    "integrated together, and such components pass reals to each other; use jacobi, or iterative"
+                    f"integrated together, and such components pass reals to each other; use {others}"
                     for k in inner
                     if {k.source.kind, k.sink.kind} != {"Real"}
                 ]
                 continue
             joins = [next(str(k) for k in fresh if (k.start[0], k.end[0]) == pair) for pair in pairwise(cycle)]
             problems.append(
-                f"gauss-seidel cannot order {', '.join(cycle[:-1])}: each must step before the next although "
-                f"no variable depends on itself ({'; '.join(joins)}); use jacobi, or split a unit"
+                f"{algorithm} cannot order {', '.join(cycle[:-1])}: each must step before the next although "
+                f"no variable depends on itself ({'; '.join(joins)}); use {DELAYED}, or split a unit"
             )
     blocks = {name: groups.get(name, (name,)) for name in names}
     listed = list(dict.fromkeys(blocks.values()))
     between = {(blocks[a], blocks[b]) for a, b in unit_edges if blocks[a] != blocks[b]}
     for _, cycle in () if problems else cycles(listed, between):
         problems.append(
-            f"gauss-seidel cannot order {' and '.join(', '.join(block) for block in cycle[:-1])}: the components that "
-            "are integrated together read within a step what depends on them; use jacobi, or iterative"
+            f"{algorithm} cannot order {' and '.join(', '.join(block) for block in cycle[:-1])}: the components that "
+            f"are integrated together read within a step what depends on them; use {others}"
         )
     units = tuple(name for block in (listed if problems else topological(listed, between)) for name in block)
     ends = {k.end for k in fresh} | {k.end for k in links if k.stepped and k.end[0] in groups.get(k.start[0], ())}

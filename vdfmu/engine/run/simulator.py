@@ -13,7 +13,7 @@ from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.option import lists_options, pick, with_options
 from vdfmu.base.option_types import check_type
 from vdfmu.base.progress import shown_steps
-from vdfmu.engine.algorithms import ALGORITHMS, choice, is_continuous
+from vdfmu.engine.algorithms import ALGORITHMS, DEFAULT, choice
 from vdfmu.engine.fmu.messages import LogMessage
 from vdfmu.engine.masters.components import CONVERGENCE, Components
 from vdfmu.engine.masters.multirate import with_steps
@@ -24,7 +24,6 @@ from vdfmu.engine.package.system import System, Value
 from vdfmu.engine.plan.check import Checked, check_system, with_parameters
 from vdfmu.engine.plan.grid import Grid, count_steps
 from vdfmu.engine.plan.inputs import outside, read_inputs
-from vdfmu.engine.plan.schedule import DEFAULT
 from vdfmu.engine.results.formats import format_of
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.by_hand import ByHand
@@ -51,7 +50,7 @@ def simulate(system: System | str | Path, **options: Unpack[SimulateOptions]) ->
     -------
     Results
         Its `summary` has algorithm, order, step, number of steps and ``wall_s``, the wall time of the steps;
-        ``extrapolated`` and ``iterative`` add ``communication``: the numbers of steps, of rejected steps and of the
+        continuous algorithms add ``communication``: the numbers of steps, of rejected steps and of the
         units' steps, and the shortest and the longest step. A unit that ends the simulation (fmi2Discard with
         fmi2Terminated) ends the run as if its stop were there; ``ended`` has the component and the time.
 
@@ -201,8 +200,8 @@ class Simulator:
     ) -> None:
         """Begin a run whose steps are made by :meth:`step`; for arguments see :meth:`run`.
 
-        With the same arguments as before, components of FMI 2.0 that save their state go back to it, under gauss-seidel
-        and jacobi; others are initialized anew.
+        With the same arguments as before, components of FMI 2.0 that save their state go back to it, if inputs hold
+        over each step; others are initialized anew.
 
         Raises
         ------
@@ -364,7 +363,7 @@ def _sizes(checked: Checked) -> dict[str, Value]:
 def check_coupling(algorithm: str, adaptive: float | None, convergence: float | None = None) -> None:
     """Raise UsageError for options of the coupling that do not fit together."""
     if adaptive is not None:
-        if algorithm in ALGORITHMS and not is_continuous(algorithm):
+        if algorithm in ALGORITHMS and not ALGORITHMS[algorithm].continuous:
             raise UsageError(
                 f"adaptive: {algorithm} samples the signals with the step, so the step is a property of the system; "
                 f"use {choice(continuous=True)}"
@@ -372,6 +371,6 @@ def check_coupling(algorithm: str, adaptive: float | None, convergence: float | 
         if not 0.0 < adaptive < 1.0:
             raise UsageError(f"adaptive: expected a relative error between 0 and 1, got {adaptive:g}")
     if convergence is not None and algorithm in ALGORITHMS and not ALGORITHMS[algorithm].repeats:
-        raise UsageError(f"convergence: {algorithm} repeats nothing; it is for iterative")
+        raise UsageError(f"convergence: {algorithm} repeats nothing; it is for {choice(repeats=True)}")
     if convergence is not None and not 0.0 < convergence < 1.0:
         raise UsageError(f"convergence: expected a relative change between 0 and 1, got {convergence:g}")

@@ -85,7 +85,7 @@ class ArmLoops:
     def margins(self, values: Mapping[str, float] | None = None, delay: int = 1) -> Margins:
         """Smallest margins of each joint over all times, with other `values`, ``component.variable``, but of the plant.
 
-        The feedback comes `delay` samples late: 0 with ``gauss-seidel``, 1 with ``jacobi`` and most importers.
+        The feedback comes `delay` samples late: 0 with an ordered algorithm, 1 with most importers.
         """
         system = self._system
         for name, value in (values or {}).items():

@@ -99,7 +99,7 @@ def margins_along(
     Parameters
     ----------
     system, settings, backend, master
-        See :func:`packaged`; under ``gauss-seidel`` or ``jacobi``.
+        See :func:`packaged`; under an algorithm that declares `substeps`.
     opened, growth
         See :func:`vdfmu.engine.linear.loops.system_margins`; by default the growth that the verdict of a run allows.
     at : sequence of float, optional [s]

@@ -175,8 +175,9 @@ def make_program(description: SystemDescription, varied: Iterable[str]) -> Batch
     """
     scenario = description.scenario
     problems = [] if native_available() else ["it needs the compiler ziglang: pip install 'vdfmu[native]'"]
-    if not ALGORITHMS[scenario.master].reference:
-        problems.append(f"master: expected {choice(continuous=False)}, got {scenario.master}")
+    how = ALGORITHMS[scenario.master]
+    if how.substeps != 1:
+        problems.append(f"master: expected {choice(substeps=1)}, got {scenario.master}")
     if scenario.adaptive is not None:
         problems.append("adaptive: its steps are as long as given")
     foreign = [name for name, table in description.tables.items() if not isinstance(table, Interface)]
@@ -199,7 +200,7 @@ def make_program(description: SystemDescription, varied: Iterable[str]) -> Batch
     if problems:
         raise UsageError("\n".join(problems))
     try:
-        files, optional = lane_sources(system, ALGORITHMS[scenario.master].reference == "sampled-delayed")
+        files, optional = lane_sources(system, not how.ordered)
     except KernelError as error:
         raise UsageError(str(error).removesuffix(".")) from None
     platform = this_platform()

@@ -20,6 +20,7 @@ from vdfmu.base.standards import PYTHON_FMI
 from vdfmu.base.text import error_text
 from vdfmu.base.toml_file import locate, read_toml, shipped_names
 from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
+from vdfmu.engine.algorithms import DEFAULT
 from vdfmu.engine.results.folder import write_summary
 from vdfmu.engine.run import Interrupted
 from vdfmu.study.report.browser import Browser
@@ -41,7 +42,6 @@ from vdfmu.study.report.scripts import (
 from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.report.simulation import simulation_of
 from vdfmu.system.package.drawing import system_diagram
-from vdfmu.system.scenario.scenario_file import MASTER
 
 NAME = "report.html"
 _PRINTED = 703
@@ -189,7 +189,7 @@ def _names(runs: Sequence[ShownRun]) -> list[str]:
 
 
 _OPTIONS = ("stop", "step", "master", "adaptive", "tolerance")
-_DEFAULTS = {"master": MASTER, "tolerance": SOLVER_TOLERANCE}
+_DEFAULTS = {"master": DEFAULT, "tolerance": SOLVER_TOLERANCE}
 """Of a scenario's file without these keys."""
 
 

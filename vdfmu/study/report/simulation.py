@@ -27,6 +27,7 @@ from vdfmu.compiler.c.compile import Compilation, compile_libraries, compiling
 from vdfmu.compiler.c.platforms import WASM, native_available
 from vdfmu.compiler.fmu.content import installed_digest
 from vdfmu.compiler.fmu.native import fmi_headers
+from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.fmu.variables import FmuVariable, Value
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.read import load_ssp
@@ -60,7 +61,6 @@ MOST_C = 2_400_000
 """Bytes of generated C of a run, a fifth of it as compressed modules: it keeps a page below 1 MB."""
 MOST_MODULES = 660_000
 """Characters of the compressed modules of a page of several runs, for the same reason."""
-MASTERS = ("gauss-seidel", "jacobi")
 _FUNCTIONS = (
     "fmi2Instantiate", "fmi2SetupExperiment", "fmi2EnterInitializationMode", "fmi2ExitInitializationMode",
     "fmi2SetReal", "fmi2SetInteger", "fmi2SetBoolean", "fmi2GetReal", "fmi2DoStep",
@@ -125,13 +125,13 @@ def simulation_of(
 
 def _refuse(summary: Mapping[str, Any], package: Path) -> None:
     """Raise for a run that the page's master cannot make, as far as its summary tells."""
-    master = summary.get("algorithm")
+    master = str(summary.get("algorithm"))
     if "scenario" not in summary:
         raise _CannotError("only those of scenarios are, which 'vdfmu run' makes")
     if summary.get("backend") != "native":
         raise _CannotError("its units are Python FMUs")
-    if master not in MASTERS:
-        raise _CannotError(f"its master is {master}, and the page's is {' or '.join(MASTERS)}")
+    if master not in ALGORITHMS or ALGORITHMS[master].substeps != 1:
+        raise _CannotError(f"its master is {master}, and the page's is {choice(substeps=1)}")
     if summary.get("inputs"):
         raise _CannotError("some of its inputs come from files")
     if not package.is_file():

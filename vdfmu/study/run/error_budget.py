@@ -13,7 +13,6 @@ from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.once import one_job
 from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import counted, with_progress
-from vdfmu.engine.algorithms import is_continuous
 from vdfmu.engine.options import SimulatorOptions
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
@@ -88,9 +87,9 @@ def _rows(scenario: Scenario, package: Any) -> Iterator[ErrorLeft]:
             f"{scenario.name}: expected a plant with the geometry of {scenario.arm.name}, by which the tool's place "
             "is known. Leave offset and tool_offset as they are."
         )
-    values, sampled = values_of(checked), scenario.adaptive is None and not is_continuous(scenario.master)
+    values = values_of(checked)
     changed: list[dict[str, Any]] = [{"words": "As it is", "changes": []}]
-    changed += causes(values, list(knobs(checked)), sampled)
+    changed += causes(values, list(knobs(checked)), checked.how.substeps > 0)
     options: SimulatorOptions = {**scenario.coupling, "inputs": scenario.inputs, "isolate": False}
     with Simulator(package, **options) as simulator:
         for k, cause in enumerate(counted("causes", changed, len(changed))):

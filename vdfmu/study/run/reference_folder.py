@@ -9,6 +9,7 @@ from typing import Any
 from vdfmu.base.files import data_path, regular_target, replacing, require_ours, temporary_folder
 from vdfmu.base.progress import counted
 from vdfmu.base.standards import SSP_1, SSP_FORMATS
+from vdfmu.engine.algorithms import DEFAULT, DELAYED
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.run import Results
 from vdfmu.engine.run.simulator import simulate
@@ -18,7 +19,6 @@ from vdfmu.system.scenario.parts import build_parts
 
 ROWS = 1001
 """Most rows of a table of results: some 2 MB for six joints."""
-_MASTERS = ("jacobi", "gauss-seidel")
 
 
 def write_reference(scenario: Scenario, folder: Path, values: Mapping[str, Mapping[str, Any]]) -> list[Path]:
@@ -41,7 +41,7 @@ def write_reference(scenario: Scenario, folder: Path, values: Mapping[str, Mappi
         version: folder / f"{scenario.name}{'' if version == SSP_1.name else f'_{version}'}.ssp"
         for version in SSP_FORMATS
     }
-    tables = {algorithm: folder / f"{scenario.name}_{algorithm}.csv" for algorithm in _MASTERS}
+    tables = {algorithm: folder / f"{scenario.name}_{algorithm}.csv" for algorithm in (DELAYED, DEFAULT)}
     source = data_path("ssp") / "reference"
     texts = {folder / name: (source / name).read_text(encoding="utf-8") for name in ("README.md", "compare.py")}
     for path in (*packages.values(), *tables.values(), *texts):

@@ -248,7 +248,7 @@ def _numbers(results: Results, system: SystemDescription, limits: list[ArmLimits
         found |= implied_gains(scenario.paper, robot, system.values)
     found |= time_at_limits(results, limits)
     if has_signals(results, "plant.tau_s", "estimator.tau_s_hat", "estimator.tau_f_hat"):
-        found |= estimation_errors(results, scenario.master)
+        found |= estimation_errors(results, ALGORITHMS[scenario.master].substeps)
     return found | {"paper": dict(scenario.paper)}
 
 
@@ -293,8 +293,8 @@ def _references(system: SystemDescription, package: Path, results: Results) -> d
         visible = VISIBLE * max(
             float(np.abs(part["trajectory.q_d"] - part["plant.q"]).max()) for part in results.blocks(BLOCK)
         )
-    sampled = ALGORITHMS[scenario.master].reference
-    wanted = {"sampled": sampled} if sampled else {}
+    how = ALGORITHMS[scenario.master]
+    wanted = {"sampled": how.reference} if how.reference else {}
     for key, name in (wanted | {"continuous": "continuous"}).items():
         stage = f"{name} reference"
         report(stage, 0, 1)
@@ -303,11 +303,12 @@ def _references(system: SystemDescription, package: Path, results: Results) -> d
             system,
             step=scenario.step,
             stop=scenario.stop,
+            substeps=how.substeps if key == "sampled" else 1,
             groups=compared(results, scenario.robot),
             progress=partial(report, stage),
         )
         try:
-            differences[key], statistics = compare(results, solution, scenario.robot, scenario.master)
+            differences[key], statistics = compare(results, solution, scenario.robot, how.substeps)
         except UsageError as error:  # an algebraic loop, which the run may have solved
             found["no_reference"] = str(error).rstrip(".")
             continue

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from vdfmu.arm.robot import Robot
+from vdfmu.base.arrays import Floats
 from vdfmu.base.measure import unit_of
 from vdfmu.base.version import FORMAT, __version__
-from vdfmu.engine.algorithms import is_continuous
 from vdfmu.engine.results.results import Results
 from vdfmu.study.report.joints import UNITS
 from vdfmu.study.run.at_limits import ArmLimits
@@ -142,12 +142,12 @@ def compared(results: Results, robot: Robot | None) -> tuple[str, ...] | None:
 
 
 def compare(
-    results: Results, reference: Iterable[Reference], robot: Robot | None, master: str
+    results: Results, reference: Iterable[Reference], robot: Robot | None, substeps: int
 ) -> tuple[dict[str, Any], dict[str, float]]:
     """Compare a run with a reference in stretches of `BLOCK` rows.
 
     A torque that a sampled master holds over a step is in the row at the step's end. The continuous reference has it
-    at every time, so it is compared with the reference at the step's begin, when it was calculated.
+    at every time, so it is compared with the reference a substep before, when it was calculated.
 
     Returns
     -------
@@ -167,10 +167,9 @@ def compare(
         name, late = solution.name, solution["feedforward.tau_m"]
         q_r, tau_r = solution["plant.q"], solution["controller.tau"]
         if name == "sampled-delayed":  # the controller added to the feedforward of one step ago
-            late = np.vstack([late[:1] if before is None else before, late[:-1]])
-            before = solution["feedforward.tau_m"][-1:]
-        elif name == "continuous" and not is_continuous(master):
-            held, tau_r = tau_r[-1:], np.vstack([tau_r[:1] if held is None else held, tau_r[:-1]])
+            late, before = _earlier(late, before, substeps), late[-1:]
+        elif name == "continuous":
+            tau_r, held = _earlier(tau_r, held, substeps), tau_r[-1:]
         difference = np.abs(q - q_r).max(axis=1)
         if difference.max() > position:
             at, position = float(part.time[difference.argmax()]), float(difference.max())
@@ -197,23 +196,27 @@ def _compare_all(results: Results, reference: Iterable[Reference]) -> dict[str, 
     return {"name": name, "max_difference": found}
 
 
-def estimation_errors(results: Results, master: str) -> dict[str, Any]:
+def estimation_errors(results: Results, substeps: int) -> dict[str, Any]:
     """RMS of the spring torque and of the estimates' errors, link-side [N m or N].
 
-    A sampled master gives the estimator the plant's signals of the communication point at which its step began, and
-    the torque that the step that ended there had.
+    A sampled master gives the estimator the plant's signals a substep before, when its step began, and the torque that
+    the step that ended there had.
     """
-    late = int(not is_continuous(master))
-    squares, before = 0.0, np.empty((0, 0))
+    late, squares, before = min(1, substeps), 0.0, None
     for part in results.blocks(BLOCK):
         true = part["plant.tau_s"]
-        rows = slice(late if not before.size else 0, None)  # in the first block
-        seen = np.vstack([before, true])[: len(true)] if before.size else true[: len(true) - late]
+        rows = slice(late if before is None else 0, None)  # in the first block
+        seen, before = _earlier(true, before, substeps)[rows], true[-1:]
         errors = [part[f"estimator.{name}"][rows] - seen for name in _ESTIMATES]
         squares = squares + np.sum(np.square([seen, *errors]), axis=1)
-        before = true[len(true) - late :]
     rms = np.sqrt(squares / (len(results) - late)).tolist()
     return dict(zip(("rms_spring_torque_nm", *(f"rms_{n}_error_nm" for n in _ESTIMATES)), rms, strict=True))
+
+
+def _earlier(rows: Floats, before: Floats | None, substeps: int) -> Floats:
+    """Return the values a substep earlier, on lines through the rows; `before` is the row before the first."""
+    lag = 1.0 / substeps if substeps else 0.0
+    return (1.0 - lag) * rows + lag * np.vstack([rows[:1] if before is None else before, rows[:-1]])
 
 
 def power_bond(results: Results, robot: Robot) -> dict[str, Any]:

@@ -3,8 +3,8 @@
 Three references say what the answer is (times in communication points t_k, step h, inputs held over a step):
 
 - ``sampled``: an output that depends on a connected input is that of the step from t_k, computed from everything at
-  t_k; its readers have it in the same step. ``gauss-seidel`` must give this.
-- ``sampled-delayed``: every unit sees the others' outputs one sample late. ``jacobi`` must give this.
+  t_k; its readers have it in the same step. An ordered master must give this.
+- ``sampled-delayed``: every unit sees the others' outputs one sample late. Other sampled masters must give this.
 - ``continuous``: no sampling but that of the units' own sampled states. Both tend to this as the step shrinks.
 
 They are assembled from the wiring and the units' own functions: outputs and right-hand sides are the traced ones,
@@ -60,6 +60,7 @@ def reference_blocks(
     *,
     step: float,
     stop: float,
+    substeps: int = 1,
     groups: Sequence[str] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Iterator[Reference]:
@@ -71,6 +72,8 @@ def reference_blocks(
     description : SystemDescription
         Units, connections and values.
     step, stop : float [s]
+    substeps : int
+        Equal steps in each step, over each of which a sampled reference holds outputs.
     groups : sequence of str, optional
         Outputs, ``unit.group``; default all.
     progress : callable, optional
@@ -88,6 +91,7 @@ def reference_blocks(
     system = WiredUnits(description)
     m = round(stop / step)
     t: Floats = step * np.arange(m + 1, dtype=np.float64)
+    times: Floats = step / substeps * np.arange(m * substeps + 1, dtype=np.float64)
     places, where = system.shown(groups)
     solution = (
         ContinuousReference(system) if name == "continuous" else SampledReference(system, name == "sampled-delayed")
@@ -95,11 +99,12 @@ def reference_blocks(
     files = sources(system, solution.lists)
     system.start()
     small = files is not None and t.size * places.size * t.itemsize <= _KEPT
-    path = cache_folder() / "references" / _key(name, system, files, t, places) if files and small else None
+    key = _key(f"{name} {substeps}", system, files, times, places) if files and small else ""
+    path = cache_folder() / "references" / key if key else None
     kept = load(path) if path is not None else None
     if kept is None:
-        solved = solution.solve(t, runs(system, solution.lists, files))
-        rows = (system.memory[places] for _ in solved)
+        solved = solution.solve(times, runs(system, solution.lists, files))
+        rows = (system.memory[places] for _ in islice(solved, 0, None, substeps))
     else:
         rows = iter(np.frombuffer(kept).reshape(t.size, places.size))
     blocks: list[Floats] = []

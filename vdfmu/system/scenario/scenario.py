@@ -35,7 +35,8 @@ class Scenario:
         names one; None where no component takes it.
     stop, step : float [s]
         End of the run, and communication step.
-    master : "gauss-seidel", "jacobi", "extrapolated" or "iterative"
+    master : str
+        Name of an algorithm of `vdfmu.engine.algorithms`.
     adaptive : float or None
         Largest relative error of a coupled signal in a step; None for steps of the given length.
     tolerance : float

@@ -21,7 +21,7 @@ from vdfmu.base.errors import ModelError, UnitError, UsageError
 from vdfmu.base.toml_file import locate, read_toml, toml_names
 from vdfmu.base.toml_tables import Problems, Table, as_number, shape_of, value_text
 from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
-from vdfmu.engine.algorithms import ALGORITHMS, is_continuous
+from vdfmu.engine.algorithms import ALGORITHMS, DEFAULT, named
 from vdfmu.engine.plan.grid import count_steps
 from vdfmu.system.scenario.resolved import ROBOT_WAY_OUT, resolve
 from vdfmu.system.scenario.scenario import FACTOR_FIELDS, Scenario, apply_factors
@@ -134,8 +134,6 @@ def load_system(
     return system
 
 
-MASTER = "gauss-seidel"
-"""Algorithm of a file that names none."""
 KEYS = {
     "name": "",
     "description": "",
@@ -209,7 +207,7 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None, system:
             count_steps(step, stop)
         except UsageError as error:
             problems.take(error)
-    master = file.text("master", MASTER, ALGORITHMS.names(file.data.get("master", MASTER)))
+    master = file.text("master", DEFAULT, ALGORITHMS.names(file.data.get("master", DEFAULT)))
     adaptive = _adaptive(file, master)
     way_out = f"{SOLVER_TOLERANCE:g} is a good start."
     tolerance = file.number("tolerance", "", SOLVER_TOLERANCE, above=0, way_out=way_out)
@@ -282,10 +280,10 @@ def _adaptive(file: Table, master: str) -> float | None:
     error = file.number("adaptive", "", above=0)
     if error >= 1:
         file.problems.add("adaptive", "a relative error < 1", value_text(error), "1e-6 is a good start.")
-    if master in ALGORITHMS and not is_continuous(master):
+    if master in ALGORITHMS and not ALGORITHMS[master].continuous:
         file.problems.add(
             "adaptive",
-            f"master = {' or '.join(repr(name) for name in ALGORITHMS if is_continuous(name))}",
+            f"master = {' or '.join(map(repr, named(continuous=True)))}",
             repr(master),
             "Sampled control has a fixed step: leave adaptive out, or choose another master.",
         )
