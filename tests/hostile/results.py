@@ -36,6 +36,11 @@ def _runs() -> list[Path]:
     return [home / "arm", home / "package"]
 
 
+def arm_run() -> Path:
+    """Return the folder of a run with an arm."""
+    return _runs()[0]
+
+
 def _places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
     entries = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     return [path, *(place for key, entry in entries for place in _places(entry, (*path, key)))]
@@ -93,7 +98,8 @@ _WORDS = ("", "nan", "inf", "1e999", "x", "-1", '"', "\0", "\u202e", ",", ";", "
 
 
 @cache
-def _robot() -> vdfmu.Robot:
+def planar() -> vdfmu.Robot:
+    """Return the robot of the logs."""
     return vdfmu.load_robot("planar_2dof")
 
 
@@ -118,12 +124,12 @@ def logs(number: int, folder: Path) -> None:
     if rng.random() < 0.3 and data:
         data[rng.randrange(len(data))] = rng.randrange(256)
     (folder / "log.csv").write_bytes(data)
-    read_log(folder / "log.csv", _robot())
+    read_log(folder / "log.csv", planar())
 
 
 def pipes(number: int, folder: Path) -> None:
     """Make the page of a folder in which a file of the run is a pipe that nobody writes, a folder or a device."""
-    source = _runs()[0]
+    source = arm_run()
     for name in ("summary.json", "results.csv"):
         shutil.copyfile(source / name, folder / name)
     name = ("summary.json", "results.csv", "results.parquet")[number % 3]

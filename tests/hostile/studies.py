@@ -42,6 +42,11 @@ def _study() -> tuple[Path, Path, Any]:
     return done, half, rows
 
 
+def done_study() -> Path:
+    """Return the folder of a study that is done."""
+    return _study()[0]
+
+
 def _rows(study: Sweep) -> Any:
     """Return the rows without the times that they took."""
     return study.table().sort_by("point").drop_columns("wall_s").replace_schema_metadata()

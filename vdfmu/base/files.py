@@ -134,6 +134,14 @@ def _is_ours(path: Path) -> bool:
     return not head or PAGE_MARK in head + end or any(MARK in text[:_HEAD] for text in (*described, head) if text)
 
 
+def inside(folder: Path, file: Path) -> Path:
+    """Return a file to write in a folder that is looked at; UsageError if its name, or a link, leads out of it."""
+    place = Path(os.path.realpath(file))
+    if not place.is_relative_to(os.path.realpath(folder)):
+        raise UsageError(f"{file} must be in {folder}, got {place}. Choose the place with --out.")
+    return file
+
+
 def read_text(path: Path) -> str:
     """Content of a file or pipe in UTF-8; OSError if it cannot be read, or is a device, which may have no end."""
     if path.is_char_device():

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from vdfmu.base.bars import errors
 from vdfmu.base.errors import CosimError, UsageError
-from vdfmu.base.files import replacing_foreign, require_ours
+from vdfmu.base.files import inside, replacing_foreign, require_ours
 from vdfmu.base.option import pick
 from vdfmu.cli.terminal import (
     ForeignOption,
@@ -51,6 +51,9 @@ def run(
     by: Annotated[
         str | None, typer.Option(metavar="NAME", help="Of worst and best: by which measure; default the first.")
     ] = None,
+    trust: Annotated[
+        bool, typer.Option("--trust", help="Of --from: run files that a study from elsewhere names, with your rights.")
+    ] = False,
     live: LiveOption = False,
     port: PortOption = None,
     opened: OpenOption = False,
@@ -70,8 +73,8 @@ def run(
     if given["simulate"] is None:
         given["simulate"] = True
     if study is None:
-        if row is not None or by is not None:
-            raise UsageError("row, by: expected --from with a parameter study, of which they choose a point.")
+        if row is not None or by is not None or trust:
+            raise UsageError("row, by, trust: expected --from with a parameter study, of which they choose a point.")
         given["scenario"] = load(scenario, given.pop("robot"))
     else:
         from vdfmu.study.sweeps.sweep import Sweep
@@ -80,7 +83,7 @@ def run(
         if source is not None and source.name == "COMMANDLINE":
             raise UsageError(f"{scenario}: expected no scenario with --from: {study} has its own.")
         found = Sweep(study)
-        point = found.options(row or "worst", by)
+        point = found.options(row or "worst", by, trust=trust)
         say_notes(found.notes)
         changed = pick(ScenarioOptions, options)
         given |= point | {name: value for name, value in changed.items() if value not in (None, {}, [])}
@@ -233,17 +236,19 @@ def report(
     if folders and len(folders) == 1 and is_gallery(folders[0]):
         if pdf:
             raise UsageError(f"--pdf: expected the folder of a run, got {folders[0]}, which has several.")
-        page = out or folders[0] / INDEX
+        page = out or inside(folders[0], folders[0] / INDEX)
         with replacing_foreign(overwrite):
             require_ours(page)
         say_written(write_gallery(folders[0], page))
         _say_page(page, opened)
         return
-    folders = [run_folder(folder) for folder in folders or [newest_run(Path("results"))]]
+    folders = folders or [newest_run(Path("results"))]
     runs = [read_run(folder) for folder in folders]
-    default = folders[0] / NAME if len(runs) == 1 else folders[0].parent / "comparison.html"
-    page = out or default
+    page = out or (run_folder(folders[0]) / NAME if len(runs) == 1 else folders[0].parent / "comparison.html")
     printed = [page.with_suffix(".pdf")] if pdf else []
+    if out is None:
+        for file in (page, *printed):
+            inside(folders[0] if len(runs) == 1 else page.parent, file)
     if page in printed:
         raise UsageError(
             f"--out {page}: expected the name of the page, such as report.html; --pdf gives its pages another."

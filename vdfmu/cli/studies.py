@@ -145,10 +145,9 @@ def report(
     from vdfmu.study.sweeps.sweep import Sweep
 
     found = Sweep(study)
-    page = out or found.folder / NAME
     with replacing_foreign(overwrite):
-        require_ours(page)
-    say_written(found.report(page, simulate=simulate))
+        require_ours(out or found.folder / NAME)
+    say_written(found.report(out, simulate=simulate))
 
 
 def _say_measures(found: Any) -> None:

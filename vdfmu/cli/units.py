@@ -73,11 +73,12 @@ def from_(
     ],
     name: Annotated[str | None, typer.Option(help="Name of the unit; default that of the source.")] = None,
     out: Annotated[Path | None, out_option("File to write; default after the name.")] = None,
+    trust: Annotated[bool, typer.Option("--trust", help="Load function.casadi: its code can do what you can.")] = False,
 ) -> None:
     """Write the file of a unit of what is there: a linear system, a CasADi function, a table of data."""
     from vdfmu.compiler.unit.wrap import unit_from
 
-    path, *beside = unit_from(source, name, out)
+    path, *beside = unit_from(source, name, out, trust=trust)
     say_written(path, *beside)
     say(f"Build it with 'vdfmu build {path}'.")
 

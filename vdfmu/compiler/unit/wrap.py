@@ -16,7 +16,9 @@ import numpy as np
 
 from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.base.files import temporary_folder
+from vdfmu.base.mat import mat_variables
 from vdfmu.base.measure import measure
+from vdfmu.base.unpack import UnpackBudget
 from vdfmu.compiler.unit.load import load_units
 from vdfmu.compiler.unit.new import class_and_file, write_new
 from vdfmu.compiler.unit.unit import Unit
@@ -25,7 +27,7 @@ from vdfmu.compiler.unit.wrap_text import DataTable, Matrices, function_text, li
 _KINDS = "model.mat or model.npz with A, B, C, D, function.casadi, table.csv, or design.py:NAME for an object"
 
 
-def unit_from(source: str, name: str | None = None, out: Path | None = None) -> list[Path]:
+def unit_from(source: str, name: str | None = None, out: Path | None = None, *, trust: bool = False) -> list[Path]:
     """Write the file of a unit of what `source` holds, and what that loads from its folder.
 
     Parameters
@@ -38,6 +40,8 @@ def unit_from(source: str, name: str | None = None, out: Path | None = None) -> 
         Name of the unit, see :func:`~vdfmu.compiler.unit.new.new_unit`; default the name of the file or the object.
     out : path, optional
         File to write; default after the name.
+    trust : bool
+        Load a ``.casadi`` file, although it can hold code that runs then.
 
     Returns
     -------
@@ -53,7 +57,7 @@ def unit_from(source: str, name: str | None = None, out: Path | None = None) -> 
     StorageError
         If a file cannot be written.
     """
-    path, found = _read(source)
+    path, found = _read(source, trust)
     camel, target = class_and_file(name or _stem(source), out)
     files: dict[Path, bytes] = {}
     if isinstance(found, Matrices):
@@ -97,7 +101,7 @@ def _in_python(source: str) -> bool:
     return re.search(r"\.py:\w+$", source) is not None
 
 
-def _read(source: str) -> tuple[Path, Matrices | DataTable | ca.Function]:
+def _read(source: str, trust: bool) -> tuple[Path, Matrices | DataTable | ca.Function]:
     """Return the file of a source, and what it holds."""
     file, name = source.rsplit(":", 1) if _in_python(source) else (source, "")
     path = Path(file)
@@ -108,17 +112,18 @@ def _read(source: str) -> tuple[Path, Matrices | DataTable | ca.Function]:
             return path, _object(path, name)
         if path.suffix == ".csv":
             return path, _table(path)
+        if path.suffix == ".casadi" and not trust:
+            raise UsageError("a CasADi file can hold code that runs. If you trust who made it, give --trust.")
         if path.suffix == ".casadi":
             return path, _expandable(ca.Function.load(str(path)))
         if path.suffix == ".npz":
             with np.load(path) as archive:
+                UnpackBudget(path).spend(sum(info.file_size for info in archive.zip.infolist()))
                 return path, _linear(dict(archive))
         if path.suffix == ".mat":
-            from scipy.io import loadmat
-
-            return path, _linear(loadmat(path))
+            return path, _linear(mat_variables(path))
     except UsageError as error:
-        raise UsageError(f"{source}: {error}") from None
+        raise UsageError(f"{source}: {str(error).removeprefix(f'{path}: ')}") from None
     except UnitError:
         raise
     except Exception as error:  # readers of broken files raise of many kinds

@@ -14,17 +14,9 @@ import numpy as np
 
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import replacing
+from vdfmu.base.mat import mat_variables
 from vdfmu.engine.results.formats import Format
-from vdfmu.engine.results.recorded import (
-    Recorded,
-    from_arrays,
-    from_facts,
-    grouped,
-    imported,
-    legal_names,
-    no_rows,
-    to_facts,
-)
+from vdfmu.engine.results.recorded import Recorded, from_arrays, from_facts, grouped, legal_names, no_rows, to_facts
 
 _HEAD = b"MATLAB 5.0 MAT-file, written by vdfmu"
 """Takes the place of a head with the time of the day, so that the same run has the same bytes."""
@@ -82,40 +74,6 @@ def read_mat(path: Path) -> Recorded:
         return from_arrays(found["time"].reshape(-1), signals, arrays, summary)
     except (KeyError, ValueError) as error:
         raise UsageError(f"{path}: expected an array for each signal of the variable vdfmu: {error}.") from None
-
-
-def mat_variables(path: Path) -> dict[str, Any]:
-    """Return the variables of a MATLAB file of any version, with those in structs as ``rec.position``."""
-    from scipy.io import loadmat
-
-    found: dict[str, Any] = {}
-
-    def add(name: str, value: Any) -> None:
-        if hasattr(value, "keys"):  # a group of HDF5
-            members = {field: value[field] for field in value}
-        else:
-            members = {field: getattr(value, field) for field in getattr(value, "_fieldnames", ())}
-        for field, member in members.items():
-            add(f"{name}.{field}" if name else field, member)
-        if not members:
-            found[name] = value[()].T if hasattr(value, "dims") else value
-
-    try:
-        with open(path, "rb") as file:
-            try:
-                for name, value in loadmat(file, squeeze_me=True, struct_as_record=False).items():
-                    if not str(name).startswith("_"):
-                        add(str(name), value)
-            except NotImplementedError:  # version 7.3
-                (h5py,) = imported("a MATLAB file of version 7.3", "h5py", "matlab", "h5py")
-                with h5py.File(file, "r") as tree:
-                    add("", tree)
-    except UsageError:
-        raise
-    except Exception as error:  # scipy has a dozen kinds for a file that is damaged
-        why = getattr(error, "strerror", None) or error
-        raise UsageError(f"{path}: expected a MATLAB file, got what cannot be read: {why}") from None
-    return {name: value for name, value in found.items() if not name.startswith("#")}
 
 
 FORMAT = Format(lambda: None, write_mat, read_mat)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import replacing
+from vdfmu.base.unpack import imported
 from vdfmu.engine.results.formats import Format
 from vdfmu.engine.results.recorded import (
     Recorded,
@@ -24,7 +25,6 @@ from vdfmu.engine.results.recorded import (
     from_arrays,
     from_facts,
     grouped,
-    imported,
     legal_names,
     no_rows,
     to_facts,

@@ -18,12 +18,15 @@ from numpy.typing import NDArray
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import replacing
 from vdfmu.base.json_text import to_json
+from vdfmu.base.unpack import UnpackBudget, imported
 from vdfmu.engine.results.formats import Format
-from vdfmu.engine.results.recorded import Recorded, Signal, from_arrays, grouped, imported, no_rows
+from vdfmu.engine.results.recorded import Recorded, Signal, from_arrays, grouped, no_rows
 
 _GROUP = 2**16
 """Rows that are compressed at a time: the part of a long run held in memory."""
 _KEY = b"vdfmu"
+_WIDTHS = {"BOOLEAN": 1, "INT32": 4, "INT64": 8, "INT96": 12, "FLOAT": 4, "DOUBLE": 8}
+"""Bytes of a number in memory, by its type in the file; of texts and lists the file says how many there are."""
 
 
 def needed() -> tuple[ModuleType, ...]:
@@ -57,27 +60,45 @@ def _array(pa: ModuleType, column: NDArray[Any]) -> Any:
     return pa.Array.from_buffers(kinds[column.dtype.kind], len(column), [None, pa.py_buffer(values)])
 
 
-def read_parquet(path: Path) -> Recorded:
-    """Read what `write_parquet` wrote."""
+def checked(path: Path, file: Any) -> Any:
+    """Return a ``ParquetFile``; UsageError before it is read, if its columns unpack to more than a budget."""
+    budget, facts = UnpackBudget(path), file.metadata
+    for group in map(facts.row_group, range(facts.num_row_groups)):
+        for column in map(group.column, range(facts.num_columns)):
+            size = _WIDTHS.get(column.physical_type, 0) * max(group.num_rows, column.num_values)
+            budget.spend(max(size, column.total_uncompressed_size))
+    return file
+
+
+def read_table(path: Path) -> tuple[Any, Any]:
+    """Return the schema of a Parquet file of any tool, and a ``pyarrow.Table`` of its columns of numbers and times."""
     pa, parquet = needed()
     try:
-        with open(path, "rb") as file:
-            table = parquet.ParquetFile(file).read(use_threads=False)  # threads hang where memory is short
+        with open(path, "rb") as stream:
+            file = checked(path, parquet.ParquetFile(stream))
+            columns = [field.name for field in file.schema_arrow if pa.types.is_primitive(field.type)]
+            return file.schema_arrow, file.read(columns, use_threads=False)  # threads hang where memory is short
     except (OSError, pa.ArrowException) as error:
         raise UsageError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
+
+
+def read_parquet(path: Path) -> Recorded:
+    """Read what `write_parquet` wrote."""
+    pa, _ = needed()
+    schema, table = read_table(path)
     kinds = {pa.float64(): "real", pa.int32(): "integer", pa.bool_(): "boolean"}
-    wrong = [f.name for f in table.schema if f.type not in kinds or table[f.name].null_count]
-    if table.schema.names[:1] != ["time"] or wrong:
+    wrong = [f.name for f in schema if f.type not in kinds or table[f.name].null_count]
+    if schema.names[:1] != ["time"] or wrong:
         raise UsageError(
             f"{path}: expected 'time' as the first column, and columns of float64, int32 and bool without gaps; "
-            f"got {', '.join(f'{name!r}' for name in wrong or table.schema.names[:1])}"
+            f"got {', '.join(f'{name!r}' for name in wrong or schema.names[:1])}"
         )
     try:
-        summary = json.loads((table.schema.metadata or {}).get(_KEY, b"{}"))
+        summary = json.loads((schema.metadata or {}).get(_KEY, b"{}"))
     except (ValueError, RecursionError):  # not ours
         summary = {}
     signals = [
-        Signal(f.name, kinds[f.type], (f.metadata or {}).get(b"unit", b"").decode(), 0) for f in list(table.schema)[1:]
+        Signal(f.name, kinds[f.type], (f.metadata or {}).get(b"unit", b"").decode(), 0) for f in list(schema)[1:]
     ]
     arrays = [np.column_stack([table[s.name].to_numpy() for s in each]) for each in grouped(signals).values()]
     return from_arrays(table["time"].to_numpy(), signals, arrays, summary)

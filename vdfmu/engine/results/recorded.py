@@ -8,9 +8,7 @@ import mmap
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
-from importlib import import_module
 from pathlib import Path
-from types import ModuleType
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -237,17 +235,6 @@ def legal_names(names: Sequence[str], taken: Sequence[str], most: int, *, ros: b
         used.add(legal.lower())
         found.append(legal)
     return found
-
-
-def imported(what: str, package: str, extra: str, *modules: str) -> tuple[ModuleType, ...]:
-    """Return modules of a package that a format needs; UsageError if it is not installed."""
-    try:
-        return tuple(import_module(module) for module in modules)
-    except ImportError as error:
-        raise UsageError(
-            f"{what} needs the package {package}, which cannot be imported: {error}. Install it with "
-            f"'pip install vdfmu[{extra}]'. The results of a run can be CSV, which needs no package: --format csv."
-        ) from None
 
 
 def copies_of(signals: Sequence[Signal]) -> dict[str, dict[str, str]]:

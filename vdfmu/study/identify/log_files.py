@@ -14,9 +14,9 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import read_text
+from vdfmu.base.mat import mat_variables
 from vdfmu.base.plugins import Plugins, PluginTable
 from vdfmu.engine.results import mcap_file, parquet
-from vdfmu.engine.results.mat_file import mat_variables
 from vdfmu.engine.results.results import Results
 
 _HEADING = re.compile(r"(.*?)(?:\s+[\[(](.+)[\])])?\s*")
@@ -129,12 +129,8 @@ def _mat(path: Path) -> Results | _Found:
 
 
 def _parquet(path: Path) -> Results | _Found:
-    pyarrow, reader = parquet.needed()
-    try:
-        table = reader.ParquetFile(path).read(use_threads=False)
-    except (OSError, pyarrow.ArrowException) as error:
-        raise UsageError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
-    if b"vdfmu" in (table.schema.metadata or {}):
+    schema, table = parquet.read_table(path)
+    if b"vdfmu" in (schema.metadata or {}):
         return Results.read(path)
     found: dict[str, tuple[Any, str]] = {}
     for field in table.schema:

@@ -22,6 +22,7 @@ import numpy as np
 from vdfmu.base.arrays import distinct
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.files import data_path, source_bytes
+from vdfmu.base.seal import is_own
 from vdfmu.base.standards import FMI_2
 from vdfmu.compiler.c.compile import Compilation, compile_libraries, compiling
 from vdfmu.compiler.c.platforms import WASM, native_available
@@ -138,6 +139,8 @@ def _refuse(summary: Mapping[str, Any], package: Path) -> None:
         raise _CannotError("its package, system.ssp, is not beside the results")
     if not native_available():
         raise _CannotError("the compiler was not there when the page was made; 'pip install vdfmu[native]'")
+    if not is_own(summary.get("seal"), package):
+        raise _CannotError("it was not made with this cache, and a look at a run does not run its code")
 
 
 def _checked(summary: Mapping[str, Any], package: Path) -> Checked:

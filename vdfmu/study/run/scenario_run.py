@@ -20,6 +20,7 @@ from vdfmu.base.files import temporary_folder
 from vdfmu.base.once import one_job
 from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import doing, report, with_progress
+from vdfmu.base.seal import seal
 from vdfmu.base.standards import PYTHON_FMI
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
 from vdfmu.engine.algorithms import ALGORITHMS, choice
@@ -169,7 +170,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
         with doing("build"), temporary_folder("vdfmu_fmus_") as fmus:
             built = cached_fmus(scenario, fmus, backend, fmi_version)
             package = write_ssp(scenario, built, made / "system.ssp", system.values, mixed=True)
-        facts = _facts(system, options, backend)
+        facts = _facts(system, options, backend) | {"seal": seal(package)}
         witness, poses = Witness(system), Poses("tau")
         try:
             results = simulated(

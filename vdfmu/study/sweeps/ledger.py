@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import replacing
 from vdfmu.base.interrupt import InterruptGuard
+from vdfmu.base.seal import seal
 from vdfmu.base.text import elided
-from vdfmu.engine.results.parquet import needed
+from vdfmu.engine.results.parquet import checked, needed
 from vdfmu.study.sweeps.axes import Points
 from vdfmu.study.sweeps.job import Row
 from vdfmu.study.sweeps.worker import KILLED
@@ -50,6 +51,7 @@ class Ledger:
         self._arrow, self._parquet = needed()
         self._folder, self._parts, self._key, self._points = folder, folder / _PARTS, key, points
         self._facts: dict[str, Any] = {**facts, "key": key}
+        self._facts["seal"] = seal(self._facts, str(folder.resolve()))
         self._overwrite = overwrite
         self.notes: list[str] = []
 
@@ -100,7 +102,7 @@ class Ledger:
         others = [
             names.get(name, name)
             for name in self._facts
-            if name not in ("source", "options", "search", "key", "points", "units")
+            if name not in ("source", "options", "search", "key", "seal", "points", "units")
             and known.get(name) != self._facts[name]
         ]
         return f" They differ in {', '.join(others)}." if known and others else ""
@@ -286,7 +288,7 @@ def table_of(path: Path, columns: Sequence[str] | None = None) -> Any:
     try:
         if columns is not None and not columns:
             return parquet.read_schema(content).empty_table()
-        file = parquet.ParquetFile(content, page_checksum_verification=True)
+        file = checked(path, parquet.ParquetFile(content, page_checksum_verification=True))
         return file.read(columns=columns, use_threads=False)
     except MemoryError:
         raise UsageError(f"{path}: the memory does not hold it.") from None

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.errors import UsageError, VdfmuError
-from vdfmu.base.files import temporary_folder, write_whole
+from vdfmu.base.files import inside, temporary_folder, write_whole
 from vdfmu.base.page import table
 from vdfmu.study.report.curves import packed
 from vdfmu.study.report.page import NAME, StudyPart, report_page, study_page
@@ -30,9 +30,9 @@ def write_page(study: StudyTable, path: Path | None = None, *, simulate: bool = 
 
     Default ``report.html`` in the folder of the study; VdfmuError if it cannot be written.
     """
-    path = study.folder / NAME if path is None else path
+    path = inside(study.folder, study.folder / NAME) if path is None else path
     with temporary_folder("vdfmu_page_") as folder:
-        part, run = _part(study, Path(folder) / str(study.facts["scenario"]), simulate)
+        part, run = _part(study, Path(folder) / "run", simulate)
         page = study_page(part) if run is None else report_page([run], simulate=True, study=part)
     with suppress(OSError):  # writing then reports more
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -273,6 +273,7 @@ def base_run(study: StudyTable, folder: Path) -> tuple[ShownRun, dict[str, Any]]
     """
     from vdfmu.study.run.scenario_run import run
 
+    study.require_own()
     facts, best = study.facts, study.row("best")
     if str(facts["source"]).endswith(".ssp") or "run" in best:
         raise UsageError("Only scenarios are simulated in a page.")

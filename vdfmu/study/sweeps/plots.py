@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base import style
 from vdfmu.base.errors import UsageError
+from vdfmu.base.files import inside
 from vdfmu.study.sweeps.indices import CONFIDENCE, indices
 from vdfmu.study.sweeps.looks import (
     COLOUR_MAP,
@@ -64,7 +65,7 @@ def plot(study: StudyTable, kind: str | None = None, measure: str | None = None,
         if kind == each and reason:
             raise UsageError(f"kind: {kind} needs {reason}.")
         if kind in (None, each) and not reason:
-            written.append(style.save(draw(shown), folder / f"{name}_{each}.png"))
+            written.append(style.save(draw(shown), inside(folder, folder / f"{name}_{each}.png")))
     return written
 
 

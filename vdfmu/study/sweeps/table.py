@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
+from vdfmu.base.seal import is_own
 from vdfmu.base.text import close_to, elided
 from vdfmu.engine.results.parquet import needed
 from vdfmu.study.report.summary_keys import ANY, TEXT, WHOLE, Keyed, List, Record, typed
@@ -42,6 +43,7 @@ class StudyTable:
         named = self.path.name == TABLE or self.path.exists()  # the table of an unfinished study is not there yet
         if not named or not self._files and not (folder / LEDGER).exists():
             raise UsageError(f"{expected}; there is none.")
+        found: Any = None
         try:
             self._schemas = [table_of(file, []).schema for file in self._files]
             found = json.loads(
@@ -52,6 +54,7 @@ class StudyTable:
             problems = [elided(str(error))]
         if problems:
             raise UsageError(f"{expected}: {'; '.join(problems).rstrip('.')}.")
+        self._own = found.pop("seal", None), found, str(folder.resolve())
         self.columns: list[str] = list(dict.fromkeys(n for schema in self._schemas for n in schema.names))
 
     @property
@@ -156,7 +159,15 @@ class StudyTable:
             place = int(places[0])
         return self.table().slice(place, 1).to_pylist()[0]
 
-    def options(self, which: int | str = "worst", by: str | None = None) -> dict[str, Any]:
+    def require_own(self, trust: bool = False) -> None:
+        """Raise UsageError unless the user made the study, in this folder, or trusts the files that it names."""
+        if not trust and not is_own(*self._own):
+            raise UsageError(
+                f"{self.path}: a study to run must be made in this folder with this cache, got one from elsewhere. "
+                "It can run any code. If you trust who made it, give --trust."
+            )
+
+    def options(self, which: int | str = "worst", by: str | None = None, *, trust: bool = False) -> dict[str, Any]:
         """Return the options of `vdfmu.run` for the run of a point: ``vdfmu.run(**sweep.options("worst"))``.
 
         If the scenario, or a file that it names, has changed since the study, `notes` says so.
@@ -164,10 +175,11 @@ class StudyTable:
         Raises
         ------
         UsageError
-            See `row`; and for a study of a package, or of inputs that were not a file.
+            See `row`; for a study of a package, of inputs that were not a file, or, without `trust`, from elsewhere.
         """
         from vdfmu.study.sweeps.plan import digest, of_scenario
 
+        self.require_own(trust)
         row = self.row(which, by)
         if "run" in row:  # each point has options of its own
             run = json.loads(row["run"])

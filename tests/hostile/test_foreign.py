@@ -1,0 +1,55 @@
+"""Looking at what others made runs nothing of it; the user's own is run again, and the rest if they say so."""
+
+import shutil
+from contextlib import suppress
+
+import pytest
+
+from tests.hostile import foreign, unpacked
+from tests.hostile.results import arm_run
+from tests.hostile.studies import done_study
+from vdfmu.base import seal, unpack
+from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.study.report.shown_run import read_run
+from vdfmu.study.report.simulation import NOT_MADE, simulation_of
+from vdfmu.study.sweeps.sweep import Sweep
+
+
+@pytest.mark.parametrize("number", range(len(foreign.LOOKS)), ids=[each.__name__ for each in foreign.LOOKS])
+def test_a_look_runs_nothing_and_writes_nothing_elsewhere(number, tmp_path):
+    try:
+        foreign.look(number, tmp_path)
+    except UsageError as refused:
+        assert " must be " in str(refused) or "--trust" in str(refused)
+
+
+@pytest.mark.parametrize("made", [foreign.point_code, foreign.compiled, foreign.external])
+def test_what_the_user_trusts_runs(made, tmp_path):
+    attempt = made(tmp_path / "given", "--trust")
+    assert not (tmp_path / "ran").exists()
+    with suppress(VdfmuError):  # the code may be no unit
+        attempt()
+    assert (tmp_path / "ran").exists()
+
+
+def test_a_run_and_a_study_of_this_user_run_again(tmp_path, monkeypatch):
+    run, study = read_run(arm_run()), Sweep(done_study())
+    assert simulation_of(run.results, run.summary, run.package, None)["reason"] == NOT_MADE
+    assert study.options(0)["settings"]
+    moved = Sweep(shutil.copytree(done_study(), tmp_path / "moved"))
+    with pytest.raises(UsageError, match="must be made in this folder with this cache.*--trust"):
+        moved.options(0)
+    assert moved.options(0, trust=True)["settings"] == study.options(0)["settings"]
+    monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(seal, "_NEW", b"key of another process")
+    assert "not made with this cache" in simulation_of(run.results, run.summary, run.package, None)["reason"]
+    with pytest.raises(UsageError, match="--trust"):
+        study.options(0)
+
+
+@pytest.mark.parametrize("number", range(len(unpacked.MAKERS)), ids=[each.__name__ for each in unpacked.MAKERS])
+def test_a_log_is_refused_before_it_is_unpacked(number, tmp_path, monkeypatch):
+    monkeypatch.setattr(unpack, "LEAST", 2**20)
+    monkeypatch.setattr(unpack, "COUNT", 1000)
+    with pytest.raises(UsageError, match=[*unpacked.MAKERS.values()][number]):
+        unpacked.read(number, tmp_path, 4)
