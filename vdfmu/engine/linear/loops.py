@@ -184,7 +184,7 @@ def system_loop(system: LinearSystem, opened: Sequence[str], growth: float = 0.0
     plant = Linear(loops.A, loops.B[:, cut])
     while not (seen := np.vstack([plant.A, returned]).any(axis=0)).all():  # places that wait for nothing
         plant, returned = Linear(plant.A[np.ix_(seen, seen)], plant.B[seen]), returned[:, seen]
-    return Loop(0.0, plant, returned, system.step, growth, discrete=True, points=points)
+    return Loop(0.0, plant, returned, system.period, growth, discrete=True, points=points)
 
 
 def opened_at(system: LinearSystem, group: str) -> list[str]:
