@@ -135,7 +135,7 @@ class Loop:
         n = len(K)
         poles = np.linalg.eigvals(self.closed(K, delay))
         poles = poles[np.argsort(np.abs(poles - 1.0))[self.constants :]]
-        radius = float(np.abs(poles).max())
+        radius = float(np.abs(poles).max(initial=0.0))  # of none, if all loops are open at a limit
         if not radius < np.exp(self.growth * self.step):
             return Margins(np.zeros(n), np.ones(n), np.zeros(n), np.zeros(n), radius)
         w, G = self.grid

@@ -27,7 +27,6 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear, Signal, StateSpace, held
 
-
 _BEGINS = 8
 """Begins of a period that are tried for opened inputs: a sample acts some steps late, one for each unit on its way."""
 _ROUNDING = 1e-9
@@ -259,12 +258,12 @@ def _over_period(system: LinearSystem, opened: Sequence[str]) -> StateSpace:
 def _steps_of(system: LinearSystem, opened: Sequence[str]) -> list[StateSpace]:
     """Return the system over each step of the common period of its samples, which all are due at the first."""
     every, samples, made = system._intervals, system.samples, dict[bytes, StateSpace]()  # pyright: ignore[reportPrivateUsage]
-    keeps = np.eye(*samples.F.shape, samples.F.shape[1] - len(every))
+    held_rows = np.eye(len(every), samples.F.shape[1], samples.F.shape[1] - len(every))
     steps: list[StateSpace] = []
     for k in range(math.lcm(*every.tolist())):
         due = k % every == 0
         if due.tobytes() not in made:
-            own = samples._replace(F=np.where(due[:, None], samples.F, keeps))
+            own = samples._replace(F=np.where(due[:, None], samples.F, held_rows))
             made[due.tobytes()] = replace(system, samples=own, every={}).sampled(opened)
         steps.append(made[due.tobytes()])
     return steps
