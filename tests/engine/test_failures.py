@@ -29,7 +29,7 @@ def run(path, mode, **options):
 
 
 def test_an_exception_names_unit_call_time_and_the_units_own_words(fragile):
-    with pytest.raises(CosimError, match=r"arm: doStep at t = 0\.5 s failed: .*q\[3\] is not finite: 100 %s") as info:
+    with pytest.raises(CosimError, match=r"arm failed at t = 0\.5 s in doStep: .*q\[3\] is not finite: 100 %s") as info:
         run(fragile, 0)
     error = info.value
     assert (error.unit, error.call, error.time) == ("arm", "doStep", 0.5)
@@ -67,7 +67,7 @@ def test_a_warning_is_logged_with_unit_and_time_and_the_run_goes_on(fragile):
 
 
 def test_a_failure_during_initialization_has_no_rows(fragile):
-    with pytest.raises(CosimError, match="arm: exitInitializationMode at t = 0 s failed: .*no start possible") as info:
+    with pytest.raises(CosimError, match="arm failed at t = 0 s in exitInit.*: .*no start possible") as info:
         run(fragile, 3)
     assert info.value.results is None
 

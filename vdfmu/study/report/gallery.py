@@ -26,7 +26,7 @@ from vdfmu.base.page import page
 from vdfmu.engine.results.folder import PARTIAL
 from vdfmu.engine.results.formats import result_files
 from vdfmu.engine.results.results import Results
-from vdfmu.engine.results.verdict import STATES, line_of, state_of
+from vdfmu.engine.results.verdict import FAILED, STATES, line_of, state_of
 from vdfmu.study.report.page import NAME
 from vdfmu.study.report.scripts import GALLERY, look, module_element
 from vdfmu.study.report.shapes import Chain
@@ -110,8 +110,7 @@ def entry_of(folder: Path, place: Path, name: str) -> RunCard:
     summary = read_summary(file)
     with suppress(ValueError):  # of a date that is none
         stamp = datetime.fromisoformat(summary.get("date", "")).timestamp()
-    line, state = line_of(summary), state_of(summary)
-    numbers, shown = {"date": stamp}, list[str]()
+    state, numbers, shown = state_of(summary), {"date": stamp}, list[str]()
     figures: Mapping[str, Any] = summary.get("key_figures") or {}
     if "tool_error" in figures:
         numbers["tool"] = figures["tool_error"]["value"]
@@ -122,6 +121,7 @@ def entry_of(folder: Path, place: Path, name: str) -> RunCard:
         unit = (summary.get("position_units") or ["deg"] * len(errors))[worst]
         numbers["joint"] = errors[worst] * coherent(unit)[1]
         shown.append(f"joint {worst + 1} worst, {quantity(errors[worst], unit)}")
+    shown = shown if state in ("", FAILED) else []  # else the verdict has these numbers
     try:
         picture = picture_of(folder, summary)
     except (VdfmuError, OSError, ValueError, csv.Error) as error:  # ValueError: no text, or a text for a number
@@ -132,7 +132,7 @@ def entry_of(folder: Path, place: Path, name: str) -> RunCard:
     date = datetime.fromtimestamp(stamp, UTC).strftime("%Y-%m-%d %H:%M UTC")
     return RunCard(
         name, _address(page_of, place), (about or str(summary.get("system", "system")), date),
-        line, state, numbers, shown, picture,
+        line_of(summary), state, numbers, shown, picture,
     )  # fmt: skip
 
 

@@ -54,7 +54,7 @@ def tiles_of(summary: Summary) -> Iterator[Tile]:
         value, note = quantity(contact["value"], contact["unit"]), f"at the tool, since {_time(contact)}"
         yield Tile("Contact force", value, note, "plant.F_e.N", contact["at_s"])
     if (saturated := figures.get("saturated")) is not None:
-        value, note = f"{100.0 * saturated['value']:.2g} %", f"{saturated['place']}, since {_time(saturated)}"
+        value, note = f"{100.0 * saturated['value']:.3g} %", f"{saturated['place']}, since {_time(saturated)}"
         yield Tile("Time at a limit", value, note, "torque", saturated["at_s"])
     if (margin := figures.get("margin")) is not None:
         note = f"{margin['place']} at {_time(margin)}"

@@ -100,7 +100,7 @@ def _unstable(growth: Growth, poses: Poses, before: str = "") -> LoopCheck:
     factor, place = math.exp(growth.rate * poses.systems[0][1].step), _place(growth.state, poses)
     figure = {"value": factor, "place": place, "at_s": growth.begin}
     words = f"unstable {since(figure)}, {place}"
-    text = f"{words}: disturbances grow by a factor of {factor:.3g} a step"
+    text = f"{words}: disturbances grow by a factor of {factor:.3g} a step; check the gains and the step"
     return LoopCheck(Check(_NAME, FAILED, f"{before}{text}", words), {"unstable": figure})
 
 

@@ -32,10 +32,19 @@ def verdict(summary: Summary, loops: Sequence[Check]) -> dict[str, Any]:
     figures: Summary = summary["key_figures"]
     limits = list(_limits(figures))
     first = [*loops, *limits]
-    if "unstable" in figures and limits and figures["saturated"]["at_s"] < figures["unstable"]["at_s"]:
-        first.reverse()  # a joint at its limit has no feedback: what grows then is the fall of the arm
-    checks = [*first, *_path(figures), *_witness(summary), *_reference(summary), *_energy(summary)]
-    return verdict_of(checks, "; ".join(_numbers(figures)))
+    loop = figures.get("unstable") or figures.get("margin")
+    if limits and loop and figures["saturated"]["at_s"] < loop["at_s"]:
+        first.reverse()  # a joint at its limit has no feedback, so its loop is no fault of the gains
+    path = list(_path(figures))
+    numbers = _numbers(figures, all(check.state == GOOD for check in path))
+    return verdict_of([*first, *path, *run_checks(summary)], "; ".join(numbers))
+
+
+def run_checks(summary: Summary) -> Iterator[Check]:
+    """Yield the checks of the numbers of a complete run against other calculations, and of its energy."""
+    yield from _witness(summary)
+    yield from _reference(summary)
+    yield from _energy(summary)
 
 
 def since(figure: Summary) -> str:
@@ -47,7 +56,7 @@ def _limits(figures: Summary) -> Iterator[Check]:
     """Yield the check of the joint that was at a limit of its motor, or at its end stop, for most of the time."""
     figure: Summary | None = figures.get("saturated")
     if figure is not None:
-        text = f"at the {figure['place']} for {100.0 * figure['value']:.2g} % of the time, {since(figure)}"
+        text = f"at the {figure['place']} for {100.0 * figure['value']:.3g} % of the time, {since(figure)}"
         yield Check("Limits of the joints", DOUBTFUL, f"{text}; there the joint has no feedback", f"saturated, {text}")
 
 
@@ -64,8 +73,8 @@ def _path(figures: Summary) -> Iterator[Check]:
     yield Check(name, state, f"{text}; limit {100.0 * most:g} %", f"off its path, {text}, {_at(figure)}")
 
 
-def _numbers(figures: Summary) -> Iterator[str]:
-    """Yield the words of a good run."""
+def _numbers(figures: Summary, follows: bool) -> Iterator[str]:
+    """Yield the words of a good run; without the tool's error if it is told already, since the arm does not follow."""
     margin: Summary | None = figures.get("margin")
     margin = {"value": 0.0} if margin is None or "saturated" in figures else margin
     if margin["value"]:
@@ -73,7 +82,7 @@ def _numbers(figures: Summary) -> Iterator[str]:
     if "contact" in figures:
         contact = figures["contact"]
         yield f"in contact as meant {since(contact)}, {quantity(contact['value'], contact['unit'])} at most"
-    if "tool_error" in figures:
+    if follows and "tool_error" in figures:
         yield f"tool error {quantity(figures['tool_error']['value'], 'm')} at most, {_at(figures['tool_error'])}"
     if "joint_error" in figures:
         worst = figures["joint_error"]
