@@ -17,7 +17,7 @@ from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.reference import BLOCK
 
 _READ = ("tau", "q", "kappa_dot")
-_LEAST = 0.01
+LIMITED = 0.01
 """Least share of a run's time at a limit that is told: the table of the shares shows whole per cent."""
 _PLACES = ("torque limit", "speed limit", "end stop")
 
@@ -74,7 +74,7 @@ def time_at_limits(results: Results, limits: list[ArmLimits]) -> dict[str, Any]:
         the largest share, ``saturated``, its place, and since when the joint is there.
     """
     shares: dict[str, Any] = {}
-    worst: dict[str, Any] = {"value": _LEAST}
+    worst: dict[str, Any] = {"value": LIMITED}
     recorded = [arm for arm in limits if all(f"{arm.plant}.{name}[1]" in results for name in _READ)]
     for arm in recorded:
         spent, since = _spent(results, arm)
