@@ -57,8 +57,9 @@ def loop_checks(poses: Poses, system: SystemDescription, package: Path) -> Itera
     if not any(target.endswith(".tau") for targets in system.connections.values() for target in targets):
         return
     if poses.lacking or not poses.systems:
-        words = f"stability not judged ({poses.lacking.partition('. ')[0]})"
-        yield LoopCheck(Check(_NAME, DOUBTFUL, f"not judged: {poses.lacking}", words), {})
+        why = poses.lacking or "components in a process of their own are not linearised"
+        words = f"stability not judged ({why.partition('. ')[0]})"
+        yield LoopCheck(Check(_NAME, DOUBTFUL, f"not judged: {why}", words), {})
         return
     scenario, robots = system.scenario, system.resolved.robots
     growth = poses.growth(0.0, scenario.stop)
