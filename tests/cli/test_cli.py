@@ -94,8 +94,8 @@ def test_build_ssp_check_models_work_together(tmp_path):
     assert (ours / "results.csv").exists()
     failed = vdfmu("simulate", "planar.ssp", "--set", "controller.K_p=1e9", cwd=tmp_path)
     assert failed.returncode == 1
-    assert "plant: doStep at t =" in failed.stderr
-    assert "The rows so far are in results/planar_ssp/partial; results/planar_ssp is as it was." in failed.stderr
+    assert "plant failed at t =" in failed.stderr
+    assert " s are in results/planar_ssp/partial/results.csv; results/planar_ssp is as it was." in failed.stderr
     assert "doStep" in json.loads((ours / "partial" / "summary.json").read_text())["error"]
     assert len((ours / "partial" / "results.csv").read_text().splitlines()) > 3
     assert failed.stdout.splitlines()[-1] == "Open results/planar_ssp/partial/report.html"
@@ -206,7 +206,7 @@ def test_a_broken_robot_file_reports_every_problem_at_once(tmp_path):
 def test_a_unit_that_fails_ends_with_code_1_and_its_words(tmp_path):
     done = vdfmu("run", "planar_tracking", "--set", "controller.K_p=1e9", cwd=tmp_path)
     assert done.returncode == 1
-    assert "plant: doStep at t =" in done.stderr
+    assert "plant failed at t =" in done.stderr
     assert (tmp_path / "results" / "planar_tracking" / "partial" / "results.csv").exists()
 
 

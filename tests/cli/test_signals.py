@@ -108,7 +108,7 @@ def test_a_signal_keeps_the_rows_and_the_results_before(under_way, number):
     folder, command, kept = under_way
     errors = " ".join(command.stop(number).split())
     assert "stopped: interrupted at t =" in errors
-    assert "The rows so far are in results/planar_tracking/partial; results/planar_tracking is as it was." in errors
+    assert " s are in results/planar_tracking/partial/results.csv; results/planar_tracking is as it was." in errors
     rows = (folder / "partial" / "results.csv").read_text().splitlines()
     assert len(rows) > 3
     assert len({row.count(",") for row in rows[1:]}) == 1
@@ -204,7 +204,7 @@ def test_a_signal_acts_while_references_are_solved(start):
     command = start("run", "planar_tracking", "--stop", "2")
     command.wait_for(lambda: command.files("results/*/*/summary.json"))
     errors = command.stop(signal.SIGHUP)
-    assert "stopped: The rows so far are in results/planar_tracking/partial." in errors
+    assert " are in results/planar_tracking/partial/results.csv." in errors
     assert len((command.folder / "results/planar_tracking/partial/results.csv").read_text().splitlines()) == 2003
 
 

@@ -161,10 +161,11 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         "self._n += 1\nself._odd = self._n % 2 == 1", "self._told = self._word\nself._odd = self._word == 'gr\u00fcn'",
     )  # fmt: skip
     add(
-        "Fragile",  # mode 0: exception, 1: returns False, 2: only warns, 3: exception in initialization mode
+        "Fragile",  # mode 0: exception, 1: returns False, 2: only warns, 3: exception in initialization mode, 4: both
         "y:output at:parameter:Real:1e9 mode:parameter:Integer",
         "if t >= self._at - 1e-9:\n"
         "    if self._mode == 0:\n        raise ValueError('q[3] is not finite: 100 %s')\n"
+        "    if self._mode == 4:\n        self.log('the table %s ends', Fmi2Status.error)\n        [][3]\n"
         "    self.log('the load is 50 %s of nominal', Fmi2Status.warning)\n"
         "    if self._mode == 1:\n        return False\n"
         "self._y = t + h",

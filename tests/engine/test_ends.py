@@ -83,7 +83,7 @@ def test_check_finds_no_fault_in_a_unit_that_keeps_its_stop_time(package, strict
 def test_the_reason_of_a_failure_is_the_units_own_and_no_debug_text(package):
     with pytest.raises(CosimError) as info:
         simulate(package, stop=1.0, step=0.25, parameters={"unit.refuse": 0.5})
-    assert str(info.value) == "unit: doStep at t = 0.5 s failed: the oil is too cold (status error)"
+    assert str(info.value) == "unit failed at t = 0.5 s in doStep: the oil is too cold (status error)"
 
 
 def test_a_unit_that_gives_no_reason_is_quoted_with_its_last_message(package):
@@ -98,7 +98,7 @@ def test_a_unit_that_gives_no_reason_is_quoted_with_its_last_message(package):
 @pytest.mark.parametrize("options", COUPLINGS, ids=lambda o: "-".join(map(str, o.values())))
 @pytest.mark.parametrize(("name", "value"), [("nan_from", "nan"), *heavy(("inf_from", "-inf"))])
 def test_what_is_no_number_ends_the_run(package, options, name, value):
-    with pytest.raises(CosimError, match=rf"unit: doStep .* y is {value} at t = 0\.[57]\d* s, expected a fin") as info:
+    with pytest.raises(CosimError, match=rf"unit failed .* doStep: y is {value} at t = 0\.[57]\d* s, exp") as info:
         simulate(package, stop=1.0, step=0.25, parameters={f"unit.{name}": 0.5}, **options)
     rows = info.value.results
     assert rows["unit.y"].tolist() == [0.0, 0.25]  # those before it, all of numbers
@@ -123,7 +123,7 @@ def simulated(package: Path, setting: str, out: Path) -> tuple[int, str]:
 def test_the_command_ends_with_an_error_and_keeps_the_rows(package, tmp_path):
     code, shown = simulated(package, "unit.nan_from=0.5", tmp_path)
     assert code == 1
-    assert "unit: doStep at t = 0.25 s failed: y is nan at t = 0.5 s, expected a finite number" in shown
+    assert "unit failed at t = 0.25 s in doStep: y is nan at t = 0.5 s, expected a finite number" in shown
     assert (
         len((tmp_path / "partial" / "results.csv").read_text().splitlines()) == 2 + 2
     )  # names, units, t = 0 and 0.25 s
@@ -164,6 +164,6 @@ def test_the_command_says_who_ended_the_simulation(package, tmp_path):
 
 
 def test_a_step_that_is_discarded_without_that_is_an_error(package):
-    with pytest.raises(CosimError, match=r"unit: doStep at t = 0\.5 s .*: too long a step \(status discard\)") as info:
+    with pytest.raises(CosimError, match=r"unit failed at t = 0\.5 s in doStep: too long .*discard\)") as info:
         simulate(package, stop=1.0, step=0.25, parameters={"unit.discard": 0.5})
     assert info.value.results.time.tolist() == [0.0, 0.25, 0.5]

@@ -11,11 +11,33 @@ import fmpy
 import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
+from pythonfmu.builder import FmuBuilder
 
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.engine.run import Interrupted, simulate
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.parts import cached_fmus
+
+MADE = """
+import os
+from pythonfmu import Fmi2Causality, Fmi2Slave, Real
+
+
+class Made(Fmi2Slave):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.y = 0.0
+        self.register_variable(Real("y", causality=Fmi2Causality.output))
+        try:
+            raise OSError("not told")
+        except OSError:
+            pass
+        if "VDFMU_TEST_MADE" in os.environ:
+            raise KeyError("no table")
+
+    def do_step(self, t, h):
+        return True
+"""
 
 
 @pytest.fixture
@@ -29,7 +51,7 @@ def run(path, mode, **options):
 
 
 def test_an_exception_names_unit_call_time_and_the_units_own_words(fragile):
-    with pytest.raises(CosimError, match=r"arm: doStep at t = 0\.5 s failed: .*q\[3\] is not finite: 100 %s") as info:
+    with pytest.raises(CosimError, match=r"arm failed at t = 0\.5 s in doStep: .*q\[3\] is not finite: 100 %s") as info:
         run(fragile, 0)
     error = info.value
     assert (error.unit, error.call, error.time) == ("arm", "doStep", 0.5)
@@ -44,6 +66,40 @@ def test_the_rows_before_the_failure_are_kept(fragile):
     np.testing.assert_array_equal(results["arm.y"][1:], 0.1 * np.arange(5.0) + 0.1)
     assert results.messages[-1].status == "fatal"
     assert results.summary["wall_s"] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("mode", "raised", "logged"),
+    [
+        (0, "ValueError: q[3] is not finite: 100 %s", ""),
+        (4, "IndexError: list index out of range", "the table %s ends"),
+    ],
+)
+def test_an_exception_has_its_type_and_its_line(fragile, fmus, mode, raised, logged):
+    """Its library gives its text alone, and if the unit has logged something in this call, not even that."""
+    lines = (fmus["Fragile"].parent / "vdfmu_test_fragile.py").read_text().splitlines()
+    at = next(k for k, line in enumerate(lines, 1) if ("raise ValueError('q" if mode == 0 else "[][3]") in line)
+    with pytest.raises(CosimError) as info:
+        run(fragile, mode)
+    words = f"arm failed at t = 0.5 s in doStep: {raised} (vdfmu_test_fragile.py, line {at})"
+    assert str(info.value) == f"{words}{f'; it logged: {logged}' if logged else ''} (status fatal)"
+    trace = info.value.results.messages[-1].text
+    assert trace.startswith("Traceback (") and "in do_step" in trace and trace.endswith(raised)
+
+
+def test_an_exception_while_a_unit_is_made_has_its_line(pack, fmus, tmp_path, monkeypatch):
+    script = tmp_path / "vdfmu_test_made.py"
+    script.write_text(MADE)
+    monkeypatch.setitem(fmus, "Made", Path(FmuBuilder.build_FMU(script, dest=tmp_path / "Made.fmu")))
+    path = pack(["arm Made y:output"])
+    simulate(path, step=0.5)  # the exception that it catches is none
+    monkeypatch.setenv("VDFMU_TEST_MADE", "1")
+    with pytest.raises(CosimError) as info:
+        simulate(path, step=0.5)
+    at = next(k for k, line in enumerate(MADE.splitlines(), 1) if "no table" in line)
+    assert (
+        str(info.value) == f"arm failed at t = 0 s in instantiate: KeyError: 'no table' (vdfmu_test_made.py, line {at})"
+    )
 
 
 def test_a_step_that_pythonfmu_refuses_ends_the_simulation(fragile):
@@ -67,7 +123,7 @@ def test_a_warning_is_logged_with_unit_and_time_and_the_run_goes_on(fragile):
 
 
 def test_a_failure_during_initialization_has_no_rows(fragile):
-    with pytest.raises(CosimError, match="arm: exitInitializationMode at t = 0 s failed: .*no start possible") as info:
+    with pytest.raises(CosimError, match="arm failed at t = 0 s in exitInit.*: .*no start possible") as info:
         run(fragile, 3)
     assert info.value.results is None
 

@@ -107,7 +107,7 @@ def test_an_adaptive_step_that_ends_the_process_has_its_own_time(package):
 def test_an_end_before_the_first_row(package):
     error = fails(package, "leave_early")
     assert str(error) == (
-        "unit: exitInitializationMode at t = 0 s failed: the component ended the process (exit code 3)"
+        "unit failed at t = 0 s in exitInitializationMode: the component ended the process (exit code 3)"
     )
     assert error.results is None
 
@@ -173,7 +173,7 @@ def test_check_says_what_a_unit_returns_that_it_may_not(wild, alone, way, kind):
 @pytest.mark.parametrize(("way", "call"), [("crash", "doStep"), ("leave", "doStep"), ("crash_free", "freeInstance")])
 def test_check_of_a_package_names_the_component_that_ends_the_process(wild, alone, way, call):
     (problem,) = check_run.run_apart(alone(way, 0.5e-3), "SSP").problems
-    assert f"unit: {call} at t = " in problem
+    assert re.search(rf"unit failed at t = \S+ s in {call}: ", problem)
     assert "ed the process (" in problem
 
 
@@ -183,7 +183,7 @@ def test_check_of_a_package_names_the_component_that_does_not_return(wild, alone
     monkeypatch.setattr(check_run, "SECONDS", check_run.NAMING + 8.0)  # 8 s for the start of Python and the run
     (problem,) = check_run.run_apart(alone(way, 0.5e-3), "SSP").problems
     # a second is the least time that a call has, also where a busy machine took longer to start
-    assert re.search(rf"unit: {call} at t = 0\.\d+ s failed: no return within [1-8](\.\d)? s; ", problem), problem
+    assert re.search(rf"unit failed at t = 0\.\d+ s in {call}: no return within [1-8](\.\d)? s; ", problem), problem
 
 
 # ---------------------------------------------------------------- processes of the components
@@ -326,9 +326,9 @@ def test_limits_must_be_positive(package, options):
 def test_the_command_says_who_ended_the_process_and_keeps_the_rows(package, tmp_path):
     started = time.monotonic()
     for options, said in (
-        (["--set", "unit.way=2"], "unit: doStep at t = 0.5 s failed: the component ended the process (exit code 0)"),
-        (["--set", "unit.way=3", "--wait-limit", "1"], "unit: doStep at t = 0.5 s failed: no return within 1 s"),
-        (["--set", "unit.way=5"], "unit: freeInstance at t = 1 s failed: the component crashed the process"),
+        (["--set", "unit.way=2"], "unit failed at t = 0.5 s in doStep: the component ended the process (exit code 0)"),
+        (["--set", "unit.way=3", "--wait-limit", "1"], "unit failed at t = 0.5 s in doStep: no return within 1 s"),
+        (["--set", "unit.way=5"], "unit failed at t = 1 s in freeInstance: the component crashed the process"),
     ):
         done = subprocess.run(
             [sys.executable, "-m", "vdfmu.cli", "simulate", package, "--step", "0.25", "--set", "unit.at=0.5",

@@ -52,7 +52,7 @@ def test_a_component_that_fails_says_so_once(tmp_path, way):
     assert packed.returncode == 0, packed.stderr
     done = vdfmu(tmp_path, "simulate", "p.ssp", "--stop", "0.01", way, "--out", "out")
     assert done.returncode == 1
-    assert done.stderr.count("plant: doStep at t = ") == 1, done.stderr
+    assert done.stderr.count("plant failed at t = ") == 1, done.stderr
     assert not LEAKS.search(done.stderr)
 
 

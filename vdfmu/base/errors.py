@@ -105,4 +105,4 @@ class CosimError(VdfmuError):
         super().__init__(unit, call, time, reason, results)
 
     def __str__(self) -> str:
-        return f"{self.unit}: {self.call} at t = {self.time:.9g} s failed: {self.reason}"
+        return f"{self.unit} failed at t = {self.time:.9g} s in {self.call}: {self.reason}"

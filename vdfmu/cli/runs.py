@@ -61,7 +61,7 @@ def run(
 ) -> None:
     """Run a scenario: build what is stale, co-simulate, solve the references, compare, write tables and figures.
 
-    The exit code is 1 if a check of the run failed.
+    The exit code is 1 if the run failed, 0 if it is good or doubtful.
     """
     way = {
         ".ssp": "is a system package; 'vdfmu simulate' runs it",
@@ -90,6 +90,7 @@ def run(
         for name in ("units", "settings"):
             given[name] = point.get(name, {}) | (options[name] or {})
     from vdfmu.engine.results.folder import written
+    from vdfmu.engine.results.verdict import FAILED, state_of
     from vdfmu.engine.run import Interrupted
     from vdfmu.study.report import tables
     from vdfmu.study.report.page import NAME
@@ -107,29 +108,30 @@ def run(
                 _say_failed(error, Path(options["out"] or Path("results", error.results.summary["scenario"])), opened)
             raise
         summary = results.summary
-        passed = summary["verdict"]["passed"]
+        failed = state_of(summary) == FAILED
         tell(tables.run_panel(summary), *map(tables.sheet_table, sheets(summary)))
-        (tell if passed else console.print)(tables.verdict_table(summary))
+        (console.print if failed else tell)(tables.verdict_table(summary))
         folder = Path(options["out"] or Path("results", summary["scenario"]))
         say_written(*(folder / name for name in written(folder, RUN_OUTPUTS)))
         _say_verdict(summary)
         _say_page(folder / NAME, opened)
-    if not passed:
+    if failed:
         raise typer.Exit(1)
 
 
 def _say_failed(error: Any, folder: Path, opened: bool = False) -> None:
-    """Print why a run failed, or that it was stopped, what it comes to, and where the page of its rows is."""
+    """Print why a run failed, or that it was stopped, and where the page of its rows is."""
     from vdfmu.engine.results.folder import PARTIAL
     from vdfmu.study.report.page import NAME
 
-    page = folder / PARTIAL / NAME
+    page, summary = folder / PARTIAL / NAME, error.results.summary
     if not len(error.results) or not page.exists():
         return
     stopped = isinstance(error, KeyboardInterrupt)
     if not stopped:
         say_error(error)
-    _say_verdict(error.results.summary)
+    else:
+        _say_verdict(summary)
     _say_page(page, opened)
     if not stopped:
         raise typer.Exit(1)
@@ -285,13 +287,12 @@ def _run_package(package: Path, unpack_limit: int | None, **options: Unpack[Syst
 
 
 def _say_verdict(summary: Mapping[str, Any]) -> None:
-    """Print the verdict on a run as a sentence, and how many checks pass."""
-    from vdfmu.study.report.headline import checks_line, headline
+    """Print the verdict on a run in a line; with ``--quiet`` of a run that is not good."""
+    from vdfmu.engine.results.verdict import GOOD, state_of
+    from vdfmu.study.report.tables import verdict_text
 
-    found = headline(summary)
-    text = "; ".join(dict.fromkeys(filter(None, [found.text, checks_line(summary)])))
-    if text and not (errors.quiet and found.passed):
-        console.print(Text(text, style="bold" if found.passed else "bold red"), soft_wrap=True)
+    if (text := verdict_text(summary)) and not (errors.quiet and state_of(summary) == GOOD):
+        console.print(text, soft_wrap=True)
 
 
 def _say_page(page: Path, opened: bool) -> None:

@@ -301,7 +301,8 @@ def unit_messages() -> Generator[Callable[[LogMessage], None]]:
         if message.status == "note":
             name, colon, what = message.text.partition(": ")
             notes.setdefault(what if colon else name, []).extend([name] if colon else [])
-        elif message.status not in ("ok", "error", "fatal"):  # the error that ends the run quotes these
+        elif LOG.isEnabledFor(logging.INFO) or message.status not in ("ok", "error", "fatal"):
+            # the error that ends the run quotes these; with --verbose they come in full
             text = str(message) if message.unit else f"{message.status}: {message.text}"
             _aside(elided(text))
 

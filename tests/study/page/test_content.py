@@ -26,7 +26,7 @@ from vdfmu.study.report.page import report_page, write_report
 from vdfmu.study.report.scripts import COMPARED, GALLERY, MODULES, ROBOT, STUDY, STUDY_ALONE, WORKER, script
 from vdfmu.study.report.shown_run import ShownRun, newest_run, read_run
 from vdfmu.study.report.tables import verdict_table
-from vdfmu.study.run.stability import run_checks
+from vdfmu.study.run.verdict import run_checks
 
 ROOT = Path(vdfmu.__file__).resolve().parents[1]
 WEB = ROOT / "vdfmu" / "study" / "report" / "web"
@@ -252,17 +252,17 @@ def test_checks_pass_and_fail_by_their_limits():
         "max_position_error_deg": [1e-3], "position_units": ["deg"],
     }  # fmt: skip
     (check,) = run_checks(summary)
-    assert check.passed and check.name == "Equals the sampled scipy reference"
+    assert check.state == "good" and check.name == "Equals the sampled scipy reference"
     # a thousandth of 1e-3 degrees is 1.745e-8 rad
     summary["reference"]["sampled"]["max_position_difference_rad"] = 1.8e-8
     (check,) = run_checks(summary)
-    assert not check.passed and "differ by 1.8e-08 rad at most; limit 1.75e-08" in check.text
+    assert check.state == "failed" and "differ by 1.8e-08 rad at most; limit 1.75e-08" in check.text
     # an arm that has hardly moved, with errors of 1e-7 degrees: the reference is solved to 1e-11 rad
     summary["max_position_error_deg"] = [1e-7]
-    for apart, passed in ((9e-12, True), (1.1e-11, False)):
+    for apart, state in ((9e-12, "good"), (1.1e-11, "failed")):
         summary["reference"]["sampled"]["max_position_difference_rad"] = apart
         (check,) = run_checks(summary)
-        assert check.passed == passed and "limit 1e-11, the absolute tolerance" in check.text
+        assert check.state == state and "limit 1e-11, the absolute tolerance" in check.text
 
 
 def test_a_chaotic_loop_is_held_against_statistics():
@@ -271,24 +271,31 @@ def test_a_chaotic_loop_is_held_against_statistics():
     summary = {"reference": {"sampled": sampled}, "separation": {}, "max_position_error_deg": [1.0],
                "position_units": ["deg"]}  # fmt: skip
     (check,) = run_checks(summary)
-    assert check.passed and "2 %" in check.text
+    assert check.state == "good" and "2 %" in check.text
     sampled["rms_torque_difference"] = 0.06
     (check,) = run_checks(summary)
-    assert not check.passed
+    assert check.state == "failed"
 
 
 def test_page_and_terminal_show_the_verdict_of_the_summary(planar, tmp_path):
     run = read_run(planar[0])
-    assert run.summary["verdict"]["passed"] and run.summary["verdict"]["checks"]
-    verdict = verdict_of([Check("First", True, "as it should"), Check("Second <b>", False, "2 > 1")])
+    assert run.summary["verdict"]["state"] == "good" and run.summary["verdict"]["checks"]
+    found = [("First", "good", "as it should"), ("Second <b>", "failed", "2 > 1"), ("Third", "doubtful", "3")]
+    verdict = verdict_of([Check(*one) for one in found])
     changed = run._replace(summary=dict(run.summary) | {"verdict": verdict})
     text = write_report([changed], tmp_path / "page.html").read_text()
-    assert '<li class="pass"><b>pass</b> First <small>as it should</small></li>' in text
-    assert '<li class="fail"><b>fail</b> Second &lt;b&gt; <small>2 &gt; 1</small></li>' in text
+    assert '<p class="verdict failed">Failed: Second &lt;b&gt;: 2 &gt; 1</p>' in text
+    assert '<li class="good"><b>good</b> First <small>as it should</small></li>' in text
+    assert '<li class="failed"><b>failed</b> Second &lt;b&gt; <small>2 &gt; 1</small></li>' in text
     with Console(file=io.StringIO(), width=80) as console, console.capture() as shown:
         console.print(verdict_table(changed.summary))
     lines = [line.strip() for line in shown.get().splitlines()]
-    assert lines[1:] == ["1 of 2 checks failed", "pass First: as it should", "FAIL Second <b>: 2 > 1"]
+    assert lines[1:] == [
+        "1 of 3 checks pass, 1 doubtful, 1 failed",
+        "✓ good     First: as it should",
+        "✗ failed   Second <b>: 2 > 1",
+        "! doubtful Third: 3",
+    ]
     assert checks_of({}) == []
 
 

@@ -18,6 +18,7 @@ from vdfmu.cli import runs
 from vdfmu.cli.commands import app
 from vdfmu.engine.package_run import run_system
 from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.verdict import line_of
 from vdfmu.study.report.gallery import gallery_page, is_gallery, seen_along, write_gallery
 from vdfmu.study.report.shapes import Chain
 from vdfmu.study.report.shown_run import read_run
@@ -48,8 +49,7 @@ def test_each_run_has_a_card_with_its_verdict_numbers_and_a_link(results):
     (card,) = (card for card in cards(gallery_page(results)) if 'data-name="first run"' in card)
     errors = summary["max_position_error_deg"]
     worst = int(np.argmax(errors))
-    count = len(summary["verdict"]["checks"])
-    assert f"{count} of {count} checks pass" in card and 'href="first%20run/report.html"' in card
+    assert f'<p class="good">{line_of(summary)}</p>' in card and 'href="first%20run/report.html"' in card
     assert f"joint {worst + 1} worst, {quantity(errors[worst], 'deg')}" in card
     assert "planar_tracking on planar_2dof" in card
 
@@ -95,11 +95,13 @@ def test_what_is_deleted_is_gone_and_what_cannot_be_read_is_named(results):
 def test_a_failed_check_is_seen_and_counted(results):
     file = results / "first run" / "summary.json"
     summary = json.loads(file.read_text())
-    summary["verdict"]["checks"][0]["passed"] = False
-    file.write_text(json.dumps(summary))
-    page = gallery_page(results)
-    assert b"2 runs, 1 with a failed check" in page
-    assert f"fail: {summary['verdict']['checks'][0]['name']}" in "".join(cards(page))
+    for state, rank in (("doubtful", -1), ("failed", -2)):
+        summary["verdict"] |= {"state": state, "words": "off its path"}
+        file.write_text(json.dumps(summary))
+        page = gallery_page(results)
+        assert f"2 runs: 1 {state}" in page.decode()
+        (card,) = (one for one in cards(page) if f'data-verdict="{rank}"' in one)
+        assert f'<p class="{state}">{state.capitalize()}: off its path</p>' in card
 
 
 def test_the_command_writes_it(results, tmp_path):
@@ -149,11 +151,12 @@ def test_a_failed_run_has_a_page_and_a_card(results, monkeypatch):
     words = ["run", "planar_tracking", "--set", "controller.K_p=1e9", "--stop", "0.05", "--out", "results/failed"]
     done = CliRunner().invoke(app, words)
     page = results / "failed" / "partial" / "report.html"
-    *_, verdict, last = done.output.splitlines()
-    assert done.exit_code == 1 and last == "Open results/failed/partial/report.html", done.output
-    assert "error: plant: doStep at t =" in done.output and verdict.startswith("Unstable") and page.exists()
+    assert done.exit_code == 1 and page.exists()
+    *_, said, last = done.output.splitlines()
+    assert last == "Open results/failed/partial/report.html", done.output
+    assert said.startswith("error: plant failed at t =") and "unstable from the start" in said
     (card,) = (card for card in cards(gallery_page(results)) if 'data-name="failed/partial"' in card)
-    assert 'class="fail"' in card and 'href="failed/partial/report.html"' in card
+    assert 'class="failed">Failed: unstable from the start' in card and 'href="failed/partial/report.html"' in card
     page.unlink()
     assert not is_gallery(results / "failed")
     assert CliRunner().invoke(app, ["report", "results/failed", "--no-simulate"]).exit_code == 0 and page.exists()

@@ -71,7 +71,7 @@ def test_the_pages_own_run_equals_the_recorded_one(run, browser):
     opened(browser, run / "report.html")
     assert 0 <= browser.run("report.simulation.apart") < EQUAL
     verdict = words_of(browser, "#simulate li")
-    assert verdict.startswith("pass") and "limit 1·10⁻⁹ rad" in verdict
+    assert verdict.startswith("good") and "limit 1·10⁻⁹ rad" in verdict
     assert "1 s simulated in" in words_of(browser, "#simulate [role=status]")
     # it is not drawn over itself
     assert browser.run("report.player.scene.puppets.length") == 1
@@ -88,7 +88,7 @@ def test_a_run_that_differs_says_what_may_be_why(run, browser):
         {DONE}
     }})()""")
     verdict = words_of(browser, "#simulate li")
-    assert verdict.startswith("fail") and "the run has no reference" in verdict
+    assert verdict.startswith("failed") and "the run has no reference" in verdict
 
 
 def test_what_was_not_yet_in_sight_is_printed(run, browser):

@@ -1,8 +1,10 @@
 """The verdict on a run as a sentence, its numbers, and the command that makes it again; in terminal and page alike."""
 
+import io
 from typing import Any
 
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 import vdfmu
@@ -12,13 +14,15 @@ from vdfmu.base.measure import quantity
 from vdfmu.base.toml_file import locate
 from vdfmu.cli import runs
 from vdfmu.cli.commands import app
-from vdfmu.engine.results.verdict import Check, verdict_of
+from vdfmu.engine.results.verdict import Check, checks_line, line_of, state_of, verdict_of
 from vdfmu.study.analysis.reach import reach_scenario
-from vdfmu.study.report.headline import checks_line, headline, page_title
+from vdfmu.study.report.headline import page_title, tiles_of
 from vdfmu.study.report.page import report_page, run_command
 from vdfmu.study.report.shown_run import ShownRun
+from vdfmu.study.report.tables import verdict_text
 from vdfmu.study.run.scenario_run import prepare
 from vdfmu.study.run.summary import run_facts
+from vdfmu.study.run.verdict import verdict
 
 FIGURES = {
     "tool_error": {"value": 2.89e-6, "at_s": 4.941},
@@ -28,8 +32,8 @@ FIGURES = {
     "mode": {"value": 13.9, "at_s": 5.0},
 }
 UNSTABLE = {"value": 1.14, "place": "joint 5", "at_s": 0.49}
-GOOD = verdict_of([Check("Sampled loops", True, "stable"), Check("Energy residual of the coupling", True, "small")])
-BAD = verdict_of([Check("Sampled loops", True, "stable"), Check("Energy residual of the coupling", False, "31 %")])
+CHECK = {"good": Check("Energy residual of the coupling", "good", "small"),
+         "failed": Check("Energy residual of the coupling", "failed", "31 %")}  # fmt: skip
 BOND = {"residual_energy_abs_j": [0.004, 0.004], "exchanged_energy_j": [16.0, 20.0]}
 
 
@@ -56,12 +60,14 @@ def test_a_number_has_three_digits_and_a_unit_that_fits(value, unit, peak, text)
 
 
 def test_a_good_run_is_told_by_its_numbers():
-    found = headline({"key_figures": FIGURES, "verdict": GOOD, "power_bond": BOND, "step": 1e-3})
-    assert found.passed
-    assert found.text == (
-        "Stable; tool error 2.89 µm at most, at 4.94 s; joint 2 worst, 97.2 µdeg; modulus margin 0.54"
-    )
-    assert [tile[:4] for tile in found.tiles] == [
+    summary = {"key_figures": FIGURES, "power_bond": BOND, "step": 1e-3}
+    summary["verdict"] = verdict(summary, [Check("Sampled loops", "good", "stable")])
+    assert (state_of(summary), line_of(summary)) == (
+        "good", "Good: stable; tool error 2.89 µm at most, at 4.94 s; joint 2 worst, 97.2 µdeg; modulus margin 0.54"
+    )  # fmt: skip
+    assert checks_line(summary) == "2 of 2 checks pass"
+    tiles = list(tiles_of(summary))
+    assert [tile[:4] for tile in tiles] == [
         ("Tool error", "2.89 µm", "at 4.94 s", "tool"),
         ("Worst joint", "97.2 µdeg", "joint 2 at 5.26 s", "tracking"),
         ("Peak torque", "35.5 N.m", "joint 2 at 0.941 s", "torque"),
@@ -69,32 +75,102 @@ def test_a_good_run_is_told_by_its_numbers():
         ("Lowest mode", "13.9 Hz", "motors held; loop 1000 Hz", "torsion"),
         ("Energy residual", "0.022 %", "of 36 J exchanged", "facts"),
     ]
-    assert [tile.at for tile in found.tiles] == [4.941, 5.263, 0.941, 1.2, 5.0, None]
+    assert [tile.at for tile in tiles] == [4.941, 5.263, 0.941, 1.2, 5.0, None]
 
 
-def test_an_unstable_run_says_since_when_and_where():
-    found = headline({"key_figures": FIGURES | {"unstable": UNSTABLE}, "verdict": BAD})
-    assert (found.text, found.passed) == ("Unstable since 0.49 s, joint 5", False)
-    assert "Disturbances grow" in [tile.name for tile in found.tiles]
-    from_the_start = headline({"key_figures": {"unstable": UNSTABLE | {"at_s": 0.0}}, "verdict": BAD})
-    assert from_the_start.text == "Unstable from the start, joint 5"
+SATURATED = {"value": 0.69, "place": "torque limit of joint 1", "at_s": 0.621}
+LOOPS = Check("Sampled loops", "failed", "unstable: a long text", "unstable since 0.49 s, joint 5")
+OFF = {"value": 1.2, "size": 1.66, "unit": "m", "place": "tool", "at_s": 2.0}
+CONTACT = {"value": 85.8, "unit": "N", "at_s": 0.53}
 
 
-def test_a_check_that_failed_is_quoted():
-    found = headline({"key_figures": FIGURES, "verdict": BAD})
-    assert (found.text, found.passed) == ("Energy residual of the coupling: 31 %", False)
-    assert checks_line({"verdict": BAD}) == "1 of 2 checks pass"
+@pytest.mark.parametrize(
+    ("figures", "loops", "line"),
+    [
+        ({"unstable": UNSTABLE}, [LOOPS], "Failed: unstable since 0.49 s, joint 5"),
+        (
+            {"unstable": UNSTABLE, "saturated": SATURATED},  # the limit is a consequence
+            [LOOPS],
+            "Failed: unstable since 0.49 s, joint 5; saturated, at the torque limit of joint 1 for 69 % of the time, "
+            "since 0.621 s",
+        ),
+        (
+            {"unstable": UNSTABLE, "saturated": SATURATED | {"at_s": 0.0}},  # the cause
+            [LOOPS],
+            "Failed: saturated, at the torque limit of joint 1 for 69 % of the time, from the start; "
+            "unstable since 0.49 s, joint 5",
+        ),
+        (
+            {"saturated": SATURATED, "joint_error": FIGURES["joint_error"], "margin": FIGURES["margin"]},
+            [],
+            "Doubtful: saturated, at the torque limit of joint 1 for 69 % of the time, since 0.621 s; "
+            "joint 2 worst, 97.2 µdeg",
+        ),
+        ({"path": OFF}, [], "Failed: off its path, tool off by 1.2 m at most, in a motion of 1.66 m, at 2 s"),
+        (
+            {"path": OFF | {"value": 0.17}, "tool_error": {"value": 0.17, "at_s": 2.0}},
+            [],
+            "Doubtful: off its path, tool off by 0.17 m at most, in a motion of 1.66 m, at 2 s",
+        ),
+        ({"path": OFF | {"value": 0.16}, "margin": FIGURES["margin"]}, [], "Good: stable; modulus margin 0.54"),
+        ({"path": OFF | {"value": 0.17}, "contact": CONTACT}, [],
+         "Good: in contact as meant since 0.53 s, 85.8 N at most"),
+        (
+            {"path": OFF, "contact": CONTACT},  # even there an arm has to follow
+            [],
+            "Failed: off its path, tool off by 1.2 m at most, in a motion of 1.66 m, at 2 s",
+        ),
+        ({"path": OFF | {"value": 0.8, "place": "joint 6"}, "margin": FIGURES["margin"]}, [],
+         "Good: stable; modulus margin 0.54"),
+        ({}, [Check("Sampled loops", "doubtful", "not judged: blind", "stability not judged (no derivatives)")],
+         "Doubtful: stability not judged (no derivatives)"),
+    ],
+)  # fmt: skip
+def test_what_a_run_is_known_by_is_told_first(figures, loops, line):
+    summary = {"key_figures": figures}
+    summary["verdict"] = verdict(summary, [*loops])
+    assert line_of(summary) == line
+    assert line.startswith(state_of(summary).capitalize())
+
+
+def test_a_check_that_failed_is_quoted_unless_something_else_tells_why():
+    summary = {"key_figures": {}, "witness": None}
+    assert line_of({"verdict": verdict_of([CHECK["failed"]])}) == "Failed: Energy residual of the coupling: 31 %"
+    both = verdict_of([LOOPS, CHECK["failed"]], "numbers")
+    assert line_of({"verdict": both}) == "Failed: unstable since 0.49 s, joint 5"
+    doubtful = Check("Limits", "doubtful", "", "saturated")
+    both = verdict_of([doubtful, CHECK["failed"]])
+    assert line_of({"verdict": both}) == "Failed: saturated; Energy residual of the coupling: 31 %"
+    assert checks_line({"verdict": both}) == "0 of 2 checks pass, 1 doubtful, 1 failed"
+    summary["verdict"] = verdict(summary, [])
+    assert (state_of(summary), checks_line(summary)) == ("doubtful", "")
+    assert line_of(summary) == "Doubtful: not judged, since no check applies to this run"
 
 
 def test_numbers_that_are_not_known_have_no_tile():
-    assert headline({}) == ("", True, [])
-    assert headline({"verdict": GOOD}) == ("2 of 2 checks pass", True, [])
-    without = headline({"key_figures": {"margin": FIGURES["margin"] | {"value": 0.0}}, "verdict": GOOD})
-    assert (without.text, without.tiles[0].value) == ("Stable, without a margin at joint 5", "none")
+    assert not [*tiles_of({})] and not line_of({}) and not state_of({}) and not verdict_text({})
+    (tile,) = tiles_of({"key_figures": {"margin": FIGURES["margin"] | {"value": 0.0}}})
+    assert tile.value == "none"
+    tiles = tiles_of({"key_figures": {"contact": CONTACT, "saturated": SATURATED, "unstable": UNSTABLE}})
+    assert [tile[:3] for tile in tiles] == [
+        ("Contact force", "85.8 N", "at the tool, since 0.53 s"),
+        ("Time at a limit", "69 %", "torque limit of joint 1, since 0.621 s"),
+        ("Disturbances grow", "× 1.14", "a step, joint 5, since 0.49 s"),
+    ]
+
+
+def test_the_line_in_the_terminal_has_a_sign_a_word_and_a_colour():
+    checks = [CHECK["good"], Check("a", "doubtful", "b", "saturated")]
+    with Console(file=io.StringIO(), width=80, color_system="standard", force_terminal=True) as console:
+        with console.capture() as shown:
+            console.print(verdict_text({"verdict": verdict_of(checks)}))
+    yellow = 33
+    assert f"\x1b[{yellow}m! \x1b[0m" in shown.get()
+    assert "Doubtful: saturated; 1 of 2 checks pass, 1 doubtful" in shown.get()
 
 
 def test_a_torque_with_a_limit_is_a_share_of_it():
-    (tile,) = headline({"key_figures": {"torque": FIGURES["torque"] | {"limit": 71.0}}}).tiles
+    (tile,) = tiles_of({"key_figures": {"torque": FIGURES["torque"] | {"limit": 71.0}}})
     assert tile[1:3] == ("50 %", "of its limit, 35.5 N.m, joint 2 at 0.941 s")
 
 
@@ -139,15 +215,14 @@ def test_another_plant_has_its_own_modes_and_a_tool_error_unless_its_geometry_is
 def test_the_page_begins_with_the_verdict(planar):
     results, folder = planar
     page = (folder / "report.html").read_text()
-    told = headline(results.summary)
-    assert f'<p class="verdict">{told.text}</p>' in page
+    assert f'<p class="verdict good">{line_of(results.summary)}</p>' in page
     assert f"<title>{page_title('planar_tracking', results.summary)}</title>" in page
-    assert page.count('class="tile"') == len(told.tiles) == 6
-    assert '<details class="checks"><summary>' in page
-    failed = ShownRun("bad", results, results.summary | {"verdict": BAD}, folder / "system.ssp")
-    page = report_page([failed]).decode()
-    assert '<p class="verdict fail">Energy residual of the coupling: 31 %</p>' in page
-    assert '<details class="checks" open>' in page
+    assert page.count('class="tile"') == len([*tiles_of(results.summary)]) == 6
+    assert '<details class="checks good"><summary>' in page
+    bad = verdict_of([CHECK["failed"]])
+    page = report_page([ShownRun("bad", results, results.summary | {"verdict": bad}, folder / "system.ssp")]).decode()
+    assert '<p class="verdict failed">Failed: Energy residual of the coupling: 31 %</p>' in page
+    assert '<details class="checks failed" open>' in page
 
 
 def test_the_command_makes_the_run_again(planar):

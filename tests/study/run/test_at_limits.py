@@ -1,12 +1,15 @@
 """Shares of the time at limits of torque, speed and travel, and the torque that motors give."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import vdfmu
 from vdfmu.arm.robot import load_robot
+from vdfmu.cli.commands import app
 from vdfmu.engine.results.recorded import Signal
 from vdfmu.engine.results.results import Results
 from vdfmu.study.analysis.reach import reach_scenario
@@ -69,6 +72,38 @@ def test_a_row_counts_with_the_length_of_its_step(limited):
     one = ArmLimits("plant", limited, np.full(limited.n, np.inf))
     found = time_at_limits(recorded(rows, limited.n, [0.0, 1.0, 3.0, 10.0]), [one])["limits"]["plant"]
     np.testing.assert_allclose([found[key][0] for key in ("torque", "speed", "stop")], [0.1, 0.7, 0.7], rtol=1e-14)
+
+
+def test_the_largest_share_has_its_place_and_its_begin(limited):
+    rows = [(5.0, 1.0, 0.0), (20.0, 1.0, 0.0), (5.0, 1.0, 0.0), (20.0, 1.0, 0.0)]
+    one = ArmLimits("plant", limited, np.full(limited.n, np.inf))
+    figures = time_at_limits(recorded(rows, limited.n, [0.0, 1.0, 4.0, 10.0]), [one])["key_figures"]
+    assert figures == {"saturated": {"value": 0.7, "place": "torque limit of joint 1", "at_s": 1.0}}
+    brief = recorded(rows[:3], limited.n, [0.0, 0.9, 100.0])  # 0.9 %, which the table shows as 1: 0.01 is the limit
+    assert "key_figures" not in time_at_limits(brief, [one])
+    assert "limits" in time_at_limits(brief, [one])
+
+
+@pytest.mark.parametrize(
+    ("tau_max", "code", "line"),
+    [
+        (0.08, 1, r"✗ Failed: saturated, at the torque limit of joint 1 for 69 % of the time, since 0\.621 s; "
+                  r"off its path, tool off by 1\.2 m at most, in a motion of 1\.66 m, at 2 s; "),
+        (0.1, 0, r"! Doubtful: saturated, at the torque limit of joint 1 for 48\.9 % of the time, since 0\.767 s; .*"
+                 r"tool error 0\.141 m at most"),
+        (0.112, 0, r"! Doubtful: saturated, at the torque limit of joint 1 for 10\.3 % of the time, since 0\.914 s; "
+                   r"tool error 1\.04 mm at most"),
+    ],
+)  # fmt: skip
+def test_a_run_at_its_torque_limit_says_so_first_and_has_a_page_with_sliders(tmp_path, tau_max, code, line):
+    options = ["--set", f"controller.tau_max={tau_max}", "--no-reference", "--out", str(tmp_path / "run")]
+    done = CliRunner().invoke(app, ["run", "planar_tracking", *options])
+    assert done.exit_code == code, done.output
+    *_, verdict, last = done.output.splitlines()
+    assert re.match(line, verdict) and last == f"Open {tmp_path / 'run' / 'report.html'}"
+    page = (tmp_path / "run" / "report.html").read_text()
+    assert f'<p class="verdict {"failed" if code else "doubtful"}">' in page
+    assert '"knobs"' in page and "<span>Time at a limit</span>" in page
 
 
 def test_a_controller_that_cuts_its_torque_is_at_the_torque_limit(tmp_path):

@@ -198,7 +198,7 @@ def test_a_unit_that_fails_the_comparison_says_why(tmp_path, version):
     (path,) = build_fmus(None, tmp_path, units=[Length], backend="native", fmi_version=version).values()
     (problem,) = inspect_file(path).problems
     assert re.search(
-        r"cannot be compared: doStep at t = \S+ s failed: .*state x is not finite, and the internal step reached",
+        r"cannot be compared: FMU failed at t = \S+ s in doStep: .*state x is not finite, and the internal step",
         problem,
     )
 

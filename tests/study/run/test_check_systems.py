@@ -115,7 +115,7 @@ def test_a_system_whose_unit_fails_in_the_run_is_told(scenario, fmus, tmp_path):
     values = system_values(scenario, {"controller.K_p": "1e12"})
     path = write_ssp(scenario, fmus, tmp_path / "wild.ssp", values)
     (problem,) = check_file(path)
-    assert problem.startswith("10 steps of 0.001 s failed: plant: doStep")
+    assert problem.startswith("10 steps of 0.001 s failed: plant failed at t")
     assert check_file(path, run=False) == []
 
 

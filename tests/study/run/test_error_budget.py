@@ -39,7 +39,7 @@ def test_a_cause_whose_run_fails_says_why(monkeypatch):
     wild = {"words": "Wild", "changes": [{"unit": "controller", "name": "K_v", "factor": 1e9}]}
     monkeypatch.setattr(module, "causes", lambda *_: iter([wild]))
     first, last = vdfmu.error_budget("planar_tracking", stop=0.2)
-    assert not first.failed and last.cause == "Wild" and "doStep at t =" in last.failed and np.isnan(last.largest)
+    assert not first.failed and last.cause == "Wild" and "s in doStep: " in last.failed and np.isnan(last.largest)
 
 
 def test_a_scenario_without_a_motion_is_refused():

@@ -161,13 +161,13 @@ def test_a_difference_that_is_a_fault_is_shown_as_one(tmp_path, monkeypatch):
 
 def test_a_unit_that_fails_leaves_the_rows_before_and_the_reason(tmp_path):
     # a proportional gain of 1e9 drives the arm beyond what any solver step can follow
-    with pytest.raises(CosimError, match=r"plant: doStep at t = .* s failed: .*(local error|not finite)") as caught:
+    with pytest.raises(CosimError, match=r"plant failed at t = .* s in doStep: .*(local error|not finite)") as caught:
         vdfmu.run("planar_tracking", out=tmp_path, settings={"controller.K_p": 1e9})
     rows = Results.read(tmp_path / "partial" / "results.csv")
     assert len(rows.time) >= 1
     assert rows.time[-1] == pytest.approx(caught.value.time)
     summary = json.loads((tmp_path / "partial" / "summary.json").read_text())
-    assert "plant: doStep" in summary["error"]
+    assert "plant failed at t = 0.003 s in doStep" in summary["error"]
     assert not list(tmp_path.glob("*.png"))
 
 
@@ -220,7 +220,7 @@ def test_rows_of_a_failed_run_are_replaced_by_those_of_the_next_failed_one_only(
         assert rows == len(caught.value.results)
         unstable, kept = caught.value.__notes__
         assert unstable.startswith("Sampled loops: unstable since 0 s, joint")
-        assert kept == f"The rows so far are in {tmp_path / 'partial'}."
+        assert kept.endswith(f" are in {tmp_path / 'partial' / 'results.csv'}.")
     vdfmu.run("planar_tracking", **options)
     assert len(Results.read(tmp_path / "partial" / "results.csv")) == rows
     assert [p.name for p in tmp_path.iterdir() if p.is_dir()] == ["partial"]
@@ -334,6 +334,6 @@ def test_a_run_without_files_returns_what_files_would_hold(tmp_path, monkeypatch
     assert [path.name for path in tmp_path.iterdir()] == ["kept"]
     assert found.names == kept.names
     assert all(np.array_equal(found[name], kept[name], equal_nan=True) for name in kept.names)
-    assert [c["passed"] for c in found.summary["verdict"]["checks"]] == [
-        c["passed"] for c in kept.summary["verdict"]["checks"]
+    assert [c["state"] for c in found.summary["verdict"]["checks"]] == [
+        c["state"] for c in kept.summary["verdict"]["checks"]
     ]

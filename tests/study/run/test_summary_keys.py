@@ -41,7 +41,7 @@ def test_each_key_of_a_summary_is_declared(tmp_path, planar_run):
     [
         ({"separation": {"change": 1.0}}, "separation.max_position_difference_rad: is missing"),
         (
-            {"verdict": {"passed": True, "checks": [{"name": "a", "passed": True}]}},
+            {"verdict": {"state": "good", "words": "", "checks": [{"name": "a", "state": "good"}]}},
             "verdict.checks[1].text: is missing",
         ),
         ({"position_units": ["deg", "ft"]}, 'position_units[2]: expected deg or mm, got "ft"'),

@@ -226,7 +226,7 @@ def test_failures_are_grouped_by_cause(tmp_path):
     (group,) = failed_groups(found)
     assert (group.points, group.where) == ([4, 5], "f.a 1")
     texts = {
-        "plant: doStep at t = 0.9 s failed: the internal step reached its minimum 1e-12 s":
+        "plant failed at t = 0.9 s in doStep: the internal step reached its minimum 1e-12 s":
             "solver of plant: its step reached the minimum, as of an unstable loop",
         "plant: x\nSampled loops: unstable since 0.1 s": "unstable loop",
         "f: y[3] is 12.5 at 3e-4": "f: y[…] is … at …",

@@ -152,7 +152,7 @@ def test_a_run_is_seen_while_it_goes_on_and_after_it(browser, tmp_path):
         time.sleep(2.0)  # a fifth of the run
         assert browser.run("report.view.time") > first
         assert browser.run("report.charts[0].plot.data[0].length") > 2
-        wait(browser, "document.querySelector('.verdict')?.textContent.startsWith('Stable')")
+        wait(browser, "document.querySelector('.verdict')?.textContent.startsWith('Good: stable')")
         wait(browser, "globalThis.report && document.querySelectorAll('.tile').length >= 4")
         assert browser.run("report.view.full()") == [0, 1]
         before = pixels(browser, ".canvas")

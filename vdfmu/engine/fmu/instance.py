@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 from ctypes import c_double, c_size_t, c_void_p
 from typing import Any, Protocol
 
@@ -17,6 +16,7 @@ from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import DTYPES, Call, Transfer, held, shown
 from vdfmu.engine.fmu.library import Library
 from vdfmu.engine.fmu.messages import boxes
+from vdfmu.engine.fmu.python_slaves import watched_slave
 from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.package.system import Value
 
@@ -255,7 +255,10 @@ class Instance(Library):
     def instantiate(self) -> None:
         """Create the instance."""
         boxes[self.token] = (self.name, self.box)
-        with _MAKING if self.python else nullcontext():
+        if self.python:
+            with _MAKING, watched_slave(self.folder / "resources"):
+                self.make()
+        else:
             self.make()
         self.argument = c_void_p.from_param(self.fmu.component)
         self.stage = "instantiated"

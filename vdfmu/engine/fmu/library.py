@@ -21,7 +21,8 @@ from fmpy.fmi1 import _FMU  # pyright: ignore[reportPrivateUsage]
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.access import Call
 from vdfmu.engine.fmu.description import Description
-from vdfmu.engine.fmu.messages import STATUS, MessageBox
+from vdfmu.engine.fmu.messages import STATUS, LogMessage, MessageBox
+from vdfmu.engine.fmu.python_slaves import taken_error
 
 Watch = Callable[[str, str, Any], Any]
 """Returns a function that notes component and call before it calls the given function."""
@@ -97,7 +98,7 @@ class Library:
         if "Instantiate" in name:
             if not returned:
                 self.stage = "failed"
-                raise CosimError(self.name, "instantiate", self.box.time, self.box.reason(self.name))
+                raise CosimError(self.name, "instantiate", self.box.time, self._reason())
         elif returned:
             self.judge(returned, name[4:])
         return returned
@@ -130,8 +131,17 @@ class Library:
         self.stage = "failed" if self.stage != "initialized" or status != 2 else self.stage
         if status == 4:
             self._corrupt.add(self.description.source)
-        reason = "asynchronous steps are not supported" if status == 5 else self.box.reason(self.name)
+        reason = "asynchronous steps are not supported" if status == 5 else self._reason()
         raise CosimError(self.name, call[0].lower() + call[1:], self.box.time, f"{reason} (status {label})")
+
+    def _reason(self) -> str:
+        """Return why a call failed."""
+        error = taken_error() if self.python else None
+        if error is None:
+            return self.box.reason(self.name)
+        for text in (*error.logged, error.trace):
+            self.box.add(LogMessage(self.name, self.box.time, "fatal", "", text))
+        return f"{error.reason}; it logged: {' '.join(error.logged)}" if error.logged else error.reason
 
     def has_ended(self) -> bool:
         """Whether the unit has discarded a step because the simulation is to end; note when."""

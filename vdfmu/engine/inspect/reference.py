@@ -70,7 +70,7 @@ def compare(path: Path) -> Findings:
             except _NotComparedError as reason:
                 _leave(findings, name, str(reason))
             except Exception as error:  # foreign files and units
-                text = f"{short}: the reference results cannot be compared: {str(error).removeprefix('FMU: ')}"
+                text = f"{short}: the reference results cannot be compared: {error}"
                 findings.problem("RUN003", text)
     return findings
 

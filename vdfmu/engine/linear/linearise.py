@@ -101,10 +101,10 @@ class Linearisation:
             elif link.source.type == "Real" and end.partition(".")[0] in components.instances and link.discrete:
                 constant[start] = None
         step /= max(1, checked.how.substeps)
-        slow = tuple(name for name, period in periods(checked).items() if round(period / step) != 1)
+        every = {name: n for name, period in periods(checked).items() if (n := round(period / step)) != 1}
         self._facts: dict[str, Any] = {
             "links": links, "fresh": fresh, "step": step, "algorithm": checked.algorithm,
-            "constant": tuple(constant), "slow": slow,
+            "constant": tuple(constant), "every": every,
         }  # fmt: skip
         self._notes = [f"its step is {n} times that of the others, and is taken as one: {name}"
                        for name, n in checked.multiples.items() if n != 1]  # fmt: skip

@@ -135,7 +135,7 @@ class Loop:
         n = len(K)
         poles = np.linalg.eigvals(self.closed(K, delay))
         poles = poles[np.argsort(np.abs(poles - 1.0))[self.constants :]]
-        radius = float(np.abs(poles).max())
+        radius = float(np.abs(poles).max(initial=0.0))  # of none, if all loops are open at a limit
         if not radius < np.exp(self.growth * self.step):
             return Margins(np.zeros(n), np.ones(n), np.zeros(n), np.zeros(n), radius)
         w, G = self.grid
@@ -184,7 +184,7 @@ def system_loop(system: LinearSystem, opened: Sequence[str], growth: float = 0.0
     plant = Linear(loops.A, loops.B[:, cut])
     while not (seen := np.vstack([plant.A, returned]).any(axis=0)).all():  # places that wait for nothing
         plant, returned = Linear(plant.A[np.ix_(seen, seen)], plant.B[seen]), returned[:, seen]
-    return Loop(0.0, plant, returned, system.step, growth, discrete=True, points=points)
+    return Loop(0.0, plant, returned, system.period, growth, discrete=True, points=points)
 
 
 def opened_at(system: LinearSystem, group: str) -> list[str]:

@@ -9,13 +9,15 @@ An input gets ``u[k] = L y[k] + d[k]``, a sample of delay for what feeds through
 values on, it gets ``u[k] = L y[k+1] + d[k]``. The step h is one of the algorithm's substeps.
 
 Sampled states s change at the begin of the step, ``s[k+1] = F (x[k], u[k], s[k])``, and are held over it: they are
-further inputs of x and y.
+further inputs of x and y. A component may sample at every n-th communication point only. Then the system is sampled
+at the common period of all samples, see :func:`_over_period`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,6 +27,11 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear, Signal, StateSpace, held
 from vdfmu.engine.algorithms import ALGORITHMS, Algorithm
+
+_BEGINS = 8
+"""Begins of a period that are tried for opened inputs: a sample acts some steps late, one for each unit on its way."""
+_ROUNDING = 1e-9
+"""Rounding of a product of matrices, as a share of the product of their sizes: 1e-16 for each of up to 1e6 sums."""
 
 
 class Samples(NamedTuple):
@@ -59,8 +66,8 @@ class LinearSystem:
         The sampled states.
     constant : tuple of str
         Connected signals that change at communication points only, in a way that is not known.
-    slow : tuple of str
-        Components that do not sample at each communication point.
+    every : mapping of str to int
+        Communication steps between samples, by component; without an entry it is 1.
     """
 
     parts: StateSpace
@@ -70,7 +77,18 @@ class LinearSystem:
     algorithm: str
     samples: Samples
     constant: tuple[str, ...] = ()
-    slow: tuple[str, ...] = ()
+    every: Mapping[str, int] = field(default_factory=dict[str, int])
+
+    @property
+    def period(self) -> float:
+        """Common period [s] of all samples, from whose begin to end the sampled system goes."""
+        return self.step * math.lcm(*self._intervals.tolist())
+
+    @property
+    def _intervals(self) -> npt.NDArray[np.intp]:
+        """Communication steps between samples, by sampled state."""
+        owners = (name.partition(".")[0] for name, _, _ in self.samples.signals)
+        return np.array([self.every.get(owner, 1) for owner in owners], np.intp)
 
     @property
     def how(self) -> Algorithm:
@@ -159,16 +177,16 @@ class LinearSystem:
         return replace(found, notes=(*found.notes, *notes))
 
     def sampled(self, opened: Sequence[str] = ()) -> StateSpace:
-        """Return the system from one communication point to the next; for parameters see :meth:`continuous`.
+        """Return the system from one communication point to the next, or over the common period of its samples.
 
         States are the components' states, sampled ones last, then the values L y that wait at the components' inputs.
-        Outputs are ``C x + D u``.
+        Outputs are ``C x + D u``. For parameters see :meth:`continuous`.
 
         Raises
         ------
         UsageError
-            For unknown inputs, or signals and samples with unknown changes from one communication point to
-            the next.
+            For unknown inputs, for signals with unknown changes from one communication point to the next, and for
+            opened inputs whose signal changes more than once in the common period.
         """
         if not (self.how.continuous or self.how.substeps):
             raise UsageError(
@@ -181,11 +199,8 @@ class LinearSystem:
                 "in a way that the FMU does not tell, so the sampled loop is not known. FMUs of this project tell it "
                 "of their sampled states."
             )
-        if self.slow:
-            raise UsageError(
-                f"{', '.join(self.slow)}: expected a period of {self.step:g} s, the communication step, since the loop "
-                "is linearised from one point to the next. Run it with the period as the step, or change the period."
-            )
+        if (self._intervals != 1).any():
+            return _over_period(self, opened)
         A, B, C, D = (getattr(self.parts, name) for name in "ABCD")
         (n_x, m), n_s, cut = B.shape, len(self.samples.signals), self.places(opened)
         _, E, G, F = self.samples
@@ -225,6 +240,53 @@ class LinearSystem:
             output_units=(*p.output_units, *(p.input_units[i] for i in cut)),
             y=np.concatenate([p.y, value[cut]]),
         )  # fmt: skip
+
+
+def _over_period(system: LinearSystem, opened: Sequence[str]) -> StateSpace:
+    """Return a system over the common period of its samples; see :meth:`LinearSystem.sampled`.
+
+    At each step the components whose samples are not due hold theirs. The matrices of the period are the products of
+    those of its steps. d is constant over it. Inputs that are opened need a begin of the period from which on their
+    signal is constant too: closed by it, the loop is then the one that runs.
+    """
+    n, steps = round(system.period / system.step), _steps_of(system, opened)
+    if not opened:
+        return replace(steps[0], **_product(steps), step=system.period)
+    closed, m = _steps_of(system, ()), len(system.places(opened))
+    for begin in range(min(n, _BEGINS)):
+        turned, run = ([*each[begin:], *each[:begin]] for each in (steps, closed))
+        product, first, before = _product(turned), turned[0], run[-1].A  # whose range is all that the loop can reach
+        cut, returned = system.places(opened), first.C[len(first.C) - m :]
+        size = np.abs(_product(run, np.abs)["A"]) + np.abs(product["B"][:, cut]) @ np.abs(returned)
+        apart = (product["A"] + product["B"][:, cut] @ returned - _product(run)["A"]) @ before
+        if (np.abs(apart) <= _ROUNDING * (size @ np.abs(before))).all():
+            return replace(first, **product, step=system.period)
+    raise UsageError(
+        f"{', '.join(opened)}: expected a signal that changes once in {system.period:g} s, the common period of all "
+        "samples. A loop with more changes has no margins."
+    )
+
+
+def _steps_of(system: LinearSystem, opened: Sequence[str]) -> list[StateSpace]:
+    """Return the system over each step of the common period of its samples, which all are due at the first."""
+    every, samples, made = system._intervals, system.samples, dict[bytes, StateSpace]()  # pyright: ignore[reportPrivateUsage]
+    held_rows = np.eye(len(every), samples.F.shape[1], samples.F.shape[1] - len(every))
+    steps: list[StateSpace] = []
+    for k in range(math.lcm(*every.tolist())):
+        due = k % every == 0
+        if due.tobytes() not in made:
+            own = samples._replace(F=np.where(due[:, None], samples.F, held_rows))
+            made[due.tobytes()] = replace(system, samples=own, every={}).sampled(opened)
+        steps.append(made[due.tobytes()])
+    return steps
+
+
+def _product(steps: Sequence[StateSpace], of: Any = np.asarray) -> dict[str, Floats]:
+    """Return the matrices A and B of several steps, the first one first, with the same d; `of` is taken of each."""
+    A, B = of(steps[0].A), of(steps[0].B)
+    for step in steps[1:]:
+        A, B = of(step.A) @ A, of(step.A) @ B + of(step.B)
+    return {"A": A, "B": B}
 
 
 def reached(acts: npt.NDArray[np.bool_], begins: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:

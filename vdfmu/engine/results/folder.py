@@ -15,7 +15,7 @@ from vdfmu.base.errors import CosimError, UsageError, VdfmuError
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.json_text import to_json
 from vdfmu.engine.results.formats import FORMATS, SUFFIXES, choice_of_formats, format_of, result_files
-from vdfmu.engine.results.verdict import Check, verdict_of
+from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, Check, verdict_of
 from vdfmu.engine.run import Interrupted
 
 SYSTEM_OUTPUTS = (*result_files(), *(f"signals.{suffix}" for suffix in SUFFIXES), "summary.json")
@@ -80,9 +80,11 @@ def _replacing(partial: Path, folder: Path, outputs: Sequence[str], overwrite: b
         with InterruptGuard(), _LOCK, _one_process(folder):
             _publish(partial, folder, outputs)
     except BaseException as error:
-        if any(_has_rows(partial / name) for name in result_files()):
+        if rows := [name for name in result_files() if _has_rows(partial / name)]:
             others = f"; {folder} is as it was" if written(folder, outputs) else ""
-            error.add_note(f"The rows so far are in {_set_aside(partial, outputs)}{others}.")
+            time = getattr(error, "time", None)
+            until = "The rows so far" if time is None else f"Rows up to {time:.9g} s"
+            error.add_note(f"{until} are in {_set_aside(partial, outputs) / rows[0]}{others}.")
         else:
             with suppress(OSError):
                 _remove(partial, outputs)
@@ -212,5 +214,7 @@ def keep(error: CosimError | Interrupted, folder: Path, checks: Iterable[Check] 
     results = error.results
     if results is not None:
         results.summary["error"] = str(error)
-        results.summary["verdict"] = verdict_of([Check("Ran to its end", False, str(error)), *checks])
+        state = FAILED if isinstance(error, CosimError) else DOUBTFUL
+        end = Check("Runs to its end", state, str(error), str(error))
+        results.summary["verdict"] = verdict_of([*checks, end])
         write_summary(results.summary, folder)

@@ -19,6 +19,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.compiler.unit import JOINTS, Parameter
 from vdfmu.study.analysis.lqr import StateGains, state_gains
+from vdfmu.study.run.key_figures import length
 
 
 @lru_cache(maxsize=8)
@@ -198,8 +199,3 @@ MOTIONS: dict[str, Callable[[Robot, Floats, Floats, float], PlannedMotion]] = {
     one.__name__: one for one in (point_to_point, circle, time_optimal)
 }
 """Motions from the start, end and duration [s] of the first motion of an arm, `reach`."""
-
-
-def length(robot: Robot) -> float:
-    """Length of the arm from its first axis to the end effector along the links [m]."""
-    return float(np.linalg.norm(robot.offset[1:], axis=1).sum() + np.linalg.norm(robot.tool_offset))

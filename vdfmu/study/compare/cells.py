@@ -16,7 +16,8 @@ from vdfmu.base.files import write_whole
 from vdfmu.base.toml_file import locate
 from vdfmu.base.toml_text import toml_text
 from vdfmu.study.analysis.reach import reach_scenario
-from vdfmu.study.compare.axes import MOTIONS, ComparedLaw, Mismatch, PlannedMotion, length
+from vdfmu.study.compare.axes import MOTIONS, ComparedLaw, Mismatch, PlannedMotion
+from vdfmu.study.run.key_figures import length
 from vdfmu.system.scenario import Scenario, load_scenario
 from vdfmu.system.scenario.replace import with_units
 from vdfmu.system.scenario.values import system_values

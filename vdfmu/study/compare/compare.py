@@ -29,7 +29,7 @@ from vdfmu.study.compare.cells import PAYLOAD, ComparedArm
 from vdfmu.study.compare.measures import MEASURES, OF_A_RUN, SIGNALS, OfRun, path_accuracy, path_repeatability
 from vdfmu.study.compare.page import AXES, LawComparison, in_words, write_comparison
 from vdfmu.study.options import CompareOptions, TuneOptions
-from vdfmu.study.run.at_limits import limits_of
+from vdfmu.study.run.at_limits import LIMITED, limits_of
 from vdfmu.study.run.scenario_run import prepare
 from vdfmu.study.sweeps.axes import Points
 from vdfmu.study.sweeps.job import Job, Row, Task, WiredSystem
@@ -45,8 +45,6 @@ from vdfmu.system.scenario.values import system_values
 
 COST = "rms_tool"
 """Measure that the search makes smallest, of the motion point to point with a force at the tool on the way."""
-_LIMITED = 0.01
-"""Share of the time at a limit from which a cell says so."""
 _OFF = 0.05
 """Tool error, as a share of the arm's length, from which an arm has left its path."""
 _STEPS, _TIMES = 200, 7
@@ -294,8 +292,8 @@ def _cell(arm: ComparedArm, repeats: Sequence[Row]) -> dict[str, Any]:
     cycles = of["crossing"].reshape(len(repeats), -1, 3)
     cell |= {"AT": path_accuracy(of["place"][0].reshape(-1, 3), cycles), "RT": path_repeatability(cycles)}
     verdict = "not judged" if np.isnan(first["unstable"]) else "no margin" if first["modulus"] == 0.0 else "stable"
-    verdict = "at limits" if first["limited"] > _LIMITED else verdict
     verdict = "off the path" if cell["peak_tool"] > _OFF * arm.length else verdict
+    verdict = "at limits" if first["limited"] >= LIMITED else verdict  # what a run is known by, as in its own verdict
     return cell | {"verdict": "unstable" if first["unstable"] == 1.0 else verdict, "limited": first["limited"]}
 
 

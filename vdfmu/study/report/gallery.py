@@ -26,8 +26,7 @@ from vdfmu.base.page import page
 from vdfmu.engine.results.folder import PARTIAL
 from vdfmu.engine.results.formats import result_files
 from vdfmu.engine.results.results import Results
-from vdfmu.engine.results.verdict import checks_of
-from vdfmu.study.report.headline import checks_line
+from vdfmu.engine.results.verdict import FAILED, STATES, line_of, state_of
 from vdfmu.study.report.page import NAME
 from vdfmu.study.report.scripts import GALLERY, look, module_element
 from vdfmu.study.report.shapes import Chain
@@ -54,8 +53,8 @@ class RunCard(NamedTuple):
     about: Sequence[str]
     """Lines: scenario and robot, or system; date."""
     verdict: str
-    passed: bool | None
-    """None for a run without checks."""
+    state: str
+    """Of the verdict; both are empty for a run without one."""
     numbers: Mapping[str, float]
     """By which cards are sorted: ``tool`` error [m], ``joint`` of the worst joint [rad, m], ``date`` in s."""
     shown: Sequence[str]
@@ -98,8 +97,9 @@ def gallery_page(folder: Path, place: Path | None = None) -> bytes:
 <span id="count" role="status"></span></div>
 <ul class="gallery">{"".join(map(_card, found))}</ul>{notes}
 {module_element(GALLERY)}"""
-    failed = sum(entry.passed is False for entry in found)
-    about = f"{len(found)} run{'' if len(found) == 1 else 's'}, {failed} with a failed check"
+    counts = {state: sum(entry.state == state for entry in found) for state in STATES}
+    states = ", ".join(f"{count} {state}" for state, count in counts.items() if count)
+    about = f"{len(found)} run{'' if len(found) == 1 else 's'}{f': {states}' if states else ''}"
     return page(f"Runs in {folder.resolve().name}", about, body, 84, look("gallery.css"))
 
 
@@ -110,10 +110,7 @@ def entry_of(folder: Path, place: Path, name: str) -> RunCard:
     summary = read_summary(file)
     with suppress(ValueError):  # of a date that is none
         stamp = datetime.fromisoformat(summary.get("date", "")).timestamp()
-    checks = checks_of(summary)
-    failed = [check.name for check in checks if not check.passed]
-    verdict = f"fail: {', '.join(failed)}" if failed else checks_line(summary)
-    numbers, shown = {"date": stamp}, list[str]()
+    state, numbers, shown = state_of(summary), {"date": stamp}, list[str]()
     figures: Mapping[str, Any] = summary.get("key_figures") or {}
     if "tool_error" in figures:
         numbers["tool"] = figures["tool_error"]["value"]
@@ -124,6 +121,7 @@ def entry_of(folder: Path, place: Path, name: str) -> RunCard:
         unit = (summary.get("position_units") or ["deg"] * len(errors))[worst]
         numbers["joint"] = errors[worst] * coherent(unit)[1]
         shown.append(f"joint {worst + 1} worst, {quantity(errors[worst], unit)}")
+    shown = shown if state in ("", FAILED) else []  # else the verdict has these numbers
     try:
         picture = picture_of(folder, summary)
     except (VdfmuError, OSError, ValueError, csv.Error) as error:  # ValueError: no text, or a text for a number
@@ -134,7 +132,7 @@ def entry_of(folder: Path, place: Path, name: str) -> RunCard:
     date = datetime.fromtimestamp(stamp, UTC).strftime("%Y-%m-%d %H:%M UTC")
     return RunCard(
         name, _address(page_of, place), (about or str(summary.get("system", "system")), date),
-        verdict, not failed if checks else None, numbers, shown, picture,
+        line_of(summary), state, numbers, shown, picture,
     )  # fmt: skip
 
 
@@ -143,13 +141,13 @@ def _address(file: Path, place: Path) -> str:
 
 
 def _card(entry: RunCard) -> str:
-    kind = {True: "pass", False: "fail", None: ""}[entry.passed]
-    keys = {"name": entry.name, "verdict": "" if entry.passed is None else str(int(entry.passed)), **entry.numbers}
+    rank = -STATES.index(entry.state) if entry.state else ""
+    keys = {"name": entry.name, "verdict": rank, **entry.numbers}
     data = " ".join(f'data-{key}="{escape(str(value))}"' for key, value in keys.items())
     lines = "".join(f"<p>{escape(line)}</p>" for line in (*entry.shown, *entry.about))
     return (
         f'<li {data}><div class="card"><a href="{escape(entry.page)}">{entry.picture}<h2>{escape(entry.name)}</h2>'
-        f'<p class="{kind}">{escape(entry.verdict)}</p>{lines}</a></div></li>'
+        f'<p class="{entry.state}">{escape(entry.verdict)}</p>{lines}</a></div></li>'
     )
 
 

@@ -22,10 +22,11 @@ from vdfmu.base.toml_file import locate, read_toml, shipped_names
 from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
 from vdfmu.engine.algorithms import DEFAULT
 from vdfmu.engine.results.folder import write_summary
+from vdfmu.engine.results.verdict import line_of, state_of
 from vdfmu.engine.run import Interrupted
 from vdfmu.study.report.browser import Browser
 from vdfmu.study.report.content import content_of, wired_arm
-from vdfmu.study.report.headline import checks_line, headline, page_title
+from vdfmu.study.report.headline import page_title, tiles_of
 from vdfmu.study.report.parts import checks, comparison, facts_table, marks, tables, tiles
 from vdfmu.study.report.scripts import (
     MODULES,
@@ -133,7 +134,6 @@ def report_page(
     held = ({signal.name for signal in run.results.signals if signal.late} for run in runs)
     diagram = next(filter(None, (system_diagram(run.package, own) for run, own in zip(runs, held, strict=True))), "")
     summaries = [run.summary for run in runs]
-    verdicts = [headline(one) for one in summaries]
     body = "\n".join(
         [
             *([study.body] if study else ()),
@@ -142,7 +142,7 @@ def report_page(
             *(comparison(names, runs) if len(runs) > 1 and not arm_alone else ()),
             '<div class="bench"><section id="arm" class="card" hidden aria-label="The arm in 3D"></section>',
             '<div class="side">',
-            *(tiles(verdicts[0].tiles) if len(runs) == 1 else ()),
+            *(tiles(tiles_of(summaries[0])) if len(runs) == 1 else ()),
             '<section id="simulate" class="card" hidden aria-label="Simulate"></section>',
             '<section id="figures" class="card" hidden aria-label="Figures"></section></div></div>',
             f'<section id="system" class="card" hidden><h2>System</h2><div class="wide">{diagram}</div></section>',
@@ -156,17 +156,15 @@ def report_page(
         ]
     )
     told = [
-        (f"{name}: " if len(runs) > 1 else "", one)
-        for name, one, summary in zip(names, verdicts, summaries, strict=True)
-        if one.text != checks_line(summary)  # which is there anyway
+        (f"{name}: {line}" if len(runs) > 1 else line, state_of(summary))
+        for name, summary in zip(names, summaries, strict=True)
+        if (line := line_of(summary))
     ]
     about = _about(summaries)
-    head = run_head("; ".join(before + one.text for before, one in told) or about, arm_alone)
+    head = run_head("; ".join(line for line, _ in told) or about, arm_alone)
     if study:
         return page(study.title, study.about, body, 84, head)
-    lead = "".join(
-        f'<p class="verdict{"" if one.passed else " fail"}">{escape(before + one.text)}</p>\n' for before, one in told
-    )
+    lead = "".join(f'<p class="verdict {state}">{escape(line)}</p>\n' for line, state in told)
     tab = page_title(names[0], summaries[0]) if len(runs) == 1 else ""
     return page(", ".join(names), about, body, 92, head, tab=tab, lead=lead)
 

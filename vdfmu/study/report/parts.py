@@ -12,29 +12,28 @@ from vdfmu.base.errors import SspError
 from vdfmu.base.measure import quantity
 from vdfmu.base.page import table
 from vdfmu.engine.package.read import load_ssp
-from vdfmu.engine.results.verdict import checks_of, not_checked
-from vdfmu.study.report.headline import Tile, checks_line
+from vdfmu.engine.results.verdict import GOOD, checks_line, checks_of, state_of
+from vdfmu.study.report.headline import Tile
 from vdfmu.study.report.sheets import TRACKING, Sheet, Summary, facts, number, sheets, units_of
 from vdfmu.study.report.shown_run import ShownRun
 
 
 def checks(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
-    """Yield the checks of each run in a line that opens, and is open where one failed."""
+    """Yield the checks of each run in a line that opens, and is open unless all are good."""
     for name, run in zip(names, runs, strict=True):
         found = checks_of(run.summary)
         if found:
             rows = "".join(
-                f'<li class="{"pass" if one.passed else "fail"}"><b>{"pass" if one.passed else "fail"}</b> '
-                f"{escape(one.name)} <small>{escape(one.text)}</small></li>"
+                f'<li class="{one.state}"><b>{one.state}</b> {escape(one.name)} <small>{escape(one.text)}</small></li>'
                 for one in found
             )
-            rows += "".join(f"<li>not checked <small>{escape(text)}</small></li>" for text in not_checked(run.summary))
             title = ("" if len(runs) == 1 else f"{escape(name)}: ") + checks_line(run.summary)
-            shown = "" if all(one.passed for one in found) else " open"
-            yield f'<details class="checks"{shown}><summary>{title}</summary><ul>{rows}</ul></details>'
+            state = state_of(run.summary)
+            shown = "" if state == GOOD else " open"
+            yield f'<details class="checks {state}"{shown}><summary>{title}</summary><ul>{rows}</ul></details>'
 
 
-def tiles(tiles: Sequence[Tile]) -> Iterator[str]:
+def tiles(tiles: Iterable[Tile]) -> Iterator[str]:
     """Yield the numbers of the first screen, as buttons that go to their times and figures."""
     buttons = "".join(
         f'<button type="button" class="tile" data-figure="{tile.figure}"'

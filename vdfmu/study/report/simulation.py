@@ -36,6 +36,7 @@ from vdfmu.engine.plan.check import Checked, check_system
 from vdfmu.engine.plan.conversion import Link
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.verdict import FAILED, state_of
 from vdfmu.study.report.causes import LESS, causes, scaled_as
 from vdfmu.study.report.curves import packed
 from vdfmu.study.report.tracks import GOOD, OWN, POOR, tracks
@@ -245,7 +246,7 @@ def _simulation(
     }
     begin, stop, step, steps = (summary[key] for key in ("start", "stop", "step", "steps"))
     sliders = list(knobs(checked))
-    passed = (summary.get("verdict") or {}).get("passed", False)
+    passed = state_of(summary) not in ("", FAILED)
     values = values_of(checked)
     figures: Mapping[str, Any] = summary.get("key_figures") or {}
     why = ""

@@ -13,6 +13,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.text import elided
 from vdfmu.base.version import format_problem
 from vdfmu.engine.results.formats import FORMATS, result_files
+from vdfmu.engine.results.verdict import STATES
 
 Summary = Mapping[str, Any]
 """Content of ``summary.json``."""
@@ -92,9 +93,12 @@ _OBJECT = Record(
 _ARMS = List(_arm(False, component=TEXT, signals=Keyed(List(TEXT)), constants=Keyed(NUMBER), mounted=TEXT))
 _SCENE = Record({"arms": _ARMS, "objects": List(_OBJECT)})
 _WITNESS = {"components": _LINES, "left_out": _LINES, "times_s": _VECTOR, "numbers": WHOLE, "faults": _LINES}
-_FIGURE = Record({"value": NUMBER, "at_s": NUMBER}, {"unit": TEXT, "joint": WHOLE, "place": TEXT, "limit": NUMBER})
-_CHECK = Record({"name": TEXT, "passed": FLAG, "text": TEXT})
-_VERDICT = Record({"passed": FLAG, "checks": List(_CHECK)}, {"not_checked": _LINES})
+_FIGURES = ("tool_error", "joint_error", "torque", "margin", "unstable", "mode", "saturated", "path", "contact")
+_FIGURE = Record(
+    {"value": NUMBER, "at_s": NUMBER}, {"unit": TEXT, "joint": WHOLE, "place": TEXT, "limit": NUMBER, "size": NUMBER}
+)
+_CHECK = Record({"name": TEXT, "state": STATES, "text": TEXT})
+_VERDICT = Record({"state": STATES, "words": TEXT, "checks": List(_CHECK)})
 _PAPER = {"source": TEXT, **dict.fromkeys(TRACKING, _VECTOR)}
 KEYS: Mapping[str, Key] = {
     "scenario": Key(TEXT, "Name of the scenario."),
@@ -162,10 +166,11 @@ KEYS: Mapping[str, Key] = {
     "no_reference": Key(TEXT, "Why there is no reference."),
     "separation": Key(_SEPARATION, "How far the run is from itself with a change that should not show."),
     "key_figures": Key(
-        {name: _FIGURE for name in ("tool_error", "joint_error", "torque", "margin", "unstable", "mode")},
-        "Largest errors of tool [m] and joints, largest torque, smallest modulus margin, lowest mode [Hz], and when.",
+        dict.fromkeys(_FIGURES, _FIGURE),
+        "Largest errors of tool [m] and joints, largest torque, smallest modulus margin, lowest mode [Hz], largest "
+        "share of the time at a limit, error and size of the motion, largest contact force [N], and when.",
     ),
-    "verdict": Key(_VERDICT, "Checks of the run, and what could not be checked."),
+    "verdict": Key(_VERDICT, "Checks of the run, the state of the worst, and the line that says it."),
     "error": Key(TEXT, "Why the run did not reach its end."),
 }
 """Every key that a run may write. Tables without names for their keys may have any."""

@@ -11,10 +11,11 @@ from rich.table import Table
 from rich.text import Text
 
 from vdfmu.base.table import plain_table
-from vdfmu.engine.results.verdict import checks_of, not_checked
-from vdfmu.study.report.headline import checks_line
+from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, SIGNS, checks_line, checks_of, line_of, state_of
 from vdfmu.study.report.sheets import Sheet, facts
 from vdfmu.study.report.summary_keys import Summary
+
+STYLES = {GOOD: "green", DOUBTFUL: "yellow", FAILED: "red"}
 
 
 def run_panel(summary: Summary) -> Panel:
@@ -41,17 +42,18 @@ def sheet_table(sheet: Sheet) -> Table:
 
 def verdict_table(summary: Summary) -> Table:
     """Return the checks of a run, a line a check."""
-    checks = checks_of(summary)
-    failed = sum(not check.passed for check in checks)
-    title = f"{failed} of {len(checks)} checks failed" if failed else checks_line(summary)
-    table = plain_table(title=f"\n{title}", show_header=False)
-    if failed and isinstance(table.title, Text):
-        table.title.stylize("red")
+    table = plain_table(title=f"\n{checks_line(summary)}", show_header=False)
+    if state_of(summary) == FAILED and isinstance(table.title, Text):
+        table.title.stylize(STYLES[FAILED])
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
-    for check in checks:
-        sign = Text("pass", style="green") if check.passed else Text("FAIL", style="bold red")
+    for check in checks_of(summary):
+        sign = Text(f"{SIGNS[check.state]} {check.state}", style=STYLES[check.state])
         table.add_row(sign, Text(f"{check.name}: {check.text}"))
-    for text in not_checked(summary):
-        table.add_row(Text("-"), Text(f"not checked: {text}"))
     return table
+
+
+def verdict_text(summary: Summary) -> Text:
+    """Return the line of a run's verdict, and how many checks pass; empty without a verdict."""
+    state, text = state_of(summary), "; ".join(filter(None, (line_of(summary), checks_line(summary))))
+    return Text.assemble((f"{SIGNS[state]} ", STYLES[state]), (text, f"bold {STYLES[state]}")) if state else Text()

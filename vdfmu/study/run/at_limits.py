@@ -17,6 +17,9 @@ from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.reference import BLOCK
 
 _READ = ("tau", "q", "kappa_dot")
+LIMITED = 0.01
+"""Least share of a run's time at a limit that is told: the table of the shares shows whole per cent."""
+_PLACES = ("torque limit", "speed limit", "end stop")
 
 
 class ArmLimits(NamedTuple):
@@ -67,28 +70,36 @@ def time_at_limits(results: Results, limits: list[ArmLimits]) -> dict[str, Any]:
     -------
     dict
         ``limits``: for each arm with limits, by component, ``torque``, ``speed`` and ``stop``, with a share of 0 to 1
-        for each joint. Empty where no arm has limits, or the limited signals were not recorded.
+        for each joint. Empty where no arm has limits, or the limited signals were not recorded. ``key_figures`` has
+        the largest share, ``saturated``, its place, and since when the joint is there.
     """
-    found: dict[str, Any] = {}
-    for one in limits:
-        if all(f"{one.plant}.{name}[1]" in results for name in _READ):
-            shares = _shares(results, one)
-            found[one.plant] = dict(zip(("torque", "speed", "stop"), shares.tolist(), strict=True))
-    return {"limits": found} if found else {}
+    shares: dict[str, Any] = {}
+    worst: dict[str, Any] = {"value": LIMITED}
+    recorded = [arm for arm in limits if all(f"{arm.plant}.{name}[1]" in results for name in _READ)]
+    for arm in recorded:
+        spent, since = _spent(results, arm)
+        shares[arm.plant] = dict(zip(("torque", "speed", "stop"), spent.tolist(), strict=True))
+        kind, joint = np.unravel_index(spent.argmax(), spent.shape)
+        if spent[kind, joint] >= worst["value"]:
+            place = f"{_PLACES[kind]} of joint {joint + 1}{f' of {arm.plant}' if len(recorded) > 1 else ''}"
+            worst = {"value": float(spent[kind, joint]), "place": place, "at_s": float(since[kind, joint])}
+    return ({"limits": shares} if shares else {}) | ({"key_figures": {"saturated": worst}} if "place" in worst else {})
 
 
-def _shares(results: Recorded, one: ArmLimits) -> Floats:
-    """Return the shares of the time at the limits of torque, speed and travel: (3, n)."""
-    spent: Floats = np.zeros((3, len(one.tau_max)))
+def _spent(results: Recorded, arm: ArmLimits) -> tuple[Floats, Floats]:
+    """Return the shares of the time at the limits of torque, speed and travel, (3, n), and when each is first met."""
+    spent, since = np.zeros((3, len(arm.tau_max))), np.full((3, len(arm.tau_max)), np.inf)
     before = results.time[0]
     for part in results.blocks(BLOCK):
         h = np.diff(part.time, prepend=before)[:, None]  # 0 at the first row, which ends no step
         before = part.time[-1]
-        asked, q, kappa_dot = (part[f"{one.plant}.{name}"] for name in _READ)
-        cut = np.abs(asked) >= one.tau_max
+        asked, q, kappa_dot = (part[f"{arm.plant}.{name}"] for name in _READ)
+        cut = np.abs(asked) >= arm.tau_max
         slow = beyond = np.zeros_like(cut)
-        if one.robot is not None:
-            most, slow, beyond = at_limits(one.robot, asked, kappa_dot, q)
+        if arm.robot is not None:
+            most, slow, beyond = at_limits(arm.robot, asked, kappa_dot, q)
             cut |= most
-        spent += [np.sum(h * where, axis=0) for where in (cut, slow, beyond)]
-    return spent / max(float(results.time[-1] - results.time[0]), np.finfo(float).tiny)
+        there = np.stack([cut, slow, beyond])
+        spent += np.sum(h * there, axis=1)
+        since = np.minimum(since, np.where(there, part.time[:, None], np.inf).min(axis=1))
+    return spent / max(float(results.time[-1] - results.time[0]), np.finfo(float).tiny), since

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -22,9 +23,20 @@ from vdfmu.system.reference.reference import BLOCK
 
 _POSES = 5
 """Poses along a run at which its lowest mode is looked for."""
+STANDING = 0.5
+"""Error, as a share of the size of a motion, from which the arm is no better than one that stands still: in the middle
+of the motion it would be off by half its size at most."""
+ARRIVED = 0.1
+"""Share of the size of a tool's motion within which the motion counts as made, as in rise times of 10 to 90 %. Joints
+lag by more in drives that are good."""
+_SMALL = 0.1
+"""Size [rad], or share of the arm's length, that the motion of an arm at rest is taken to have: one part in ten of it,
+from which a tool is off its path, is 1 % of the arm's length."""
 
 
-def key_figures(results: Results, robot: Robot, limits: Iterable[ArmLimits], plant: Robot) -> dict[str, Any]:
+def key_figures(
+    results: Results, robot: Robot, limits: Iterable[ArmLimits], plant: Robot, touches: bool = False
+) -> dict[str, Any]:
     """Return the largest errors and torque of a run of an arm, and the lowest mode of its links.
 
     Parameters
@@ -33,24 +45,39 @@ def key_figures(results: Results, robot: Robot, limits: Iterable[ArmLimits], pla
         Of the arms; the torque is then the joint's with the largest share of its limit.
     plant
         The robot that the plant is: the modes are its, and there is a tool error if its geometry is the one known.
+    touches
+        Whether the force at the tool is that of another component.
 
     Returns
     -------
     dict
         ``tool_error`` [m], ``joint_error`` [deg, mm], ``torque`` link-side [N.m, N], each with ``at_s``; ``mode`` [Hz],
-        with the motors held. Without numbers that the signals of the run do not give.
+        with the motors held; ``path``, the error of tool or joint that is worst for the ``size`` of its motion;
+        ``contact``, the largest force at the tool [N], and when it begins. Without numbers that the signals
+        of the run do not give.
     """
     found: dict[str, Any] = {}
     if has_signals(results, "trajectory.q_d", "plant.q"):
         units = [UNITS[kind] for kind in robot.joint_types]
         scale = np.array([unit.factor for unit in units])
-        peaks = _Peaks(robot.n + 1)
+        peaks, reached = _Peaks(robot.n + 1), _Peaks(2 * robot.n + 1)
+        first = forward_kinematics(robot, results["trajectory.q_d"][0])[0]
         for part in results.blocks(BLOCK):
-            error = np.abs(scale * (part["trajectory.q_d"] - part["plant.q"]))
-            peaks.add(part.time, np.column_stack([error, tool_errors(robot, part)]))
+            q_d = part["trajectory.q_d"]
+            away = np.linalg.norm(forward_kinematics(robot, q_d)[0] - first, axis=1)
+            peaks.add(part.time, np.column_stack([np.abs(scale * (q_d - part["plant.q"])), tool_errors(robot, part)]))
+            reached.add(part.time, np.column_stack([scale * q_d, -scale * q_d, away]))
+        known = same_frames(robot, plant)
         found["joint_error"] = peaks.worst([unit.position for unit in units])
-        if same_frames(robot, plant):
+        if known:
             found["tool_error"] = {"value": float(peaks.most[-1]), "at_s": float(peaks.at[-1])}
+        sizes = reached.most[: robot.n] + reached.most[robot.n : -1]
+        found["path"] = _path(robot, peaks, sizes, float(reached.most[-1]) if known else math.inf)
+    if touches and has_signals(results, "plant.F_e"):
+        force = np.linalg.norm(results["plant.F_e"][:, :3], axis=1)
+        if force.any():
+            begin = float(results.time[np.flatnonzero(force)[0]])
+            found["contact"] = {"value": float(force.max()), "unit": "N", "at_s": begin}
     if has_signals(results, "controller.tau"):
         arm = next((one for one in limits if one.plant == "plant"), None)
         found["torque"] = _torque(results, robot, arm)
@@ -71,11 +98,16 @@ def same_frames(robot: Robot, plant: Robot) -> bool:
     return all(np.array_equal(each, frames(plant)[name]) for name, each in frames(robot).items())
 
 
+def length(robot: Robot) -> float:
+    """Length of the arm from its first axis to the end effector along the links [m]."""
+    return float(np.linalg.norm(robot.offset[1:], axis=1).sum() + np.linalg.norm(robot.tool_offset))
+
+
 class _Peaks:
     """Largest values of columns, and their times."""
 
     def __init__(self, n: int) -> None:
-        self.most, self.at = np.full(n, -1.0), np.zeros(n)
+        self.most, self.at = np.full(n, -np.inf), np.zeros(n)
 
     def add(self, time: Floats, values: Floats) -> None:
         rows = values.argmax(axis=0)
@@ -90,6 +122,36 @@ class _Peaks:
         i = int(share.argmax())
         more = {} if limit is None else {"limit": float(limit[i])}
         return {"value": float(self.most[i]), "unit": units[i], "joint": i + 1, "at_s": float(self.at[i])} | more
+
+
+def _path(robot: Robot, peaks: _Peaks, sizes: Floats, tool: float) -> dict[str, Any]:
+    """Return the error that is worst for its motion: of the tool [m], or of a joint against the largest of its kind.
+
+    Parameters
+    ----------
+    peaks
+        Errors of the joints [deg, mm] and of the tool [m].
+    sizes
+        Sizes of the motions of the joints [deg, mm].
+    tool
+        Size of the tool's motion [m]; infinite if its error is not known.
+    """
+    kinds, arm = robot.joint_types, length(robot)
+    least = [_SMALL * UNITS[kind].factor * (1.0 if kind == "revolute" else arm) for kind in kinds]
+    each = [max(least[i], *(sizes[j] for j in range(robot.n) if kinds[j] == kinds[i])) for i in range(robot.n)]
+    size = np.array([*each, max(tool, _SMALL * arm)])
+    share = peaks.most / size
+    off = share / np.array([off_from(f"joint {i + 1}") for i in range(robot.n)] + [off_from("tool")])
+    i = int(np.lexsort([off, share >= STANDING])[-1])
+    place, unit = ("tool", "m") if i == robot.n else (f"joint {i + 1}", UNITS[kinds[i]].position)
+    return {
+        "value": float(peaks.most[i]), "size": float(size[i]), "unit": unit, "place": place, "at_s": float(peaks.at[i]),
+    }  # fmt: skip
+
+
+def off_from(place: str) -> float:
+    """Return the share of its motion from which the ``tool``, or a joint, is off its path."""
+    return ARRIVED if place == "tool" else STANDING
 
 
 def _torque(results: Results, robot: Robot, arm: ArmLimits | None) -> dict[str, Any]:

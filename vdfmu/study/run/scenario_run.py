@@ -38,7 +38,6 @@ from vdfmu.engine.results.folder import (
     replacing_results,
     write_summary,
 )
-from vdfmu.engine.results.verdict import verdict_of
 from vdfmu.engine.run import Interrupted, LogMessage, Results
 from vdfmu.engine.run.simulator import check_coupling
 from vdfmu.study.analysis.reach import reach_scenario
@@ -51,7 +50,7 @@ from vdfmu.study.report.simulation import compiling_modules
 from vdfmu.study.report.world import scene_of
 from vdfmu.study.run.at_limits import ArmLimits, limits_of, time_at_limits
 from vdfmu.study.run.key_figures import key_figures
-from vdfmu.study.run.stability import VISIBLE, explain, loop_checks, run_checks, simulated
+from vdfmu.study.run.stability import explain, loop_checks, simulated
 from vdfmu.study.run.summary import (
     compare,
     compared,
@@ -63,6 +62,7 @@ from vdfmu.study.run.summary import (
     start_notes,
     tracking_errors,
 )
+from vdfmu.study.run.verdict import VISIBLE, verdict
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.reference.reference import BLOCK, reference_blocks
@@ -257,13 +257,13 @@ def _judge(results: Results, system: SystemDescription, package: Path, poses: Po
     """Put key figures and verdict into the summary."""
     summary, scenario = results.summary, system.scenario
     loops = list(loop_checks(poses, system, package))
-    figures: dict[str, Any] = {}
+    figures: dict[str, Any] = summary.get("key_figures", {})
     if scenario.robot is not None:
         plant = robot_with(scenario.plant_robot, system.values.get("plant", {}))
-        figures = key_figures(results, scenario.robot, limits, plant)
+        touches = any("plant.F_e" in targets for targets in system.connections.values())
+        figures |= key_figures(results, scenario.robot, limits, plant, touches)
     summary["key_figures"] = figures | {name: one for loop in loops for name, one in loop.figures.items()}
-    found = [*(loop.check for loop in loops), *run_checks(summary)]
-    summary["verdict"] = verdict_of(found, [f"stability: {poses.lacking}"] if poses.lacking else [])
+    summary["verdict"] = verdict(summary, [loop.check for loop in loops])
 
 
 def _draw(results: Results, scenario: Scenario, folder: Path, pictures: Sequence[str]) -> None:

@@ -1,4 +1,4 @@
-"""The checks of a run: what its numbers show, and whether its sampled loops are stable, from poses along it."""
+"""The check of the loops of a run: whether they are stable, from poses along it."""
 
 from __future__ import annotations
 
@@ -8,18 +8,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from vdfmu.base.errors import CosimError
+from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.progress import doing
 from vdfmu.engine.linear.growth import Growth, Poses
 from vdfmu.engine.linear.loops import GROWTH
 from vdfmu.engine.options import SimulatorOptions
-from vdfmu.engine.results.verdict import Check
+from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, Check
 from vdfmu.engine.run import Interrupted, Results, Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction
-from vdfmu.study.report.sheets import energies, number
-from vdfmu.study.report.summary_keys import Summary
+from vdfmu.study.run.verdict import since
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.reference.solution import SHORT
 from vdfmu.system.scenario import Scenario
 
 _NAME = "Sampled loops"
@@ -55,8 +53,13 @@ def explain(error: CosimError | Interrupted, poses: Poses) -> list[LoopCheck]:
 
 
 def loop_checks(poses: Poses, system: SystemDescription, package: Path) -> Iterator[LoopCheck]:
-    """Yield the check of a run's loops, if they were linearised."""
+    """Yield the check of a run's loops, if there are any."""
+    if not any(target.endswith(".tau") for targets in system.connections.values() for target in targets):
+        return
     if poses.lacking or not poses.systems:
+        why = poses.lacking or "components in a process of their own are not linearised"
+        words = f"stability not judged ({why.partition('. ')[0]})"
+        yield LoopCheck(Check(_NAME, DOUBTFUL, f"not judged: {why}", words), {})
         return
     scenario, robots = system.scenario, system.resolved.robots
     growth = poses.growth(0.0, scenario.stop)
@@ -79,26 +82,27 @@ def loop_checks(poses: Poses, system: SystemDescription, package: Path) -> Itera
 
 
 def _stable(poses: Poses, before: str = "") -> LoopCheck:
-    margin = poses.margin()
+    try:
+        margin = poses.margin()
+    except UsageError as error:  # a loop of several rates
+        return LoopCheck(Check(_NAME, GOOD, f"{before}stable, with no margin: {error}"), {})
     if margin is None:
-        return LoopCheck(Check(_NAME, True, f"{before}stable; margins are those of sampled signals"), {})
+        return LoopCheck(Check(_NAME, GOOD, f"{before}stable; margins are those of sampled signals"), {})
     modulus, time, opened = margin
     where = f"at {_place(opened, poses)}, {time:.3g} s"
-    text = f"stable with a modulus margin of {modulus:.2g} {where}"
-    if not modulus:
-        text = f"stable over the run, but without a margin {where}"
-    figure = {"value": modulus, "place": _place(opened, poses), "at_s": time}
-    return LoopCheck(Check(_NAME, True, f"{before}{text}"), {"margin": figure})
+    figures = {"margin": {"value": modulus, "place": _place(opened, poses), "at_s": time}}
+    if modulus:
+        return LoopCheck(Check(_NAME, GOOD, f"{before}stable with a modulus margin of {modulus:.2g} {where}"), figures)
+    text = f"stable over the run, but without a margin {where}"
+    return LoopCheck(Check(_NAME, DOUBTFUL, f"{before}{text}", text), figures)
 
 
 def _unstable(growth: Growth, poses: Poses, before: str = "") -> LoopCheck:
     factor, place = math.exp(growth.rate * poses.systems[0][1].step), _place(growth.state, poses)
-    text = (
-        f"unstable since {growth.begin:.3g} s, {place}: disturbances grow by a factor of {factor:.3g} a step; "
-        "its gains are too high, or too low, for this step"
-    )
     figure = {"value": factor, "place": place, "at_s": growth.begin}
-    return LoopCheck(Check(_NAME, False, f"{before}{text}"), {"unstable": figure})
+    words = f"unstable {since(figure)}, {place}"
+    text = f"{words}: disturbances grow by a factor of {factor:.3g} a step; check the gains and the step"
+    return LoopCheck(Check(_NAME, FAILED, f"{before}{text}", words), {"unstable": figure})
 
 
 def _place(name: str, poses: Poses) -> str:
@@ -111,60 +115,3 @@ def _place(name: str, poses: Poses) -> str:
     if index is None or (component not in arms and not name.startswith("at ")):
         return name
     return f"joint {index[1]}" + (f" of {component}" if len(arms) > 1 else "")
-
-
-VISIBLE = 1e-3
-"""Share of the largest position error from which a difference to the reference shows in tables of three digits."""
-_STATISTICS = 0.05
-"""Share by which RMS errors of a chaotic loop may differ: finite samples of it differ by up to 2.4 %."""
-_ENERGY = 0.1
-"""Share of the exchanged energy that the coupling may add or take: 4 % where friction excites itself, and 31 % in a
-limit cycle of too high gains; all other shipped scenarios stay below 0.2 %."""
-_ENERGY_FLOOR = 1e-3
-"""Residual [J] below which its share says nothing, as for an arm at rest."""
-
-
-def run_checks(summary: Summary) -> Iterator[Check]:
-    """Yield the checks of a complete run."""
-    yield from _witness(summary)
-    yield from _reference(summary)
-    bond: Summary | None = summary.get("power_bond")
-    if bond is not None:
-        residual, exchanged = energies(bond)
-        text = f"{number(residual)} J of {number(exchanged)} J exchanged; limit {100.0 * _ENERGY:g} %"
-        passed = residual <= max(_ENERGY * exchanged, _ENERGY_FLOOR)
-        yield Check("Energy residual of the coupling", passed, text)
-
-
-def _witness(summary: Summary) -> Iterator[Check]:
-    """Yield whether numbers of the components equal the results of their units' methods in numpy."""
-    found: Summary | None = summary.get("witness")
-    if found is None or not (found["components"] or found["faults"]):
-        return
-    text = f"{found['numbers']} numbers of {len(found['components'])} components at {len(found['times_s'])} times"
-    if found["left_out"]:
-        text += f"; without {', '.join(found['left_out'])}"
-    yield Check("Equals the units in plain numpy", not found["faults"], "; ".join(found["faults"]) or text)
-
-
-def _reference(summary: Summary) -> Iterator[Check]:
-    """Yield whether the run equals the sampled reference, which has the master's schedule."""
-    found: Summary | None = (summary.get("reference") or {}).get("sampled")
-    errors, units = summary.get("max_position_error_deg"), summary.get("position_units")
-    if found is None or "max_position_difference_rad" not in found or not errors or not units:
-        return
-    if "separation" in summary:
-        apart = max(found["rms_position_difference"], found["rms_torque_difference"])
-        text = f"a chaotic loop: RMS errors differ by {100 * apart:.2g} %; limit {100 * _STATISTICS:g} %"
-        yield Check("Statistics of the scipy reference", apart <= _STATISTICS, text)
-        return
-    si = {"deg": math.pi / 180.0, "mm": 1e-3}
-    limit = VISIBLE * max(si[unit] * error for error, unit in zip(errors, units, strict=True))
-    apart = found["max_position_difference_rad"]
-    what = "what three digits show"
-    if limit < SHORT["atol"]:  # an arm that has hardly moved: the reference knows no more
-        limit, what = SHORT["atol"], "the absolute tolerance of the reference's solver"
-    text = f"positions differ by {number(apart)} rad at most; limit {number(limit)}, {what}"
-    if apart > limit and summary.get("tolerance"):
-        text += f"; a --tolerance below {summary['tolerance']:g} shows whether the solvers of the units do this"
-    yield Check(f"Equals the {found['name']} scipy reference", apart <= limit, text)

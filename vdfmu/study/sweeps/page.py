@@ -190,7 +190,7 @@ class FailedGroup(NamedTuple):
 
 def cause_of(message: str) -> str:
     """Return what a message has in common with those of other points: without numbers and elements."""
-    component = message.partition(":")[0]
+    component = re.split(": | failed at ", message, maxsplit=1)[0]
     for pattern, words in _CAUSES.items():
         if re.search(pattern, message):
             return words.format(component)

@@ -131,7 +131,7 @@ class Simulation {
   judge(found, failure) {
     const { position, limit } = failure ? {} : difference(this.of.simulation, found), passed = position <= limit, { unit, note, doubt } = this.of.simulation.recorded, why = note || (passed ? "" : doubt);
     this.apart = position;
-    this.verdict.replaceChildren(make("li", { class: passed ? "pass" : "fail" }, make("b", {}, passed ? "pass" : "fail"), " The page's own run equals the recorded one ",
+    this.verdict.replaceChildren(make("li", { class: passed ? "good" : "failed" }, make("b", {}, passed ? "good" : "failed"), " The page's own run equals the recorded one ",
       make("small", {}, failure || `with all sliders at 1, they differ by ${text(position, 2)} ${unit} at most in the rows that the page has in double precision; limit ${text(limit, 2)} ${unit}${why && `. ${why}`}`)));
   }
 
