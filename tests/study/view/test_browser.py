@@ -14,7 +14,6 @@ import pytest
 
 import vdfmu
 from tests.study.page.browser import Browser, pixels
-from vdfmu.base.errors import VdfmuError
 
 pytestmark = pytest.mark.heavy
 
@@ -35,13 +34,13 @@ def show(browser: Browser, address: str, *size: int, **more: str) -> None:
     browser.address = address
     try:
         browser.open(address, *size, **more)
-    except VdfmuError:  # the page of a run takes the place of the one before it while that is opened
+    except RuntimeError:  # the page of a run takes the place of the one before it while that is opened
         wait(browser, "globalThis.report")
 
 
 def wait(browser: Browser, condition: str) -> None:
     for _ in range(300):
-        with suppress(VdfmuError):  # the page loads another one at times
+        with suppress(RuntimeError):  # the page loads another one at times
             if browser.run(f"Boolean({condition})"):
                 return
         time.sleep(0.1)

@@ -29,7 +29,7 @@ from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import checks_of
 from vdfmu.study.report.headline import checks_line
 from vdfmu.study.report.page import NAME
-from vdfmu.study.report.scripts import GALLERY, look, module_element
+from vdfmu.study.report.scripts import GALLERY, look, scripts_of
 from vdfmu.study.report.shapes import Chain
 from vdfmu.study.report.shown_run import run_folders
 from vdfmu.study.report.summary_keys import read_summary
@@ -96,11 +96,10 @@ def gallery_page(folder: Path, place: Path | None = None) -> bytes:
     body = f"""<div class="bar"><label class="choice">Sort by <select id="sort">{options}</select></label>
 <label class="choice">Show <input id="find" type="search" placeholder="part of a name"></label>
 <span id="count" role="status"></span></div>
-<ul class="gallery">{"".join(map(_card, found))}</ul>{notes}
-{module_element(GALLERY)}"""
+<ul class="gallery">{"".join(map(_card, found))}</ul>{notes}"""
     failed = sum(entry.passed is False for entry in found)
     about = f"{len(found)} run{'' if len(found) == 1 else 's'}, {failed} with a failed check"
-    return page(f"Runs in {folder.resolve().name}", about, body, 84, look("gallery.css"))
+    return page(f"Runs in {folder.resolve().name}", about, body, 84, look("gallery.css"), scripts=scripts_of(GALLERY))
 
 
 def entry_of(folder: Path, place: Path, name: str) -> RunCard:

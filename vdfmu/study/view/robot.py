@@ -20,7 +20,7 @@ from vdfmu.study.analysis.modes import MOTORS, Modes, middle_pose, natural_modes
 from vdfmu.study.report.content import arm_of
 from vdfmu.study.report.curves import packed
 from vdfmu.study.report.joints import UNITS
-from vdfmu.study.report.scripts import ROBOT, data_element, libraries, look, module_element
+from vdfmu.study.report.scripts import ROBOT, data_element, libraries, look, scripts_of
 from vdfmu.study.report.shapes import Chain, DrawnShape, centres, drawing_of, inertia_parts, mesh_parts, own_shapes
 from vdfmu.study.view.server import PERIOD, PageServer
 
@@ -190,8 +190,7 @@ def _page(
             f'<section class="card"><h2>Notes</h2><ul>{told}</ul></section>' if notes else "",
             data_element(content),
             libraries(),
-            module_element(ROBOT),
         ]
     )
     what = robot.description or f"A robot of {robot.n} joints"
-    return page(robot.name, what, body, 92, look())
+    return page(robot.name, what, body, 92, look(), scripts=scripts_of(ROBOT))
