@@ -165,5 +165,5 @@ def test_a_run_is_seen_while_it_goes_on_and_after_it(browser, tmp_path):
     finally:
         process.kill()
         process.wait()
-    assert "The view stays" in log.read_text()
+    assert re.search(r"^The view stays until .*: http://127\.0\.0\.1:\d+/[\w-]+/$", log.read_text(), re.MULTILINE)
     browser.problems[:] = [one for one in browser.problems if "ERR_CONNECTION_REFUSED" not in one]

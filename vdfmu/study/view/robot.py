@@ -74,13 +74,13 @@ class RobotView:
         return self._q.copy()
 
     def _take(self, request: dict[str, Any]) -> None:
-        """Take pose, motors and the name of a page, and pass them on to other pages."""
+        """Take pose, motors and the name of a page, and pass them on to other pages; ValueError for others."""
         values, motors = request.get("q"), request.get("motors")
-        if isinstance(values, list) and len(values) == self.robot.n and motors in MOTORS:
-            q = np.array([value if isinstance(value, int | float) else math.nan for value in values], dtype=float)
-            if np.isfinite(q).all():
-                self._q, self._motors, self._from = q, motors, str(request.get("from"))
-                self._server.send(self._pose)
+        numbers = [x for x in values if isinstance(x, float) and math.isfinite(x)] if isinstance(values, list) else []
+        if len(numbers) != self.robot.n or numbers != values or motors not in MOTORS:
+            raise ValueError
+        self._q, self._motors, self._from = np.array(numbers), motors, str(request.get("from"))
+        self._server.send(self._pose)
 
     def _pose(self) -> dict[str, Any]:
         return {"q": self._q.tolist(), "motors": self._motors, "from": self._from}
