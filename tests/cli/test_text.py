@@ -65,13 +65,13 @@ def test_an_error_that_was_said_is_not_said_again(monkeypatch, capsys):
 
 @pytest.mark.usefixtures("main_in_this_process")
 def test_an_error_whose_message_cannot_be_printed_stays_the_error(monkeypatch):
-    class Mute(Exception):
+    class MuteError(Exception):
         def __str__(self):
             raise ValueError
 
     def command():
-        raise Mute
+        raise MuteError
 
     monkeypatch.setattr(commands, "command", command)
-    with pytest.raises(Mute):
+    with pytest.raises(MuteError):
         cli.main()
